@@ -1,0 +1,1 @@
+"""Geometry-driven contact for recorded motion capture."""

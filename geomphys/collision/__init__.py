@@ -1,0 +1,1 @@
+"""Sweep and prune, distance, penetration depth, manifolds. Usable alone."""

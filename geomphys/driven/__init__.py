@@ -1,0 +1,1 @@
+"""The driven loop: coupling and overlap elimination."""

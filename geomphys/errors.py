@@ -1,0 +1,52 @@
+"""Everything geomphys raises on purpose.
+
+::
+
+    GeomphysError
+    ├── InputError            a file that is wrong: says which, where in it, what to do
+    │   ├── LogError          a recording
+    │   │   └── DamagedLogError   cut off or corrupt: `--recover` replays what is intact
+    │   ├── SceneError        a scene file
+    │   ├── ModelError        a URDF
+    │   └── MeshError         a mesh
+    ├── OutputError           a result that cannot be written
+    └── ConfigError           a parameter out of its range
+"""
+
+from __future__ import annotations
+
+
+class GeomphysError(Exception):
+    """Base of all errors of this package. Its text is one line: what, where, what to do."""
+
+
+class InputError(GeomphysError):
+    """A file the user gave is wrong."""
+
+
+class LogError(InputError):
+    """A recording that cannot be replayed."""
+
+
+class DamagedLogError(LogError):
+    """A recording that ends early or is corrupt; what is intact can be replayed with ``recover``."""
+
+
+class SceneError(InputError):
+    """A scene file that is wrong; the text names file, key and value."""
+
+
+class ModelError(InputError):
+    """A URDF that is wrong; the text names file and element."""
+
+
+class MeshError(InputError):
+    """A mesh that cannot serve; the text names it and what would."""
+
+
+class OutputError(GeomphysError):
+    """A result that cannot be written."""
+
+
+class ConfigError(GeomphysError):
+    """A parameter out of its range; the text names it, its value and the valid ones."""

@@ -1,0 +1,63 @@
+"""The decorator of every compiled kernel, and where the machine code is kept.
+
+Kernels are numba functions without ``fastmath`` (results must not depend on the machine's vector width) whose machine
+code is cached on disk. numba looks only at the file a function stands in when it decides whether its cache is fresh,
+so a change in a callee of another module would go unseen; the cache folder is therefore named after the sources of
+the whole package and the versions of numba and Python.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+import tempfile
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import TypeVar, cast
+
+import numba
+
+F = TypeVar("F", bound=Callable[..., object])
+
+
+@lru_cache(maxsize=1)
+def cache_folder() -> Path:
+    """Folder of the machine code of this version of the package; made on first use.
+
+    ``$XDG_CACHE_HOME/geomphys`` (default ``~/.cache/geomphys``); the system's temporary folder where that is not
+    writable.
+    """
+    package = Path(__file__).parent
+    digest = hashlib.sha256(f"{numba.__version__} {sys.version}".encode())
+    for source in sorted(package.rglob("*.py")):
+        text = source.read_bytes()
+        if b"@kernel" in text or b"kernel(" in text:
+            digest.update(source.relative_to(package).as_posix().encode() + b"\0" + text)
+    name = f"kernels-{digest.hexdigest()[:16]}"
+    home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    for base in (Path(home) / "geomphys", Path(tempfile.gettempdir()) / f"geomphys-{os.getuid()}"):
+        folder = base / name
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError:
+            continue
+        if os.access(folder, os.W_OK):
+            return folder
+    return Path(tempfile.mkdtemp(prefix="geomphys-"))
+
+
+def are_compiled() -> bool:
+    """Whether the machine code of the frame step is in the cache: if not, the first frame waits for the compiler."""
+    return any(cache_folder().rglob("pipeline.step*.nbi")) or any(cache_folder().rglob("*step*.nbi"))
+
+
+def kernel(function: F) -> F:
+    """Compile `function` with numba on its first call and keep the machine code in `cache_folder`."""
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(cache_folder())
+    try:
+        return cast(F, numba.njit(cache=True, error_model="numpy")(function))
+    finally:
+        numba.config.CACHE_DIR = before

@@ -1,0 +1,1 @@
+"""The simulated loop: impulses and resting contact."""
