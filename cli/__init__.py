@@ -1,1 +1,1 @@
-"""The command line: one module a command, each imported when it runs."""
+"""The command line of geomphys: one module a command, each a thin shell on one call of the library."""

@@ -1,1 +1,109 @@
-"""Geometry-driven contact for recorded motion capture."""
+"""Geometry-driven contact for recorded motion capture: a hand that was recorded inside a table is put on it.
+
+``replay(log, scene)`` yields one `FrameResult` a frame; ``run(log, scene, out=…)`` writes them to files and returns a
+`Summary`. What is public is imported on first use, so that ``import geomphys`` costs nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    __version__: str
+    from geomphys.config import Config
+    from geomphys.errors import (
+        ConfigError,
+        DamagedLogError,
+        GeomphysError,
+        InputError,
+        LogError,
+        MeshError,
+        ModelError,
+        OutputError,
+        SceneError,
+    )
+    from geomphys.pipeline import replay
+    from geomphys.results import Contacts, Frame, FrameResult, Metrics, Penetrations
+    from geomphys.runner import run
+    from geomphys.summary import Summarizer, Summary
+    from geomphys.world.scene import Scene, World
+    from geomphys.world.scene_file import load_world
+
+_HOME = {
+    "Config": "config",
+    "ConfigError": "errors",
+    "Contacts": "results",
+    "DamagedLogError": "errors",
+    "Frame": "results",
+    "FrameResult": "results",
+    "GeomphysError": "errors",
+    "InputError": "errors",
+    "LogError": "errors",
+    "MeshError": "errors",
+    "Metrics": "results",
+    "ModelError": "errors",
+    "OutputError": "errors",
+    "Penetrations": "results",
+    "Scene": "world.scene",
+    "SceneError": "errors",
+    "Summarizer": "summary",
+    "Summary": "summary",
+    "World": "world.scene",
+    "load_world": "world.scene_file",
+    "replay": "pipeline",
+    "run": "runner",
+}
+
+__all__ = [
+    "Config",
+    "ConfigError",
+    "Contacts",
+    "DamagedLogError",
+    "Frame",
+    "FrameResult",
+    "GeomphysError",
+    "InputError",
+    "LogError",
+    "MeshError",
+    "Metrics",
+    "ModelError",
+    "OutputError",
+    "Penetrations",
+    "Scene",
+    "SceneError",
+    "Summarizer",
+    "Summary",
+    "World",
+    "__version__",
+    "load_world",
+    "replay",
+    "run",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name on first use."""
+    value: Any
+    if name == "__version__":
+        value = _installed_version()
+    elif name in _HOME:
+        value = getattr(import_module(f"geomphys.{_HOME[name]}"), name)
+    else:
+        raise AttributeError(f"module 'geomphys' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def _installed_version() -> str:
+    """Version of the installed package; `0+unknown` in a checkout that was never installed."""
+    metadata = import_module("importlib.metadata")
+    try:
+        return str(metadata.version("geomphys"))
+    except metadata.PackageNotFoundError:
+        return "0+unknown"
+
+
+def __dir__() -> list[str]:
+    """Every public name, imported or not."""
+    return sorted(__all__)

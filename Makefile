@@ -1,0 +1,73 @@
+# make demo    a recorded hand, put on the table it sank into: out/gallery_hand.mcap and .rrd
+# make test    all tests
+# make check   format, lint, types, documents
+# make bench   frame times per stage
+# make format  put the code into shape
+# make clean   remove what the others made
+#
+# Another Python than python3:  make demo PYTHON=python3.12
+
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+MESHES := $(shell find assets -type f 2>/dev/null)
+
+.DELETE_ON_ERROR:
+.PHONY: demo test check bench format clean
+
+demo: $(VENV)/.runtime out/gallery_hand.mcap
+	@echo
+	@echo "Look at it:   $(BIN)/geomphys view out/gallery_hand.rrd"
+	@echo "The data:     out/gallery_hand.mcap   (opens in rerun and Foxglove too)"
+
+out/gallery_hand.mcap: recordings/gallery_hand.mcap $(MESHES) $(VENV)/.runtime
+	@mkdir -p out
+	$(BIN)/geomphys replay recordings/gallery_hand.mcap --scene assets/scenes/gallery.toml \
+		-o out/gallery_hand.mcap --rrd out/gallery_hand.rrd --force
+
+test: $(VENV)/.test
+	$(BIN)/python -m pytest
+
+check: $(VENV)/.test
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/python -m pytest tests/house
+
+bench: $(VENV)/.bench
+	$(BIN)/geomphys bench
+
+format: $(VENV)/.test
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+clean:
+	rm -rf $(VENV) out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# The environment and what is installed in it. A stamp file says which part is there.
+
+$(VENV)/.venv:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+		echo "geomphys needs Python 3.11 or newer, and \`$(PYTHON)\` is $$($(PYTHON) --version 2>&1 || echo not there)." >&2; \
+		echo "Name another one:  make $(firstword $(MAKECMDGOALS)) PYTHON=python3.12" >&2; exit 1; }
+	@echo "Making $(VENV) …"
+	@$(PYTHON) -m venv --clear $(VENV) || { \
+		echo "\`$(PYTHON) -m venv\` failed; on Debian and Ubuntu: apt-get install python3-venv" >&2; exit 1; }
+	@touch $@
+
+$(VENV)/.runtime: pyproject.toml $(VENV)/.venv
+	@echo "Installing geomphys and what it needs into $(VENV) (some minutes the first time) …"
+	@$(PIP) install --editable .
+	@touch $@
+
+$(VENV)/.test: pyproject.toml $(VENV)/.venv
+	@echo "Installing geomphys and what its tests need into $(VENV) (some minutes the first time) …"
+	@$(PIP) install --editable '.[test]'
+	@touch $@ $(VENV)/.runtime
+
+$(VENV)/.bench: pyproject.toml $(VENV)/.venv
+	@echo "Installing geomphys and its peers into $(VENV) (some minutes the first time) …"
+	@$(PIP) install --editable '.[bench]'
+	@touch $@ $(VENV)/.runtime

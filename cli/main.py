@@ -1,0 +1,163 @@
+"""The entry point: the group of commands, imported lazily, and what becomes of an error.
+
+Exit codes: 0 done, 1 failed, 2 wrong usage, 3 some inputs failed, 4 a threshold was broken, 130 interrupted (SIGINT),
+143 terminated (SIGTERM).
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Any
+
+import click
+
+from .command import SETTINGS, Command, Stopped, terminal_options, write_examples
+from .terminal import Terminal
+
+EXIT_FAILED = 1
+EXIT_USAGE = 2
+EXIT_INTERRUPTED = 130
+
+COMMANDS = {
+    "replay": "Replay a log in a scene and write the corrected motion.",
+    "check": "Tell whether a log can be replayed in a scene, and how well.",
+    "info": "Show what a log holds.",
+    "view": "Open a result in the rerun viewer.",
+    "snapshot": "Make a picture of one frame, without a screen.",
+    "decompose": "Cut meshes into convex pieces.",
+    "schema": "Print the JSON Schema of the scene file.",
+    "completion": "Print the completion script of a shell.",
+}
+"""Every command, in the order of the help, with the line that stands there; the function `NAME` in `cmd_NAME.py`."""
+
+
+class LazyGroup(click.Group):
+    """The commands of `COMMANDS`; the module of a command is imported when the command is used, not before."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names, in the order of the table."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command; None if there is none of that name."""
+        if cmd_name not in COMMANDS:
+            return None
+        command = getattr(import_module(f".cmd_{cmd_name}", __package__), cmd_name)
+        assert isinstance(command, Command)
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command; a name that does not exist is answered with the nearest ones."""
+        if args and args[0] not in COMMANDS and not ctx.resilient_parsing and not args[0].startswith("-"):
+            from difflib import get_close_matches
+
+            near = get_close_matches(args[0], COMMANDS)
+            advice = f"did you mean {' or '.join(near)}?" if near else f"choose one of {', '.join(COMMANDS)}"
+            raise click.UsageError(f"no such command {args[0]!r}: {advice}", ctx)
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands from the table alone."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """End in examples, as every help does."""
+        write_examples(formatter, EXAMPLES)
+
+
+EXAMPLES = """
+    geomphys check hand.mcap --scene table.toml
+    geomphys replay hand.mcap --scene table.toml -o hand_corrected.mcap --rrd hand.rrd
+    geomphys view hand.rrd
+"""
+
+
+def _print_version(ctx: click.Context, param: click.Parameter, value: bool) -> None:
+    """Print the version and end."""
+    if value and not ctx.resilient_parsing:
+        import geomphys
+
+        click.echo(f"geomphys {geomphys.__version__}")
+        ctx.exit()
+
+
+@click.group(
+    cls=LazyGroup,
+    params=terminal_options(),
+    context_settings=SETTINGS,
+    help="Replay recorded motion capture in a virtual scene without letting the hand go through the table.",
+)
+@click.option(
+    "--version", is_flag=True, is_eager=True, expose_value=False, callback=_print_version, help="Show the version."
+)
+def cli() -> None:
+    """All commands."""
+
+
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line on `arguments` (default: the process's own) and return the exit code.
+
+    What went wrong is said in one line on stderr.
+    """
+    errors = Terminal()
+    try:
+        code: Any = cli.main(args=arguments, prog_name="geomphys", standalone_mode=False)
+        sys.stdout.flush()
+        return code if isinstance(code, int) else 0
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message(), err=True)
+        return EXIT_USAGE
+    except click.UsageError as error:
+        path = error.ctx.command_path if error.ctx else "geomphys"
+        errors.error(f"{error.format_message().rstrip('.')} (see {path} -h)")
+        return EXIT_USAGE
+    except click.ClickException as error:
+        errors.error(error.format_message())
+        return error.exit_code
+    except Stopped as stop:
+        errors.error(str(stop))
+        return stop.exit_code
+    except (KeyboardInterrupt, click.Abort):
+        errors.error("interrupted")
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:
+        _forget_stdout()
+        return EXIT_FAILED
+    except OSError as error:
+        errors.error(f"{error.filename or 'input or output'}: {error.strerror or error}")
+        return EXIT_FAILED
+    except _expected_errors() as error:
+        errors.error(str(error))
+        return EXIT_USAGE if type(error).__name__ == "ConfigError" else EXIT_FAILED
+
+
+def _expected_errors() -> type[Exception]:
+    """Return the base class of what the library raises on purpose; looked up only when something was raised."""
+    from geomphys.errors import GeomphysError
+
+    return GeomphysError
+
+
+def _forget_stdout() -> None:
+    """Point stdout at nothing: its reader has gone, and the interpreter would complain of that when it ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def main() -> None:
+    """Run the command line of this process; never returns."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
+    code = run()
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        _forget_stdout()
+        code = code or EXIT_FAILED
+    sys.exit(code)

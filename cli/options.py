@@ -1,0 +1,103 @@
+"""Options that several commands share, and what is checked of them before any work begins."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+if TYPE_CHECKING:
+    from geomphys.config import Config
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+INPUT = click.Path(exists=True, readable=True, path_type=Path)
+INPUT_FILE = click.Path(exists=True, dir_okay=False, readable=True, path_type=Path)
+OUTPUT_FILE = click.Path(dir_okay=False, path_type=Path)
+SECONDS = click.FloatRange(min=0.0)
+
+
+def _together(*options: Callable[[Any], Any]) -> Callable[[F], F]:
+    """Return a decorator that adds the options in the order they are given."""
+
+    def decorate(function: F) -> F:
+        for option in reversed(options):
+            function = option(function)
+        return function
+
+    return decorate
+
+
+scene_option = click.option(
+    "--scene", "-s", type=INPUT_FILE, required=True, metavar="SCENE", help="The scene file (TOML)."
+)
+
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON, numbers in SI units.")
+
+force_option = click.option("--force", "-f", is_flag=True, help="Overwrite outputs that exist.")
+
+config_options = _together(
+    click.option(
+        "--mode",
+        type=click.Choice(["rigid", "chains"]),
+        help="How avatars yield: as one rigid shape, or limb by limb. Default: as the scene says.",
+    ),
+    click.option(
+        "--time",
+        type=click.Choice(["header", "log", "publish"]),
+        default="header",
+        show_default=True,
+        help="Which time of a message counts.",
+    ),
+    click.option("--clock", metavar="TOPIC", help="Topic whose messages are the frames. Default: the first avatar's."),
+    click.option("--rate", type=click.FloatRange(min=0.0, min_open=True), metavar="HZ", help="Frames at a fixed rate."),
+    click.option("--start", type=SECONDS, metavar="S", help="Begin S seconds after the first frame."),
+    click.option("--end", type=SECONDS, metavar="S", help="End S seconds after the first frame."),
+    click.option("--seed", type=int, default=0, show_default=True, help="Seed of everything random."),
+    click.option(
+        "--max-gap",
+        type=SECONDS,
+        default=0.1,
+        show_default=True,
+        metavar="S",
+        help="Gaps of a stream up to this are interpolated, longer ones held.",
+    ),
+    click.option("--recover", is_flag=True, help="Replay what is readable of a damaged log."),
+    click.option("--clamp-limits", is_flag=True, help="Clamp recorded angles to the limits of their joints."),
+)
+"""The options that make up a `Config`; hand them to `config_of`."""
+
+written_options = _together(
+    click.option("--no-timing", is_flag=True, help="No /timing channel: equal inputs then give equal bytes."),
+    click.option("--copy-input", is_flag=True, help="Copy the channels of the log into the output, below /input."),
+    click.option(
+        "--fail-on-penetration",
+        type=click.FloatRange(min=0.0),
+        metavar="MM",
+        help="End with exit code 4 if more than this overlap (mm) remains in any frame.",
+    ),
+)
+"""The options on what is written and when it counts as good."""
+
+
+def config_of(options: dict[str, Any]) -> Config:
+    """Take the options of `config_options` out of a command's options and return the `Config` they make."""
+    from geomphys.config import Config
+
+    names = ("mode", "time", "clock", "rate", "start", "end", "seed", "max_gap", "recover", "clamp_limits")
+    return Config(**{name: options.pop(name) for name in names})
+
+
+def check_output(path: Path | None, *, force: bool, inputs: tuple[Path, ...] = ()) -> None:
+    """Refuse, as wrong usage, an output that exists (without `force`), has no folder, or is an input."""
+    if path is None:
+        return
+    for given in inputs:
+        if path.exists() and path.samefile(given):
+            raise click.UsageError(f"{path}: is an input and cannot be the output too")
+    if not path.parent.is_dir():
+        raise click.UsageError(f"{path}: there is no folder {path.parent}; make it first")
+    if path.exists() and not force:
+        raise click.UsageError(f"{path}: exists; choose another name or add --force")

@@ -1,0 +1,65 @@
+"""The progress bar: on a terminal only, on stderr, with frames per second and the time left."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from .terminal import Terminal
+
+EVERY = 16
+"""Frames between two looks at the bar: drawing must cost nothing beside the work."""
+
+
+class Report(Protocol):
+    """What a library call tells of its progress: frames done, and how many there will be if that is known."""
+
+    def __call__(self, done: int, total: int | None, /) -> None:
+        """Take the figures."""
+
+
+@contextmanager
+def progress_bar(terminal: Terminal, title: str, unit: str = "frames") -> Iterator[Report]:
+    """Show a bar while the block runs; yields the callback that moves it."""
+    if terminal.quiet or not sys.stderr.isatty():
+        yield lambda done, total: None
+        return
+    from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
+    from rich.text import Text
+
+    class Speed(ProgressColumn):
+        """Units a second."""
+
+        def render(self, task: Task) -> Text:
+            """Return the speed, or nothing while it is not known."""
+            speed = task.finished_speed or task.speed
+            return Text("" if speed is None else f"{speed:,.0f} {unit}/s", style="cyan")
+
+    class Done(ProgressColumn):
+        """How many of how many."""
+
+        def render(self, task: Task) -> Text:
+            """Return the count; without a total only what is done."""
+            total = "" if task.total is None else f"/{task.total:,.0f}"
+            return Text(f"{task.completed:,.0f}{total}")
+
+    bar = Progress(
+        TextColumn("{task.description}", markup=False),
+        BarColumn(bar_width=24),
+        Done(),
+        Speed(),
+        TimeRemainingColumn(compact=True),
+        console=terminal.console(sys.stderr),
+        transient=True,
+    )
+    with bar:
+        task = bar.add_task(title, total=None)
+
+        def report(done: int, total: int | None) -> None:
+            if done % EVERY == 0 or done == total:
+                bar.update(task, completed=done, total=total)
+
+        yield report

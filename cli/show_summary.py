@@ -1,0 +1,165 @@
+"""The summary of a replay as a person reads it: was it inside something, is it free now, how fast was it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .terminal import printable
+
+if TYPE_CHECKING:
+    from rich.text import Text
+
+    from geomphys.summary import Summary
+
+    from .terminal import Terminal
+
+FREE_MM = 0.01
+"""An overlap up to this counts as none."""
+
+WARNINGS_SHOWN = 10
+
+FLAG_TEXTS = {
+    "before_first": "before the first sample of some stream",
+    "clamped": "with an angle clamped to its limit",
+    "outside_limits": "with a recorded angle outside its limits, kept",
+    "not_converged": "where the driven loop ended at its bound",
+    "impact_bound": "where the simulated loop ended at its bound",
+    "quarantined": "where a body was put back to its last good state",
+    "blocked": "held back by something in between",
+    "started_inside": "the first, began inside something",
+}
+
+
+def show_summary(terminal: Terminal, summary: Summary) -> None:
+    """Print the summary as a table without lines: what it is about on the left, the figures on the right."""
+    from rich.table import Table
+    from rich.text import Text
+
+    title = Text(printable(Path(summary.log).name), style="bold")
+    title.append(f" in {printable(Path(summary.scene).name)}", style="not bold")
+    table = Table.grid(padding=(0, 2))
+    table.add_column(style="cyan", no_wrap=True)
+    table.add_column(overflow="fold")
+    for label, lines in _rows(summary):
+        table.add_row(label, Text("\n").join(lines))
+    terminal.result(title, table)
+
+
+def _rows(summary: Summary) -> Iterator[tuple[str, list[Text]]]:
+    """Yield label and lines of each row."""
+    yield "Frames", [_plain(_frames(summary))]
+    yield "Recorded", _recorded(summary)
+    yield "Corrected", _corrected(summary)
+    contacts = f"{summary.contacts:,} in {summary.frames_in_contact:,} frames"
+    if summary.impacts:
+        contacts += f", {summary.impacts:,} impacts"
+    yield "Contacts", [_plain(contacts)]
+    notes = [f"{count:,} frames {FLAG_TEXTS[flag]}" for flag, count in summary.flags.items() if flag in FLAG_TEXTS]
+    if summary.held_frames:
+        notes.insert(0, f"{summary.held_frames:,} frames held: a good sample was missing")
+    if summary.fallbacks:
+        notes.append(f"{summary.fallbacks:,} times the last free state was the way out")
+    if notes:
+        yield "Notes", [_plain(note) for note in notes]
+    if "step" in summary.timing:
+        yield "Time", [_plain(_times(summary))]
+    if summary.out or summary.rrd:
+        yield "Written", [_written(path) for path in (summary.out, summary.rrd) if path]
+    if summary.warnings:
+        yield "Warnings", _warnings(summary)
+
+
+def _frames(summary: Summary) -> str:
+    """Return the frames, how long they last, and their rate."""
+    text = f"{summary.frames:,} in {summary.duration_s:.2f} s"
+    if summary.duration_s > 0 and summary.frames > 1:
+        text += f" ({(summary.frames - 1) / summary.duration_s:.1f} Hz)"
+    return text
+
+
+def _recorded(summary: Summary) -> list[Text]:
+    """Tell how deep the recording lay in something."""
+    if not summary.frames_penetrating:
+        return [_plain("never inside anything")]
+    share = 100.0 * summary.frames_penetrating / summary.frames
+    lines = [
+        f"inside something in {summary.frames_penetrating:,} frames ({share:.0f} %), "
+        f"median {_mm(summary.recorded_penetration_median_m)}, "
+        f"deepest {_mm(summary.recorded_penetration_max_m)}"
+    ]
+    if summary.deepest is not None:
+        deepest = summary.deepest
+        lines.append(f"deepest: {deepest.body_a} in {deepest.body_b}, frame {deepest.frame:,}")
+    return [_plain(line) for line in lines]
+
+
+def _corrected(summary: Summary) -> list[Text]:
+    """Tell whether it is free now, and how far that moved it."""
+    from rich.text import Text
+
+    if 1000.0 * summary.residual_penetration_max_m <= FREE_MM:
+        verdict = Text("free in every frame", style="green")
+    else:
+        verdict = Text(f"{_mm(summary.residual_penetration_max_m)} left", style="bold red")
+        verdict.append(f" at worst, frame {summary.residual_penetration_frame:,}", style="not bold default")
+        verdict.append(f"; {summary.frames_with_residual:,} frames not free", style="not bold default")
+    if summary.correction_max_m == 0.0 and summary.correction_max_rad == 0.0:
+        return [verdict, _plain("nothing was moved")]
+    degrees = 57.29577951308232 * summary.correction_max_rad
+    turned = f", turned by up to {degrees:.3g}°" if degrees >= 0.001 else ""
+    return [verdict, _plain(f"moved by up to {_mm(summary.correction_max_m)}{turned}")]
+
+
+def _times(summary: Summary) -> str:
+    """Return the time of a frame, and how much faster than life the whole went."""
+    step = summary.timing["step"]
+    text = f"{_duration(step.median_ns)} a frame, {_duration(step.p95_ns)} at the 95th percentile"
+    if summary.elapsed_s > 0:
+        text += f"\n{summary.frames / summary.elapsed_s:,.0f} frames/s with reading and writing"
+        if summary.duration_s > 0:
+            text += f", {summary.duration_s / summary.elapsed_s:,.1f} times real time"
+    return text
+
+
+def _written(path: str) -> Text:
+    """Return a file and its size."""
+    size = Path(path).stat().st_size
+    return _plain(f"{printable(path)} ({size / 1e6:,.1f} MB)")
+
+
+def _warnings(summary: Summary) -> list[Text]:
+    """Return the warnings, the first of them in full."""
+    from rich.text import Text
+
+    lines = []
+    for message in summary.warnings[:WARNINGS_SHOWN]:
+        line = Text(printable(message.text), style="yellow")
+        if message.count > 1:
+            line.append(f" ({message.count:,} times, first in frame {message.first_frame:,})", style="default")
+        lines.append(line)
+    hidden = len(summary.warnings) - WARNINGS_SHOWN + summary.messages_dropped
+    if hidden > 0:
+        lines.append(_plain(f"and {hidden:,} more, in the channel /log and with --json"))
+    return lines
+
+
+def _plain(text: str) -> Text:
+    """Return a text whose brackets are no markup."""
+    from rich.text import Text
+
+    return Text(printable(text) if "\n" not in text else text)
+
+
+def _mm(metres: float) -> str:
+    """Return a length in millimetres, to three digits."""
+    return f"{1000.0 * metres:.3g} mm" if metres < 1.0 else f"{metres:.3g} m"
+
+
+def _duration(nanoseconds: float) -> str:
+    """Return a time in the unit that fits it."""
+    for limit, unit in ((1e3, "ns"), (1e6, "µs"), (1e9, "ms")):
+        if nanoseconds < limit:
+            return f"{nanoseconds / limit * 1e3:.3g} {unit}"
+    return f"{nanoseconds / 1e9:.3g} s"

@@ -1,0 +1,101 @@
+"""One log from files to files: a replay driven to its end, and what it came to."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+from geomphys.config import Config
+from geomphys.errors import LogError, OutputError
+from geomphys.pipeline import replay
+from geomphys.sinks.base import Sink
+from geomphys.summary import Summarizer, Summary
+from geomphys.world.scene import World
+from geomphys.world.scene_file import load_world
+
+
+def run(
+    log: Path | str,
+    scene: Path | str | World,
+    *,
+    out: Path | str | None = None,
+    rrd: Path | str | None = None,
+    config: Config | None = None,
+    timing: bool = True,
+    force: bool = False,
+    copy_input: bool = False,
+    progress: Callable[[int, int | None], None] | None = None,
+) -> Summary:
+    """Replay a log to its end, write what is asked for, and return its figures.
+
+    Parameters
+    ----------
+    log : Path or str
+        An MCAP file or a ROS 2 bag directory.
+    scene : Path, str or World
+        The scene file, or the world it was loaded into.
+    out, rrd : Path or str, optional
+        The MCAP and the rerun recording to write; neither: only the figures.
+    config : Config, optional
+        All parameters; None: the defaults.
+    timing : bool
+        Whether `out` has the channel ``/timing``, the only one that may differ between two runs.
+    force : bool
+        Whether outputs that exist are replaced.
+    copy_input : bool
+        Whether `out` also holds the channels of the log.
+    progress : callable, optional
+        Called after each frame with the frames done and their number if it is known. What it raises ends the replay at
+        that frame; the outputs are then closed as partial.
+
+    Returns
+    -------
+    Summary
+        In SI units.
+
+    Raises
+    ------
+    InputError
+        The log, the scene or a model is wrong.
+    OutputError
+        An output exists without `force`, is an input, or cannot be written.
+    """
+    log, config = Path(log), config or Config()
+    out, rrd = (None if path is None else Path(path) for path in (out, rrd))
+    _check_distinct(log, out, rrd)
+    world = scene if isinstance(scene, World) else load_world(Path(scene))
+    summarizer = Summarizer(world.body_names)
+    sinks = _sinks(log, out, rrd, timing=timing, force=force, copy_input=copy_input)
+    start = time.perf_counter()
+    with closing(replay(log, world, config=config, sinks=sinks, progress=progress)) as results:
+        for result in results:
+            summarizer.add(result)
+    elapsed = time.perf_counter() - start
+    if summarizer.frames == 0:
+        raise LogError(f"{log}: gave no frame in the scene {world.path}; `geomphys check` tells why")
+    return summarizer.summary(log=log, scene=world.path, out=out, rrd=rrd, elapsed_s=elapsed)
+
+
+def _check_distinct(log: Path, out: Path | None, rrd: Path | None) -> None:
+    """Raise OutputError if an output would overwrite the log or the other output."""
+    for path in (out, rrd):
+        if path is not None and path.exists() and log.exists() and path.samefile(log):
+            raise OutputError(f"{path}: is the log itself; choose another name for the output")
+    if out is not None and rrd is not None and out.resolve() == rrd.resolve():
+        raise OutputError(f"{out}: is named as MCAP and as rerun recording; give them different names")
+
+
+def _sinks(log: Path, out: Path | None, rrd: Path | None, *, timing: bool, force: bool, copy_input: bool) -> list[Sink]:
+    """Make the sinks that write the files asked for; what they need is imported only then."""
+    sinks: list[Sink] = []
+    if out is not None:
+        from geomphys.sinks.mcap_sink import McapSink
+
+        sinks.append(McapSink(out, force=force, timing=timing, copy_input=log if copy_input else None))
+    if rrd is not None:
+        from geomphys.sinks.rerun_sink import RerunSink
+
+        sinks.append(RerunSink(rrd, force=force))
+    return sinks
