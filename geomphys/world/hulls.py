@@ -1,0 +1,230 @@
+"""Corners, edges, faces and the smallest width of the convex hull of points."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.errors import MeshError
+from geomphys.world.scene import Floats, Ints
+
+FLAT = 1e-9
+"""A hull thinner than this share of its size has no volume that could be trusted."""
+COPLANAR = 2e-6
+"""Corners within this share of the size off a face's plane belong to the face (single precision meshes scatter so)."""
+COPLANAR_THIN = 1e-3
+"""... and within this share of the thickness, so that the two sides of a plate stay apart."""
+
+
+class Polytope(NamedTuple):
+    """A convex polytope; V corners, F faces; indices count from its first corner."""
+
+    vertices: Floats  # (V, 3) m
+    neighbour_count: Ints  # (V,)
+    neighbours: Ints  # corners joined by an edge of a triangulation of the surface, corner by corner
+    planes: Floats  # (F, 4) outward unit normal n and offset d of each maximal face: n·x <= d for every corner
+    loop_count: Ints  # (F,)
+    loops: Ints  # corners of the faces, counter-clockwise seen from outside
+    centre: Floats  # (3,) centre of volume
+    thickness: float  # m, smallest width over all directions
+
+
+def polytope(points: NDArray[np.float64]) -> Polytope:
+    """Convex hull of points (n, 3), n >= 4.
+
+    Raises
+    ------
+    MeshError
+        If there are fewer than four points, a value is not finite, or the points lie in a plane: the smallest width
+        is below 1e-9 of the size.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) < 4:
+        raise MeshError(f"hull of an array of shape {points.shape}: needs at least four points (n, 3)")
+    if not np.all(np.isfinite(points)):
+        raise MeshError("hull: a corner is NaN or infinite")
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    size = float(np.ptp(points, axis=0).max())
+    if size == 0.0:
+        raise MeshError("hull: all corners are one point; needs a solid")
+    try:
+        hull = ConvexHull((points - middle) / size, qhull_options="Qt")
+    except QhullError:
+        raise MeshError(f"hull of {len(points)} points is flat: needs a solid, or give the plate a thickness") from None
+    corners, normals = np.sort(hull.vertices), hull.equations[:, :3]
+    renumber = np.full(len(points), -1)
+    renumber[corners] = np.arange(len(corners))
+    vertices = np.ascontiguousarray(points[corners])
+    triangles = _outward(renumber[hull.simplices], (vertices - middle) / size, normals)
+    edges, sides = _edges(triangles)
+    thickness = _smallest_width(vertices - middle, normals, edges, sides)
+    if thickness < FLAT * size:
+        raise MeshError(
+            f"hull of {len(points)} points is flat ({thickness:.3g} m thick): needs a solid, or give the plate a thickness"
+        )
+    tolerance = min(COPLANAR * size, COPLANAR_THIN * thickness)
+    loops = _faces(vertices, triangles, normals, sides, tolerance)
+    planes = np.array([_plane(vertices, loop, middle) for loop in loops])
+    order = np.lexsort((np.concatenate([edges[:, 1], edges[:, 0]]), np.concatenate([edges[:, 0], edges[:, 1]])))
+    return Polytope(
+        vertices=vertices,
+        neighbour_count=np.bincount(edges.reshape(-1), minlength=len(vertices)),
+        neighbours=np.concatenate([edges[:, 1], edges[:, 0]])[order],
+        planes=planes,
+        loop_count=np.array([len(loop) for loop in loops]),
+        loops=np.concatenate(loops),
+        centre=_centroid(vertices, triangles, middle),
+        thickness=thickness,
+    )
+
+
+def _outward(triangles: Ints, vertices: Floats, normals: Floats) -> Ints:
+    """Triangles turned counter-clockwise seen from outside."""
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), normals) < 0.0
+    triangles = triangles.astype(np.int64)
+    triangles[inward] = triangles[inward][:, [0, 2, 1]]
+    return _consistent(triangles)
+
+
+def _consistent(triangles: Ints) -> Ints:
+    """The same triangles with slivers, whose own normals are noise, turned the way their neighbours are."""
+    directed = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+    count = int(triangles.max()) + 1
+    keys = directed[:, 0] * count + directed[:, 1]
+    if len(np.unique(keys)) == len(keys):
+        return triangles
+    owner: dict[tuple[int, int], list[int]] = {}
+    for t, corners in enumerate(triangles):
+        for k in range(3):
+            u, v = int(corners[k]), int(corners[(k + 1) % 3])
+            owner.setdefault((min(u, v), max(u, v)), []).append(t)
+    turned, queue, seen = triangles.copy(), [0], {0}
+    while queue:
+        t = queue.pop()
+        for k in range(3):
+            u, v = int(turned[t, k]), int(turned[t, (k + 1) % 3])
+            for other in owner[(min(u, v), max(u, v))]:
+                if other in seen:
+                    continue
+                seen.add(other)
+                queue.append(other)
+                row = turned[other]
+                if any(row[j] == u and row[(j + 1) % 3] == v for j in range(3)):
+                    turned[other] = row[[0, 2, 1]]
+    return turned
+
+
+def _edges(triangles: Ints) -> tuple[Ints, Ints]:
+    """Edges (E, 2), each once with the smaller corner first, and the two triangles (E, 2) on their sides.
+
+    Raises MeshError if the triangles do not close.
+    """
+    directed = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+    owner = np.repeat(np.arange(len(triangles)), 3)
+    low, high = directed.min(axis=1), directed.max(axis=1)
+    order = np.lexsort((directed[:, 0] > directed[:, 1], high, low))
+    first, second = order[0::2], order[1::2]
+    closed = len(order) % 2 == 0 and np.array_equal(directed[first], directed[second][:, ::-1])
+    if not closed or len(np.unique(low[first] * (int(high.max()) + 1) + high[first])) != len(first):
+        raise MeshError("hull: its surface does not close; the points are too close to a plane or to each other")
+    return directed[first], np.stack([owner[first], owner[second]], axis=1)
+
+
+def _smallest_width(vertices: Floats, normals: Floats, edges: Ints, sides: Ints) -> float:
+    """Smallest extent over all directions: it lies at a face's normal or at a normal common to two antipodal edges.
+
+    Two edges are antipodal if the arc of the normals of one crosses the mirrored arc of the other.
+    """
+    along = vertices @ normals.T
+    width = float(np.min(along.max(axis=0) - along.min(axis=0)))
+    bent = np.einsum("ij,ij->i", normals[sides[:, 0]], normals[sides[:, 1]]) < 1.0 - 1e-12
+    edges, sides = edges[bent], sides[bent]
+    direction = vertices[edges[:, 1]] - vertices[edges[:, 0]]
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    rows = max(1, 2_000_000 // max(1, len(edges)))
+    for start in range(0, len(edges), rows):
+        part = slice(start, start + rows)
+        mine = direction[part] @ normals.T
+        across = mine[:, sides[:, 0]] * mine[:, sides[:, 1]] <= 1e-12
+        theirs = direction @ normals[sides[part]].reshape(-1, 3).T
+        across &= (theirs[:, 0::2] * theirs[:, 1::2] <= 1e-12).T
+        i, j = np.nonzero(across)
+        i, j = i[i + start < j] + start, j[i + start < j]
+        n = np.cross(direction[i], direction[j])
+        length = np.linalg.norm(n, axis=1)
+        # arcs that cross on the same side have normals alike, not opposite: their edges are as good as touching
+        mirrored = np.einsum("ij,ij->i", normals[sides[i]].sum(axis=1), normals[sides[j]].sum(axis=1)) < 0.5
+        good = (length > 1e-12) & mirrored
+        n = n[good] / length[good, None]
+        gap = np.abs(np.einsum("ij,ij->i", n, vertices[edges[i[good], 0]] - vertices[edges[j[good], 0]]))
+        n = n[gap < width]
+        for chunk in range(0, len(n), 4096):
+            along = vertices @ n[chunk : chunk + 4096].T
+            width = min(width, float(np.min(along.max(axis=0) - along.min(axis=0))))
+    return width
+
+
+def _faces(vertices: Floats, triangles: Ints, normals: Floats, sides: Ints, tolerance: float) -> list[Ints]:
+    """Loops of the maximal faces: from the largest triangle on, all connected triangles that lie in its plane."""
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    adjacent: list[list[int]] = [[] for _ in triangles]
+    for s, t in sides.tolist():
+        adjacent[s].append(t)
+        adjacent[t].append(s)
+    face = [-1] * len(triangles)
+    groups: list[list[int]] = []
+    for seed in np.argsort(-area, kind="stable").tolist():
+        if face[seed] >= 0:
+            continue
+        n, group, queue = normals[seed], [seed], [seed]
+        level = (vertices @ n) - vertices[triangles[seed]].dot(n).max()
+        face[seed] = len(groups)
+        while queue:
+            for t in adjacent[queue.pop()]:
+                if face[t] < 0 and np.max(np.abs(level[triangles[t]])) <= tolerance:
+                    face[t] = len(groups)
+                    group.append(t)
+                    queue.append(t)
+        groups.append(group)
+    return [_loop(triangles[group]) for group in groups]
+
+
+def _loop(triangles: Ints) -> Ints:
+    """Outline of triangles that share edges."""
+    if len(triangles) == 1:
+        return triangles[0]
+    follows: dict[int, int] = {}
+    directed = {(int(t[k]), int(t[(k + 1) % 3])) for t in triangles for k in range(3)}
+    for u, v in sorted(directed):
+        if (v, u) not in directed:
+            if u in follows:
+                raise MeshError("hull: a face touches itself; the points are too close to each other")
+            follows[u] = v
+    start = min(follows)
+    loop, at = [start], follows[start]
+    while at != start:
+        loop.append(at)
+        at = follows[at]
+    if len(loop) != len(follows):
+        raise MeshError("hull: a face has a hole; the points are too close to each other")
+    return np.array(loop, dtype=np.int64)
+
+
+def _plane(vertices: Floats, loop: Ints, middle: Floats) -> Floats:
+    """Plane of a face: the area-weighted normal of its outline, and the offset of the corner farthest out."""
+    corners = vertices[loop] - middle
+    n = np.cross(corners - corners[0], np.roll(corners, -1, axis=0) - corners[0]).sum(axis=0)
+    n /= np.linalg.norm(n)
+    return np.array([*n, np.max(vertices @ n)])
+
+
+def _centroid(vertices: Floats, triangles: Ints, middle: Floats) -> Floats:
+    a, b, c = (vertices[triangles[:, k]] - middle for k in range(3))
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+    centre: Floats = middle + (volume[:, None] * (a + b + c)).sum(axis=0) / (4.0 * volume.sum())
+    return centre
