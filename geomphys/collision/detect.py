@@ -1,0 +1,167 @@
+"""Which convex pieces are near each other, how far, and along which normal."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.collision.gjk import Scratch, separation
+from geomphys.collision.sweep import Boxes, apart, near_trees
+from geomphys.kernel import kernel
+from geomphys.vec3 import Vec
+from geomphys.world.scene import DRIVEN, Pieces, Scene
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class Near(NamedTuple):
+    """Pairs of pieces that are near each other, in a fixed order. `count[0]` of them are filled."""
+
+    count: Ints  # (1,)
+    lost: Ints  # (1,) pairs that found no room since it was last set to 0
+    a: Ints  # (n,) pieces
+    b: Ints  # (n,)
+    tree_a: Ints  # (n,)
+    tree_b: Ints  # (n,)
+    separation: Floats  # (n,) m, > 0: distance; < 0: penetration depth
+    normal: Floats  # (n, 3) unit, out of b into a
+    point_a: Floats  # (n, 3) witness points, world
+    point_b: Floats  # (n, 3)
+
+
+class Axes(NamedTuple):
+    """Remembered separating directions of pairs: where the next search begins. Losing one costs time only."""
+
+    key: Ints  # (n,) pair, -1: none
+    axis: Floats  # (n, 3)
+
+
+def make_near(size: int) -> Near:
+    """Room for `size` pairs."""
+    ints = [np.zeros(size, np.int64) for _ in range(4)]
+    vectors = [np.zeros((size, 3)) for _ in range(3)]
+    return Near(np.zeros(1, np.int64), np.zeros(1, np.int64), *ints, np.zeros(size), *vectors)
+
+
+def make_axes(size: int = 1 << 14) -> Axes:
+    """Room for `size` (a power of two) remembered directions."""
+    return Axes(np.full(size, -1, np.int64), np.zeros((size, 3)))
+
+
+@kernel
+def pair_separation(
+    pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axes: Axes, scratch: Scratch
+) -> tuple[float, Vec, Vec, Vec]:
+    """`separation` of pieces a and b, begun at the direction remembered for the pair."""
+    key = a * len(pieces.kind) + b
+    slot = (key * 2654435761) & (len(axes.key) - 1)
+    start = (0.0, 0.0, 0.0)
+    if axes.key[slot] == key:
+        start = (axes.axis[slot, 0], axes.axis[slot, 1], axes.axis[slot, 2])
+    s, n, pa, pb = separation(pieces, frames, a, b, limit, start, scratch)
+    axes.key[slot] = key
+    axes.axis[slot, 0], axes.axis[slot, 1], axes.axis[slot, 2] = n
+    return s, n, pa, pb
+
+
+@kernel
+def append_pair(near: Near, a: int, b: int, tree_a: int, tree_b: int, s: float, n: Vec, pa: Vec, pb: Vec) -> None:
+    """Add a pair to `near`; counts it as lost where there is no room."""
+    k = near.count[0]
+    if k == len(near.a):
+        near.lost[0] += 1
+        return
+    near.count[0] = k + 1
+    near.a[k], near.b[k], near.tree_a[k], near.tree_b[k], near.separation[k] = a, b, tree_a, tree_b, s
+    for i in range(3):
+        near.normal[k, i], near.point_a[k, i], near.point_b[k, i] = n[i], pa[i], pb[i]
+
+
+@kernel
+def near_bodies(
+    scene: Scene, frames: Floats, boxes: Boxes, body_a: int, body_b: int, limit: float, near: Near, axes: Axes,
+    scratch: Scratch,
+) -> None:  # fmt: skip
+    """Append the pairs of pieces of two bodies that are within `limit` [m]."""
+    tree_a, tree_b = scene.bodies.tree[body_a], scene.bodies.tree[body_b]
+    for a in range(scene.bodies.piece_start[body_a], scene.bodies.piece_start[body_a + 1]):
+        if apart(boxes.piece_low, boxes.piece_high, boxes.body_low, boxes.body_high, a, body_b, limit):
+            continue
+        for b in range(scene.bodies.piece_start[body_b], scene.bodies.piece_start[body_b + 1]):
+            if apart(boxes.piece_low, boxes.piece_high, boxes.piece_low, boxes.piece_high, a, b, limit):
+                continue
+            s, n, pa, pb = pair_separation(scene.pieces, frames, a, b, limit, axes, scratch)
+            if s <= limit:
+                append_pair(near, a, b, tree_a, tree_b, s, n, pa, pb)
+
+
+@kernel
+def near_pairs_of_trees(
+    scene: Scene, frames: Floats, boxes: Boxes, tree_a: int, tree_b: int, limit: float, near: Near, axes: Axes,
+    scratch: Scratch,
+) -> None:  # fmt: skip
+    """Append the pairs of pieces of two trees that are within `limit` [m]."""
+    for body_a in range(scene.trees.body_start[tree_a], scene.trees.body_start[tree_a + 1]):
+        if apart(boxes.body_low, boxes.body_high, boxes.tree_low, boxes.tree_high, body_a, tree_b, limit):
+            continue
+        for body_b in range(scene.trees.body_start[tree_b], scene.trees.body_start[tree_b + 1]):
+            if not apart(boxes.body_low, boxes.body_high, boxes.body_low, boxes.body_high, body_a, body_b, limit):
+                near_bodies(scene, frames, boxes, body_a, body_b, limit, near, axes, scratch)
+
+
+@kernel
+def near_pairs_within_tree(
+    scene: Scene, frames: Floats, boxes: Boxes, tree: int, limit: float, near: Near, axes: Axes, scratch: Scratch
+) -> None:
+    """Append the pairs of pieces of links of one avatar that may collide and are within `limit` [m]."""
+    last = scene.trees.body_start[tree + 1]
+    for body_a in range(scene.trees.body_start[tree], last):
+        for body_b in range(body_a + 1, last):
+            if scene.excluded[body_a, body_b] == 0 and not apart(
+                boxes.body_low, boxes.body_high, boxes.body_low, boxes.body_high, body_a, body_b, limit
+            ):
+                near_bodies(scene, frames, boxes, body_a, body_b, limit, near, axes, scratch)
+
+
+@kernel
+def find_near(
+    scene: Scene, frames: Floats, boxes: Boxes, reach: Floats, room: float, near: Near, found: Ints, axes: Axes,
+    scratch: Scratch,
+) -> None:  # fmt: skip
+    """All pairs of pieces with a driven one among them that may meet.
+
+    Parameters
+    ----------
+    scene, frames, boxes
+        The scene, its pieces' world frames (P, 12) and their boxes.
+    reach
+        (T,) m; how far the pieces of each tree may move before the answer is used.
+    room
+        m; pairs farther apart than the reach of both and `room` are left out.
+    near
+        The pairs replace what it held; `lost` counts what found no room.
+    found
+        (T,) scratch.
+    axes, scratch
+        Remembered directions and room for the narrow phase.
+    """
+    near.count[0] = 0
+    widest = 0.0
+    for tree in range(len(scene.trees.role)):
+        widest = max(widest, reach[tree])
+    for tree in range(len(scene.trees.role)):
+        if scene.trees.role[tree] != DRIVEN:
+            continue
+        count = near_trees(boxes, tree, reach[tree] + widest + room, found)
+        for k in range(count):
+            other = found[k]
+            if scene.trees.role[other] == DRIVEN and other < tree:
+                continue
+            limit = reach[tree] + reach[other] + room
+            if not apart(boxes.tree_low, boxes.tree_high, boxes.tree_low, boxes.tree_high, tree, other, limit):
+                near_pairs_of_trees(scene, frames, boxes, tree, other, limit, near, axes, scratch)
+        if scene.trees.chains[tree] == 1 and scene.trees.self_collision[tree] == 1:
+            near_pairs_within_tree(scene, frames, boxes, tree, 2.0 * reach[tree] + room, near, axes, scratch)

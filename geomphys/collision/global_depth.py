@@ -1,0 +1,68 @@
+"""Global penetration depth of a pair of bodies from the depths of their convex pieces.
+
+    PD_g = (Σ pd_i² n_i) / (Σ pd_i)                                                        (1)
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.collision.detect import Near
+from geomphys.kernel import kernel
+from geomphys.world.scene import Pieces
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class GlobalDepths(NamedTuple):
+    """Pairs of bodies that overlap. `count[0]` rows are filled."""
+
+    count: Ints  # (1,)
+    body_a: Ints  # (n,)
+    body_b: Ints  # (n,)
+    pd: Floats  # (n, 3) m, PD_g: how far and whither a must move
+    pairs: Ints  # (n,) overlapping pairs of pieces
+    largest: Floats  # (n,) m, deepest of them
+
+
+def make_global_depths(size: int) -> GlobalDepths:
+    """Room for `size` pairs of bodies."""
+    ints = [np.zeros(size, np.int64) for _ in range(3)]
+    return GlobalDepths(np.zeros(1, np.int64), ints[0], ints[1], np.zeros((size, 3)), ints[2], np.zeros(size))
+
+
+@kernel
+def global_depths(pieces: Pieces, near: Near, depths: GlobalDepths) -> None:
+    """Equation (1) for every pair of bodies with overlapping pieces in `near`, whose pairs stand body by body."""
+    depths.count[0] = 0
+    weight = 0.0
+    for k in range(near.count[0]):
+        if near.separation[k] >= 0.0:
+            continue
+        depth = -near.separation[k]
+        body_a, body_b = pieces.body[near.a[k]], pieces.body[near.b[k]]
+        row = depths.count[0] - 1
+        if row < 0 or depths.body_a[row] != body_a or depths.body_b[row] != body_b:
+            if row >= 0:
+                for i in range(3):
+                    depths.pd[row, i] /= weight
+            row += 1
+            if row == len(depths.body_a):
+                return
+            depths.count[0] = row + 1
+            depths.body_a[row], depths.body_b[row] = body_a, body_b
+            depths.pairs[row], depths.largest[row], weight = 0, 0.0, 0.0
+            for i in range(3):
+                depths.pd[row, i] = 0.0
+        weight += depth
+        depths.pairs[row] += 1
+        depths.largest[row] = max(depths.largest[row], depth)
+        for i in range(3):
+            depths.pd[row, i] += depth * depth * near.normal[k, i]
+    if depths.count[0] > 0:
+        for i in range(3):
+            depths.pd[depths.count[0] - 1, i] /= weight

@@ -1,0 +1,149 @@
+"""Culling by axis-aligned boxes: trees first, then bodies, then convex pieces.
+
+Trees that stand still are sorted once along x; a query walks only those whose interval can reach it. Wide ones (a
+floor, a wall), which would make every interval long, are kept apart and looked at each time.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.kernel import kernel
+from geomphys.world.scene import BOX, CAPSULE, CYLINDER, SPHERE, Pieces, Scene
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+WIDE = 4.0  # a tree wider than this many median widths is kept apart
+
+
+class Boxes(NamedTuple):
+    """World boxes of all pieces, bodies and trees, and the order of the still trees."""
+
+    local_centre: Floats  # (P, 3) of the piece's box in its own frame
+    local_half: Floats  # (P, 3)
+    piece_low: Floats  # (P, 3)
+    piece_high: Floats  # (P, 3)
+    body_low: Floats  # (B, 3)
+    body_high: Floats  # (B, 3)
+    tree_low: Floats  # (T, 3)
+    tree_high: Floats  # (T, 3)
+    sorted_still: Ints  # (n,) still trees that are not wide, by low x
+    sorted_low: Floats  # (n,) their low x
+    widest: Floats  # (1,) the largest of their widths along x
+    others: Ints  # (m,) trees that move, and wide ones
+
+
+def local_boxes(pieces: Pieces) -> tuple[Floats, Floats]:
+    """Centre and half extents (P, 3) of every piece's box in its own frame [m]."""
+    count = len(pieces.kind)
+    centre, half = np.zeros((count, 3)), np.zeros((count, 3))
+    for i in range(count):
+        kind, size = pieces.kind[i], pieces.size[i]
+        if kind == SPHERE:
+            half[i] = size[0]
+        elif kind == CAPSULE:
+            half[i] = (size[0], size[0], size[1] + size[0])
+        elif kind == CYLINDER:
+            half[i] = (size[0], size[0], size[1])
+        elif kind == BOX:
+            half[i] = size
+        else:
+            vertices = pieces.vertices[pieces.vertex_start[i] : pieces.vertex_start[i + 1]]
+            low, high = vertices.min(axis=0), vertices.max(axis=0)
+            centre[i], half[i] = 0.5 * (low + high), 0.5 * (high - low)
+    return centre, half
+
+
+def make_boxes(scene: Scene, frames: Floats) -> Boxes:
+    """Boxes of all pieces placed by `frames` (P, 12), and the order of the trees that stand still."""
+    pieces, bodies, trees = len(scene.pieces.kind), len(scene.bodies.role), len(scene.trees.role)
+    centre, half = local_boxes(scene.pieces)
+    boxes = Boxes(
+        centre, half, *(np.zeros((n, 3)) for n in (pieces, pieces, bodies, bodies, trees, trees)),
+        np.zeros(0, np.int64), np.zeros(0), np.zeros(1), np.zeros(0, np.int64),
+    )  # fmt: skip
+    for tree in range(trees):
+        update_boxes(scene, frames, boxes, tree)
+    still = np.flatnonzero(scene.trees.moving == 0)
+    width = boxes.tree_high[still, 0] - boxes.tree_low[still, 0]
+    narrow = width <= WIDE * np.median(width) if len(still) else np.zeros(0, bool)
+    ordered = still[narrow][np.argsort(boxes.tree_low[still[narrow], 0], kind="stable")]
+    return boxes._replace(
+        sorted_still=ordered,
+        sorted_low=np.ascontiguousarray(boxes.tree_low[ordered, 0]),
+        widest=np.array([width[narrow].max(initial=0.0)]),
+        others=np.setdiff1d(np.arange(trees), ordered),
+    )
+
+
+@kernel
+def update_boxes(scene: Scene, frames: Floats, boxes: Boxes, tree: int) -> None:
+    """Recompute the boxes of the pieces and bodies of `tree` and of itself; empty ones become (inf, -inf)."""
+    for k in range(3):
+        boxes.tree_low[tree, k], boxes.tree_high[tree, k] = np.inf, -np.inf
+    for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+        for k in range(3):
+            boxes.body_low[body, k], boxes.body_high[body, k] = np.inf, -np.inf
+        for i in range(scene.bodies.piece_start[body], scene.bodies.piece_start[body + 1]):
+            for k in range(3):
+                r0, r1, r2 = frames[i, 3 * k], frames[i, 3 * k + 1], frames[i, 3 * k + 2]
+                c, h = boxes.local_centre[i], boxes.local_half[i]
+                middle = frames[i, 9 + k] + r0 * c[0] + r1 * c[1] + r2 * c[2]
+                if scene.pieces.kind[i] == SPHERE:
+                    reach = h[0]
+                elif scene.pieces.kind[i] == CAPSULE:
+                    reach = h[0] + abs(r2) * (h[2] - h[0])
+                elif scene.pieces.kind[i] == CYLINDER:
+                    reach = h[0] * np.sqrt(max(0.0, 1.0 - r2 * r2)) + abs(r2) * h[2]
+                else:
+                    reach = abs(r0) * h[0] + abs(r1) * h[1] + abs(r2) * h[2]
+                low, high = middle - reach, middle + reach
+                boxes.piece_low[i, k], boxes.piece_high[i, k] = low, high
+                boxes.body_low[body, k] = min(boxes.body_low[body, k], low)
+                boxes.body_high[body, k] = max(boxes.body_high[body, k], high)
+        for k in range(3):
+            boxes.tree_low[tree, k] = min(boxes.tree_low[tree, k], boxes.body_low[body, k])
+            boxes.tree_high[tree, k] = max(boxes.tree_high[tree, k], boxes.body_high[body, k])
+
+
+@kernel
+def apart(low_a: Floats, high_a: Floats, low_b: Floats, high_b: Floats, i: int, j: int, room: float) -> bool:
+    """Whether box i of the first set and box j of the second are farther apart than `room` along some axis."""
+    return (
+        low_a[i, 0] > high_b[j, 0] + room
+        or low_b[j, 0] > high_a[i, 0] + room
+        or low_a[i, 1] > high_b[j, 1] + room
+        or low_b[j, 1] > high_a[i, 1] + room
+        or low_a[i, 2] > high_b[j, 2] + room
+        or low_b[j, 2] > high_a[i, 2] + room
+    )
+
+
+@kernel
+def near_trees(boxes: Boxes, tree: int, room: float, found: Ints) -> int:
+    """Trees whose boxes come within `room` [m] of that of `tree`, itself left out; written to `found`, ascending in
+    each of two runs (the sorted still ones by low x, then the others). Returns their number."""
+    count = 0
+    low, high = boxes.tree_low[tree, 0] - room, boxes.tree_high[tree, 0] + room
+    start = np.searchsorted(boxes.sorted_low, low - boxes.widest[0])
+    for k in range(start, len(boxes.sorted_still)):
+        if boxes.sorted_low[k] > high:
+            break
+        other = boxes.sorted_still[k]
+        if other == tree:
+            continue
+        if not apart(boxes.tree_low, boxes.tree_high, boxes.tree_low, boxes.tree_high, tree, other, room):
+            found[count] = other
+            count += 1
+    for k in range(len(boxes.others)):
+        other = boxes.others[k]
+        if other == tree:
+            continue
+        if not apart(boxes.tree_low, boxes.tree_high, boxes.tree_low, boxes.tree_high, tree, other, room):
+            found[count] = other
+            count += 1
+    return count

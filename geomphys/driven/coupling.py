@@ -1,0 +1,59 @@
+"""Virtual coupling: the damped spring that pulls a driven body back to where it was recorded.
+
+    m A = -K x - R ẋ                                                                   (6)
+
+governs the *offset* x of the body from its recorded pose, solved in closed form over a frame, so that the result does
+not depend on the frame rate and a body without an offset keeps none.
+"""
+
+from __future__ import annotations
+
+import math
+
+from geomphys.kernel import kernel
+
+REST_LENGTH = 1e-9  # m or rad: a smaller offset that hardly moves is none
+REST_SPEED = 1e-7  # m/s or rad/s
+
+
+@kernel
+def relax(x: float, v: float, mass: float, stiffness: float, damping: float, dt: float) -> tuple[float, float]:
+    """Offset and its velocity after `dt` of (6) from (x, v).
+
+    Parameters
+    ----------
+    x, v
+        Offset [m or rad] and its rate.
+    mass, stiffness, damping
+        m [kg], K [N/m] (infinite: a rigid coupling, the offset vanishes at once) and R [N s/m].
+    dt
+        s.
+
+    Returns
+    -------
+    tuple
+        (x, v); exactly (0, 0) once both are below `REST_LENGTH` and `REST_SPEED`.
+    """
+    if x == 0.0 and v == 0.0:
+        return 0.0, 0.0
+    if math.isinf(stiffness):
+        return 0.0, 0.0
+    rate = 0.5 * damping / mass
+    square = stiffness / mass - rate * rate
+    decay = math.exp(-rate * dt)
+    if abs(square) * dt * dt < 1e-12:
+        slope = v + rate * x
+        x1 = (x + slope * dt) * decay
+        v1 = (v - rate * slope * dt) * decay
+    else:
+        if square > 0.0:
+            omega = math.sqrt(square)
+            c, s = math.cos(omega * dt), math.sin(omega * dt) / omega
+        else:
+            omega = math.sqrt(-square)
+            c, s = math.cosh(omega * dt), math.sinh(omega * dt) / omega
+        x1 = decay * (x * (c + rate * s) + v * s)
+        v1 = decay * (v * (c - rate * s) - x * s * (stiffness / mass))
+    if abs(x1) < REST_LENGTH and abs(v1) < REST_SPEED:
+        return 0.0, 0.0
+    return x1, v1

@@ -1,0 +1,197 @@
+"""The way out for a tree whose overlaps cannot be undone by their normals: a search over directions.
+
+Normals that cancel (a rod between thumb and finger, a hand in a box) leave equation (1) and the least-distance problem
+without an answer. Then the shortest way out among many directions is taken: along each the tree is advanced by its
+deepest penetration depth, which never leaps over a free place, until it is free or farther than the best so far.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.collision.detect import Axes, Near, near_pairs_of_trees
+from geomphys.collision.gjk import Scratch
+from geomphys.collision.sweep import Boxes, apart, near_trees, update_boxes
+from geomphys.kernel import kernel
+from geomphys.vec3 import Vec, add_scaled, cross, dot, norm, perpendicular, unit
+from geomphys.world.scene import DRIVEN, Scene
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+FAN = 66  # directions spread over the sphere
+FARTHEST = 50.0  # m
+ROUNDS = 4  # of refinement about the best direction
+
+
+class Rescue(NamedTuple):
+    """Directions to try, and room for the pairs met on the way."""
+
+    directions: Floats  # (n, 3); the first FAN of them are spread over the sphere
+    near: Near
+
+
+def make_rescue(near: Near) -> Rescue:
+    """The fan of directions (a Fibonacci lattice on the sphere) and room for those the contacts suggest."""
+    directions = np.zeros((FAN + 64, 3))
+    k = np.arange(FAN) + 0.5
+    z = 1.0 - 2.0 * k / FAN
+    turn = math.pi * (1.0 + math.sqrt(5.0)) * k
+    ring = np.sqrt(1.0 - z * z)
+    directions[:FAN] = np.stack([ring * np.cos(turn), ring * np.sin(turn), z], axis=1)
+    return Rescue(directions, near)
+
+
+@kernel
+def _place(scene: Scene, base: Floats, offset: Vec, tree: int, frames: Floats) -> None:
+    first = scene.bodies.piece_start[scene.trees.body_start[tree]]
+    last = scene.bodies.piece_start[scene.trees.body_start[tree + 1]]
+    for i in range(first, last):
+        for k in range(3):
+            frames[i, 9 + k] = base[i, 9 + k] + offset[k]
+
+
+@kernel
+def _deepest(
+    scene: Scene, frames: Floats, boxes: Boxes, tree: int, room: Near, found: Ints, axes: Axes, scratch: Scratch
+) -> tuple[float, Vec]:
+    """Deepest overlap [m] of `tree` with anything else and its normal, pointing out of the other."""
+    update_boxes(scene, frames, boxes, tree)
+    room.count[0] = 0
+    for k in range(near_trees(boxes, tree, 0.0, found)):
+        if not apart(boxes.tree_low, boxes.tree_high, boxes.tree_low, boxes.tree_high, tree, found[k], 0.0):
+            near_pairs_of_trees(scene, frames, boxes, tree, found[k], 0.0, room, axes, scratch)
+    depth, normal = 0.0, (0.0, 0.0, 0.0)
+    for k in range(room.count[0]):
+        if -room.separation[k] > depth:
+            depth = -room.separation[k]
+            normal = (room.normal[k, 0], room.normal[k, 1], room.normal[k, 2])
+    return depth, normal
+
+
+@kernel
+def _way_out(
+    scene: Scene, base: Floats, start: Vec, u: Vec, tree: int, frames: Floats, boxes: Boxes, shortest: float, depth: float,
+    gap: float, room: Near, found: Ints, axes: Axes, scratch: Scratch,
+) -> float:  # fmt: skip
+    """How far along u the tree must go to be free, if less than `shortest` (else inf); `depth` is what it must at least."""
+    way = depth
+    while way < shortest:
+        _place(scene, base, add_scaled(start, u, way), tree, frames)
+        d, n = _deepest(scene, frames, boxes, tree, room, found, axes, scratch)
+        if d <= 0.0:
+            return way
+        slope = dot(n, u)
+        way += max(d, gap) if slope < 0.3 else max(min(d / slope, 3.0 * d), gap)
+    return math.inf
+
+
+@kernel
+def _suggest(near: Near, tree: int, directions: Floats) -> int:
+    """Append the normals of the overlaps of `tree`, and what is at right angles to two of them; returns the number."""
+    count, limit = FAN, len(directions)
+    last = FAN
+    for k in range(near.count[0]):
+        if near.separation[k] >= 0.0 or count >= FAN + 12:
+            continue
+        sign = 1.0 if near.tree_a[k] == tree else -1.0
+        if near.tree_a[k] == tree or near.tree_b[k] == tree:
+            for i in range(3):
+                directions[count, i] = sign * near.normal[k, i]
+            count += 1
+    last = count
+    for i in range(FAN, last):
+        for j in range(i + 1, last):
+            a = (directions[i, 0], directions[i, 1], directions[i, 2])
+            b = (directions[j, 0], directions[j, 1], directions[j, 2])
+            c = cross(a, b)
+            if count + 2 > limit or norm(c) < 1e-3:
+                continue
+            c = unit(c)
+            for k in range(3):
+                directions[count, k], directions[count + 1, k] = c[k], -c[k]
+            count += 2
+    return count
+
+
+@kernel
+def _escape_tree(
+    scene: Scene, base: Floats, current: Floats, frames: Floats, boxes: Boxes, tree: int, near: Near, depth: float,
+    gap: float, rescue: Rescue, found: Ints, axes: Axes, scratch: Scratch,
+) -> bool:  # fmt: skip
+    """Translate one tree out of everything by the shortest way found; True if it is free then."""
+    start = (current[tree, 0], current[tree, 1], current[tree, 2])
+    shortest, best = math.inf, (0.0, 0.0, 1.0)
+    count = _suggest(near, tree, rescue.directions)
+    for k in range(count - 1, -1, -1):
+        u = (rescue.directions[k, 0], rescue.directions[k, 1], rescue.directions[k, 2])
+        way = _way_out(
+            scene, base, start, u, tree, frames, boxes, min(shortest, FARTHEST), depth, gap, rescue.near, found, axes, scratch
+        )  # fmt: skip
+        if way < shortest:
+            shortest, best = way, u
+    if shortest == math.inf:
+        _place(scene, base, start, tree, frames)
+        update_boxes(scene, frames, boxes, tree)
+        return False
+    spread = 0.25
+    for _ in range(ROUNDS):
+        side = perpendicular(best)
+        other = cross(best, side)
+        centre = best
+        for k in range(6):
+            angle = math.pi * k / 3.0
+            u = unit(add_scaled(add_scaled(centre, side, spread * math.cos(angle)), other, spread * math.sin(angle)))
+            way = _way_out(
+                scene, base, start, u, tree, frames, boxes, shortest, depth, gap, rescue.near, found, axes, scratch
+            )  # fmt: skip
+            if way < shortest:
+                shortest, best = way, u
+        spread *= 0.5
+    end = add_scaled(start, best, shortest + gap)
+    for i in range(3):
+        current[tree, i] = end[i]
+    _place(scene, base, end, tree, frames)
+    update_boxes(scene, frames, boxes, tree)
+    return True
+
+
+@kernel
+def escape(
+    scene: Scene, base: Floats, current: Floats, frames: Floats, boxes: Boxes, near: Near, gap: float, rescue: Rescue,
+    found: Ints, axes: Axes, scratch: Scratch,
+) -> bool:  # fmt: skip
+    """Translate every driven tree that overlaps something out of it, one after the other.
+
+    Parameters
+    ----------
+    scene, base
+        The scene and its pieces' frames (P, 12) as recorded.
+    current, frames
+        (T, 3) offsets and the frames there; both are updated.
+    boxes, near
+        Boxes of the scene; the pairs found at `current`, whose normals suggest directions.
+    gap
+        m; added to the way out.
+    rescue, found, axes, scratch
+        Directions and room.
+
+    Returns
+    -------
+    bool
+        Whether a way out was found for all of them.
+    """
+    all_free = True
+    for tree in range(len(scene.trees.role)):
+        if scene.trees.role[tree] != DRIVEN:
+            continue
+        depth, _ = _deepest(scene, frames, boxes, tree, rescue.near, found, axes, scratch)
+        if depth > 0.0 and not _escape_tree(
+            scene, base, current, frames, boxes, tree, near, depth, gap, rescue, found, axes, scratch
+        ):  # fmt: skip
+            all_free = False
+    return all_free

@@ -1,0 +1,210 @@
+"""The nearest point to a goal that satisfies linear inequalities: the least-distance problem behind overlap elimination.
+
+    minimise |x - g|²  subject to  C x >= d,  lower <= x
+
+solved by the dual active-set method of Goldfarb and Idnani ("A numerically stable dual method for solving strictly
+convex quadratic programs", Mathematical Programming 27, 1983) with the identity as Hessian. It starts at g, so a goal
+that satisfies everything comes back unchanged, bit for bit, and it recognises constraints that cannot be met together.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.kernel import kernel
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+SOLVED = 0
+INFEASIBLE = 1
+
+PARALLEL = 1e-12  # squared sine of the angle below which a row counts as dependent on the active ones
+
+
+class LeastDistance(NamedTuple):
+    """Room for problems of up to n unknowns and m rows, and their solution."""
+
+    rows: Floats  # (m, n) C, rows of any length
+    bounds: Floats  # (m,) d
+    x: Floats  # (n,) the goal on entry, the solution on return
+    basis: Floats  # (n, n) orthonormal; its first k columns span the active rows
+    triangle: Floats  # (n, n) upper triangular k x k
+    active: Ints  # (n,) rows that hold with equality
+    multiplier: Floats  # (n + 1,) of the active rows, >= 0
+    projected: Floats  # (n,) basis' C_p
+    step: Floats  # (n,)
+    shift: Floats  # (n,)
+    is_active: Ints  # (m,)
+
+
+def make_least_distance(unknowns: int, rows: int) -> LeastDistance:
+    """Room for problems of up to `unknowns` and `rows`."""
+    n, m = unknowns, rows
+    return LeastDistance(
+        np.zeros((m, n)),
+        np.zeros(m),
+        np.zeros(n),
+        np.zeros((n, n)),
+        np.zeros((n, n)),
+        np.zeros(n, np.int64),
+        np.zeros(n + 1),
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros(m, np.int64),
+    )
+
+
+@kernel
+def _most_violated(p: LeastDistance, n: int, m: int, tolerance: float) -> int:
+    """The row that is violated most, relative to its length; -1 if all hold within `tolerance`."""
+    worst, row = -tolerance, -1
+    for i in range(m):
+        if p.is_active[i] == 1:
+            continue
+        value = -p.bounds[i]
+        for k in range(n):
+            value += p.rows[i, k] * p.x[k]
+        if value < worst:
+            worst, row = value, i
+    return row
+
+
+@kernel
+def _project(p: LeastDistance, n: int, count: int, row: int) -> float:
+    """Split row `row` into its parts in (`shift`: R⁻¹ d) and off (`step`) the active rows; returns |off|²."""
+    for j in range(n):
+        value = 0.0
+        for k in range(n):
+            value += p.basis[k, j] * p.rows[row, k]
+        p.projected[j] = value
+    free = 0.0
+    for j in range(count, n):
+        free += p.projected[j] * p.projected[j]
+    for k in range(n):
+        value = 0.0
+        for j in range(count, n):
+            value += p.basis[k, j] * p.projected[j]
+        p.step[k] = value
+    for i in range(count - 1, -1, -1):
+        value = p.projected[i]
+        for j in range(i + 1, count):
+            value -= p.triangle[i, j] * p.shift[j]
+        p.shift[i] = value / p.triangle[i, i]
+    return free
+
+
+@kernel
+def _turn_columns(a: Floats, n: int, i: int, j: int, c: float, s: float) -> None:
+    """Turn columns i and j of `a` by the rotation (c, s)."""
+    for k in range(n):
+        u, v = a[k, i], a[k, j]
+        a[k, i] = c * u + s * v
+        a[k, j] = c * v - s * u
+
+
+@kernel
+def _add(p: LeastDistance, n: int, count: int, row: int) -> int:
+    """Make `row` active: rotate the free part of its projection onto one basis column."""
+    for j in range(n - 1, count, -1):
+        u, v = p.projected[j - 1], p.projected[j]
+        length = math.hypot(u, v)
+        if v == 0.0 or length == 0.0:
+            continue
+        c, s = u / length, v / length
+        p.projected[j - 1], p.projected[j] = length, 0.0
+        _turn_columns(p.basis, n, j - 1, j, c, s)
+    for i in range(count + 1):
+        p.triangle[i, count] = p.projected[i]
+    p.active[count] = row
+    p.is_active[row] = 1
+    return count + 1
+
+
+@kernel
+def _drop(p: LeastDistance, n: int, count: int, place: int) -> int:
+    """Let the active row at `place` go and make the triangle a triangle again."""
+    p.is_active[p.active[place]] = 0
+    for j in range(place + 1, count):
+        for i in range(count):
+            p.triangle[i, j - 1] = p.triangle[i, j]
+        p.active[j - 1] = p.active[j]
+        p.multiplier[j - 1] = p.multiplier[j]
+    p.multiplier[count - 1] = p.multiplier[count]
+    count -= 1
+    for j in range(place, count):
+        u, v = p.triangle[j, j], p.triangle[j + 1, j]
+        length = math.hypot(u, v)
+        if v == 0.0 or length == 0.0:
+            continue
+        c, s = u / length, v / length
+        for k in range(j, count):
+            a, b = p.triangle[j, k], p.triangle[j + 1, k]
+            p.triangle[j, k] = c * a + s * b
+            p.triangle[j + 1, k] = c * b - s * a
+        _turn_columns(p.basis, n, j, j + 1, c, s)
+    return count
+
+
+@kernel
+def solve_least_distance(p: LeastDistance, n: int, m: int, tolerance: float) -> tuple[int, int]:
+    """Solve with the first `n` unknowns and `m` rows of `p`; rows should have unit length.
+
+    Parameters
+    ----------
+    p
+        `rows`, `bounds` and the goal in `x`; the solution replaces the goal.
+    n, m
+        Unknowns and rows in use.
+    tolerance
+        How far a row may stay violated, in the unit of `bounds`.
+
+    Returns
+    -------
+    tuple
+        (SOLVED or INFEASIBLE, number of active rows; `p.active` and `p.multiplier` hold them).
+    """
+    for i in range(n):
+        for j in range(n):
+            p.basis[i, j] = 1.0 if i == j else 0.0
+    for i in range(m):
+        p.is_active[i] = 0
+    count = 0
+    for _ in range(10 * (n + m) + 20):
+        row = _most_violated(p, n, m, tolerance)
+        if row < 0:
+            return SOLVED, count
+        p.multiplier[count] = 0.0
+        while True:
+            free = _project(p, n, count, row)
+            longest, leaving = math.inf, -1
+            for j in range(count):
+                if p.shift[j] > 1e-14:
+                    share = p.multiplier[j] / p.shift[j]
+                    if share < longest:
+                        longest, leaving = share, j
+            full = math.inf
+            if free > PARALLEL:
+                slack = -p.bounds[row]
+                for k in range(n):
+                    slack += p.rows[row, k] * p.x[k]
+                full = max(-slack / free, 0.0)
+            length = min(longest, full)
+            if length == math.inf:
+                return INFEASIBLE, count
+            if full < math.inf:
+                for k in range(n):
+                    p.x[k] += length * p.step[k]
+            for j in range(count):
+                p.multiplier[j] -= length * p.shift[j]
+            p.multiplier[count] += length
+            if full <= longest:
+                count = _add(p, n, count, row)
+                break
+            count = _drop(p, n, count, leaving)
+    return INFEASIBLE, count

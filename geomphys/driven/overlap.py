@@ -1,0 +1,293 @@
+"""Overlap elimination by translation: the nearest free place to where the coupling pulls.
+
+A rigid body that only translates sees every pair of convex pieces as one convex obstacle, and the plane that separates
+the pair now, or the plane of its penetration depth if it overlaps, bounds a half-space that is free of the obstacle
+from end to end. The nearest point to the goal within such half-spaces (`least_distance`) is therefore free of all
+obstacles that were asked for a plane, and the straight way there leads through nothing. Planes are added one at a
+time, for the obstacle that is met first, until nothing stands in the way; then the planes are found anew at the new
+place. With one normal this is the translation by the penetration depth (1); with several it is the smallest
+translation that satisfies all of them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.collision.detect import Axes, Near, find_near, pair_separation
+from geomphys.collision.gjk import Scratch
+from geomphys.collision.sweep import Boxes, update_boxes
+from geomphys.driven.escape import Rescue, escape
+from geomphys.driven.least_distance import SOLVED, LeastDistance, solve_least_distance
+from geomphys.kernel import kernel
+from geomphys.vec3 import Vec, dot, norm
+from geomphys.world.scene import DRIVEN, Scene
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+STEP_DONE = 1e-7  # m: a round that moves nothing farther ends the loop
+ROW_TOLERANCE = 1e-10  # m: how far a plane may stay violated
+FAR = 10.0  # times the depth: a solution farther away is none (nearly opposite normals)
+
+# methods, in the order of results.METHODS
+GLOBAL = 0
+LEAST_DISTANCE = 1
+INTERPOLATED = 2
+
+
+class Places(NamedTuple):
+    """Where driven trees are during the loop; offsets are from the recorded pose, in m."""
+
+    goal: Floats  # (T, 3) where the coupling pulls
+    current: Floats  # (T, 3) where the tree is
+    trial: Floats  # (T, 3) where it would go next
+    reach: Floats  # (T,) how far its pieces may move in this round
+    stir: Floats  # (T,) how far its pieces have just been moved by turning and bending; 0 after the first round
+    column: Ints  # (T,) its first unknown, -1 if it is not in the problem
+    base: Floats  # (P, 12) world_from_piece as recorded
+    frames: Floats  # (P, 12) at `current`
+    moved: Floats  # (P, 12) at `trial`
+    chosen: Ints  # (n,) 1 for pairs of `Near` whose plane is in the problem
+    found: Ints  # (T,) scratch
+
+
+def make_places(scene: Scene, size: int) -> Places:
+    """Places for a scene, with room for `size` near pairs."""
+    trees, pieces = len(scene.trees.role), len(scene.pieces.kind)
+    vectors = [np.zeros((trees, 3)) for _ in range(3)]
+    frames = [np.zeros((pieces, 12)) for _ in range(3)]
+    return Places(
+        *vectors, np.zeros(trees), np.zeros(trees), np.full(trees, -1), *frames, np.zeros(size, np.int64),
+        np.zeros(trees, np.int64),
+    )  # fmt: skip
+
+
+@kernel
+def place_at(scene: Scene, base: Floats, offsets: Floats, tree: int, frames: Floats) -> None:
+    """Frames of the pieces of `tree`, translated by its row of `offsets` from `base`."""
+    first = scene.bodies.piece_start[scene.trees.body_start[tree]]
+    last = scene.bodies.piece_start[scene.trees.body_start[tree + 1]]
+    for i in range(first, last):
+        for k in range(9):
+            frames[i, k] = base[i, k]
+        for k in range(3):
+            frames[i, 9 + k] = base[i, 9 + k] + offsets[tree, k]
+
+
+@kernel
+def row_of(offsets: Floats, tree: int) -> Vec:
+    """A row of an (n, 3) array."""
+    return (offsets[tree, 0], offsets[tree, 1], offsets[tree, 2])
+
+
+@kernel
+def _distance(a: Floats, b: Floats, tree: int) -> float:
+    return norm((a[tree, 0] - b[tree, 0], a[tree, 1] - b[tree, 1], a[tree, 2] - b[tree, 2]))
+
+
+@kernel
+def _relative_step(p: Places, tree_a: int, tree_b: int) -> Vec:
+    """How far a moves against b from `current` to `trial`."""
+    a1, a0, b1, b0 = row_of(p.trial, tree_a), row_of(p.current, tree_a), row_of(p.trial, tree_b), row_of(p.current, tree_b)
+    return ((a1[0] - a0[0]) - (b1[0] - b0[0]), (a1[1] - a0[1]) - (b1[1] - b0[1]), (a1[2] - a0[2]) - (b1[2] - b0[2]))
+
+
+@kernel
+def _add_plane(p: Places, near: Near, k: int, problem: LeastDistance, unknowns: int, row: int, gap: float) -> None:
+    """Row: after the move the pair k stays `gap` apart along its present normal."""
+    for j in range(unknowns):
+        problem.rows[row, j] = 0.0
+    ca, cb = p.column[near.tree_a[k]], p.column[near.tree_b[k]]
+    both = ca >= 0 and cb >= 0
+    scale = math.sqrt(0.5) if both else 1.0
+    bound = gap - near.separation[k]
+    for i in range(3):
+        n = near.normal[k, i]
+        if ca >= 0:
+            problem.rows[row, ca + i] += scale * n
+            bound += n * p.current[near.tree_a[k], i]
+        if cb >= 0:
+            problem.rows[row, cb + i] -= scale * n
+            bound -= n * p.current[near.tree_b[k], i]
+    problem.bounds[row] = scale * bound
+    p.chosen[k] = 1
+
+
+@kernel
+def _way_is_free(
+    scene: Scene, p: Places, near: Near, k: int, step: Vec, gap: float, axes: Axes, scratch: Scratch
+) -> bool:
+    """Conservative advancement of the pair k along `step`: no move is longer than the clearance before it."""
+    length = norm(step)
+    a, b = near.a[k], near.b[k]
+    keep = (p.moved[a, 9], p.moved[a, 10], p.moved[a, 11])
+    keep_b = (p.moved[b, 9], p.moved[b, 10], p.moved[b, 11])
+    for i in range(3):
+        p.moved[b, 9 + i] = p.frames[b, 9 + i]
+    share, clear = 0.0, near.separation[k]
+    free = False
+    for _ in range(64):
+        if clear < 0.25 * gap:
+            break
+        share += max(clear, gap) / length
+        if share >= 1.0:
+            free = True
+            break
+        for i in range(3):
+            p.moved[a, 9 + i] = p.frames[a, 9 + i] + share * step[i]
+        clear = pair_separation(scene.pieces, p.moved, a, b, length, axes, scratch)[0]
+    p.moved[a, 9], p.moved[a, 10], p.moved[a, 11] = keep
+    p.moved[b, 9], p.moved[b, 10], p.moved[b, 11] = keep_b
+    return free
+
+
+@kernel
+def _first_obstacle(scene: Scene, p: Places, near: Near, gap: float, axes: Axes, scratch: Scratch) -> int:
+    """Of the pairs without a plane that stand between `current` and `trial`, the one that is met first; -1: none."""
+    first, deepest, found = math.inf, 0.0, -1
+    for k in range(near.count[0]):
+        if p.chosen[k] == 1:
+            continue
+        step = _relative_step(p, near.tree_a[k], near.tree_b[k])
+        n = (near.normal[k, 0], near.normal[k, 1], near.normal[k, 2])
+        s, along = near.separation[k], dot(n, step)
+        if s + along >= 0.5 * gap:
+            continue
+        there, m, _, _ = pair_separation(scene.pieces, p.moved, near.a[k], near.b[k], norm(step) + gap, axes, scratch)
+        if there >= 0.5 * gap:
+            if s + there > norm(step) or there - dot(m, step) >= 0.0:
+                continue
+            if _way_is_free(scene, p, near, k, step, gap, axes, scratch):
+                continue
+        moment = max(s - gap, 0.0) / max(-along, 1e-300)
+        depth = gap - s - along
+        if moment < first - 1e-12 or (moment <= first + 1e-12 and depth > deepest):
+            first, deepest, found = moment, depth, k
+    return found
+
+
+@kernel
+def _number_unknowns(scene: Scene, p: Places, near: Near) -> int:
+    """Give each driven tree with a near pair its three unknowns; the others go to their goals."""
+    for tree in range(len(p.column)):
+        p.column[tree] = -1
+    unknowns = 0
+    for k in range(near.count[0]):
+        for tree in (near.tree_a[k], near.tree_b[k]):
+            if scene.trees.role[tree] == DRIVEN and p.column[tree] < 0:
+                p.column[tree] = unknowns
+                unknowns += 3
+    return unknowns
+
+
+@kernel
+def _set_trial(scene: Scene, p: Places, problem: LeastDistance) -> float:
+    """Read the solution into `trial` and place the pieces there; returns the longest move."""
+    longest = 0.0
+    for tree in range(len(p.column)):
+        if scene.trees.role[tree] != DRIVEN:
+            continue
+        for i in range(3):
+            p.trial[tree, i] = problem.x[p.column[tree] + i] if p.column[tree] >= 0 else p.goal[tree, i]
+        place_at(scene, p.base, p.trial, tree, p.moved)
+        longest = max(longest, _distance(p.trial, p.current, tree))
+    return longest
+
+
+@kernel
+def _nearest_free(
+    scene: Scene, p: Places, near: Near, problem: LeastDistance, gap: float, axes: Axes, scratch: Scratch
+) -> tuple[int, float, int]:
+    """One round: planes until the way is free. Returns (SOLVED or not, longest move, planes that hold)."""
+    unknowns = _number_unknowns(scene, p, near)
+    rows, deepest = 0, 0.0
+    for k in range(near.count[0]):
+        p.chosen[k] = 1 if near.tree_a[k] == near.tree_b[k] else 0  # translation cannot part links of one tree
+        if p.chosen[k] == 0 and near.separation[k] < 0.0 and rows < len(problem.bounds):
+            _add_plane(p, near, k, problem, unknowns, rows, gap)
+            rows += 1
+            deepest = max(deepest, -near.separation[k])
+    pull = 0.0
+    for tree in range(len(p.column)):
+        if p.column[tree] >= 0:
+            pull = max(pull, _distance(p.goal, p.current, tree))
+    while True:
+        for tree in range(len(p.column)):
+            if p.column[tree] >= 0:
+                for i in range(3):
+                    problem.x[p.column[tree] + i] = p.goal[tree, i]
+        status, active = solve_least_distance(problem, unknowns, rows, ROW_TOLERANCE)
+        longest = _set_trial(scene, p, problem)
+        if status != SOLVED or longest > 2.0 * pull + FAR * deepest + 10.0 * gap:
+            return 1, 0.0, active
+        k = _first_obstacle(scene, p, near, gap, axes, scratch)
+        if k < 0:
+            return SOLVED, longest, active
+        if rows == len(problem.bounds):
+            return 1, 0.0, active
+        _add_plane(p, near, k, problem, unknowns, rows, gap)
+        rows += 1
+
+
+@kernel
+def _accept(scene: Scene, p: Places) -> None:
+    """`trial` becomes `current`."""
+    for tree in range(len(p.column)):
+        if scene.trees.role[tree] == DRIVEN:
+            for i in range(3):
+                p.current[tree, i] = p.trial[tree, i]
+            place_at(scene, p.base, p.current, tree, p.frames)
+
+
+@kernel
+def eliminate_overlap(
+    scene: Scene, p: Places, boxes: Boxes, near: Near, problem: LeastDistance, gap: float, rounds: int, rescue: Rescue,
+    axes: Axes, scratch: Scratch,
+) -> tuple[int, int, int, bool]:  # fmt: skip
+    """Move all driven trees from `current` as near to `goal` as they come without overlap and without passing through.
+
+    Parameters
+    ----------
+    scene, p, boxes
+        The scene, where its trees are (`frames` placed at `current`), and their boxes.
+    near, problem, rescue, axes, scratch
+        Room for the near pairs, the least-distance problem, the search for a way out and the narrow phase.
+    gap
+        m; clearance kept.
+    rounds
+        Bound on the rounds.
+
+    Returns
+    -------
+    tuple
+        (rounds taken, method as in `results.METHODS`, searches for a way out, whether the bound was not hit).
+    """
+    method, rescues = GLOBAL, 0
+    for count in range(rounds):
+        for tree in range(len(p.reach)):
+            p.reach[tree] = p.stir[tree] if count == 0 else 0.0
+            if scene.trees.role[tree] == DRIVEN:
+                p.reach[tree] += 2.0 * _distance(p.goal, p.current, tree)
+                update_boxes(scene, p.frames, boxes, tree)
+        find_near(scene, p.frames, boxes, p.reach, 2.0 * gap, near, p.found, axes, scratch)
+        status, longest, active = _nearest_free(scene, p, near, problem, gap, axes, scratch)
+        if active > 1:
+            method = max(method, LEAST_DISTANCE)
+        if status == SOLVED:
+            _accept(scene, p)
+            if longest <= STEP_DONE or active == 0:
+                return count + 1, method, rescues, True
+            continue
+        method = INTERPOLATED
+        overlapped = False
+        for k in range(near.count[0]):
+            overlapped = overlapped or (near.separation[k] < 0.0 and near.tree_a[k] != near.tree_b[k])
+        if not overlapped:
+            return count + 1, method, rescues, True
+        rescues += 1
+        escape(scene, p.base, p.current, p.frames, boxes, near, gap, rescue, p.found, axes, scratch)
+    return rounds, method, rescues, False
