@@ -1,0 +1,31 @@
+"""How contacts are drawn: arrows along the normal that can be seen."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+ARROW_SCALE = 10.0
+"""Metres of arrow a metre of depth: a millimetre is drawn as a centimetre."""
+ARROW_BASE = 0.015
+"""Length of the arrow of a contact without depth [m], so that it is seen too."""
+
+
+def arrow_lengths(depths: Floats) -> Floats:
+    """Length [m] of the arrows of contacts of those depths [m]."""
+    return ARROW_BASE + ARROW_SCALE * depths
+
+
+def arrow_orientations(directions: Floats) -> Floats:
+    """Rotations (n, 4), x y z w, that turn the x axis to the unit vectors `directions` (n, 3)."""
+    turned = np.empty((len(directions), 4))
+    turned[:, 0] = 0.0
+    turned[:, 1] = -directions[:, 2]
+    turned[:, 2] = directions[:, 1]
+    turned[:, 3] = 1.0 + directions[:, 0]
+    back = turned[:, 3] < 1e-12  # along -x: half a turn about z
+    turned[back] = (0.0, 0.0, 1.0, 0.0)
+    turned /= np.linalg.norm(turned, axis=1, keepdims=True)
+    return turned

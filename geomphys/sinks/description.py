@@ -1,0 +1,118 @@
+"""URDF texts for viewers: of the avatars, of articulated objects, and of every plain object of the scene.
+
+Viewers place a URDF's links by the frame ids of ``/tf``. So links are named here as their frames are (that differs
+from the file where there are several avatars, and for objects), and meshes are referred to by absolute ``file://``
+addresses, the only ones that the rerun viewer opens. The URDFs as they are stand in the output's attachments.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from defusedxml import ElementTree as SafeTree
+from defusedxml.common import DefusedXmlException
+from lxml import etree
+
+from geomphys.errors import ModelError
+from geomphys.world.scene import World
+from geomphys.world.scene_file import ObjectTable
+
+_COLOURS = {"wood": "0.72 0.53 0.34 1", "human": "0.88 0.72 0.62 1", "metal": "0.62 0.66 0.72 1"}
+_OTHER_COLOUR = "0.6 0.6 0.6 1"
+
+
+def descriptions(world: World) -> dict[str, str]:
+    """Topic -> URDF text: ``/robot_description`` of the only avatar, ``/NAME/robot_description`` of all others.
+
+    Raises ModelError if a URDF cannot be read.
+    """
+    texts: dict[str, str] = {}
+    folder = world.path.resolve().parent
+    objects = {table.name: table for table in world.file.object}
+    for tree, name in enumerate(world.tree_names):
+        topic = "/robot_description" if tree == 0 and world.avatar_count == 1 else f"/{name}/robot_description"
+        if name in world.urdfs:
+            texts[topic] = urdf_for_viewers(world.urdfs[name], _frames_of(world, tree))
+        else:
+            texts[topic] = urdf_of_object(objects[name], folder)
+    return texts
+
+
+def urdf_for_viewers(path: Path, frames: dict[str, str]) -> str:
+    """Text of the URDF at `path` with links named as in `frames` (link name -> frame id) and meshes by ``file://``."""
+    try:
+        data = path.read_bytes()
+        SafeTree.fromstring(data)  # refuses what an XML file can do to its reader
+        tree = etree.fromstring(data)
+    except (OSError, SafeTree.ParseError, DefusedXmlException, etree.XMLSyntaxError) as problem:
+        raise ModelError(f"{path}: cannot be read as a URDF ({problem})") from problem
+    for link in tree.iter("link"):
+        _rename(link, "name", frames)
+    for joint in tree.iter("joint"):
+        for end in ("parent", "child"):
+            for element in joint.findall(end):
+                _rename(element, "link", frames)
+    for mesh in tree.iter("mesh"):
+        found = _mesh_file(mesh.get("filename", ""), path.resolve().parent)
+        if found is not None:
+            mesh.set("filename", found.as_uri())
+    text: str = etree.tostring(tree, encoding="unicode")
+    return text + "\n"
+
+
+def urdf_of_object(table: ObjectTable, folder: Path) -> str:
+    """URDF of one link, named as the object, with its shape as geometry; `folder` is the scene file's."""
+    robot = etree.Element("robot", name=table.name)
+    link = etree.SubElement(robot, "link", name=table.name)
+    for geometry, height in _geometries(table, folder):
+        visual = etree.SubElement(link, "visual")
+        if height:
+            etree.SubElement(visual, "origin", xyz=f"0 0 {height!r}", rpy="0 0 0")
+        etree.SubElement(visual, "geometry").append(geometry)
+        material = etree.SubElement(visual, "material", name=table.material)
+        etree.SubElement(material, "color", rgba=_COLOURS.get(table.material, _OTHER_COLOUR))
+    text: str = etree.tostring(robot, encoding="unicode", pretty_print=True)
+    return text
+
+
+def _geometries(table: ObjectTable, folder: Path) -> list[tuple[etree._Element, float]]:
+    """Elements and the height each is moved up by; a capsule is a cylinder and two spheres."""
+    if table.mesh is not None:
+        scale = f"{table.scale!r} {table.scale!r} {table.scale!r}"
+        address = (folder / table.mesh).resolve().as_uri()
+        return [(etree.Element("mesh", filename=address, scale=scale), 0.0)]
+    if table.box is not None:
+        return [(etree.Element("box", size=" ".join(map(repr, table.box))), 0.0)]
+    if table.sphere is not None:
+        return [(etree.Element("sphere", radius=repr(table.sphere)), 0.0)]
+    radius, length = table.cylinder or table.capsule or (0.0, 0.0)
+    body = (etree.Element("cylinder", radius=repr(radius), length=repr(length)), 0.0)
+    if table.cylinder is not None:
+        return [body]
+    return [body, *((etree.Element("sphere", radius=repr(radius)), side * length / 2) for side in (1.0, -1.0))]
+
+
+def _frames_of(world: World, tree: int) -> dict[str, str]:
+    """Link name -> frame id of a tree's bodies."""
+    name = world.tree_names[tree]
+    start, end = world.scene.trees.body_start[tree : tree + 2]
+    bodies = range(int(start), int(end))
+    return {world.body_names[b].removeprefix(f"{name}/"): world.frame_names[b] for b in bodies}
+
+
+def _rename(element: etree._Element, attribute: str, names: dict[str, str]) -> None:
+    name = element.get(attribute)
+    if name is not None:
+        element.set(attribute, names.get(name, name))
+
+
+def _mesh_file(address: str, folder: Path) -> Path | None:
+    """The file a URDF in `folder` means by `address`; None if it is none of this machine's."""
+    if address.startswith("package://"):
+        package, _, inner = address.removeprefix("package://").partition("/")
+        places = [above / inner for above in (folder, *folder.parents) if above.name == package]
+        places += [above / package / inner for above in (folder, *folder.parents)]
+        places.append(folder / inner)
+    else:
+        places = [folder / address.removeprefix("file://")]
+    return next((place.resolve() for place in places if place.is_file()), None)

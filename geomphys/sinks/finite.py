@@ -1,0 +1,49 @@
+"""The last guard of every output: no number that is not finite gets into a file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from geomphys.errors import OutputError
+from geomphys.results import FrameResult
+
+
+def check_finite(result: FrameResult, body_names: Sequence[str]) -> None:
+    """Raise OutputError that names frame and place if a number of the result is NaN or infinite."""
+    metrics = result.metrics
+    figures = (
+        metrics.recorded_penetration_m + metrics.residual_penetration_m + metrics.correction_m + metrics.correction_rad
+    )
+    total = float(result.corrected.sum()) + float(result.recorded.sum()) + float(result.angles.sum()) + figures
+    if len(result.contacts.depth):
+        total += sum(float(column.sum()) for column in result.contacts[2:])
+    if len(result.penetrations.largest):
+        total += float(result.penetrations.pd.sum()) + float(result.penetrations.largest.sum())
+    if not math.isfinite(total):
+        raise OutputError(
+            f"frame {result.frame.index}: {_place(result, body_names)}; nothing after the frame before is written"
+        )
+
+
+def _place(result: FrameResult, body_names: Sequence[str]) -> str:
+    for name, poses in (("corrected", result.corrected), ("recorded", result.recorded)):
+        bad = np.flatnonzero(~np.isfinite(poses).all(axis=1))
+        if len(bad):
+            return f"the {name} pose of {body_names[bad[0]]} is not finite: {poses[bad[0]].tolist()}"
+    parts = {
+        "angle": result.angles,
+        **_columns("contact", result.contacts),
+        **_columns("penetration", result.penetrations),
+    }
+    for name, values in parts.items():
+        if not np.isfinite(values).all():
+            return f"{name} is not finite: {values[~np.isfinite(values)][0]}"
+    return f"a figure is not finite: {result.metrics}"
+
+
+def _columns(kind: str, columns: tuple[np.ndarray, ...]) -> dict[str, np.ndarray]:
+    names: tuple[str, ...] = columns._fields  # type: ignore[attr-defined]
+    return {f"{kind} {name}": column for name, column in zip(names, columns, strict=True)}
