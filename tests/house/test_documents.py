@@ -1,0 +1,87 @@
+"""README, ARCHITECTURE and CHANGELOG say what is there."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import tomllib
+
+import pytest
+from house.sources import ROOT, files, modules
+from house.test_help import parses
+
+TEXTS = sorted(ROOT.glob("*.md"))
+
+
+def code_lines(text: str) -> list[str]:
+    """Lines of the shell blocks of a document, continued lines joined."""
+    blocks = re.findall(r"```(?:sh|bash|console|shell)\n(.*?)```", text, flags=re.DOTALL)
+    return [line.strip().removeprefix("$ ") for block in blocks for line in block.replace("\\\n", " ").splitlines()]
+
+
+def quoted_paths(text: str) -> set[str]:
+    """What stands in backquotes and looks like a path of the checkout."""
+    quoted = re.findall(r"`([^`\s]+)`", re.sub(r"```.*?```", "", text, flags=re.DOTALL))
+    tops = {path.name for path in ROOT.iterdir()}
+    return {q for q in quoted if q.split("/")[0] in tops and not q.startswith("out/")}
+
+
+def test_architecture_names_only_what_exists_and_every_module() -> None:
+    text = (ROOT / "ARCHITECTURE.md").read_text()
+    paths = quoted_paths(text)
+    missing = sorted(p for p in paths if not any(ROOT.glob(p.rstrip("/"))))
+    assert not missing
+    present = {
+        path.relative_to(ROOT).as_posix() for package in ("geomphys", "cli") for path in modules(package).values()
+    }
+    unnamed = {p for p in present - paths if not p.endswith("__init__.py") and not p.startswith("cli/cmd_")}
+    assert not unnamed, "each module has its line in ARCHITECTURE.md"
+
+
+@pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.name)
+def test_paths_and_links_of_the_documents_exist(path) -> None:
+    text = path.read_text()
+    links = [link for link in re.findall(r"\]\(([^)#\s]+)\)", text) if not link.startswith(("http://", "https://"))]
+    missing = [p for p in [*links, *quoted_paths(text)] if not any(ROOT.glob(p.rstrip("/")))]
+    assert not missing
+
+
+@pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.name)
+def test_commands_of_the_documents_are_valid(path) -> None:
+    targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), flags=re.MULTILINE))
+    for line in code_lines(path.read_text()):
+        words = shlex.split(line, comments=True)
+        stop = next((i for i, word in enumerate(words) if word in {">", ">>", "|", "&&", "&", ";"}), len(words))
+        if words and words[0].split("/")[-1] == "geomphys":
+            parses(words[1:stop])
+        elif words and words[0] == "make":
+            assert {word for word in words[1:stop] if "=" not in word} <= targets, line
+
+
+def test_readme_shows_commands() -> None:
+    lines = code_lines((ROOT / "README.md").read_text())
+    assert any(line.startswith("make demo") for line in lines)
+    assert any("geomphys replay" in line for line in lines)
+
+
+def test_changelog_has_the_version() -> None:
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    assert f"## [{version}]" in (ROOT / "CHANGELOG.md").read_text()
+
+
+def test_packages_are_all_installed() -> None:
+    listed = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"])
+    present = {"geomphys_cli"} | {
+        ".".join(path.parent.relative_to(ROOT).parts) for path in (ROOT / "geomphys").rglob("__init__.py")
+    }
+    assert listed == present
+
+
+def test_no_file_names_the_machine_it_was_made_on() -> None:
+    machine = re.compile(rb"/(work|root|home/[a-z]+|Users/[A-Za-z]+)/")
+    named = {
+        path.relative_to(ROOT).as_posix(): found.group().decode()
+        for path in files()
+        if path.stat().st_size < 50_000_000 and (found := machine.search(path.read_bytes()))
+    }
+    assert not named
