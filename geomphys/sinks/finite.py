@@ -13,15 +13,20 @@ from geomphys.results import FrameResult
 
 def check_finite(result: FrameResult, body_names: Sequence[str]) -> None:
     """Raise OutputError that names frame and place if a number of the result is NaN or infinite."""
-    metrics = result.metrics
-    figures = (
-        metrics.recorded_penetration_m + metrics.residual_penetration_m + metrics.correction_m + metrics.correction_rad
+    metrics, contacts, pairs = result.metrics, result.contacts, result.penetrations
+    total = float(
+        metrics.recorded_penetration_m
+        + metrics.residual_penetration_m
+        + metrics.correction_m
+        + metrics.correction_rad
+        + np.vdot(result.corrected, result.corrected)
+        + np.vdot(result.recorded, result.recorded)
+        + np.vdot(result.angles, result.angles)
     )
-    total = float(result.corrected.sum()) + float(result.recorded.sum()) + float(result.angles.sum()) + figures
-    if len(result.contacts.depth):
-        total += sum(float(column.sum()) for column in result.contacts[2:])
-    if len(result.penetrations.largest):
-        total += float(result.penetrations.pd.sum()) + float(result.penetrations.largest.sum())
+    if len(contacts.depth):
+        total += sum(float(np.vdot(column, column)) for column in contacts[2:])
+    if len(pairs.largest):
+        total += float(np.vdot(pairs.pd, pairs.pd) + np.vdot(pairs.largest, pairs.largest))
     if not math.isfinite(total):
         raise OutputError(
             f"frame {result.frame.index}: {_place(result, body_names)}; nothing after the frame before is written"

@@ -55,7 +55,6 @@ class McapFile:
         self._chunk: list[bytes] = []
         self._chunk_size = 0
         self._chunk_index: dict[int, list[int]] = {}  # channel -> time, offset, time, offset, …
-        self._chunk_times: list[int] = []
         self._schemas: list[McapRecord] = []
         self._channels: list[McapRecord] = []
         self._chunks: list[McapRecord] = []
@@ -85,22 +84,21 @@ class McapFile:
         )
         self._channels.append(channel)
         self._counts[channel.id] = 0
+        self._chunk_index[channel.id] = []
         self._into_chunk(self._encoded(channel))
         return channel.id
 
     def add_message(self, channel: int, time: int, data: bytes, sequence: int = 0, publish: int | None = None) -> None:
         """Add a message at log time `time` [ns], published at the same time unless said otherwise."""
-        offsets = self._chunk_index.get(channel)
-        if offsets is None:
-            offsets = self._chunk_index[channel] = []
-        offsets += (time, self._chunk_size)
-        self._chunk_times.append(time)
-        self._counts[channel] += 1
+        entries = self._chunk_index[channel]
+        size = self._chunk_size
+        entries.append(time)
+        entries.append(size)
         length = _MESSAGE_FIELDS + len(data)
         head = _MESSAGE.pack(5, length, channel, sequence, time, time if publish is None else publish)
-        self._chunk += (head, data)
-        self._chunk_size += length + 9
-        if self._chunk_size > CHUNK_SIZE:
+        self._chunk.append(head + data)
+        self._chunk_size = size = size + length + 9
+        if size > CHUNK_SIZE:
             self._end_chunk()
 
     def add_attachment(self, name: str, media_type: str, data: bytes, time: int) -> None:
@@ -162,8 +160,10 @@ class McapFile:
         if not self._chunk:
             return
         data = b"".join(self._chunk)
-        first, last = min(self._chunk_times, default=0), max(self._chunk_times, default=0)
-        if self._chunk_times:
+        index = {channel: entries for channel, entries in self._chunk_index.items() if entries}
+        first = min((min(entries[::2]) for entries in index.values()), default=0)
+        last = max((max(entries[::2]) for entries in index.values()), default=0)
+        if index:
             self._first = first if self._first is None else min(first, self._first)
             self._last = max(last, self._last)
         packed = self._compressor.compress(data)
@@ -180,7 +180,8 @@ class McapFile:
         )
         index_start = self._position
         places: dict[int, int] = {}
-        for channel, entries in sorted(self._chunk_index.items()):
+        for channel, entries in index.items():
+            self._counts[channel] += len(entries) // 2
             places[channel] = self._position
             body = struct.pack(f"<HI{len(entries)}Q", channel, len(entries) * 8, *entries)
             self._put(struct.pack("<BQ", Opcode.MESSAGE_INDEX, len(body)) + body)
@@ -197,7 +198,8 @@ class McapFile:
                 uncompressed_size=len(data),
             )
         )
-        self._chunk, self._chunk_size, self._chunk_index, self._chunk_times = [], 0, {}, []
+        self._chunk, self._chunk_size = [], 0
+        self._chunk_index = {channel: [] for channel in self._chunk_index}
 
     def _statistics(self) -> Statistics:
         return Statistics(

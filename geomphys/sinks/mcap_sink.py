@@ -34,9 +34,10 @@ from geomphys.sinks.messages import (
     FrameMessages,
     JointStateMessage,
     TransformsMessage,
-    stamp_bytes,
+    head_of,
     string_message,
 )
+from geomphys.sinks.wire import stamp_field
 from geomphys.world.scene import DRIVEN, FIXED, World
 
 _LAST_TIME = (1 << 31) * 1_000_000_000  # ns; a ROS 2 stamp counts seconds in 31 bits
@@ -143,7 +144,8 @@ class McapSink(ContextManaged):
         output.publish(complete)
 
     def _write(self, result: FrameResult, time: int) -> None:
-        frame, stamp, put = result.frame.index, stamp_bytes(time), self._put
+        frame, stamp, put = result.frame.index, stamp_field(time), self._put
+        head = head_of(frame, stamp)
         if not self._begun:
             self._begin(time)
             put("/tf", self._all_transforms.encode(result.corrected, stamp), time, frame)
@@ -153,16 +155,16 @@ class McapSink(ContextManaged):
         for topic, message, start, end in self._joints:
             put(topic, message.encode(result.angles[start:end], time), time, frame)
         contacts = result.contacts
-        put("/contacts", self._contacts.encode(contacts, frame, stamp), time, frame)
+        put("/contacts", self._contacts.encode(contacts, head), time, frame)
         has_contacts = len(contacts.depth) > 0
         if has_contacts or self._had_contacts:
             put("/contacts/points", self._points.encode(contacts, time), time, frame)
             put("/contacts/scene", self._arrows.encode(contacts, stamp), time, frame)
         self._had_contacts = has_contacts
-        put("/penetration", self._figures.penetration(result.penetrations, frame, stamp), time, frame)
-        put("/metrics", self._figures.metrics(result, stamp), time, frame)
+        put("/penetration", self._figures.penetration(result.penetrations, head), time, frame)
+        put("/metrics", self._figures.metrics(result.metrics, head), time, frame)
         if self._timing:
-            put("/timing", self._figures.timing(result, stamp), time, frame)
+            put("/timing", self._figures.timing(result.timing, head), time, frame)
         for level, text in result.messages:
             put("/log", self._figures.log(level, text, time), time, frame)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
@@ -15,7 +15,7 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
 
 from geomphys.proto.geomphys_pb2 import Contacts, FrameMetrics, PenetrationDepths, Timing
-from geomphys.results import METHODS, FrameResult
+from geomphys.results import METHODS, Metrics
 from geomphys.results import Contacts as ContactArrays
 from geomphys.results import Penetrations as PenetrationArrays
 from geomphys.sinks.arrows import arrow_lengths, arrow_orientations
@@ -41,14 +41,18 @@ int32 sec
 uint32 nanosec
 """
 _LEVELS = {"info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR}
-_STAMP = Timestamp()
 
 
-def stamp_bytes(time_ns: int) -> bytes:
-    """An encoded Timestamp."""
-    _STAMP.seconds, _STAMP.nanos = divmod(time_ns, 1_000_000_000)
-    data: bytes = _STAMP.SerializeToString()
-    return data
+def head_of(frame: int, stamp: bytes) -> bytes:
+    """Timestamp and frame, the first two fields of the project's own messages; `stamp` is a `stamp_field`."""
+    if frame == 0:  # protobuf leaves a zero out
+        return stamp
+    data = bytearray([0x10])
+    while frame > 0x7F:
+        data.append(frame & 0x7F | 0x80)
+        frame >>= 7
+    data.append(frame)
+    return stamp + data
 
 
 class TransformsMessage:
@@ -114,9 +118,8 @@ class ContactsMessage:
         self._head = Contacts()
         self._templates: dict[tuple[int, int], Template] = {}
 
-    def encode(self, contacts: ContactArrays, frame: int, stamp: bytes) -> bytes:
-        """The message of a frame."""
-        head = entry(1, stamp) + _frame_field(frame)
+    def encode(self, contacts: ContactArrays, head: bytes) -> bytes:
+        """The message of a frame that begins with `head_of` it."""
         count = len(contacts.body_a)
         if count == 0:
             return head
@@ -189,7 +192,7 @@ class ContactArrowsMessage:
             rows[:, 3:7] = arrow_orientations(contacts.normal)
             rows[:, 7] = arrow_lengths(contacts.depth)
             arrows = self._arrow.fill_rows(rows)
-        return entry(2, entry(1, stamp) + self._entity + arrows)
+        return entry(2, stamp + self._entity + arrows)
 
 
 class FrameMessages:
@@ -202,10 +205,10 @@ class FrameMessages:
         self._timing = Timing()
         self._log = Log(name="geomphys")
 
-    def penetration(self, pairs: PenetrationArrays, frame: int, stamp: bytes) -> bytes:
+    def penetration(self, pairs: PenetrationArrays, head: bytes) -> bytes:
         """geomphys.PenetrationDepths."""
         if len(pairs.body_a) == 0:
-            return entry(1, stamp) + _frame_field(frame)
+            return head
         message = self._penetration
         message.Clear()
         columns = zip(*(column.tolist() for column in pairs), strict=True)
@@ -219,11 +222,11 @@ class FrameMessages:
             )
             pair.pd.x, pair.pd.y, pair.pd.z = pd
         body: bytes = message.SerializeToString()
-        return entry(1, stamp) + _frame_field(frame) + body
+        return head + body
 
-    def metrics(self, result: FrameResult, stamp: bytes) -> bytes:
+    def metrics(self, figures: Metrics, head: bytes) -> bytes:
         """geomphys.FrameMetrics."""
-        message, figures = self._metrics, result.metrics
+        message = self._metrics
         message.contacts = figures.contacts
         message.recorded_penetration_m = figures.recorded_penetration_m
         message.residual_penetration_m = figures.residual_penetration_m
@@ -235,16 +238,16 @@ class FrameMessages:
         message.held = figures.held
         message.flags = figures.flags
         body: bytes = message.SerializeToString()
-        return entry(1, stamp) + _frame_field(result.frame.index) + body
+        return head + body
 
-    def timing(self, result: FrameResult, stamp: bytes) -> bytes:
+    def timing(self, stages: Iterable[tuple[str, int, int]], head: bytes) -> bytes:
         """geomphys.Timing."""
         message = self._timing
         message.Clear()
-        for name, ns, count in result.timing:
+        for name, ns, count in stages:
             message.stages.add(name=name, ns=ns, count=count)
         body: bytes = message.SerializeToString()
-        return entry(1, stamp) + _frame_field(result.frame.index) + body
+        return head + body
 
     def log(self, level: str, text: str, time_ns: int) -> bytes:
         """foxglove.Log; `level` is info, warning or error."""
@@ -254,18 +257,6 @@ class FrameMessages:
         message.message = text
         data: bytes = message.SerializeToString()
         return data
-
-
-def _frame_field(frame: int) -> bytes:
-    """`frame` as the varint field 2; a zero is left out, as protobuf does."""
-    if frame == 0:
-        return b""
-    data = bytearray([0x10])
-    while frame > 0x7F:
-        data.append(frame & 0x7F | 0x80)
-        frame >>= 7
-    data.append(frame)
-    return bytes(data)
 
 
 def _cdr_align(position: int, size: int) -> bytes:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 
+_STAMP = Timestamp()
 _MARK = 0x7FE5A5C3 << 32  # bits of finite doubles that stand in no message
 
 
@@ -87,13 +88,19 @@ class StampedTemplate:
         self._templates: dict[int, Template] = {}
 
     def fill(self, values: Floats, stamp: bytes) -> bytes:
-        """The message with `values` (count,) as its doubles at the time `stamp`, an encoded Timestamp."""
+        """The message with `values` (count,) as its doubles at the time `stamp`, an encoded field 1 (`stamp_field`)."""
         template = self._templates.get(len(stamp))
         if template is None:
-            example = _longest(len(stamp))
-            mark = entry(1, example.SerializeToString()) if stamp else b""
+            example = _longest(len(stamp) - 2)
+            mark = entry(1, example.SerializeToString()) if len(stamp) > 2 else b""
             template = self._templates[len(stamp)] = Template(self._build(example), self._count, mark)
-        return template.fill(values, entry(1, stamp) if stamp else b"")
+        return template.fill(values, stamp if len(stamp) > 2 else b"")
+
+
+def stamp_field(time_ns: int) -> bytes:
+    """A time as the protobuf field 1 of a message, a Timestamp; never longer than 14 bytes."""
+    _STAMP.seconds, _STAMP.nanos = divmod(time_ns, 1_000_000_000)
+    return entry(1, _STAMP.SerializeToString())
 
 
 def entry(number: int, body: bytes) -> bytes:
