@@ -105,9 +105,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
     What went wrong is said in one line on stderr.
     """
-    errors = Terminal()
+    terminal = Terminal()
     try:
-        code: Any = cli.main(args=arguments, prog_name="geomphys", standalone_mode=False)
+        code: Any = cli.main(args=arguments, prog_name="geomphys", standalone_mode=False, obj=terminal)
         sys.stdout.flush()
         return code if isinstance(code, int) else 0
     except click.exceptions.NoArgsIsHelpError as error:
@@ -115,25 +115,25 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return EXIT_USAGE
     except click.UsageError as error:
         path = error.ctx.command_path if error.ctx else "geomphys"
-        errors.error(f"{error.format_message().rstrip('.')} (see {path} -h)")
+        terminal.error(f"{error.format_message().rstrip('.')} (see {path} -h)")
         return EXIT_USAGE
     except click.ClickException as error:
-        errors.error(error.format_message())
+        terminal.error(error.format_message())
         return error.exit_code
     except Stopped as stop:
-        errors.error(str(stop))
+        terminal.error(str(stop))
         return stop.exit_code
     except (KeyboardInterrupt, click.Abort):
-        errors.error("interrupted")
+        terminal.error("interrupted")
         return EXIT_INTERRUPTED
     except BrokenPipeError:
         _forget_stdout()
         return EXIT_FAILED
     except OSError as error:
-        errors.error(f"{error.filename or 'input or output'}: {error.strerror or error}")
+        terminal.error(f"{error.filename or 'input or output'}: {error.strerror or error}")
         return EXIT_FAILED
     except _expected_errors() as error:
-        errors.error(str(error))
+        terminal.error(str(error))
         return EXIT_USAGE if type(error).__name__ == "ConfigError" else EXIT_FAILED
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -83,7 +84,7 @@ class Terminal:
 
         return Console(
             file=stream,
-            no_color=True if self.no_color else None,
+            color_system=None if self.no_color or os.environ.get("NO_COLOR") else "auto",
             highlight=False,
             emoji=False,
             width=None if stream.isatty() else PIPED_WIDTH,
@@ -91,7 +92,7 @@ class Terminal:
 
     def _labelled(self, label: str, colour: str, text: str) -> None:
         """Print ``geomphys: LABEL: text`` to stderr."""
-        if sys.stderr.isatty() and not self.no_color:
+        if sys.stderr.isatty():
             from rich.text import Text
 
             line = Text("geomphys: ").append(f"{label}: ", style=f"bold {colour}").append(printable(text))

@@ -7,8 +7,9 @@ import shlex
 import tomllib
 
 import pytest
-from house.sources import ROOT, files, modules
-from house.test_help import parses
+
+from tests.house.sources import ROOT, files, modules
+from tests.house.test_help import parses
 
 TEXTS = sorted(ROOT.glob("*.md"))
 

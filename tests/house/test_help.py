@@ -15,7 +15,8 @@ import click
 import pytest
 from click.testing import CliRunner
 from geomphys_cli.main import COMMANDS, cli
-from house.sources import ROOT, modules
+
+from tests.house.sources import ROOT, modules
 
 HEAVY = {"numpy", "numba", "rerun", "trimesh", "scipy", "matplotlib", "coacd", "pydantic", "rich", "mcap", "yourdfpy"}
 

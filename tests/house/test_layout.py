@@ -8,7 +8,8 @@ from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
-from house.sources import imports, modules, tree
+
+from tests.house.sources import imports, modules, tree
 
 LAYERS = (
     "errors",
