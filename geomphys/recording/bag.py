@@ -1,0 +1,126 @@
+"""What files a log consists of: an MCAP by itself, or the parts of a ROS 2 bag directory in their order."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from geomphys.errors import DamagedLogError, LogError
+
+METADATA = "metadata.yaml"
+METADATA_LIMIT = 4 * 2**20
+"""Bytes; a longer metadata.yaml is refused."""
+
+
+@dataclass(frozen=True)
+class LogFiles:
+    """The MCAP files of a log, in order, and what is missing of it."""
+
+    files: tuple[Path, ...]
+    missing: tuple[str, ...] = ()  # one line each; never empty but with `recover`
+
+
+def log_files(path: Path, *, recover: bool = False) -> LogFiles:
+    """Say which MCAP files make up the log `path`.
+
+    Parameters
+    ----------
+    path : Path
+        An .mcap file, or a directory with metadata.yaml and the .mcap files that it names.
+    recover : bool
+        Take a directory without metadata.yaml (the recorder was killed) or with missing parts for what is there.
+
+    Raises
+    ------
+    LogError
+        Nothing there, not readable, not MCAP inside, a part outside of the directory.
+    DamagedLogError
+        metadata.yaml or a part is missing and `recover` is off.
+    """
+    if path.is_file():
+        return LogFiles((path,))
+    if not path.exists():
+        raise LogError(f"{path}: does not exist")
+    if not path.is_dir():
+        raise LogError(f"{path}: is neither a file nor a bag directory")
+    if not (path / METADATA).is_file():
+        return _without_metadata(path, recover)
+    named = _named_parts(path)
+    files: list[Path] = []
+    missing: list[str] = []
+    for name in named:
+        part = _inside(path, name)
+        if part.is_file():
+            files.append(part)
+        elif recover:
+            missing.append(f"{name} is not in the bag")
+        else:
+            raise DamagedLogError(
+                f"{path}: {METADATA} names {name}, which is not there; --recover replays the other parts"
+            )
+    if not files:
+        raise LogError(f"{path}: none of the {len(named)} files that {METADATA} names is there")
+    return LogFiles(tuple(files), tuple(missing))
+
+
+def _without_metadata(path: Path, recover: bool) -> LogFiles:
+    """Take the .mcap files of a directory in the order of the numbers in their names."""
+    files = sorted((p for p in path.glob("*.mcap") if p.is_file()), key=_natural)
+    if not files:
+        raise LogError(f"{path}: is a directory without {METADATA} and without .mcap files: not a bag")
+    if not recover:
+        raise DamagedLogError(
+            f"{path}: has no {METADATA}, so the recorder was not closed; --recover replays its {len(files)} .mcap files"
+        )
+    return LogFiles(tuple(files), (f"{METADATA} is missing; the parts are taken in the order of their names",))
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Sort key that puts part 10 behind part 9."""
+    return [(int(x), "") if x.isdigit() else (-1, x) for x in re.split(r"([0-9]+)", path.name)]
+
+
+def _named_parts(path: Path) -> list[str]:
+    """Names of the parts in metadata.yaml, in order."""
+    import yaml
+
+    file = path / METADATA
+    try:
+        if file.stat().st_size > METADATA_LIMIT:
+            raise LogError(f"{file}: is larger than {METADATA_LIMIT} bytes; that is no bag's metadata")
+        content: Any = yaml.safe_load(file.read_bytes())
+    except OSError as problem:
+        raise LogError(f"{file}: cannot be read ({problem.strerror})") from problem
+    except (yaml.YAMLError, ValueError, RecursionError) as problem:
+        line = getattr(getattr(problem, "problem_mark", None), "line", None)
+        where = f" at line {line + 1}" if line is not None else ""
+        raise LogError(f"{file}: is not readable as YAML{where}") from problem
+    bag = content.get("rosbag2_bagfile_information") if isinstance(content, dict) else None
+    if not isinstance(bag, dict):
+        raise LogError(f"{file}: has no rosbag2_bagfile_information; is this a ROS 2 bag?")
+    storage = bag.get("storage_identifier", "mcap")
+    if storage != "mcap":
+        raise LogError(f"{path}: is a bag stored as {storage!r}; convert it to mcap with `ros2 bag convert`")
+    if str(bag.get("compression_mode") or "").upper() in ("FILE", "MESSAGE"):
+        raise LogError(
+            f"{path}: is a bag with {bag['compression_mode']} compression; make it plain mcap with `ros2 bag convert`"
+        )
+    names = bag.get("relative_file_paths")
+    if not isinstance(names, list) or not names or not all(isinstance(n, str) and n for n in names):
+        raise LogError(f"{file}: relative_file_paths is not a list of file names")
+    return names
+
+
+def _inside(path: Path, name: str) -> Path:
+    """Path of a part; older recorders put the bag's own name before it. Raises LogError if it lies outside."""
+    if "\0" in name:
+        raise LogError(f"{path / METADATA}: relative_file_paths holds a name that no file can have")
+    root = path.resolve()
+    for candidate in (path / name, path / Path(name).name):
+        if not candidate.resolve().is_relative_to(root):
+            raise LogError(f"{path / METADATA}: names the file {name!r}, which lies outside of the bag")
+        if candidate.is_file():
+            return candidate
+    return path / name

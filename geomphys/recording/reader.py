@@ -1,0 +1,296 @@
+"""Reading a log: which topics it has, what of it is intact, and its messages one after the other.
+
+A log is scanned once when it is opened (`scan.py`), so that damage is known before anything is computed; messages are
+then streamed, one chunk in memory at a time. Several channels of a topic, and the parts of a bag, stay apart.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Container, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, NamedTuple
+
+from mcap.opcode import Opcode
+
+from geomphys.errors import DamagedLogError, LogError
+from geomphys.recording.bag import log_files
+from geomphys.recording.records import (
+    CHUNK,
+    CHUNK_LIMIT,
+    HEAD,
+    MAGIC,
+    MESSAGE,
+    BadRecordError,
+    read_chunk_head,
+    unpack_chunk,
+    walk,
+)
+from geomphys.recording.scan import FileScan, Span, scan_file
+
+TOLD = 3  # damaged places that are told one by one
+
+
+@dataclass(frozen=True)
+class LogChannel:
+    """A channel of a log. `key` tells it from the channels of the same topic and of other parts of a bag."""
+
+    key: int
+    topic: str
+    schema_name: str  # "" without a schema
+    schema_encoding: str
+    schema_data: bytes
+    encoding: str  # of the messages
+    messages: int
+    first_ns: int  # log time of the earliest message; 0 if there is none
+    last_ns: int
+
+
+class RawMessage(NamedTuple):
+    """A message as it stands in the log; times in ns."""
+
+    key: int  # of its channel
+    log_time: int
+    publish_time: int
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Damage:
+    """What is lost of a damaged log."""
+
+    bytes_lost: int
+    text: str  # one line
+    places: int
+
+
+class LogReader:
+    """A log opened for reading; made by `open_log`. A context manager; holds no file open between calls."""
+
+    def __init__(self, path: Path, *, recover: bool = False) -> None:
+        """Scan the log; see `open_log`."""
+        self.path = path
+        parts = log_files(path, recover=recover)
+        self.files = parts.files
+        self.size = 0
+        self._scans: list[FileScan] = []
+        for file in self.files:
+            self._scans.append(self._scan(file))
+            self.size += self._scans[-1].size
+        self.channels: dict[int, LogChannel] = {}
+        for number, scan in enumerate(self._scans):
+            self._add_channels(number, scan)
+        self.metadata: tuple[tuple[str, dict[str, str]], ...] = tuple(
+            (m.name, dict(m.metadata)) for scan in self._scans for m in scan.metadata
+        )
+        self.profile = self._scans[0].profile
+        self.damage = self._damage(parts.missing)
+        if self.damage is not None and not recover:
+            raise DamagedLogError(
+                f"{path}: is damaged: {self.damage.text}; {self._intact()}; --recover replays that part"
+            )
+
+    def __enter__(self) -> LogReader:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the use of the reader. It holds no file open between calls, so there is nothing to undo."""
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """All topics, sorted."""
+        return tuple(sorted({c.topic for c in self.channels.values()}))
+
+    @property
+    def messages(self) -> int:
+        """Readable messages of all topics."""
+        return sum(c.messages for c in self.channels.values())
+
+    @property
+    def start_ns(self) -> int:
+        """Earliest log time; 0 for a log without messages."""
+        return min((c.first_ns for c in self.channels.values() if c.messages), default=0)
+
+    @property
+    def end_ns(self) -> int:
+        """Latest log time; 0 for a log without messages."""
+        return max((c.last_ns for c in self.channels.values() if c.messages), default=0)
+
+    def of_topic(self, topic: str) -> tuple[LogChannel, ...]:
+        """The channels of a topic."""
+        return tuple(c for c in self.channels.values() if c.topic == topic)
+
+    def read(self, keys: Container[int] | None = None) -> Iterator[RawMessage]:
+        """Stream the messages of the channels `keys` (None: of all) in the order of the file.
+
+        `keys` is asked anew for every message, so a caller may drop channels while it reads. Memory: one chunk.
+        Raises LogError if the file changed since it was opened or cannot be read any more.
+        """
+        for number, (file, scan) in enumerate(zip(self.files, self._scans, strict=True)):
+            base = number << 16
+            known = scan.channels
+            try:
+                with file.open("rb") as stream:
+                    for span in scan.spans:
+                        wanted = {c for c in span.channels if c in known and (keys is None or base | c in keys)}
+                        if not wanted:
+                            continue
+                        stream.seek(span.offset)
+                        messages = (self._of_chunk if span.chunk else self._of_run)(stream, span, wanted)
+                        for channel, log_time, publish_time, body in messages:
+                            if keys is None or base | channel in keys:
+                                yield RawMessage(base | channel, log_time, publish_time, body)
+            except OSError as problem:
+                raise LogError(f"{file}: cannot be read any more ({problem.strerror})") from problem
+            except (BadRecordError, ValueError) as problem:
+                raise LogError(f"{file}: changed while it was read") from problem
+
+    @staticmethod
+    def _of_chunk(stream: BinaryIO, span: Span, wanted: set[int]) -> Iterator[tuple[int, int, int, bytes]]:
+        """Messages of a chunk; the stream stands at its beginning."""
+        data = stream.read(span.length)
+        if len(data) < 9:
+            raise BadRecordError("the file is shorter than it was")
+        length = HEAD.unpack_from(data, 0)[1]
+        head = read_chunk_head(data[9 : 9 + CHUNK.size + 80], length)
+        start = 9 + head.head_length
+        unpacked, _ = unpack_chunk(head._replace(crc=0), data[start : start + head.data_length])
+        if len(unpacked) < span.usable:
+            raise BadRecordError("the chunk is not what it was")
+        message, unpack, window = int(Opcode.MESSAGE), MESSAGE.unpack_from, span.window
+        for opcode, begin, end in walk(unpacked, 0, span.usable):
+            if opcode != message:
+                continue
+            channel, _, log_time, publish_time = unpack(unpacked, begin)
+            if channel in wanted and (window is None or window[0] <= log_time <= window[1]):
+                yield channel, log_time, publish_time, unpacked[begin + 22 : end]
+
+    @staticmethod
+    def _of_run(stream: BinaryIO, span: Span, wanted: set[int]) -> Iterator[tuple[int, int, int, bytes]]:
+        """Messages that stand outside of chunks."""
+        read, seek = stream.read, stream.seek
+        at, stop = span.offset, span.offset + span.length
+        while at < stop:
+            seek(at)
+            head = read(9 + MESSAGE.size)
+            if len(head) < 9 + MESSAGE.size:
+                raise BadRecordError("the file is shorter than it was")
+            _, length = HEAD.unpack_from(head, 0)
+            channel, _, log_time, publish_time = MESSAGE.unpack_from(head, 9)
+            if not MESSAGE.size <= length <= CHUNK_LIMIT:
+                raise BadRecordError("the record is not what it was")
+            if channel in wanted:
+                yield channel, log_time, publish_time, read(length - MESSAGE.size)
+            at += 9 + length
+
+    def _scan(self, file: Path) -> FileScan:
+        """Scan one file. Raises LogError if it is no MCAP at all."""
+        try:
+            with file.open("rb") as stream:
+                size = stream.seek(0, 2)
+                stream.seek(0)
+                start = stream.read(16)
+                if not start:
+                    raise LogError(f"{file}: is empty")
+                if start[: len(MAGIC)] != MAGIC[: len(start)]:
+                    raise LogError(f"{file}: is not an MCAP file{_other_format(start)}")
+                return scan_file(stream, size)
+        except OSError as problem:
+            raise LogError(f"{file}: cannot be read ({problem.strerror})") from problem
+
+    def _add_channels(self, number: int, scan: FileScan) -> None:
+        """Take in the channels of part `number`."""
+        for i in sorted(scan.channels):
+            channel = scan.channels[i]
+            schema = scan.schemas.get(channel.schema_id)
+            count = scan.counts.get(i)
+            key = number << 16 | i
+            self.channels[key] = LogChannel(
+                key,
+                channel.topic,
+                schema.name if schema else "",
+                schema.encoding if schema else "",
+                schema.data if schema else b"",
+                channel.message_encoding,
+                count.messages if count else 0,
+                count.first if count else 0,
+                count.last if count else 0,
+            )
+
+    def _damage(self, missing: tuple[str, ...]) -> Damage | None:
+        """Sum up what the scans found damaged."""
+        several = len(self.files) > 1
+        losses = [
+            (loss.bytes_lost, f"{file.name}: {loss.text}" if several else loss.text)
+            for file, scan in zip(self.files, self._scans, strict=True)
+            for loss in scan.losses
+        ]
+        texts = [*missing, *(text for _, text in losses)]
+        if not texts:
+            return None
+        lost = sum(count for count, _ in losses)
+        more = f", and {len(texts) - TOLD} more places" if len(texts) > TOLD else ""
+        return Damage(lost, f"{'; '.join(texts[:TOLD])}{more} ({lost} of {self.size} bytes lost)", len(texts))
+
+    def _intact(self) -> str:
+        """Say what is intact."""
+        seconds = (self.end_ns - self.start_ns) / 1e9
+        return f"{self.messages} messages over {seconds:.3f} s are intact"
+
+
+def _other_format(start: bytes) -> str:
+    """Say what a file is instead, as far as its first bytes tell."""
+    if start.startswith(b"#ROSBAG"):
+        return " but a ROS 1 bag; convert it with `mcap convert`"
+    if start.startswith(b"SQLite format 3"):
+        return " but an SQLite file, perhaps a ROS 2 bag of that storage; convert it with `ros2 bag convert`"
+    if start.startswith((b"\x28\xb5\x2f\xfd", b"\x1f\x8b", b"\x04\x22\x4d\x18")):
+        return " but a packed file; unpack it first"
+    return ""
+
+
+def open_log(path: Path, *, recover: bool = False) -> LogReader:
+    """Open a log and scan it once.
+
+    Parameters
+    ----------
+    path : Path
+        An .mcap file or a ROS 2 bag directory (metadata.yaml and one or more .mcap).
+    recover : bool
+        Accept a damaged log: what can be read is read, `LogReader.damage` says what is lost.
+
+    Returns
+    -------
+    LogReader
+
+    Raises
+    ------
+    LogError
+        Not there, not readable, not an MCAP.
+    DamagedLogError
+        Cut off or corrupt and `recover` is off; the text says how many messages and seconds are intact.
+    """
+    return LogReader(Path(path), recover=recover)
+
+
+def log_sha256(path: Path) -> str:
+    """SHA-256 in hexadecimal of a log's bytes; of a bag directory, over its .mcap files in order.
+
+    Raises LogError if it cannot be read.
+    """
+    digest = hashlib.sha256()
+    for file in log_files(Path(path), recover=True).files:
+        try:
+            with file.open("rb") as stream:
+                while block := stream.read(2**20):
+                    digest.update(block)
+        except OSError as problem:
+            raise LogError(f"{file}: cannot be read ({problem.strerror})") from problem
+    return digest.hexdigest()

@@ -1,0 +1,219 @@
+"""MCAP records in bytes: walking them, unpacking chunks, and finding the next good record after a damaged place.
+
+Everything here works on bytes that may be hostile: no length is believed before it is compared with what is there, and
+a chunk unpacks to at most `CHUNK_LIMIT` bytes, whatever it claims. Nothing here raises on bad input but
+`BadRecordError`, which never leaves the package. Record bodies are read by the `mcap` library.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import struct
+import zlib
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Metadata, Schema, Statistics
+
+MAGIC = b"\x89MCAP0\r\n"
+CHUNK_LIMIT = 512 * 2**20
+"""Bytes; what a chunk, packed or unpacked, or a message outside of chunks may take at most."""
+BODY_LIMIT = 16 * 2**20
+"""Bytes; what a schema, channel, metadata or statistics record may take at most."""
+HEAD = struct.Struct("<BQ")  # opcode, length
+MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+FOOTER = struct.Struct("<QQI")  # summary start, summary offset start, summary crc
+CHUNK = struct.Struct("<QQQII")  # start time, end time, unpacked size, crc, length of the compression's name
+WINDOW_LIMIT = 128 * 2**20  # zstd's own default for what a decoder must be able to hold
+LAST_OPCODE = int(Opcode.DATA_END)
+PIECE = 64 * 1024
+CHAIN = 4  # records in a row that must be in order before a place counts as found again
+
+
+class BadRecordError(Exception):
+    """A record that cannot be what it says; the text tells why. Never leaves the package."""
+
+
+class ChunkHead(NamedTuple):
+    """What stands before a chunk's data."""
+
+    start_time: int
+    end_time: int
+    size: int  # unpacked
+    crc: int  # of the unpacked data; 0: none
+    compression: str
+    data_length: int  # packed
+    head_length: int  # bytes from the body's start to the data
+
+
+def walk(data: bytes, start: int = 0, stop: int | None = None) -> Iterator[tuple[int, int, int]]:
+    """Complete records in `data`: (opcode, body start, body end); ends before the first that is not complete."""
+    stop = len(data) if stop is None else stop
+    unpack = HEAD.unpack_from
+    while start + 9 <= stop:
+        opcode, length = unpack(data, start)
+        body = start + 9
+        start = body + length
+        if start > stop:
+            return
+        yield opcode, body, start
+
+
+def read_body(
+    kind: type[Schema] | type[Channel] | type[Metadata] | type[Statistics], body: bytes
+) -> Schema | Channel | Metadata | Statistics:
+    """Parse a small record's body. Raises BadRecordError."""
+    stream = ReadDataStream(io.BytesIO(body))
+    try:
+        record: Schema | Channel | Metadata | Statistics = kind.read(stream)
+    except (McapError, struct.error, UnicodeDecodeError, MemoryError, OverflowError) as problem:
+        raise BadRecordError(f"{kind.__name__.lower()} record cannot be read") from problem
+    if stream.count > len(body):
+        raise BadRecordError(f"{kind.__name__.lower()} record is shorter than its fields")
+    return record
+
+
+def read_chunk_head(body: bytes, length: int) -> ChunkHead:
+    """Parse the head of a chunk whose record body is `length` bytes long; `body` need only hold its beginning.
+
+    Raises BadRecordError where the lengths in it do not add up to `length`.
+    """
+    if len(body) < CHUNK.size:
+        raise BadRecordError("chunk head is cut off")
+    start_time, end_time, size, crc, name_length = CHUNK.unpack_from(body, 0)
+    at = CHUNK.size + name_length
+    if name_length > 64 or len(body) < at + 8:
+        raise BadRecordError("chunk head is cut off or its compression has no readable name")
+    try:
+        compression = body[CHUNK.size : at].decode("ascii")
+    except UnicodeDecodeError as problem:
+        raise BadRecordError("chunk's compression has no readable name") from problem
+    data_length = int.from_bytes(body[at : at + 8], "little")
+    if at + 8 + data_length > length:
+        raise BadRecordError("chunk's data is longer than its record")
+    return ChunkHead(start_time, end_time, size, crc, compression, data_length, at + 8)
+
+
+def unpack_chunk(head: ChunkHead, data: bytes) -> tuple[bytes, str]:
+    """Unpack what can be unpacked of a chunk: (bytes, what is wrong with it or "").
+
+    `data` may be cut off. At most `head.size` and never more than `CHUNK_LIMIT` bytes come back; a chunk that claims
+    more than the limit is not unpacked at all. A checksum that does not fit is told, the bytes are given all the same.
+    """
+    if head.size > CHUNK_LIMIT:
+        return b"", f"claims to unpack to {head.size} bytes, more than the limit of {CHUNK_LIMIT}"
+    if head.compression == "":
+        out, trouble = data[: head.size], ""
+    elif head.compression == "zstd":
+        out, trouble = _unzstd(data, head.size)
+    elif head.compression == "lz4":
+        out, trouble = _unlz4(data, head.size)
+    else:
+        return b"", f"is packed with {head.compression!r}; zstd and lz4 can be read"
+    if len(data) < head.data_length:
+        return out, "is cut off"
+    if trouble:
+        return out, trouble
+    if len(out) != head.size:
+        return out, f"unpacks to {len(out)} bytes instead of {head.size}"
+    if head.crc and zlib.crc32(out) != head.crc:
+        return out, "does not fit its checksum"
+    return out, ""
+
+
+def _unzstd(data: bytes, size: int) -> tuple[bytes, str]:
+    """Unpack zstd up to `size` bytes; where that fails, as much as stands before the damage."""
+    decompressor = zstandard.ZstdDecompressor(max_window_size=WINDOW_LIMIT)
+    try:
+        with decompressor.stream_reader(data, read_across_frames=True) as stream:
+            out = stream.read(size + 1) if size else b""
+        return (out, "") if len(out) <= size else (out[:size], f"unpacks to more than the {size} bytes it claims")
+    except (zstandard.ZstdError, MemoryError):
+        pieces: list[bytes] = []
+        try:
+            with decompressor.stream_reader(data, read_across_frames=True) as stream:
+                while len(pieces) * PIECE < size and (piece := stream.read(PIECE)):
+                    pieces.append(piece)
+        except (zstandard.ZstdError, MemoryError):
+            pass  # told below; what came before is kept
+        return b"".join(pieces)[:size], "cannot be unpacked to its end"
+
+
+def _unlz4(data: bytes, size: int) -> tuple[bytes, str]:
+    """Unpack an lz4 frame up to `size` bytes; where that fails, as much as stands before the damage."""
+    pieces: list[bytes] = []
+    left = size + 1
+    decompressor = lz4.frame.LZ4FrameDecompressor()
+    try:
+        for start in range(0, len(data), PIECE):
+            piece = decompressor.decompress(data[start : start + PIECE], max_length=left)
+            pieces.append(piece)
+            left -= len(piece)
+            while left > 0 and not decompressor.needs_input and not decompressor.eof:
+                piece = decompressor.decompress(b"", max_length=left)
+                if not piece:
+                    break
+                pieces.append(piece)
+                left -= len(piece)
+            if left <= 0:
+                return b"".join(pieces)[:size], f"unpacks to more than the {size} bytes it claims"
+            if decompressor.eof:
+                break
+    except (RuntimeError, MemoryError, EOFError):
+        return b"".join(pieces)[:size], "cannot be unpacked to its end"
+    return b"".join(pieces), ""
+
+
+_CANDIDATE = re.compile(rb"[\x01-\x0f](?=[\s\S]{4}\x00{4})")
+
+
+def find_record(file: io.BufferedIOBase, start: int, size: int) -> int | None:
+    """Where good records begin again at or after `start`: a chunk whose lengths agree, or `CHAIN` records in a row.
+
+    Reads the file once, in growing blocks. None if nothing is found before its end.
+    """
+    block_size, overlap = 4096, 8
+    while start < size:
+        file.seek(start)
+        block = file.read(block_size + overlap)
+        for match in _CANDIDATE.finditer(block):
+            if match.start() < block_size and _plausible(file, start + match.start(), size):
+                return start + match.start()
+        start += block_size
+        block_size = min(2 * block_size, 4 * 2**20)
+    return None
+
+
+def _plausible(file: io.BufferedIOBase, at: int, size: int) -> bool:
+    """Whether `CHAIN` records in order, or fewer up to the closing magic, begin here."""
+    for _ in range(CHAIN):
+        file.seek(at)
+        head = file.read(9 + CHUNK.size + 80)
+        if at + len(MAGIC) == size and head.startswith(MAGIC):
+            return True
+        if len(head) < 9:
+            return False
+        opcode, length = HEAD.unpack_from(head, 0)
+        if not 1 <= opcode <= LAST_OPCODE or at + 9 + length > size:
+            return False
+        body = head[9:]
+        if opcode == Opcode.CHUNK:
+            try:
+                chunk = read_chunk_head(body, length)
+            except BadRecordError:
+                return False
+            return chunk.head_length + chunk.data_length == length and chunk.compression in ("", "zstd", "lz4")
+        if opcode == Opcode.MESSAGE_INDEX and (length < 6 or length != 6 + int.from_bytes(body[2:6], "little")):
+            return False
+        if opcode == Opcode.MESSAGE and length < MESSAGE.size:
+            return False
+        if opcode == Opcode.FOOTER and length != FOOTER.size:
+            return False
+        at += 9 + length
+    return True

@@ -1,0 +1,319 @@
+"""One pass over an MCAP file that says what is in it, what of it is intact, and where.
+
+The pass reads every record once, checks every checksum, and keeps a short list of where messages are (`Span`), so that
+later passes read only those. It goes on behind damage wherever records can be found again, for two reasons: the error
+a user gets says how much is intact, and `recover` replays just that.
+"""
+
+from __future__ import annotations
+
+import io
+import zlib
+from dataclasses import dataclass, field
+from typing import NamedTuple, cast
+
+from mcap.opcode import Opcode
+from mcap.records import Channel, Metadata, Schema, Statistics
+
+from geomphys.recording.records import (
+    BODY_LIMIT,
+    CHUNK,
+    CHUNK_LIMIT,
+    FOOTER,
+    HEAD,
+    LAST_OPCODE,
+    MAGIC,
+    MESSAGE,
+    BadRecordError,
+    ChunkHead,
+    find_record,
+    read_body,
+    read_chunk_head,
+    unpack_chunk,
+    walk,
+)
+
+TIME_LIMIT = 2**62
+"""ns; a time stamp above this (the year 2116) is taken for damage, so that times fit 64 bits with a sign."""
+
+
+class Span(NamedTuple):
+    """A chunk, or a run of records outside of chunks, that holds messages."""
+
+    offset: int  # in the file, of the first record's opcode
+    length: int  # bytes, opcodes included
+    chunk: bool
+    usable: int  # chunks: unpacked bytes that hold complete records
+    window: tuple[int, int] | None  # chunks that do not fit their checksum: only messages of these log times are used
+    channels: frozenset[int]
+
+
+class Loss(NamedTuple):
+    """A damaged place."""
+
+    offset: int
+    bytes_lost: int
+    text: str
+
+
+@dataclass
+class ChannelCount:
+    """What a scan counts of a channel. Times are log times in ns."""
+
+    messages: int = 0
+    first: int = TIME_LIMIT
+    last: int = -1
+
+
+@dataclass
+class FileScan:
+    """What a scan found in one file."""
+
+    size: int
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    counts: dict[int, ChannelCount] = field(default_factory=dict)
+    spans: list[Span] = field(default_factory=list)
+    losses: list[Loss] = field(default_factory=list)
+    metadata: list[Metadata] = field(default_factory=list)
+    profile: str = ""
+
+    @property
+    def messages(self) -> int:
+        """Messages that can be read."""
+        return sum(c.messages for i, c in self.counts.items() if i in self.channels)
+
+
+def scan_file(file: io.BufferedIOBase, size: int) -> FileScan:
+    """Scan a file that begins with the magic bytes. Damage is listed, never raised."""
+    return _Scanner(file, size).run()
+
+
+class _Scanner:
+    """State of a scan."""
+
+    def __init__(self, file: io.BufferedIOBase, size: int) -> None:
+        self.file, self.size = file, size
+        self.found = FileScan(size)
+        self.statistics: Statistics | None = None
+        self.run_start = -1  # of the run of messages outside of chunks being read
+        self.run_channels: set[int] = set()
+        self.data_crc: tuple[int, int] | None = None  # position and value
+        self.ended = False
+        self.cut = False
+
+    def run(self) -> FileScan:
+        """Read the file to its end."""
+        at = len(MAGIC)
+        while at < self.size and not self.ended:
+            self.file.seek(at)
+            head = self.file.read(9)
+            try:
+                if len(head) < 9:
+                    raise BadRecordError("the file ends within a record's head")
+                opcode, length = HEAD.unpack(head)
+                if not 1 <= opcode <= LAST_OPCODE and opcode < 0x80:
+                    raise BadRecordError(f"no record has the opcode {opcode}")
+                end = at + 9 + length
+                if end > self.size:
+                    raise BadRecordError(
+                        f"a record of {length} bytes does not fit into the {self.size - at - 9} that are left"
+                    )
+                self.record(opcode, at, length)
+                at = end
+            except BadRecordError as problem:
+                at = self.damaged(at, str(problem))
+        self.close_run(at)
+        if not self.ended and not self.cut:
+            self.lose(self.size, 0, "the file ends without its closing records: it was not finished")
+        self.check_totals()
+        return self.found
+
+    def record(self, opcode: int, at: int, length: int) -> None:
+        """Take in the record at `at`, whose body lies within the file. Raises BadRecordError."""
+        if opcode == Opcode.MESSAGE:
+            self.message(at, length)
+            return
+        self.close_run(at)
+        if opcode == Opcode.CHUNK:
+            self.chunk(at, length, at + 9 + length)
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA, Opcode.STATISTICS):
+            self.definition(opcode, self.body(length))
+        elif opcode == Opcode.HEADER:
+            body = self.body(length)
+            self.found.profile = body[4 : 4 + int.from_bytes(body[:4], "little")].decode("utf-8", "replace")
+        elif opcode == Opcode.DATA_END:
+            if length < 4:
+                raise BadRecordError("the record that ends the data is cut off")
+            if crc := int.from_bytes(self.file.read(4), "little"):
+                self.data_crc = (at, crc)
+        elif opcode == Opcode.FOOTER:
+            self.footer(at, length)
+
+    def body(self, length: int) -> bytes:
+        """Read the body of a small record. Raises BadRecordError if it is not small."""
+        if length > BODY_LIMIT:
+            raise BadRecordError(f"a record of {length} bytes is longer than the limit of {BODY_LIMIT}")
+        return self.file.read(length)
+
+    def definition(self, opcode: int, body: bytes) -> None:
+        """Take in a schema, channel, metadata or statistics record. Raises BadRecordError."""
+        if opcode == Opcode.SCHEMA:
+            schema = cast(Schema, read_body(Schema, body))
+            known_schema = self.found.schemas.setdefault(schema.id, schema)
+            if known_schema != schema:
+                raise BadRecordError(f"schema {schema.id} is defined twice, and differently")
+        elif opcode == Opcode.CHANNEL:
+            channel = cast(Channel, read_body(Channel, body))
+            known_channel = self.found.channels.setdefault(channel.id, channel)
+            if known_channel != channel:
+                raise BadRecordError(f"channel {channel.id} is defined twice, and differently")
+        elif opcode == Opcode.METADATA:
+            self.found.metadata.append(cast(Metadata, read_body(Metadata, body)))
+        elif opcode == Opcode.STATISTICS:
+            self.statistics = cast(Statistics, read_body(Statistics, body))
+
+    def message(self, at: int, length: int) -> None:
+        """Count a message that stands outside of a chunk."""
+        if not MESSAGE.size <= length <= CHUNK_LIMIT:
+            raise BadRecordError(f"a message of {length} bytes cannot be")
+        channel, _, log_time, _ = MESSAGE.unpack(self.file.read(MESSAGE.size))
+        if log_time > TIME_LIMIT:
+            raise BadRecordError(f"a message has the time {log_time}")
+        if self.run_start < 0:
+            self.run_start, self.run_channels = at, set()
+        self.run_channels.add(channel)
+        self.count(channel, log_time)
+
+    def count(self, channel: int, log_time: int) -> None:
+        """Count one message."""
+        c = self.found.counts.get(channel)
+        if c is None:
+            c = self.found.counts[channel] = ChannelCount()
+        c.messages += 1
+        if log_time < c.first:
+            c.first = log_time
+        if log_time > c.last:
+            c.last = log_time
+
+    def close_run(self, at: int) -> None:
+        """End the run of messages outside of chunks, if there is one, before `at`."""
+        if self.run_start >= 0:
+            channels = frozenset(self.run_channels)
+            self.found.spans.append(Span(self.run_start, at - self.run_start, False, 0, None, channels))
+            self.run_start = -1
+
+    def chunk(self, at: int, length: int, end: int) -> None:
+        """Take in a chunk, of which the bytes before `end` are there. Raises BadRecordError if its head is wrong."""
+        self.file.seek(at + 9)
+        beginning = self.file.read(min(CHUNK.size + 80, end - at - 9))
+        head = read_chunk_head(beginning, length)
+        if head.data_length > CHUNK_LIMIT:
+            raise BadRecordError(f"a chunk of {head.data_length} bytes is longer than the limit of {CHUNK_LIMIT}")
+        self.file.seek(at + 9 + head.head_length)
+        data = self.file.read(max(0, min(head.data_length, end - at - 9 - head.head_length)))
+        unpacked, trouble = unpack_chunk(head, data)
+        window = (head.start_time, head.end_time) if trouble and len(data) == head.data_length else None
+        usable, channels = self.chunk_records(unpacked, window)
+        if channels:
+            there = min(9 + length, end - at)
+            self.found.spans.append(Span(at, there, True, usable, window, frozenset(channels)))
+        if trouble or usable < len(unpacked):
+            self.lose_chunk(at, head, len(data), usable, trouble or "holds a record that does not fit into it")
+
+    def chunk_records(self, data: bytes, window: tuple[int, int] | None) -> tuple[int, set[int]]:
+        """Count the messages of an unpacked chunk: (bytes of complete records, channels).
+
+        With a `window`, messages of other log times are taken for damaged and passed over.
+        """
+        channels: set[int] = set()
+        usable = 0
+        unpack, message = MESSAGE.unpack_from, int(Opcode.MESSAGE)
+        for opcode, start, end in walk(data):
+            if opcode == message:
+                if end - start < MESSAGE.size:
+                    break
+                channel, _, log_time, _ = unpack(data, start)
+                if window is None and log_time > TIME_LIMIT:
+                    break
+                if window is None or window[0] <= log_time <= window[1] <= TIME_LIMIT:
+                    channels.add(channel)
+                    self.count(channel, log_time)
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                try:
+                    self.definition(opcode, data[start:end])
+                except BadRecordError:
+                    break
+            elif not 1 <= opcode <= LAST_OPCODE and opcode < 0x80:
+                break
+            usable = end
+        return usable, channels
+
+    def lose_chunk(self, at: int, head: ChunkHead, there: int, usable: int, trouble: str) -> None:
+        """List what a chunk's damage costs: packed bytes in proportion to the unpacked ones that are not usable."""
+        share = usable / head.size if 0 < head.size <= CHUNK_LIMIT else 0.0
+        lost = max(0, there - round(head.data_length * min(share, 1.0)))
+        self.lose(at, lost, f"the chunk at byte {at} {trouble}")
+
+    def damaged(self, at: int, text: str) -> int:
+        """Deal with the damaged place `at`: save what a cut-off chunk holds, find where to go on."""
+        self.close_run(at)
+        self.file.seek(at)
+        head = self.file.read(9)
+        resume = find_record(self.file, at + 1, self.size)
+        end = self.size if resume is None else resume
+        self.cut = resume is None
+        if len(head) == 9 and head[0] == Opcode.CHUNK:
+            try:
+                self.chunk(at, int.from_bytes(head[1:], "little"), end)
+                return end
+            except BadRecordError as problem:
+                text = f"{text}; {problem}"
+        self.lose(at, end - at, f"at byte {at}: {text}")
+        return end
+
+    def lose(self, at: int, count: int, text: str) -> None:
+        """List a loss."""
+        self.found.losses.append(Loss(at, count, text))
+
+    def footer(self, at: int, length: int) -> None:
+        """Check the footer, the closing magic and the summary's checksum."""
+        if length != FOOTER.size:
+            raise BadRecordError("the footer has the wrong length")
+        body = self.file.read(FOOTER.size)
+        summary_start, _, crc = FOOTER.unpack(body)
+        if self.file.read(len(MAGIC)) != MAGIC:
+            raise BadRecordError("the file does not end in the closing magic")
+        self.ended = True
+        if at + 9 + FOOTER.size + len(MAGIC) < self.size:
+            behind = self.size - (at + 9 + FOOTER.size + len(MAGIC))
+            self.lose(self.size - behind, behind, f"{behind} bytes stand behind the end of the log")
+        if crc and summary_start <= at and self.checksum(summary_start, at + 9 + 16) != crc:
+            self.lose(summary_start, 0, "the summary does not fit its checksum")
+
+    def checksum(self, start: int, end: int) -> int:
+        """CRC-32 of bytes of the file."""
+        crc = 0
+        self.file.seek(start)
+        while start < end:
+            block = self.file.read(min(2**20, end - start))
+            if not block:
+                break
+            crc = zlib.crc32(block, crc)
+            start += len(block)
+        return crc
+
+    def check_totals(self) -> None:
+        """Check the data section's checksum, the number of messages against the statistics, and unknown channels."""
+        found = self.found
+        if self.data_crc is not None and self.checksum(0, self.data_crc[0]) != self.data_crc[1]:
+            self.lose(0, 0, "the data does not fit its checksum")
+        orphans = sum(c.messages for i, c in found.counts.items() if i not in found.channels)
+        if orphans:
+            self.lose(0, 0, f"{orphans} messages belong to no channel that is described")
+        stated = self.statistics.message_count if self.statistics is not None else 0
+        counted = sum(c.messages for c in found.counts.values())
+        if stated > counted:
+            self.lose(
+                0, 0, f"of {stated} messages that the file's own statistics count, {stated - counted} are not there"
+            )
