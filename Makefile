@@ -2,7 +2,7 @@
 # make test    all tests
 # make check   format, lint, types, documents
 # make bench   frame times per stage
-# make format  put the code into shape
+# make format  put the code and the list of modules in ARCHITECTURE.md into shape
 # make clean   remove what the others made
 #
 # Another Python than python3:  make demo PYTHON=python3.12
@@ -41,6 +41,7 @@ bench: $(VENV)/.bench
 format: $(VENV)/.test
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
+	$(BIN)/python tests/house/listing.py
 
 clean:
 	rm -rf $(VENV) out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -65,7 +65,7 @@ def run(
     log, config = Path(log), config or Config()
     out, rrd = (None if path is None else Path(path) for path in (out, rrd))
     _check_distinct(log, out, rrd)
-    world = scene if isinstance(scene, World) else load_world(Path(scene))
+    world = scene if isinstance(scene, World) else load_world(Path(scene), mode=config.mode, seed=config.seed)
     summarizer = Summarizer(world.body_names)
     sinks = _sinks(log, out, rrd, timing=timing, force=force, copy_input=copy_input)
     start = time.perf_counter()

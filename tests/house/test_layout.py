@@ -13,6 +13,7 @@ from tests.house.sources import imports, modules, tree
 
 LAYERS = (
     "errors",
+    "cache",
     "kernel",
     "vec3",
     "transforms",
@@ -25,6 +26,7 @@ LAYERS = (
     "driven simulated",
     "provenance",
     "proto",
+    "block",
     "sinks.base",
     "pipeline",
     "sinks",
