@@ -1,0 +1,33 @@
+"""Writes the recordings of this folder; the same messages on every run.
+
+``python recordings/make_recordings.py`` writes into recordings/, ``--out DIR`` into another folder,
+``--only gallery_hand`` one of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import gallery_hand
+import mcap_files
+import wall_slide
+
+EXPERIMENTS = {"gallery_hand": (gallery_hand.make, "ros2"), "wall_slide": (wall_slide.make, "ros2")}
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path(__file__).resolve().parent, help="folder to write into")
+    parser.add_argument("--only", choices=sorted(EXPERIMENTS), help="one recording instead of all")
+    options = parser.parse_args()
+    for name, (make, encoding) in EXPERIMENTS.items():
+        if options.only in (None, name):
+            path = options.out / f"{name}.mcap"
+            mcap_files.write(path, make(), encoding)
+            print(f"{name}: {encoding}, {path.stat().st_size / 1e3:.0f} kB")
+
+
+if __name__ == "__main__":
+    main()
