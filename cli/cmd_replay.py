@@ -16,6 +16,7 @@ from .options import (
     config_options,
     force_option,
     json_option,
+    naming_partials,
     scene_option,
     written_options,
 )
@@ -78,7 +79,7 @@ def replay(
     terminal.detail(f"kernels: {cache_folder()}")
     if not are_compiled():
         terminal.note(f"Compiling the kernels, once per machine and version (about {COMPILE_SECONDS} s)…")
-    with StopAtFrame() as stop, progress_bar(terminal, log.name) as bar:
+    with StopAtFrame() as stop, progress_bar(terminal, log.name) as bar, naming_partials(out, rrd):
 
         def progress(done: int, total: int | None) -> None:
             bar(done, total)

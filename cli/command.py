@@ -18,8 +18,8 @@ SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 class Command(click.Command):
     """A command whose help ends in examples, printed as they are written."""
 
-    def __init__(self, *args: Any, examples: str, params: list[click.Parameter], **kwargs: Any) -> None:
-        super().__init__(*args, params=[*params, *terminal_options()], **kwargs)
+    def __init__(self, name: str | None, *, examples: str, params: list[click.Parameter], **settings: Any) -> None:
+        super().__init__(name, params=[*params, *terminal_options()], **settings)
         self.examples = examples
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

@@ -121,7 +121,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         terminal.error(error.format_message())
         return error.exit_code
     except Stopped as stop:
-        terminal.error(str(stop))
+        terminal.error(_with_notes(stop))
         return stop.exit_code
     except (KeyboardInterrupt, click.Abort):
         terminal.error("interrupted")
@@ -133,8 +133,13 @@ def run(arguments: Sequence[str] | None = None) -> int:
         terminal.error(f"{error.filename or 'input or output'}: {error.strerror or error}")
         return EXIT_FAILED
     except _expected_errors() as error:
-        terminal.error(str(error))
+        terminal.error(_with_notes(error))
         return EXIT_USAGE if type(error).__name__ == "ConfigError" else EXIT_FAILED
+
+
+def _with_notes(error: BaseException) -> str:
+    """Return what an error says, with what was added to it on its way."""
+    return "; ".join([str(error), *getattr(error, "__notes__", ())])
 
 
 def _expected_errors() -> type[Exception]:

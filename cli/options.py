@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -101,3 +102,26 @@ def check_output(path: Path | None, *, force: bool, inputs: tuple[Path, ...] = (
         raise click.UsageError(f"{path}: there is no folder {path.parent}; make it first")
     if path.exists() and not force:
         raise click.UsageError(f"{path}: exists; choose another name or add --force")
+
+
+@contextmanager
+def naming_partials(*outputs: Path | None) -> Iterator[None]:
+    """Add to an error that ends the block where the finished part of an output is, if one was left."""
+    partials = [path.with_name(f"{path.stem}.partial{path.suffix}") for path in outputs if path is not None]
+    before = [_state(path) for path in partials]
+    try:
+        yield
+    except BaseException as error:
+        for path, state in zip(partials, before, strict=True):
+            if _state(path) not in (None, state):
+                error.add_note(f"the finished part is in {path}")
+        raise
+
+
+def _state(path: Path) -> tuple[int, int] | None:
+    """Return what changes when a file is replaced; None if there is none."""
+    try:
+        status = path.stat()
+    except FileNotFoundError:
+        return None
+    return status.st_ino, status.st_mtime_ns

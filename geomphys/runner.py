@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from contextlib import closing
 from pathlib import Path
 
@@ -69,7 +69,9 @@ def run(
     summarizer = Summarizer(world.body_names)
     sinks = _sinks(log, out, rrd, timing=timing, force=force, copy_input=copy_input)
     start = time.perf_counter()
-    with closing(replay(log, world, config=config, sinks=sinks, progress=progress)) as results:
+    results = replay(log, world, config=config, sinks=sinks, progress=progress)
+    assert isinstance(results, Generator)
+    with closing(results):
         for result in results:
             summarizer.add(result)
     elapsed = time.perf_counter() - start

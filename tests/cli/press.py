@@ -67,7 +67,7 @@ def write_log(path: Path, frames: int = FRAMES, topic: str = "/tracker/finger") 
         writer.finish()
 
 
-def geomphys(*words: object, code: str = "", **environment: str) -> subprocess.CompletedProcess[str]:
+def command_line(*words: object, code: str = "", **environment: str) -> subprocess.CompletedProcess[str]:
     """Run the command line in a process of its own; `code` runs there before it."""
     script = f"import sys\nfrom geomphys_cli.main import main\n{code}\nmain()"
     return subprocess.run(

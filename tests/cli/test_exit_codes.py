@@ -12,7 +12,7 @@ from geomphys_cli import main as entry
 from geomphys_cli.main import run
 
 from geomphys.errors import ConfigError, DamagedLogError, LogError, SceneError
-from tests.cli.press import Case, geomphys
+from tests.cli.press import Case, command_line
 
 
 def one_error_line(stderr: str) -> str:
@@ -119,7 +119,7 @@ def test_a_reader_that_goes_away_is_no_error_message() -> None:
 
 
 def test_names_the_terminal_cannot_encode_are_escaped(case: Case) -> None:
-    outcome = geomphys("replay", case.folder / "nö\n.mcap", "-s", case.scene, PYTHONIOENCODING="ascii")
+    outcome = command_line("replay", case.folder / "nö\n.mcap", "-s", case.scene, PYTHONIOENCODING="ascii")
     assert outcome.returncode == 2
     assert one_error_line(outcome.stderr)
 
@@ -133,7 +133,7 @@ def test_completion_script(shell: str, capsys: pytest.CaptureFixture[str]) -> No
 def test_completion_offers_commands_and_options() -> None:
     def offered(words: str) -> str:
         count = str(len(words.split()) - (not words.endswith(" ")))
-        return geomphys(_GEOMPHYS_COMPLETE="bash_complete", COMP_WORDS=words, COMP_CWORD=count).stdout
+        return command_line(_GEOMPHYS_COMPLETE="bash_complete", COMP_WORDS=words, COMP_CWORD=count).stdout
 
     assert "plain,replay" in offered("geomphys re")
     assert "plain,--fail-on-penetration" in offered("geomphys replay --fail")
