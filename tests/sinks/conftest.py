@@ -9,7 +9,7 @@ import pytest
 from geomphys.config import Config
 from geomphys.provenance import Provenance, provenance_of
 from geomphys.world.scene import World
-from made_world import make_world
+from tests.sinks.made_world import make_world
 
 
 @pytest.fixture
