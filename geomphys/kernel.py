@@ -15,7 +15,7 @@ import tempfile
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numba
 
@@ -58,6 +58,14 @@ def kernel(function: F) -> F:
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(cache_folder())
     try:
-        return cast(F, numba.njit(cache=True, error_model="numpy")(function))
+        compiled = numba.njit(cache=True, error_model="numpy")(function)
     finally:
         numba.config.CACHE_DIR = before
+    template = compiled.get_call_template
+
+    def widened(args: Any, kws: Any) -> Any:
+        # a constant argument of a call would otherwise be a type of its own, and compile the callee once for each value
+        return template(tuple(map(numba.types.unliteral, args)), {k: numba.types.unliteral(v) for k, v in kws.items()})
+
+    compiled.get_call_template = widened
+    return cast(F, compiled)
