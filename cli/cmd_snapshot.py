@@ -26,4 +26,4 @@ def snapshot(result: Path, out: Path, frame: int, force: bool) -> None:
 
     check_output(out, force=force, inputs=(result,))
     take_snapshot(result, out, frame=frame)
-    current_terminal().result(str(out))
+    current_terminal().note(f"wrote {out}")

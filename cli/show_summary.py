@@ -84,15 +84,17 @@ def _recorded(summary: Summary) -> list[Text]:
     if not summary.frames_penetrating:
         return [_plain("never inside anything")]
     share = 100.0 * summary.frames_penetrating / summary.frames
-    lines = [
-        f"inside something in {summary.frames_penetrating:,} frames ({share:.0f} %), "
-        f"median {_mm(summary.recorded_penetration_median_m)}, "
-        f"deepest {_mm(summary.recorded_penetration_max_m)}"
-    ]
+    deepest = f"deepest {_mm(summary.recorded_penetration_max_m)}"
     if summary.deepest is not None:
-        deepest = summary.deepest
-        lines.append(f"deepest: {deepest.body_a} in {deepest.body_b}, frame {deepest.frame:,}")
-    return [_plain(line) for line in lines]
+        where = summary.deepest
+        deepest += f": {where.body_a} in {where.body_b}, frame {where.frame:,}"
+    return [
+        _plain(
+            f"inside something in {summary.frames_penetrating:,} frames ({share:.0f} %), "
+            f"median {_mm(summary.recorded_penetration_median_m)}"
+        ),
+        _plain(deepest),
+    ]
 
 
 def _corrected(summary: Summary) -> list[Text]:

@@ -52,8 +52,13 @@ class Terminal:
     def result(self, *renderables: RenderableType) -> None:
         """Print results, texts or tables, to stdout."""
         console = self.console(sys.stdout)
-        for renderable in renderables:
-            console.print(renderable, soft_wrap=isinstance(renderable, str), markup=False)
+        if sys.stdout.isatty():
+            console.print(*renderables, sep="\n")
+            return
+        with console.capture() as captured:
+            console.print(*renderables, sep="\n")
+        for line in captured.get().splitlines():
+            click.echo(line.rstrip())
 
     def json(self, value: Any) -> None:
         """Print a value as JSON to stdout."""
