@@ -1,0 +1,89 @@
+"""From a scene file to the world of a replay."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from geomphys.collision.penetration import make_scratch, separation
+from geomphys.errors import ConfigError
+from geomphys.transforms import compose, frame_from_matrix, matrix_from_frame
+from geomphys.world.assembly import assemble, exclude
+from geomphys.world.decomposition import Progress
+from geomphys.world.scene import Floats, Ints, World
+from geomphys.world.scene_file import load_scene_file
+
+CLOSE = 5e-6
+"""m; bodies nearer than this in the zero pose count as overlapping there: no clearance could be kept between them."""
+
+
+def load_world(path: Path | str, *, mode: str | None = None, seed: int = 0, progress: Progress | None = None) -> World:
+    """Read a scene file and everything it names.
+
+    Parameters
+    ----------
+    path
+        The scene file; the paths in it are relative to it.
+    mode
+        ``rigid`` or ``chains`` for all avatars; None leaves it to the file. An avatar in chains mode without chains in
+        the file gets those of `geomphys.world.chains.suggested_chains`.
+    seed
+        Of the convex decomposition.
+    progress
+        Called with what is being done and the share of it that is done, where something takes long.
+
+    Raises
+    ------
+    SceneError, ModelError, MeshError
+        The scene file, a URDF or a mesh is wrong: which, where in it, what is expected.
+    ConfigError
+        An unknown mode.
+    """
+    if mode not in (None, "rigid", "chains"):
+        raise ConfigError(f"mode = {mode!r}: expected rigid or chains")
+    path = Path(path)
+    world = assemble(load_scene_file(path), path, mode=mode, seed=seed, progress=progress)
+    return exclude(world, zero_pose_overlaps(world))
+
+
+def zero_pose_overlaps(world: World) -> list[tuple[int, int]]:
+    """Pairs a < b of bodies of the same avatar that come closer than `CLOSE` with all angles zero; without those
+    excluded already.
+    """
+    scene, pairs = world.scene, []
+    bodies, pieces = scene.bodies, scene.pieces
+    poses = _zero_poses(world)
+    frames = np.ascontiguousarray(frame_from_matrix(compose(poses[pieces.body], matrix_from_frame(pieces.local))))
+    centres = np.einsum("pij,pj->pi", frames[:, :9].reshape(-1, 3, 3), pieces.centre) + frames[:, 9:]
+    scratch, no_axis = make_scratch(), (0.0, 0.0, 0.0)
+    for tree in range(world.avatar_count):
+        first, last = scene.trees.body_start[tree : tree + 2]
+        for a in range(first, last):
+            for b in range(a + 1, last):
+                if scene.excluded[a, b]:
+                    continue
+                for i, j in _candidates(bodies.piece_start, a, b, centres, pieces.reach):
+                    if separation(pieces, frames, i, j, CLOSE, no_axis, scratch)[0] < CLOSE:
+                        pairs.append((int(a), int(b)))
+                        break
+    return pairs
+
+
+def _candidates(start: Ints, a: int, b: int, centres: Floats, reach: Floats) -> list[tuple[int, int]]:
+    """Pieces of two bodies whose bounding balls touch."""
+    one, other = slice(start[a], start[a + 1]), slice(start[b], start[b + 1])
+    away = np.linalg.norm(centres[one, None] - centres[None, other], axis=2)
+    near = away <= reach[one, None] + reach[None, other] + CLOSE
+    return [(int(start[a] + i), int(start[b] + j)) for i, j in np.argwhere(near)]
+
+
+def _zero_poses(world: World) -> Floats:
+    """root_from_body (B, 4, 4) of every body with all angles zero."""
+    bodies = world.scene.bodies
+    poses = np.tile(np.eye(4), (len(bodies.parent), 1, 1))
+    origins = matrix_from_frame(bodies.origin)
+    for body, parent in enumerate(bodies.parent):
+        if parent >= 0:
+            poses[body] = poses[parent] @ origins[body]
+    return poses

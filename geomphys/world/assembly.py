@@ -1,0 +1,415 @@
+"""A scene file's avatars and objects as trees of bodies, in flat arrays."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.errors import MeshError, ModelError, SceneError
+from geomphys.transforms import frame_from_matrix
+from geomphys.world.body_geometry import BodyGeometry, Placed, Workshop
+from geomphys.world.chains import link_index, named_chains, suggested_chains
+from geomphys.world.decomposition import Progress
+from geomphys.world.mass import NOTHING, MassProperties
+from geomphys.world.materials import MaterialTable, material_table
+from geomphys.world.pieces import PlacedShape, build_pieces
+from geomphys.world.reach_cone import ReachCone, reach_cone
+from geomphys.world.scene import (
+    DRIVEN,
+    FIXED,
+    JOINT_FIXED,
+    JOINT_PRISMATIC,
+    JOINT_REVOLUTE,
+    SIMULATED,
+    Bodies,
+    Chains,
+    Dofs,
+    JointSource,
+    ReachCones,
+    RootSource,
+    Scene,
+    Trees,
+    World,
+)
+from geomphys.world.scene_file import AvatarTable, Coupling, JointsTable, ObjectTable, SceneFile
+from geomphys.world.skeleton import Skeleton, load_skeleton
+from geomphys.world.tessellation import Triangles
+from geomphys.world.urdf_file import BoxShape, CapsuleShape, CylinderShape, MeshShape, Shape, SphereShape
+
+Floats = NDArray[np.float64]
+
+DEFAULT_DENSITY = 1000.0
+"""kg/m³, where a scene file gives neither density nor mass"""
+DRIVEN_MASS = 0.4
+"""kg, of a driven object without mass or density: that of a hand"""
+_ROLES = {"fixed": FIXED, "simulated": SIMULATED, "driven": DRIVEN}
+_JOINTS = {"fixed": JOINT_FIXED, "revolute": JOINT_REVOLUTE, "continuous": JOINT_REVOLUTE, "prismatic": JOINT_PRISMATIC}
+
+
+@dataclass(eq=False)
+class _Body:
+    name: str
+    frame: str
+    geometry: BodyGeometry
+    mass: MassProperties
+    shown: Triangles
+    link: int = 0
+
+
+@dataclass(eq=False)
+class _Tree:
+    name: str
+    table: AvatarTable | ObjectTable
+    role: int
+    material: str
+    mass: float
+    bodies: list[_Body]
+    skeleton: Skeleton | None = None
+    chains: list[tuple[int, ...]] = field(default_factory=list)  # links
+    cones: list[ReachCone] = field(default_factory=list)
+    in_chains: bool = False
+
+    @property
+    def topic(self) -> str | None:
+        return self.table.root.topic if isinstance(self.table, AvatarTable) else self.table.topic
+
+    @property
+    def place(self) -> tuple[tuple[float, float, float], tuple[float, float, float, float]]:
+        """Position and orientation: of the root in the world, or in the tracker's frame."""
+        held = self.table.root if isinstance(self.table, AvatarTable) else self.table
+        return held.position, held.orientation
+
+
+def assemble(
+    file: SceneFile,
+    path: Path,
+    *,
+    mode: str | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> World:
+    """Everything a scene file names, read and laid out; `excluded` holds neighbours and `ignore_pairs` only.
+
+    Raises
+    ------
+    SceneError, ModelError, MeshError
+        With the file, the key or element, and the value that is wrong.
+    """
+    workshop = Workshop(seed, progress)
+    several = len(file.avatar) > 1
+    trees = [_avatar(a, path, workshop, several, mode or a.mode) for a in file.avatar]
+    trees += [_object(o, path, workshop) for o in file.object]
+    bodies = [body for tree in trees for body in tree.bodies]
+    _check_frames(bodies, path)
+    table = material_table(file.material_pair, (t.material for t in trees))
+    table.require(path, _meetings(trees))
+    body_start = _starts(len(t.bodies) for t in trees)
+    dof_start = _starts(0 if t.skeleton is None else len(t.skeleton.dof_names) for t in trees)
+    avatar_bodies = int(body_start[len(file.avatar)])
+    chains = _chains(trees, body_start)
+    scene = Scene(
+        gravity=np.array(file.scene.gravity, dtype=np.float64),
+        pieces=build_pieces([PlacedShape(s, local, k) for k, b in enumerate(bodies) for s, local in b.geometry.pieces]),
+        bodies=_bodies(trees, bodies, table, body_start, dof_start),
+        trees=_trees(trees, body_start, dof_start),
+        dofs=_dofs(trees, chains, body_start, dof_start),
+        chains=chains,
+        cones=_cones(trees, body_start),
+        materials=table.pairs,
+        excluded=_excluded(trees, body_start, avatar_bodies, path),
+        initial_velocity=_velocities(trees, body_start),
+    )
+    return World(
+        file=file,
+        path=path,
+        scene=scene,
+        tree_names=tuple(t.name for t in trees),
+        body_names=tuple(b.name for b in bodies),
+        frame_names=tuple(b.frame for b in bodies),
+        dof_names=tuple(n for t in trees if t.skeleton is not None for n in t.skeleton.dof_names),
+        avatar_count=len(file.avatar),
+        roots=tuple(
+            RootSource(tree=k, topic=t.topic, position=t.place[0], orientation=t.place[1])
+            for k, t in enumerate(trees)
+            if t.topic is not None
+        ),
+        joints=tuple(_joint_sources(trees, dof_start)),
+        urdfs={t.name: t.skeleton.path for t in trees if t.skeleton is not None},
+        zero_pose_overlaps=(),
+        triangles=tuple(b.shown for b in bodies),
+        collision_triangles=tuple(b.geometry.triangles for b in bodies),
+    )
+
+
+def exclude(world: World, pairs: Sequence[tuple[int, int]]) -> World:
+    """The world with these pairs of avatar bodies, which overlap in the zero pose, left out of collision and listed."""
+    excluded = world.scene.excluded.copy()
+    for a, b in pairs:
+        excluded[a, b] = excluded[b, a] = 1
+    return replace(
+        world,
+        scene=world.scene._replace(excluded=excluded),
+        zero_pose_overlaps=tuple((world.body_names[a], world.body_names[b]) for a, b in pairs),
+    )
+
+
+def _avatar(table: AvatarTable, path: Path, workshop: Workshop, several: bool, mode: str) -> _Tree:
+    where = f"{path}: avatar {table.name!r}"
+    skeleton = _skeleton(table.urdf, path, where)
+    bodies = _link_bodies(skeleton, table.name, f"{table.name}/" if several else "", table.decomposition, workshop)
+    for body in bodies:
+        body.mass = body.geometry.mass.scaled(table.density)
+    tree = _Tree(table.name, table, DRIVEN, table.material, table.mass, bodies, skeleton, in_chains=mode == "chains")
+    chains = named_chains(table, skeleton, path)
+    if tree.in_chains:
+        tree.chains = chains or suggested_chains(skeleton)
+    tree.cones = [
+        reach_cone(cone, skeleton, f"reach_cone[{k}] of avatar {table.name!r}", path)
+        for k, cone in enumerate(table.reach_cone)
+    ]
+    return tree
+
+
+def _object(table: ObjectTable, path: Path, workshop: Workshop) -> _Tree:
+    where = f"{path}: object {table.name!r}"
+    role = _ROLES[table.class_]
+    density = DEFAULT_DENSITY if table.density is None else table.density
+    if table.urdf is not None:
+        skeleton = _skeleton(table.urdf, path, where)
+        bodies = _link_bodies(skeleton, table.name, f"{table.name}/", table.decomposition, workshop)
+        for body in bodies:
+            body.mass = body.geometry.mass.scaled(density)
+        return _Tree(table.name, table, role, table.material, 0.0, bodies, skeleton)
+    shapes: list[Placed] = [(_shape(table, path), np.eye(4))]
+    geometry = workshop.body(shapes, table.decomposition, where)
+    if geometry.mass.mass == 0.0:
+        raise MeshError(f"{where}: {table.mesh} encloses no volume: check its triangles")
+    mass = table.mass
+    if mass is None and role == DRIVEN and table.density is None:
+        mass = DRIVEN_MASS
+    solid = geometry.mass.scaled(density) if mass is None else geometry.mass.with_mass(mass)
+    body = _Body(table.name, table.name, geometry, solid, workshop.shown(shapes, where))
+    return _Tree(table.name, table, role, table.material, solid.mass, [body])
+
+
+def _shape(table: ObjectTable, path: Path) -> Shape:
+    if table.box is not None:
+        return BoxShape(table.box)
+    if table.sphere is not None:
+        return SphereShape(table.sphere)
+    if table.cylinder is not None:
+        return CylinderShape(*table.cylinder)
+    if table.capsule is not None:
+        return CapsuleShape(*table.capsule)
+    return MeshShape(path.parent / str(table.mesh), (table.scale,) * 3)
+
+
+def _skeleton(urdf: str, path: Path, where: str) -> Skeleton:
+    target = path.parent / urdf
+    if not target.is_file():
+        raise SceneError(f"{where}: urdf = {urdf!r}: no such file ({target}); paths are relative to the scene file")
+    return load_skeleton(target)
+
+
+def _link_bodies(skeleton: Skeleton, owner: str, prefix: str, how: str, workshop: Workshop) -> list[_Body]:
+    bodies = []
+    for k, link in enumerate(skeleton.links):
+        where = f"{skeleton.path}: link {link.name!r}"
+        solids = [(g.shape, g.link_from_shape) for g in link.collisions]
+        geometry = workshop.body(solids, how, where)  # type: ignore[arg-type]
+        seen = [(g.shape, g.link_from_shape) for g in link.visuals or link.collisions]
+        shown = workshop.shown(seen, where)
+        bodies.append(_Body(f"{owner}/{link.name}", f"{prefix}{link.name}", geometry, NOTHING, shown, k))
+    return bodies
+
+
+def _check_frames(bodies: Sequence[_Body], path: Path) -> None:
+    """Frame ids of the output name one body each, and none the world or a recorded ghost."""
+    for frame, count in Counter(b.frame for b in bodies).items():
+        if count > 1:
+            raise SceneError(f"{path}: {frame!r} names two things of the output: rename the object or the link")
+        if frame == "world" or frame.startswith("recorded/"):
+            raise ModelError(f"{path}: a link is called {frame!r}, which names another frame of the output: rename it")
+
+
+def _meetings(trees: Sequence[_Tree]) -> Iterator[tuple[str, str, str, str]]:
+    """Materials that can meet, with one owner each: of two trees not both fixed, and within an avatar in chains mode."""
+    kinds: dict[tuple[str, bool], list[str]] = {}
+    for tree in trees:
+        if any(b.geometry.pieces for b in tree.bodies):
+            kinds.setdefault((tree.material, tree.role == FIXED), []).append(tree.name)
+    rows = list(kinds.items())
+    for i, ((first, still), owners) in enumerate(rows):
+        if len(owners) > 1 and not still:
+            yield first, owners[0], first, owners[1]
+        for (second, rests), others in rows[i + 1 :]:
+            if not (still and rests):
+                yield first, owners[0], second, others[0]
+    for tree in trees:
+        if tree.in_chains and isinstance(tree.table, AvatarTable) and tree.table.self_collision:
+            yield tree.material, tree.name, tree.material, tree.name
+
+
+def _bodies(
+    trees: Sequence[_Tree],
+    bodies: Sequence[_Body],
+    table: MaterialTable,
+    body_start: NDArray[np.int64],
+    dof_start: NDArray[np.int64],
+) -> Bodies:
+    count = len(bodies)
+    parent, joint, dof = np.full(count, -1), np.full(count, JOINT_FIXED), np.full(count, -1)
+    origin = np.tile(frame_from_matrix(np.eye(4)), (count, 1))
+    axis = np.tile([1.0, 0.0, 0.0], (count, 1))
+    multiplier, offset = np.ones(count), np.zeros(count)
+    for t, tree in enumerate(trees):
+        if tree.skeleton is None:
+            continue
+        for k, entry in enumerate(tree.skeleton.joints):
+            row = int(body_start[t]) + k
+            if entry is None:
+                continue
+            parent[row], joint[row] = body_start[t] + entry.parent, _JOINTS[entry.type]
+            origin[row], axis[row] = frame_from_matrix(entry.parent_from_joint), entry.axis
+            if entry.dof >= 0:
+                dof[row] = dof_start[t] + entry.dof
+                multiplier[row], offset[row] = entry.multiplier, entry.offset
+    principal = [b.mass.principal() for b in bodies]
+    return Bodies(
+        role=np.array([t.role for t in trees for _ in t.bodies], dtype=np.int64),
+        tree=np.repeat(np.arange(len(trees)), np.diff(body_start)),
+        piece_start=_starts(len(b.geometry.pieces) for b in bodies),
+        material=np.array([table.index(t.material) for t in trees for _ in t.bodies], dtype=np.int64),
+        mass=np.array([b.mass.mass for b in bodies], dtype=np.float64),
+        com=np.array([b.mass.com for b in bodies], dtype=np.float64).reshape(-1, 3),
+        inertia=np.array([p[0] for p in principal], dtype=np.float64).reshape(-1, 3),
+        principal=np.array([p[1] for p in principal], dtype=np.float64).reshape(-1, 4),
+        parent=parent,
+        joint=joint,
+        origin=origin,
+        axis=axis,
+        dof=dof,
+        multiplier=multiplier,
+        offset=offset,
+    )
+
+
+def _trees(trees: Sequence[_Tree], body_start: NDArray[np.int64], dof_start: NDArray[np.int64]) -> Trees:
+    rest, stiffness, damping, moving, self_collision = [], [], [], [], []
+    for tree in trees:
+        position, orientation = tree.place
+        rest.append((*position, *orientation) if tree.topic is None else (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+        coupling = tree.table.coupling or Coupling()
+        rigid = coupling == "rigid"
+        stiffness.append(np.inf if isinstance(coupling, str) else coupling.stiffness)
+        damping.append(np.inf if isinstance(coupling, str) else coupling.damping)
+        assert rigid == (stiffness[-1] == np.inf)
+        moving.append(int(tree.role != FIXED or tree.topic is not None or tree.table.joints is not None))
+        self_collision.append(int(isinstance(tree.table, AvatarTable) and tree.table.self_collision))
+    return Trees(
+        body_start=body_start,
+        dof_start=dof_start,
+        role=np.array([t.role for t in trees], dtype=np.int64),
+        moving=np.array(moving, dtype=np.int64),
+        rest=np.array(rest, dtype=np.float64).reshape(-1, 7),
+        mass=np.array([t.mass for t in trees], dtype=np.float64),
+        stiffness=np.array(stiffness, dtype=np.float64),
+        damping=np.array(damping, dtype=np.float64),
+        chains=np.array([t.in_chains for t in trees], dtype=np.int64),
+        self_collision=np.array(self_collision, dtype=np.int64),
+    )
+
+
+def _chains(trees: Sequence[_Tree], body_start: NDArray[np.int64]) -> Chains:
+    rows = [(t, links) for t, tree in enumerate(trees) for links in tree.chains]
+    return Chains(
+        tree=np.array([t for t, _ in rows], dtype=np.int64),
+        body_start=_starts(len(links) for _, links in rows),
+        bodies=np.array([body_start[t] + k for t, links in rows for k in links], dtype=np.int64),
+    )
+
+
+def _dofs(trees: Sequence[_Tree], chains: Chains, body_start: NDArray[np.int64], dof_start: NDArray[np.int64]) -> Dofs:
+    lower, upper = np.full(dof_start[-1], -np.inf), np.full(dof_start[-1], np.inf)
+    chain = np.full(dof_start[-1], -1, dtype=np.int64)
+    of_body = {int(b): c for c in range(len(chains.tree)) for b in chains.bodies[slice(*chains.body_start[c : c + 2])]}
+    for t, tree in enumerate(trees):
+        if tree.skeleton is None:
+            continue
+        here = slice(dof_start[t], dof_start[t + 1])
+        lower[here], upper[here] = tree.skeleton.lower, tree.skeleton.upper
+        for k, joint in enumerate(tree.skeleton.joints):
+            if joint is not None and joint.dof >= 0 and joint.mimics is None:
+                chain[dof_start[t] + joint.dof] = of_body.get(int(body_start[t]) + k, -1)
+    return Dofs(lower=lower, upper=upper, tree=np.repeat(np.arange(len(trees)), np.diff(dof_start)), chain=chain)
+
+
+def _cones(trees: Sequence[_Tree], body_start: NDArray[np.int64]) -> ReachCones:
+    rows = [(t, cone) for t, tree in enumerate(trees) for cone in tree.cones]
+    return ReachCones(
+        joint_start=_starts(len(cone.links) for _, cone in rows),
+        joints=np.array([body_start[t] + k for t, cone in rows for k in cone.links], dtype=np.int64),
+        limb=np.array([cone.limb for _, cone in rows], dtype=np.float64).reshape(-1, 3),
+        direction_start=_starts(len(cone.directions) for _, cone in rows),
+        directions=np.concatenate([np.zeros((0, 3)), *(cone.directions for _, cone in rows)]),
+    )
+
+
+def _excluded(trees: Sequence[_Tree], body_start: NDArray[np.int64], count: int, path: Path) -> NDArray[np.int64]:
+    excluded = np.eye(count, dtype=np.int64)
+    for t, tree in enumerate(trees):
+        if tree.skeleton is None or not isinstance(tree.table, AvatarTable):
+            continue
+        pairs = sorted(tree.skeleton.neighbours())
+        for k, names in enumerate(tree.table.ignore_pairs):
+            where = f"{path}: avatar {tree.name!r}: ignore_pairs[{k}]"
+            first, second = (link_index(tree.skeleton, name, where) for name in names)
+            pairs.append((first, second))
+        for a, b in pairs:
+            i, j = body_start[t] + a, body_start[t] + b
+            excluded[i, j] = excluded[j, i] = 1
+    return excluded
+
+
+def _velocities(trees: Sequence[_Tree], body_start: NDArray[np.int64]) -> Floats:
+    rows = np.zeros((int(body_start[-1]), 6))
+    for t, tree in enumerate(trees):
+        if isinstance(tree.table, ObjectTable):
+            rows[body_start[t], :3] = tree.table.velocity or 0.0
+            rows[body_start[t], 3:] = tree.table.angular_velocity or 0.0
+    return rows
+
+
+def _joint_sources(trees: Sequence[_Tree], dof_start: NDArray[np.int64]) -> Iterator[JointSource]:
+    for t, tree in enumerate(trees):
+        table: JointsTable | None = tree.table.joints
+        if table is None or tree.skeleton is None:
+            continue
+        mimics = tuple(j.name for j in tree.skeleton.joints if j is not None and j.dof >= 0 and j.mimics is not None)
+        names = [*tree.skeleton.dof_names, *mimics]
+        for recorded, joint in table.rename.items():
+            if joint not in names:
+                near = get_close_matches(joint, names, n=1)
+                hint = f", did you mean {near[0]!r}?" if near else ""
+                raise SceneError(
+                    f"{tree.name}: joints.rename.{recorded} = {joint!r}: no moving joint of this name in "
+                    f"{tree.skeleton.path}{hint}"
+                )
+        yield JointSource(
+            tree=t,
+            topic=table.topic,
+            unit=table.unit,
+            rename=dict(table.rename),
+            dofs={name: int(dof_start[t]) + k for k, name in enumerate(tree.skeleton.dof_names)},
+            mimics=mimics,
+        )
+
+
+def _starts(counts: Iterator[int] | Sequence[int]) -> NDArray[np.int64]:
+    return np.concatenate([[0], np.cumsum(np.fromiter(counts, dtype=np.int64))]).astype(np.int64)

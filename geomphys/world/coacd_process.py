@@ -1,0 +1,70 @@
+"""CoACD in a process of its own: ``python -m geomphys.world.coacd_process IN.npz OUT.npz``.
+
+CoACD is C++ behind ctypes: it writes to the standard output, cannot be interrupted and takes its process with it when
+it fails. Here it can do none of that to a replay.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.errors import MeshError
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+LONGEST = 900.0
+"""s; a mesh that takes longer is refused"""
+ITERATIONS = 60
+"""of the tree search for each cut; CoACD's own 150 take twice as long for pieces that stand out as far"""
+
+
+def convex_parts(name: str, vertices: Floats, faces: Ints, threshold: float, seed: int) -> list[Floats]:
+    """Parts of a closed mesh as point clouds (k, 3) whose hulls fill it, as CoACD cuts them.
+
+    `threshold` is the concavity (0.01 to 1, of half the longest side) a part may keep. Raises MeshError if CoACD fails,
+    takes longer than `LONGEST`, or gives nothing or NaN.
+    """
+    hint = 'simplify or repair it, or use decomposition = "hull"'
+    with tempfile.TemporaryDirectory(prefix="geomphys-") as folder:
+        source, target = Path(folder) / "mesh.npz", Path(folder) / "parts.npz"
+        np.savez(source, vertices=vertices, faces=faces, threshold=threshold, seed=seed)
+        command = [sys.executable, "-m", __name__, str(source), str(target)]
+        try:
+            done = subprocess.run(command, capture_output=True, timeout=LONGEST, check=False)
+        except subprocess.TimeoutExpired:
+            raise MeshError(f"{name}: convex decomposition took more than {LONGEST:.0f} s: {hint}") from None
+        if done.returncode or not target.is_file():
+            raise MeshError(f"{name}: convex decomposition failed (CoACD ended with {done.returncode}): {hint}")
+        with np.load(target, allow_pickle=False) as archive:
+            points, starts = archive["points"], archive["starts"]
+    if len(starts) < 2:
+        raise MeshError(f"{name}: convex decomposition gave no pieces: {hint}")
+    if not np.isfinite(points).all():
+        raise MeshError(f"{name}: convex decomposition gave pieces that are NaN or infinite: {hint}")
+    return [points[a:b] for a, b in zip(starts[:-1], starts[1:], strict=True)]
+
+
+def _main(source: str, target: str) -> None:
+    import coacd
+
+    with np.load(source, allow_pickle=False) as archive:
+        mesh = coacd.Mesh(archive["vertices"], archive["faces"].astype(np.int32))
+        threshold, seed = float(archive["threshold"]), int(archive["seed"])
+    coacd.set_log_level("off")
+    parts = [
+        np.asarray(points, dtype=np.float64)
+        for points, _ in coacd.run_coacd(mesh, threshold=threshold, seed=seed, mcts_iterations=ITERATIONS)
+    ]
+    starts = np.concatenate([[0], np.cumsum([len(p) for p in parts])]).astype(np.int64)
+    np.savez(target, points=np.concatenate([np.zeros((0, 3)), *parts]), starts=starts)
+
+
+if __name__ == "__main__":
+    _main(*sys.argv[1:])

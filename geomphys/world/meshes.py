@@ -1,0 +1,292 @@
+"""Triangle meshes from files, and whether they can serve for collision.
+
+trimesh parses them. It never gets a path: the bytes are read here, from a regular local file of an allowed kind and
+size, and what a mesh refers to (materials, textures, other folders) is not followed. Errors name the mesh, never what
+is in the file.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from functools import cached_property
+from io import BytesIO
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.errors import MeshError
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+SUFFIXES = ("stl", "obj", "dae", "glb", "gltf", "ply", "off")
+LARGEST_FILE = 128 * 2**20
+"""bytes"""
+LARGEST_MESH = 1_000_000
+"""triangles"""
+CONVEX_SLACK = 1e-6
+"""Of the mesh's size: a mesh whose vertices all lie this close to planes of its hull is convex."""
+FLAT = 1e-9
+"""Of the mesh's size: a thinner one has no volume to collide with."""
+
+# What a parser raises on a file that is not what its name says.
+_PARSER_ERRORS = (
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    EOFError,
+    ImportError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RuntimeError,
+    SyntaxError,
+    TypeError,
+    ValueError,
+    struct.error,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A triangle mesh in the frame of its body, vertices merged. Arrays are read-only."""
+
+    name: str  # what errors call it
+    vertices: Floats  # (n, 3) m
+    faces: Ints  # (m, 3)
+
+    @cached_property
+    def size(self) -> float:
+        """Longest side of the bounding box, m."""
+        return float(np.ptp(self.vertices, axis=0).max())
+
+    @cached_property
+    def hull_planes(self) -> Floats:
+        """Planes (k, 4) of the convex hull, n·x + d <= 0 inside; MeshError where the mesh is flat."""
+        return self._hull[1]
+
+    @cached_property
+    def hull_vertices(self) -> Floats:
+        """Corners (k, 3) of the convex hull, in the order of `vertices`; MeshError where the mesh is flat."""
+        return self.vertices[self._hull[0]]
+
+    @cached_property
+    def _hull(self) -> tuple[Ints, Floats]:
+        from scipy.spatial import ConvexHull, QhullError
+
+        flat = f"{self.name}: the mesh is flat, it has no volume to collide with: use a box of some thickness"
+        centred = self.vertices - self.vertices.mean(axis=0)
+        if np.linalg.svd(centred, compute_uv=False)[-1] <= FLAT * self.size * np.sqrt(len(centred)):
+            raise MeshError(flat)
+        try:
+            hull = ConvexHull(self.vertices)
+        except QhullError:
+            raise MeshError(flat) from None
+        return np.sort(hull.vertices).astype(np.int64), np.asarray(hull.equations)
+
+    @cached_property
+    def is_convex(self) -> bool:
+        """Whether every vertex lies on the convex hull, within `CONVEX_SLACK` of the size.
+
+        A closed mesh with all vertices on its hull is its hull; an open one is taken for it.
+        """
+        planes, slack = self.hull_planes, CONVEX_SLACK * self.size
+        for start in range(0, len(self.vertices), 4096):
+            block = self.vertices[start : start + 4096]
+            if np.min(np.max(block @ planes[:, :3].T + planes[:, 3], axis=1)) <= -slack:
+                return False
+        return True
+
+    @cached_property
+    def is_watertight(self) -> bool:
+        """Whether every edge belongs to exactly two triangles."""
+        edges = np.sort(self.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+        _, counts = np.unique(edges, axis=0, return_counts=True)
+        return bool(np.all(counts == 2))
+
+    @cached_property
+    def signed_volume(self) -> float:
+        """m³ inside a closed mesh: positive if its triangles are counter-clockwise seen from outside."""
+        shift = self.vertices.mean(axis=0)
+        a, b, c = (self.vertices[self.faces[:, k]] - shift for k in range(3))
+        return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
+
+    @cached_property
+    def is_wound_alike(self) -> bool:
+        """Whether neighbouring triangles turn the same way: no directed edge is there twice."""
+        edges = self.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+        return len(np.unique(edges, axis=0)) == len(edges)
+
+
+def load_mesh(path: Path, scale: float | Floats = 1.0, name: str | None = None) -> Mesh:
+    """Read a mesh file: all its parts in one mesh, scaled, equal vertices merged, degenerate triangles dropped.
+
+    Parameters
+    ----------
+    path
+        A local file whose suffix is one of `SUFFIXES`.
+    scale
+        One factor or three, file units to m.
+    name
+        What errors call the mesh; default: the path.
+
+    Raises
+    ------
+    MeshError
+        Missing, too large, unreadable, empty, without area, NaN or infinite vertices, too many triangles.
+    """
+    name = name or str(path)
+    vertices, faces = _parsed(_bytes(path, name), path, name)
+    if len(faces) == 0 or len(vertices) == 0:
+        raise MeshError(f"{name}: holds no triangles")
+    if len(faces) > LARGEST_MESH:
+        raise MeshError(
+            f"{name}: has {len(faces)} triangles, at most {LARGEST_MESH} are read: "
+            'simplify it, or replace it by its hull first (decomposition = "hull" then gives the same)'
+        )
+    if not np.isfinite(vertices).all():
+        raise MeshError(f"{name}: has vertices that are NaN or infinite: repair the file")
+    with np.errstate(over="ignore"):
+        vertices = vertices * np.asarray(scale, dtype=np.float64)
+    if np.abs(vertices).max() > 1e6:
+        raise MeshError(f"{name}: reaches further than 1000 km from its origin: check scale and units")
+    return merged(name, vertices, faces)
+
+
+def merged(name: str, vertices: Floats, faces: Ints) -> Mesh:
+    """A mesh with vertices equal to 1e-8 m taken together and triangles without area left out.
+
+    Raises MeshError where no triangle has an area.
+    """
+    rounded = np.round(vertices * 1e8)
+    _, first, inverse = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first, kind="stable")
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    faces = rank[inverse.reshape(-1)[faces]]
+    vertices = vertices[first[order]] + 0.0
+    faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
+    if len(faces) == 0 or not np.any(_doubled_areas(vertices, faces) > 0):
+        raise MeshError(f"{name}: all its triangles have zero area: check scale and units")
+    used, index = np.unique(faces, return_inverse=True)
+    mesh = Mesh(name, np.ascontiguousarray(vertices[used]), np.ascontiguousarray(index.reshape(faces.shape), np.int64))
+    mesh.vertices.flags.writeable = mesh.faces.flags.writeable = False
+    return mesh
+
+
+def _doubled_areas(vertices: Floats, faces: Ints) -> Floats:
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    areas: Floats = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return areas
+
+
+def _bytes(path: Path, name: str) -> bytes:
+    suffix = path.suffix.lower().removeprefix(".")
+    if suffix not in SUFFIXES:
+        kinds = ", ".join(SUFFIXES)
+        raise MeshError(f"{name}: not a mesh file that is read here, expected a name that ends in one of {kinds}")
+    try:
+        if not path.is_file():
+            raise MeshError(f"{name}: no such file" if not path.exists() else f"{name}: is not a file")
+        if path.stat().st_size > LARGEST_FILE:
+            raise MeshError(f"{name}: is larger than {LARGEST_FILE // 2**20} MiB: simplify the mesh")
+        data = path.read_bytes()
+    except OSError as error:
+        raise MeshError(f"{name}: cannot be read: {error.strerror}") from error
+    except ValueError:
+        raise MeshError(f"{name}: is not a path") from None
+    return data
+
+
+def _parsed(data: bytes, path: Path, name: str) -> tuple[Floats, Ints]:
+    import trimesh
+
+    suffix = path.suffix.lower().removeprefix(".")
+    if suffix == "stl" and len(data) >= 84:
+        count = int.from_bytes(data[80:84], "little")
+        if len(data) == 84 + 50 * count and count > LARGEST_MESH:
+            raise MeshError(f"{name}: has {count} triangles, at most {LARGEST_MESH} are read: simplify it")
+    if suffix == "dae":
+        _refuse_entities(data, name)
+    faults: tuple[type[Exception], ...] = _PARSER_ERRORS
+    if suffix == "dae":
+        try:
+            from collada.common import DaeError
+        except ImportError:
+            raise MeshError(f"{name}: a .dae mesh needs the package pycollada: install it, or convert to glb") from None
+        faults = (*faults, DaeError)
+    try:
+        with np.errstate(all="ignore"):
+            loaded: Any = trimesh.load(
+                BytesIO(data), file_type=suffix, resolver=_Neighbours(path.parent), process=False, skip_materials=True
+            )
+            if isinstance(loaded, trimesh.Scene):
+                loaded = loaded.to_mesh() if len(loaded.geometry) else None
+            if not isinstance(loaded, trimesh.Trimesh):
+                raise MeshError(f"{name}: holds no triangles")
+            vertices = np.array(loaded.vertices, dtype=np.float64).reshape(-1, 3)
+            faces = np.array(loaded.faces, dtype=np.int64).reshape(-1, 3)
+    except faults as error:
+        raise MeshError(f"{name}: is not a readable .{suffix} mesh ({type(error).__name__})") from None
+    if len(faces) and (faces.min() < 0 or faces.max() >= len(vertices)):
+        raise MeshError(f"{name}: a triangle names a vertex that is not there: repair the file")
+    return vertices, faces
+
+
+def _refuse_entities(data: bytes, name: str) -> None:
+    from xml.etree.ElementTree import ParseError
+
+    from defusedxml import DefusedXmlException
+    from defusedxml.ElementTree import fromstring
+
+    try:
+        fromstring(data, forbid_dtd=True)
+    except (DefusedXmlException, ParseError, ValueError, LookupError) as error:
+        raise MeshError(f"{name}: is not a readable .dae mesh ({type(error).__name__})") from None
+
+
+class _Neighbours:
+    """Gives a parser the buffers (.bin) that lie beside a .gltf file, and nothing else."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder.resolve()
+
+    def get(self, name: str) -> bytes:
+        path = (self.folder / name).resolve()
+        if path.suffix != ".bin" or not path.is_relative_to(self.folder) or not path.is_file():
+            raise FileNotFoundError(name)
+        if path.stat().st_size > LARGEST_FILE:
+            raise ValueError(name)
+        return path.read_bytes()
+
+    def __getitem__(self, name: str) -> bytes:
+        return self.get(name)
+
+    def namespaced(self, namespace: Literal[""] | str) -> _Neighbours:
+        """The resolver of a sub-folder; stays where it is."""
+        return self
+
+
+def require_closed(mesh: Mesh) -> None:
+    """Raise MeshError unless the mesh is convex or watertight."""
+    if not (mesh.is_convex or mesh.is_watertight):
+        raise MeshError(
+            f"{mesh.name}: is neither watertight nor convex, so it has no inside to keep out of: "
+            'close its holes, or use decomposition = "hull" (its convex hull)'
+        )
+
+
+def wound_outwards(mesh: Mesh) -> Mesh:
+    """A closed mesh with its triangles counter-clockwise seen from outside; the same object where they are already."""
+    if mesh.is_wound_alike:
+        if mesh.signed_volume >= 0:
+            return mesh
+        return Mesh(mesh.name, mesh.vertices, np.ascontiguousarray(mesh.faces[:, ::-1]))
+    import trimesh
+
+    solid = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    trimesh.repair.fix_normals(solid, multibody=True)
+    return Mesh(mesh.name, mesh.vertices, np.array(solid.faces, dtype=np.int64))
