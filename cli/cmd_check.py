@@ -30,7 +30,7 @@ def check(log: Path, scene: Path, strict: bool, as_json: bool, **options: Any) -
     """Tell whether LOG can be replayed in a scene: what feeds what, units, gaps, limits, names without a match."""
     from geomphys.recording.inspect import check_log
 
-    from geomphys.world.scene_file import load_world
+    from geomphys.load import load_world
 
     terminal = current_terminal()
     report = check_log(log, load_world(scene), config_of(options))

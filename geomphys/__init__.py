@@ -23,12 +23,12 @@ if TYPE_CHECKING:
         OutputError,
         SceneError,
     )
+    from geomphys.load import load_world
     from geomphys.pipeline import replay
     from geomphys.results import Contacts, Frame, FrameResult, Metrics, Penetrations
     from geomphys.runner import run
     from geomphys.summary import Summarizer, Summary
     from geomphys.world.scene import Scene, World
-    from geomphys.world.scene_file import load_world
 
 _HOME = {
     "Config": "config",
@@ -50,7 +50,7 @@ _HOME = {
     "Summarizer": "summary",
     "Summary": "summary",
     "World": "world.scene",
-    "load_world": "world.scene_file",
+    "load_world": "load",
     "replay": "pipeline",
     "run": "runner",
 }

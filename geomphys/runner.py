@@ -9,11 +9,11 @@ from pathlib import Path
 
 from geomphys.config import Config
 from geomphys.errors import LogError, OutputError
+from geomphys.load import load_world
 from geomphys.pipeline import replay
 from geomphys.sinks.base import Sink
 from geomphys.summary import Summarizer, Summary
 from geomphys.world.scene import World
-from geomphys.world.scene_file import load_world
 
 
 def run(

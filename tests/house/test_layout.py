@@ -23,6 +23,7 @@ LAYERS = (
     "world",
     "recording",
     "collision",
+    "load",
     "driven simulated",
     "provenance",
     "proto",
