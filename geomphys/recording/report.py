@@ -1,0 +1,249 @@
+"""What is told of a recording after its frames were made."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from geomphys.recording.plan import similar, split_topic
+from geomphys.recording.routes import JointRoute
+from geomphys.world.scene import DRIVEN
+
+if TYPE_CHECKING:
+    from geomphys.recording.frames import FrameSource, Run
+
+TOLD = 8  # names told in a warning
+
+
+@dataclass(frozen=True)
+class StreamReport:
+    """One stream: a root's pose, or a joint."""
+
+    topic: str  # `topic` or `topic#child`
+    name: str  # tree of the pose, or joint
+    constant: bool
+    held_frames: int
+    gaps: int  # longer than `max_gap`
+    longest_gap_s: float
+    bad_samples: int  # NaN, too large, or a quaternion that is none
+
+
+@dataclass(frozen=True)
+class Unmatched:
+    """A name that found no partner on the other side."""
+
+    topic: str
+    name: str
+    suggestion: str  # "" if nothing is like it
+
+
+@dataclass(frozen=True)
+class OutsideLimits:
+    """A joint that was recorded outside of its limits."""
+
+    tree: str
+    joint: str
+    frames: int
+    amount: float  # rad or m, the furthest
+    clamped: bool
+
+
+@dataclass(frozen=True)
+class RecordingReport:
+    """Figures of a recording, as far as its frames have been made."""
+
+    frames: int
+    held_frames: int
+    first_ns: int | None
+    last_ns: int | None
+    out_of_order: int  # messages that came after a later one of their topic, and were put in their place
+    late: int  # messages that came after the frames of their time had been made
+    lost_frames: int  # of these, messages of the frame clock: no frame came of them
+    duplicates: int  # messages of a time that their stream had already; the first counts
+    bad_samples: int
+    bad_messages: int  # could not be decoded
+    streams: tuple[StreamReport, ...]
+    unmatched_recorded: tuple[Unmatched, ...]  # recorded joints that no joint of the scene takes
+    unmatched_joints: tuple[Unmatched, ...]  # joints of the scene that are not recorded: 0
+    ignored_mimics: tuple[str, ...]  # recorded, but follow their master
+    outside_limits: tuple[OutsideLimits, ...]
+    bytes_lost: int
+    recovered: str  # what `recover` could not read; "" for a whole log
+    warnings: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """All of it as plain values."""
+        return dataclasses.asdict(self)
+
+
+def report_of(source: FrameSource, run: Run) -> RecordingReport:
+    """Sum up a pass over a log as far as it has come."""
+    damage = source.reader.damage
+    unmatched_recorded, ignored = _unmatched_recorded(source, run.joints)
+    streams = tuple(_streams(source, run))
+    report = RecordingReport(
+        frames=run.count,
+        held_frames=run.held,
+        first_ns=run.first_time if run.count else None,
+        last_ns=run.last_time if run.count else None,
+        out_of_order=sum(r.out_of_order for r in run.roots) + sum(r.out_of_order for r in run.joints),
+        late=run.late,
+        lost_frames=run.lost_frames,
+        duplicates=sum(r.stream.duplicates for r in run.roots)
+        + sum(r.stream.duplicates for r in run.joints if r.stream is not None),
+        bad_samples=sum(s.bad_samples for s in streams),
+        bad_messages=run.bad_messages,
+        streams=streams,
+        unmatched_recorded=unmatched_recorded,
+        unmatched_joints=_unmatched_joints(source, run, unmatched_recorded),
+        ignored_mimics=ignored,
+        outside_limits=tuple(_outside_limits(source, run)),
+        bytes_lost=damage.bytes_lost if damage is not None else 0,
+        recovered=damage.text if damage is not None else "",
+        warnings=(),
+    )
+    return dataclasses.replace(report, warnings=tuple(_warnings(source, run, report)))
+
+
+def _streams(source: FrameSource, run: Run) -> Iterator[StreamReport]:
+    """Figures of each stream: roots, then joints, in the order of the scene."""
+    world = source.world
+    for root in run.roots:
+        s, i = root.stream, root.input
+        topic = f"{i.topic}#{i.child}" if i.child else i.topic
+        name = world.tree_names[i.source.tree]
+        yield StreamReport(topic, name, s.constant, s.held_frames, s.gaps, s.longest_gap / 1e9, s.bad)
+    for joints in run.joints:
+        topic = joints.input.topic
+        for k, column in enumerate(joints.columns):
+            assert joints.stream is not None
+            j = joints.stream
+            figures = (int(j.held_frames[k]), int(j.gaps[k]), j.longest_gap[k] / 1e9, int(j.bad_samples[k]))
+            yield StreamReport(topic, world.dof_names[column], False, *figures)
+        for column in joints.constants:
+            yield StreamReport(topic, world.dof_names[column], True, 0, 0, 0.0, 0)
+
+
+def _unmatched_recorded(source: FrameSource, routes: list[JointRoute]) -> tuple[tuple[Unmatched, ...], tuple[str, ...]]:
+    """Recorded joints that nothing takes, and those that are not used because their joint mimics another."""
+    unmatched, ignored = [], set()
+    for topic in sorted({r.input.topic for r in routes}):
+        here = [r for r in routes if r.input.topic == topic]
+        names = set(source.known.names.get(topic, ())).union(*(r.names for r in here))
+        free = [n for r in here for n in r.input.source.dofs if n not in names]
+        for name in sorted(names):
+            if any(r.input.column(name) is not None for r in here):
+                continue
+            if any(r.input.source.rename.get(name, name) in r.input.source.mimics for r in here):
+                ignored.add(name)
+            else:
+                unmatched.append(Unmatched(topic, name, _like(name, free)))
+    return tuple(unmatched), tuple(sorted(ignored))
+
+
+def _unmatched_joints(source: FrameSource, run: Run, recorded: tuple[Unmatched, ...]) -> tuple[Unmatched, ...]:
+    """Joints of trees with a joint topic that are not recorded."""
+    found = []
+    for route in run.joints:
+        topic = route.input.topic
+        names = [u.name for u in recorded if u.topic == topic]
+        for name, column in sorted(route.input.source.dofs.items(), key=lambda item: item[1]):
+            if not run.recorded[column]:
+                found.append(Unmatched(topic, name, _like(name, names)))
+    return tuple(found)
+
+
+def _like(name: str, names: Iterable[str]) -> str:
+    """The name most like another, "" if none is."""
+    said = similar(name, names)
+    return said.split("'")[1] if "'" in said else ""
+
+
+def _outside_limits(source: FrameSource, run: Run) -> Iterator[OutsideLimits]:
+    """Joints that left their limits."""
+    world, dofs = source.world, source.world.scene.dofs
+    for column in np.flatnonzero(run.outside_frames):
+        amount = max(run.lower[column] - run.least[column], run.most[column] - run.upper[column])
+        tree, name = world.tree_names[dofs.tree[column]], world.dof_names[column]
+        frames = int(run.outside_frames[column])
+        yield OutsideLimits(tree, name, frames, float(amount), source.config.clamp_limits)
+
+
+def _warnings(source: FrameSource, run: Run, report: RecordingReport) -> Iterator[str]:
+    """One line for everything a user should know of."""
+    if report.recovered:
+        yield f"the log is damaged: {report.recovered}"
+    yield from source.times.warnings()
+    clock = source.plan.clock
+    if clock is not None and source.config.rate is None and sum(c.messages for c in clock.channels) == 1:
+        yield f"topic {clock.topic}, the frame clock, has a single message: one frame; see --clock and --rate"
+    yield from _unit_warnings(source, run)
+    yield from _name_warnings(source, run, report)
+    for count, text in (
+        (report.held_frames, "frames are held: a stream had no good sample near them"),
+        (report.bad_messages, "messages could not be decoded"),
+        (report.bad_samples, "samples are not finite or have no unit quaternion; they count as missing"),
+        (report.late, f"messages came more than {source.config.max_delay:g} s late, after the frames of their time"),
+        (report.lost_frames, "of these were of the frame clock: no frame came of them"),
+        (report.out_of_order, "messages were out of order and were put in their place"),
+        (report.duplicates, "messages repeat a time of their stream; the first of them counts"),
+    ):
+        if count:
+            yield f"{count} {text}"
+    if report.outside_limits:
+        worst = max(report.outside_limits, key=lambda o: o.amount)
+        what = "were clamped to their limits" if worst.clamped else "are outside of their limits and are kept"
+        yield f"{len(report.outside_limits)} joints {what}: {worst.joint} of {worst.tree} by {worst.amount:.3g} at most"
+
+
+def _unit_warnings(source: FrameSource, run: Run) -> Iterator[str]:
+    """Angles that look as if they were in the other unit."""
+    world = source.world
+    most = np.maximum(np.abs(run.least), np.abs(run.most))
+    for route in run.joints:
+        i = route.input
+        columns = [c for c in (*route.columns, *route.constants) if not run.prismatic[c]]
+        if not columns:
+            continue
+        if i.degrees:
+            largest = math.degrees(max(most[c] for c in columns))
+            if i.source.unit == "deg" and 0 < largest <= math.pi:
+                yield f"topic {i.topic}: read as degrees, but no angle is above {largest:.3g}; are these radians?"
+            continue
+        driven = world.scene.trees.role[i.source.tree] == DRIVEN
+        large = [c for c in columns if most[c] > 2 * math.pi and (driven or math.isfinite(run.upper[c]))]
+        if large:
+            worst = max(large, key=lambda c: float(most[c]))
+            yield (
+                f"topic {i.topic}: {world.dof_names[worst]} reaches {most[worst]:.4g} rad, more than a whole turn; "
+                'if these are degrees, say unit = "deg"'
+            )
+
+
+def _name_warnings(source: FrameSource, run: Run, report: RecordingReport) -> Iterator[str]:
+    """Names without a partner."""
+    for found, text in (
+        (report.unmatched_recorded, "recorded joints match no joint of the scene and are not used"),
+        (report.unmatched_joints, "joints are not recorded and stay at 0"),
+    ):
+        if found:
+            told = [f"{u.name} (did you mean {u.suggestion}?)" if u.suggestion else u.name for u in found[:TOLD]]
+            more = ", …" if len(found) > TOLD else ""
+            yield f"{len(found)} {text}: {', '.join(told)}{more}"
+    if report.ignored_mimics:
+        listed = ", ".join(report.ignored_mimics[:TOLD])
+        yield f"recorded values of joints that follow another are not used: {listed}"
+    for route in run.joints:
+        topic, _ = split_topic(route.input.topic, source.reader.topics)
+        names = set(source.known.names.get(topic, ())) | route.names
+        absent = sorted(n for n in route.input.source.rename if n not in names)
+        if absent:
+            yield f"topic {topic}: `rename` speaks of {', '.join(absent[:TOLD])}, which the log does not have"
+        sides = source.known.sides.get(topic, set())
+        if len(sides) > 1 and not route.input.side:
+            yield f"topic {topic}: holds gloves of several sides; name one as {topic}#{min(sides)}"

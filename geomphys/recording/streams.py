@@ -1,0 +1,319 @@
+"""Streams of samples, resampled to the frames: interpolated over short gaps, held over long ones.
+
+A stream takes samples in any order and is asked for frames in order of time. It keeps what lies ahead of the last
+frame, and of what lies behind only the last good value, so its memory does not grow with the log.
+
+The rules, for a frame at t between the good samples a (at or before t) and b (the next one):
+
+- a stands at t: the value of a, to the bit;
+- b - a <= max_gap: interpolated, v = a + w (b - a) with w = (t - a) / (b - a); rotations by slerp, the short way round;
+- otherwise, or without a b: the value of a, and the frame is held;
+- without an a: the value of b, and the frame is held and *before the first*;
+- a stream that keeps the clock and has only a bad sample at t: the value of a, held.
+
+Of samples at the same time the first good one counts. A constant stream (a single sample in the whole log, or static
+transforms) has the value of the last sample at or before t, else of the first, and is never held.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Seven = tuple[float, ...]
+
+NEVER = -(2**62)
+QUATERNION_TOLERANCE = 1e-2
+"""A quaternion whose norm is further than this from 1 is a bad sample."""
+KEPT_NORM = 1e-9
+"""A quaternion whose norm is at most this far from 1 is kept as it is, to the bit; beyond it is normalised."""
+VALUE_LIMIT = 1e9
+"""A coordinate or angle beyond this (m or rad) is a bad sample: its square would not be a length any more."""
+
+
+class Sampled(NamedTuple):
+    """A stream's value at a frame."""
+
+    value: Any
+    held: bool
+    before: bool  # the stream has not begun
+
+
+def good_pose(value: Seven) -> Seven | None:
+    """The pose with a quaternion of norm 1, None if it is not finite or its quaternion is none.
+
+    A quaternion within `KEPT_NORM` of the norm 1 is returned as it is.
+    """
+    x, y, z, a, b, c, d = value
+    norm = math.sqrt(a * a + b * b + c * c + d * d) if abs(a) + abs(b) + abs(c) + abs(d) < 8 else math.inf
+    if not abs(norm - 1) < QUATERNION_TOLERANCE or not abs(x) + abs(y) + abs(z) < VALUE_LIMIT:
+        return None
+    return value if abs(norm - 1) <= KEPT_NORM else (x, y, z, a / norm, b / norm, c / norm, d / norm)
+
+
+def blend_poses(a: Seven, b: Seven, w: float) -> Seven:
+    """Pose between a (w = 0) and b (w = 1): linear in position, slerp the short way round in rotation."""
+    position = tuple(p + w * (q - p) for p, q in zip(a[:3], b[:3], strict=True))
+    qa, qb = a[3:], b[3:]
+    if sum(p * q for p, q in zip(qa, qb, strict=True)) < 0:
+        qb = tuple(-q for q in qb)
+    if qa == qb:
+        return position + qa
+    apart = math.sqrt(sum((p - q) ** 2 for p, q in zip(qa, qb, strict=True)))
+    together = math.sqrt(sum((p + q) ** 2 for p, q in zip(qa, qb, strict=True)))
+    angle = 2 * math.atan2(apart, together)  # between the quaternions: half the rotation between them
+    if angle < 1e-6:
+        u, v = 1 - w, w
+    else:
+        u, v = math.sin((1 - w) * angle) / math.sin(angle), math.sin(w * angle) / math.sin(angle)
+    mixed = [u * p + v * q for p, q in zip(qa, qb, strict=True)]
+    norm = math.sqrt(sum(q * q for q in mixed))
+    return (*position, *(q / norm for q in mixed))
+
+
+class PoseStream:
+    """Poses over time. Times are ns; `max_gap` ns."""
+
+    def __init__(self, max_gap: int, *, constant: bool = False, keeps_clock: bool = False) -> None:
+        self.max_gap, self.constant, self.keeps_clock = max_gap, constant, keeps_clock
+        self.times: list[int] = []  # ahead of the last frame
+        self.values: list[Seven | None] = []  # None: a bad sample
+        self.last_time = NEVER  # of the last good sample at or before the last frame
+        self.last: Seven | None = None
+        self.bad_time = NEVER  # of the last bad sample at or before the last frame
+        self.first: Seven | None = None  # stands in before the first sample, if known
+        self.frame_time = NEVER
+        self.bad = self.duplicates = self.gaps = self.held_frames = 0
+        self.longest_gap = 0
+
+    def add(self, time: int, value: Seven) -> None:
+        """Take in a sample of any time."""
+        good = good_pose(value)
+        if good is None:
+            self.bad += 1
+        if time <= self.frame_time:
+            if time == self.last_time:
+                self.duplicates += 1
+            elif good is not None and time > self.last_time:
+                self._pass(time, good)
+            return
+        times = self.times
+        at = len(times) if not times or time > times[-1] else bisect_left(times, time)
+        if at < len(times) and times[at] == time:
+            self.duplicates += 1
+            if self.values[at] is None:
+                self.values[at] = good
+            return
+        times.insert(at, time)
+        self.values.insert(at, good)
+
+    def _pass(self, time: int, value: Seven | None) -> None:
+        """Move past a sample."""
+        if value is None:
+            self.bad_time = time
+            return
+        if self.last is not None:
+            gap = time - self.last_time
+            self.longest_gap = max(self.longest_gap, gap)
+            self.gaps += gap > self.max_gap
+        self.last_time, self.last = time, value
+
+    def advance(self, time: int) -> None:
+        """Forget what lies before a time that no frame before it will be asked for."""
+        self.frame_time = time
+        passed = 0
+        for when in self.times:
+            if when > time:
+                break
+            self._pass(when, self.values[passed])
+            passed += 1
+        if passed:
+            del self.times[:passed], self.values[:passed]
+
+    def at(self, time: int) -> Sampled:
+        """Value at a frame; frames must be asked for in order of time. The value is None if there never was one."""
+        self.advance(time)
+        sampled = self._sample(time)
+        self.held_frames += sampled.held
+        return sampled
+
+    def _sample(self, time: int) -> Sampled:
+        if self.last_time == time:
+            return Sampled(self.last, False, False)
+        if self.last is None:
+            upcoming = next((v for v in self.values if v is not None), None)
+            value = self.first if upcoming is None else upcoming
+            return Sampled(value, not self.constant, not self.constant)
+        if self.constant:
+            return Sampled(self.last, False, False)
+        if self.keeps_clock and self.bad_time == time:
+            return Sampled(self.last, True, False)
+        for when, value in zip(self.times, self.values, strict=True):
+            gap = when - self.last_time
+            if gap > self.max_gap:
+                break
+            if value is not None:
+                return Sampled(blend_poses(self.last, value, (time - self.last_time) / gap), False, False)
+        return Sampled(self.last, True, False)
+
+
+class JointStream:
+    """Values of m joints over time, each a stream of its own that may be missing from a sample (NaN).
+
+    `bad` samples are those that the log has as NaN or beyond `VALUE_LIMIT`; a joint that is not in a message is only
+    missing. Times are ns; `max_gap` ns.
+    """
+
+    def __init__(self, joints: int, max_gap: int, *, constant: bool = False, keeps_clock: bool = False) -> None:
+        self.max_gap, self.keeps_clock = max_gap, keeps_clock
+        self.constant = np.full(joints, constant)
+        self.times: list[int] = []  # ahead of the last frame
+        self.rows: list[Floats] = []  # (m,) NaN where missing
+        self.full: list[bool] = []
+        self.bads: list[NDArray[np.bool_] | None] = []  # (m,) which of them the log has as bad
+        self.last_time = np.full(joints, NEVER, dtype=np.int64)
+        self.last = np.zeros(joints)
+        self.first = np.full(joints, np.nan)
+        self.row_time = NEVER  # of the last row passed, and whether it was full
+        self.row_full = False
+        self.row_bad: NDArray[np.bool_] | None = None
+        self.frame_time = NEVER
+        self.held_frames = np.zeros(joints, dtype=np.int64)
+        self.gaps = np.zeros(joints, dtype=np.int64)
+        self.longest_gap = np.zeros(joints, dtype=np.int64)
+        self.bad_samples = np.zeros(joints, dtype=np.int64)
+        self.duplicates = 0
+
+    def add(self, time: int, row: Floats, bad: NDArray[np.bool_] | None = None) -> None:
+        """Take in a sample of any time: `row` (m,) with NaN where a joint is missing, `bad` (m,) where it is bad."""
+        if bad is not None:
+            self.bad_samples += bad
+        if time <= self.frame_time:
+            self._late(time, row)
+            return
+        times = self.times
+        at = len(times) if not times or time > times[-1] else bisect_left(times, time)
+        if at < len(times) and times[at] == time:
+            self._merge(at, row, bad)
+            return
+        times.insert(at, time)
+        self.rows.insert(at, row)
+        self.full.insert(at, not bool(np.isnan(row).any()))
+        self.bads.insert(at, bad)
+
+    def _merge(self, at: int, row: Floats, bad: NDArray[np.bool_] | None) -> None:
+        """Take in a second sample of the same time: it only fills what the first one lacks."""
+        old = self.rows[at]
+        missing = np.isnan(old)
+        there = ~np.isnan(row)
+        if not (missing & there).any() or (~missing & there).any():
+            self.duplicates += 1
+        merged = np.where(missing, row, old)
+        self.rows[at] = merged
+        self.full[at] = not bool(np.isnan(merged).any())
+        both = [b for b in (self.bads[at], bad) if b is not None]
+        if both:
+            self.bads[at] = np.logical_or.reduce(both) & np.isnan(merged)
+
+    def _late(self, time: int, row: Floats) -> None:
+        """Take in a sample from before the last frame: it can only be what is held from now on."""
+        newer = ~np.isnan(row) & (time > self.last_time)
+        if newer.any():
+            self.last = np.where(newer, row, self.last)
+            self.last_time[newer] = time
+            self.row_full = False
+
+    def _pass(self, k: int) -> None:
+        """Move past row k of what lies ahead."""
+        time, row = self.times[k], self.rows[k]
+        if self.full[k]:
+            if self.row_full:
+                gap = time - self.row_time
+                if gap > self.max_gap:
+                    self.gaps += 1
+                np.maximum(self.longest_gap, gap, out=self.longest_gap)
+            else:
+                self._count_gaps(time, np.ones(len(row), dtype=bool))
+            self.last = row
+            self.last_time.fill(time)
+        else:
+            there = ~np.isnan(row)
+            self._count_gaps(time, there)
+            self.last = np.where(there, row, self.last)
+            self.last_time[there] = time
+        self.row_time, self.row_full, self.row_bad = time, self.full[k], self.bads[k]
+
+    def _count_gaps(self, time: int, there: NDArray[np.bool_]) -> None:
+        gap = np.where(there & (self.last_time != NEVER), time - self.last_time, 0)
+        self.gaps += gap > self.max_gap
+        np.maximum(self.longest_gap, gap, out=self.longest_gap)
+
+    def advance(self, time: int) -> None:
+        """Forget what lies before a time that no frame before it will be asked for."""
+        self.frame_time = time
+        passed = 0
+        for when in self.times:
+            if when > time:
+                break
+            self._pass(passed)
+            passed += 1
+        if passed:
+            del self.times[:passed], self.rows[:passed], self.full[:passed], self.bads[:passed]
+
+    def at(self, time: int) -> Sampled:
+        """Values (m,) at a frame, not to be written to; frames must be asked for in order of time.
+
+        NaN for a joint of which nothing is known at all.
+        """
+        self.advance(time)
+        if self.row_full:
+            if self.row_time == time:
+                return Sampled(self.last, False, False)
+            if self.times and self.full[0]:
+                gap = self.times[0] - self.row_time
+                if gap <= self.max_gap:
+                    w = (time - self.row_time) / gap
+                    return Sampled(self.last + w * (self.rows[0] - self.last), False, False)
+        return self._joint_by_joint(time)
+
+    def _joint_by_joint(self, time: int) -> Sampled:
+        """Values where some joint is missing from a sample, or a gap is too long."""
+        begun = self.last_time != NEVER
+        value = np.where(begun, self.last, self._upcoming(begun))
+        open_ = begun & (self.last_time != time) & ~self.constant
+        if self.keeps_clock and self.row_time == time and self.row_bad is not None:
+            frozen = open_ & self.row_bad
+        else:
+            frozen = np.zeros_like(open_)
+        waiting = open_ & ~frozen
+        for when, row in zip(self.times, self.rows, strict=True):
+            if not waiting.any():
+                break
+            gap = when - self.last_time
+            waiting &= gap <= self.max_gap
+            hit = waiting & ~np.isnan(row)
+            if hit.any():
+                w = (time - self.last_time[hit]) / gap[hit]
+                value[hit] = self.last[hit] + w * (row[hit] - self.last[hit])
+                waiting &= ~hit
+                open_ &= ~hit
+        before = ~begun & ~self.constant
+        held = open_ | before
+        self.held_frames += held
+        return Sampled(value, bool(held.any()), bool(before.any()))
+
+    def _upcoming(self, begun: NDArray[np.bool_]) -> Floats:
+        """First values of the joints that have not begun: the next ones ahead, else those known beforehand."""
+        if begun.all():
+            return self.last
+        value = np.full(len(begun), np.nan)
+        for row in self.rows:
+            value = np.where(np.isnan(value), row, value)
+            if not np.isnan(value[~begun]).any():
+                break
+        return np.where(np.isnan(value), self.first, value)
