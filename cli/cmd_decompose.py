@@ -3,37 +3,95 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from .command import command, current_terminal
-from .options import INPUT_FILE, OUTPUT_FILE, check_output, force_option, json_option
+from .options import INPUT_FILE, check_output, force_option, json_option
+from .progress import progress_bar
+from .terminal import printable
+
+if TYPE_CHECKING:
+    from geomphys.piece_files import DecomposedMesh
+
+    from .terminal import Terminal
+
+STEPS = 100
+"""Steps of the bar a mesh."""
 
 
 @command(
     "decompose",
     examples="""
     geomphys decompose chair.glb
-    geomphys decompose chair.glb --threshold 0.02 -o chair_pieces.glb
-    geomphys decompose table.toml --json
+    geomphys decompose chair.glb --threshold 0.05 -o chair_pieces.glb
+    geomphys decompose scene.toml -o pieces/ --json
     """,
 )
-@click.argument("mesh", metavar="MESH|SCENE", type=INPUT_FILE)
-@click.option("--output", "-o", "out", type=OUTPUT_FILE, metavar="GLB", help="Write the pieces, one colour each.")
+@click.argument("path", metavar="MESH|SCENE", type=INPUT_FILE)
+@click.option(
+    "--output",
+    "-o",
+    "out",
+    type=click.Path(path_type=Path),
+    metavar="FILE|DIR",
+    help="Write the pieces, one colour each: a mesh file (.glb, .obj, .ply, .stl); for a scene a folder.",
+)
 @click.option(
     "--threshold",
     type=click.FloatRange(min=0.01, max=1.0),
-    default=0.05,
+    default=0.02,
     show_default=True,
-    help="Concavity a piece may keep; less: more pieces, closer to the mesh.",
+    help="Concavity a piece may keep, of half the longest side; a replay takes the default.",
 )
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the search.")
 @force_option
 @json_option
-def decompose(mesh: Path, out: Path | None, threshold: float, force: bool, as_json: bool) -> None:
-    """Cut a mesh, or all meshes of a scene file, into convex pieces, as a replay does; keep them in the cache."""
-    check_output(out, force=force, inputs=(mesh,))
-    from geomphys.world.decomposition import decompose_file
+def decompose(path: Path, out: Path | None, threshold: float, seed: int, force: bool, as_json: bool) -> None:
+    """Cut a mesh, or the meshes a scene file or a URDF collides with, into convex pieces, as a replay does.
 
-    report = decompose_file(mesh, out=out, threshold=threshold, force=force)
+    What is cut is kept in the cache, so that a replay need not cut it again.
+    """
+    several = path.suffix.lower() in {".toml", ".urdf"}
+    if several and out is not None and out.exists() and not out.is_dir():
+        raise click.UsageError(f"{out}: is a file; the pieces of {path} need a folder")
+    if not several:
+        check_output(out, force=force, inputs=(path,))
+
+    from geomphys.piece_files import decompose_file, write_pieces
+
     terminal = current_terminal()
-    terminal.json(report.as_dict())
+    with progress_bar(terminal, path.name, unit="%") as bar:
+        meshes = decompose_file(
+            path, threshold=threshold, seed=seed, progress=lambda what, share: bar(round(STEPS * share), STEPS)
+        )
+    written = []
+    if out is not None and several:
+        out.mkdir(exist_ok=True)
+    for number, mesh in enumerate(meshes):
+        if out is not None:
+            target = out / f"{number:02d}_{mesh.path.stem}.glb" if several else out
+            write_pieces(mesh.pieces, target, force=force)
+            written.append(target)
+    if as_json:
+        terminal.json([mesh.as_dict() for mesh in meshes])
+    else:
+        _show(terminal, meshes)
+    for target in written:
+        terminal.note(f"wrote {target}")
+
+
+def _show(terminal: Terminal, meshes: tuple[DecomposedMesh, ...]) -> None:
+    """Print a line a mesh."""
+    from rich.table import Table
+
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    for heading, justify in (("mesh", "left"), ("triangles", "right"), ("pieces", "right"), ("how", "left")):
+        table.add_column(heading, justify="right" if justify == "right" else "left", overflow="fold")
+    for mesh in meshes:
+        how = {"hull": "convex", "parts": "convex parts", "coacd": "cut"}[mesh.pieces.method]
+        spent = "from the cache" if mesh.pieces.cached else f"{mesh.pieces.seconds:.1f} s"
+        note = f"{how}, {spent}" if mesh.pieces.method == "coacd" else how
+        table.add_row(printable(mesh.path.name), f"{mesh.triangles:,}", str(len(mesh.pieces.hulls)), note)
+    terminal.result(table)
