@@ -67,6 +67,7 @@ class FrameSource:
         problem = next(stream_problems(self.reader, self.plan, self.known), None)
         if problem is not None:
             raise LogError(problem)
+        self.prismatic = prismatic_columns(world)
         self._run = Run(self)
 
     def __enter__(self) -> FrameSource:
@@ -124,7 +125,7 @@ class Run:
         self.joints: list[JointRoute] = []
         self.still_roots = np.ascontiguousarray(scene.trees.rest, dtype=np.float64)
         self.still_angles = np.zeros(len(scene.dofs.lower))
-        self.prismatic = prismatic_columns(self.world)
+        self.prismatic = source.prismatic
         self._make_routes(gap)
         self.recorded = np.zeros(len(self.still_angles), dtype=bool)
         for route in self.joints:

@@ -1,0 +1,157 @@
+"""Whether a log can be replayed in a scene, and what to expect of it: for ``geomphys check``.
+
+The check makes all the frames that a replay would, without the replay: what it says of gaps, held frames and limits is
+what a replay will meet.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from geomphys.config import Config
+from geomphys.errors import DamagedLogError, LogError
+from geomphys.recording.frames import FrameSource
+from geomphys.recording.plan import JointInput, Plan, make_plan
+from geomphys.recording.reader import open_log
+from geomphys.recording.report import RecordingReport
+from geomphys.world.scene import World
+
+
+@dataclass(frozen=True)
+class PoseMapping:
+    """A tree's root and the topic that it follows."""
+
+    tree: str
+    topic: str  # `topic` or `topic#child`
+    schema: str
+    encoding: str
+    messages: int
+
+
+@dataclass(frozen=True)
+class JointMapping:
+    """A joint of the scene and the recorded one that feeds it."""
+
+    tree: str
+    joint: str
+    topic: str
+    recorded: str
+    unit: str  # of the recorded values: rad, deg or m
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """What a replay of a log in a scene would meet. `errors` forbid it, `warnings` do not."""
+
+    log: str
+    scene: str
+    errors: tuple[str, ...]
+    warnings: tuple[str, ...]
+    clock: str | None  # topic of the frame clock; None: the log's time span
+    poses: tuple[PoseMapping, ...]
+    joints: tuple[JointMapping, ...]
+    recording: RecordingReport | None  # None if no frame can be made
+    zero_pose_overlaps: tuple[tuple[str, str], ...]  # pairs of bodies that are left out for that
+
+    def as_dict(self) -> dict[str, Any]:
+        """All of it as plain values."""
+        return dataclasses.asdict(self)
+
+
+def check_log(log: Path, world: World, config: Config | None = None) -> CheckReport:
+    """Say whether `log` can be replayed in `world`, and what to expect.
+
+    Parameters
+    ----------
+    log : Path
+        An MCAP file or a ROS 2 bag directory. What is intact of a damaged one is checked; that it is damaged is an
+        error unless `config.recover` is set.
+    world : World
+    config : Config, optional
+        As for the replay.
+
+    Raises
+    ------
+    LogError
+        The log cannot be read at all.
+    """
+    config = config or Config()
+    errors: list[str] = []
+    try:
+        reader = open_log(log, recover=config.recover)
+    except DamagedLogError as problem:
+        errors.append(str(problem))
+        config = dataclasses.replace(config, recover=True)
+        reader = open_log(log, recover=True)
+    plan = make_plan(reader, world, config)
+    errors += plan.problems
+    recording, mapped = None, tuple[JointMapping, ...]()
+    if not plan.problems:
+        try:
+            recording, mapped = _frames(log, world, config)
+        except LogError as problem:
+            errors.append(str(problem))
+    if recording is not None and recording.frames == 0:
+        errors.append(f"{log}: gives no frame")
+    return CheckReport(
+        log=str(log),
+        scene=str(world.path),
+        errors=tuple(errors),
+        warnings=recording.warnings if recording is not None else (),
+        clock=_clock(plan),
+        poses=tuple(_poses(plan, world)),
+        joints=mapped,
+        recording=recording,
+        zero_pose_overlaps=world.zero_pose_overlaps,
+    )
+
+
+def _frames(log: Path, world: World, config: Config) -> tuple[RecordingReport, tuple[JointMapping, ...]]:
+    """Make all frames; the report of them, and which recorded joint feeds which."""
+    with FrameSource(log, world, config) as source:
+        for _ in source:
+            pass
+        names = {i.topic: source.known.names.get(i.topic, set()) for i in source.plan.joints}
+        prismatic = source.prismatic
+        mapped = [
+            JointMapping(
+                tree=world.tree_names[i.source.tree],
+                joint=world.dof_names[column],
+                topic=i.topic,
+                recorded=name,
+                unit="m" if prismatic[column] else "deg" if i.degrees else "rad",
+            )
+            for i in source.plan.joints
+            for name, column in _recorded(i, names[i.topic])
+        ]
+        return source.report, tuple(mapped)
+
+
+def _recorded(source: JointInput, names: set[str]) -> list[tuple[str, int]]:
+    """Recorded joints of a topic that feed a tree, in the order of its angles."""
+    found = [(n, c) for n, c in source.recorded_names().items() if n in names]
+    return sorted(found, key=lambda item: item[1])
+
+
+def _clock(plan: Plan) -> str | None:
+    """Name of the frame clock's topic."""
+    if plan.clock is None:
+        return None
+    return f"{plan.clock.topic}#{plan.clock.child}" if plan.clock.child else plan.clock.topic
+
+
+def _poses(plan: Plan, world: World) -> list[PoseMapping]:
+    """Which tree follows which topic."""
+    return [
+        PoseMapping(
+            tree=world.tree_names[p.source.tree],
+            topic=f"{p.topic}#{p.child}" if p.child else p.topic,
+            schema=p.channels[0].schema_name,
+            encoding=p.channels[0].encoding,
+            messages=sum(c.messages for c in p.channels),
+        )
+        for p in plan.poses
+    ]

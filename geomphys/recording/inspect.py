@@ -1,0 +1,181 @@
+"""What a log holds: for ``geomphys info``. What a scene makes of it is in `check.py`."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from geomphys.errors import LogError
+from geomphys.recording.channels import Content, Joints, kind_of, make_reader
+from geomphys.recording.check import CheckReport, check_log
+from geomphys.recording.decoders import BadMessageError
+from geomphys.recording.reader import LogChannel, LogReader, RawMessage, open_log
+from geomphys.recording.streams import VALUE_LIMIT, good_pose
+
+__all__ = ["CheckReport", "LogInfo", "TopicInfo", "check_log", "inspect_log"]
+
+NAMES_LIMIT = 10_000  # joints or frames of a topic that are told apart
+
+
+@dataclass(frozen=True)
+class TopicInfo:
+    """A channel of a log. Times are log times."""
+
+    topic: str
+    schema: str  # "" without one
+    encoding: str
+    kind: str  # joints, pose, transforms, glove; "" for one that is not understood
+    messages: int
+    first_ns: int | None
+    last_ns: int | None
+    rate_hz: float | None  # None below two messages or without a span
+    longest_gap_s: float | None
+    joints: tuple[str, ...]  # named in the messages, sorted
+    frames: tuple[str, ...]  # child frames of transforms, sorted
+    sides: tuple[str, ...]  # of gloves
+    bad_samples: int  # not finite, or without a unit quaternion
+    bad_messages: int  # cannot be decoded
+    problem: str  # why the channel's schema cannot be read; "" if it can
+
+
+@dataclass(frozen=True)
+class LogInfo:
+    """A log."""
+
+    path: str
+    files: tuple[str, ...]
+    size_bytes: int
+    profile: str
+    messages: int
+    first_ns: int | None
+    last_ns: int | None
+    duration_s: float
+    topics: tuple[TopicInfo, ...]  # sorted by topic
+    metadata: dict[str, dict[str, str]]
+    bytes_lost: int
+    damage: str  # "" for a whole log
+
+    def as_dict(self) -> dict[str, Any]:
+        """All of it as plain values."""
+        return dataclasses.asdict(self)
+
+
+def inspect_log(path: Path, *, recover: bool = False) -> LogInfo:
+    """Read a log through and say what it holds.
+
+    Parameters
+    ----------
+    path : Path
+        An MCAP file or a ROS 2 bag directory.
+    recover : bool
+        Tell of a damaged log what is intact, instead of raising DamagedLogError.
+
+    Raises
+    ------
+    LogError
+        Not there, not readable, not an MCAP.
+    DamagedLogError
+        The log is damaged and `recover` is off.
+    """
+    with open_log(path, recover=recover) as reader:
+        surveys = {key: _Survey(channel) for key, channel in reader.channels.items()}
+        for raw in reader.read():
+            surveys[raw.key].take(raw)
+        topics = sorted((s.info() for s in surveys.values()), key=lambda t: (t.topic, t.schema))
+        return _info(reader, tuple(topics))
+
+
+def _info(reader: LogReader, topics: tuple[TopicInfo, ...]) -> LogInfo:
+    some = reader.messages > 0
+    damage = reader.damage
+    return LogInfo(
+        path=str(reader.path),
+        files=tuple(str(f) for f in reader.files),
+        size_bytes=reader.size,
+        profile=reader.profile,
+        messages=reader.messages,
+        first_ns=reader.start_ns if some else None,
+        last_ns=reader.end_ns if some else None,
+        duration_s=(reader.end_ns - reader.start_ns) / 1e9,
+        topics=topics,
+        metadata=dict(reader.metadata),
+        bytes_lost=damage.bytes_lost if damage is not None else 0,
+        damage=damage.text if damage is not None else "",
+    )
+
+
+@dataclass
+class _Survey:
+    """What is gathered of a channel."""
+
+    channel: LogChannel
+    latest: int | None = None
+    longest_gap: int = 0
+    joints: set[str] = field(default_factory=set)
+    frames: set[str] = field(default_factory=set)
+    sides: set[str] = field(default_factory=set)
+    bad_samples: int = 0
+    bad_messages: int = 0
+    problem: str = ""
+    read: Callable[[bytes], Content] | None = None
+
+    def __post_init__(self) -> None:
+        """Make the channel's reader."""
+        kind = kind_of(self.channel)
+        if kind is not None:
+            try:
+                self.read = make_reader(self.channel, kind)
+            except LogError as problem:
+                self.problem = str(problem)
+
+    def take(self, raw: RawMessage) -> None:
+        """Take in a message."""
+        if self.latest is not None:
+            self.longest_gap = max(self.longest_gap, raw.log_time - self.latest)
+        self.latest = raw.log_time if self.latest is None else max(self.latest, raw.log_time)
+        if self.read is None:
+            return
+        try:
+            content = self.read(raw.data)
+        except BadMessageError:
+            self.bad_messages += 1
+            return
+        if isinstance(content, Joints):
+            self._add_names(self.joints, content.names)
+            if content.side:
+                self._add_names(self.sides, [content.side])
+            self.bad_samples += sum(not abs(v) < VALUE_LIMIT for v in content.values)
+        else:
+            self._add_names(self.frames, [p.child for p in content if p.child])
+            self.bad_samples += sum(good_pose(p.value) is None for p in content)
+
+    @staticmethod
+    def _add_names(known: set[str], names: Any) -> None:
+        """Take in names, as long as they are not absurdly many."""
+        if len(known) < NAMES_LIMIT:
+            known.update(names)
+
+    def info(self) -> TopicInfo:
+        """Sum up."""
+        c, kind = self.channel, kind_of(self.channel)
+        span = (c.last_ns - c.first_ns) / 1e9
+        return TopicInfo(
+            topic=c.topic,
+            schema=c.schema_name,
+            encoding=c.encoding,
+            kind=kind.what if kind is not None else "",
+            messages=c.messages,
+            first_ns=c.first_ns if c.messages else None,
+            last_ns=c.last_ns if c.messages else None,
+            rate_hz=(c.messages - 1) / span if span > 0 else None,
+            longest_gap_s=self.longest_gap / 1e9 if c.messages > 1 else None,
+            joints=tuple(sorted(self.joints)),
+            frames=tuple(sorted(self.frames)),
+            sides=tuple(sorted(self.sides)),
+            bad_samples=self.bad_samples,
+            bad_messages=self.bad_messages,
+            problem=self.problem,
+        )
