@@ -1,4 +1,4 @@
-"""URDF texts for viewers: of the avatars, of articulated objects, and of every plain object of the scene.
+"""URDF texts for viewers: of the avatars, of articulated objects, and of the plain objects of the scene.
 
 Viewers place a URDF's links by the frame ids of ``/tf``. So links are named here as their frames are (that differs
 from the file where there are several avatars, and for objects), and meshes are referred to by absolute ``file://``
@@ -7,6 +7,7 @@ addresses, the only ones that the rerun viewer opens. The URDFs as they are stan
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from defusedxml import ElementTree as SafeTree
@@ -17,6 +18,7 @@ from geomphys.errors import ModelError
 from geomphys.world.scene import World
 from geomphys.world.scene_file import ObjectTable
 
+WORLD = "world"
 _COLOURS = {"wood": "0.72 0.53 0.34 1", "human": "0.88 0.72 0.62 1", "metal": "0.62 0.66 0.72 1"}
 _OTHER_COLOUR = "0.6 0.6 0.6 1"
 
@@ -24,17 +26,20 @@ _OTHER_COLOUR = "0.6 0.6 0.6 1"
 def descriptions(world: World) -> dict[str, str]:
     """Topic -> URDF text: ``/robot_description`` of the only avatar, ``/NAME/robot_description`` of all others.
 
-    Raises ModelError if a URDF cannot be read.
+    Objects without a URDF of their own stand together in ``/objects/robot_description``. Raises ModelError if a URDF
+    cannot be read.
     """
     texts: dict[str, str] = {}
-    folder = world.path.resolve().parent
-    objects = {table.name: table for table in world.file.object}
     for tree, name in enumerate(world.tree_names):
-        topic = "/robot_description" if tree == 0 and world.avatar_count == 1 else f"/{name}/robot_description"
         if name in world.urdfs:
+            topic = "/robot_description" if tree == 0 and world.avatar_count == 1 else f"/{name}/robot_description"
             texts[topic] = urdf_for_viewers(world.urdfs[name], _frames_of(world, tree))
-        else:
-            texts[topic] = urdf_of_object(objects[name], folder)
+    plain = [table for table in world.file.object if table.name not in world.urdfs]
+    if plain:
+        name = "objects"
+        while name in world.tree_names:
+            name += "_"
+        texts[f"/{name}/robot_description"] = urdf_of_objects(name, plain, world.path.resolve().parent)
     return texts
 
 
@@ -60,17 +65,22 @@ def urdf_for_viewers(path: Path, frames: dict[str, str]) -> str:
     return text + "\n"
 
 
-def urdf_of_object(table: ObjectTable, folder: Path) -> str:
-    """URDF of one link, named as the object, with its shape as geometry; `folder` is the scene file's."""
-    robot = etree.Element("robot", name=table.name)
-    link = etree.SubElement(robot, "link", name=table.name)
-    for geometry, height in _geometries(table, folder):
-        visual = etree.SubElement(link, "visual")
-        if height:
-            etree.SubElement(visual, "origin", xyz=f"0 0 {height!r}", rpy="0 0 0")
-        etree.SubElement(visual, "geometry").append(geometry)
-        material = etree.SubElement(visual, "material", name=table.material)
-        etree.SubElement(material, "color", rgba=_COLOURS.get(table.material, _OTHER_COLOUR))
+def urdf_of_objects(name: str, tables: Sequence[ObjectTable], folder: Path) -> str:
+    """URDF in which every object is a link of its name that floats in the link ``world``; `folder` is the scene's."""
+    robot = etree.Element("robot", name=name)
+    etree.SubElement(robot, "link", name=WORLD)
+    for table in tables:
+        link = etree.SubElement(robot, "link", name=table.name)
+        for geometry, height in _geometries(table, folder):
+            visual = etree.SubElement(link, "visual")
+            if height:
+                etree.SubElement(visual, "origin", xyz=f"0 0 {height!r}", rpy="0 0 0")
+            etree.SubElement(visual, "geometry").append(geometry)
+            material = etree.SubElement(visual, "material", name=table.material)
+            etree.SubElement(material, "color", rgba=_COLOURS.get(table.material, _OTHER_COLOUR))
+        joint = etree.SubElement(robot, "joint", name=f"{WORLD} {table.name}", type="floating")
+        etree.SubElement(joint, "parent", link=WORLD)
+        etree.SubElement(joint, "child", link=table.name)
     text: str = etree.tostring(robot, encoding="unicode", pretty_print=True)
     return text
 

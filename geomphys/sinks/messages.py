@@ -19,11 +19,11 @@ from geomphys.results import METHODS, Metrics
 from geomphys.results import Contacts as ContactArrays
 from geomphys.results import Penetrations as PenetrationArrays
 from geomphys.sinks.arrows import arrow_lengths, arrow_orientations
-from geomphys.sinks.wire import StampedTemplate, Template, entry, markers
+from geomphys.sinks.description import WORLD
+from geomphys.sinks.wire import StampedTemplate, Template, entry, markers, stamp_field
 
 Floats = NDArray[np.float64]
 
-WORLD = "world"
 STRING_DEFINITION = b"string data\n"
 JOINT_STATE_DEFINITION = b"""\
 std_msgs/Header header
@@ -71,6 +71,10 @@ class TransformsMessage:
     def encode(self, poses: Floats, stamp: bytes) -> bytes:
         """The message with `poses` (n, 7), contiguous, at an encoded time."""
         return self._template.fill(poses, stamp)
+
+    def layout(self, time_ns: int) -> Template:
+        """The layout of the messages of times that take as many bytes as this one."""
+        return self._template.of(len(stamp_field(time_ns)))
 
     def _build(self, stamp: Timestamp) -> bytes:
         message = FrameTransforms()

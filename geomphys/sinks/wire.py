@@ -54,6 +54,8 @@ class Template:
         if stamp and not starts:
             raise ValueError("the time stands nowhere in the message")
         self._stamps = np.array(starts, np.int64).reshape(-1, 1) + np.arange(len(stamp))
+        self._constant: NDArray[np.int64] | None = None
+        self._constant_data: Bytes = self._data[:0]
 
     def fill(self, values: Floats, stamp: bytes = b"") -> bytes:
         """The message with `values` (count,) as its doubles and `stamp` for its times."""
@@ -62,6 +64,21 @@ class Template:
         if stamp:
             message[self._stamps] = np.frombuffer(stamp, np.uint8)
         return message.tobytes()
+
+    def read(self, data: bytes) -> Floats | None:
+        """The doubles (count,) of a message of this layout, of any time; None if `data` is not one."""
+        message = np.frombuffer(data, np.uint8)
+        if len(message) != len(self._data):
+            return None
+        if self._constant is None:
+            varies = np.zeros(len(self._data), bool)
+            varies[self._doubles] = varies[self._stamps.ravel()] = True
+            self._constant = np.flatnonzero(~varies)
+            self._constant_data = self._data[self._constant]
+        if not np.array_equal(message[self._constant], self._constant_data):
+            return None
+        values: Floats = message[self._doubles].view(np.dtype("<f8")).astype(np.float64)
+        return values
 
     def fill_rows(self, rows: Floats) -> bytes:
         """Messages end to end, one for each row of (n, count); for entries of a repeated field."""
@@ -89,12 +106,16 @@ class StampedTemplate:
 
     def fill(self, values: Floats, stamp: bytes) -> bytes:
         """The message with `values` (count,) as its doubles at the time `stamp`, an encoded field 1 (`stamp_field`)."""
-        template = self._templates.get(len(stamp))
+        return self.of(len(stamp)).fill(values, stamp if len(stamp) > 2 else b"")
+
+    def of(self, length: int) -> Template:
+        """The template for times whose field 1 takes `length` bytes."""
+        template = self._templates.get(length)
         if template is None:
-            example = _longest(len(stamp) - 2)
-            mark = entry(1, example.SerializeToString()) if len(stamp) > 2 else b""
-            template = self._templates[len(stamp)] = Template(self._build(example), self._count, mark)
-        return template.fill(values, stamp if len(stamp) > 2 else b"")
+            example = _longest(length - 2)
+            mark = entry(1, example.SerializeToString()) if length > 2 else b""
+            template = self._templates[length] = Template(self._build(example), self._count, mark)
+        return template
 
 
 def stamp_field(time_ns: int) -> bytes:

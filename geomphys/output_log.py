@@ -1,0 +1,260 @@
+"""Reads an output log back: metadata, frames one at a time, and whole columns of figures."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+import zstandard
+from google.protobuf.message import DecodeError
+from mcap.exceptions import McapError
+from mcap.reader import McapReader, make_reader
+from mcap.records import Message
+from numpy.typing import NDArray
+
+from geomphys.errors import DamagedLogError, LogError
+from geomphys.output_decoders import (
+    METRICS,
+    ContactRow,
+    JointStateDecoder,
+    JointValues,
+    LogRow,
+    PenetrationRow,
+    Poses,
+    StageRow,
+    TransformsDecoder,
+    decode_contacts,
+    decode_log,
+    decode_metrics,
+    decode_penetrations,
+    decode_timing,
+)
+from geomphys.provenance import IDENTITY, RECORD
+
+CHANNELS = ("/tf", "/recorded/tf", "joint_states", "/contacts", "/penetration", "/metrics", "/timing", "/log")
+"""What `OutputLog.frames` can read; ``joint_states`` stands for those of every avatar."""
+
+_DAMAGE = (McapError, DecodeError, struct.error, zstandard.ZstdError, ValueError, EOFError, KeyError, RuntimeError)
+
+
+@dataclass(frozen=True, slots=True)
+class OutputFrame:
+    """A frame of an output. What was not asked for, or does not stand in the file, is empty."""
+
+    index: int
+    """The frame's number in the replay."""
+    time_ns: int
+    tf: Poses
+    """Corrected poses; the first frame has those of the fixed objects too."""
+    recorded: Poses
+    """As recorded; names carry the prefix ``recorded/``."""
+    joints: dict[str, JointValues] = field(default_factory=dict)
+    """Topic -> corrected joint values."""
+    contacts: tuple[ContactRow, ...] = ()
+    penetrations: tuple[PenetrationRow, ...] = ()
+    metrics: dict[str, float] = field(default_factory=dict)
+    timing: tuple[StageRow, ...] = ()
+    log: tuple[LogRow, ...] = ()
+
+
+@dataclass(frozen=True)
+class StageSeries:
+    """A stage's times over a recording."""
+
+    frames: NDArray[np.int64]  # (n,) row of the frame in `OutputLog.metrics`' columns
+    ns: NDArray[np.int64]  # (n,)
+    counts: NDArray[np.int64]  # (n,)
+
+
+class OutputLog:
+    """An output log on disk. Frames are streamed: memory does not grow with the file.
+
+    Attributes
+    ----------
+    path : Path
+    metadata : dict
+        The record ``geomphys``; strings.
+    topics : tuple of str
+        Of all channels, in the order of the file.
+    counts : dict
+        Topic -> messages.
+    start_ns, end_ns : int
+        Log times of the first and last message of ``/tf`` and its like.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with self._reading() as (_, reader):
+            summary = reader.get_summary()
+            if summary is None or summary.statistics is None:
+                raise DamagedLogError(f"{path}: has no summary, so it was not closed; replay the log again")
+            records = [dict(record.metadata) for record in reader.iter_metadata() if record.name == RECORD]
+        statistics = summary.statistics
+        if not records:
+            raise LogError(
+                f"{path}: is no output of geomphys: it has no metadata record {RECORD!r}; replay a log first"
+            )
+        self.metadata: dict[str, str] = records[0]
+        channels = sorted(summary.channels.items())
+        self.topics: tuple[str, ...] = tuple(dict.fromkeys(channel.topic for _, channel in channels))
+        self.counts: dict[str, int] = dict.fromkeys(self.topics, 0)
+        for number, channel in channels:
+            self.counts[channel.topic] += statistics.channel_message_counts.get(number, 0)
+        self.start_ns: int = statistics.message_start_time
+        self.end_ns: int = statistics.message_end_time
+        self.joint_topics: tuple[str, ...] = tuple(
+            t for t in self.topics if t.endswith("/joint_states") and not t.startswith("/input/")
+        )
+
+    @property
+    def complete(self) -> bool:
+        """Whether the replay that wrote it came to its end."""
+        return self.metadata.get("complete") == "true"
+
+    @property
+    def frame_count(self) -> int:
+        """Number of frames."""
+        return self.counts.get("/tf", 0)
+
+    @property
+    def parameters(self) -> dict[str, str]:
+        """The parameters of the replay, `seed` among them, as the metadata has them."""
+        return {key: value for key, value in self.metadata.items() if key not in IDENTITY}
+
+    def attachments(self) -> dict[str, bytes]:
+        """Name -> bytes of the attached files: the scene and the URDFs."""
+        with self._reading() as (_, reader):
+            return {attachment.name: attachment.data for attachment in reader.iter_attachments()}
+
+    def frames(self, channels: Collection[str] = CHANNELS) -> Iterator[OutputFrame]:
+        """The frames in order.
+
+        Parameters
+        ----------
+        channels : collection of str
+            Which of `CHANNELS` to decode; fewer are faster.
+
+        Raises
+        ------
+        ValueError
+            A channel is none of `CHANNELS`.
+        DamagedLogError
+            The file is damaged at that place.
+        """
+        unknown = set(channels) - set(CHANNELS)
+        if unknown:
+            raise ValueError(f"no such channel: {sorted(unknown)}; there are {CHANNELS}")
+        wanted = {topic for topic in channels if topic.startswith("/")} | {"/tf", "/metrics"}
+        if "joint_states" in channels:
+            wanted.update(self.joint_topics)
+        decoder = _FrameDecoder(frozenset(channels))
+        pending: list[tuple[str, Message]] = []
+        with self._reading() as (_, reader):
+            for _, channel, message in reader.iter_messages(topics=sorted(wanted), log_time_order=False):
+                if channel.topic == "/tf" and pending:  # every frame begins with /tf
+                    yield decoder.decode(pending)
+                    pending = []
+                pending.append((channel.topic, message))
+            if pending:
+                yield decoder.decode(pending)
+
+    def metrics(self) -> dict[str, NDArray[np.float64]]:
+        """Columns (n,) of all metrics by name, and ``time_ns`` (int64): one row a frame."""
+        rows: list[dict[str, float]] = []
+        times: list[int] = []
+        with self._reading() as (_, reader):
+            for _, _, message in reader.iter_messages(topics=["/metrics"], log_time_order=False):
+                rows.append(decode_metrics(message.data))
+                times.append(message.log_time)
+        columns = {name: np.array([row[name] for row in rows], np.float64) for name in METRICS}
+        return {"time_ns": np.array(times, np.int64), **columns}
+
+    def timing(self) -> dict[str, StageSeries]:
+        """Stage name -> times, in the order in which stages first appear; empty if the file has none."""
+        found: dict[str, tuple[list[int], list[int], list[int]]] = {}
+        if "/timing" in self.topics:
+            with self._reading() as (_, reader):
+                messages = reader.iter_messages(topics=["/timing"], log_time_order=False)
+                for row, (_, _, message) in enumerate(messages):
+                    for name, ns, count in decode_timing(message.data):
+                        rows, times, counts = found.setdefault(name, ([], [], []))
+                        rows.append(row)
+                        times.append(ns)
+                        counts.append(count)
+        return {
+            name: StageSeries(*(np.array(column, np.int64) for column in columns)) for name, columns in found.items()
+        }
+
+    @contextmanager
+    def _reading(self) -> Iterator[tuple[BinaryIO, McapReader]]:
+        """The file and a reader of it; what goes wrong in there is a LogError."""
+        try:
+            with self.path.open("rb") as stream:
+                yield stream, make_reader(stream)
+        except OSError as problem:
+            raise LogError(f"{self.path}: cannot be read ({problem.strerror})") from problem
+        except _DAMAGE as problem:
+            raise DamagedLogError(
+                f"{self.path}: is no MCAP file or a damaged one ({problem}); replay the log again"
+            ) from problem
+
+
+def open_output(path: Path | str) -> OutputLog:
+    """Open an output log; raises LogError if it is none, DamagedLogError if it is damaged."""
+    return OutputLog(Path(path))
+
+
+class _FrameDecoder:
+    """Makes frames of the messages between one /tf and the next."""
+
+    def __init__(self, channels: frozenset[str]) -> None:
+        self._channels = channels
+        self._transforms = {"/tf": TransformsDecoder(), "/recorded/tf": TransformsDecoder()}
+        self._joints: dict[str, JointStateDecoder] = {}
+
+    def decode(self, messages: list[tuple[str, Message]]) -> OutputFrame:
+        poses = {"/tf": _NO_POSES, "/recorded/tf": _NO_POSES}
+        joints: dict[str, JointValues] = {}
+        contacts: tuple[ContactRow, ...] = ()
+        penetrations: tuple[PenetrationRow, ...] = ()
+        metrics: dict[str, float] = {}
+        timing: tuple[StageRow, ...] = ()
+        log: list[LogRow] = []
+        for topic, message in messages:
+            data = message.data
+            if topic in poses:
+                if topic in self._channels:
+                    poses[topic] = self._transforms[topic].decode(data, message.log_time)
+            elif topic == "/metrics":
+                metrics = decode_metrics(data)
+            elif topic == "/contacts":
+                contacts = decode_contacts(data)
+            elif topic == "/penetration":
+                penetrations = decode_penetrations(data)
+            elif topic == "/timing":
+                timing = decode_timing(data)
+            elif topic == "/log":
+                log.append(decode_log(data))
+            else:
+                joints[topic] = self._joints.setdefault(topic, JointStateDecoder()).decode(data)
+        first = messages[0][1]
+        return OutputFrame(
+            index=int(metrics.get("frame", first.sequence)),
+            time_ns=first.log_time,
+            tf=poses["/tf"],
+            recorded=poses["/recorded/tf"],
+            joints=joints,
+            contacts=contacts,
+            penetrations=penetrations,
+            metrics=metrics if "/metrics" in self._channels else {},
+            timing=timing,
+            log=tuple(log),
+        )
+
+
+_NO_POSES = Poses((), np.zeros((0, 7)))
