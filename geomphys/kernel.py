@@ -55,17 +55,27 @@ def are_compiled() -> bool:
 
 def kernel(function: F) -> F:
     """Compile `function` with numba on its first call and keep the machine code in `cache_folder`."""
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(cache_folder())
+    return _compiled(function, forceinline=False)
+
+
+def inlined(function: F) -> F:
+    """Compile `function` into each of its callers: for short ones that take many arrays and hand on a few numbers."""
+    return _compiled(function, forceinline=True)
+
+
+def _compiled(function: F, forceinline: bool) -> F:
+    config = cast(Any, numba.config)
+    before = config.CACHE_DIR
+    config.CACHE_DIR = str(cache_folder())
     try:
-        compiled = numba.njit(cache=True, error_model="numpy")(function)
+        compiled = numba.njit(cache=True, error_model="numpy", forceinline=forceinline)(function)
     finally:
-        numba.config.CACHE_DIR = before
-    template = compiled.get_call_template
+        config.CACHE_DIR = before
+    template, types = compiled.get_call_template, cast(Any, numba.types)
 
     def widened(args: Any, kws: Any) -> Any:
         # a constant argument of a call would otherwise be a type of its own, and compile the callee once for each value
-        return template(tuple(map(numba.types.unliteral, args)), {k: numba.types.unliteral(v) for k, v in kws.items()})
+        return template(tuple(map(types.unliteral, args)), {k: types.unliteral(v) for k, v in kws.items()})
 
-    compiled.get_call_template = widened
+    vars(compiled)["get_call_template"] = widened
     return cast(F, compiled)

@@ -9,155 +9,111 @@ corner: faces that see it go, and their outline is joined to it.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from geomphys.collision.gjk import difference
-from geomphys.collision.support import Core, Corners
+from geomphys.collision.gjk import difference, set_pair
+from geomphys.collision.scratch import MAX_CORNERS, MAX_FACES, Room
+from geomphys.collision.support import Core, vec_at
 from geomphys.kernel import kernel
-from geomphys.vec3 import Rot, Vec, add_scaled, cross, dot, neg, norm, perpendicular, scale, sub
-from geomphys.world.scene import CYLINDER, Floats, Ints
+from geomphys.memory import float_at, int_at, set_float, set_int
+from geomphys.vec3 import Rot, Vec, add_scaled, cross, dot, norm, perpendicular, scale, sub
+from geomphys.world.scene import CYLINDER
 
-MAX_CORNERS = 2048
-MAX_FACES = 8192
-
-
-class Scratch(NamedTuple):
-    """Memory of the narrow phase; holds nothing between two calls."""
-
-    simplex: Floats  # (4, 6) points of M and the points of A they come from
-    points: Floats  # (MAX_CORNERS, 6) the same for the polytope's corners
-    planes: Floats  # (MAX_FACES, 4) unit normal and distance of the polytope's faces
-    corners: Ints  # (MAX_FACES, 3) counter-clockwise seen from outside
-    across: Ints  # (MAX_FACES, 3) three times the face across edge k, plus that face's number of the edge
-    alive: Ints  # (MAX_FACES,) 1 for faces of the surface, 2 for those without area, 0 for those gone
-    queue: Ints  # (MAX_FACES,) heap of faces, the nearest first
-    stack: Ints  # (MAX_FACES,) edges still to visit
-    polygons: Floats  # (4, 64, 3) of the manifold's clipping
-
-
-def make_scratch() -> Scratch:
-    """Memory for `separation` and `manifold`; one per thread."""
-    return Scratch(
-        simplex=np.zeros((4, 6)),
-        points=np.zeros((MAX_CORNERS, 6)),
-        planes=np.zeros((MAX_FACES, 4)),
-        corners=np.zeros((MAX_FACES, 3), dtype=np.int64),
-        across=np.zeros((MAX_FACES, 3), dtype=np.int64),
-        alive=np.zeros(MAX_FACES, dtype=np.int64),
-        queue=np.zeros(MAX_FACES, dtype=np.int64),
-        stack=np.zeros(3 * MAX_FACES, dtype=np.int64),
-        polygons=np.zeros((4, 64, 3)),
-    )
+GONE = 0
+SURFACE = 1
+FLAT = 2  # of the surface, but without area: its plane says nothing, its points lie on the edges of others
+STATE = 6
 
 
 @kernel
-def corner(points: Floats, i: int) -> Vec:
-    """Point of M of a row."""
-    return (points[i, 0], points[i, 1], points[i, 2])
-
-
-@kernel
-def set_corner(points: Floats, i: int, w: Vec, p: Vec) -> None:
-    """Store a point of M and the point of A it comes from."""
-    points[i, 0] = w[0]
-    points[i, 1] = w[1]
-    points[i, 2] = w[2]
-    points[i, 3] = p[0]
-    points[i, 4] = p[1]
-    points[i, 5] = p[2]
-
-
-@kernel
-def push(queue: Ints, planes: Floats, count: int, face: int) -> None:
-    """Add a face to the heap of `count` faces."""
-    key = planes[face, 3]
+def push(room: Room, count: int, face: int, key: float) -> None:
+    """Add a face at distance `key` to the heap of `count` faces."""
     at = count
     while at > 0:
         up = (at - 1) >> 1
-        if planes[queue[up], 3] <= key:
+        other = int_at(room.queue, up)
+        if float_at(room.planes, 4 * other + 3) <= key:
             break
-        queue[at] = queue[up]
+        set_int(room.queue, at, other)
         at = up
-    queue[at] = face
+    set_int(room.queue, at, face)
 
 
 @kernel
-def pop(queue: Ints, planes: Floats, count: int) -> int:
+def pop(room: Room, count: int) -> int:
     """Take the nearest face out of the heap of `count` faces."""
-    top = queue[0]
-    last = queue[count - 1]
-    key = planes[last, 3]
+    top = int_at(room.queue, 0)
+    last = int_at(room.queue, count - 1)
+    key = float_at(room.planes, 4 * last + 3)
     at = 0
     while True:
         down = 2 * at + 1
         if down >= count - 1:
             break
-        if down + 1 < count - 1 and planes[queue[down + 1], 3] < planes[queue[down], 3]:
-            down += 1
-        if planes[queue[down], 3] >= key:
+        other = int_at(room.queue, down)
+        near = float_at(room.planes, 4 * other + 3)
+        if down + 1 < count - 1:
+            right = int_at(room.queue, down + 1)
+            if float_at(room.planes, 4 * right + 3) < near:
+                down += 1
+                other = right
+                near = float_at(room.planes, 4 * right + 3)
+        if near >= key:
             break
-        queue[at] = queue[down]
+        set_int(room.queue, at, other)
         at = down
-    queue[at] = last
+    set_int(room.queue, at, last)
     return top
 
 
 @kernel
-def set_face(scratch: Scratch, face: int, i: int, j: int, k: int) -> float:
+def set_face(room: Room, face: int, i: int, j: int, k: int) -> float:
     """Store a face of three corners; returns its plane's distance, infinite for a face without area."""
-    p = corner(scratch.points, i)
-    u = sub(corner(scratch.points, j), p)
-    v = sub(corner(scratch.points, k), p)
+    p = vec_at(room.points, 6 * i)
+    u = sub(vec_at(room.points, 6 * j), p)
+    v = sub(vec_at(room.points, 6 * k), p)
     n = cross(u, v)
     area = dot(n, n)
-    scratch.corners[face, 0] = i
-    scratch.corners[face, 1] = j
-    scratch.corners[face, 2] = k
-    if area <= 1e-26 * dot(u, u) * dot(v, v):
-        scratch.alive[face] = 2
-        scratch.planes[face, 3] = np.inf
-        return np.inf
-    n = scale(n, 1.0 / math.sqrt(area))
-    distance = dot(n, p)
-    scratch.alive[face] = 1
-    scratch.planes[face, 0] = n[0]
-    scratch.planes[face, 1] = n[1]
-    scratch.planes[face, 2] = n[2]
-    scratch.planes[face, 3] = distance
+    row = 8 * face
+    set_int(room.faces, row, i)
+    set_int(room.faces, row + 1, j)
+    set_int(room.faces, row + 2, k)
+    state, distance = FLAT, np.inf
+    if area > 1e-26 * dot(u, u) * dot(v, v):
+        n = scale(n, 1.0 / math.sqrt(area))
+        state, distance = SURFACE, dot(n, p)
+    set_int(room.faces, row + STATE, state)
+    set_float(room.planes, 4 * face, n[0])
+    set_float(room.planes, 4 * face + 1, n[1])
+    set_float(room.planes, 4 * face + 2, n[2])
+    set_float(room.planes, 4 * face + 3, distance)
     return distance
 
 
 @kernel
-def join(across: Ints, f: int, i: int, g: int, j: int) -> None:
-    """Edge i of face f and edge j of face g are the same."""
-    across[f, i] = 3 * g + j
-    across[g, j] = 3 * f + i
+def join(room: Room, f: int, i: int, g: int, j: int) -> None:
+    """Edge i of face f and edge j of face g are the same; edge k goes from corner k to the next."""
+    set_int(room.faces, 8 * f + 3 + i, 3 * g + j)
+    set_int(room.faces, 8 * g + 3 + j, 3 * f + i)
 
 
 @kernel
-def first_tetrahedron(corners: Corners, a: Core, b: Core, rot: Rot, t: Vec, count: int, scratch: Scratch) -> bool:
+def first_tetrahedron(a: Core, b: Core, rot: Rot, t: Vec, count: int, room: Room) -> bool:
     """Complete the simplex of `count` points to a tetrahedron of M, the first four corners, positively oriented.
 
-    Returns False if M has no volume.
+    Each new point is the farthest of six from the span of those there are. Returns False if M has no volume.
     """
-    points = scratch.points
-    for i in range(count):
-        for k in range(6):
-            points[i, k] = scratch.simplex[i, k]
+    for i in range(24):
+        set_float(room.points, i, float_at(room.simplex, i))
     while count < 4:
-        best = 0.0
-        o = corner(points, 0)
-        e = (0.0, 0.0, 0.0)
-        if count > 1:
-            e = sub(corner(points, 1), o)
-        n = e
+        o = vec_at(room.points, 0)
+        e = sub(vec_at(room.points, 6), o)
+        n = cross(e, sub(vec_at(room.points, 12), o))
         if count == 2:
             n = perpendicular(e)
-        elif count == 3:
-            n = cross(e, sub(corner(points, 2), o))
         m = cross(e, n)
+        best = 0.0
         for k in range(6):
             sign = 1.0 if k % 2 == 0 else -1.0
             if count == 1:
@@ -169,110 +125,107 @@ def first_tetrahedron(corners: Corners, a: Core, b: Core, rot: Rot, t: Vec, coun
                 d = scale(n, sign)
             if dot(d, d) == 0.0:
                 return False
-            w, p, _, _ = difference(corners, a, b, rot, t, d, a[1], b[1])
+            w, p, _, _ = difference(a, b, rot, t, d, 0, 0)
             off = sub(w, o)
-            if count == 1:
-                size = dot(off, off)
-            elif count == 2:
-                side = cross(e, off)
-                size = dot(side, side)
-            else:
-                size = abs(dot(n, off))
+            side = off if count == 1 else cross(e, off)
+            size = dot(side, side) if count < 3 else abs(dot(n, off))
             if size > best:
                 best = size
-                set_corner(points, count, w, p)
+                set_pair(room.points, count, w, p)
         if best == 0.0:
             return False
         count += 1
-    o, x, y, z = corner(points, 0), corner(points, 1), corner(points, 2), corner(points, 3)
-    volume = dot(cross(sub(x, o), sub(y, o)), sub(z, o))
+    o, x, y = vec_at(room.points, 0), vec_at(room.points, 6), vec_at(room.points, 12)
+    volume = dot(cross(sub(x, o), sub(y, o)), sub(vec_at(room.points, 18), o))
     if volume < 0.0:
-        for k in range(6):
-            points[0, k], points[1, k] = points[1, k], points[0, k]
+        p, q = vec_at(room.points, 3), vec_at(room.points, 9)
+        set_pair(room.points, 0, x, q)
+        set_pair(room.points, 1, o, p)
     return volume != 0.0
 
 
 @kernel
-def outline(scratch: Scratch, face: int, new: int, faces: int, size: float) -> int:
+def outline(room: Room, face: int, new: int, faces: int, size: float) -> int:
     """Take away the faces that see corner `new`, from `face` on, and join their outline to it.
 
     The outline is met counter-clockwise, so each new face stands beside the one before. Returns the number of faces,
     -1 if the outline does not close or there is no more room.
     """
-    w = corner(scratch.points, new)
-    planes, across, alive, stack = scratch.planes, scratch.across, scratch.alive, scratch.stack
+    w = vec_at(room.points, 6 * new)
     eps = 1e-15 * size
-    alive[face] = 0
-    stack[0] = across[face, 2]
-    stack[1] = across[face, 1]
-    stack[2] = across[face, 0]
+    set_int(room.faces, 8 * face + STATE, GONE)
+    for k in range(3):
+        set_int(room.stack, k, int_at(room.faces, 8 * face + 5 - k))
     depth = 3
     start = faces
+    first, end = -1, -1
     while depth > 0:
         depth -= 1
-        g = stack[depth] // 3
-        e = stack[depth] - 3 * g
-        if alive[g] == 0:
+        edge = int_at(room.stack, depth)
+        g = edge // 3
+        e = edge - 3 * g
+        row = 8 * g
+        state = int_at(room.faces, row + STATE)
+        if state == GONE:
             continue
-        if alive[g] == 2 or planes[g, 0] * w[0] + planes[g, 1] * w[1] + planes[g, 2] * w[2] - planes[g, 3] > eps:
-            alive[g] = 0
-            stack[depth] = across[g, (e + 2) % 3]
-            stack[depth + 1] = across[g, (e + 1) % 3]
+        next_edge = 0 if e == 2 else e + 1
+        if state == FLAT or dot(vec_at(room.planes, 4 * g), w) - float_at(room.planes, 4 * g + 3) > eps:
+            set_int(room.faces, row + STATE, GONE)
+            set_int(room.stack, depth, int_at(room.faces, row + 3 + (2 if e == 0 else e - 1)))
+            set_int(room.stack, depth + 1, int_at(room.faces, row + 3 + next_edge))
             depth += 2
             continue
+        i, j = int_at(room.faces, row + next_edge), int_at(room.faces, row + e)
+        if faces == start:
+            first = i
+        elif end != i:
+            return -1
         if faces == MAX_FACES:
             return -1
-        i, j = scratch.corners[g, (e + 1) % 3], scratch.corners[g, e]
-        if faces > start and scratch.corners[faces - 1, 1] != i:
-            return -1
-        set_face(scratch, faces, i, j, new)
-        join(across, faces, 0, g, e)
+        end = j
+        set_face(room, faces, i, j, new)
+        join(room, faces, 0, g, e)
         if faces > start:
-            join(across, faces - 1, 1, faces, 2)
+            join(room, faces - 1, 1, faces, 2)
         faces += 1
-    if faces - start < 3 or scratch.corners[faces - 1, 1] != scratch.corners[start, 0]:
+    if faces - start < 3 or end != first:
         return -1
-    join(across, faces - 1, 1, start, 2)
+    join(room, faces - 1, 1, start, 2)
     return faces
 
 
 @kernel
-def foot(scratch: Scratch, face: int) -> Vec:
+def foot(room: Room, face: int) -> Vec:
     """Point of A that belongs to the foot of the origin on a face's plane.
 
     The foot may lie in another triangle of the same plane: the walk goes across the edge it lies behind.
     """
-    points = scratch.points
+    i, j, k = 0, 0, 0
+    x, y, z = 0.0, 0.0, 0.0
+    n = vec_at(room.planes, 4 * face)
     for _ in range(32):
-        n = (scratch.planes[face, 0], scratch.planes[face, 1], scratch.planes[face, 2])
-        i, j, k = scratch.corners[face, 0], scratch.corners[face, 1], scratch.corners[face, 2]
-        p, q, r = corner(points, i), corner(points, j), corner(points, k)
+        i, j, k = int_at(room.faces, 8 * face), int_at(room.faces, 8 * face + 1), int_at(room.faces, 8 * face + 2)
+        p, q, r = vec_at(room.points, 6 * i), vec_at(room.points, 6 * j), vec_at(room.points, 6 * k)
         x, y, z = dot(n, cross(q, r)), dot(n, cross(r, p)), dot(n, cross(p, q))
         worst = min(x, y, z)
         if worst >= 0.0:
             break
         edge = 1 if worst == x else (2 if worst == y else 0)
-        other = scratch.across[face, edge] // 3
-        m = (scratch.planes[other, 0], scratch.planes[other, 1], scratch.planes[other, 2])
-        if scratch.alive[other] != 1 or dot(n, m) < 1.0 - 1e-12:
+        other = int_at(room.faces, 8 * face + 3 + edge) // 3
+        if int_at(room.faces, 8 * other + STATE) != SURFACE or dot(n, vec_at(room.planes, 4 * other)) < 1.0 - 1e-12:
             break
         face = other
     x, y, z = max(x, 0.0), max(y, 0.0), max(z, 0.0)
     total = x + y + z
     if total == 0.0:
-        return (points[i, 3], points[i, 4], points[i, 5])
-    x, y, z = x / total, y / total, z / total
-    return (
-        x * points[i, 3] + y * points[j, 3] + z * points[k, 3],
-        x * points[i, 4] + y * points[j, 4] + z * points[k, 4],
-        x * points[i, 5] + y * points[j, 5] + z * points[k, 5],
-    )
+        return vec_at(room.points, 6 * i + 3)
+    point = scale(vec_at(room.points, 6 * i + 3), x / total)
+    point = add_scaled(point, vec_at(room.points, 6 * j + 3), y / total)
+    return add_scaled(point, vec_at(room.points, 6 * k + 3), z / total)
 
 
 @kernel
-def expand(
-    corners: Corners, a: Core, b: Core, rot: Rot, t: Vec, size: float, count: int, scratch: Scratch
-) -> tuple[bool, float, Vec, Vec]:
+def expand(a: Core, b: Core, rot: Rot, t: Vec, size: float, count: int, room: Room) -> tuple[bool, float, Vec, Vec]:
     """Penetration depth of the cores A and B in A's frame, from the simplex of `count` points that `closest` left.
 
     `rot`, `t` are the pose of B, `size` the length of M's coordinates.
@@ -288,65 +241,64 @@ def expand(
     point
         Of A, deepest in B.
     """
-    curved = a[0] == CYLINDER or b[0] == CYLINDER
-    tight = 1e-7 if curved else 1e-12
+    tight = 1e-7 if a.kind == CYLINDER or b.kind == CYLINDER else 1e-12
     best, outward, point = np.inf, (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
-    if not first_tetrahedron(corners, a, b, rot, t, count, scratch):
+    if not first_tetrahedron(a, b, rot, t, count, room):
         return False, best, outward, point
-    planes, across, queue, points = scratch.planes, scratch.across, scratch.queue, scratch.points
-    set_face(scratch, 0, 0, 2, 1)
-    set_face(scratch, 1, 0, 1, 3)
-    set_face(scratch, 2, 0, 3, 2)
-    set_face(scratch, 3, 1, 2, 3)
-    join(across, 0, 0, 2, 2)
-    join(across, 0, 1, 3, 0)
-    join(across, 0, 2, 1, 0)
-    join(across, 1, 1, 3, 2)
-    join(across, 1, 2, 2, 0)
-    join(across, 2, 1, 3, 1)
     waiting = 0
     for f in range(4):
-        if scratch.alive[f] == 1:
-            push(queue, planes, waiting, f)
+        i, j, k = 0, 2, 1
+        if f == 1:
+            i, j, k = 0, 1, 3
+        elif f == 2:
+            i, j, k = 0, 3, 2
+        elif f == 3:
+            i, j, k = 1, 2, 3
+        distance = set_face(room, f, i, j, k)
+        if distance < np.inf:
+            push(room, waiting, f, distance)
             waiting += 1
+    join(room, 0, 0, 2, 2)
+    join(room, 0, 1, 3, 0)
+    join(room, 0, 2, 1, 0)
+    join(room, 1, 1, 3, 2)
+    join(room, 1, 2, 2, 0)
+    join(room, 2, 1, 3, 1)
     faces, used = 4, 4
-    at_a, at_b = a[1], b[1]
+    at_a, at_b = 0, 0
     while waiting > 0:
-        f = pop(queue, planes, waiting)
+        f = pop(room, waiting)
         waiting -= 1
-        if scratch.alive[f] != 1:
+        if int_at(room.faces, 8 * f + STATE) != SURFACE:
             continue
-        low = planes[f, 3]
+        low = float_at(room.planes, 4 * f + 3)
         if low >= best - tight * best:
             return True, best, outward, point
-        n = (planes[f, 0], planes[f, 1], planes[f, 2])
-        w, p, at_a, at_b = difference(corners, a, b, rot, t, n, at_a, at_b)
+        n = vec_at(room.planes, 4 * f)
+        w, p, at_a, at_b = difference(a, b, rot, t, n, at_a, at_b)
         high = dot(n, w)
-        known = (
-            w == corner(points, scratch.corners[f, 0])
-            or w == corner(points, scratch.corners[f, 1])
-            or w == corner(points, scratch.corners[f, 2])
-        )
-        done = known or high - low <= tight * abs(high) + 2e-15 * size
+        known = False
+        for k in range(3):
+            known |= w == vec_at(room.points, 6 * int_at(room.faces, 8 * f + k))
+        if known or high - low <= tight * abs(high) + 2e-15 * size:
+            if high <= best + tight * abs(best) + 2e-15 * size:
+                return True, high, n, foot(room, f)
+            return True, best, outward, point
         if high < best:
             best, outward, point = high, n, p
-        if done:
-            if high <= best + tight * abs(best) + 2e-15 * size:
-                return True, high, n, foot(scratch, f)
-            return True, best, outward, point
         if used == MAX_CORNERS:
             return False, best, outward, point
-        set_corner(points, used, w, p)
+        set_pair(room.points, used, w, p)
         start = faces
-        faces = outline(scratch, f, used, faces, size)
+        faces = outline(room, f, used, faces, size)
         used += 1
         if faces < 0:
             return False, best, outward, point
         for g in range(start, faces):
-            distance = planes[g, 3]
+            distance = float_at(room.planes, 4 * g + 3)
             if distance < -1e-13 * size - abs(low):
                 return False, best, outward, point
             if distance <= best and waiting < MAX_FACES:
-                push(queue, planes, waiting, g)
+                push(room, waiting, g, distance)
                 waiting += 1
     return best < np.inf, best, outward, point

@@ -13,10 +13,11 @@ from typing import TypeAlias
 
 import numpy as np
 
-from geomphys.collision.support import Core, Corners, support
+from geomphys.collision.support import Core, support
 from geomphys.kernel import kernel
+from geomphys.memory import set_float
 from geomphys.vec3 import Rot, Vec, add_scaled, cross, dot, neg, rotate, rotate_back, scale, sub
-from geomphys.world.scene import CYLINDER, Floats
+from geomphys.world.scene import CYLINDER
 
 Weights: TypeAlias = tuple[float, float, float, float]
 
@@ -30,15 +31,13 @@ ROUNDS = 128
 
 
 @kernel
-def difference(
-    corners: Corners, a: Core, b: Core, rot: Rot, t: Vec, d: Vec, at_a: int, at_b: int
-) -> tuple[Vec, Vec, int, int]:
+def difference(a: Core, b: Core, rot: Rot, t: Vec, d: Vec, at_a: int, at_b: int) -> tuple[Vec, Vec, int, int]:
     """Point of M = A − B farthest in direction `d`, the point of A it comes from, and the corners to go on from.
 
     A's frame; `rot`, `t` are the pose of B in it.
     """
-    p, at_a = support(corners, a, d, at_a)
-    q, at_b = support(corners, b, neg(rotate_back(rot, d)), at_b)
+    p, at_a = support(a, d, at_a)
+    q, at_b = support(b, neg(rotate_back(rot, d)), at_b)
     return sub(sub(p, t), rotate(rot, q)), p, at_a, at_b
 
 
@@ -92,7 +91,7 @@ def on_triangle(p: Vec, q: Vec, r: Vec) -> tuple[float, float, float, Vec]:
 
 @kernel
 def on_tetrahedron(p: Vec, q: Vec, r: Vec, s: Vec, size: float) -> tuple[Weights, Vec, bool]:
-    """Weights of the corners, the point closest to the origin, and whether the origin is inside (then they are void)."""
+    """Weights of the corners, the point closest to the origin, and whether the origin is inside (both void then)."""
     best = np.inf
     weights = (0.0, 0.0, 0.0, 0.0)
     v = s
@@ -127,8 +126,19 @@ def on_tetrahedron(p: Vec, q: Vec, r: Vec, s: Vec, size: float) -> tuple[Weights
 
 
 @kernel
+def set_pair(rows: int, i: int, w: Vec, p: Vec) -> None:
+    """Store a point of M and the point of A it comes from in row i of six numbers."""
+    set_float(rows, 6 * i, w[0])
+    set_float(rows, 6 * i + 1, w[1])
+    set_float(rows, 6 * i + 2, w[2])
+    set_float(rows, 6 * i + 3, p[0])
+    set_float(rows, 6 * i + 4, p[1])
+    set_float(rows, 6 * i + 5, p[2])
+
+
+@kernel
 def closest(
-    corners: Corners, a: Core, b: Core, rot: Rot, t: Vec, size: float, limit: float, start: Vec, simplex: Floats
+    a: Core, b: Core, rot: Rot, t: Vec, size: float, limit: float, start: Vec, simplex: int
 ) -> tuple[int, float, Vec, Vec, int]:
     """Distance of the cores A and B in A's frame; `rot`, `t` are the pose of B, `size` the length of M's coordinates.
 
@@ -143,12 +153,13 @@ def closest(
     point
         Of A, closest to B.
     count
-        Points of the simplex that holds the origin (OVERLAP); they are rows (point of M, point of A) of `simplex`.
+        Points of the simplex that holds the origin (OVERLAP); they are rows (point of M, point of A) of the array at
+        address `simplex`.
     """
-    tight = 1e-12 if a[0] != CYLINDER and b[0] != CYLINDER else 1e-10
+    tight = 1e-12 if a.kind != CYLINDER and b.kind != CYLINDER else 1e-10
     zero = (0.0, 0.0, 0.0)
     floor = ROUNDING * size
-    at_a, at_b = a[1], b[1]
+    at_a, at_b = 0, 0
     w0, w1, w2, w3 = zero, zero, zero, zero
     a0, a1, a2, a3 = zero, zero, zero, zero
     l0, l1, l2 = 1.0, 0.0, 0.0
@@ -161,7 +172,7 @@ def closest(
     inside = False
     for _ in range(ROUNDS):
         length = math.sqrt(vv)
-        w, p, at_a, at_b = difference(corners, a, b, rot, t, neg(v), at_a, at_b)
+        w, p, at_a, at_b = difference(a, b, rot, t, neg(v), at_a, at_b)
         bound = dot(v, w) / length
         if bound > gap:
             gap = bound
@@ -222,11 +233,10 @@ def closest(
             inside = True
             break
     if inside or gap <= 0.0:
-        for k in range(3):
-            simplex[0, k], simplex[0, k + 3] = w0[k], a0[k]
-            simplex[1, k], simplex[1, k + 3] = w1[k], a1[k]
-            simplex[2, k], simplex[2, k + 3] = w2[k], a2[k]
-            simplex[3, k], simplex[3, k + 3] = w3[k], a3[k]
+        set_pair(simplex, 0, w0, a0)
+        set_pair(simplex, 1, w1, a1)
+        set_pair(simplex, 2, w2, a2)
+        set_pair(simplex, 3, w3, a3)
         return OVERLAP, gap, normal, a0, count
     point = scale(a0, l0)
     if count > 1:

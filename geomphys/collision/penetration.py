@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from typing import TypeAlias
 
-from geomphys.collision.closed_forms import ball_box, ball_cylinder, segments
-from geomphys.collision.epa import Scratch, expand, make_scratch
-from geomphys.collision.gjk import FAR, SEPARATED, closest, difference
-from geomphys.collision.support import Corners, core_of, position_of, radius_of, rotation_of
-from geomphys.kernel import kernel
+from geomphys.collision.closed_forms import Answer, ball_box, ball_cylinder, segments
+from geomphys.collision.epa import expand
+from geomphys.collision.gjk import OVERLAP, closest, difference
+from geomphys.collision.scratch import Room, Scratch, make_scratch, room_of
+from geomphys.collision.support import Shapes, core_of, position_of, radius_of, rotation_of, shapes_of, vec_at
+from geomphys.kernel import inlined, kernel
+from geomphys.memory import float_at, int_at
 from geomphys.vec3 import (
     Vec,
     add,
@@ -20,7 +21,6 @@ from geomphys.vec3 import (
     rot_transposed_mul,
     rotate,
     rotate_back,
-    scale,
     sub,
 )
 from geomphys.world.scene import BOX, CAPSULE, CYLINDER, SPHERE, Floats, Pieces
@@ -30,10 +30,8 @@ __all__ = ["Scratch", "Separation", "make_scratch", "separation"]
 Separation: TypeAlias = tuple[float, Vec, Vec, Vec]
 
 
-@kernel
-def separation(
-    pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axis: Vec, scratch: Scratch
-) -> Separation:
+@inlined
+def separation(pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axis: Vec, scratch: Scratch) -> Separation:
     """Signed separation of the pieces `a` and `b`.
 
     Parameters
@@ -55,67 +53,66 @@ def separation(
     pa, pb
         Points on the surfaces of A and B, world frame, pa - pb = s n; void beyond `limit`.
     """
-    if pieces.kind[a] > pieces.kind[b] or (pieces.kind[a] == pieces.kind[b] and a > b):
-        s, n, pa = ordered(pieces, frames, b, a, limit, neg(axis), scratch)
+    return separate(shapes_of(pieces, frames), a, b, limit, axis, room_of(scratch))
+
+
+@kernel
+def separate(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, room: Room) -> Separation:
+    """`separation`, on addresses; the kind of A does not stand above that of B in what it calls."""
+    kind_a, kind_b = int_at(shapes.kind, a), int_at(shapes.kind, b)
+    if kind_a > kind_b or (kind_a == kind_b and a > b):
+        s, n, pa = ordered(shapes, b, a, limit, neg(axis), room)
         return s, neg(n), add_scaled(pa, n, -s), pa
-    s, n, pa = ordered(pieces, frames, a, b, limit, axis, scratch)
+    s, n, pa = ordered(shapes, a, b, limit, axis, room)
     return s, n, pa, add_scaled(pa, n, -s)
 
 
 @kernel
-def ordered(
-    pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axis: Vec, scratch: Scratch
-) -> tuple[float, Vec, Vec]:
-    """`separation` for a kind of A that is not above that of B, without the point of B."""
-    kind_a, kind_b = pieces.kind[a], pieces.kind[b]
-    pa, pb = position_of(frames, a), position_of(frames, b)
+def ordered(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, room: Room) -> Answer:
+    """Separation, normal and point of A, by formula where there is one."""
+    kind_a, kind_b = int_at(shapes.kind, a), int_at(shapes.kind, b)
+    if kind_b > CYLINDER or (kind_a > SPHERE and kind_b > CAPSULE):
+        return general(shapes, a, b, limit, axis, room)
+    pa, pb = position_of(shapes, a), position_of(shapes, b)
+    r, h, _ = vec_at(shapes.size, 3 * a)
+    size = vec_at(shapes.size, 3 * b)
+    rot = rotation_of(shapes, b)
     if kind_b <= CAPSULE:
-        u = (frames[a, 2], frames[a, 5], frames[a, 8])
-        v = (frames[b, 2], frames[b, 5], frames[b, 8])
-        return segments(
-            pa, u, pieces.size[a, 1], pieces.size[a, 0], pb, v, pieces.size[b, 1], pieces.size[b, 0]
-        )
-    if kind_a == SPHERE and kind_b <= CYLINDER:
-        rot = rotation_of(frames, b)
-        c = rotate_back(rot, sub(pa, pb))
-        if kind_b == BOX:
-            half = (pieces.size[b, 0], pieces.size[b, 1], pieces.size[b, 2])
-            s, n, p = ball_box(c, pieces.size[a, 0], half)
-        else:
-            s, n, p = ball_cylinder(c, pieces.size[a, 0], pieces.size[b, 0], pieces.size[b, 1])
-        return s, rotate(rot, n), add(pb, rotate(rot, p))
-    return general(pieces, frames, a, b, limit, axis, scratch)
+        turned = rotation_of(shapes, a)
+        u, v = (turned[2], turned[5], turned[8]), (rot[2], rot[5], rot[8])
+        return segments(pa, u, h, r, pb, v, size[1], size[0])
+    c = rotate_back(rot, sub(pa, pb))
+    if kind_b == BOX:
+        s, n, p = ball_box(c, r, size)
+    else:
+        s, n, p = ball_cylinder(c, r, size[0], size[1])
+    return s, rotate(rot, n), add(pb, rotate(rot, p))
 
 
 @kernel
-def general(
-    pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axis: Vec, scratch: Scratch
-) -> tuple[float, Vec, Vec]:
+def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, room: Room) -> Answer:
     """`ordered` by descent over the Minkowski difference of the cores, in A's frame."""
-    corners = Corners(pieces.vertices, pieces.neighbour_start, pieces.neighbours)
-    core_a, core_b = core_of(pieces, a), core_of(pieces, b)
-    radius = radius_of(pieces, a) + radius_of(pieces, b)
-    world = rotation_of(frames, a)
-    origin = position_of(frames, a)
-    rot = rot_transposed_mul(world, rotation_of(frames, b))
-    t = rotate_back(world, sub(position_of(frames, b), origin))
+    core_a, core_b = core_of(shapes, a), core_of(shapes, b)
+    radius_a = radius_of(shapes, a)
+    radius = radius_a + radius_of(shapes, b)
+    world = rotation_of(shapes, a)
+    origin = position_of(shapes, a)
+    rot = rot_transposed_mul(world, rotation_of(shapes, b))
+    t = rotate_back(world, sub(position_of(shapes, b), origin))
     if dot(axis, axis) > 0.0:
         d = rotate_back(world, axis)
-        w, p, _, _ = difference(corners, core_a, core_b, rot, t, neg(d), core_a[1], core_b[1])
+        w, p, _, _ = difference(core_a, core_b, rot, t, neg(d), 0, 0)
         s = dot(w, d) - radius
         if s > limit:
             return s, axis, add(origin, rotate(world, p))
-    centre_a = (pieces.centre[a, 0], pieces.centre[a, 1], pieces.centre[a, 2])
-    centre_b = (pieces.centre[b, 0], pieces.centre[b, 1], pieces.centre[b, 2])
+    centre_a, centre_b = vec_at(shapes.centre, 3 * a), vec_at(shapes.centre, 3 * b)
     start = sub(sub(centre_a, t), rotate(rot, centre_b))
     if dot(start, start) == 0.0:
         start = (0.0, 0.0, 1.0)
-    size = pieces.reach[a] + pieces.reach[b] + norm(centre_a) + norm(centre_b) + norm(t)
-    state, s, n, p, count = closest(
-        corners, core_a, core_b, rot, t, size, limit + radius, start, scratch.simplex
-    )
-    if state != SEPARATED and state != FAR:
-        _, depth, outward, p = expand(corners, core_a, core_b, rot, t, size, count, scratch)
+    size = float_at(shapes.reach, a) + float_at(shapes.reach, b) + norm(centre_a) + norm(centre_b) + norm(t)
+    state, s, n, p, count = closest(core_a, core_b, rot, t, size, limit + radius, start, room.simplex)
+    if state == OVERLAP:
+        _, depth, outward, p = expand(core_a, core_b, rot, t, size, count, room)
         s, n = -depth, neg(outward)
-    p = add_scaled(p, n, -radius_of(pieces, a))
+    p = add_scaled(p, n, -radius_a)
     return s - radius, rotate(world, n), add(origin, rotate(world, p))

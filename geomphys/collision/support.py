@@ -6,27 +6,44 @@ Spheres and capsules are a *core*, a point or a segment, grown by their radius: 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
-from geomphys.kernel import kernel
-from geomphys.vec3 import Quat, Rot, Vec, quat_unit, rot_from_quat, rot_mul, rotate
-from geomphys.world.scene import BOX, CAPSULE, CYLINDER, HULL, SPHERE, Floats, Ints, Pieces
-
-Core: TypeAlias = tuple[int, int, int, float, float, float]
-"""Kind, first and one past the last corner, and three lengths (see `core_of`)."""
+from geomphys.kernel import inlined, kernel
+from geomphys.memory import address, float_at, int_at
+from geomphys.vec3 import Quat, Rot, Vec, dot, quat_unit, rot_from_quat, rot_mul, rotate
+from geomphys.world.scene import CAPSULE, CYLINDER, HULL, Floats, Pieces
 
 CLIMB = 24
 """Hulls of more corners are climbed over their edges, smaller ones searched from end to end (measured cut-over)."""
 
 
-class Corners(NamedTuple):
-    """The arrays of `Pieces` that supports read."""
+class Shapes(NamedTuple):
+    """What the narrow phase reads of `Pieces` and their frames, by address: valid for as long as the arrays are."""
 
-    vertices: Floats
-    neighbour_start: Ints
-    neighbours: Ints
+    kind: int
+    size: int
+    centre: int
+    reach: int
+    vertex_start: int
+    vertices: int
+    neighbour_start: int
+    neighbours: int
+    frames: int
+
+
+class Core(NamedTuple):
+    """What the farthest point of a piece depends on; arrays by address."""
+
+    kind: int
+    corners: int  # how many
+    vertices: int
+    neighbour_start: int  # per corner, into `neighbours`
+    neighbours: int
+    x: float  # m: box half extents; cylinder radius and half height; capsule half height as the third
+    y: float
+    z: float
 
 
 @kernel
@@ -66,95 +83,107 @@ def place_piece(pieces: Pieces, poses: Floats, frames: Floats, p: int) -> None:
 
 
 @kernel
-def rotation_of(frames: Floats, p: int) -> Rot:
-    """Rotation of a frame row."""
-    return (
-        frames[p, 0],
-        frames[p, 1],
-        frames[p, 2],
-        frames[p, 3],
-        frames[p, 4],
-        frames[p, 5],
-        frames[p, 6],
-        frames[p, 7],
-        frames[p, 8],
+def vec_at(row: int, i: int) -> Vec:
+    """Three consecutive numbers from element i on of an array at address `row`."""
+    return (float_at(row, i), float_at(row, i + 1), float_at(row, i + 2))
+
+
+@inlined
+def shapes_of(pieces: Pieces, frames: Floats) -> Shapes:
+    """Addresses of the arrays of `pieces` and of `frames` (P, 12), world_from_piece."""
+    return Shapes(
+        address(pieces.kind),
+        address(pieces.size),
+        address(pieces.centre),
+        address(pieces.reach),
+        address(pieces.vertex_start),
+        address(pieces.vertices),
+        address(pieces.neighbour_start),
+        address(pieces.neighbours),
+        address(frames),
     )
 
 
 @kernel
-def position_of(frames: Floats, p: int) -> Vec:
-    """Position of a frame row [m]."""
-    return (frames[p, 9], frames[p, 10], frames[p, 11])
+def rotation_of(shapes: Shapes, p: int) -> Rot:
+    """Rotation world_from_piece."""
+    f, i = shapes.frames, 12 * p
+    x, y, z = vec_at(f, i), vec_at(f, i + 3), vec_at(f, i + 6)
+    return (x[0], x[1], x[2], y[0], y[1], y[2], z[0], z[1], z[2])
 
 
 @kernel
-def core_of(pieces: Pieces, p: int) -> Core:
-    """What supports of a piece need: its kind, corners and lengths.
-
-    The lengths are a segment's half length as the third, a box's half extents, a cylinder's radius and half height.
-    """
-    kind = pieces.kind[p]
-    first, last = pieces.vertex_start[p], pieces.vertex_start[p + 1]
-    if kind == SPHERE:
-        return (kind, first, last, 0.0, 0.0, 0.0)
-    if kind == CAPSULE:
-        return (kind, first, last, 0.0, 0.0, pieces.size[p, 1])
-    return (kind, first, last, pieces.size[p, 0], pieces.size[p, 1], pieces.size[p, 2])
+def position_of(shapes: Shapes, p: int) -> Vec:
+    """Position of a piece's frame in the world [m]."""
+    return vec_at(shapes.frames, 12 * p + 9)
 
 
 @kernel
-def radius_of(pieces: Pieces, p: int) -> float:
+def core_of(shapes: Shapes, p: int) -> Core:
+    """Core of a piece."""
+    kind, first = int_at(shapes.kind, p), int_at(shapes.vertex_start, p)
+    x, y, z = vec_at(shapes.size, 3 * p)
+    if kind <= CAPSULE:
+        x, y, z = 0.0, 0.0, y
+    return Core(
+        kind,
+        int_at(shapes.vertex_start, p + 1) - first,
+        shapes.vertices + 24 * first,
+        shapes.neighbour_start + 8 * first,
+        shapes.neighbours,
+        x,
+        y,
+        z,
+    )
+
+
+@kernel
+def radius_of(shapes: Shapes, p: int) -> float:
     """By how much the core of a piece is grown [m]."""
-    return pieces.size[p, 0] if pieces.kind[p] <= CAPSULE else 0.0
+    return float_at(shapes.size, 3 * p) if int_at(shapes.kind, p) <= CAPSULE else 0.0
 
 
 @kernel
-def support(corners: Corners, core: Core, d: Vec, hint: int) -> tuple[Vec, int]:
+def support(core: Core, d: Vec, hint: int) -> tuple[Vec, int]:
     """A point of the core farthest in direction `d` (not zero), piece frame, and the corner to begin at next time."""
-    kind = core[0]
-    if kind == BOX:
-        x = core[3] if d[0] >= 0.0 else -core[3]
-        y = core[4] if d[1] >= 0.0 else -core[4]
-        z = core[5] if d[2] >= 0.0 else -core[5]
-        return (x, y, z), hint
-    if kind == HULL:
-        best = farthest_corner(corners.vertices, corners.neighbour_start, corners.neighbours, core[1], core[2], d, hint)
-        return (corners.vertices[best, 0], corners.vertices[best, 1], corners.vertices[best, 2]), best
-    if kind == CYLINDER:
-        z = core[4] if d[2] >= 0.0 else -core[4]
+    if core.kind == HULL:
+        best = farthest_corner(core, d, hint)
+        return vec_at(core.vertices, 3 * best), best
+    if core.kind == CYLINDER:
+        z = core.y if d[2] >= 0.0 else -core.y
         length = math.sqrt(d[0] * d[0] + d[1] * d[1])
         if length == 0.0:
-            return (core[3], 0.0, z), hint
-        k = core[3] / length
+            return (core.x, 0.0, z), hint
+        k = core.x / length
         return (k * d[0], k * d[1], z), hint
-    z = core[5] if d[2] >= 0.0 else -core[5]
-    return (0.0, 0.0, z), hint
+    x = core.x if d[0] >= 0.0 else -core.x
+    y = core.y if d[1] >= 0.0 else -core.y
+    z = core.z if d[2] >= 0.0 else -core.z
+    return (x, y, z), hint
 
 
 @kernel
-def farthest_corner(
-    vertices: Floats, neighbour_start: Ints, neighbours: Ints, first: int, last: int, d: Vec, hint: int
-) -> int:
-    """Row of the corner of a hull farthest in direction `d`; `hint` is the row to begin climbing at.
+def farthest_corner(core: Core, d: Vec, hint: int) -> int:
+    """Corner of a hull farthest in direction `d`; `hint` is the corner to begin climbing at.
 
     Climbing ends at a corner none of whose neighbours is farther, which on a convex surface is the farthest of all.
     """
-    if last - first <= CLIMB:
-        best = first
+    if core.corners <= CLIMB:
+        best = 0
         reach = -np.inf
-        for i in range(first, last):
-            x = vertices[i, 0] * d[0] + vertices[i, 1] * d[1] + vertices[i, 2] * d[2]
+        for i in range(core.corners):
+            x = dot(vec_at(core.vertices, 3 * i), d)
             if x > reach:
                 reach = x
                 best = i
         return best
     best = hint
-    reach = vertices[best, 0] * d[0] + vertices[best, 1] * d[1] + vertices[best, 2] * d[2]
+    reach = dot(vec_at(core.vertices, 3 * best), d)
     while True:
         at = best
-        for k in range(neighbour_start[at], neighbour_start[at + 1]):
-            i = first + neighbours[k]
-            x = vertices[i, 0] * d[0] + vertices[i, 1] * d[1] + vertices[i, 2] * d[2]
+        for k in range(int_at(core.neighbour_start, at), int_at(core.neighbour_start, at + 1)):
+            i = int_at(core.neighbours, k)
+            x = dot(vec_at(core.vertices, 3 * i), d)
             if x > reach:
                 reach = x
                 best = i

@@ -63,7 +63,7 @@ def polytope(points: NDArray[np.float64]) -> Polytope:
     thickness = _smallest_width(vertices - middle, normals, edges, sides)
     if thickness < FLAT * size:
         raise MeshError(
-            f"hull of {len(points)} points is flat ({thickness:.3g} m thick): needs a solid, or give the plate a thickness"
+            f"hull of {len(points)} points is flat ({thickness:.3g} m thin): needs a solid, or give the plate a thickness"
         )
     tolerance = min(COPLANAR * size, COPLANAR_THIN * thickness)
     loops = _faces(vertices, triangles, normals, sides, tolerance)
@@ -196,8 +196,6 @@ def _faces(vertices: Floats, triangles: Ints, normals: Floats, sides: Ints, tole
 
 def _loop(triangles: Ints) -> Ints:
     """Outline of triangles that share edges."""
-    if len(triangles) == 1:
-        return triangles[0]
     follows: dict[int, int] = {}
     directed = {(int(t[k]), int(t[(k + 1) % 3])) for t in triangles for k in range(3)}
     for u, v in sorted(directed):
