@@ -1,12 +1,15 @@
 """Reading a log: which topics it has, what of it is intact, and its messages one after the other.
 
 A log is scanned once when it is opened (`scan.py`), so that damage is known before anything is computed; messages are
-then streamed, one chunk in memory at a time. Several channels of a topic, and the parts of a bag, stay apart.
+then streamed in the order of their log times, with one chunk in memory, or as many as overlap in time. Several channels
+of a topic, and the parts of a bag, stay apart.
 """
 
 from __future__ import annotations
 
 import hashlib
+import struct
+from collections import deque
 from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +33,9 @@ from geomphys.recording.records import (
 )
 from geomphys.recording.scan import FileScan, Span, scan_file
 
+PENDING_LIMIT = 256 * 2**20
+"""Bytes of messages that are held to bring them into the order of their times."""
+_Pending = tuple[int, int, int, int, bytes]  # log time, place in the file, channel, publish time, data
 TOLD = 3  # damaged places that are told one by one
 
 
@@ -128,29 +134,49 @@ class LogReader:
         return tuple(c for c in self.channels.values() if c.topic == topic)
 
     def read(self, keys: Container[int] | None = None) -> Iterator[RawMessage]:
-        """Stream the messages of the channels `keys` (None: of all) in the order of the file.
+        """Stream the messages of the channels `keys` (None: of all) in the order of their log times.
 
-        `keys` is asked anew for every message, so a caller may drop channels while it reads. Memory: one chunk.
+        Messages of one log time keep their order in the file. `keys` is asked anew for every message, so a caller may
+        drop channels while it reads. Memory: the messages asked for of the chunks that overlap in time, at most
+        `PENDING_LIMIT` bytes and one chunk; where more overlap, the order is that of the file in part.
+
         Raises LogError if the file changed since it was opened or cannot be read any more.
         """
-        for number, (file, scan) in enumerate(zip(self.files, self._scans, strict=True)):
-            base = number << 16
-            known = scan.channels
-            try:
-                with file.open("rb") as stream:
-                    for span in scan.spans:
-                        wanted = {c for c in span.channels if c in known and (keys is None or base | c in keys)}
-                        if not wanted:
-                            continue
-                        stream.seek(span.offset)
-                        messages = (self._of_chunk if span.chunk else self._of_run)(stream, span, wanted)
-                        for channel, log_time, publish_time, body in messages:
-                            if keys is None or base | channel in keys:
-                                yield RawMessage(base | channel, log_time, publish_time, body)
-            except OSError as problem:
-                raise LogError(f"{file}: cannot be read any more ({problem.strerror})") from problem
-            except (BadRecordError, ValueError) as problem:
-                raise LogError(f"{file}: changed while it was read") from problem
+        spans = [(n, span) for n, scan in enumerate(self._scans) for span in scan.spans]
+        waiting = deque(sorted(enumerate(spans), key=lambda item: item[1][1].first))
+        pending: deque[_Pending] = deque()
+        size = 0
+        while waiting or pending:
+            while waiting and size < PENDING_LIMIT:
+                order, (number, span) = waiting[0]
+                if pending and span.first > pending[0][0]:
+                    break
+                waiting.popleft()
+                loaded = self._load(number, span, order << 32, keys)
+                size += sum(len(m[4]) for m in loaded)
+                pending = deque(sorted([*pending, *loaded]))
+            until = waiting[0][1][1].first if waiting else None
+            while pending and (until is None or size >= PENDING_LIMIT or pending[0][0] < until):
+                log_time, _, key, publish_time, data = pending.popleft()
+                size -= len(data)
+                if keys is None or key in keys:
+                    yield RawMessage(key, log_time, publish_time, data)
+
+    def _load(self, number: int, span: Span, order: int, keys: Container[int] | None) -> list[_Pending]:
+        """Messages of a span, each with its place in the order of the file."""
+        base, known, file = number << 16, self._scans[number].channels, self.files[number]
+        wanted = {c for c in span.channels if c in known and (keys is None or base | c in keys)}
+        if not wanted:
+            return []
+        try:
+            with file.open("rb") as stream:
+                stream.seek(span.offset)
+                messages = (self._of_chunk if span.chunk else self._of_run)(stream, span, wanted)
+                return [(t, order | k, base | c, p, data) for k, (c, t, p, data) in enumerate(messages)]
+        except OSError as problem:
+            raise LogError(f"{file}: cannot be read any more ({problem.strerror})") from problem
+        except (BadRecordError, ValueError, struct.error) as problem:
+            raise LogError(f"{file}: changed while it was read") from problem
 
     @staticmethod
     def _of_chunk(stream: BinaryIO, span: Span, wanted: set[int]) -> Iterator[tuple[int, int, int, bytes]]:

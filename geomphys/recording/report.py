@@ -123,7 +123,7 @@ def _streams(source: FrameSource, run: Run) -> Iterator[StreamReport]:
         for k, column in enumerate(joints.columns):
             assert joints.stream is not None
             j = joints.stream
-            figures = (int(j.held_frames[k]), int(j.gaps[k]), j.longest_gap[k] / 1e9, int(j.bad_samples[k]))
+            figures = (int(j.held_frames[k]), int(j.gaps[k]), float(j.longest_gap[k]) / 1e9, int(j.bad_samples[k]))
             yield StreamReport(topic, world.dof_names[column], False, *figures)
         for column in joints.constants:
             yield StreamReport(topic, world.dof_names[column], True, 0, 0, 0.0, 0)

@@ -33,6 +33,8 @@ from geomphys.recording.records import (
     walk,
 )
 
+RUN_BYTES = 2**20
+"""Records outside of chunks are taken together up to this many bytes."""
 TIME_LIMIT = 2**62
 """ns; a time stamp above this (the year 2116) is taken for damage, so that times fit 64 bits with a sign."""
 
@@ -46,6 +48,8 @@ class Span(NamedTuple):
     usable: int  # chunks: unpacked bytes that hold complete records
     window: tuple[int, int] | None  # chunks that do not fit their checksum: only messages of these log times are used
     channels: frozenset[int]
+    first: int  # earliest and latest log time of its messages
+    last: int
 
 
 class Loss(NamedTuple):
@@ -89,6 +93,26 @@ def scan_file(file: io.BufferedIOBase, size: int) -> FileScan:
     return _Scanner(file, size).run()
 
 
+class _Seen:
+    """Channels and times of the messages of a span."""
+
+    def __init__(self) -> None:
+        self.channels: set[int] = set()
+        self.first, self.last = TIME_LIMIT, -1
+
+    def add(self, channel: int, log_time: int) -> None:
+        """Take in a message."""
+        self.channels.add(channel)
+        if log_time < self.first:
+            self.first = log_time
+        if log_time > self.last:
+            self.last = log_time
+
+    def summary(self) -> tuple[frozenset[int], int, int]:
+        """The last fields of a `Span`."""
+        return frozenset(self.channels), self.first, self.last
+
+
 class _Scanner:
     """State of a scan."""
 
@@ -97,7 +121,7 @@ class _Scanner:
         self.found = FileScan(size)
         self.statistics: Statistics | None = None
         self.run_start = -1  # of the run of messages outside of chunks being read
-        self.run_channels: set[int] = set()
+        self.seen = _Seen()
         self.data_crc: tuple[int, int] | None = None  # position and value
         self.ended = False
         self.cut = False
@@ -180,9 +204,11 @@ class _Scanner:
         channel, _, log_time, _ = MESSAGE.unpack(self.file.read(MESSAGE.size))
         if log_time > TIME_LIMIT:
             raise BadRecordError(f"a message has the time {log_time}")
+        if self.run_start >= 0 and at - self.run_start > RUN_BYTES:
+            self.close_run(at)
         if self.run_start < 0:
-            self.run_start, self.run_channels = at, set()
-        self.run_channels.add(channel)
+            self.run_start, self.seen = at, _Seen()
+        self.seen.add(channel, log_time)
         self.count(channel, log_time)
 
     def count(self, channel: int, log_time: int) -> None:
@@ -199,8 +225,8 @@ class _Scanner:
     def close_run(self, at: int) -> None:
         """End the run of messages outside of chunks, if there is one, before `at`."""
         if self.run_start >= 0:
-            channels = frozenset(self.run_channels)
-            self.found.spans.append(Span(self.run_start, at - self.run_start, False, 0, None, channels))
+            length = at - self.run_start
+            self.found.spans.append(Span(self.run_start, length, False, 0, None, *self.seen.summary()))
             self.run_start = -1
 
     def chunk(self, at: int, length: int, end: int) -> None:
@@ -214,19 +240,19 @@ class _Scanner:
         data = self.file.read(max(0, min(head.data_length, end - at - 9 - head.head_length)))
         unpacked, trouble = unpack_chunk(head, data)
         window = (head.start_time, head.end_time) if trouble and len(data) == head.data_length else None
-        usable, channels = self.chunk_records(unpacked, window)
-        if channels:
+        usable, seen = self.chunk_records(unpacked, window)
+        if seen.channels:
             there = min(9 + length, end - at)
-            self.found.spans.append(Span(at, there, True, usable, window, frozenset(channels)))
+            self.found.spans.append(Span(at, there, True, usable, window, *seen.summary()))
         if trouble or usable < len(unpacked):
             self.lose_chunk(at, head, len(data), usable, trouble or "holds a record that does not fit into it")
 
-    def chunk_records(self, data: bytes, window: tuple[int, int] | None) -> tuple[int, set[int]]:
-        """Count the messages of an unpacked chunk: (bytes of complete records, channels).
+    def chunk_records(self, data: bytes, window: tuple[int, int] | None) -> tuple[int, _Seen]:
+        """Count the messages of an unpacked chunk: (bytes of complete records, what messages).
 
         With a `window`, messages of other log times are taken for damaged and passed over.
         """
-        channels: set[int] = set()
+        seen = _Seen()
         usable = 0
         unpack, message = MESSAGE.unpack_from, int(Opcode.MESSAGE)
         for opcode, start, end in walk(data):
@@ -237,7 +263,7 @@ class _Scanner:
                 if window is None and log_time > TIME_LIMIT:
                     break
                 if window is None or window[0] <= log_time <= window[1] <= TIME_LIMIT:
-                    channels.add(channel)
+                    seen.add(channel, log_time)
                     self.count(channel, log_time)
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 try:
@@ -247,7 +273,7 @@ class _Scanner:
             elif not 1 <= opcode <= LAST_OPCODE and opcode < 0x80:
                 break
             usable = end
-        return usable, channels
+        return usable, seen
 
     def lose_chunk(self, at: int, head: ChunkHead, there: int, usable: int, trouble: str) -> None:
         """List what a chunk's damage costs: packed bytes in proportion to the unpacked ones that are not usable."""
