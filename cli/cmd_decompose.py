@@ -41,14 +41,14 @@ STEPS = 100
 @click.option(
     "--threshold",
     type=click.FloatRange(min=0.01, max=1.0),
-    default=0.02,
-    show_default=True,
+    default=None,
+    show_default="0.02, but 1 to 5 mm",
     help="Concavity a piece may keep, of half the longest side; a replay takes the default.",
 )
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of the search.")
 @force_option
 @json_option
-def decompose(path: Path, out: Path | None, threshold: float, seed: int, force: bool, as_json: bool) -> None:
+def decompose(path: Path, out: Path | None, threshold: float | None, seed: int, force: bool, as_json: bool) -> None:
     """Cut a mesh, or the meshes a scene file or a URDF collides with, into convex pieces, as a replay does.
 
     What is cut is kept in the cache, so that a replay need not cut it again.

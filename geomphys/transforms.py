@@ -55,7 +55,8 @@ def quaternion_from_rotation(rotation: ArrayLike) -> Floats:
     chosen = candidates[np.arange(len(flat)), np.argmax(squares, axis=1)]
     chosen = chosen / np.linalg.norm(chosen, axis=-1, keepdims=True)
     chosen = np.where(chosen[:, 3:] < 0, -chosen, chosen)
-    return (chosen + 0.0).reshape(*r.shape[:-2], 4)
+    result: Floats = (chosen + 0.0).reshape(*r.shape[:-2], 4)
+    return result
 
 
 def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Floats:
@@ -63,7 +64,8 @@ def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Floats:
     x, y, z = (float(v) for v in np.asarray(axis, dtype=np.float64))
     angle = np.asarray(angle, dtype=np.float64)[..., None, None]
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * cross + 2 * np.sin(0.5 * angle) ** 2 * (cross @ cross)
+    rotation: Floats = np.eye(3) + np.sin(angle) * cross + 2 * np.sin(0.5 * angle) ** 2 * (cross @ cross)
+    return rotation
 
 
 def matrix_from_pose(pose: ArrayLike) -> Floats:

@@ -4,29 +4,25 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.errors import MeshError, ModelError, SceneError
+from geomphys.errors import ModelError, SceneError
 from geomphys.transforms import frame_from_matrix
-from geomphys.world.body_geometry import BodyGeometry, Placed, Workshop
-from geomphys.world.chains import link_index, named_chains, suggested_chains
+from geomphys.world.body_geometry import Workshop
+from geomphys.world.chains import link_index
 from geomphys.world.decomposition import Progress
-from geomphys.world.mass import NOTHING, MassProperties
 from geomphys.world.materials import MaterialTable, material_table
 from geomphys.world.pieces import PlacedShape, build_pieces
-from geomphys.world.reach_cone import ReachCone, reach_cone
 from geomphys.world.scene import (
-    DRIVEN,
     FIXED,
     JOINT_FIXED,
     JOINT_PRISMATIC,
     JOINT_REVOLUTE,
-    SIMULATED,
     Bodies,
     Chains,
     Dofs,
@@ -38,52 +34,11 @@ from geomphys.world.scene import (
     World,
 )
 from geomphys.world.scene_file import AvatarTable, Coupling, JointsTable, ObjectTable, SceneFile
-from geomphys.world.skeleton import Skeleton, load_skeleton
-from geomphys.world.tessellation import Triangles
-from geomphys.world.urdf_file import BoxShape, CapsuleShape, CylinderShape, MeshShape, Shape, SphereShape
+from geomphys.world.trees import Tree, TreeBody, read_avatar, read_object
 
 Floats = NDArray[np.float64]
 
-DEFAULT_DENSITY = 1000.0
-"""kg/m³, where a scene file gives neither density nor mass"""
-DRIVEN_MASS = 0.4
-"""kg, of a driven object without mass or density: that of a hand"""
-_ROLES = {"fixed": FIXED, "simulated": SIMULATED, "driven": DRIVEN}
 _JOINTS = {"fixed": JOINT_FIXED, "revolute": JOINT_REVOLUTE, "continuous": JOINT_REVOLUTE, "prismatic": JOINT_PRISMATIC}
-
-
-@dataclass(eq=False)
-class _Body:
-    name: str
-    frame: str
-    geometry: BodyGeometry
-    mass: MassProperties
-    shown: Triangles
-    link: int = 0
-
-
-@dataclass(eq=False)
-class _Tree:
-    name: str
-    table: AvatarTable | ObjectTable
-    role: int
-    material: str
-    mass: float
-    bodies: list[_Body]
-    skeleton: Skeleton | None = None
-    chains: list[tuple[int, ...]] = field(default_factory=list)  # links
-    cones: list[ReachCone] = field(default_factory=list)
-    in_chains: bool = False
-
-    @property
-    def topic(self) -> str | None:
-        return self.table.root.topic if isinstance(self.table, AvatarTable) else self.table.topic
-
-    @property
-    def place(self) -> tuple[tuple[float, float, float], tuple[float, float, float, float]]:
-        """Position and orientation: of the root in the world, or in the tracker's frame."""
-        held = self.table.root if isinstance(self.table, AvatarTable) else self.table
-        return held.position, held.orientation
 
 
 def assemble(
@@ -103,8 +58,8 @@ def assemble(
     """
     workshop = Workshop(seed, progress)
     several = len(file.avatar) > 1
-    trees = [_avatar(a, path, workshop, several, mode or a.mode) for a in file.avatar]
-    trees += [_object(o, path, workshop) for o in file.object]
+    trees = [read_avatar(a, path, workshop, several, mode or a.mode) for a in file.avatar]
+    trees += [read_object(o, path, workshop) for o in file.object]
     bodies = [body for tree in trees for body in tree.bodies]
     _check_frames(bodies, path)
     table = material_table(file.material_pair, (t.material for t in trees))
@@ -159,77 +114,7 @@ def exclude(world: World, pairs: Sequence[tuple[int, int]]) -> World:
     )
 
 
-def _avatar(table: AvatarTable, path: Path, workshop: Workshop, several: bool, mode: str) -> _Tree:
-    where = f"{path}: avatar {table.name!r}"
-    skeleton = _skeleton(table.urdf, path, where)
-    bodies = _link_bodies(skeleton, table.name, f"{table.name}/" if several else "", table.decomposition, workshop)
-    for body in bodies:
-        body.mass = body.geometry.mass.scaled(table.density)
-    tree = _Tree(table.name, table, DRIVEN, table.material, table.mass, bodies, skeleton, in_chains=mode == "chains")
-    chains = named_chains(table, skeleton, path)
-    if tree.in_chains:
-        tree.chains = chains or suggested_chains(skeleton)
-    tree.cones = [
-        reach_cone(cone, skeleton, f"reach_cone[{k}] of avatar {table.name!r}", path)
-        for k, cone in enumerate(table.reach_cone)
-    ]
-    return tree
-
-
-def _object(table: ObjectTable, path: Path, workshop: Workshop) -> _Tree:
-    where = f"{path}: object {table.name!r}"
-    role = _ROLES[table.class_]
-    density = DEFAULT_DENSITY if table.density is None else table.density
-    if table.urdf is not None:
-        skeleton = _skeleton(table.urdf, path, where)
-        bodies = _link_bodies(skeleton, table.name, f"{table.name}/", table.decomposition, workshop)
-        for body in bodies:
-            body.mass = body.geometry.mass.scaled(density)
-        return _Tree(table.name, table, role, table.material, 0.0, bodies, skeleton)
-    shapes: list[Placed] = [(_shape(table, path), np.eye(4))]
-    geometry = workshop.body(shapes, table.decomposition, where)
-    if geometry.mass.mass == 0.0:
-        raise MeshError(f"{where}: {table.mesh} encloses no volume: check its triangles")
-    mass = table.mass
-    if mass is None and role == DRIVEN and table.density is None:
-        mass = DRIVEN_MASS
-    solid = geometry.mass.scaled(density) if mass is None else geometry.mass.with_mass(mass)
-    body = _Body(table.name, table.name, geometry, solid, workshop.shown(shapes, where))
-    return _Tree(table.name, table, role, table.material, solid.mass, [body])
-
-
-def _shape(table: ObjectTable, path: Path) -> Shape:
-    if table.box is not None:
-        return BoxShape(table.box)
-    if table.sphere is not None:
-        return SphereShape(table.sphere)
-    if table.cylinder is not None:
-        return CylinderShape(*table.cylinder)
-    if table.capsule is not None:
-        return CapsuleShape(*table.capsule)
-    return MeshShape(path.parent / str(table.mesh), (table.scale,) * 3)
-
-
-def _skeleton(urdf: str, path: Path, where: str) -> Skeleton:
-    target = path.parent / urdf
-    if not target.is_file():
-        raise SceneError(f"{where}: urdf = {urdf!r}: no such file ({target}); paths are relative to the scene file")
-    return load_skeleton(target)
-
-
-def _link_bodies(skeleton: Skeleton, owner: str, prefix: str, how: str, workshop: Workshop) -> list[_Body]:
-    bodies = []
-    for k, link in enumerate(skeleton.links):
-        where = f"{skeleton.path}: link {link.name!r}"
-        solids = [(g.shape, g.link_from_shape) for g in link.collisions]
-        geometry = workshop.body(solids, how, where)  # type: ignore[arg-type]
-        seen = [(g.shape, g.link_from_shape) for g in link.visuals or link.collisions]
-        shown = workshop.shown(seen, where)
-        bodies.append(_Body(f"{owner}/{link.name}", f"{prefix}{link.name}", geometry, NOTHING, shown, k))
-    return bodies
-
-
-def _check_frames(bodies: Sequence[_Body], path: Path) -> None:
+def _check_frames(bodies: Sequence[TreeBody], path: Path) -> None:
     """Frame ids of the output name one body each, and none the world or a recorded ghost."""
     for frame, count in Counter(b.frame for b in bodies).items():
         if count > 1:
@@ -238,8 +123,8 @@ def _check_frames(bodies: Sequence[_Body], path: Path) -> None:
             raise ModelError(f"{path}: a link is called {frame!r}, which names another frame of the output: rename it")
 
 
-def _meetings(trees: Sequence[_Tree]) -> Iterator[tuple[str, str, str, str]]:
-    """Materials that can meet, with one owner each: of two trees not both fixed, and within an avatar in chains mode."""
+def _meetings(trees: Sequence[Tree]) -> Iterator[tuple[str, str, str, str]]:
+    """Materials that can meet, and who has them: of trees not both fixed, and within an avatar in chains mode."""
     kinds: dict[tuple[str, bool], list[str]] = {}
     for tree in trees:
         if any(b.geometry.pieces for b in tree.bodies):
@@ -257,8 +142,8 @@ def _meetings(trees: Sequence[_Tree]) -> Iterator[tuple[str, str, str, str]]:
 
 
 def _bodies(
-    trees: Sequence[_Tree],
-    bodies: Sequence[_Body],
+    trees: Sequence[Tree],
+    bodies: Sequence[TreeBody],
     table: MaterialTable,
     body_start: NDArray[np.int64],
     dof_start: NDArray[np.int64],
@@ -300,16 +185,14 @@ def _bodies(
     )
 
 
-def _trees(trees: Sequence[_Tree], body_start: NDArray[np.int64], dof_start: NDArray[np.int64]) -> Trees:
+def _trees(trees: Sequence[Tree], body_start: NDArray[np.int64], dof_start: NDArray[np.int64]) -> Trees:
     rest, stiffness, damping, moving, self_collision = [], [], [], [], []
     for tree in trees:
         position, orientation = tree.place
         rest.append((*position, *orientation) if tree.topic is None else (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
         coupling = tree.table.coupling or Coupling()
-        rigid = coupling == "rigid"
         stiffness.append(np.inf if isinstance(coupling, str) else coupling.stiffness)
         damping.append(np.inf if isinstance(coupling, str) else coupling.damping)
-        assert rigid == (stiffness[-1] == np.inf)
         moving.append(int(tree.role != FIXED or tree.topic is not None or tree.table.joints is not None))
         self_collision.append(int(isinstance(tree.table, AvatarTable) and tree.table.self_collision))
     return Trees(
@@ -326,7 +209,7 @@ def _trees(trees: Sequence[_Tree], body_start: NDArray[np.int64], dof_start: NDA
     )
 
 
-def _chains(trees: Sequence[_Tree], body_start: NDArray[np.int64]) -> Chains:
+def _chains(trees: Sequence[Tree], body_start: NDArray[np.int64]) -> Chains:
     rows = [(t, links) for t, tree in enumerate(trees) for links in tree.chains]
     return Chains(
         tree=np.array([t for t, _ in rows], dtype=np.int64),
@@ -335,7 +218,7 @@ def _chains(trees: Sequence[_Tree], body_start: NDArray[np.int64]) -> Chains:
     )
 
 
-def _dofs(trees: Sequence[_Tree], chains: Chains, body_start: NDArray[np.int64], dof_start: NDArray[np.int64]) -> Dofs:
+def _dofs(trees: Sequence[Tree], chains: Chains, body_start: NDArray[np.int64], dof_start: NDArray[np.int64]) -> Dofs:
     lower, upper = np.full(dof_start[-1], -np.inf), np.full(dof_start[-1], np.inf)
     chain = np.full(dof_start[-1], -1, dtype=np.int64)
     of_body = {int(b): c for c in range(len(chains.tree)) for b in chains.bodies[slice(*chains.body_start[c : c + 2])]}
@@ -350,7 +233,7 @@ def _dofs(trees: Sequence[_Tree], chains: Chains, body_start: NDArray[np.int64],
     return Dofs(lower=lower, upper=upper, tree=np.repeat(np.arange(len(trees)), np.diff(dof_start)), chain=chain)
 
 
-def _cones(trees: Sequence[_Tree], body_start: NDArray[np.int64]) -> ReachCones:
+def _cones(trees: Sequence[Tree], body_start: NDArray[np.int64]) -> ReachCones:
     rows = [(t, cone) for t, tree in enumerate(trees) for cone in tree.cones]
     return ReachCones(
         joint_start=_starts(len(cone.links) for _, cone in rows),
@@ -361,7 +244,7 @@ def _cones(trees: Sequence[_Tree], body_start: NDArray[np.int64]) -> ReachCones:
     )
 
 
-def _excluded(trees: Sequence[_Tree], body_start: NDArray[np.int64], count: int, path: Path) -> NDArray[np.int64]:
+def _excluded(trees: Sequence[Tree], body_start: NDArray[np.int64], count: int, path: Path) -> NDArray[np.int64]:
     excluded = np.eye(count, dtype=np.int64)
     for t, tree in enumerate(trees):
         if tree.skeleton is None or not isinstance(tree.table, AvatarTable):
@@ -377,7 +260,7 @@ def _excluded(trees: Sequence[_Tree], body_start: NDArray[np.int64], count: int,
     return excluded
 
 
-def _velocities(trees: Sequence[_Tree], body_start: NDArray[np.int64]) -> Floats:
+def _velocities(trees: Sequence[Tree], body_start: NDArray[np.int64]) -> Floats:
     rows = np.zeros((int(body_start[-1]), 6))
     for t, tree in enumerate(trees):
         if isinstance(tree.table, ObjectTable):
@@ -386,7 +269,7 @@ def _velocities(trees: Sequence[_Tree], body_start: NDArray[np.int64]) -> Floats
     return rows
 
 
-def _joint_sources(trees: Sequence[_Tree], dof_start: NDArray[np.int64]) -> Iterator[JointSource]:
+def _joint_sources(trees: Sequence[Tree], dof_start: NDArray[np.int64]) -> Iterator[JointSource]:
     for t, tree in enumerate(trees):
         table: JointsTable | None = tree.table.joints
         if table is None or tree.skeleton is None:

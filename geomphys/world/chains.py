@@ -13,8 +13,8 @@ from geomphys.world.skeleton import Skeleton
 def named_chains(avatar: AvatarTable, skeleton: Skeleton, path: Path) -> list[tuple[int, ...]]:
     """Links of each `[[avatar.chain]]`, from just below its base to its tip.
 
-    Raises SceneError that names the avatar and the chain: unknown links, a tip that does not hang on the base, no moving
-    joint in between, a link that two chains share.
+    Raises SceneError that names the avatar and the chain: unknown links, a tip that does not hang on the base, no
+    moving joint in between, a link that two chains share.
     """
     chains: list[tuple[int, ...]] = []
     owner: dict[int, str] = {}
@@ -42,11 +42,11 @@ def named_chains(avatar: AvatarTable, skeleton: Skeleton, path: Path) -> list[tu
 def suggested_chains(skeleton: Skeleton) -> list[tuple[int, ...]]:
     """Chains of a tree without any in the scene file, as in `named_chains`.
 
-    A *limb* is a branch that leads through at least two moving joints. A link where two or more limbs begin is a fork; a
-    chain goes from the last fork above a tip (the root if there is none) down the way with the most moving joints. So a
-    hand gets its fingers, each hanging on the palm, and a body its arms, legs and neck. Where just two limbs begin at the
-    end of a longer one (a thumb and fingers at the end of an arm), the way goes on through the longer of the two, and the
-    other hangs off it.
+    A *limb* is a branch that leads through at least two moving joints. A link where two or more limbs begin is a
+    fork; a chain goes from the last fork above a tip (the root if there is none) down the way with the most moving
+    joints. So a hand gets its fingers, each hanging on the palm, and a body its arms, legs and neck. Where just two
+    limbs begin at the end of a longer one (a thumb and fingers at the end of an arm), the way goes on through the
+    longer of the two, and the other hangs off it.
     """
     children = skeleton.children()
     reach = [0] * len(skeleton.links)  # moving joints on the longest way down from a link

@@ -9,6 +9,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import tempfile
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -48,7 +49,7 @@ def convex_parts(name: str, vertices: Floats, faces: Ints, threshold: float, see
         raise MeshError(f"{name}: convex decomposition gave no pieces: {hint}")
     if not np.isfinite(points).all():
         raise MeshError(f"{name}: convex decomposition gave pieces that are NaN or infinite: {hint}")
-    return [points[a:b] for a, b in zip(starts[:-1], starts[1:], strict=True)]
+    return [points[a:b] for a, b in pairwise(starts)]
 
 
 def _main(source: str, target: str) -> None:

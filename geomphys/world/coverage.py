@@ -1,4 +1,4 @@
-"""How much of a mesh's surface its convex pieces leave bare, and how to cover it.
+"""How much of a mesh's surface its convex pieces leave bare, how to cover it, and how far they stand out of it.
 
 CoACD rounds the corners of its parts, to about 1e-4 of the mesh's size, so its hulls fall short of the surface here and
 there. Here each piece takes in the surface that runs within that reach of it; what sticks out afterwards is found
@@ -12,13 +12,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.world.hulls import polytope
-
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 ROUNDING = 1.5e-4
-"""Of the mesh's size: how far a piece first reaches for the surface; twice that where something stays bare, and so on."""
+"""Of the mesh's size: how far a piece reaches for the surface at first; twice as far where something stays bare."""
 DOUBLINGS = 6
 SLACK = 1e-9
 """Of the mesh's size: less than that is not bare."""
@@ -43,18 +41,16 @@ def covering(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> list[Fl
     grown, reach = list(pieces), ROUNDING * size
     for _ in range(DOUBLINGS):
         grown = [_with_surface(vertices, faces, piece, reach) for piece in grown]
-        planes = [polytope(piece).planes for piece in grown]
-        bare = _bare_polygons(vertices, faces, planes, SLACK * size)
-        if not bare:
+        if not _bare_polygons(vertices, faces, [_hull(piece)[1] for piece in grown], SLACK * size):
             break
         reach *= 2.0
     return grown
 
 
 def uncovered(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> float:
-    """How far a surface sticks out of pieces, m: over corners and middles of its bare polygons, beyond the piece nearest."""
+    """How far a surface sticks out of pieces, m: corners and middles of its bare polygons beyond the nearest piece."""
     slack = SLACK * float(np.ptp(vertices, axis=0).max())
-    planes = [polytope(p).planes for p in pieces]
+    planes = [_hull(piece)[1] for piece in pieces]
     bare = _bare_polygons(vertices, faces, planes, slack)
     if not bare:
         return 0.0
@@ -62,9 +58,29 @@ def uncovered(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> float:
     return float(np.max(np.min([_outside(points, p) for p in planes], axis=0), initial=0.0))
 
 
+def stands_out(vertices: Floats, faces: Ints, pieces: Sequence[Floats], samples: int = 2000) -> float:
+    """How far convex pieces stick out of a closed surface, m: the largest distance outside it of points of theirs.
+
+    The points are spread over the pieces by area, the same ones each time.
+    """
+    import fcl
+
+    points = _surface_points(pieces, samples)
+    surface = fcl.BVHModel()
+    surface.beginModel(len(vertices), len(faces))
+    surface.addSubModel(vertices, faces)
+    surface.endModel()
+    solid, point = fcl.CollisionObject(surface), fcl.Sphere(1e-9)
+    away = np.array([fcl.distance(solid, fcl.CollisionObject(point, fcl.Transform(p))) for p in points])
+    far = away > 1e-6 * float(np.ptp(vertices, axis=0).max())
+    outside = np.zeros(len(points), dtype=bool)
+    outside[far] = _winding(vertices, faces, points[far]) < 0.5
+    return float(np.max(away[outside], initial=0.0))
+
+
 def _with_surface(vertices: Floats, faces: Ints, piece: Floats, reach: float) -> Floats:
     """Corners of a piece that took in the surface which runs within `reach` beyond its planes."""
-    planes = polytope(piece).planes.copy()
+    planes = _hull(piece)[1]
     height = vertices @ planes[:, :3].T - planes[:, 3]
     out = np.max(height, axis=1)
     planes[:, 3] += reach
@@ -79,7 +95,16 @@ def _with_surface(vertices: Floats, faces: Ints, piece: Floats, reach: float) ->
             if len(polygon) == 0:
                 break
         added.append(polygon)
-    return polytope(np.concatenate([piece, *added])).vertices
+    return _hull(np.concatenate([piece, *added]))[0]
+
+
+def _hull(points: Floats) -> tuple[Floats, Floats]:
+    """Corners (k, 3) and planes (f, 4), n·x <= d, of the convex hull of points."""
+    from scipy.spatial import ConvexHull
+
+    hull = ConvexHull(points)
+    planes = np.unique(hull.equations, axis=0) * np.array([1.0, 1.0, 1.0, -1.0])
+    return points[np.sort(hull.vertices)], planes
 
 
 def _outside(points: Floats, planes: Floats) -> Floats:
@@ -132,3 +157,30 @@ def _clipped(polygon: Floats, side: Floats) -> Floats:
             share = side[k] / (side[k] - side[j])
             kept.append(polygon[k] + share * (polygon[j] - polygon[k]))
     return np.array(kept).reshape(-1, 3)
+
+
+def _surface_points(pieces: Sequence[Floats], count: int) -> Floats:
+    """Points spread by area over the surfaces of hulls."""
+    from scipy.spatial import ConvexHull
+
+    corners = np.concatenate([p[ConvexHull(p).simplices] for p in pieces])  # (n, 3, 3)
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    random = np.random.default_rng(0)
+    a, b, c = np.moveaxis(corners[random.choice(len(area), count, p=area / area.sum())], 1, 0)
+    u, v = random.random((2, count, 1))
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    points: Floats = a + u * (b - a) + v * (c - a)
+    return points
+
+
+def _winding(vertices: Floats, faces: Ints, points: Floats) -> Floats:
+    """Winding number of a closed surface about points (n, 3): 1 inside, 0 outside (van Oosterom and Strackee 1983)."""
+    corners = vertices[faces]
+    turns = np.zeros(len(points))
+    for start in range(0, len(points), 64):
+        a, b, c = np.moveaxis(corners[None] - points[start : start + 64, None, None], 2, 0)
+        la, lb, lc = (np.linalg.norm(x, axis=-1) for x in (a, b, c))
+        top = np.einsum("...i,...i", a, np.cross(b, c))
+        dots = [np.einsum("...i,...i", x, y) for x, y in ((a, b), (b, c), (c, a))]
+        turns[start : start + 64] = np.arctan2(top, la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb).sum(-1)
+    return turns / (2 * np.pi)

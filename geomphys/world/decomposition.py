@@ -1,8 +1,8 @@
 """Meshes as unions of convex pieces: their hull where they are convex, else CoACD, kept on disk.
 
 A mesh of several closed parts is cut part by part, so that a table of boxes becomes exactly its boxes. Pieces of CoACD
-are grown until they hold the whole surface of the mesh (`geomphys.world.coverage`): what stays out of the pieces stays out
-of the mesh.
+are grown until they hold the whole surface of the mesh (`geomphys.world.coverage`): what stays out of the pieces stays
+out of the mesh.
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ import time
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.cache import user_folder
-from geomphys.errors import MeshError
+from geomphys.errors import ConfigError, MeshError
 from geomphys.world.coacd_process import ITERATIONS, convex_parts
 from geomphys.world.coverage import covering, uncovered
 from geomphys.world.hulls import polytope
@@ -32,9 +33,13 @@ Ints = NDArray[np.int64]
 Progress = Callable[[str, float], None]
 """Called with what is being done and the share of it that is done, 0 to 1."""
 
-DEFAULT_THRESHOLD = 0.02
-"""Concavity a piece may keep, of half the longest side. Less: more pieces that stand out less."""
-_RECIPE = 1
+SHARE = 0.02
+"""Concavity a piece may keep where nothing else is asked for, of half the mesh's longest side ..."""
+LEAST, MOST = 1e-3, 5e-3
+"""... but at least and at most these, m. Less: more pieces that stand out less."""
+FINEST = 0.01
+"""CoACD goes no finer, of half the longest side of what it cuts"""
+_RECIPE = 2
 """Raised when the same mesh and parameters give other pieces than before."""
 
 
@@ -45,7 +50,7 @@ class Pieces:
     name: str
     hulls: tuple[Floats, ...]  # corners (k, 3) of each piece, m, frame of the mesh
     method: str  # "hull", "parts" (every closed part of it is convex) or "coacd"
-    threshold: float
+    threshold: float  # concavity a piece may keep, of half the mesh's longest side
     seed: int
     uncovered: float  # m, how far the mesh's surface sticks out of the pieces
     seconds: float  # spent on it, now
@@ -56,7 +61,7 @@ def decompose(
     mesh: Mesh,
     how: Decomposition = "auto",
     *,
-    threshold: float = DEFAULT_THRESHOLD,
+    threshold: float | None = None,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Pieces:
@@ -69,7 +74,7 @@ def decompose(
     how
         ``hull``: its convex hull. ``auto`` and ``coacd``: itself if it is convex, else CoACD.
     threshold
-        Concavity a piece may keep, 0.01 to 1 of half the mesh's longest side.
+        Concavity a piece may keep, 0.01 to 1 of half the mesh's longest side; None: `default_threshold`.
     seed
         Of CoACD's search.
     progress
@@ -79,12 +84,17 @@ def decompose(
     ------
     MeshError
         A mesh that is flat, or neither watertight nor convex; a decomposition that fails or leaves surface bare.
+    ConfigError
+        A threshold out of its range.
     """
     start = time.perf_counter()
-    if not 0.01 <= threshold <= 1.0:
-        raise MeshError(f"{mesh.name}: threshold = {threshold}: must lie between 0.01 and 1")
+    if threshold is None:
+        threshold = default_threshold(mesh)
+    if not FINEST <= threshold <= 1.0:
+        raise ConfigError(f"threshold = {threshold}: must lie between {FINEST} and 1")
     if how != "hull":
         require_closed(mesh)
+    hulls: tuple[Floats, ...]
     if how == "hull" or mesh.is_convex:
         hulls, method, bare, cached = (mesh.hull_vertices,), "hull", 0.0, False
     else:
@@ -99,6 +109,12 @@ def decompose(
         seconds=time.perf_counter() - start,
         cached=cached,
     )
+
+
+def default_threshold(mesh: Mesh) -> float:
+    """Concavity a piece may keep, of half the mesh's longest side: `SHARE`, kept between `LEAST` and `MOST`."""
+    half = 0.5 * mesh.size
+    return min(max(min(max(SHARE * half, LEAST), MOST) / half, FINEST), 1.0)
 
 
 def _decomposed(
@@ -119,15 +135,16 @@ def _decomposed(
         if part.is_convex:
             hulls.append(part.hull_vertices)
         else:
-            cut = [p for p in convex_parts(mesh.name, part.vertices, part.faces, threshold, seed) if _has_volume(p)]
+            share = min(max(threshold * mesh.size / part.size, FINEST), 1.0)
+            cut = [p for p in convex_parts(mesh.name, part.vertices, part.faces, share, seed) if _has_volume(p)]
             hulls += covering(part.vertices, part.faces, cut)
         if progress is not None:
             progress(f"convex decomposition of {mesh.name}", (k + 1) / (len(parts) + 1))
     bare = uncovered(solid.vertices, solid.faces, hulls)
     if bare > 1e-4 * solid.size:
         raise MeshError(
-            f"{mesh.name}: its convex pieces leave {bare * 1e3:.3g} mm of it bare: repair the mesh (does it cut through "
-            'itself?) or use decomposition = "hull"'
+            f"{mesh.name}: its convex pieces leave {bare * 1e3:.3g} mm of it bare: repair the mesh (does it cut "
+            'through itself?) or use decomposition = "hull"'
         )
     _write(archive, hulls, bare)
     if progress is not None:
@@ -178,7 +195,7 @@ def _read(archive: Path) -> tuple[tuple[Floats, ...], float] | None:
         return None
     if points.ndim != 2 or points.dtype != np.float64 or not np.isfinite(points).all() or len(starts) < 2:
         return None
-    return tuple(points[a:b] for a, b in zip(starts[:-1], starts[1:], strict=True)), bare
+    return tuple(points[a:b] for a, b in pairwise(starts)), bare
 
 
 def _write(archive: Path, hulls: list[Floats], bare: float) -> None:

@@ -44,8 +44,8 @@ class MaterialTable:
         for first, owner, second, other in meetings:
             if np.isnan(self.pairs.restitution[self.index(first), self.index(second)]):
                 raise SceneError(
-                    f"{path}: materials {first!r} (of {owner!r}) and {second!r} (of {other!r}) can meet and have no pair: "
-                    f"add a [[material_pair]] with both{self._suggestion(first, second)}"
+                    f"{path}: materials {first!r} (of {owner!r}) and {second!r} (of {other!r}) can meet and have no "
+                    f"pair: add a [[material_pair]] with both{self._suggestion(first, second)}"
                 )
 
     def _suggestion(self, *materials: str) -> str:

@@ -94,10 +94,12 @@ class Mesh:
         A closed mesh with all vertices on its hull is its hull; an open one is taken for it.
         """
         planes, slack = self.hull_planes, CONVEX_SLACK * self.size
-        for start in range(0, len(self.vertices), 4096):
-            block = self.vertices[start : start + 4096]
+        start, length = 0, 64
+        while start < len(self.vertices):
+            block = self.vertices[start : start + length]
             if np.min(np.max(block @ planes[:, :3].T + planes[:, 3], axis=1)) <= -slack:
                 return False
+            start, length = start + length, min(2 * length, 4096)
         return True
 
     @cached_property
@@ -214,14 +216,15 @@ def _parsed(data: bytes, path: Path, name: str) -> tuple[Floats, Ints]:
     faults: tuple[type[Exception], ...] = _PARSER_ERRORS
     if suffix == "dae":
         try:
-            from collada.common import DaeError
+            from collada.common import DaeError  # type: ignore[import-untyped]
         except ImportError:
             raise MeshError(f"{name}: a .dae mesh needs the package pycollada: install it, or convert to glb") from None
         faults = (*faults, DaeError)
+    resolver: Any = _Neighbours(path.parent)
     try:
         with np.errstate(all="ignore"):
             loaded: Any = trimesh.load(
-                BytesIO(data), file_type=suffix, resolver=_Neighbours(path.parent), process=False, skip_materials=True
+                BytesIO(data), file_type=suffix, resolver=resolver, process=False, skip_materials=True
             )
             if isinstance(loaded, trimesh.Scene):
                 loaded = loaded.to_mesh() if len(loaded.geometry) else None
@@ -288,5 +291,6 @@ def wound_outwards(mesh: Mesh) -> Mesh:
     import trimesh
 
     solid = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-    trimesh.repair.fix_normals(solid, multibody=True)
+    fix_normals: Any = trimesh.repair.fix_normals
+    fix_normals(solid, multibody=True)
     return Mesh(mesh.name, mesh.vertices, np.array(solid.faces, dtype=np.int64))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -32,8 +33,8 @@ def reach_cone(table: ReachConeTable, skeleton: Skeleton, where: str, path: Path
     """Check a reach cone against its skeleton.
 
     The joints must turn (no prismatic, no mimic joints), each must hang on the one before it, links with fixed joints
-    in between not counting, and their axes must pass through one centre. The polygon's sides must not cross or touch each
-    other, nor be half circles.
+    in between not counting, and their axes must pass through one centre. The polygon's sides must not cross or touch
+    each other, nor be half circles.
 
     Raises SceneError that names the file, the cone and the joint or direction.
     """
@@ -59,7 +60,7 @@ def _check_row(links: Sequence[int], skeleton: Skeleton, where: str, path: Path)
     """Each joint hangs on the one before it, and all turn about one centre."""
     zero = skeleton.forward()
     centre = zero[links[0], :3, 3]
-    for above, link in zip(links, links[1:], strict=False):
+    for above, link in pairwise(links):
         joint = skeleton.joints[link]
         name = "" if joint is None else joint.name
         here = link

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
-from pydantic_core import PydanticCustomError
 
 from geomphys.errors import SceneError
+from geomphys.world.scene_fault import explain, fault, one_line
 
 LARGEST_FILE = 16 * 2**20
 """bytes; a larger scene file is refused."""
@@ -20,11 +20,6 @@ UNIT_TOLERANCE = 1e-3
 
 _RESERVED = ("world", "recorded")
 _SHAPES = ("mesh", "box", "sphere", "cylinder", "capsule", "urdf")
-
-
-def _wrong(text: str) -> PydanticCustomError:
-    """An error whose text may hold braces: they are not fields of pydantic's template."""
-    return PydanticCustomError("scene", "{text}", {"text": text})
 
 
 def _sequence(value: object) -> object:
@@ -36,11 +31,11 @@ def _printable(value: object) -> object:
     """Names and topics go to terminals and channels: no control characters, no blanks around."""
     if isinstance(value, str):
         if not value or value != value.strip():
-            raise _wrong("must not be empty or have blanks around it")
+            raise fault("must not be empty or have blanks around it")
         if len(value) > 512:
-            raise _wrong("is longer than 512 characters")
+            raise fault("is longer than 512 characters")
         if any(not c.isprintable() for c in value):
-            raise _wrong("holds a control character")
+            raise fault("holds a control character")
     return value
 
 
@@ -48,9 +43,9 @@ def _plain_name(value: object) -> object:
     """Names of objects, avatars and chains are parts of frame ids and topics."""
     if isinstance(_printable(value), str) and isinstance(value, str):
         if "/" in value or "#" in value:
-            raise _wrong("must not hold '/' or '#'")
+            raise fault("must not hold '/' or '#'")
         if value in _RESERVED:
-            raise _wrong("is reserved, it names a frame of the output: choose another")
+            raise fault("is reserved, it names a frame of the output: choose another")
     return value
 
 
@@ -60,7 +55,7 @@ def _unit(value: object) -> object:
         norm = math.hypot(*value)
         if math.isfinite(norm):
             if abs(norm - 1.0) > UNIT_TOLERANCE:
-                raise _wrong(f"is not a unit quaternion x y z w: its norm is {norm:.6g}, expected 1")
+                raise fault(f"is not a unit quaternion x y z w: its norm is {norm:.6g}, expected 1")
             if abs(norm - 1.0) > 1e-12:
                 return tuple(v / norm for v in value)
     return value
@@ -128,7 +123,7 @@ class JointsTable(_Table):
     """Where joint angles come from."""
 
     topic: Text
-    unit: Literal["rad", "deg"] | None = Field(default=None, description="default: what the message type says, else rad")
+    unit: Literal["rad", "deg"] | None = Field(default=None, description="default: the message type's own, else rad")
     rename: dict[Text, Text] = Field(default_factory=dict, description="recorded name = joint name of the URDF")
 
     @model_validator(mode="after")
@@ -171,30 +166,30 @@ class ObjectTable(_Table):
         given = [key for key in _SHAPES if getattr(self, key) is not None]
         if len(given) != 1:
             found = " and ".join(given) if given else "none of them"
-            raise _wrong(f"needs exactly one of {', '.join(_SHAPES)}; it has {found}")
+            raise fault(f"needs exactly one of {', '.join(_SHAPES)}; it has {found}")
         kind, only = self.class_, "only an object with class = "
         if self.density is not None and self.mass is not None:
-            raise _wrong("has both density and mass: keep one of them")
+            raise fault("has both density and mass: keep one of them")
         if kind == "simulated" and self.topic is not None:
-            raise _wrong("topic: a simulated object follows no topic; use class driven or fixed, or leave topic out")
+            raise fault("topic: a simulated object follows no topic; use class driven or fixed, or leave topic out")
         if kind == "driven" and self.topic is None:
-            raise _wrong("topic: a driven object needs the topic it follows")
+            raise fault("topic: a driven object needs the topic it follows")
         for key in ("velocity", "angular_velocity"):
             if kind != "simulated" and getattr(self, key) is not None:
-                raise _wrong(f"{key}: {only}simulated has one, this is {kind}")
+                raise fault(f"{key}: {only}simulated has one, this is {kind}")
         if kind != "driven" and self.coupling is not None:
-            raise _wrong(f"coupling: {only}driven has one, this is {kind}")
+            raise fault(f"coupling: {only}driven has one, this is {kind}")
         if self.urdf is not None:
             if kind != "fixed":
-                raise _wrong(f"urdf: an articulated object must have class = fixed, this is {kind}")
+                raise fault(f"urdf: an articulated object must have class = fixed, this is {kind}")
             if self.mass is not None:
-                raise _wrong("mass: an articulated object has a density, not a mass")
+                raise fault("mass: an articulated object has a density, not a mass")
         elif self.joints is not None:
-            raise _wrong("joints: only an object with a urdf has joints")
+            raise fault("joints: only an object with a urdf has joints")
         if self.mesh is None and self.scale != 1.0:
-            raise _wrong(f"scale = {self.scale}: only a mesh is scaled; state the lengths of a {self.shape} themselves")
+            raise fault(f"scale = {self.scale}: only a mesh is scaled; state the lengths of a {self.shape} themselves")
         if self.mesh is None and self.urdf is None and self.decomposition != "auto":
-            raise _wrong(f"decomposition = {self.decomposition!r}: a {self.shape} is exact, only meshes are decomposed")
+            raise fault(f"decomposition = {self.decomposition!r}: a {self.shape} is exact, only meshes are decomposed")
         return self
 
 
@@ -211,7 +206,7 @@ class ReachConeTable(_Table):
 
     joints: Annotated[tuple[Text, ...], BeforeValidator(_sequence), Field(min_length=1, max_length=16)]
     limb: Direction
-    directions: Annotated[tuple[Direction, ...], BeforeValidator(_sequence), Field(min_length=3, max_length=1000)]
+    directions: Annotated[tuple[Direction, ...], BeforeValidator(_sequence), Field(min_length=3, max_length=128)]
 
     @model_validator(mode="after")
     def _check(self) -> ReachConeTable:
@@ -219,7 +214,7 @@ class ReachConeTable(_Table):
         for key, values in (("limb", [self.limb]), ("directions", self.directions)):
             for value in values:
                 if math.hypot(*value) < 1e-6:
-                    raise _wrong(f"{key}: {list(value)} has no direction")
+                    raise fault(f"{key}: {list(value)} has no direction")
         return self
 
 
@@ -262,15 +257,29 @@ class SceneFile(_Table):
             (" / ".join(sorted(p.materials)) for p in self.material_pair), "material_pair: the pair {!r} is given twice"
         )
         if not self.object and not self.avatar:
-            raise _wrong("names no object and no avatar")
+            raise fault("names no object and no avatar")
         return self
+
+
+_TABLES: dict[str, type[BaseModel]] = {
+    "": SceneFile,
+    "scene": SceneTable,
+    "material_pair": MaterialPair,
+    "object": ObjectTable,
+    "avatar": AvatarTable,
+    "chain": ChainTable,
+    "reach_cone": ReachConeTable,
+    "root": RootTable,
+    "joints": JointsTable,
+    "coupling": Coupling,
+}
 
 
 def _unique(values: Iterable[str], text: str) -> None:
     seen: set[str] = set()
     for value in values:
         if value in seen:
-            raise _wrong(text.format(value))
+            raise fault(text.format(value))
         seen.add(value)
 
 
@@ -280,7 +289,7 @@ def load_scene_file(path: Path) -> SceneFile:
     Raises
     ------
     SceneError
-        One line with the file, the key, its value and what is expected instead. Other files it names are not opened here.
+        One line with the file, the key, its value and what is expected instead. Files it names are not opened here.
     """
     return parse_scene(_read(path), path)
 
@@ -290,17 +299,17 @@ def parse_scene(text: str, path: Path) -> SceneFile:
     try:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise SceneError(f"{path}: not valid TOML: {_one_line(str(error))}") from error
+        raise SceneError(f"{path}: not valid TOML: {one_line(str(error))}") from error
     except RecursionError:
         raise SceneError(f"{path}: not valid TOML: tables or arrays are nested too deep") from None
     except ValueError as error:  # a number of more digits than Python converts
-        raise SceneError(f"{path}: not valid TOML: {_one_line(str(error))}") from error
+        raise SceneError(f"{path}: not valid TOML: {one_line(str(error))}") from error
     try:
         return SceneFile.model_validate(table)
     except RecursionError:
         raise SceneError(f"{path}: tables or arrays are nested too deep") from None
     except ValidationError as error:
-        raise SceneError(f"{path}: {_explain(error, table)}") from None
+        raise SceneError(f"{path}: {explain(error, table, _TABLES)}") from None
 
 
 def scene_json_schema() -> dict[str, Any]:
@@ -326,79 +335,3 @@ def _read(path: Path) -> str:
     except UnicodeDecodeError as error:
         line = data[: error.start].count(b"\n") + 1
         raise SceneError(f"{path}: line {line}: not UTF-8 text, expected TOML") from error
-
-
-def _explain(error: ValidationError, table: dict[str, Any]) -> str:
-    """The first fault on one line: key, value, what is expected; and how many more there are."""
-    faults = error.errors(include_url=False)
-    fault = faults[0]
-    location = [part for part in fault["loc"] if not _is_branch(part)]
-    value, kind = fault["input"], fault["type"]
-    key = _key_path(location, table)
-    if kind == "extra_forbidden":
-        text = f"unknown key{_did_you_mean(location, table)}"
-    elif kind == "missing":
-        text = "is missing"
-    elif kind == "scene":
-        text = str(fault["msg"])
-        if not isinstance(value, dict | BaseModel):
-            text = f"= {_shown(value)}: {text}"
-    else:
-        text = f"= {_shown(value)}: {fault['msg'][0].lower()}{fault['msg'][1:]}"
-    more = len({f["loc"] for f in faults}) - 1
-    return _one_line(f"{key} {text}" if key else text) + (f" (and {more} more)" if more else "")
-
-
-def _is_branch(part: object) -> bool:
-    """Whether a part of a location names a branch of a union instead of a key."""
-    return isinstance(part, str) and (part == "Coupling" or part.startswith("literal["))
-
-
-def _key_path(location: Sequence[int | str], table: dict[str, Any]) -> str:
-    """`object[2] "table".box[0]`: where in the file."""
-    text, here = "", table
-    for part in location:
-        if isinstance(part, int):
-            text += f"[{part}]"
-        else:
-            text += f".{part}" if text else part
-        try:
-            here = here[part]  # type: ignore[index]
-        except (KeyError, IndexError, TypeError):
-            here = {}
-        if isinstance(part, int) and isinstance(here, dict) and isinstance(here.get("name"), str):
-            text += f" ({_shown(here['name'])})"
-    return text
-
-
-def _did_you_mean(location: Sequence[int | str], table: dict[str, Any]) -> str:
-    from difflib import get_close_matches
-
-    models: dict[str, type[BaseModel]] = {
-        "scene": SceneTable,
-        "material_pair": MaterialPair,
-        "object": ObjectTable,
-        "avatar": AvatarTable,
-        "chain": ChainTable,
-        "reach_cone": ReachConeTable,
-        "root": RootTable,
-        "joints": JointsTable,
-        "coupling": Coupling,
-    }
-    holders = [part for part in location[:-1] if isinstance(part, str)]
-    model = models.get(holders[-1]) if holders else SceneFile
-    if model is None:
-        return ""
-    keys = [field.alias or name for name, field in model.model_fields.items()]
-    near = get_close_matches(str(location[-1]), keys, n=1)
-    return f", did you mean {near[0]!r}?" if near else f", expected one of {', '.join(keys)}"
-
-
-def _shown(value: object) -> str:
-    text = _one_line(repr(value))
-    return text if len(text) <= 80 else text[:77] + "..."
-
-
-def _one_line(text: str) -> str:
-    """Without line breaks and control characters, which a terminal would obey."""
-    return "".join(c if c.isprintable() else " " for c in text)

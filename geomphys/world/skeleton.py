@@ -91,9 +91,9 @@ class Skeleton:
     def neighbours(self) -> set[tuple[int, int]]:
         """Pairs (a, b), a < b, of links with collision geometry and no other such link on the way between them."""
         near: list[list[int]] = self.children()
-        for link, joint in enumerate(self.joints):
+        for child, joint in enumerate(self.joints):
             if joint is not None:
-                near[link].append(joint.parent)
+                near[child].append(joint.parent)
         pairs = set()
         for start, link in enumerate(self.links):
             if not link.collisions:
@@ -160,8 +160,8 @@ def load_skeleton(path: Path) -> Skeleton:
     Raises
     ------
     ModelError
-        A missing or unreadable file, entities, absent attributes, unknown joint types, values that are no finite numbers,
-        several roots, cycles, joints whose links are missing, mimic joints that follow nothing or each other.
+        A missing or unreadable file, entities, absent attributes, unknown joint types, values that are no finite
+        numbers, several roots, cycles, joints whose links are missing, mimic joints that follow nothing or each other.
     MeshError
         A mesh name that is no path to a local mesh file. The meshes themselves are not read here.
     """
@@ -212,7 +212,7 @@ def load_skeleton(path: Path) -> Skeleton:
         )
         for name in order
     )
-    lower_limits, upper_limits = _dof_limits(path, joints, free)
+    lower_limits, upper_limits = _dof_limits(joints, len(free))
     return Skeleton(path, robot.name, links, tuple(joints), tuple(free), lower_limits, upper_limits)
 
 
@@ -291,20 +291,20 @@ def _limits(path: Path, joint: Any) -> tuple[float, float]:
     return lower, upper
 
 
-def _dof_limits(path: Path, joints: list[Joint | None], free: list[str]) -> tuple[Floats, Floats]:
-    """Limits of the dofs: their own joint's, narrowed so that no mimic joint leaves its own."""
-    lower, upper = np.full(len(free), -np.inf), np.full(len(free), np.inf)
+def _dof_limits(joints: list[Joint | None], count: int) -> tuple[Floats, Floats]:
+    """Limits of the dofs: their own joint's, narrowed so that no mimic joint leaves its own.
+
+    Where that leaves no angle at all (files are careless about the limits of mimic joints) only its own limits count.
+    """
+    lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
+    own = [(j.lower, j.upper) for j in joints if j is not None and j.dof >= 0 and j.mimics is None]
     for joint in joints:
-        if joint is None or joint.dof < 0:
+        if joint is None or joint.dof < 0 or joint.multiplier == 0.0:
             continue
         low, high = joint.lower, joint.upper
-        if joint.multiplier == 0.0:
-            continue
         if joint.mimics is not None:
             low, high = sorted(((low - joint.offset) / joint.multiplier, (high - joint.offset) / joint.multiplier))
         lower[joint.dof], upper[joint.dof] = max(lower[joint.dof], low), min(upper[joint.dof], high)
     for dof in np.flatnonzero(lower > upper):
-        raise ModelError(
-            f"{path}: the limits of joint {free[dof]!r} and of the joints that mimic it leave no angle free"
-        )
+        lower[dof], upper[dof] = own[dof]
     return lower, upper

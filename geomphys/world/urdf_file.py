@@ -296,7 +296,9 @@ def _element(path: Path, link: str, element: Any) -> tuple[Shape, Floats]:
         _finite(path, where, "scale", scale)
         if np.any(scale == 0):
             raise ModelError(f"{path}: {where}: a mesh has a scale of 0")
-        shape = MeshShape(mesh_file(geometry.mesh.filename, path.parent), tuple(float(s) for s in scale))
+        shape = MeshShape(
+            mesh_file(geometry.mesh.filename, path.parent), (float(scale[0]), float(scale[1]), float(scale[2]))
+        )
     return shape, matrix
 
 

@@ -1,0 +1,118 @@
+"""What is wrong with a scene file, on one line: key, value, what is expected instead."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import PydanticCustomError
+
+Location = Sequence[int | str]
+
+
+def fault(text: str) -> PydanticCustomError:
+    """What a validator of the model raises; the text tells what is wrong."""
+    return PydanticCustomError("scene", "{text}", {"text": text})
+
+
+def explain(error: ValidationError, table: dict[str, Any], models: Mapping[str, type[BaseModel]]) -> str:
+    """The first fault of a table, and how many more there are.
+
+    `models` are the tables of the file by the key they stand under, the whole file under "".
+    """
+    faults = error.errors(include_url=False)
+    first = faults[0]
+    location = [part for part in first["loc"] if not _is_branch(part)]
+    kind, value = first["type"], first["input"]
+    if kind == "missing" and isinstance(location[-1], int):  # an array that is too short
+        location, kind = location[:-1], "too_short"
+    if kind == "extra_forbidden":
+        text = f"= {shown(value)}: unknown key{_did_you_mean(location, models)}"
+    elif kind == "missing":
+        text = "is missing"
+    elif kind == "tuple_type" and location[-1] in models:
+        text = f"= {shown(value)}: expected tables [[{'.'.join(str(p) for p in location if isinstance(p, str))}]]"
+    elif kind == "scene" and isinstance(value, dict | BaseModel):
+        text = str(first["msg"])
+    else:
+        text = f"= {shown(value)}: {_expected(kind, first.get('ctx', {}), str(first['msg']))}"
+    key = _key_path(location, table)
+    more = len({f["loc"][:2] for f in faults}) - 1
+    return one_line(f"{key} {text}" if key else text) + (f" (and {more} more)" if more else "")
+
+
+def shown(value: object) -> str:
+    """A value as it may stand in an error: short, on one line."""
+    if isinstance(value, tuple):
+        value = list(value)
+    text = one_line(repr(value))
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+def one_line(text: str) -> str:
+    """Without line breaks and control characters, which a terminal would obey."""
+    return "".join(c if c.isprintable() else " " for c in text)
+
+
+def _expected(kind: str, context: Mapping[str, Any], otherwise: str) -> str:
+    """What pydantic says, in the words of a scene file."""
+    plain = {
+        "float_type": "expected a number",
+        "finite_number": "expected a finite number",
+        "string_type": "expected text in quotes",
+        "bool_type": "expected true or false",
+        "tuple_type": "expected an array [...]",
+        "dict_type": "expected a table {...}",
+        "model_type": "expected a table {...}",
+        "model_attributes_type": "expected a table {...}",
+    }
+    if kind in plain:
+        return plain[kind]
+    if kind == "greater_than_equal":
+        return f"expected at least {context['ge']:g}"
+    if kind == "less_than_equal":
+        return f"expected at most {context['le']:g}"
+    if kind == "literal_error":
+        return f"expected {context['expected']}"
+    if kind == "too_short":
+        return (
+            f"expected at least {context['min_length']} values" if "min_length" in context else "expected more values"
+        )
+    if kind == "too_long":
+        return f"expected at most {context['max_length']} values"
+    return otherwise[:1].lower() + otherwise[1:]
+
+
+def _is_branch(part: object) -> bool:
+    """Whether a part of a location names a branch of a union instead of a key."""
+    return isinstance(part, str) and (part == "Coupling" or part.startswith("literal["))
+
+
+def _key_path(location: Location, table: dict[str, Any]) -> str:
+    """`object[0] ('table').box[2]`: where in the file; `class_` and the like never show."""
+    text = ""
+    here: Any = table
+    for part in location:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            text += f".{part}" if text else part
+        try:
+            here = here[part]
+        except (KeyError, IndexError, TypeError):
+            here = None
+        if isinstance(part, int) and isinstance(here, dict) and isinstance(here.get("name"), str):
+            text += f" ({shown(here['name'])})"
+    return text
+
+
+def _did_you_mean(location: Location, models: Mapping[str, type[BaseModel]]) -> str:
+    holders = [part for part in location[:-1] if isinstance(part, str)]
+    model = models.get(holders[-1] if holders else "")
+    if model is None:
+        return ""
+    keys = [field.alias or name for name, field in model.model_fields.items()]
+    near = get_close_matches(str(location[-1]), keys, n=1)
+    return f", did you mean {near[0]!r}?" if near else f", expected one of {', '.join(keys)}"
