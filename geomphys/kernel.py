@@ -4,6 +4,9 @@ Kernels are numba functions without ``fastmath`` (results must not depend on the
 code is cached on disk. numba looks only at the file a function stands in when it decides whether its cache is fresh,
 so a change in a callee of another module would go unseen; the cache folder is therefore named after the sources of
 the whole package and the versions of numba and Python.
+
+Kernels never allocate: they are compiled without numba's memory management, which also spares the counting of
+references at every access to an array.
 """
 
 from __future__ import annotations

@@ -15,10 +15,7 @@ from geomphys.kernel import kernel
 STAGES = (
     "step.kinematics",
     "step.recorded",
-    "step.coupling",
     "step.overlap",
-    "step.overlap.sweep",
-    "step.overlap.solve",
     "step.impulses",
     "step.contacts",
 )

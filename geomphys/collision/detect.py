@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.gjk import Scratch, separation
+from geomphys.collision.penetration import Scratch, separation
 from geomphys.collision.sweep import Boxes, apart, near_trees
 from geomphys.kernel import kernel
 from geomphys.vec3 import Vec

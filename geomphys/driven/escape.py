@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.detect import Axes, Near, near_pairs_of_trees
-from geomphys.collision.gjk import Scratch
+from geomphys.collision.penetration import Scratch
 from geomphys.collision.sweep import Boxes, apart, near_trees, update_boxes
 from geomphys.kernel import kernel
 from geomphys.vec3 import Vec, add_scaled, cross, dot, norm, perpendicular, unit

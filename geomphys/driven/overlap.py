@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.detect import Axes, Near, find_near, pair_separation
-from geomphys.collision.gjk import Scratch
+from geomphys.collision.penetration import Scratch
 from geomphys.collision.sweep import Boxes, update_boxes
 from geomphys.driven.escape import Rescue, escape
 from geomphys.driven.least_distance import SOLVED, LeastDistance, solve_least_distance
@@ -213,7 +213,7 @@ def _nearest_free(
             deepest = max(deepest, -near.separation[k])
     pull = 0.0
     for tree in range(len(p.column)):
-        if p.column[tree] >= 0:
+        if scene.trees.role[tree] == DRIVEN:
             pull = max(pull, _distance(p.goal, p.current, tree))
     while True:
         for tree in range(len(p.column)):

@@ -1,9 +1,9 @@
 """The driven loop of a frame: the coupling pulls, overlaps are eliminated, the offset remembers.
 
 Trees are carried over from the last frame at their place in the world. What turned or bent since then (the hand's
-shape, a door on its hinge) may have moved into something: those overlaps are small, and if they are not small against
-the thickness of the pieces, the change is made in several steps, so that nothing can come through. Then every tree
-goes as near to where the coupling pulls as it can without meeting anything.
+shape, a door on its hinge) may have moved into something: those overlaps are small. Where they would not be small
+against the thickness of the pieces, the frame is taken in several steps of interpolated recording, so that nothing
+can come through. Then every tree goes as near to where the coupling pulls as it can without meeting anything.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.detect import Axes, Near, find_near
-from geomphys.collision.gjk import Scratch
+from geomphys.collision.penetration import Scratch
 from geomphys.collision.sweep import Boxes, update_boxes
 from geomphys.driven.coupling import relax
 from geomphys.driven.escape import Rescue
@@ -39,9 +39,9 @@ class DrivenState(NamedTuple):
     started: Ints  # (1,) 0 before the first frame
     offset: Floats  # (T, 3) m, of each tree from its recorded pose
     speed: Floats  # (T, 3) m/s, of the offset
-    roots: Floats  # (T, 7) recorded root poses of the last frame
-    angles: Floats  # (Q,) recorded angles of the last frame
-    frames: Floats  # (P, 12) pieces at the end of the last frame
+    roots: Floats  # (T, 7) recorded root poses of the last step
+    angles: Floats  # (Q,) recorded angles of the last step
+    frames: Floats  # (P, 12) pieces at the end of the last step
 
 
 class DrivenRoom(NamedTuple):
@@ -51,11 +51,19 @@ class DrivenRoom(NamedTuple):
     near: Near
     problem: LeastDistance
     rescue: Rescue
-    stir: Floats  # (P,) m, how far turning and bending moved each piece
-    roots: Floats  # (T, 7) between two frames
+    stir: Floats  # (P,) m, how far turning and bending move each piece
+    roots: Floats  # (T, 7) recorded root poses of a step
     angles: Floats  # (Q,)
-    poses: Floats  # (B, 7)
-    goal: Floats  # (T, 3) the frame's goals, while a step between has its own
+    poses: Floats  # (B, 7) recorded poses of a step
+
+
+class Outcome(NamedTuple):
+    """What the driven loop did in a frame."""
+
+    rounds: int
+    method: int  # as in results.METHODS
+    rescues: int  # searches for a way out
+    converged: bool
 
 
 def make_driven_state(scene: Scene) -> DrivenState:
@@ -68,8 +76,14 @@ def make_driven_state(scene: Scene) -> DrivenState:
 
 
 @kernel
-def begin_frame(scene: Scene, state: DrivenState, places: Places, roots: Floats, dt: float) -> None:
-    """Goal and present place of every driven tree, as offsets from the pose recorded now."""
+def is_recorded(scene: Scene, tree: int) -> bool:
+    """Whether the recording moves the tree."""
+    return scene.trees.moving[tree] == 1 and scene.trees.role[tree] != SIMULATED
+
+
+@kernel
+def _pull(scene: Scene, state: DrivenState, places: Places, roots: Floats, dt: float) -> None:
+    """Goal (the coupling's) and present place of every driven tree, as offsets from the pose recorded now."""
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] != DRIVEN:
             continue
@@ -89,21 +103,31 @@ def begin_frame(scene: Scene, state: DrivenState, places: Places, roots: Floats,
 
 
 @kernel
+def _place_trees(scene: Scene, poses: Floats, p: Places, boxes: Boxes) -> None:
+    """All trees the recording moves at `poses` (B, 7), driven ones shifted to `current`."""
+    for tree in range(len(scene.trees.role)):
+        if is_recorded(scene, tree):
+            place_tree(scene, tree, poses, p.base)
+            place_at(scene, p.base, p.current, tree, p.frames)
+            place_at(scene, p.base, p.current, tree, p.moved)
+            update_boxes(scene, p.frames, boxes, tree)
+
+
+@kernel
 def _measure_stir(scene: Scene, before: Floats, p: Places, stir: Floats) -> None:
-    """How far each piece has moved since the last frame's end, its tree's root standing still: a bound over its points."""
+    """How far each piece has moved since the last step's end, its tree's root standing still: a bound over its points."""
     pieces = scene.pieces
     for tree in range(len(scene.trees.role)):
         p.stir[tree] = 0.0
-        if scene.trees.moving[tree] == 0 or scene.trees.role[tree] == SIMULATED:
+        if not is_recorded(scene, tree):
             continue
         first = scene.bodies.piece_start[scene.trees.body_start[tree]]
         last = scene.bodies.piece_start[scene.trees.body_start[tree + 1]]
         for i in range(first, last):
-            square = 0.0
+            square, distance = 0.0, 0.0
             for k in range(9):
                 change = p.frames[i, k] - before[i, k]
                 square += change * change
-            distance = 0.0
             for k in range(3):
                 shift = p.frames[i, 9 + k] - before[i, 9 + k]
                 for j in range(3):
@@ -116,12 +140,14 @@ def _measure_stir(scene: Scene, before: Floats, p: Places, stir: Floats) -> None
 
 @kernel
 def _steps_needed(scene: Scene, room: DrivenRoom, boxes: Boxes, gap: float, axes: Axes, scratch: Scratch) -> int:
-    """Into how many steps the change of shape must be cut so that no pair can pass through each other."""
+    """Into how many steps the frame must be cut so that no pair can turn or bend through each other."""
     p = room.places
+    widest = 0.0
     for tree in range(len(p.reach)):
         p.reach[tree] = p.stir[tree]
-        if scene.trees.role[tree] == DRIVEN:
-            update_boxes(scene, p.frames, boxes, tree)
+        widest = max(widest, p.stir[tree])
+    if widest == 0.0:
+        return 1
     find_near(scene, p.frames, boxes, p.reach, gap, room.near, p.found, axes, scratch)
     steps = 1.0
     for k in range(room.near.count[0]):
@@ -134,41 +160,19 @@ def _steps_needed(scene: Scene, room: DrivenRoom, boxes: Boxes, gap: float, axes
 
 
 @kernel
-def _shape_between(
+def _record_between(
     scene: Scene, origins: Floats, state: DrivenState, room: DrivenRoom, roots: Floats, angles: Floats, w: float
 ) -> None:
-    """Place all moving trees a share `w` of the way from the last frame's recording to this one's, driven roots at their
-    place in the world."""
-    p = room.places
+    """The recording a share `w` of the way from the last step to this frame, into `room`."""
     for i in range(len(angles)):
         room.angles[i] = state.angles[i] + w * (angles[i] - state.angles[i])
     for tree in range(len(scene.trees.role)):
-        if scene.trees.moving[tree] == 0 or scene.trees.role[tree] == SIMULATED:
+        if not is_recorded(scene, tree):
             continue
         q = slerp(orientation_of(state.roots, tree), orientation_of(roots, tree), w)
         p0, p1 = position_of(state.roots, tree), position_of(roots, tree)
-        place = add_scaled(p0, sub(p1, p0), w)
-        set_pose(room.roots, tree, place, q)
+        set_pose(room.roots, tree, add_scaled(p0, sub(p1, p0), w), q)
         pose_tree(scene, origins, tree, room.roots, room.angles, room.poses)
-        place_tree(scene, tree, room.poses, p.base)
-        for i in range(3):  # current is kept as an offset from the pose recorded in this frame
-            p.trial[tree, i] = p.current[tree, i] + (roots[tree, i] - place[i])
-        if scene.trees.role[tree] != DRIVEN:
-            for i in range(3):
-                p.trial[tree, i] = 0.0
-        place_at(scene, p.base, p.trial, tree, p.frames)
-        place_at(scene, p.base, p.trial, tree, p.moved)
-
-
-@kernel
-def _place_recorded(scene: Scene, poses: Floats, p: Places) -> None:
-    """All moving trees as recorded, driven ones shifted to `current`."""
-    for tree in range(len(scene.trees.role)):
-        if scene.trees.moving[tree] == 0 or scene.trees.role[tree] == SIMULATED:
-            continue
-        place_tree(scene, tree, poses, p.base)
-        place_at(scene, p.base, p.current, tree, p.frames)
-        place_at(scene, p.base, p.current, tree, p.moved)
 
 
 @kernel
@@ -185,86 +189,84 @@ def _brake(state: DrivenState, p: Places, tree: int) -> None:
 
 
 @kernel
+def _remember(scene: Scene, state: DrivenState, p: Places, roots: Floats, angles: Floats) -> None:
+    """What the next step starts from."""
+    state.started[0] = 1
+    for tree in range(len(scene.trees.role)):
+        if not is_recorded(scene, tree):
+            continue
+        for k in range(7):
+            state.roots[tree, k] = roots[tree, k]
+        for i in range(3):
+            state.offset[tree, i] = p.current[tree, i]
+        first = scene.bodies.piece_start[scene.trees.body_start[tree]]
+        last = scene.bodies.piece_start[scene.trees.body_start[tree + 1]]
+        for i in range(first, last):
+            for k in range(12):
+                state.frames[i, k] = p.frames[i, k]
+    for i in range(len(angles)):
+        state.angles[i] = angles[i]
+
+
+@kernel
+def _advance(
+    scene: Scene, state: DrivenState, room: DrivenRoom, boxes: Boxes, roots: Floats, angles: Floats, poses: Floats, dt: float,
+    gap: float, rounds: int, axes: Axes, scratch: Scratch,
+) -> Outcome:  # fmt: skip
+    """One step: trees placed at `poses` and carried over; they go as near to their goals as they can."""
+    p = room.places
+    _pull(scene, state, p, roots, dt)
+    _place_trees(scene, poses, p, boxes)
+    if state.started[0] == 1:
+        _measure_stir(scene, state.frames, p, room.stir)
+    count, method, rescues, converged = eliminate_overlap(
+        scene, p, boxes, room.near, room.problem, gap, rounds, room.rescue, axes, scratch
+    )  # fmt: skip
+    for tree in range(len(scene.trees.role)):
+        if scene.trees.role[tree] == DRIVEN:
+            _brake(state, p, tree)
+    _remember(scene, state, p, roots, angles)
+    return Outcome(count, method, rescues, converged)
+
+
+@kernel
 def update_driven(
     scene: Scene, origins: Floats, state: DrivenState, room: DrivenRoom, boxes: Boxes, roots: Floats, angles: Floats,
-    recorded: Floats, gap: float, rounds: int, axes: Axes, scratch: Scratch,
-) -> tuple[int, int, int, bool]:  # fmt: skip
-    """Eliminate the overlaps of this frame; `begin_frame` has set goals and places.
+    recorded: Floats, dt: float, gap: float, rounds: int, axes: Axes, scratch: Scratch,
+) -> Outcome:  # fmt: skip
+    """Couple the driven trees to this frame's recording and eliminate their overlaps.
 
     Parameters
     ----------
     scene, origins
         The scene and its joints' origins.
     state, room, boxes
-        Carried state (offset, speed and frames are brought up to date), scratch, boxes.
+        Carried state (brought up to date), scratch (`room.places.frames` holds the final frames), boxes.
     roots, angles, recorded
-        (T, 7), (Q,), (B, 7): the recording of this frame.
+        (T, 7), (Q,), (B, 7): the recording of this frame and its forward kinematics.
+    dt
+        s since the last frame.
     gap, rounds
-        Clearance kept [m]; bound on the rounds.
+        Clearance kept [m]; bound on the rounds of a step.
     axes, scratch
         For the narrow phase.
-
-    Returns
-    -------
-    tuple
-        (rounds, method, searches for a way out, converged), as `eliminate_overlap`.
     """
     p = room.places
-    rounds_taken, method, rescues, converged = 0, 0, 0, True
-    _place_recorded(scene, recorded, p)
-    for tree in range(len(p.stir)):
-        p.stir[tree] = 0.0
+    steps = 1
     if state.started[0] == 1:
+        _pull(scene, state, p, roots, 0.0)
+        _place_trees(scene, recorded, p, boxes)
         _measure_stir(scene, state.frames, p, room.stir)
         steps = _steps_needed(scene, room, boxes, gap, axes, scratch)
-        for step in range(1, steps):
-            w = step / steps
-            _shape_between(scene, origins, state, room, roots, angles, w)
-            for tree in range(len(scene.trees.role)):
-                if scene.trees.role[tree] == DRIVEN:
-                    for i in range(3):
-                        room.goal[tree, i] = p.goal[tree, i]
-                        p.current[tree, i] = p.trial[tree, i]
-                        p.goal[tree, i] = p.trial[tree, i]
-                elif scene.trees.moving[tree] == 1 and scene.trees.role[tree] != SIMULATED:
-                    update_boxes(scene, p.frames, boxes, tree)
-            n, m, r, ok = eliminate_overlap(
-                scene, p, boxes, room.near, room.problem, gap, rounds, room.rescue, axes, scratch
+    count, method, rescues, converged = 0, 0, 0, True
+    for step in range(steps):
+        if step == steps - 1:
+            done = _advance(scene, state, room, boxes, roots, angles, recorded, dt / steps, gap, rounds, axes, scratch)
+        else:
+            _record_between(scene, origins, state, room, roots, angles, 1.0 / (steps - step))
+            done = _advance(
+                scene, state, room, boxes, room.roots, room.angles, room.poses, dt / steps, gap, rounds, axes, scratch
             )  # fmt: skip
-            rounds_taken, method, rescues, converged = rounds_taken + n, max(method, m), rescues + r, converged and ok
-            for tree in range(len(scene.trees.role)):
-                if scene.trees.role[tree] == DRIVEN:
-                    for i in range(3):
-                        place = state.roots[tree, i] + w * (roots[tree, i] - state.roots[tree, i])
-                        p.current[tree, i] += place - roots[tree, i]
-                        p.goal[tree, i] = room.goal[tree, i]
-        if steps > 1:
-            _place_recorded(scene, recorded, p)
-            for tree in range(len(scene.trees.role)):
-                if scene.trees.moving[tree] == 1 and scene.trees.role[tree] != SIMULATED:
-                    update_boxes(scene, p.frames, boxes, tree)
-    n, m, r, ok = eliminate_overlap(scene, p, boxes, room.near, room.problem, gap, rounds, room.rescue, axes, scratch)
-    for tree in range(len(scene.trees.role)):
-        if scene.trees.role[tree] == DRIVEN:
-            _brake(state, p, tree)
-            for i in range(3):
-                state.offset[tree, i] = p.current[tree, i]
-    return rounds_taken + n, max(method, m), rescues + r, converged and ok
-
-
-@kernel
-def end_frame(scene: Scene, state: DrivenState, places: Places, roots: Floats, angles: Floats) -> None:
-    """Remember what the next frame starts from."""
-    state.started[0] = 1
-    for tree in range(len(scene.trees.role)):
-        if scene.trees.moving[tree] == 0:
-            continue
-        for k in range(7):
-            state.roots[tree, k] = roots[tree, k]
-        first = scene.bodies.piece_start[scene.trees.body_start[tree]]
-        last = scene.bodies.piece_start[scene.trees.body_start[tree + 1]]
-        for i in range(first, last):
-            for k in range(12):
-                state.frames[i, k] = places.frames[i, k]
-    for i in range(len(angles)):
-        state.angles[i] = angles[i]
+        count, rescues = count + done.rounds, rescues + done.rescues
+        method, converged = max(method, done.method), converged and done.converged
+    return Outcome(count, method, rescues, converged)
