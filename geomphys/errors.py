@@ -10,6 +10,7 @@
     │   ├── ModelError        a URDF
     │   └── MeshError         a mesh
     ├── OutputError           a result that cannot be written
+    ├── ViewerError           the rerun viewer cannot run or show a result
     └── ConfigError           a parameter out of its range
 """
 
@@ -46,6 +47,10 @@ class MeshError(InputError):
 
 class OutputError(GeomphysError):
     """A result that cannot be written."""
+
+
+class ViewerError(GeomphysError):
+    """The rerun viewer cannot run here, or cannot show a result."""
 
 
 class ConfigError(GeomphysError):

@@ -163,6 +163,25 @@ class OutputLog:
             if pending:
                 yield decoder.decode(pending)
 
+    def sample(self, count: int) -> Iterator[Poses]:
+        """Corrected poses of up to `count` frames, spread evenly over the time of the recording."""
+        decoder = TransformsDecoder()
+        with self._reading() as (_, reader):
+            for time in np.linspace(self.start_ns, self.end_ns, count).astype(np.int64).tolist():
+                for _, _, message in reader.iter_messages(topics=["/tf"], start_time=time):
+                    yield decoder.decode(message.data, message.log_time)
+                    break
+
+    def time_of(self, frame: int) -> int:
+        """Time [ns] of the frame of that number; raises LogError if there is none."""
+        last = None
+        with self._reading() as (_, reader):
+            for _, _, message in reader.iter_messages(topics=["/metrics"], log_time_order=False):
+                last = int(decode_metrics(message.data)["frame"])
+                if last == frame:
+                    return message.log_time
+        raise LogError(f"{self.path}: has no frame {frame}; its last one is {last}")
+
     def metrics(self) -> dict[str, NDArray[np.float64]]:
         """Columns (n,) of all metrics by name, and ``time_ns`` (int64): one row a frame."""
         rows: list[dict[str, float]] = []

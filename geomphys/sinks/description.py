@@ -15,12 +15,11 @@ from defusedxml.common import DefusedXmlException
 from lxml import etree
 
 from geomphys.errors import ModelError
+from geomphys.sinks.colours import of_material
 from geomphys.world.scene import World
 from geomphys.world.scene_file import ObjectTable
 
 WORLD = "world"
-_COLOURS = {"wood": "0.72 0.53 0.34 1", "human": "0.88 0.72 0.62 1", "metal": "0.62 0.66 0.72 1"}
-_OTHER_COLOUR = "0.6 0.6 0.6 1"
 
 
 def descriptions(world: World) -> dict[str, str]:
@@ -30,10 +29,12 @@ def descriptions(world: World) -> dict[str, str]:
     cannot be read.
     """
     texts: dict[str, str] = {}
+    materials = {table.name: table.material for table in world.file.avatar}
+    materials |= {table.name: table.material for table in world.file.object}
     for tree, name in enumerate(world.tree_names):
         if name in world.urdfs:
             topic = "/robot_description" if tree == 0 and world.avatar_count == 1 else f"/{name}/robot_description"
-            texts[topic] = urdf_for_viewers(world.urdfs[name], _frames_of(world, tree))
+            texts[topic] = urdf_for_viewers(world.urdfs[name], _frames_of(world, tree), materials[name])
     plain = [table for table in world.file.object if table.name not in world.urdfs]
     if plain:
         name = "objects"
@@ -43,8 +44,11 @@ def descriptions(world: World) -> dict[str, str]:
     return texts
 
 
-def urdf_for_viewers(path: Path, frames: dict[str, str]) -> str:
-    """Text of the URDF at `path` with links named as in `frames` (link name -> frame id) and meshes by ``file://``."""
+def urdf_for_viewers(path: Path, frames: dict[str, str], material: str) -> str:
+    """Text of the URDF at `path` with links named as in `frames` (link name -> frame id) and meshes by ``file://``.
+
+    What has no colour of its own gets that of `material`.
+    """
     try:
         data = path.read_bytes()
         SafeTree.fromstring(data)  # refuses what an XML file can do to its reader
@@ -61,6 +65,9 @@ def urdf_for_viewers(path: Path, frames: dict[str, str]) -> str:
         found = _mesh_file(mesh.get("filename", ""), path.resolve().parent)
         if found is not None:
             mesh.set("filename", found.as_uri())
+    for visual in tree.iter("visual"):
+        if visual.find("material") is None:
+            visual.append(_material(material))
     text: str = etree.tostring(tree, encoding="unicode")
     return text + "\n"
 
@@ -76,8 +83,7 @@ def urdf_of_objects(name: str, tables: Sequence[ObjectTable], folder: Path) -> s
             if height:
                 etree.SubElement(visual, "origin", xyz=f"0 0 {height!r}", rpy="0 0 0")
             etree.SubElement(visual, "geometry").append(geometry)
-            material = etree.SubElement(visual, "material", name=table.material)
-            etree.SubElement(material, "color", rgba=_COLOURS.get(table.material, _OTHER_COLOUR))
+            visual.append(_material(table.material))
         joint = etree.SubElement(robot, "joint", name=f"{WORLD} {table.name}", type="floating")
         etree.SubElement(joint, "parent", link=WORLD)
         etree.SubElement(joint, "child", link=table.name)
@@ -100,6 +106,13 @@ def _geometries(table: ObjectTable, folder: Path) -> list[tuple[etree._Element, 
     if table.cylinder is not None:
         return [body]
     return [body, *((etree.Element("sphere", radius=repr(radius)), side * length / 2) for side in (1.0, -1.0))]
+
+
+def _material(name: str) -> etree._Element:
+    red, green, blue, opacity = (channel / 255 for channel in of_material(name))
+    material = etree.Element("material", name=name)
+    etree.SubElement(material, "color", rgba=f"{red:.3f} {green:.3f} {blue:.3f} {opacity:.3f}")
+    return material
 
 
 def _frames_of(world: World, tree: int) -> dict[str, str]:

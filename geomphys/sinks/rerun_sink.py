@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +17,16 @@ from geomphys.provenance import Provenance
 from geomphys.results import FrameResult
 from geomphys.sinks import colours, series
 from geomphys.sinks.base import ContextManaged, OutputFile
-from geomphys.sinks.blueprint import CONTACTS, DEPTHS, LOG, PLOTS, RECORDED, SCENE, SHOWN, blueprint
-from geomphys.sinks.camera import Eye, choose_eye
+from geomphys.sinks.blueprint import CONTACTS, DEPTHS, LINES, LOG, PLOTS, RECORDED, SCENE, SHOWN, blueprint
+from geomphys.sinks.camera import choose_eye
 from geomphys.sinks.finite import check_finite
 from geomphys.sinks.rerun_stream import UNIX_FROM, RerunStream, Times
 from geomphys.sinks.shading import shaded
 from geomphys.transforms import rotation_from_quaternion
 from geomphys.world.scene import DRIVEN, FIXED, World
+
+if TYPE_CHECKING:
+    from rerun.blueprint import Blueprint
 
 Floats = NDArray[np.float64]
 
@@ -77,13 +80,14 @@ class RerunSink(ContextManaged):
         bodies = world.scene.bodies
         self._is_moving = (bodies.role != FIXED) | (world.scene.trees.moving[bodies.tree] != 0)
         self._moving = np.flatnonzero(self._is_moving)
-        self._driven = np.flatnonzero(bodies.role == DRIVEN)
+        self._drawn_driven = [b for b in np.flatnonzero(bodies.role == DRIVEN) if len(world.triangles[b][1])]
         self._names = [tuple(name.split("/")) for name in world.body_names]
         self._results: list[FrameResult] = []
         self._last: FrameResult | None = None
         self._last_states: NDArray[np.int64] | None = None
         self._still: Floats | None = None  # (B, 7) poses of the first frame
         self._unix = True
+        self._sent = self._first_ns = 0
         self._visited: list[Floats] = []
         self._stride = 1
         self._plotted: set[str] = set()
@@ -105,7 +109,7 @@ class RerunSink(ContextManaged):
         output, self._output = self._output, None
         self._send_batch()
         try:
-            self._stream.finish(self._provenance.record(complete=complete), blueprint(self._eye(), timing=self._timing))
+            self._stream.finish(self._provenance.record(complete=complete), self._view())
         except OSError as problem:
             raise output.error(problem) from problem
         output.publish(complete)
@@ -145,7 +149,8 @@ class RerunSink(ContextManaged):
         recorded = np.stack([result.recorded for result in results])
         if self._still is None:
             self._still = corrected[0]
-            self._unix = results[0].frame.time_ns >= UNIX_FROM
+            self._first_ns = results[0].frame.time_ns
+            self._unix = self._first_ns >= UNIX_FROM
             self._send_still(corrected[0])
         frames = np.array([r.frame.index for r in results])
         times = Times(frames, np.array([r.frame.time_ns for r in results]), self._unix)
@@ -156,6 +161,7 @@ class RerunSink(ContextManaged):
         self._send_log(times, results)
         self._visit(corrected)
         self._last = results[-1]
+        self._sent += len(results)
 
     def _send_still(self, poses: Floats) -> None:
         import rerun as rr
@@ -176,7 +182,7 @@ class RerunSink(ContextManaged):
 
         moved = series.moved(recorded, corrected)
         states = np.where(touching, _TOUCHING, np.where(moved, _CORRECTED, _FREE)) + 4 * moved
-        for body in self._driven:
+        for body in self._drawn_driven:
             before = None if self._last_states is None else self._last_states[body : body + 1]
             rows = np.flatnonzero(series.changes(states[:, body : body + 1], before))
             palette = np.array([self._own_colours[body], colours.CORRECTED, colours.TOUCHING], np.uint8)
@@ -221,7 +227,7 @@ class RerunSink(ContextManaged):
             path = PLOTS + tuple(name.split("/"))
             if name not in self._plotted:
                 self._plotted.add(name)
-                self._stream.log_static(path, rr.SeriesLines(names=path[-1], widths=1.5))
+                self._stream.log_static(path, rr.SeriesLines(names=path[-1], widths=1.5, colors=LINES.get(name)))
             self._stream.send(path, times, rows, rr.Scalars.columns(scalars=values))
 
     def _send_log(self, times: Times, results: Sequence[FrameResult]) -> None:
@@ -240,8 +246,8 @@ class RerunSink(ContextManaged):
             self._visited = self._visited[::2]
             self._stride *= 2
 
-    def _eye(self) -> Eye:
-        """Where the viewer looks from when it opens."""
+    def _view(self) -> Blueprint:
+        """The layout, seen from a place that suits the whole recording."""
         active = np.concatenate(self._visited) if self._visited else np.zeros((0, 3))
         triangles = [np.zeros((0, 3, 3))]
         if self._still is not None:
@@ -249,7 +255,10 @@ class RerunSink(ContextManaged):
                 vertices, faces = self._world.collision_triangles[body]
                 rotation = rotation_from_quaternion(self._still[body, 3:])
                 triangles.append((vertices @ rotation.T + self._still[body, :3])[faces])
-        return choose_eye(active, np.concatenate(triangles))
+        eye = choose_eye(active, np.concatenate(triangles))
+        elapsed = self._last.frame.time_ns - self._first_ns if self._last is not None else 0
+        rate = 1e9 * (self._sent - 1) / elapsed if elapsed > 0 else 60.0
+        return blueprint(eye, rate=rate, timing=self._timing)
 
 
 def _transforms(poses: Floats) -> Any:
