@@ -9,8 +9,9 @@ import click
 
 from .command import command, current_terminal
 from .options import INPUT, config_of, config_options, json_option, scene_option
+from .terminal import counted
 
-EXIT_THRESHOLD = 4
+EXIT_FAILED = 1
 
 
 @command(
@@ -24,20 +25,29 @@ EXIT_THRESHOLD = 4
 @click.argument("log", type=INPUT)
 @scene_option
 @config_options
-@click.option("--strict", is_flag=True, help="End with exit code 4 if there is anything to warn of.")
+@click.option("--strict", is_flag=True, help="Warnings count as errors.")
 @json_option
 def check(log: Path, scene: Path, strict: bool, as_json: bool, **options: Any) -> int:
-    """Tell whether LOG can be replayed in a scene: what feeds what, units, gaps, limits, names without a match."""
-    from geomphys.recording.inspect import check_log
+    """Tell whether LOG can be replayed in a scene: what feeds what, units, gaps, limits, names without a match.
 
+    The exit code is 0 if it can, 1 if it cannot.
+    """
     from geomphys.load import load_world
+    from geomphys.recording.check import check_log
 
-    terminal = current_terminal()
-    report = check_log(log, load_world(scene), config_of(options))
+    terminal, config = current_terminal(), config_of(options)
+    report = check_log(log, load_world(scene, mode=config.mode, seed=config.seed), config)
     if as_json:
         terminal.json(report.as_dict())
     else:
         from .show_log import show_check
 
         show_check(terminal, report)
-    return EXIT_THRESHOLD if strict and report.warnings else 0
+    if report.errors:
+        more = f" (and {counted(len(report.errors) - 1, 'error')} more)" if len(report.errors) > 1 else ""
+        terminal.error(report.errors[0] + more)
+    elif strict and report.warnings:
+        terminal.error(f"{log}: {counted(len(report.warnings), 'warning')}, taken for errors with --strict")
+    else:
+        return 0
+    return EXIT_FAILED

@@ -15,16 +15,18 @@ from .options import INPUT, json_option
     examples="""
     geomphys info hand.mcap
     geomphys info rosbag2_2026_05_04/ --json
+    geomphys info cut_off.mcap --recover
     """,
 )
 @click.argument("log", type=INPUT)
+@click.option("--recover", is_flag=True, help="Of a damaged log, show what is intact.")
 @json_option
-def info(log: Path, as_json: bool) -> None:
+def info(log: Path, recover: bool, as_json: bool) -> None:
     """Show the topics of LOG (an MCAP file or a ROS 2 bag folder): types, rates, gaps, joints, frames."""
     from geomphys.recording.inspect import inspect_log
 
     terminal = current_terminal()
-    content = inspect_log(log)
+    content = inspect_log(log, recover=recover)
     if as_json:
         terminal.json(content.as_dict())
     else:

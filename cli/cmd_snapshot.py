@@ -14,16 +14,27 @@ from .options import INPUT_FILE, OUTPUT_FILE, check_output, force_option
     "snapshot",
     examples="""
     geomphys snapshot corrected.rrd -o frame.png --frame 1200
+    geomphys snapshot corrected.mcap -o window.png --frame 1200 --whole --size 1920 1080
     """,
 )
 @click.argument("result", metavar="OUT", type=INPUT_FILE)
 @click.option("--output", "-o", "out", type=OUTPUT_FILE, required=True, metavar="PNG", help="The picture to write.")
 @click.option("--frame", type=click.IntRange(min=0), default=0, show_default=True, help="Which frame, from 0.")
+@click.option("--whole", is_flag=True, help="The viewer's whole window, plots and all, not only the scene.")
+@click.option(
+    "--size",
+    type=click.IntRange(64, 8192),
+    nargs=2,
+    default=(1280, 960),
+    show_default=True,
+    metavar="W H",
+    help="Width and height of the viewer's window.",
+)
 @force_option
-def snapshot(result: Path, out: Path, frame: int, force: bool) -> None:
+def snapshot(result: Path, out: Path, frame: int, whole: bool, size: tuple[int, int], force: bool) -> None:
     """Make a picture of one frame of OUT (.rrd or .mcap), as the rerun viewer shows it."""
     from geomphys.snapshot import take_snapshot
 
     check_output(out, force=force, inputs=(result,))
-    take_snapshot(result, out, frame=frame)
+    take_snapshot(result, out, frame=frame, size=size, whole=whole)
     current_terminal().note(f"wrote {out}")

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .terminal import printable
+from .terminal import counted, fields, heading, printable
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -34,37 +34,30 @@ FLAG_TEXTS = {
 
 def show_summary(terminal: Terminal, summary: Summary) -> None:
     """Print the summary as a table without lines: what it is about on the left, the figures on the right."""
-    from rich.table import Table
-    from rich.text import Text
-
-    title = Text(printable(Path(summary.log).name), style="bold")
-    title.append(f" in {printable(Path(summary.scene).name)}", style="not bold")
-    table = Table.grid(padding=(0, 2))
-    table.add_column(style="cyan", no_wrap=True)
-    table.add_column(overflow="fold")
-    for label, lines in _rows(summary):
-        table.add_row(label, Text("\n").join(lines))
-    terminal.result(title, table)
+    title = heading(Path(summary.log).name, f" in {Path(summary.scene).name}")
+    terminal.result(title, fields(_rows(summary)))
 
 
-def _rows(summary: Summary) -> Iterator[tuple[str, list[Text]]]:
+def _rows(summary: Summary) -> Iterator[tuple[str, Sequence[str | Text]]]:
     """Yield label and lines of each row."""
-    yield "Frames", [_plain(_frames(summary))]
+    yield "Frames", [_frames(summary)]
     yield "Recorded", _recorded(summary)
     yield "Corrected", _corrected(summary)
-    contacts = f"{summary.contacts:,} in {summary.frames_in_contact:,} frames"
+    contacts = f"{summary.contacts:,} in {counted(summary.frames_in_contact, 'frame')}"
     if summary.impacts:
-        contacts += f", {summary.impacts:,} impacts"
-    yield "Contacts", [_plain(contacts)]
-    notes = [f"{count:,} frames {FLAG_TEXTS[flag]}" for flag, count in summary.flags.items() if flag in FLAG_TEXTS]
+        contacts += f", {counted(summary.impacts, 'impact')}"
+    yield "Contacts", [contacts]
+    notes = [
+        f"{counted(count, 'frame')} {FLAG_TEXTS[flag]}" for flag, count in summary.flags.items() if flag in FLAG_TEXTS
+    ]
     if summary.held_frames:
-        notes.insert(0, f"{summary.held_frames:,} frames held: a good sample was missing")
+        notes.insert(0, f"{counted(summary.held_frames, 'frame')} held: a good sample was missing")
     if summary.fallbacks:
-        notes.append(f"{summary.fallbacks:,} times the last free state was the way out")
+        notes.append(f"{counted(summary.fallbacks, 'time')} the last free state was the way out")
     if notes:
-        yield "Notes", [_plain(note) for note in notes]
+        yield "Notes", notes
     if "step" in summary.timing:
-        yield "Time", [_plain(_times(summary))]
+        yield "Time", list(_times(summary))
     if summary.out or summary.rrd:
         yield "Written", [_written(path) for path in (summary.out, summary.rrd) if path]
     if summary.warnings:
@@ -79,25 +72,23 @@ def _frames(summary: Summary) -> str:
     return text
 
 
-def _recorded(summary: Summary) -> list[Text]:
+def _recorded(summary: Summary) -> list[str]:
     """Tell how deep the recording lay in something."""
     if not summary.frames_penetrating:
-        return [_plain("never inside anything")]
+        return ["never inside anything"]
     share = 100.0 * summary.frames_penetrating / summary.frames
     deepest = f"deepest {_mm(summary.recorded_penetration_max_m)}"
     if summary.deepest is not None:
         where = summary.deepest
         deepest += f": {where.body_a} in {where.body_b}, frame {where.frame:,}"
     return [
-        _plain(
-            f"inside something in {summary.frames_penetrating:,} frames ({share:.0f} %), "
-            f"median {_mm(summary.recorded_penetration_median_m)}"
-        ),
-        _plain(deepest),
+        f"inside something in {counted(summary.frames_penetrating, 'frame')} ({share:.0f} %), "
+        f"median {_mm(summary.recorded_penetration_median_m)}",
+        deepest,
     ]
 
 
-def _corrected(summary: Summary) -> list[Text]:
+def _corrected(summary: Summary) -> list[str | Text]:
     """Tell whether it is free now, and how far that moved it."""
     from rich.text import Text
 
@@ -106,36 +97,36 @@ def _corrected(summary: Summary) -> list[Text]:
     else:
         verdict = Text(f"{_mm(summary.residual_penetration_max_m)} left", style="bold red")
         verdict.append(f" at worst, frame {summary.residual_penetration_frame:,}", style="not bold default")
-        verdict.append(f"; {summary.frames_with_residual:,} frames not free", style="not bold default")
+        verdict.append(f"; {counted(summary.frames_with_residual, 'frame')} not free", style="not bold default")
     if summary.correction_max_m == 0.0 and summary.correction_max_rad == 0.0:
-        return [verdict, _plain("nothing was moved")]
+        return [verdict, "nothing was moved"]
     degrees = 57.29577951308232 * summary.correction_max_rad
     turned = f", turned by up to {degrees:.3g}°" if degrees >= 0.001 else ""
-    return [verdict, _plain(f"moved by up to {_mm(summary.correction_max_m)}{turned}")]
+    return [verdict, f"moved by up to {_mm(summary.correction_max_m)}{turned}"]
 
 
-def _times(summary: Summary) -> str:
-    """Return the time of a frame, and how much faster than life the whole went."""
+def _times(summary: Summary) -> Iterator[str]:
+    """Tell the time of a frame, and how much faster than life the whole went."""
     step = summary.timing["step"]
-    text = f"{_duration(step.median_ns)} a frame, {_duration(step.p95_ns)} at the 95th percentile"
+    yield f"{_duration(step.median_ns)} a frame, {_duration(step.p95_ns)} at the 95th percentile"
     if summary.elapsed_s > 0:
-        text += f"\n{summary.frames / summary.elapsed_s:,.0f} frames/s with reading and writing"
+        speed = f"{summary.frames / summary.elapsed_s:,.0f} frames/s with reading and writing"
         if summary.duration_s > 0:
-            text += f", {summary.duration_s / summary.elapsed_s:,.1f} times real time"
-    return text
+            speed += f", {summary.duration_s / summary.elapsed_s:,.1f} times real time"
+        yield speed
 
 
-def _written(path: str) -> Text:
+def _written(path: str) -> str:
     """Return a file and its size."""
     size = Path(path).stat().st_size
-    return _plain(f"{printable(path)} ({size / 1e6:,.1f} MB)")
+    return f"{path} ({size / 1e6:,.1f} MB)"
 
 
-def _warnings(summary: Summary) -> list[Text]:
+def _warnings(summary: Summary) -> list[str | Text]:
     """Return the warnings, the first of them in full."""
     from rich.text import Text
 
-    lines = []
+    lines: list[str | Text] = []
     for message in summary.warnings[:WARNINGS_SHOWN]:
         line = Text(printable(message.text), style="yellow")
         if message.count > 1:
@@ -143,15 +134,8 @@ def _warnings(summary: Summary) -> list[Text]:
         lines.append(line)
     hidden = len(summary.warnings) - WARNINGS_SHOWN + summary.messages_dropped
     if hidden > 0:
-        lines.append(_plain(f"and {hidden:,} more, in the channel /log and with --json"))
+        lines.append(f"and {hidden:,} more, in the channel /log and with --json")
     return lines
-
-
-def _plain(text: str) -> Text:
-    """Return a text whose brackets are no markup."""
-    from rich.text import Text
-
-    return Text(printable(text) if "\n" not in text else text)
 
 
 def _mm(metres: float) -> str:

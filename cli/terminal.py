@@ -13,7 +13,11 @@ from typing import TYPE_CHECKING, Any, TextIO
 import click
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
     from rich.console import Console, RenderableType
+    from rich.table import Table
+    from rich.text import Text
 
 PIPED_WIDTH = 200
 """Columns a table may take where no terminal limits it."""
@@ -39,6 +43,38 @@ def plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+def counted(number: int, what: str) -> str:
+    """Return a number and what it counts, in the plural but for one."""
+    return f"{number:,} {what}" if number == 1 else f"{number:,} {what}s"
+
+
+def heading(name: str, rest: str = "") -> Text:
+    """Return a title: a name, and what follows it."""
+    from rich.text import Text
+
+    return Text(printable(name), style="bold").append(printable(rest), style="not bold")
+
+
+def fields(rows: Iterable[tuple[str, Sequence[str | Text]]], colours: dict[str, str] | None = None) -> Table:
+    """Return labels on the left and their lines on the right; a label that repeats stands once.
+
+    Lines given as `str` are made printable; `colours` names styles of the lines of some labels.
+    """
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table.grid(padding=(0, 2))
+    table.add_column(style="cyan", no_wrap=True)
+    table.add_column(overflow="fold")
+    before = None
+    for label, lines in rows:
+        style = (colours or {}).get(label, "")
+        texts = [line if isinstance(line, Text) else Text(printable(line), style=style) for line in lines]
+        table.add_row("" if label == before else Text(printable(label)), Text("\n").join(texts))
+        before = label
+    return table
 
 
 @dataclass

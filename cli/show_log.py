@@ -1,0 +1,170 @@
+"""What a log holds and whether it can be replayed, as a person reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .terminal import counted, fields, heading, printable
+
+if TYPE_CHECKING:
+    from rich.table import Table
+    from rich.text import Text
+
+    from geomphys.recording.check import CheckReport
+    from geomphys.recording.inspect import LogInfo, TopicInfo
+    from geomphys.recording.report import RecordingReport
+
+    from .terminal import Terminal
+
+NAMES_SHOWN = 6
+"""Names of a list that are shown unless more is asked for."""
+
+FROM_1990 = 631_152_000
+"""s; a clock that shows less does not count from 1970."""
+
+
+def show_log(terminal: Terminal, log: LogInfo) -> None:
+    """Print what a log holds: the file, its topics, and what was found in them."""
+    size = f"{log.size_bytes / 1e6:,.1f} MB" + (f" in {len(log.files)} files" if len(log.files) > 1 else "")
+    rows = [("Size", [size]), ("Messages", [f"{log.messages:,} in {log.duration_s:,.2f} s"])]
+    if log.first_ns is not None:
+        rows.append(("Begins", [_clock(log.first_ns)]))
+    if log.profile:
+        rows.append(("Profile", [log.profile]))
+    if log.metadata:
+        rows.append(("Metadata", sorted(log.metadata)))
+    if log.damage:
+        rows.append(("Damage", [log.damage]))
+    terminal.result(heading(Path(log.path).name), fields(rows), "", _topics(log.topics))
+    found = [(topic.topic, list(_found(topic, terminal.verbose))) for topic in log.topics]
+    details = fields([row for row in found if row[1]])
+    if details.row_count:
+        terminal.result("", details)
+
+
+def _topics(topics: Iterable[TopicInfo]) -> Table:
+    """Return a line a topic; what is not understood is dim."""
+    from rich.table import Table
+
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    for name in ("topic", "type", "encoding"):
+        table.add_column(name, overflow="fold")
+    for name in ("messages", "rate", "longest gap"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for topic in topics:
+        rate = "" if topic.rate_hz is None else f"{topic.rate_hz:,.1f} Hz"
+        gap = "" if topic.longest_gap_s is None else f"{topic.longest_gap_s:.3g} s"
+        table.add_row(
+            printable(topic.topic),
+            printable(topic.schema or "no schema"),
+            printable(topic.encoding),
+            f"{topic.messages:,}",
+            rate,
+            gap,
+            style=None if topic.kind else "dim",
+        )
+    return table
+
+
+def _found(topic: TopicInfo, all_names: bool) -> Iterator[str]:
+    """Yield what the messages of a topic hold, and what is wrong with them."""
+    for what, names in (("joint", topic.joints), ("frame", topic.frames), ("side", topic.sides)):
+        if names:
+            yield f"{counted(len(names), what)}: {_list(names, all_names)}"
+    if topic.bad_samples:
+        yield f"{counted(topic.bad_samples, 'bad sample')}: not finite, or no unit quaternion"
+    if topic.bad_messages:
+        yield f"{counted(topic.bad_messages, 'message')} not decodable"
+    if topic.problem:
+        yield topic.problem
+
+
+def show_check(terminal: Terminal, report: CheckReport) -> None:
+    """Print whether a log can be replayed in a scene: what feeds what, what is missing, what a replay will meet."""
+    rows: list[tuple[str, Sequence[str]]] = []
+    if report.clock is not None:
+        rows.append(("Clock", [report.clock]))
+    rows += [
+        ("Pose", [f"{pose.tree} follows {pose.topic} ({counted(pose.messages, 'message')})"]) for pose in report.poses
+    ]
+    rows += [("Joints", [line]) for line in _joint_lines(report)]
+    recording = report.recording
+    if recording is not None:
+        rows += list(_recording_rows(recording, terminal.verbose))
+    if report.zero_pose_overlaps:
+        pairs = [f"{a} and {b}" for a, b in report.zero_pose_overlaps]
+        rows.append(("Left out", ["pairs that overlap in the zero pose", *_some(pairs, terminal.verbose)]))
+    for label, texts in (("Warning", report.warnings), ("Error", report.errors)):
+        rows += [(label, [text.removeprefix(f"{report.log}: ")]) for text in texts]
+    title = heading(Path(report.log).name, f" in {Path(report.scene).name}")
+    terminal.result(title, fields(rows, colours={"Warning": "yellow", "Error": "bold red"}), _verdict(report))
+
+
+def _joint_lines(report: CheckReport) -> Iterator[str]:
+    """Yield a line for the joints of each tree that come from one topic."""
+    groups: dict[tuple[str, str, str], list[str]] = {}
+    for joint in report.joints:
+        named = joint.joint if joint.joint == joint.recorded else f"{joint.joint} (recorded as {joint.recorded})"
+        groups.setdefault((joint.tree, joint.topic, joint.unit), []).append(named)
+    for (tree, topic, unit), names in groups.items():
+        yield f"{len(names)} of {tree} from {topic}, {unit}: {_list(names, False)}"
+
+
+def _recording_rows(recording: RecordingReport, all_names: bool) -> Iterator[tuple[str, list[str]]]:
+    """Yield figures of the frames."""
+    frames = f"{recording.frames:,}"
+    if recording.first_ns is not None and recording.last_ns is not None:
+        frames += f" in {(recording.last_ns - recording.first_ns) / 1e9:,.2f} s"
+    if recording.held_frames:
+        frames += f", {recording.held_frames:,} of them held: a good sample is missing"
+    yield "Frames", [frames]
+    gaps = [
+        f"{stream.name or stream.topic}: {counted(stream.gaps, 'gap')}, the longest {stream.longest_gap_s:.3g} s"
+        for stream in recording.streams
+        if stream.gaps
+    ]
+    if gaps:
+        yield "Gaps", _some(gaps, all_names)
+    outside = [
+        f"{joint.tree}: {joint.joint} by up to {joint.amount:.3g} in {counted(joint.frames, 'frame')}"
+        + (", clamped" if joint.clamped else "")
+        for joint in recording.outside_limits
+    ]
+    if outside:
+        yield "Limits", [f"{counted(len(outside), 'joint')} recorded outside theirs", *_some(outside, all_names)]
+
+
+def _verdict(report: CheckReport) -> Text:
+    """Return the answer in one line."""
+    from rich.text import Text
+
+    if report.errors:
+        return Text("It cannot be replayed.", style="bold red")
+    if report.warnings:
+        return Text("It can be replayed; see the warnings.", style="yellow")
+    return Text("It can be replayed.", style="green")
+
+
+def _some(lines: list[str], all_lines: bool) -> list[str]:
+    """Return the first lines, and how many more there are."""
+    if all_lines or len(lines) <= NAMES_SHOWN:
+        return lines
+    return [*lines[:NAMES_SHOWN], f"and {len(lines) - NAMES_SHOWN} more (-v)"]
+
+
+def _list(names: Iterable[str], all_names: bool) -> str:
+    """Return names in a row; the first ones, if they are many."""
+    names = list(names)
+    if all_names or len(names) <= NAMES_SHOWN:
+        return ", ".join(names)
+    return f"{', '.join(names[:NAMES_SHOWN])} and {len(names) - NAMES_SHOWN} more (-v)"
+
+
+def _clock(ns: int) -> str:
+    """Return a time as date and time if it counts from 1970, else in seconds."""
+    if ns < FROM_1990 * 10**9 or ns > 2**31 * 10**9:
+        return f"at {ns / 1e9:,.3f} s of a clock of its own"
+    return datetime.fromtimestamp(ns // 10**9, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
