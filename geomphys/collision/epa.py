@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from geomphys.collision.gjk import difference, set_pair
+from geomphys.collision.gjk import difference, on_triangle, set_pair
 from geomphys.collision.scratch import MAX_CORNERS, MAX_FACES, Room
 from geomphys.collision.support import Core, vec_at
 from geomphys.kernel import kernel
@@ -195,33 +195,55 @@ def outline(room: Room, face: int, new: int, faces: int, size: float) -> int:
 
 
 @kernel
-def foot(room: Room, face: int) -> Vec:
+def foot(room: Room, face: int, used: int, size: float) -> Vec:
     """Point of A that belongs to the foot of the origin on a face's plane.
 
-    The foot may lie in another triangle of the same plane: the walk goes across the edge it lies behind.
+    The foot may lie in another triangle of the same plane: the walk goes across the edge it lies behind. Where slivers
+    bar the way, the closest of all triangles of corners in the plane is taken.
     """
-    i, j, k = 0, 0, 0
-    x, y, z = 0.0, 0.0, 0.0
     n = vec_at(room.planes, 4 * face)
+    level = float_at(room.planes, 4 * face + 3)
     for _ in range(32):
-        i, j, k = int_at(room.faces, 8 * face), int_at(room.faces, 8 * face + 1), int_at(room.faces, 8 * face + 2)
+        row = 8 * face
+        i, j, k = int_at(room.faces, row), int_at(room.faces, row + 1), int_at(room.faces, row + 2)
         p, q, r = vec_at(room.points, 6 * i), vec_at(room.points, 6 * j), vec_at(room.points, 6 * k)
         x, y, z = dot(n, cross(q, r)), dot(n, cross(r, p)), dot(n, cross(p, q))
         worst = min(x, y, z)
-        if worst >= 0.0:
-            break
+        total = x + y + z
+        if worst >= -1e-12 * total and total > 0.0:
+            return blend(room, i, j, k, x / total, y / total, z / total)
         edge = 1 if worst == x else (2 if worst == y else 0)
-        other = int_at(room.faces, 8 * face + 3 + edge) // 3
-        if int_at(room.faces, 8 * other + STATE) != SURFACE or dot(n, vec_at(room.planes, 4 * other)) < 1.0 - 1e-12:
+        face = int_at(room.faces, row + 3 + edge) // 3
+        if int_at(room.faces, 8 * face + STATE) != SURFACE or dot(n, vec_at(room.planes, 4 * face)) < 1.0 - 1e-12:
             break
-        face = other
-    x, y, z = max(x, 0.0), max(y, 0.0), max(z, 0.0)
-    total = x + y + z
-    if total == 0.0:
-        return vec_at(room.points, 6 * i + 3)
-    point = scale(vec_at(room.points, 6 * i + 3), x / total)
-    point = add_scaled(point, vec_at(room.points, 6 * j + 3), y / total)
-    return add_scaled(point, vec_at(room.points, 6 * k + 3), z / total)
+    count = 0
+    for i in range(used):
+        if dot(n, vec_at(room.points, 6 * i)) > level - 1e-12 * size and count < 24:
+            set_int(room.stack, count, i)
+            count += 1
+    best = np.inf
+    point = vec_at(room.points, 3)
+    ground = scale(n, level)
+    for i in range(count):
+        u = int_at(room.stack, i)
+        for j in range(i + 1, count):
+            v = int_at(room.stack, j)
+            for k in range(j + 1, count):
+                w = int_at(room.stack, k)
+                p, q, r = vec_at(room.points, 6 * u), vec_at(room.points, 6 * v), vec_at(room.points, 6 * w)
+                x, y, z, off = on_triangle(sub(p, ground), sub(q, ground), sub(r, ground))
+                if dot(off, off) < best:
+                    best = dot(off, off)
+                    point = blend(room, u, v, w, x, y, z)
+    return point
+
+
+@kernel
+def blend(room: Room, i: int, j: int, k: int, x: float, y: float, z: float) -> Vec:
+    """Weighted mean of the points of A that corners i, j, k come from."""
+    point = scale(vec_at(room.points, 6 * i + 3), x)
+    point = add_scaled(point, vec_at(room.points, 6 * j + 3), y)
+    return add_scaled(point, vec_at(room.points, 6 * k + 3), z)
 
 
 @kernel
@@ -282,7 +304,7 @@ def expand(a: Core, b: Core, rot: Rot, t: Vec, size: float, count: int, room: Ro
             known |= w == vec_at(room.points, 6 * int_at(room.faces, 8 * f + k))
         if known or high - low <= tight * abs(high) + 2e-15 * size:
             if high <= best + tight * abs(best) + 2e-15 * size:
-                return True, high, n, foot(room, f)
+                return True, high, n, foot(room, f, used, size)
             return True, best, outward, point
         if high < best:
             best, outward, point = high, n, p

@@ -63,7 +63,7 @@ def polytope(points: NDArray[np.float64]) -> Polytope:
     thickness = _smallest_width(vertices - middle, normals, edges, sides)
     if thickness < FLAT * size:
         raise MeshError(
-            f"hull of {len(points)} points is flat ({thickness:.3g} m thin): needs a solid, or give the plate a thickness"
+            f"hull of {len(points)} points is flat ({thickness:.3g} m thick): needs a solid, so give it a thickness"
         )
     tolerance = min(COPLANAR * size, COPLANAR_THIN * thickness)
     loops = _faces(vertices, triangles, normals, sides, tolerance)

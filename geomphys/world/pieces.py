@@ -1,6 +1,7 @@
 """Convex shapes, and the flat arrays the collision kernels read them from.
 
-A shape stands in its own frame: spheres, boxes, capsules and cylinders about its origin, the last two along z. Hulls are computed once: their corners, edges and faces, an inner point and the smallest width.
+A shape stands in its own frame: spheres, boxes, capsules and cylinders about its origin, the last two along z. Hulls
+are computed once: their corners, edges and faces, an inner point and the smallest width.
 """
 
 from __future__ import annotations

@@ -1,0 +1,308 @@
+"""Contact manifold: up to four pairs of points where two touching pieces lie against each other.
+
+Each piece turns a feature towards the other: a face, the side line of a capsule or cylinder, a point. Seen along the
+normal, one feature is clipped by the outline of the other; what is left are points of the one, and the points of the
+other that lie behind them along the normal.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from geomphys.collision.scratch import MAX_POLYGON, Room, Scratch, room_of
+from geomphys.collision.support import Shapes, position_of, rotation_of, shapes_of, vec_at
+from geomphys.kernel import inlined, kernel
+from geomphys.memory import address, float_at, int_at, set_float
+from geomphys.vec3 import Vec, add, add_scaled, cross, dot, neg, norm, rotate, rotate_back, scale, sub
+from geomphys.world.scene import BOX, CAPSULE, CYLINDER, SPHERE, Floats, Pieces
+
+SLOP = 1e-3
+"""m; points whose surfaces lie farther apart than this beyond the deepest ones are no contact."""
+SLOP_PART = 0.02
+"""... nor those beyond this share of the smaller piece's reach."""
+RIM = 16
+"""Corners that stand for a cylinder's cap."""
+STEEP = 0.1
+"""Faces whose normal has less than this along the contact normal are not lain on."""
+SKEW = 0.02
+"""Sine of the angle from which on two lines cross at a point instead of lying along each other."""
+
+
+class Faces(NamedTuple):
+    """Faces of boxes and hulls by address; see `Pieces`."""
+
+    face_start: int
+    planes: int
+    loop_start: int
+    loops: int
+
+
+@inlined
+def manifold(
+    pieces: Pieces,
+    frames: Floats,
+    a: int,
+    b: int,
+    s: float,
+    n: Vec,
+    pa: Vec,
+    pb: Vec,
+    points_a: Floats,
+    points_b: Floats,
+    scratch: Scratch,
+) -> int:
+    """Points where the pieces `a` and `b` touch, from what `separation` found for them.
+
+    Parameters
+    ----------
+    frames
+        (P, 12) world_from_piece.
+    s, n, pa, pb
+        Separation [m], unit normal out of B into A, and points of `separation`, world frame.
+    points_a, points_b
+        (>= 4, 3), written: points of A and of B, world frame. points_a - points_b is along n, and its length the
+        separation there, below 0 where they overlap; s at the deepest.
+
+    Returns
+    -------
+    count
+        1 to 4.
+    """
+    faces = Faces(address(pieces.face_start), address(pieces.planes), address(pieces.loop_start), address(pieces.loops))
+    return touching(
+        shapes_of(pieces, frames), faces, a, b, s, n, pa, pb, address(points_a), address(points_b), room_of(scratch)
+    )
+
+
+@kernel
+def set_vec(row: int, i: int, v: Vec) -> None:
+    """Store a vector as the i-th of an array at address `row`."""
+    set_float(row, 3 * i, v[0])
+    set_float(row, 3 * i + 1, v[1])
+    set_float(row, 3 * i + 2, v[2])
+
+
+@kernel
+def face_towards(faces: Faces, p: int, d: Vec) -> int:
+    """Face of a hull whose normal is nearest to `d`, piece frame."""
+    best, found = -np.inf, 0
+    for f in range(int_at(faces.face_start, p), int_at(faces.face_start, p + 1)):
+        x = dot(vec_at(faces.planes, 4 * f), d)
+        if x > best:
+            best = x
+            found = f
+    return found
+
+
+@kernel
+def feature(shapes: Shapes, faces: Faces, p: int, d: Vec, out: int) -> tuple[int, Vec]:
+    """What piece `p` turns towards direction `d` (unit, world): writes its corners in the world to `out`.
+
+    Returns their number (1 a point, 2 a line, more a face, counter-clockwise seen from outside) and a face's normal.
+    """
+    kind = int_at(shapes.kind, p)
+    rot, at = rotation_of(shapes, p), position_of(shapes, p)
+    axis = (rot[2], rot[5], rot[8])
+    x, y, _ = vec_at(shapes.size, 3 * p)
+    if kind == SPHERE:
+        set_vec(out, 0, add_scaled(at, d, x))
+        return 1, d
+    if kind == CAPSULE:
+        low = add_scaled(at, d, x)
+        set_vec(out, 0, add_scaled(low, axis, y))
+        set_vec(out, 1, add_scaled(low, axis, -y))
+        return 2, d
+    local = rotate_back(rot, d)
+    if kind == CYLINDER:
+        if abs(local[2]) < math.sqrt(0.5):
+            k = x / math.sqrt(local[0] * local[0] + local[1] * local[1])
+            set_vec(out, 0, add(at, rotate(rot, (k * local[0], k * local[1], y))))
+            set_vec(out, 1, add(at, rotate(rot, (k * local[0], k * local[1], -y))))
+            return 2, d
+        up = 1.0 if local[2] > 0.0 else -1.0
+        for k in range(RIM):
+            angle = up * k * (2.0 * math.pi / RIM)
+            set_vec(out, k, add(at, rotate(rot, (x * math.cos(angle), x * math.sin(angle), up * y))))
+        return RIM, scale(axis, up)
+    if kind == BOX:
+        i, j, k = abs(local[0]), abs(local[1]), abs(local[2])
+        across = 0 if i >= j and i >= k else (1 if j >= k else 2)
+        f = int_at(faces.face_start, p) + 2 * across + (1 if local[across] > 0.0 else 0)
+    else:
+        f = face_towards(faces, p, local)
+    first, last = int_at(faces.loop_start, f), int_at(faces.loop_start, f + 1)
+    step = 1 + 4 * (last - first - 1) // MAX_POLYGON
+    vertices = shapes.vertices + 24 * int_at(shapes.vertex_start, p)
+    count = 0
+    for k in range(first, last, step):
+        set_vec(out, count, add(at, rotate(rot, vec_at(vertices, 3 * int_at(faces.loops, k)))))
+        count += 1
+    return count, rotate(rot, vec_at(faces.planes, 4 * f))
+
+
+@kernel
+def clip(points: int, count: int, out: int, origin: Vec, inward: Vec) -> int:
+    """Part of a polygon, or of a line of two points, on the inner side of a plane; returns its number of corners."""
+    kept = 0
+    last = count - 1
+    previous = vec_at(points, 3 * last)
+    before = dot(inward, sub(previous, origin))
+    for i in range(count):
+        here = vec_at(points, 3 * i)
+        now = dot(inward, sub(here, origin))
+        if (before >= 0.0) != (now >= 0.0) and (count > 2 or i == 1):
+            set_vec(out, kept, add_scaled(previous, sub(here, previous), before / (before - now)))
+            kept += 1
+        if now >= 0.0:
+            set_vec(out, kept, here)
+            kept += 1
+        previous, before = here, now
+    return kept
+
+
+@kernel
+def touching(
+    shapes: Shapes, faces: Faces, a: int, b: int, s: float, n: Vec, pa: Vec, pb: Vec, out_a: int, out_b: int, room: Room
+) -> int:
+    """`manifold`, on addresses."""
+    block = 24 * MAX_POLYGON
+    mine, theirs = room.polygons, room.polygons + block
+    from_a, from_b = room.polygons + 2 * block, room.polygons + 3 * block
+    set_vec(out_a, 0, pa)
+    set_vec(out_b, 0, pb)
+    if int_at(shapes.kind, a) == SPHERE or int_at(shapes.kind, b) == SPHERE:
+        return 1
+    # the feature that is clipped is A's, unless B's is a line and A's is not
+    count, face = feature(shapes, faces, a, neg(n), mine)
+    others, other_face = feature(shapes, faces, b, n, theirs)
+    d = n
+    swapped = others < count and others <= 2
+    if swapped:
+        mine, theirs, count, others, other_face, d = theirs, mine, others, count, face, neg(n)
+    if others == 2:
+        first, second = vec_at(theirs, 0), vec_at(theirs, 3)
+        count = shared_part(mine, first, second, n, from_b)
+    else:
+        if abs(dot(other_face, n)) < STEEP:
+            return 1
+        count = inside(mine, count, theirs, others, d, room.polygons + 4 * block)
+        level = dot(other_face, vec_at(theirs, 0))
+        for i in range(count):
+            p = vec_at(mine, 3 * i)
+            set_vec(from_b, i, add_scaled(p, n, (level - dot(other_face, p)) / dot(other_face, n)))
+    for i in range(count):
+        set_vec(from_a, i, vec_at(mine, 3 * i))
+    if swapped:
+        from_a, from_b = from_b, from_a
+    slop = min(SLOP, SLOP_PART * min(float_at(shapes.reach, a), float_at(shapes.reach, b)))
+    return chosen(from_a, from_b, count, s, n, slop, out_a, out_b)
+
+
+@kernel
+def shared_part(mine: int, first: Vec, second: Vec, n: Vec, out: int) -> int:
+    """Two lines seen along n: cuts the line `mine` to what lies beside the other; 0 points if they cross.
+
+    Writes the points of the other line behind those of `mine`, along n, to `out`.
+    """
+    p, q = vec_at(mine, 0), vec_at(mine, 3)
+    e, f = sub(second, first), sub(q, p)
+    length, other = norm(e), norm(f)
+    if length == 0.0 or other == 0.0 or abs(dot(n, cross(e, f))) > SKEW * length * other:
+        return 0
+    e = scale(e, 1.0 / length)
+    x, y = dot(e, sub(p, first)), dot(e, sub(q, first))
+    if x == y:
+        return 0
+    low, high = max(min(x, y), 0.0), min(max(x, y), length)
+    if low > high:
+        return 0
+    for i in range(2):
+        along = low if i == 0 else high
+        point = add_scaled(p, f, (along - x) / (y - x))
+        there = add_scaled(first, e, along)
+        set_vec(mine, i, point)
+        set_vec(out, i, add_scaled(point, n, dot(n, sub(there, point))))
+    return 2
+
+
+@kernel
+def inside(mine: int, count: int, theirs: int, others: int, d: Vec, spare: int) -> int:
+    """Clip a polygon or line by the outline of a face, both seen along the face's outward direction `d`; in place."""
+    source, target = mine, spare
+    for k in range(others):
+        origin = vec_at(theirs, 3 * k)
+        edge = sub(vec_at(theirs, 3 * (k + 1 if k + 1 < others else 0)), origin)
+        count = clip(source, count, target, origin, cross(d, edge))
+        source, target = target, source
+        if count == 0:
+            return 0
+    if source != mine:
+        for i in range(count):
+            set_vec(mine, i, vec_at(source, 3 * i))
+    return count
+
+
+@kernel
+def chosen(from_a: int, from_b: int, count: int, s: float, n: Vec, slop: float, out_a: int, out_b: int) -> int:
+    """Keep at most four of the pairs: a deepest one, the farthest from it, and the farthest to both sides of their line.
+
+    Where none is as deep as `s`, the pair that stands in the first row of the output is the deepest.
+    """
+    kept = 0
+    deepest = np.inf
+    for i in range(count):
+        p, q = vec_at(from_a, 3 * i), vec_at(from_b, 3 * i)
+        gap = dot(n, sub(p, q))
+        if gap <= s + slop:
+            deepest = min(deepest, gap)
+            set_vec(from_a, kept, p)
+            set_vec(from_b, kept, q)
+            kept += 1
+    near = 1e-3 * slop
+    if deepest > s + near:
+        set_vec(from_a, kept, vec_at(out_a, 0))
+        set_vec(from_b, kept, vec_at(out_b, 0))
+        kept += 1
+        deepest = s
+    first = 0
+    for i in range(kept - 1, -1, -1):
+        if dot(n, sub(vec_at(from_a, 3 * i), vec_at(from_b, 3 * i))) <= deepest + near:
+            first = i
+    o = vec_at(from_a, 3 * first)
+    far, second = 0.0, first
+    for i in range(kept):
+        e = sub(vec_at(from_a, 3 * i), o)
+        if dot(e, e) > far:
+            far = dot(e, e)
+            second = i
+    set_vec(out_a, 0, o)
+    set_vec(out_b, 0, vec_at(from_b, 3 * first))
+    if far <= slop * slop * 1e-6:
+        return 1
+    edge = sub(vec_at(from_a, 3 * second), o)
+    set_vec(out_a, 1, add(o, edge))
+    set_vec(out_b, 1, vec_at(from_b, 3 * second))
+    left, right = 0.0, 0.0
+    third, fourth = -1, -1
+    for i in range(kept):
+        side = dot(n, cross(edge, sub(vec_at(from_a, 3 * i), o)))
+        if side > left:
+            left = side
+            third = i
+        if side < right:
+            right = side
+            fourth = i
+    total = 2
+    flat = 1e-3 * far
+    if left > flat:
+        set_vec(out_a, total, vec_at(from_a, 3 * third))
+        set_vec(out_b, total, vec_at(from_b, 3 * third))
+        total += 1
+    if -right > flat:
+        set_vec(out_a, total, vec_at(from_a, 3 * fourth))
+        set_vec(out_b, total, vec_at(from_b, 3 * fourth))
+        total += 1
+    return total

@@ -1,0 +1,59 @@
+"""Distance and penetration of two shapes: the narrow phase for use alone."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.collision.manifold import manifold
+from geomphys.collision.penetration import Scratch, make_scratch, separation
+from geomphys.kernel import kernel
+from geomphys.world.pieces import PlacedShape, Shape, build_pieces
+from geomphys.world.scene import Floats, Pieces
+
+
+class PairSeparation(NamedTuple):
+    """How two shapes stand to each other, world frame."""
+
+    separation: float  # m; above 0 the distance, below 0 minus the penetration depth
+    normal: Floats  # (3,) unit, out of b into a: moving a by -separation * normal makes an overlap a touch
+    point_a: Floats  # (3,) m, on a; point_a - point_b = separation * normal
+    point_b: Floats  # (3,) m, on b
+    contacts_a: Floats  # (k, 3) m, points of a's side of the contact manifold, k = 1 to 4
+    contacts_b: Floats  # (k, 3) m, points of b's side, behind them along the normal
+
+
+@kernel
+def _measure(pieces: Pieces, frames: Floats, floats: Floats, ints: NDArray[np.int64], out: Floats) -> int:
+    """Write separation, normal and points of the first two pieces to `out`; contact points from row 4 on."""
+    scratch = Scratch(floats, ints)
+    s, n, pa, pb = separation(pieces, frames, 0, 1, np.inf, (0.0, 0.0, 0.0), scratch)
+    for k in range(3):
+        out[0, k], out[1, k], out[2, k] = n[k], pa[k], pb[k]
+    out[3, 0] = s
+    return manifold(pieces, frames, 0, 1, s, n, pa, pb, out[4:8], out[8:12], scratch)
+
+
+def query(
+    shape_a: Shape, world_from_a: NDArray[np.float64], shape_b: Shape, world_from_b: NDArray[np.float64]
+) -> PairSeparation:
+    """Signed separation and contact manifold of two shapes at poses (4, 4).
+
+    The separation is exact: the shortest translation that parts two overlapping shapes is -separation * normal, to a
+    relative 1e-9 between boxes and hulls, 1e-6 where a cylinder takes part, and to rounding where a formula is known.
+
+    Raises
+    ------
+    MeshError
+        For a hull without volume.
+    """
+    pieces = build_pieces([PlacedShape(shape_a, np.eye(4), 0), PlacedShape(shape_b, np.eye(4), 1)])
+    frames = np.empty((2, 12))
+    for row, pose in zip(frames, (world_from_a, world_from_b), strict=True):
+        row[:9] = np.asarray(pose, dtype=np.float64)[:3, :3].reshape(9)
+        row[9:] = np.asarray(pose, dtype=np.float64)[:3, 3]
+    out = np.zeros((12, 3))
+    count = _measure(pieces, frames, *make_scratch(), out)
+    return PairSeparation(float(out[3, 0]), out[0], out[1], out[2], out[4 : 4 + count], out[8 : 8 + count])
