@@ -77,8 +77,10 @@ def replay(
     from geomphys.kernel import are_compiled, cache_folder
 
     terminal.detail(f"kernels: {cache_folder()}")
-    if not are_compiled():
+
+    def tell_of_compilation() -> None:
         terminal.note(f"Compiling the kernels, once per machine and version (about {COMPILE_SECONDS} s)…")
+
     with StopAtFrame() as stop, progress_bar(terminal, log.name) as bar, naming_partials(out, rrd):
 
         def progress(done: int, total: int | None) -> None:
@@ -94,6 +96,7 @@ def replay(
             timing=not no_timing,
             force=force,
             copy_input=copy_input,
+            begin=None if are_compiled() else tell_of_compilation,
             progress=progress,
         )
     if as_json:

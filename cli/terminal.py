@@ -127,6 +127,7 @@ class Terminal:
             file=stream,
             color_system=None if self.no_color or os.environ.get("NO_COLOR") else "auto",
             highlight=False,
+            markup=False,
             emoji=False,
             width=None if stream.isatty() else PIPED_WIDTH,
         )

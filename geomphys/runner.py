@@ -11,6 +11,8 @@ from geomphys.config import Config
 from geomphys.errors import LogError, OutputError
 from geomphys.load import load_world
 from geomphys.pipeline import replay
+from geomphys.provenance import Provenance
+from geomphys.results import FrameResult
 from geomphys.sinks.base import Sink
 from geomphys.summary import Summarizer, Summary
 from geomphys.world.scene import World
@@ -26,6 +28,7 @@ def run(
     timing: bool = True,
     force: bool = False,
     copy_input: bool = False,
+    begin: Callable[[], None] | None = None,
     progress: Callable[[int, int | None], None] | None = None,
 ) -> Summary:
     """Replay a log to its end, write what is asked for, and return its figures.
@@ -46,6 +49,8 @@ def run(
         Whether outputs that exist are replaced.
     copy_input : bool
         Whether `out` also holds the channels of the log.
+    begin : callable, optional
+        Called once, when log and scene are found good and the first frame is about to be computed.
     progress : callable, optional
         Called after each frame with the frames done and their number if it is known. What it raises ends the replay at
         that frame; the outputs are then closed as partial.
@@ -68,6 +73,8 @@ def run(
     world = scene if isinstance(scene, World) else load_world(Path(scene), mode=config.mode, seed=config.seed)
     summarizer = Summarizer(world.body_names)
     sinks = _sinks(log, out, rrd, timing=timing, force=force, copy_input=copy_input)
+    if begin is not None:
+        sinks.append(_Beginning(begin))
     start = time.perf_counter()
     results = replay(log, world, config=config, sinks=sinks, progress=progress)
     assert isinstance(results, Generator)
@@ -101,3 +108,20 @@ def _sinks(log: Path, out: Path | None, rrd: Path | None, *, timing: bool, force
 
         sinks.append(RerunSink(rrd, force=force))
     return sinks
+
+
+class _Beginning:
+    """A sink that only tells when the first frame is about to come."""
+
+    def __init__(self, begin: Callable[[], None]) -> None:
+        self._begin = begin
+
+    def open(self, world: World, config: Config, provenance: Provenance) -> None:
+        """Tell."""
+        self._begin()
+
+    def write(self, result: FrameResult) -> None:
+        """Take a frame, and do nothing with it."""
+
+    def close(self, complete: bool) -> None:
+        """End."""

@@ -7,13 +7,15 @@ import sys
 import tomllib
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
-from itertools import pairwise
+from itertools import combinations, pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+import yourdfpy
 from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 
 
 def run(script: Path, folder: Path) -> None:
@@ -113,6 +115,86 @@ def test_the_hand_is_the_experiment(root: Path) -> None:
     )
 
 
+def test_the_body_is_the_experiment(root: Path) -> None:
+    robot = ElementTree.parse(root / "assets" / "body" / "body.urdf").getroot()
+    assert sum(link.find("collision") is not None for link in robot.findall("link")) == 15
+    assert len(robot.findall("joint[@type='revolute']")) == 32
+    joints = {j.attrib["name"] for j in robot.findall("joint")}
+    links = {link.attrib["name"] for link in robot.findall("link")}
+    for name in ("two_arms", "avatar_box"):
+        avatar = tomllib.loads((root / "assets" / "scenes" / f"{name}.toml").read_text())["avatar"][0]
+        assert len(avatar["chain"]) == 5
+        assert {chain[end] for chain in avatar["chain"] for end in ("base", "tip")} <= links
+        assert len(avatar["reach_cone"]) == 4
+        assert {joint for cone in avatar["reach_cone"] for joint in cone["joints"]} <= joints
+
+
+@pytest.mark.parametrize("name", ["hand", "body"])
+def test_at_zero_only_neighbours_touch(root: Path, name: str) -> None:
+    folder = root / "assets" / name
+    robot = yourdfpy.URDF.load(str(folder / f"{name}.urdf"), load_meshes=False, load_collision_meshes=False)
+    shaped = [link for link in robot.link_map.values() if link.collisions]
+    above = {j.child: j.parent for j in robot.joint_map.values()}
+
+    def bearer(link: str) -> str | None:
+        up = above.get(link)
+        while up is not None and not robot.link_map[up].collisions:
+            up = above.get(up)
+        return up
+
+    managers = {}
+    for link in shaped:
+        managers[link.name] = trimesh.collision.CollisionManager()
+        for k, part in enumerate(link.collisions):
+            g = part.geometry
+            if g.mesh is not None:
+                mesh = trimesh.load(folder / g.mesh.filename, force="mesh")
+            elif g.box is not None:
+                mesh = trimesh.creation.box(g.box.size)
+            elif g.sphere is not None:
+                mesh = trimesh.creation.icosphere(2, g.sphere.radius)
+            else:
+                mesh = trimesh.creation.cylinder(g.cylinder.radius, g.cylinder.length)
+            place = np.eye(4) if part.origin is None else part.origin
+            managers[link.name].add_object(str(k), mesh, robot.get_transform(link.name) @ place)
+    for a, b in combinations(sorted(managers), 2):
+        if bearer(a) != b and bearer(b) != a:
+            assert not managers[a].in_collision_other(managers[b]), f"{a} and {b} overlap"
+
+
+def test_the_recorded_hand_sinks_into_the_table_and_the_ball(root: Path) -> None:
+    folder = root / "assets" / "scenes"
+    scene = tomllib.loads((folder / "gallery.toml").read_text())
+    ball = np.array(scene["object"][0]["position"])
+    tracker_from_root = np.array(scene["avatar"][0]["root"]["position"])
+    robot = yourdfpy.URDF.load(str(root / "assets" / "hand" / "hand.urdf"), load_meshes=False)
+    points = {
+        link.name: trimesh.load(
+            root / "assets" / "hand" / link.collisions[0].geometry.mesh.filename, force="mesh"
+        ).vertices
+        for link in robot.link_map.values()
+        if link.collisions
+    }
+    with open(root / "recordings" / "gallery_hand.mcap", "rb") as stream:
+        found = list(make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages())
+    poses = [m.pose for _, c, _, m in found if c.topic == "/tracker/wrist"]
+    angles = [dict(zip(m.name, m.position, strict=True)) for _, c, _, m in found if c.topic == "/glove/joint_states"]
+
+    def hand(frame: int) -> np.ndarray:
+        p, q = poses[frame].position, poses[frame].orientation
+        world = trimesh.transformations.quaternion_matrix([q.w, q.x, q.y, q.z])
+        world[:3, 3] = np.array([p.x, p.y, p.z]) + world[:3, :3] @ tracker_from_root
+        robot.update_cfg(angles[frame])
+        return np.vstack([trimesh.transform_points(v, world @ robot.get_transform(k)) for k, v in points.items()])
+
+    for frame in range(0, 1950, 150):
+        assert hand(frame)[:, 2].min() > 0.76 + 0.1, "idle in the air"
+    for frame in (*range(2010, 2370, 40), *range(2560, 2940, 40)):
+        assert 0.005 < 0.76 - hand(frame)[:, 2].min() < 0.020, "sinks in while it slides"
+    assert hand(2450)[:, 2].min() > 0.76 + 0.05, "breaks contact"
+    assert min(np.linalg.norm(hand(frame) - ball, axis=1).min() for frame in range(3300, 3320, 4)) < 0.03
+
+
 def test_meshes_are_closed_and_few_are_not_convex(root: Path) -> None:
     hollow = set()
     for path in sorted((root / "assets").rglob("*.obj")):
@@ -122,4 +204,4 @@ def test_meshes_are_closed_and_few_are_not_convex(root: Path) -> None:
         assert mesh.volume > 0, path
         if mesh.convex_hull.volume > 1.0001 * mesh.volume:
             hollow.add(path.stem)
-    assert hollow == {"palm", "table", "bench", "partition", "picture_framed", "star", "arch"}
+    assert hollow == {"palm", "table", "bench", "partition", "picture_framed", "star", "arch", "mug"}

@@ -13,7 +13,7 @@ from tests.house.sources import imports, modules, tree
 
 LAYERS = (
     "errors",
-    "cache",
+    "cache memory",
     "kernel",
     "vec3",
     "transforms",
@@ -27,6 +27,7 @@ LAYERS = (
     "driven simulated",
     "provenance",
     "proto",
+    "packed",
     "block",
     "sinks.base",
     "pipeline",
