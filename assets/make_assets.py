@@ -8,15 +8,19 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import body
 import gallery
 import hand
+import mug
 
 
-def make(folder: Path) -> dict[str, int]:
-    """Write everything into ``folder``; returns the number of triangles of each set."""
+def make(folder: Path) -> dict[str, str]:
+    """Write everything into ``folder``; returns what each set consists of."""
     return {
-        "hand": hand.make(folder / "hand"),
-        "gallery": gallery.make(folder / "gallery", folder / "ball", folder / "scenes" / "gallery.toml"),
+        "hand": f"{hand.make(folder / 'hand')} triangles",
+        "mug": f"{mug.make(folder / 'mug')} triangles",
+        "body": f"{body.make(folder / 'body')} links",
+        "gallery": f"{gallery.make(folder / 'gallery', folder / 'ball', folder / 'scenes' / 'gallery.toml')} triangles",
     }
 
 
@@ -24,8 +28,8 @@ def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path(__file__).resolve().parent, help="folder to write into")
-    for name, triangles in make(parser.parse_args().out).items():
-        print(f"{name}: {triangles} triangles")
+    for name, what in make(parser.parse_args().out).items():
+        print(f"{name}: {what}")
 
 
 if __name__ == "__main__":

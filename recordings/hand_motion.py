@@ -40,6 +40,10 @@ POSTURES: dict[str, dict[str, float]] = {
         6, 10, 7, 3, thumb_cmc_abd=-14, thumb_cmc_flex=-10, thumb_mcp_flex=6, thumb_ip_flex=5, wrist_flex=-24
     ),
     "sweep": fingers(16, 20, 10, 0, thumb_cmc_abd=-4, thumb_mcp_flex=10, thumb_ip_flex=8, wrist_flex=-6, wrist_dev=-10),
+    "cocked": fingers(66, 92, 52, 0, thumb_cmc_abd=10, thumb_mcp_flex=20, thumb_ip_flex=25, wrist_flex=-14)
+    | {"index_mcp_flex": 60, "index_pip_flex": 95, "index_dip_flex": 45, "index_mcp_abd": 9},
+    "flicked": fingers(66, 92, 52, 0, thumb_cmc_abd=10, thumb_mcp_flex=20, thumb_ip_flex=25, wrist_flex=-14)
+    | {"index_mcp_flex": 44, "index_pip_flex": 12, "index_dip_flex": 6, "index_mcp_abd": 9},
 }
 
 
@@ -49,13 +53,17 @@ def load_hand() -> Body:
 
 
 def glove(
-    hand: Body, restless: Restless, keys: list[tuple[float, str]], liveliness: np.ndarray | float = 1.0
+    hand: Body,
+    restless: Restless,
+    keys: list[tuple[float, str]],
+    liveliness: np.ndarray | float = 1.0,
+    postures: dict[str, dict[str, float]] = POSTURES,
 ) -> dict[str, np.ndarray]:
     """Angles of all joints over time: postures, plus drift of some degrees and a trace of tremor, inside the limits.
 
     ``liveliness`` (n,) scales the drift: a hand pressed on a table keeps its fingers stiller.
     """
-    angles = mixed(restless.t, POSTURES, keys)
+    angles = mixed(restless.t, postures, keys)
     lively = {}
     for name in hand.moving:
         size = 1.6 if "abd" in name or "dev" in name else 3.0 if "wrist" in name else 3.6

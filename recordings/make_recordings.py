@@ -9,11 +9,24 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import avatar_box
+import finger_snip
 import gallery_hand
+import hand_ball
+import hand_mug
 import mcap_files
+import two_arms
 import wall_slide
 
-EXPERIMENTS = {"gallery_hand": (gallery_hand.make, "ros2"), "wall_slide": (wall_slide.make, "ros2")}
+EXPERIMENTS = {
+    "gallery_hand": (gallery_hand.make, "ros2"),
+    "wall_slide": (wall_slide.make, "ros2"),
+    "finger_snip": (finger_snip.make, "protobuf"),
+    "two_arms": (two_arms.make, "json"),
+    "avatar_box": (avatar_box.make, "protobuf"),
+    "hand_mug": (hand_mug.make, "ros2"),
+    "hand_ball": (hand_ball.make, "json"),
+}
 
 
 def main() -> None:
