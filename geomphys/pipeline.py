@@ -37,7 +37,10 @@ from geomphys.config import Config
 from geomphys.driven.escape import make_rescue
 from geomphys.driven.least_distance import make_least_distance
 from geomphys.driven.overlap import make_places
-from geomphys.driven.update import DrivenRoom, DrivenState, is_recorded, make_driven_state, update_driven
+from geomphys.driven.chains import make_chain_room
+from geomphys.driven.posture import make_joints, pose_avatars
+from geomphys.driven.steps import is_recorded
+from geomphys.driven.update import DrivenRoom, DrivenState, make_driven_state, update_driven
 from geomphys.errors import GeomphysError
 from geomphys.kernel import kernel
 from geomphys.packed import pack
@@ -55,7 +58,7 @@ Ints = NDArray[np.int64]
 
 NEAR_PAIRS = 1 << 14  # most pairs of pieces that can be near at once
 PLANES = 512  # most planes of a least-distance problem
-UNKNOWNS = 3 * 64  # most unknowns: three a driven tree
+MET = 2048  # most pairs that chains yield to at once
 CONTACT_GAPS = 3.0  # surfaces nearer than this many gaps are in contact
 
 KINEMATICS, RECORDED_DEPTH, OVERLAP, IMPULSES, CONTACTS, WHOLE = range(6)
@@ -72,7 +75,6 @@ class Knobs(NamedTuple):
 class Machine(NamedTuple):
     """State and scratch of a replay: what changes from frame to frame. Made by `make_machine`."""
 
-    origins: Floats  # (B, 7) joint origins
     recorded: Floats  # (B, 7) poses as recorded
     corrected: Floats  # (B, 7)
     driven: DrivenState
@@ -96,12 +98,14 @@ def make_machine(scene: Scene) -> Machine:
         pose_tree(scene, origins, tree, scene.trees.rest, np.zeros(dofs), poses)
         for frames in (places.base, places.frames, places.moved):
             place_tree(scene, tree, poses, frames)
+    unknowns = 3 * trees + dofs
     room = DrivenRoom(
-        places, near, make_least_distance(UNKNOWNS, PLANES), make_rescue(make_near(NEAR_PAIRS)), np.zeros(pieces),
-        np.zeros((trees, 7)), np.zeros(dofs), np.zeros((bodies, 7)),
+        origins, make_joints(scene, poses), np.zeros(bodies, np.int64), places, make_chain_room(scene, unknowns, MET), near,
+        make_least_distance(unknowns, PLANES), make_rescue(make_near(NEAR_PAIRS)), np.zeros(pieces), np.zeros(bodies),
+        np.zeros(dofs), np.zeros(dofs), np.zeros((trees, 7)), np.zeros(dofs), np.zeros((bodies, 7)),
     )  # fmt: skip
     return Machine(
-        origins, poses, poses.copy(), make_driven_state(scene), room, make_global_depths(NEAR_PAIRS),
+        poses, poses.copy(), make_driven_state(scene), room, make_global_depths(NEAR_PAIRS),
         make_boxes(scene, places.base), np.zeros(trees), np.zeros((8, 3)), np.zeros((8, 3)),
         make_axes(), make_scratch(),
     )  # fmt: skip
@@ -113,7 +117,7 @@ def place_recording(scene: Scene, m: Machine, roots: Floats, angles: Floats) -> 
     for tree in range(len(scene.trees.role)):
         if not is_recorded(scene, tree):
             continue
-        pose_tree(scene, m.origins, tree, roots, angles, m.recorded)
+        pose_tree(scene, m.room.origins, tree, roots, angles, m.recorded)
         place_tree(scene, tree, m.recorded, m.room.places.base)
         update_boxes(scene, m.room.places.base, m.boxes, tree)
 
@@ -134,7 +138,7 @@ def measure_recorded(scene: Scene, m: Machine) -> float:
 
 
 @kernel
-def shift_driven(scene: Scene, m: Machine) -> None:
+def shift_driven(scene: Scene, m: Machine, roots: Floats) -> None:
     """Corrected poses: the recorded ones, driven trees translated by their offset (none: bit for bit the same)."""
     for tree in range(len(scene.trees.role)):
         if not is_recorded(scene, tree):
@@ -145,6 +149,8 @@ def shift_driven(scene: Scene, m: Machine) -> None:
             if scene.trees.role[tree] == DRIVEN:
                 for k in range(3):
                     m.corrected[body, k] += m.driven.offset[tree, k]
+    if m.room.joints.any[0] == 1:
+        pose_avatars(scene, m.room.origins, roots, m.room.chains.angles, m.driven.offset, m.corrected)
 
 
 @kernel
@@ -194,9 +200,9 @@ def step(
     lengths[RECORDED] = measure_recorded(scene, m)
     t2 = cycles()
     done = update_driven(
-        scene, m.origins, m.driven, m.room, m.boxes, roots, angles, m.recorded, dt, knobs.gap, knobs.rounds, m.axes, m.scratch
+        scene, m.driven, m.room, m.boxes, roots, angles, m.recorded, dt, knobs.gap, knobs.rounds, m.axes, m.scratch
     )
-    shift_driven(scene, m)
+    shift_driven(scene, m, roots)
     t3 = cycles()
     t4 = cycles()
     write_depths(block, frame, m.depths, done.method)
@@ -208,7 +214,7 @@ def step(
             block.recorded[frame, k, i] = m.recorded[block.moving[k], i]
             block.corrected[frame, k, i] = m.corrected[block.moving[k], i]
     for k in range(len(angles)):
-        block.angles[frame, k] = angles[k]
+        block.angles[frame, k] = m.room.chains.angles[k] if m.room.joints.yields[k] == 1 else angles[k]
     numbers[ITERATIONS], numbers[IMPACTS], numbers[FALLBACKS], numbers[FLAGS] = done.rounds, 0, done.rescues, 0
     if not done.converged:
         numbers[FLAGS] |= FLAG_NOT_CONVERGED

@@ -57,8 +57,9 @@ def _place(scene: Scene, base: Floats, offset: Vec, tree: int, frames: Floats) -
 
 @kernel
 def _deepest(
-    scene: Scene, frames: Floats, boxes: Boxes, tree: int, room: Near, found: Ints, axes: Axes, scratch: Scratch
-) -> tuple[float, Vec]:
+    scene: Scene, frames: Floats, boxes: Boxes, tree: int, ignored: Ints, room: Near, found: Ints, axes: Axes,
+    scratch: Scratch,
+) -> tuple[float, Vec]:  # fmt: skip
     """Deepest overlap [m] of `tree` with anything else and its normal, pointing out of the other."""
     update_boxes(scene, frames, boxes, tree)
     room.count[0] = 0
@@ -67,7 +68,8 @@ def _deepest(
             near_pairs_of_trees(scene, frames, boxes, tree, found[k], 0.0, room, axes, scratch)
     depth, normal = 0.0, (0.0, 0.0, 0.0)
     for k in range(room.count[0]):
-        if -room.separation[k] > depth:
+        body_a, body_b = scene.pieces.body[room.a[k]], scene.pieces.body[room.b[k]]
+        if -room.separation[k] > depth and ignored[body_a] == 0 and ignored[body_b] == 0:
             depth = -room.separation[k]
             normal = (room.normal[k, 0], room.normal[k, 1], room.normal[k, 2])
     return depth, normal
@@ -76,13 +78,13 @@ def _deepest(
 @kernel
 def _way_out(
     scene: Scene, base: Floats, start: Vec, u: Vec, tree: int, frames: Floats, boxes: Boxes, shortest: float, depth: float,
-    gap: float, room: Near, found: Ints, axes: Axes, scratch: Scratch,
+    gap: float, ignored: Ints, room: Near, found: Ints, axes: Axes, scratch: Scratch,
 ) -> float:  # fmt: skip
     """How far along u the tree must go to be free, if less than `shortest` (else inf); `depth` is what it must at least."""
     way = depth
     while way < shortest:
         _place(scene, base, add_scaled(start, u, way), tree, frames)
-        d, n = _deepest(scene, frames, boxes, tree, room, found, axes, scratch)
+        d, n = _deepest(scene, frames, boxes, tree, ignored, room, found, axes, scratch)
         if d <= 0.0:
             return way
         slope = dot(n, u)
@@ -121,7 +123,7 @@ def _suggest(near: Near, tree: int, directions: Floats) -> int:
 @kernel
 def _escape_tree(
     scene: Scene, base: Floats, current: Floats, frames: Floats, boxes: Boxes, tree: int, near: Near, depth: float,
-    gap: float, rescue: Rescue, found: Ints, axes: Axes, scratch: Scratch,
+    gap: float, ignored: Ints, rescue: Rescue, found: Ints, axes: Axes, scratch: Scratch,
 ) -> bool:  # fmt: skip
     """Translate one tree out of everything by the shortest way found; True if it is free then."""
     start = (current[tree, 0], current[tree, 1], current[tree, 2])
@@ -130,7 +132,8 @@ def _escape_tree(
     for k in range(count - 1, -1, -1):
         u = (rescue.directions[k, 0], rescue.directions[k, 1], rescue.directions[k, 2])
         way = _way_out(
-            scene, base, start, u, tree, frames, boxes, min(shortest, FARTHEST), depth, gap, rescue.near, found, axes, scratch
+            scene, base, start, u, tree, frames, boxes, min(shortest, FARTHEST), depth, gap, ignored, rescue.near, found, axes,
+            scratch,
         )  # fmt: skip
         if way < shortest:
             shortest, best = way, u
@@ -147,7 +150,8 @@ def _escape_tree(
             angle = math.pi * k / 3.0
             u = unit(add_scaled(add_scaled(centre, side, spread * math.cos(angle)), other, spread * math.sin(angle)))
             way = _way_out(
-                scene, base, start, u, tree, frames, boxes, shortest, depth, gap, rescue.near, found, axes, scratch
+                scene, base, start, u, tree, frames, boxes, shortest, depth, gap, ignored, rescue.near, found, axes,
+            scratch,
             )  # fmt: skip
             if way < shortest:
                 shortest, best = way, u
@@ -162,8 +166,8 @@ def _escape_tree(
 
 @kernel
 def escape(
-    scene: Scene, base: Floats, current: Floats, frames: Floats, boxes: Boxes, near: Near, gap: float, rescue: Rescue,
-    found: Ints, axes: Axes, scratch: Scratch,
+    scene: Scene, base: Floats, current: Floats, frames: Floats, boxes: Boxes, near: Near, ignored: Ints, gap: float,
+    rescue: Rescue, found: Ints, axes: Axes, scratch: Scratch,
 ) -> bool:  # fmt: skip
     """Translate every driven tree that overlaps something out of it, one after the other.
 
@@ -175,6 +179,8 @@ def escape(
         (T, 3) offsets and the frames there; both are updated.
     boxes, near
         Boxes of the scene; the pairs found at `current`, whose normals suggest directions.
+    ignored
+        (B,) 1 for bodies that may overlap.
     gap
         m; added to the way out.
     rescue, found, axes, scratch
@@ -189,9 +195,9 @@ def escape(
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] != DRIVEN:
             continue
-        depth, _ = _deepest(scene, frames, boxes, tree, rescue.near, found, axes, scratch)
+        depth, _ = _deepest(scene, frames, boxes, tree, ignored, rescue.near, found, axes, scratch)
         if depth > 0.0 and not _escape_tree(
-            scene, base, current, frames, boxes, tree, near, depth, gap, rescue, found, axes, scratch
+            scene, base, current, frames, boxes, tree, near, depth, gap, ignored, rescue, found, axes, scratch
         ):  # fmt: skip
             all_free = False
     return all_free

@@ -199,14 +199,21 @@ def _set_trial(scene: Scene, p: Places, problem: LeastDistance) -> float:
 
 
 @kernel
+def _concerns(scene: Scene, near: Near, ignored: Ints, k: int) -> bool:
+    """Whether translation is to part the pair k: not links of one tree, nor ignored bodies."""
+    body_a, body_b = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
+    return near.tree_a[k] != near.tree_b[k] and ignored[body_a] == 0 and ignored[body_b] == 0
+
+
+@kernel
 def _nearest_free(
-    scene: Scene, p: Places, near: Near, problem: LeastDistance, gap: float, axes: Axes, scratch: Scratch
+    scene: Scene, p: Places, near: Near, ignored: Ints, problem: LeastDistance, gap: float, axes: Axes, scratch: Scratch
 ) -> tuple[int, float, int]:
     """One round: planes until the way is free. Returns (SOLVED or not, longest move, planes that hold)."""
     unknowns = _number_unknowns(scene, p, near)
     rows, deepest = 0, 0.0
     for k in range(near.count[0]):
-        p.chosen[k] = 1 if near.tree_a[k] == near.tree_b[k] else 0  # translation cannot part links of one tree
+        p.chosen[k] = 0 if _concerns(scene, near, ignored, k) else 1
         if p.chosen[k] == 0 and near.separation[k] < 0.0 and rows < len(problem.bounds):
             _add_plane(p, near, k, problem, unknowns, rows, gap)
             rows += 1
@@ -245,8 +252,8 @@ def _accept(scene: Scene, p: Places) -> None:
 
 @kernel
 def eliminate_overlap(
-    scene: Scene, p: Places, boxes: Boxes, near: Near, problem: LeastDistance, gap: float, rounds: int, rescue: Rescue,
-    axes: Axes, scratch: Scratch,
+    scene: Scene, p: Places, boxes: Boxes, near: Near, ignored: Ints, problem: LeastDistance, gap: float, rounds: int,
+    rescue: Rescue, axes: Axes, scratch: Scratch,
 ) -> tuple[int, int, int, bool]:  # fmt: skip
     """Move all driven trees from `current` as near to `goal` as they come without overlap and without passing through.
 
@@ -256,6 +263,8 @@ def eliminate_overlap(
         The scene, where its trees are (`frames` placed at `current`), and their boxes.
     near, problem, rescue, axes, scratch
         Room for the near pairs, the least-distance problem, the search for a way out and the narrow phase.
+    ignored
+        (B,) 1 for bodies that may overlap for now (chains see to them).
     gap
         m; clearance kept.
     rounds
@@ -274,7 +283,7 @@ def eliminate_overlap(
                 p.reach[tree] += 2.0 * _distance(p.goal, p.current, tree)
                 update_boxes(scene, p.frames, boxes, tree)
         find_near(scene, p.frames, boxes, p.reach, 2.0 * gap, near, p.found, axes, scratch)
-        status, longest, active = _nearest_free(scene, p, near, problem, gap, axes, scratch)
+        status, longest, active = _nearest_free(scene, p, near, ignored, problem, gap, axes, scratch)
         if active > 1:
             method = max(method, LEAST_DISTANCE)
         if status == SOLVED:
@@ -285,9 +294,9 @@ def eliminate_overlap(
         method = INTERPOLATED
         overlapped = False
         for k in range(near.count[0]):
-            overlapped = overlapped or (near.separation[k] < 0.0 and near.tree_a[k] != near.tree_b[k])
+            overlapped = overlapped or (near.separation[k] < 0.0 and _concerns(scene, near, ignored, k))
         if not overlapped:
             return count + 1, method, rescues, True
         rescues += 1
-        escape(scene, p.base, p.current, p.frames, boxes, near, gap, rescue, p.found, axes, scratch)
+        escape(scene, p.base, p.current, p.frames, boxes, near, ignored, gap, rescue, p.found, axes, scratch)
     return rounds, method, rescues, False

@@ -1,36 +1,36 @@
 """The driven loop of a frame: the coupling pulls, overlaps are eliminated, the offset remembers.
 
-Trees are carried over from the last frame at their place in the world. What turned or bent since then (the hand's
-shape, a door on its hinge) may have moved into something: those overlaps are small. Where they would not be small
-against the thickness of the pieces, the frame is taken in several steps of interpolated recording, so that nothing
-can come through. Then every tree goes as near to where the coupling pulls as it can without meeting anything.
+Trees are carried over from the last frame at their place in the world, joints of chains at their angle. What else
+turned or bent since then (the hand's shape, a door on its hinge) may have moved into something: those overlaps are
+small, as a frame is cut into steps where they would not be small against the thickness of the pieces. Then every tree
+goes as near to where the coupling pulls as it can without meeting anything: first the roots, for the links that no
+chain moves; then the chains, for theirs; then the roots again, for what the chains could not solve.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import Axes, Near, find_near
+from geomphys.collision.detect import Axes, Near
 from geomphys.collision.penetration import Scratch
 from geomphys.collision.sweep import Boxes, update_boxes
+from geomphys.driven.chains import FREE, ChainRoom, bend_chains, is_chained, place_posture
 from geomphys.driven.coupling import relax
 from geomphys.driven.escape import Rescue
 from geomphys.driven.least_distance import LeastDistance
-from geomphys.driven.overlap import Places, eliminate_overlap, place_at, row_of
+from geomphys.driven.overlap import INTERPOLATED, LEAST_DISTANCE, Places, eliminate_overlap, place_at, row_of
+from geomphys.driven.posture import Joints, PostureState, lower_bend, upper_bend
+from geomphys.driven.steps import is_recorded, measure_flex, measure_stir, recording_between, steps_needed
 from geomphys.kernel import kernel
-from geomphys.vec3 import add_scaled, dot, slerp, sub, unit
-from geomphys.world.kinematics import orientation_of, place_tree, pose_tree, position_of, set_pose
-from geomphys.world.scene import DRIVEN, SIMULATED, Scene
+from geomphys.vec3 import dot, sub, unit
+from geomphys.world.kinematics import place_tree
+from geomphys.world.scene import DRIVEN, Scene
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-STEP_OF_THICKNESS = 0.25  # a pair may turn or bend by this share of its mean thickness in one step
-MOST_STEPS = 64
 
 
 class DrivenState(NamedTuple):
@@ -42,16 +42,24 @@ class DrivenState(NamedTuple):
     roots: Floats  # (T, 7) recorded root poses of the last step
     angles: Floats  # (Q,) recorded angles of the last step
     frames: Floats  # (P, 12) pieces at the end of the last step
+    posture: PostureState
 
 
 class DrivenRoom(NamedTuple):
-    """Scratch of the driven loop."""
+    """Fixed facts and scratch of the driven loop."""
 
+    origins: Floats  # (B, 7) joint origins
+    joints: Joints
+    nothing: Ints  # (B,) zeros: no body is ignored
     places: Places
+    chains: ChainRoom
     near: Near
     problem: LeastDistance
     rescue: Rescue
-    stir: Floats  # (P,) m, how far turning and bending move each piece
+    stir: Floats  # (P,) m, how far the step moves each piece
+    flex: Floats  # (B,) m, how far the joints above a body move it
+    before: Floats  # (Q,) angles at the end of the last step
+    after: Floats  # (Q,) angles the coupling asks for
     roots: Floats  # (T, 7) recorded root poses of a step
     angles: Floats  # (Q,)
     poses: Floats  # (B, 7) recorded poses of a step
@@ -68,111 +76,68 @@ class Outcome(NamedTuple):
 
 def make_driven_state(scene: Scene) -> DrivenState:
     """The state before the first frame."""
-    trees, pieces = len(scene.trees.role), len(scene.pieces.kind)
+    trees, pieces, dofs = len(scene.trees.role), len(scene.pieces.kind), len(scene.dofs.lower)
     return DrivenState(
-        np.zeros(1, np.int64), np.zeros((trees, 3)), np.zeros((trees, 3)), np.zeros((trees, 7)),
-        np.zeros(len(scene.dofs.lower)), np.zeros((pieces, 12)),
+        np.zeros(1, np.int64), np.zeros((trees, 3)), np.zeros((trees, 3)), np.zeros((trees, 7)), np.zeros(dofs),
+        np.zeros((pieces, 12)), PostureState(np.zeros(dofs), np.zeros(dofs)),
     )  # fmt: skip
 
 
 @kernel
-def is_recorded(scene: Scene, tree: int) -> bool:
-    """Whether the recording moves the tree."""
-    return scene.trees.moving[tree] == 1 and scene.trees.role[tree] != SIMULATED
-
-
-@kernel
-def _pull(scene: Scene, state: DrivenState, places: Places, roots: Floats, dt: float) -> None:
+def _pull(scene: Scene, state: DrivenState, p: Places, roots: Floats, dt: float) -> None:
     """Goal (the coupling's) and present place of every driven tree, as offsets from the pose recorded now."""
-    for tree in range(len(scene.trees.role)):
-        if scene.trees.role[tree] != DRIVEN:
+    trees = scene.trees
+    for tree in range(len(trees.role)):
+        if trees.role[tree] != DRIVEN:
             continue
         for i in range(3):
             if state.started[0] == 0:
-                places.goal[tree, i] = places.current[tree, i] = 0.0
+                p.goal[tree, i] = p.current[tree, i] = 0.0
                 continue
-            places.current[tree, i] = state.offset[tree, i] + (state.roots[tree, i] - roots[tree, i])
-            places.goal[tree, i], state.speed[tree, i] = relax(
-                state.offset[tree, i],
-                state.speed[tree, i],
-                scene.trees.mass[tree],
-                scene.trees.stiffness[tree],
-                scene.trees.damping[tree],
-                dt,
+            p.current[tree, i] = state.offset[tree, i] + (state.roots[tree, i] - roots[tree, i])
+            p.goal[tree, i], state.speed[tree, i] = relax(
+                state.offset[tree, i], state.speed[tree, i], trees.mass[tree], trees.stiffness[tree], trees.damping[tree], dt
             )
 
 
 @kernel
-def _place_trees(scene: Scene, poses: Floats, p: Places, boxes: Boxes) -> None:
-    """All trees the recording moves at `poses` (B, 7), driven ones shifted to `current`."""
+def _pull_joints(scene: Scene, state: DrivenState, room: DrivenRoom, angles: Floats, dt: float) -> None:
+    """Goal and present offset of every joint of a chain from the angle recorded now, within the joint's limits."""
+    trees, posture, chains = scene.trees, state.posture, room.chains
+    for q in range(len(angles)):
+        room.before[q], room.after[q] = state.angles[q], angles[q]
+        if room.joints.yields[q] == 0:
+            continue
+        tree = scene.dofs.tree[q]
+        chains.goal[q] = chains.current[q] = 0.0
+        if state.started[0] == 1:
+            chains.current[q] = posture.bend[q] + (state.angles[q] - angles[q])
+            goal, posture.speed[q] = relax(
+                posture.bend[q], posture.speed[q], trees.mass[tree], trees.stiffness[tree], trees.damping[tree], dt
+            )
+            lower, upper = lower_bend(scene, angles, q), upper_bend(scene, angles, q)
+            chains.goal[q] = min(max(goal, lower), upper)
+            chains.current[q] = min(max(chains.current[q], lower), upper)
+        room.before[q] = state.angles[q] + posture.bend[q]
+        room.after[q] = angles[q] + chains.goal[q]
+
+
+@kernel
+def _place_trees(
+    scene: Scene, room: DrivenRoom, boxes: Boxes, roots: Floats, angles: Floats, poses: Floats
+) -> None:
+    """All trees the recording moves, driven ones at their present root and, if chained, at the posture they are pulled to."""
+    p = room.places
     for tree in range(len(scene.trees.role)):
-        if is_recorded(scene, tree):
+        if is_recorded(scene, tree) and not is_chained(scene, tree):
             place_tree(scene, tree, poses, p.base)
             place_at(scene, p.base, p.current, tree, p.frames)
             place_at(scene, p.base, p.current, tree, p.moved)
             update_boxes(scene, p.frames, boxes, tree)
-
-
-@kernel
-def _measure_stir(scene: Scene, before: Floats, p: Places, stir: Floats) -> None:
-    """How far each piece has moved since the last step's end, its tree's root standing still: a bound over its points."""
-    pieces = scene.pieces
-    for tree in range(len(scene.trees.role)):
-        p.stir[tree] = 0.0
-        if not is_recorded(scene, tree):
-            continue
-        first = scene.bodies.piece_start[scene.trees.body_start[tree]]
-        last = scene.bodies.piece_start[scene.trees.body_start[tree + 1]]
-        for i in range(first, last):
-            square, distance = 0.0, 0.0
-            for k in range(9):
-                change = p.frames[i, k] - before[i, k]
-                square += change * change
-            for k in range(3):
-                shift = p.frames[i, 9 + k] - before[i, 9 + k]
-                for j in range(3):
-                    shift += (p.frames[i, 3 * k + j] - before[i, 3 * k + j]) * pieces.centre[i, j]
-                distance += shift * shift
-            turn = 2.0 * math.asin(min(1.0, math.sqrt(square / 8.0)))
-            stir[i] = math.sqrt(distance) + turn * pieces.reach[i]
-            p.stir[tree] = max(p.stir[tree], stir[i])
-
-
-@kernel
-def _steps_needed(scene: Scene, room: DrivenRoom, boxes: Boxes, gap: float, axes: Axes, scratch: Scratch) -> int:
-    """Into how many steps the frame must be cut so that no pair can turn or bend through each other."""
-    p = room.places
-    widest = 0.0
-    for tree in range(len(p.reach)):
-        p.reach[tree] = p.stir[tree]
-        widest = max(widest, p.stir[tree])
-    if widest == 0.0:
-        return 1
-    find_near(scene, p.frames, boxes, p.reach, gap, room.near, p.found, axes, scratch)
-    steps = 1.0
-    for k in range(room.near.count[0]):
-        a, b = room.near.a[k], room.near.b[k]
-        change = room.stir[a] + room.stir[b]
-        thickness = 0.5 * (scene.pieces.thickness[a] + scene.pieces.thickness[b])
-        if room.near.separation[k] <= change and change > STEP_OF_THICKNESS * thickness:
-            steps = max(steps, math.ceil(change / (STEP_OF_THICKNESS * max(thickness, 1e-5))))
-    return int(min(steps, float(MOST_STEPS)))
-
-
-@kernel
-def _record_between(
-    scene: Scene, origins: Floats, state: DrivenState, room: DrivenRoom, roots: Floats, angles: Floats, w: float
-) -> None:
-    """The recording a share `w` of the way from the last step to this frame, into `room`."""
-    for i in range(len(angles)):
-        room.angles[i] = state.angles[i] + w * (angles[i] - state.angles[i])
-    for tree in range(len(scene.trees.role)):
-        if not is_recorded(scene, tree):
-            continue
-        q = slerp(orientation_of(state.roots, tree), orientation_of(roots, tree), w)
-        p0, p1 = position_of(state.roots, tree), position_of(roots, tree)
-        set_pose(room.roots, tree, add_scaled(p0, sub(p1, p0), w), q)
-        pose_tree(scene, origins, tree, room.roots, room.angles, room.poses)
+    if room.joints.any[0] == 1:
+        place_posture(
+            scene, room.origins, room.joints, roots, angles, room.chains.goal, p.current, room.chains, p, boxes
+        )  # fmt: skip
 
 
 @kernel
@@ -186,6 +151,18 @@ def _brake(state: DrivenState, p: Places, tree: int) -> None:
     if against < 0.0:
         for i in range(3):
             state.speed[tree, i] -= against * push[i]
+
+
+@kernel
+def _brake_joints(state: DrivenState, room: DrivenRoom) -> None:
+    """The same for the joints; their offsets are remembered."""
+    for q in range(len(room.joints.yields)):
+        if room.joints.yields[q] == 0:
+            continue
+        push = room.chains.trial[q] - room.chains.goal[q]
+        if push * state.posture.speed[q] < 0.0:
+            state.posture.speed[q] = 0.0
+        state.posture.bend[q] = room.chains.trial[q]
 
 
 @kernel
@@ -209,39 +186,79 @@ def _remember(scene: Scene, state: DrivenState, p: Places, roots: Floats, angles
 
 
 @kernel
+def _bend(
+    scene: Scene, room: DrivenRoom, boxes: Boxes, roots: Floats, angles: Floats, gap: float, axes: Axes, scratch: Scratch
+) -> tuple[int, int, bool]:
+    """Chains yield, then chains and roots together, then the last posture is held: (passes, method, whether free)."""
+    p, chains = room.places, room.chains
+    status, passes = bend_chains(
+        scene, room.origins, room.joints, chains, p, boxes, room.near, room.problem, roots, angles, gap, False, axes, scratch
+    )
+    if status == FREE:
+        return passes, 0 if passes == 1 else LEAST_DISTANCE, True
+    status, more = bend_chains(
+        scene, room.origins, room.joints, chains, p, boxes, room.near, room.problem, roots, angles, gap, True, axes, scratch
+    )
+    if status == FREE:
+        for tree in range(len(p.column)):
+            if is_chained(scene, tree):
+                for i in range(3):
+                    p.current[tree, i] = p.trial[tree, i]
+        return passes + more, LEAST_DISTANCE, False
+    for q in range(len(chains.trial)):
+        chains.trial[q] = chains.current[q]
+    place_posture(scene, room.origins, room.joints, roots, angles, chains.trial, p.current, chains, p, boxes)
+    return passes + more, INTERPOLATED, False
+
+
+@kernel
 def _advance(
     scene: Scene, state: DrivenState, room: DrivenRoom, boxes: Boxes, roots: Floats, angles: Floats, poses: Floats, dt: float,
     gap: float, rounds: int, axes: Axes, scratch: Scratch,
 ) -> Outcome:  # fmt: skip
     """One step: trees placed at `poses` and carried over; they go as near to their goals as they can."""
-    p = room.places
+    p, chained = room.places, room.joints.any[0] == 1
     _pull(scene, state, p, roots, dt)
-    _place_trees(scene, poses, p, boxes)
+    _pull_joints(scene, state, room, angles, dt)
+    _place_trees(scene, room, boxes, roots, angles, poses)
     if state.started[0] == 1:
-        _measure_stir(scene, state.frames, p, room.stir)
+        measure_stir(scene, room.joints, state.frames, p, room.stir)
     count, method, rescues, converged = eliminate_overlap(
-        scene, p, boxes, room.near, room.problem, gap, rounds, room.rescue, axes, scratch
+        scene, p, boxes, room.near, room.joints.bends, room.problem, gap, rounds, room.rescue, axes, scratch
     )  # fmt: skip
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
             _brake(state, p, tree)
+    if chained:
+        passes, how, free = _bend(scene, room, boxes, roots, angles, gap, axes, scratch)
+        count, method = count + passes, max(method, how)
+        _brake_joints(state, room)
+        if not free:
+            for tree in range(len(scene.trees.role)):
+                for i in range(3):
+                    p.goal[tree, i] = p.current[tree, i]
+            more, how, searches, ok = eliminate_overlap(
+                scene, p, boxes, room.near, room.nothing, room.problem, gap, rounds, room.rescue, axes, scratch
+            )  # fmt: skip
+            count, method, rescues, converged = count + more, max(method, how), rescues + searches, converged and ok
     _remember(scene, state, p, roots, angles)
     return Outcome(count, method, rescues, converged)
 
 
 @kernel
 def update_driven(
-    scene: Scene, origins: Floats, state: DrivenState, room: DrivenRoom, boxes: Boxes, roots: Floats, angles: Floats,
-    recorded: Floats, dt: float, gap: float, rounds: int, axes: Axes, scratch: Scratch,
+    scene: Scene, state: DrivenState, room: DrivenRoom, boxes: Boxes, roots: Floats, angles: Floats, recorded: Floats,
+    dt: float, gap: float, rounds: int, axes: Axes, scratch: Scratch,
 ) -> Outcome:  # fmt: skip
     """Couple the driven trees to this frame's recording and eliminate their overlaps.
 
     Parameters
     ----------
-    scene, origins
-        The scene and its joints' origins.
+    scene
+        The scene.
     state, room, boxes
-        Carried state (brought up to date), scratch (`room.places.frames` holds the final frames), boxes.
+        Carried state (brought up to date), scratch (`room.places.frames` holds the final frames, `room.chains` the final
+        posture), boxes.
     roots, angles, recorded
         (T, 7), (Q,), (B, 7): the recording of this frame and its forward kinematics.
     dt
@@ -255,15 +272,20 @@ def update_driven(
     steps = 1
     if state.started[0] == 1:
         _pull(scene, state, p, roots, 0.0)
-        _place_trees(scene, recorded, p, boxes)
-        _measure_stir(scene, state.frames, p, room.stir)
-        steps = _steps_needed(scene, room, boxes, gap, axes, scratch)
+        _pull_joints(scene, state, room, angles, 0.0)
+        _place_trees(scene, room, boxes, roots, angles, recorded)
+        measure_stir(scene, room.joints, state.frames, p, room.stir)
+        measure_flex(scene, room.joints, room.before, room.after, room.flex)
+        steps = steps_needed(scene, p, room.near, room.stir, room.flex, boxes, gap, axes, scratch)
     count, method, rescues, converged = 0, 0, 0, True
     for step in range(steps):
         if step == steps - 1:
             done = _advance(scene, state, room, boxes, roots, angles, recorded, dt / steps, gap, rounds, axes, scratch)
         else:
-            _record_between(scene, origins, state, room, roots, angles, 1.0 / (steps - step))
+            recording_between(
+                scene, room.origins, state.roots, state.angles, roots, angles, 1.0 / (steps - step), room.roots, room.angles,
+                room.poses,
+            )  # fmt: skip
             done = _advance(
                 scene, state, room, boxes, room.roots, room.angles, room.poses, dt / steps, gap, rounds, axes, scratch
             )  # fmt: skip
