@@ -195,15 +195,13 @@ def outline(room: Room, face: int, new: int, faces: int, size: float) -> int:
 
 
 @kernel
-def foot(room: Room, face: int, used: int, size: float) -> Vec:
-    """Point of A that belongs to the foot of the origin on a face's plane.
+def foot(room: Room, n: Vec, level: float, face: int, used: int, slack: float) -> Vec:
+    """Point of A that belongs to the foot of the origin on the plane n·x = level, which is that of `face`.
 
     The foot may lie in another triangle of the same plane: the walk goes across the edge it lies behind. Where slivers
-    bar the way, the closest of all triangles of corners in the plane is taken.
+    bar the way (or without a face, -1), the closest of all triangles of corners within `slack` of the plane is taken.
     """
-    n = vec_at(room.planes, 4 * face)
-    level = float_at(room.planes, 4 * face + 3)
-    for _ in range(32):
+    for _ in range(32 if face >= 0 else 0):
         row = 8 * face
         i, j, k = int_at(room.faces, row), int_at(room.faces, row + 1), int_at(room.faces, row + 2)
         p, q, r = vec_at(room.points, 6 * i), vec_at(room.points, 6 * j), vec_at(room.points, 6 * k)
@@ -218,7 +216,7 @@ def foot(room: Room, face: int, used: int, size: float) -> Vec:
             break
     count = 0
     for i in range(used):
-        if dot(n, vec_at(room.points, 6 * i)) > level - 1e-12 * size and count < 24:
+        if dot(n, vec_at(room.points, 6 * i)) > level - slack and count < 24:
             set_int(room.stack, count, i)
             count += 1
     best = np.inf
@@ -264,9 +262,9 @@ def expand(a: Core, b: Core, rot: Rot, t: Vec, size: float, count: int, room: Ro
         Of A, deepest in B.
     """
     tight = 1e-7 if a.kind == CYLINDER or b.kind == CYLINDER else 1e-12
-    best, outward, point = np.inf, (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
+    best, outward = np.inf, (0.0, 0.0, 1.0)
     if not first_tetrahedron(a, b, rot, t, count, room):
-        return False, best, outward, point
+        return False, best, outward, vec_at(room.points, 3)
     waiting = 0
     for f in range(4):
         i, j, k = 0, 2, 1
@@ -294,33 +292,32 @@ def expand(a: Core, b: Core, rot: Rot, t: Vec, size: float, count: int, room: Ro
         if int_at(room.faces, 8 * f + STATE) != SURFACE:
             continue
         low = float_at(room.planes, 4 * f + 3)
-        if low >= best - tight * best:
-            return True, best, outward, point
         n = vec_at(room.planes, 4 * f)
         w, p, at_a, at_b = difference(a, b, rot, t, n, at_a, at_b)
         high = dot(n, w)
         known = False
         for k in range(3):
             known |= w == vec_at(room.points, 6 * int_at(room.faces, 8 * f + k))
-        if known or high - low <= tight * abs(high) + 2e-15 * size:
-            if high <= best + tight * abs(best) + 2e-15 * size:
-                return True, high, n, foot(room, f, used, size)
-            return True, best, outward, point
+        slack = tight * abs(high) + 2e-15 * size
+        if (known or high - low <= slack) and high <= best + slack:
+            return True, high, n, foot(room, n, high, f, used, slack + 1e-12 * size)
+        if known or low >= best - slack:
+            return True, best, outward, foot(room, outward, best, -1, used, slack + 1e-12 * size)
         if high < best:
-            best, outward, point = high, n, p
+            best, outward = high, n
         if used == MAX_CORNERS:
-            return False, best, outward, point
+            break
         set_pair(room.points, used, w, p)
         start = faces
         faces = outline(room, f, used, faces, size)
         used += 1
         if faces < 0:
-            return False, best, outward, point
+            break
         for g in range(start, faces):
             distance = float_at(room.planes, 4 * g + 3)
             if distance < -1e-13 * size - abs(low):
-                return False, best, outward, point
+                return False, best, outward, foot(room, outward, best, -1, used, tight * best + 1e-12 * size)
             if distance <= best and waiting < MAX_FACES:
                 push(room, waiting, g, distance)
                 waiting += 1
-    return best < np.inf, best, outward, point
+    return False, best, outward, foot(room, outward, best, -1, used, tight * best + 1e-12 * size)

@@ -247,7 +247,7 @@ def inside(mine: int, count: int, theirs: int, others: int, d: Vec, spare: int) 
 
 @kernel
 def chosen(from_a: int, from_b: int, count: int, s: float, n: Vec, slop: float, out_a: int, out_b: int) -> int:
-    """Keep at most four of the pairs: a deepest one, the farthest from it, and the farthest to both sides of their line.
+    """Keep at most four of the pairs: a deepest one, the farthest from it, and the farthest beside their line.
 
     Where none is as deep as `s`, the pair that stands in the first row of the output is the deepest.
     """
