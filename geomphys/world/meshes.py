@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +50,12 @@ _PARSER_ERRORS = (
 )
 
 
+class _Hull(NamedTuple):
+    corners: Ints  # (k,) vertices on it, ascending
+    simplices: Ints  # (f, 3) its triangles, each ascending
+    planes: Floats  # (f, 4) n·x + d <= 0 inside
+
+
 @dataclass(frozen=True, eq=False)
 class Mesh:
     """A triangle mesh in the frame of its body, vertices merged. Arrays are read-only."""
@@ -64,17 +70,12 @@ class Mesh:
         return float(np.ptp(self.vertices, axis=0).max())
 
     @cached_property
-    def hull_planes(self) -> Floats:
-        """Planes (k, 4) of the convex hull, n·x + d <= 0 inside; MeshError where the mesh is flat."""
-        return self._hull[1]
-
-    @cached_property
     def hull_vertices(self) -> Floats:
         """Corners (k, 3) of the convex hull, in the order of `vertices`; MeshError where the mesh is flat."""
-        return self.vertices[self._hull[0]]
+        return self.vertices[self._hull.corners]
 
     @cached_property
-    def _hull(self) -> tuple[Ints, Floats]:
+    def _hull(self) -> _Hull:
         from scipy.spatial import ConvexHull, QhullError
 
         flat = f"{self.name}: the mesh is flat, it has no volume to collide with: use a box of some thickness"
@@ -85,21 +86,34 @@ class Mesh:
             hull = ConvexHull(self.vertices)
         except QhullError:
             raise MeshError(flat) from None
-        return np.sort(hull.vertices).astype(np.int64), np.asarray(hull.equations)
+        simplices = np.sort(hull.simplices, axis=1).astype(np.int64)
+        return _Hull(np.sort(hull.vertices).astype(np.int64), simplices, np.asarray(hull.equations))
 
     @cached_property
     def is_convex(self) -> bool:
-        """Whether every vertex lies on the convex hull, within `CONVEX_SLACK` of the size.
+        """Whether all of the mesh lies on its convex hull, within `CONVEX_SLACK` of the size.
 
-        A closed mesh with all vertices on its hull is its hull; an open one is taken for it.
+        Corners alone do not tell: those of an L lie on its hull, the faces of its notch do not. A closed convex mesh is
+        its hull; an open one is taken for it.
         """
-        planes, slack = self.hull_planes, CONVEX_SLACK * self.size
-        start, length = 0, 64
-        while start < len(self.vertices):
-            block = self.vertices[start : start + length]
+        inside = np.ones(len(self.vertices), dtype=bool)
+        inside[self._hull.corners] = False
+        if not self._lies_on_hull(self.vertices[inside]):
+            return False
+        count = len(self.vertices)
+        faces, known = np.sort(self.faces, axis=1), self._hull.simplices
+        keys, known_keys = ((f[:, 0] * count + f[:, 1]) * count + f[:, 2] for f in (faces, known))
+        other = self.faces[~np.isin(keys, known_keys)]
+        return self._lies_on_hull(self.vertices[other].mean(axis=1))
+
+    def _lies_on_hull(self, points: Floats) -> bool:
+        planes, slack = self._hull.planes, CONVEX_SLACK * self.size
+        start, length, most = 0, 64, max(1, 4_000_000 // len(planes))
+        while start < len(points):
+            block = points[start : start + min(length, most)]
             if np.min(np.max(block @ planes[:, :3].T + planes[:, 3], axis=1)) <= -slack:
                 return False
-            start, length = start + length, min(2 * length, 4096)
+            start, length = start + len(block), 2 * length
         return True
 
     @cached_property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass
 from io import BytesIO
@@ -105,14 +106,6 @@ def read_urdf(path: Path) -> Urdf:
         )
         for link in robot.links
     ]
-    for joint in robot.joints:
-        where = f"joint {joint.name!r}"
-        _finite(path, where, "origin", joint.origin)
-        _finite(path, where, "axis", joint.axis)
-        if joint.limit is not None:
-            _finite(path, where, "limit", [v for v in (joint.limit.lower, joint.limit.upper) if v is not None])
-        if joint.mimic is not None:
-            _finite(path, where, "mimic", [joint.mimic.multiplier, joint.mimic.offset])
     return Urdf(robot.name, links, robot.joints)
 
 
@@ -248,7 +241,7 @@ def _check_link(path: Path, name: str, element: Any) -> None:
 _NUMBERS: dict[str, dict[str, int | None]] = {
     "origin": {"xyz": 3, "rpy": 3},
     "axis": {"xyz": 3},
-    "limit": {"lower": 1, "upper": 1, "effort": 1, "velocity": 1},
+    "limit": {"lower": 1, "upper": 1},
     "mimic": {"multiplier": 1, "offset": 1},
     "box": {"size": 3},
     "sphere": {"radius": 1},
@@ -267,21 +260,20 @@ def _check_numbers(path: Path, where: str, element: Any) -> None:
             text = entry.get(key)
             if text is None:
                 continue
-            words = text.replace(",", " ").split()
+            words, found = text.replace(",", " ").split(), f"{path}: {where}: <{entry.tag} {key}={_shown(text)}>"
             try:
                 numbers = [float(word) for word in words]
             except ValueError:
-                raise ModelError(f"{path}: {where}: <{entry.tag} {key}={_shown(text)}>, expected numbers") from None
+                raise ModelError(f"{found}, expected numbers") from None
             if len(numbers) not in ((1, 3) if count is None else (count,)):
-                raise ModelError(
-                    f"{path}: {where}: <{entry.tag} {key}={_shown(text)}>, expected {count or '1 or 3'} numbers"
-                )
+                raise ModelError(f"{found}, expected {count or '1 or 3'} numbers")
+            if any(math.isnan(n) or (abs(n) > LARGEST and entry.tag != "limit") for n in numbers):
+                raise ModelError(f"{found}, expected finite numbers of at most {LARGEST:g}")
 
 
 def _element(path: Path, link: str, element: Any) -> tuple[Shape, Floats]:
     """Shape and link_from_shape of a visual or collision element of yourdfpy."""
     where, geometry = f"link {link!r}", element.geometry
-    _finite(path, where, "origin", element.origin)
     matrix = np.eye(4) if element.origin is None else np.asarray(element.origin, dtype=np.float64) + 0.0
     shape: Shape
     if geometry.box is not None:
@@ -293,7 +285,6 @@ def _element(path: Path, link: str, element: Any) -> tuple[Shape, Floats]:
         shape = CylinderShape(size[0], size[1])
     else:
         scale = np.broadcast_to(np.float64(1.0) if geometry.mesh.scale is None else geometry.mesh.scale, 3)
-        _finite(path, where, "scale", scale)
         if np.any(scale == 0):
             raise ModelError(f"{path}: {where}: a mesh has a scale of 0")
         shape = MeshShape(
@@ -304,19 +295,9 @@ def _element(path: Path, link: str, element: Any) -> tuple[Shape, Floats]:
 
 def _lengths(path: Path, where: str, what: str, values: Any) -> Any:
     """Positive lengths."""
-    _finite(path, where, what, values)
     if min(values) < 1e-6:
         raise ModelError(f"{path}: {where}: a {what} of {[float(v) for v in values]} m, expected at least 1e-6")
     return tuple(float(v) for v in values)
-
-
-def _finite(path: Path, where: str, what: str, values: Any) -> None:
-    if values is None:
-        return
-    numbers = np.asarray(values, dtype=np.float64).ravel()
-    if not np.all(np.abs(numbers) <= LARGEST):  # NaN too
-        bad = next(float(v) for v in numbers if not abs(v) <= LARGEST)
-        raise ModelError(f"{path}: {where}: {what} holds {bad}, expected a finite number of at most {LARGEST:g}")
 
 
 def _shown(text: str) -> str:
