@@ -2,13 +2,16 @@
 
 cdr with ros2msg schemas goes through ``mcap-ros2-support``, protobuf through ``mcap-protobuf-support``, json through
 the standard library. ``mcap-ros2-support`` does not read schemas written in IDL (ros2idl); the standard types of ROS 2
-that are used here never change, so for those, and for logs whose writer left the schema empty, their known definition
-is used instead. Any other ros2idl type is an error that says so.
+that are used here never change, so for those, and where the schema is empty or corrupt, their known definition is used
+instead. Any other ros2idl type is an error that says so.
 """
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
+import re
 import struct
 from collections.abc import Callable
 from typing import Any
@@ -67,6 +70,10 @@ STANDARD_TYPES = {
     + _TRANSFORM,
 }
 """Definitions of the standard ROS 2 types, used where a log does not bring a ros2msg one."""
+
+
+_UNCHECKED = re.compile(rb"^\s*(?:uint8|byte)\[[0-9]+\]", re.MULTILINE)
+"""Fields that mcap-ros2-support reads without a look at how many bytes are left; no type that is read here has them."""
 
 
 class BadMessageError(Exception):
@@ -148,24 +155,34 @@ def _protobuf(channel: LogChannel) -> Decoder:
 
 def _ros2(channel: LogChannel, schema_name: str) -> Decoder:
     """Decoder from the message definition in the schema, or from the known one of a standard type."""
+    data, name, standard = channel.schema_data, channel.schema_name, STANDARD_TYPES.get(schema_name)
+    if channel.schema_encoding == "ros2msg" and data.strip():
+        if _UNCHECKED.search(data):
+            raise _unreadable(channel, "its message definition has byte arrays of fixed size")
+        decoder = _from_definition(name, data)
+        if decoder is not None:
+            return decoder
+        why = "its message definition cannot be read"
+    else:
+        why = f"its schema is {channel.schema_encoding or 'missing'!r}; of this type only ros2msg can be read"
+    decoder = _from_definition(schema_name, standard.encode()) if standard is not None else None
+    if decoder is None:
+        raise _unreadable(channel, why)
+    return decoder
+
+
+def _from_definition(name: str, definition: bytes) -> Decoder | None:
+    """Decoder of a ros2msg definition; None if it cannot be read."""
     from mcap_ros2._vendor.rosidl_adapter.parser import InvalidSpecification
     from mcap_ros2.decoder import DecoderFactory
 
-    data, name = channel.schema_data, channel.schema_name
-    if channel.schema_encoding != "ros2msg" or not data.strip():
-        if schema_name not in STANDARD_TYPES:
-            raise _unreadable(
-                channel,
-                f"its schema is {channel.schema_encoding or 'missing'!r}; only ros2msg can be read for this type",
-            )
-        data, name = STANDARD_TYPES[schema_name].encode(), schema_name
-    schema = Schema(id=1, name=name, encoding="ros2msg", data=data)
+    schema = Schema(id=1, name=name, encoding="ros2msg", data=definition)
+    said = io.StringIO()  # the library prints what it finds wrong; the error is told once, by the caller
     try:
-        decoder: Decoder | None = DecoderFactory().decoder_for("cdr", schema)
-    except (*PAYLOAD_ERRORS, InvalidSpecification) as problem:
-        raise _unreadable(channel, "its message definition cannot be read") from problem
-    if decoder is None:
-        raise _unreadable(channel, "its message definition cannot be read")
+        with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
+            decoder: Decoder | None = DecoderFactory().decoder_for("cdr", schema)
+    except (*PAYLOAD_ERRORS, NameError, AssertionError, InvalidSpecification):
+        return None
     return decoder
 
 

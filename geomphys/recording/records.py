@@ -183,8 +183,12 @@ def find_record(file: io.BufferedIOBase, start: int, size: int) -> int | None:
         file.seek(start)
         block = file.read(block_size + overlap)
         for match in _CANDIDATE.finditer(block):
-            if match.start() < block_size and _plausible(file, start + match.start(), size):
-                return start + match.start()
+            at = match.start()
+            follower = at + 9 + int.from_bytes(block[at + 1 : at + 9], "little")
+            if follower < len(block) and not 1 <= block[follower] <= LAST_OPCODE and block[follower] != MAGIC[0]:
+                continue
+            if at < block_size and _plausible(file, start + at, size):
+                return start + at
         start += block_size
         block_size = min(2 * block_size, 4 * 2**20)
     return None

@@ -170,7 +170,9 @@ def cdr_joints(tmp_path: Path) -> bytes:
     return next(open_log(path).read()).data
 
 
-@pytest.mark.parametrize(("schema_encoding", "schema"), [("ros2idl", b"module sensor_msgs {};"), ("ros2msg", b"")])
+@pytest.mark.parametrize(
+    ("schema_encoding", "schema"), [("ros2idl", b"module sensor_msgs {};"), ("ros2msg", b""), ("ros2msg", b"] corrupt")]
+)
 def test_standard_ros_types_need_no_ros2msg_schema(tmp_path, schema_encoding, schema):
     channel = channel_of(tmp_path, "sensor_msgs/msg/JointState", schema_encoding, schema, "cdr")
     read_message = make_reader(channel, kind_of(channel))
@@ -189,14 +191,18 @@ def test_other_ros_types_in_idl_are_an_error_that_says_so(tmp_path):
         ("foxglove.PoseInFrame", "protobuf", b"\xff\xff not descriptors", "protobuf"),
         ("foxglove.PoseInFrame", "protobuf", b"", "protobuf"),
         ("foxglove.PoseInFrame", "jsonschema", b"{}", "protobuf"),
-        ("sensor_msgs/msg/JointState", "ros2msg", b"this is ] no definition", "cdr"),
-        ("sensor_msgs/msg/JointState", "ros2msg", b"\xff\xfe", "cdr"),
+        (GLOVE_TYPE, "ros2msg", b"this is ] no definition", "cdr"),
+        (GLOVE_TYPE, "ros2msg", b"float64 W", "cdr"),
+        (GLOVE_TYPE, "ros2msg", b"\xff\xfe", "cdr"),
     ],
 )
-def test_schemas_that_cannot_be_read_are_an_error_with_the_topic(tmp_path, name, schema_encoding, schema, encoding):
+def test_schemas_that_cannot_be_read_are_an_error_with_the_topic(
+    tmp_path, capfd, name, schema_encoding, schema, encoding
+):
     channel = channel_of(tmp_path, name, schema_encoding, schema, encoding)
     with pytest.raises(LogError, match=f"topic /t: {name}"):
         make_reader(channel, kind_of(channel))
+    assert capfd.readouterr() == ("", "")
 
 
 NO_MESSAGES = [b"", b"\0", b"\0\1\0\0", b"\0\1\0\0" + b"\xff" * 40, b"[" * 100_000, b"null", b'"x"', b"\xff\xfe"]

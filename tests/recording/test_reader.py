@@ -7,7 +7,7 @@ import tracemalloc
 from pathlib import Path
 
 import pytest
-from mcap.reader import make_reader
+from mcap.reader import NonSeekingReader
 from mcap.writer import CompressionType
 
 from geomphys.errors import DamagedLogError, LogError
@@ -36,7 +36,7 @@ def some_items(count: int = 60) -> list[Item]:
 
 def library_messages(path: Path) -> list[tuple]:
     with path.open("rb") as stream:
-        found = make_reader(stream).iter_messages(log_time_order=False)
+        found = NonSeekingReader(stream).iter_messages(log_time_order=False)
         return [(c.topic, m.log_time, m.publish_time, m.data) for _, c, m in found]
 
 
