@@ -9,13 +9,15 @@ Floats = NDArray[np.float64]
 
 ARROW_SCALE = 10.0
 """Metres of arrow a metre of depth: a millimetre is drawn as a centimetre."""
+ARROW_LONGEST = 0.25
+"""Length [m] at which arrows end, however deep the overlap."""
 ARROW_BASE = 0.015
 """Length of the arrow of a contact without depth [m], so that it is seen too."""
 
 
 def arrow_lengths(depths: Floats) -> Floats:
     """Length [m] of the arrows of contacts of those depths [m]."""
-    return ARROW_BASE + ARROW_SCALE * depths
+    return np.minimum(ARROW_BASE + ARROW_SCALE * depths, ARROW_LONGEST)
 
 
 def arrow_orientations(directions: Floats) -> Floats:

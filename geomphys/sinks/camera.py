@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-_DISTANCE = 2.1  # of the radius of what is looked at
+_DISTANCE = 2.3  # of the radius of what is looked at
 _AZIMUTHS = np.radians(np.arange(-60, 300, 15))
 _ELEVATIONS = np.radians([28.0, 45.0, 15.0, 65.0])  # best liked first
 _RAYS = 4_000_000  # pairs of a ray and a triangle that are tried at most
@@ -34,9 +34,9 @@ def choose_eye(points: Floats, triangles: Floats) -> Eye:
     """
     if len(points) == 0:
         points = triangles.reshape(-1, 3) if len(triangles) else np.zeros((1, 3))
-    low, high = np.percentile(points, [2, 98], axis=0)
+    low, high = np.percentile(points, [0.5, 99.5], axis=0)
     target = (low + high) / 2
-    radius = max(float(np.linalg.norm(high - low)) / 2, 0.1) + 0.07
+    radius = max(float(np.linalg.norm(high - low)) / 2, 0.1) + 0.02
     candidates = [
         (np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)]), 0.04 * rank + 0.01 * turn)
         for rank, e in enumerate(_ELEVATIONS)

@@ -34,8 +34,8 @@ BATCH = 1000
 """Frames that are kept before they are sent."""
 STAGE_DEPTH = 2
 """Parts of the names of the stages that are plotted."""
-EYE_POINTS = 4000
-"""Places of moving bodies that the point of view is chosen from."""
+EYE_FRAMES = 1000
+"""Frames at most that the point of view is chosen from."""
 
 _FREE, _CORRECTED, _TOUCHING = range(3)
 _LEVELS = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
@@ -79,6 +79,7 @@ class RerunSink(ContextManaged):
         self._world, self._provenance = world, provenance
         bodies = world.scene.bodies
         self._is_moving = (bodies.role != FIXED) | (world.scene.trees.moving[bodies.tree] != 0)
+        self._is_active = self._is_moving & (bodies.role != FIXED)
         self._moving = np.flatnonzero(self._is_moving)
         self._drawn_driven = [b for b in np.flatnonzero(bodies.role == DRIVEN) if len(world.triangles[b][1])]
         self._names = [tuple(name.split("/")) for name in world.body_names]
@@ -240,22 +241,26 @@ class RerunSink(ContextManaged):
 
     def _visit(self, corrected: Floats) -> None:
         """Remember where driven and simulated bodies were, evenly over the recording, in bounded memory."""
-        active = self._is_moving & (self._world.scene.bodies.role != FIXED)
-        self._visited.extend(corrected[:: self._stride, active, :3])
-        while len(self._visited) > EYE_POINTS:
+        self._visited.extend(corrected[:: self._stride, self._is_active])
+        while len(self._visited) > EYE_FRAMES:
             self._visited = self._visited[::2]
             self._stride *= 2
 
     def _view(self) -> Blueprint:
         """The layout, seen from a place that suits the whole recording."""
-        active = np.concatenate(self._visited) if self._visited else np.zeros((0, 3))
+        bodies = np.flatnonzero(self._is_active)
+        shapes = [self._world.triangles[body][0] for body in bodies]
+        corners = [np.stack([s.min(axis=0), s.max(axis=0)]) if len(s) else np.zeros((2, 3)) for s in shapes]
+        poses = np.array(self._visited).reshape(-1, len(bodies), 7)
+        rotations = rotation_from_quaternion(poses[..., 3:])
+        active = [poses[:, i, :3] + rotations[:, i] @ c for i, box in enumerate(corners) for c in box]
         triangles = [np.zeros((0, 3, 3))]
         if self._still is not None:
             for body in np.flatnonzero(~self._is_moving):
                 vertices, faces = self._world.collision_triangles[body]
                 rotation = rotation_from_quaternion(self._still[body, 3:])
                 triangles.append((vertices @ rotation.T + self._still[body, :3])[faces])
-        eye = choose_eye(active, np.concatenate(triangles))
+        eye = choose_eye(np.concatenate([np.zeros((0, 3)), *active]), np.concatenate(triangles))
         elapsed = self._last.frame.time_ns - self._first_ns if self._last is not None else 0
         rate = 1e9 * (self._sent - 1) / elapsed if elapsed > 0 else 60.0
         return blueprint(eye, rate=rate, timing=self._timing)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.results import FrameResult
-from geomphys.sinks.arrows import ARROW_SCALE, arrow_lengths
+from geomphys.sinks.arrows import ARROW_LONGEST, ARROW_SCALE, arrow_lengths
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -70,7 +70,9 @@ def depth_arrows(results: Sequence[FrameResult]) -> tuple[Floats, Floats]:
             same = (contacts.body_a == a) & (contacts.body_b == b) | (contacts.body_a == b) & (contacts.body_b == a)
             origins.append(contacts.point[same].mean(axis=0) if same.any() else result.recorded[a, :3])
     vectors = np.concatenate([result.penetrations.pd for result in results])
-    return np.array(origins).reshape(-1, 3), ARROW_SCALE * vectors
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    scales = np.minimum(ARROW_SCALE, np.divide(ARROW_LONGEST, lengths, out=np.zeros_like(lengths), where=lengths > 0))
+    return np.array(origins).reshape(-1, 3), scales * vectors
 
 
 def figures(results: Sequence[FrameResult]) -> dict[str, Floats]:
