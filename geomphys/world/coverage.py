@@ -61,11 +61,12 @@ def uncovered(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> float:
 def stands_out(vertices: Floats, faces: Ints, pieces: Sequence[Floats], samples: int = 2000) -> float:
     """How far convex pieces stick out of a closed surface, m: the largest distance outside it of points of theirs.
 
-    The points are spread over the pieces by area, the same ones each time.
+    The points are `samples` spread over the pieces by area, the same ones each time, and as many of their corners.
     """
     import fcl
 
-    points = _surface_points(pieces, samples)
+    corners = np.concatenate(pieces)
+    points = np.concatenate([_surface_points(pieces, samples), corners[:: -(-len(corners) // samples)]])
     surface = fcl.BVHModel()
     surface.beginModel(len(vertices), len(faces))
     surface.addSubModel(vertices, faces)

@@ -189,7 +189,7 @@ def _key(mesh: Mesh, threshold: float, seed: int) -> str:
 def _read(archive: Path) -> tuple[tuple[Floats, ...], float] | None:
     """Pieces of the cache; None where there are none or the file is damaged, which computing them again repairs."""
     try:
-        with np.load(archive, allow_pickle=False) as data:
+        with archive.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
             points, starts, bare = data["points"], data["starts"], float(data["bare"])
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None

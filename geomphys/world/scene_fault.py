@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any
@@ -10,6 +11,9 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import PydanticCustomError
 
 Location = Sequence[int | str]
+
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother, _SHORT.maxlist = 3, 80, 80, 8
 
 
 def fault(text: str) -> PydanticCustomError:
@@ -47,7 +51,7 @@ def shown(value: object) -> str:
     """A value as it may stand in an error: short, on one line."""
     if isinstance(value, tuple):
         value = list(value)
-    text = one_line(repr(value))
+    text = one_line(_SHORT.repr(value))
     return text if len(text) <= 80 else text[:77] + "..."
 
 

@@ -91,7 +91,7 @@ def test_triangles_wound_inwards_give_the_same_solid() -> None:
 
 def test_far_from_the_origin_nothing_is_lost() -> None:
     corners, faces = box_triangles((0.1, 0.2, 0.5))
-    far = mass.of_mesh(corners + [300.0, -200.0, 100.0], faces, 1000.0)
+    far = mass.of_mesh(corners + np.array([300.0, -200.0, 100.0]), faces, 1000.0)
     np.testing.assert_allclose(far.inertia, mass.of_box((0.1, 0.2, 0.5), 1000.0).inertia, atol=1e-9)
     np.testing.assert_allclose(far.com, [300.0, -200.0, 100.0], rtol=1e-13)
 

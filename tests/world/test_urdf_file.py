@@ -196,7 +196,9 @@ def test_no_damaged_urdf_raises_anything_else(tmp_path: Path, data: st.DataObjec
         text = text[:at] + insert + text[at + data.draw(st.integers(0, 12)) :]
     path = tmp_path / "fuzz.urdf"
     path.write_text(text)
+    message = ""
     try:
         load_skeleton(path)
     except InputError as error:
-        assert str(error).isprintable()
+        message = str(error)
+    assert message == "" or message.isprintable()
