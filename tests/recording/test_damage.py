@@ -186,7 +186,7 @@ def hostile() -> dict[str, bytes]:
         "message too short": record(5, b"abc"),
         "time beyond the limit": record(5, b"\0" * 6 + b"\xff" * 16),
         "unknown opcodes": record(0x30, b"abc") * 100,
-        "false starts": record(5, bytes(22))[:9] * 200_000,
+        "false starts": record(5, bytes(22))[:9] * 20_000,
         "small records, then nonsense": (record(15, bytes(4)) * 5 + b"\xff") * 20_000,
     }
 
@@ -242,7 +242,7 @@ def test_a_chunk_that_is_not_there_is_noticed_by_the_files_own_count(tmp_path):
     span = open_log(path)._scans[0].spans[2]
     content[span.offset] = 0x80  # a record of a kind that is passed over
     path.write_bytes(bytes(content))
-    with pytest.raises(DamagedLogError, match=r"\d+ of the 200 messages that the file's statistics count are missing"):
+    with pytest.raises(DamagedLogError, match=r"of 200 messages.*, 30 are not there"):
         open_log(path)
 
 

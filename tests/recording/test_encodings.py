@@ -171,7 +171,8 @@ def cdr_joints(tmp_path: Path) -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("schema_encoding", "schema"), [("ros2idl", b"module sensor_msgs {};"), ("ros2msg", b""), ("ros2msg", b"] corrupt")]
+    ("schema_encoding", "schema"),
+    [("ros2idl", b"module sensor_msgs {};"), ("ros2msg", b""), ("ros2msg", b"] corrupt")],
 )
 def test_standard_ros_types_need_no_ros2msg_schema(tmp_path, schema_encoding, schema):
     channel = channel_of(tmp_path, "sensor_msgs/msg/JointState", schema_encoding, schema, "cdr")
