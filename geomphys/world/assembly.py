@@ -94,7 +94,7 @@ def assemble(
             for k, t in enumerate(trees)
             if t.topic is not None
         ),
-        joints=tuple(_joint_sources(trees, dof_start)),
+        joints=tuple(_joint_sources(trees, dof_start, path)),
         urdfs={t.name: t.skeleton.path for t in trees if t.skeleton is not None},
         zero_pose_overlaps=(),
         triangles=tuple(b.shown for b in bodies),
@@ -269,7 +269,7 @@ def _velocities(trees: Sequence[Tree], body_start: NDArray[np.int64]) -> Floats:
     return rows
 
 
-def _joint_sources(trees: Sequence[Tree], dof_start: NDArray[np.int64]) -> Iterator[JointSource]:
+def _joint_sources(trees: Sequence[Tree], dof_start: NDArray[np.int64], path: Path) -> Iterator[JointSource]:
     for t, tree in enumerate(trees):
         table: JointsTable | None = tree.table.joints
         if table is None or tree.skeleton is None:
@@ -279,10 +279,10 @@ def _joint_sources(trees: Sequence[Tree], dof_start: NDArray[np.int64]) -> Itera
         for recorded, joint in table.rename.items():
             if joint not in names:
                 near = get_close_matches(joint, names, n=1)
-                hint = f", did you mean {near[0]!r}?" if near else ""
+                hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(names[:8])}"
                 raise SceneError(
-                    f"{tree.name}: joints.rename.{recorded} = {joint!r}: no moving joint of this name in "
-                    f"{tree.skeleton.path}{hint}"
+                    f"{path}: {tree.name!r}: joints.rename.{recorded} = {joint!r}: no moving joint of this name in "
+                    f"{tree.skeleton.path}, {hint}"
                 )
         yield JointSource(
             tree=t,
