@@ -43,6 +43,8 @@ def progress_bar(terminal: Terminal, title: str, unit: str = "frames") -> Iterat
 
         def render(self, task: Task) -> Text:
             """Return the count; without a total only what is done."""
+            if not task.completed:
+                return Text("")
             total = "" if task.total is None else f"/{task.total:,.0f}"
             return Text(f"{task.completed:,.0f}{total}")
 

@@ -103,12 +103,12 @@ class Terminal:
     def note(self, text: str) -> None:
         """Say on stderr what is going on; not under ``-q``."""
         if not self.quiet:
-            click.echo(printable(text), err=True)
+            _write_error(printable(text))
 
     def detail(self, text: str) -> None:
         """Say on stderr what only matters to one who looks for a cause: under ``-v``."""
         if self.verbose:
-            click.echo(printable(text), err=True)
+            _write_error(printable(text))
 
     def warning(self, text: str) -> None:
         """Warn on stderr in one line; not under ``-q``."""
@@ -140,4 +140,10 @@ class Terminal:
             line = Text("geomphys: ").append(f"{label}: ", style=f"bold {colour}").append(printable(text))
             self.console(sys.stderr).print(line, soft_wrap=True)
         else:
-            click.echo(f"geomphys: {label}: {printable(text)}", err=True)
+            _write_error(f"geomphys: {label}: {printable(text)}")
+
+
+def _write_error(line: str) -> None:
+    """Write a line to stderr; a progress bar that is there moves down for it."""
+    sys.stderr.write(line + "\n")
+    sys.stderr.flush()

@@ -88,7 +88,7 @@ class Summary:
     fallbacks: int
     flags: dict[str, int]  # name of a flag: frames that carry it; only flags that occurred
     timing: dict[str, StageTime]  # the stages `decode`, `step`, `encode`, as far as they were measured
-    elapsed_s: float  # on the wall clock, from before the first frame to after the last
+    elapsed_s: float  # on the wall clock, reading and writing included, compiling the kernels not
     messages: tuple[Message, ...]
     messages_dropped: int  # messages beyond the first MESSAGES_KEPT different texts
 
