@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-ARROW_SCALE = 10.0
-"""Metres of arrow a metre of depth: a millimetre is drawn as a centimetre."""
-ARROW_LONGEST = 0.25
+ARROW_SCALE = 4.0
+"""Metres of arrow a metre of depth: a millimetre is drawn as four."""
+ARROW_LONGEST = 0.15
 """Length [m] at which arrows end, however deep the overlap."""
 ARROW_BASE = 0.015
 """Length of the arrow of a contact without depth [m], so that it is seen too."""

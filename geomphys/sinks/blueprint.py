@@ -20,10 +20,10 @@ PLOTS = ("plots",)
 LOG = ("log",)
 
 _PLOTS = {
-    "penetration_mm": "Penetration depth [mm]",
-    "correction": "Correction [mm, degrees]",
-    "contacts": "Contacts, impacts",
-    "stages_us": "Stage times [µs]",
+    "penetration_mm": "Penetration [mm]",
+    "correction": "Correction [mm, °]",
+    "contacts": "Contacts",
+    "stages_us": "Stages [µs]",
 }
 LINES = {
     "penetration_mm/recorded": colours.GHOST,
@@ -37,7 +37,7 @@ LINES = {
 """Colours of plotted lines; others have the viewer's."""
 
 _METRICS = {
-    "Penetration depth [m]": ("recorded_penetration_m", "residual_penetration_m"),
+    "Penetration [m]": ("recorded_penetration_m", "residual_penetration_m"),
     "Correction [m]": ("correction_m",),
     "Contacts": ("contacts",),
 }

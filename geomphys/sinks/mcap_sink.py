@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from geomphys import __version__
 from geomphys.config import Config
-from geomphys.errors import OutputError
+from geomphys.errors import LogError, OutputError
 from geomphys.proto.geomphys_pb2 import Contacts, FrameMetrics, PenetrationDepths, Timing
 from geomphys.provenance import RECORD, Provenance
 from geomphys.results import FrameResult
@@ -130,18 +130,24 @@ class McapSink(ContextManaged):
             return
         output, stream = self._output, self._stream
         self._output = self._stream = None
+        damage: LogError | None = None
         try:
             with stream:
                 if not self._begun:
                     self._begin(0)
                 if self._input is not None:
-                    self._input.close(self._file, rest=complete)
+                    try:
+                        self._input.close(self._file, rest=complete)
+                    except LogError as problem:
+                        damage, complete = problem, False
                 self._file.add_metadata(RECORD, self._provenance.record(complete=complete))
                 self._file.finish()
         except OSError as problem:
             output.discard()
             raise output.error(problem) from problem
         output.publish(complete)
+        if damage is not None:
+            raise damage
 
     def _write(self, result: FrameResult, time: int) -> None:
         frame, stamp, put = result.frame.index, stamp_field(time), self._put

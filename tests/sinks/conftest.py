@@ -19,7 +19,7 @@ def world(tmp_path: Path) -> World:
 
 @pytest.fixture
 def two_hands(tmp_path: Path) -> World:
-    return make_world(tmp_path / "scene", avatars=("left", "right"))
+    return make_world(tmp_path / "two", avatars=("left", "right"))
 
 
 @pytest.fixture

@@ -119,7 +119,7 @@ def make_world(folder: Path, avatars: Sequence[str]) -> s.World:
         avatar_count=len(avatars),
         roots=(),
         joints=(),
-        urdfs={a: folder / "hand.urdf" for a in avatars},
+        urdfs=dict.fromkeys(avatars, folder / "hand.urdf"),
         zero_pose_overlaps=(),
         triangles=tuple(shapes),
         collision_triangles=tuple(shapes),
