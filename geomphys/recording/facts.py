@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from geomphys.config import Config
 from geomphys.errors import LogError
@@ -43,6 +44,13 @@ class Facts:
             self.first_time, self.value = time, value
 
 
+class Moment(NamedTuple):
+    """Time of a message, and that less its log time; ns."""
+
+    time: int
+    offset: int
+
+
 @dataclass
 class Known:
     """What was learnt. Streams are keyed by topic and name: child frame, joint as recorded, or ""."""
@@ -51,7 +59,7 @@ class Known:
     names: dict[str, set[str]] = field(default_factory=dict)  # topic -> joints and frames met
     readers: dict[int, Callable[[bytes], Content]] = field(default_factory=dict)
     sides: dict[str, set[str]] = field(default_factory=dict)  # topic -> sides of gloves met
-    offsets: dict[str, list[int]] = field(default_factory=dict)  # topic -> message time less log time
+    moments: dict[str, list[Moment]] = field(default_factory=dict)  # topic -> times of its first messages
 
 
 @dataclass
@@ -205,23 +213,38 @@ def _take(probe: _Probe, known: Known, times: MessageTimes, raw: RawMessage, con
             known.streams.setdefault((topic, name), Facts()).take(time, sample)
     if moments:
         probe.latest = max(probe.latest, *moments)
-    offsets = known.offsets.setdefault(topic, [])
-    if len(offsets) < OFFSETS and probe.channel.messages > 1:
-        offsets.extend(t - raw.log_time for t in moments)
+    known_moments = known.moments.setdefault(topic, [])
+    if len(known_moments) < OFFSETS and probe.channel.messages > 1:
+        known_moments.extend(Moment(t, t - raw.log_time) for t in moments)
 
 
 def _check_clocks(reader: LogReader, plan: Plan, known: Known) -> None:
-    """Raise LogError if a topic's stamps are of another clock than the frame clock's."""
-    if plan.clock is None or not known.offsets.get(plan.clock.topic):
+    """Raise LogError if a topic's stamps are of another clock than the frame clock's.
+
+    They are if they lie far apart both as they stand and measured from the log times.
+    """
+    if plan.clock is None or not known.moments.get(plan.clock.topic):
         return
-    clock = known.offsets[plan.clock.topic]
-    for topic, offsets in sorted(known.offsets.items()):
-        apart = min((abs(a - b) for a in offsets for b in clock), default=0)
+    clock = known.moments[plan.clock.topic]
+    for topic, moments in sorted(known.moments.items()):
+        pairs = [(a, b) for a in moments for b in clock]
+        apart = min((min(abs(a.time - b.time), abs(a.offset - b.offset)) for a, b in pairs), default=0)
         if apart > CLOCKS_APART and not is_static(topic):
             raise LogError(
                 f"{reader.path}: the times of topic {topic!r} and of the frame clock {plan.clock.topic!r} are of "
                 f"different clocks, {apart / 1e9:.0f} s apart; --time log goes by when the log received the messages"
             )
+
+
+def log_times_agree(known: Known, delay: int) -> bool:
+    """Whether the log times put the topics in the order of their messages' times, to within `delay` [ns].
+
+    They do not where a writer left the log times of a topic unset.
+    """
+    offsets = [
+        [m.offset for m in moments] for topic, moments in known.moments.items() if moments and not is_static(topic)
+    ]
+    return not offsets or max(min(o) for o in offsets) - min(max(o) for o in offsets) <= delay
 
 
 def stream_problems(reader: LogReader, plan: Plan, known: Known) -> Iterator[str]:

@@ -18,7 +18,7 @@ from geomphys.errors import LogError
 from geomphys.recording.channels import Joints
 from geomphys.recording.clock import FrameClock, RateClock, TopicClock
 from geomphys.recording.decoders import BadMessageError
-from geomphys.recording.facts import learn, stream_problems
+from geomphys.recording.facts import learn, log_times_agree, stream_problems
 from geomphys.recording.plan import Plan, make_plan
 from geomphys.recording.reader import LogReader, RawMessage, open_log
 from geomphys.recording.report import RecordingReport, report_of
@@ -67,6 +67,7 @@ class FrameSource:
         problem = next(stream_problems(self.reader, self.plan, self.known), None)
         if problem is not None:
             raise LogError(problem)
+        self.file_order = not log_times_agree(self.known, round(config.max_delay * 1e9))
         self.prismatic = prismatic_columns(world)
         self._run = Run(self)
 
@@ -173,7 +174,7 @@ class Run:
             self.clock.add(self.source.reader.end_ns)
         watermark, clock, lookahead = Watermark(), self.clock, self.lookahead
         keys = set(self.routes)
-        for raw in self.source.reader.read(keys) if keys else ():
+        for raw in self.source.reader.read(keys, file_order=self.source.file_order) if keys else ():
             self._take(raw, watermark)
             for time in clock.until(watermark.time - lookahead):
                 frame = self._frame(time)

@@ -133,16 +133,22 @@ class LogReader:
         """The channels of a topic."""
         return tuple(c for c in self.channels.values() if c.topic == topic)
 
-    def read(self, keys: Container[int] | None = None) -> Iterator[RawMessage]:
+    def read(self, keys: Container[int] | None = None, *, file_order: bool = False) -> Iterator[RawMessage]:
         """Stream the messages of the channels `keys` (None: of all) in the order of their log times.
 
-        Messages of one log time keep their order in the file. `keys` is asked anew for every message, so a caller may
-        drop channels while it reads. Memory: the messages asked for of the chunks that overlap in time, at most
-        `PENDING_LIMIT` bytes and one chunk; where more overlap, the order is that of the file in part.
+        Messages of one log time keep their order in the file; with `file_order` all do. `keys` is asked anew for every
+        message, so a caller may drop channels while it reads. Memory: the messages asked for of the chunks that overlap
+        in time, at most `PENDING_LIMIT` bytes and one chunk; where more overlap, the order is that of the file in part.
 
         Raises LogError if the file changed since it was opened or cannot be read any more.
         """
         spans = [(n, span) for n, scan in enumerate(self._scans) for span in scan.spans]
+        if file_order:
+            for number, span in spans:
+                for log_time, _, key, publish_time, data in self._load(number, span, 0, keys):
+                    if keys is None or key in keys:
+                        yield RawMessage(key, log_time, publish_time, data)
+            return
         waiting = deque(sorted(enumerate(spans), key=lambda item: item[1][1].first))
         pending: deque[_Pending] = deque()
         size = 0

@@ -270,6 +270,16 @@ def test_topics_of_different_clocks_are_an_error_that_names_both(tmp_path):
     assert len(frames_of(tmp_path, make_world(HAND), items, time="log")[0]) == 5
 
 
+def test_log_times_that_were_not_set_do_no_harm(tmp_path):
+    items = []
+    for k in range(500):
+        items.append(pose("/wrist", 10**9 + k / 100, at(k)))
+        items.append(joints("/glove", 0.0, {"a": k, "b": 0.0}, stamp=items[-1].log_time))
+    frames, source = frames_of(tmp_path, make_world(HAND), items)
+    assert [(f.roots[0, 0], f.angles[0], f.held) for f in frames] == [(k, k, False) for k in range(500)]
+    assert source.report.late == 0
+
+
 # --- the frame clock
 
 
