@@ -53,7 +53,7 @@ def cache_folder() -> Path:
 
 def are_compiled() -> bool:
     """Whether the machine code of the frame step is in the cache: if not, the first frame waits for the compiler."""
-    return any(cache_folder().rglob("pipeline.step*.nbi")) or any(cache_folder().rglob("*step*.nbi"))
+    return any(cache_folder().rglob("pipeline.run_block-*.nbi"))
 
 
 def kernel(function: F) -> F:
