@@ -13,6 +13,8 @@ from typing import Any, Literal, NamedTuple
 from geomphys.recording.decoders import PAYLOAD_ERRORS, BadMessageError, make_decoder
 from geomphys.recording.reader import LogChannel
 
+MESSAGE_LIMIT = 4 * 2**20
+"""Bytes; a longer message of joints or poses is not decoded: decoded it would take many times that."""
 STAMP_LIMIT = 2**62  # ns
 NAN = math.nan
 
@@ -228,6 +230,8 @@ def make_reader(channel: LogChannel, kind: Kind) -> Callable[[bytes], Content]:
     decode, read = make_decoder(channel, full_name(channel.schema_name)), kind.read
 
     def content(data: bytes) -> Content:
+        if len(data) > MESSAGE_LIMIT:
+            raise BadMessageError(f"of {len(data)} bytes is longer than the limit of {MESSAGE_LIMIT}")
         message = decode(data)
         try:
             return read(message)

@@ -20,6 +20,7 @@ from mcap.exceptions import McapError
 from mcap.records import Schema
 
 from geomphys.errors import LogError
+from geomphys.recording.naming import plain
 from geomphys.recording.reader import LogChannel
 
 Decoder = Callable[[bytes], Any]
@@ -149,7 +150,9 @@ def _protobuf(channel: LogChannel) -> Decoder:
     except (*PAYLOAD_ERRORS, DecodeError) as problem:
         raise _unreadable(channel, "its protobuf descriptors cannot be read") from problem
     if decoder is None:
-        raise _unreadable(channel, f"messages are protobuf, the schema is {channel.schema_encoding!r}")
+        raise _unreadable(
+            channel, f"messages are protobuf, the schema is {plain(channel.schema_encoding) or 'missing'}"
+        )
     return decoder
 
 
@@ -164,7 +167,7 @@ def _ros2(channel: LogChannel, schema_name: str) -> Decoder:
             return decoder
         why = "its message definition cannot be read"
     else:
-        why = f"its schema is {channel.schema_encoding or 'missing'!r}; of this type only ros2msg can be read"
+        why = f"its schema is {plain(channel.schema_encoding) or 'missing'}; of this type only ros2msg can be read"
     decoder = _from_definition(schema_name, standard.encode()) if standard is not None else None
     if decoder is None:
         raise _unreadable(channel, why)
@@ -188,4 +191,5 @@ def _from_definition(name: str, definition: bytes) -> Decoder | None:
 
 def _unreadable(channel: LogChannel, why: str) -> LogError:
     """Make the error for a channel whose schema does not serve."""
-    return LogError(f"topic {channel.topic}: {channel.schema_name} ({channel.encoding}) cannot be decoded: {why}")
+    what = f"{plain(channel.schema_name)} ({plain(channel.encoding)})"
+    return LogError(f"topic {plain(channel.topic)}: {what} cannot be decoded: {why}")

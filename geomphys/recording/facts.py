@@ -14,7 +14,8 @@ from geomphys.config import Config
 from geomphys.errors import LogError
 from geomphys.recording.channels import Content, Joints, kind_of, make_reader
 from geomphys.recording.decoders import BadMessageError
-from geomphys.recording.plan import LISTED, Plan, is_static, similar
+from geomphys.recording.naming import add_names, listed, similar
+from geomphys.recording.plan import Plan, is_static
 from geomphys.recording.reader import LogChannel, LogReader, RawMessage
 from geomphys.recording.streams import VALUE_LIMIT, Seven, good_pose
 from geomphys.recording.times import EARLY_CLOCK, MessageTimes
@@ -193,9 +194,9 @@ def _take(probe: _Probe, known: Known, times: MessageTimes, raw: RawMessage, con
     items: list[tuple[int, str, Seven | None]] = []
     if isinstance(content, Joints):
         time = times.of(key, content.stamp, raw.log_time, raw.publish_time)
-        names.update(content.names)
+        add_names(names, content.names)
         if content.side:
-            known.sides.setdefault(topic, set()).add(content.side)
+            add_names(known.sides.setdefault(topic, set()), [content.side])
         for name, value in zip(content.names, content.values, strict=False):
             good = (value,) if abs(value) < VALUE_LIMIT else None
             items.append((time, name, good))
@@ -205,7 +206,7 @@ def _take(probe: _Probe, known: Known, times: MessageTimes, raw: RawMessage, con
     else:
         for pose in content:
             time = times.of(key, pose.stamp, raw.log_time, raw.publish_time)
-            names.add(pose.child)
+            add_names(names, [pose.child])
             items.append((time, pose.child, good_pose(pose.value)))
         moments = [t for t, _, _ in items]
     for time, name, sample in items:
@@ -255,7 +256,7 @@ def stream_problems(reader: LogReader, plan: Plan, known: Known) -> Iterator[str
             names = sorted(known.names.get(pose.topic, ()))
             what = "no readable pose"
             if pose.child:
-                what = f"no pose of the frame {pose.child!r}{similar(pose.child, names)}; it has {_listed(names)}"
+                what = f"no pose of the frame {pose.child!r}{similar(pose.child, names)}; it has {listed(names)}"
             yield f"{reader.path}: topic {pose.topic!r} has {what}"
         elif facts.value is None:
             name = f"{pose.topic}#{pose.child}" if pose.child else pose.topic
@@ -266,16 +267,11 @@ def stream_problems(reader: LogReader, plan: Plan, known: Known) -> Iterator[str
             continue
         sides = known.sides.get(joints.topic, set())
         if joints.side and joints.side not in sides:
-            listed = " and ".join(sorted(sides)) or "none"
-            yield f"{reader.path}: topic {joints.topic!r} has no glove of the side {joints.side!r}; it has {listed}"
+            has = listed(sorted(sides))
+            yield f"{reader.path}: topic {joints.topic!r} has no glove of the side {joints.side!r}; it has {has}"
             continue
         names = sorted(known.names.get(joints.topic, ()))
         yield (
-            f"{reader.path}: topic {joints.topic!r} has none of the joints {_listed(sorted(wanted))}; it has "
-            f"{_listed(names)}; map them by `rename`"
+            f"{reader.path}: topic {joints.topic!r} has none of the joints {listed(sorted(wanted))}; it has "
+            f"{listed(names)}; map them by `rename`"
         )
-
-
-def _listed(names: list[str]) -> str:
-    """Names for an error, not too many."""
-    return (", ".join(names[:LISTED]) + (", …" if len(names) > LISTED else "")) or "none"

@@ -12,12 +12,11 @@ from geomphys.errors import LogError
 from geomphys.recording.channels import Content, Joints, kind_of, make_reader
 from geomphys.recording.check import CheckReport, check_log
 from geomphys.recording.decoders import BadMessageError
+from geomphys.recording.naming import add_names
 from geomphys.recording.reader import LogChannel, LogReader, RawMessage, open_log
 from geomphys.recording.streams import VALUE_LIMIT, good_pose
 
 __all__ = ["CheckReport", "LogInfo", "TopicInfo", "check_log", "inspect_log"]
-
-NAMES_LIMIT = 10_000  # joints or frames of a topic that are told apart
 
 
 @dataclass(frozen=True)
@@ -144,19 +143,13 @@ class _Survey:
             self.bad_messages += 1
             return
         if isinstance(content, Joints):
-            self._add_names(self.joints, content.names)
+            add_names(self.joints, content.names)
             if content.side:
-                self._add_names(self.sides, [content.side])
+                add_names(self.sides, [content.side])
             self.bad_samples += sum(not abs(v) < VALUE_LIMIT for v in content.values)
         else:
-            self._add_names(self.frames, [p.child for p in content if p.child])
+            add_names(self.frames, [p.child for p in content if p.child])
             self.bad_samples += sum(good_pose(p.value) is None for p in content)
-
-    @staticmethod
-    def _add_names(known: set[str], names: Any) -> None:
-        """Take in names, as long as they are not absurdly many."""
-        if len(known) < NAMES_LIMIT:
-            known.update(names)
 
     def info(self) -> TopicInfo:
         """Sum up."""

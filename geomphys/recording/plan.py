@@ -6,16 +6,14 @@ side of a glove.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from geomphys.config import Config
 from geomphys.recording.channels import kind_of
+from geomphys.recording.naming import listed, plain, similar
 from geomphys.recording.reader import LogChannel, LogReader
 from geomphys.world.scene import JointSource, RootSource, World
-
-LISTED = 20  # topics named in an error
 
 
 @dataclass(frozen=True)
@@ -105,12 +103,6 @@ def split_topic(name: str, topics: Iterable[str]) -> tuple[str, str]:
     return topic, part
 
 
-def similar(name: str, names: Iterable[str]) -> str:
-    """Say which known name was probably meant: " (did you mean 'x'?)" or ""."""
-    near = difflib.get_close_matches(name, list(names), n=1, cutoff=0.6)
-    return f" (did you mean {near[0]!r}?)" if near else ""
-
-
 def _plan_root(plan: Plan, reader: LogReader, world: World, source: RootSource) -> None:
     """Look up the topic of a root's pose."""
     topic, child = split_topic(source.topic, reader.topics)
@@ -195,8 +187,9 @@ def _missing(reader: LogReader, topic: str, user: str) -> str:
     topics = reader.topics
     if not topics:
         return f"{reader.path}: topic {topic!r} for {user} is not in the log, which has no topics at all"
-    listed = ", ".join(topics[:LISTED]) + (f" and {len(topics) - LISTED} more" if len(topics) > LISTED else "")
-    return f"{reader.path}: topic {topic!r} for {user} is not in the log{similar(topic, topics)}; it has {listed}"
+    return (
+        f"{reader.path}: topic {topic!r} for {user} is not in the log{similar(topic, topics)}; it has {listed(topics)}"
+    )
 
 
 def _understood(
@@ -210,7 +203,7 @@ def _understood(
     fitting = tuple(c for c in channels if _what(c) in wanted)
     if not fitting:
         c = channels[0]
-        what = f"{c.schema_name or 'no schema'}, {c.encoding}"
+        what = f"{plain(c.schema_name) or 'no schema'}, {plain(c.encoding)}"
         known = "is not understood" if kind_of(c) is None else f"does not hold {holds}"
         plan.problems.append(f"{reader.path}: topic {topic!r} for {user} ({what}) {known}")
         return ()

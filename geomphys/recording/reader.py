@@ -187,13 +187,15 @@ class LogReader:
     @staticmethod
     def _of_chunk(stream: BinaryIO, span: Span, wanted: set[int]) -> Iterator[tuple[int, int, int, bytes]]:
         """Messages of a chunk; the stream stands at its beginning."""
-        data = stream.read(span.length)
-        if len(data) < 9:
+        beginning = stream.read(min(span.length, 9 + CHUNK.size + 80))
+        if len(beginning) < 9:
             raise BadRecordError("the file is shorter than it was")
-        length = HEAD.unpack_from(data, 0)[1]
-        head = read_chunk_head(data[9 : 9 + CHUNK.size + 80], length)
+        head = read_chunk_head(beginning[9:], HEAD.unpack_from(beginning, 0)[1])
+        if head.data_length > CHUNK_LIMIT:
+            raise BadRecordError("the chunk is not what it was")
         start = 9 + head.head_length
-        unpacked, _ = unpack_chunk(head._replace(crc=0), data[start : start + head.data_length])
+        stream.seek(span.offset + start)
+        unpacked, _ = unpack_chunk(head._replace(crc=0), stream.read(min(head.data_length, span.length - start)))
         if len(unpacked) < span.usable:
             raise BadRecordError("the chunk is not what it was")
         message, unpack, window = int(Opcode.MESSAGE), MESSAGE.unpack_from, span.window

@@ -22,7 +22,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata, Schema, Statistics
 
 MAGIC = b"\x89MCAP0\r\n"
-CHUNK_LIMIT = 512 * 2**20
+CHUNK_LIMIT = 256 * 2**20
 """Bytes; what a chunk, packed or unpacked, or a message outside of chunks may take at most."""
 BODY_LIMIT = 16 * 2**20
 """Bytes; what a schema, channel, metadata or statistics record may take at most."""

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from geomphys.recording.plan import similar, split_topic
+from geomphys.recording.naming import closest, listed, plain
+from geomphys.recording.plan import split_topic
 from geomphys.recording.routes import JointRoute
 from geomphys.world.scene import DRIVEN
 
@@ -142,7 +143,7 @@ def _unmatched_recorded(source: FrameSource, routes: list[JointRoute]) -> tuple[
             if any(r.input.source.rename.get(name, name) in r.input.source.mimics for r in here):
                 ignored.add(name)
             else:
-                unmatched.append(Unmatched(topic, name, _like(name, free)))
+                unmatched.append(Unmatched(topic, name, closest(name, free)))
     return tuple(unmatched), tuple(sorted(ignored))
 
 
@@ -154,14 +155,8 @@ def _unmatched_joints(source: FrameSource, run: Run, recorded: tuple[Unmatched, 
         names = [u.name for u in recorded if u.topic == topic]
         for name, column in sorted(route.input.source.dofs.items(), key=lambda item: item[1]):
             if not run.recorded[column]:
-                found.append(Unmatched(topic, name, _like(name, names)))
+                found.append(Unmatched(topic, name, closest(name, names)))
     return tuple(found)
-
-
-def _like(name: str, names: Iterable[str]) -> str:
-    """The name most like another, "" if none is."""
-    said = similar(name, names)
-    return said.split("'")[1] if "'" in said else ""
 
 
 def _outside_limits(source: FrameSource, run: Run) -> Iterator[OutsideLimits]:
@@ -232,18 +227,20 @@ def _name_warnings(source: FrameSource, run: Run, report: RecordingReport) -> It
         (report.unmatched_joints, "joints are not recorded and stay at 0"),
     ):
         if found:
-            told = [f"{u.name} (did you mean {u.suggestion}?)" if u.suggestion else u.name for u in found[:TOLD]]
-            more = ", …" if len(found) > TOLD else ""
+            told = [
+                plain(u.name) + (f" (did you mean {plain(u.suggestion)}?)" if u.suggestion else "")
+                for u in found[:TOLD]
+            ]
+            more = f" and {len(found) - TOLD} more" if len(found) > TOLD else ""
             yield f"{len(found)} {text}: {', '.join(told)}{more}"
     if report.ignored_mimics:
-        listed = ", ".join(report.ignored_mimics[:TOLD])
-        yield f"recorded values of joints that follow another are not used: {listed}"
+        yield f"recorded values of joints that follow another are not used: {listed(report.ignored_mimics, TOLD)}"
     for route in run.joints:
         topic, _ = split_topic(route.input.topic, source.reader.topics)
         names = set(source.known.names.get(topic, ())) | route.names
         absent = sorted(n for n in route.input.source.rename if n not in names)
         if absent:
-            yield f"topic {topic}: `rename` speaks of {', '.join(absent[:TOLD])}, which the log does not have"
+            yield f"topic {topic}: `rename` speaks of {listed(absent, TOLD)}, which the log does not have"
         sides = source.known.sides.get(topic, set())
         if len(sides) > 1 and not route.input.side:
-            yield f"topic {topic}: holds gloves of several sides; name one as {topic}#{min(sides)}"
+            yield f"topic {topic}: holds gloves of several sides; name one as {topic}#{plain(min(sides))}"

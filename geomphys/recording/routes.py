@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from geomphys.recording.channels import Joints, Pose
 from geomphys.recording.facts import Known, joint_key
+from geomphys.recording.naming import add_names
 from geomphys.recording.plan import JointInput, PoseInput, is_static
 from geomphys.recording.streams import VALUE_LIMIT, JointStream, PoseStream
 
@@ -17,6 +18,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 NAME_LISTS = 256  # different lists of joint names of which the order is remembered
+LONG_LIST = 10_000  # names of a list that is not worth remembering
 NEVER = -(2**62)
 
 
@@ -149,7 +151,7 @@ class JointRoute:
             column = self.input.column(name)
             if column is not None and column in self.place:
                 place.setdefault(self.place[column], i)
-        self.names.update(names)
+        add_names(self.names, names)
         order = _Order(
             min(len(names), values),
             np.array(list(place.values()), dtype=np.int64),
@@ -157,7 +159,8 @@ class JointRoute:
         )
         if len(self._orders) >= NAME_LISTS:
             self._orders.clear()
-        self._orders[names] = order
+        if len(names) <= LONG_LIST:
+            self._orders[names] = order
         return order
 
 

@@ -294,8 +294,8 @@ class _Scanner:
                 self.chunk(at, int.from_bytes(head[1:], "little"), end)
                 return end
             except BadRecordError as problem:
-                text = f"{text}; {problem}"
-        self.lose(at, end - at, f"at byte {at}: {text}")
+                text = text if str(problem) == text else f"{text}; {problem}"
+        self.lose(at, end - at, f"{'cut off ' if self.cut else ''}at byte {at}: {text}")
         return end
 
     def lose(self, at: int, count: int, text: str) -> None:

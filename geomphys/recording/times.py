@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 
 from geomphys.config import TimeSource
+from geomphys.recording.naming import plain
 from geomphys.recording.reader import LogChannel
 
 NEVER = -(2**62)
@@ -48,7 +49,8 @@ class MessageTimes:
         for key, why in sorted(self.unstamped.items()):
             channel = self.channels[key]
             some = "messages" if why.endswith("stamp") else "some messages"
-            lines.append(f"topic {channel.topic}: {some} ({channel.schema_name}) {why}; their log times are used")
+            topic, kind = plain(channel.topic), plain(channel.schema_name)
+            lines.append(f"topic {topic}: {some} ({kind}) {why}; their log times are used")
         return lines
 
 

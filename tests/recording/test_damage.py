@@ -210,6 +210,31 @@ def test_hostile_logs_cost_little_time_and_memory(tmp_path, name):
     assert peak < 64 * 2**20 or name == "claims just the limit"
 
 
+def test_names_from_a_log_are_told_in_one_line_without_control_characters(tmp_path):
+    wild = "/a\n\x1b[31m\u202e" + "x" * 100_000
+    items = [joints(wild, k / 10, {wild: 1.0, "b" * 10**6: 2.0}) for k in range(3)] + [pose("/wrist", 0.0, (0,) * 7)]
+    path = write_log(tmp_path / "log.mcap", items)
+    said = []
+    for world in (WORLD, make_world(Tree(root=wild)), make_world(Tree(topic=wild, joints=("a",)))):
+        with pytest.raises(LogError) as caught:
+            FrameSource(path, world, Config())
+        said.append(str(caught.value).replace(repr(wild), ""))
+    with FrameSource(path, make_world(Tree(topic=wild, joints=(wild,))), Config()) as source:
+        assert len(list(source)) == 3
+        said += [w.replace(wild, "") for w in source.report.warnings]
+    assert all(s.isprintable() and len(s) < 1000 for s in said)
+
+
+@pytest.mark.parametrize("encoding", ["ros2", "json", "protobuf"])
+def test_absurdly_long_messages_are_not_decoded(tmp_path, encoding):
+    long = {"a": 1.0, "long" * (10**6 + 10**5): 0.0}
+    items = [joints("/glove", k / 10, long if k == 2 else {"a": 1.0}) for k in range(5)]
+    path = write_log(tmp_path / "log.mcap", items, encoding=encoding)
+    with FrameSource(path, make_world(Tree(topic="/glove", joints=("a",))), Config()) as source:
+        assert len(list(source)) == 4
+        assert source.report.bad_messages == 1
+
+
 def test_private_records_are_passed_over(tmp_path):
     path = write_log(tmp_path / "log.mcap", some_items(3), enable_crcs=False)
     content = path.read_bytes()
