@@ -25,8 +25,10 @@ Ints = NDArray[np.int64]
 SUFFIXES = ("stl", "obj", "dae", "glb", "gltf", "ply", "off")
 LARGEST_FILE = 128 * 2**20
 """bytes"""
-LARGEST_MESH = 1_000_000
+LARGEST_MESH = 500_000
 """triangles"""
+LARGEST_HULL = 10_000
+"""corners of a convex hull that collides"""
 CONVEX_SLACK = 1e-6
 """Of the mesh's size: a mesh whose vertices all lie this close to planes of its hull is convex."""
 FLAT = 1e-9
@@ -52,8 +54,9 @@ _PARSER_ERRORS = (
 
 class _Hull(NamedTuple):
     corners: Ints  # (k,) vertices on it, ascending
-    simplices: Ints  # (f, 3) its triangles, each ascending
     planes: Floats  # (f, 4) n·x + d <= 0 inside
+    volume: float  # m³
+    area: float  # m²
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,25 +89,28 @@ class Mesh:
             hull = ConvexHull(self.vertices)
         except QhullError:
             raise MeshError(flat) from None
-        simplices = np.sort(hull.simplices, axis=1).astype(np.int64)
-        return _Hull(np.sort(hull.vertices).astype(np.int64), simplices, np.asarray(hull.equations))
+        if len(hull.vertices) > LARGEST_HULL:
+            raise MeshError(
+                f"{self.name}: its convex hull has {len(hull.vertices)} corners, at most {LARGEST_HULL} can collide: "
+                "simplify the mesh"
+            )
+        return _Hull(np.sort(hull.vertices).astype(np.int64), np.asarray(hull.equations), hull.volume, hull.area)
 
     @cached_property
     def is_convex(self) -> bool:
         """Whether all of the mesh lies on its convex hull, within `CONVEX_SLACK` of the size.
 
-        Corners alone do not tell: those of an L lie on its hull, the faces of its notch do not. A closed convex mesh is
-        its hull; an open one is taken for it.
+        Its corners alone do not tell: those of an L lie on its hull, the faces of its notch do not. So a closed mesh
+        must also have the volume of its hull, and of an open one the middles of the faces are looked at. A closed
+        convex mesh is its hull; an open one is taken for it.
         """
-        inside = np.ones(len(self.vertices), dtype=bool)
-        inside[self._hull.corners] = False
-        if not self._lies_on_hull(self.vertices[inside]):
+        inner = np.ones(len(self.vertices), dtype=bool)
+        inner[self._hull.corners] = False
+        if not self._lies_on_hull(self.vertices[inner]):
             return False
-        count = len(self.vertices)
-        faces, known = np.sort(self.faces, axis=1), self._hull.simplices
-        keys, known_keys = ((f[:, 0] * count + f[:, 1]) * count + f[:, 2] for f in (faces, known))
-        other = self.faces[~np.isin(keys, known_keys)]
-        return self._lies_on_hull(self.vertices[other].mean(axis=1))
+        if self.is_watertight:
+            return abs(self._hull.volume - abs(self.signed_volume)) <= CONVEX_SLACK * self.size * self._hull.area
+        return self._lies_on_hull(self.vertices[self.faces].mean(axis=1))
 
     def _lies_on_hull(self, points: Floats) -> bool:
         planes, slack = self._hull.planes, CONVEX_SLACK * self.size
@@ -119,9 +125,18 @@ class Mesh:
     @cached_property
     def is_watertight(self) -> bool:
         """Whether every edge belongs to exactly two triangles."""
-        edges = np.sort(self.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-        _, counts = np.unique(edges, axis=0, return_counts=True)
-        return bool(np.all(counts == 2))
+        edges = self._edges()
+        low, high = edges.min(axis=1), edges.max(axis=1)
+        return bool(np.all(np.unique(low * len(self.vertices) + high, return_counts=True)[1] == 2))
+
+    @cached_property
+    def is_wound_alike(self) -> bool:
+        """Whether neighbouring triangles turn the same way: no directed edge is there twice."""
+        edges = self._edges()
+        return len(np.unique(edges[:, 0] * len(self.vertices) + edges[:, 1])) == len(edges)
+
+    def _edges(self) -> Ints:
+        return self.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
 
     @cached_property
     def signed_volume(self) -> float:
@@ -129,12 +144,6 @@ class Mesh:
         shift = self.vertices.mean(axis=0)
         a, b, c = (self.vertices[self.faces[:, k]] - shift for k in range(3))
         return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
-
-    @cached_property
-    def is_wound_alike(self) -> bool:
-        """Whether neighbouring triangles turn the same way: no directed edge is there twice."""
-        edges = self.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-        return len(np.unique(edges, axis=0)) == len(edges)
 
 
 def load_mesh(path: Path, scale: float | Floats = 1.0, name: str | None = None) -> Mesh:
@@ -177,12 +186,11 @@ def merged(name: str, vertices: Floats, faces: Ints) -> Mesh:
 
     Raises MeshError where no triangle has an area.
     """
-    rounded = np.round(vertices * 1e8)
-    _, first, inverse = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
+    first, inverse = _unique_rows(np.round(vertices * 1e8))
     order = np.argsort(first, kind="stable")
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
-    faces = rank[inverse.reshape(-1)[faces]]
+    faces = rank[inverse[faces]]
     vertices = vertices[first[order]] + 0.0
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
     if len(faces) == 0 or not np.any(_doubled_areas(vertices, faces) > 0):
@@ -191,6 +199,16 @@ def merged(name: str, vertices: Floats, faces: Ints) -> Mesh:
     mesh = Mesh(name, np.ascontiguousarray(vertices[used]), np.ascontiguousarray(index.reshape(faces.shape), np.int64))
     mesh.vertices.flags.writeable = mesh.faces.flags.writeable = False
     return mesh
+
+
+def _unique_rows(rows: Floats) -> tuple[Ints, Ints]:
+    """First row (u,) of each kind of equal rows (n, 3), and which kind each row (n,) is of."""
+    kind = np.zeros(len(rows), dtype=np.int64)
+    first = np.zeros(1, dtype=np.int64)
+    for column in rows.T:
+        values, index = np.unique(column, return_inverse=True)
+        _, first, kind = np.unique(kind * len(values) + index, return_index=True, return_inverse=True)
+    return first, kind
 
 
 def _doubled_areas(vertices: Floats, faces: Ints) -> Floats:

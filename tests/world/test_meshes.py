@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from hypothesis import strategies as st
 from geomphys.errors import MeshError
 from geomphys.world import meshes
 from geomphys.world.meshes import Mesh, load_mesh, require_closed, wound_outwards
+from geomphys.world.tessellation import sphere_triangles
 from tests.world.models import cube, ell, stl
 
 
@@ -211,3 +213,13 @@ def test_no_damaged_stl_raises_anything_else(tmp_path: Path, data: st.DataObject
     except MeshError:
         return
     assert np.isfinite(mesh.vertices).all()
+
+
+def test_a_large_ball_is_checked_fast_and_one_too_large_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = Mesh("ball", *sphere_triangles(1.0, 128))
+    start = time.perf_counter()
+    assert mesh.is_convex
+    assert time.perf_counter() - start < 2.0
+    monkeypatch.setattr(meshes, "LARGEST_HULL", 1000)
+    with pytest.raises(MeshError, match="ball: its convex hull has 8066 corners, at most 1000"):
+        _ = Mesh("ball", *sphere_triangles(1.0, 128)).hull_vertices
