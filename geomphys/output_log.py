@@ -168,7 +168,7 @@ class OutputLog:
         decoder = TransformsDecoder()
         with self._reading() as (_, reader):
             for time in np.linspace(self.start_ns, self.end_ns, count).astype(np.int64).tolist():
-                for _, _, message in reader.iter_messages(topics=["/tf"], start_time=time):
+                for _, _, message in reader.iter_messages(topics=["/tf"], starting_at=time):
                     yield decoder.decode(message.data, message.log_time)
                     break
 

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 SETTLED = 3
 """Equal pictures in a row that show that the viewer has loaded and drawn everything."""
+PAUSE = 0.2
+"""s; between two pictures."""
 PATIENCE = 60.0
 """s; after which a viewer that has not settled is given up."""
 
@@ -87,9 +89,8 @@ def _running(recording: Path, size: tuple[int, int]) -> Iterator[ViewerClient]:
     options = ["--headless", "--hide-welcome-screen", "--bind", ADDRESS, "--port", str(port)]
     command = [*viewer_command(), *options, "--window-size", f"{size[0]}x{size[1]}", str(recording)]
     with tempfile.TemporaryFile() as messages:
-        process = subprocess.Popen(
-            command, env=quiet_environment(), stdout=messages, stderr=messages, start_new_session=True
-        )
+        environment = {**quiet_environment(), "RUST_LOG": "error"}  # what it logs it also shows, over the scene
+        process = subprocess.Popen(command, env=environment, stdout=messages, stderr=messages, start_new_session=True)
         try:
             yield _connected(ViewerClient, f"rerun+http://{ADDRESS}:{port}/proxy", process, messages)
         finally:
@@ -162,6 +163,7 @@ def _settled_picture(client: ViewerClient, result: Path, whole: bool) -> bytes:
         picture = client.take_screenshot(None if whole else scenes[0].view_id, max_size=None)
         equal = equal + 1 if picture == last else 1
         last = picture
+        time.sleep(PAUSE)
     errors = [report.summary for report in scenes[0].reports if report.severity == "error"]
     if errors:
         raise ViewerError(f"{result}: the rerun viewer cannot draw all of the scene: {errors[0]}")

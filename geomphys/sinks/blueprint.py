@@ -71,7 +71,7 @@ def mcap_blueprint(eye: Eye, joint_topics: Sequence[str]) -> Blueprint:
     """Layout of an output log as the viewer's own importer reads it."""
     import rerun as rr
     import rerun.blueprint as rrb
-    from rerun.blueprint.datatypes import ComponentSourceKind, VisualizerComponentMapping
+    from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
 
     def line(name: str) -> Any:
         mapping = VisualizerComponentMapping(

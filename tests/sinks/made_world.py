@@ -139,6 +139,7 @@ def frames(world: s.World, count: int, start: int = T0) -> list[FrameResult]:
         recorded = rest.copy()
         recorded[:first_object, 2] = 0.05 + 0.06 * np.cos(0.5 * index)
         recorded[:, 3:] = _unit(random.normal([0, 0, 0, 5], 0.2, (bodies, 4)))
+        recorded[first_object] = (0.0, 0.0, -0.05, 0.0, 0.0, 0.0, 1.0)  # the table
         corrected = recorded.copy()
         touching = index % 12 in (4, 5, 6, 7)
         n = 1 + index % 3 if touching else 0
