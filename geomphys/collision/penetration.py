@@ -6,6 +6,7 @@ from typing import TypeAlias
 
 from geomphys.collision.closed_forms import Answer, ball_box, ball_cylinder, segments
 from geomphys.collision.epa import expand
+from geomphys.collision.exhaustive import exhaustive
 from geomphys.collision.gjk import OVERLAP, closest, difference
 from geomphys.collision.scratch import Room, Scratch, make_scratch, room_of
 from geomphys.collision.support import Shapes, core_of, position_of, radius_of, rotation_of, shapes_of, vec_at
@@ -112,7 +113,9 @@ def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, room: Room)
     size = float_at(shapes.reach, a) + float_at(shapes.reach, b) + norm(centre_a) + norm(centre_b) + norm(t)
     state, s, n, p, count = closest(core_a, core_b, rot, t, size, limit + radius, start, room.simplex)
     if state == OVERLAP:
-        _, depth, outward, p = expand(core_a, core_b, rot, t, size, count, room)
+        exact, depth, outward, p = expand(core_a, core_b, rot, t, size, count, room)
+        if not exact and core_a.kind != CYLINDER and core_b.kind != CYLINDER:
+            depth, outward, p = exhaustive(core_a, core_b, rot, t, size, room)
         s, n = -depth, neg(outward)
     p = add_scaled(p, n, -radius_a)
     return s - radius, rotate(world, n), add(origin, rotate(world, p))
