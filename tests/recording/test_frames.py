@@ -217,6 +217,20 @@ def test_a_message_that_comes_too_late_is_counted_and_gives_no_frame(tmp_path):
     assert any("late" in w for w in source.report.warnings)
 
 
+def test_what_comes_too_late_is_at_least_held_from_then_on(tmp_path):
+    items = [pose("/wrist", k / 100, at(k)) for k in range(800)]
+    items += [joints("/glove", 0.0, {"a": 0.0, "b": 0.0}), joints("/glove", 5.5, {"a": 3.0, "b": 1.0}, stamp=3 * S)]
+    items += [joints("/glove", 6.0, {"a": 2.0}, stamp=2 * S)]
+    tracker = pose("/late", 0.0, at(0)), pose("/late", 5.5, at(3), stamp=3 * S), pose("/late", 6.0, at(2), stamp=2 * S)
+    world = make_world(HAND, Tree(name="mug", root="/late", avatar=False))
+    frames, source = frames_of(tmp_path, world, sorted([*items, *tracker], key=lambda m: m.log_time))
+    assert source.report.late == 4
+    values = [(f.roots[1, 0], *f.angles) for f in frames]
+    assert values == sorted(values)
+    assert set(values) == {(0.0, 0.0, 0.0), (3.0, 3.0, 1.0)}
+    assert values.index((3.0, 3.0, 1.0)) == pytest.approx(440, abs=3)
+
+
 def test_of_samples_of_the_same_time_the_first_good_one_counts(tmp_path):
     items = []
     for k in range(5):
