@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from geomphys.errors import ConfigError
 from geomphys.transforms import compose, frame_from_matrix, matrix_from_frame
 from geomphys.world.assembly import assemble, exclude
 from geomphys.world.decomposition import Progress
-from geomphys.world.scene import Floats, Ints, World
+from geomphys.world.scene import Floats, World
 from geomphys.world.scene_file import load_scene_file
 
 CLOSE = 5e-6
@@ -48,34 +49,33 @@ def load_world(path: Path | str, *, mode: str | None = None, seed: int = 0, prog
 
 
 def zero_pose_overlaps(world: World) -> list[tuple[int, int]]:
-    """Pairs a < b of bodies of the same avatar that come closer than `CLOSE` with all angles zero; without those
-    excluded already.
-    """
-    scene, pairs = world.scene, []
-    bodies, pieces = scene.bodies, scene.pieces
+    """Pairs a < b of bodies of one avatar nearer than `CLOSE` with all angles zero, without those excluded."""
+    pieces = world.scene.pieces
     poses = _zero_poses(world)
     frames = np.ascontiguousarray(frame_from_matrix(compose(poses[pieces.body], matrix_from_frame(pieces.local))))
-    centres = np.einsum("pij,pj->pi", frames[:, :9].reshape(-1, 3, 3), pieces.centre) + frames[:, 9:]
     scratch, no_axis = make_scratch(), (0.0, 0.0, 0.0)
+    found: dict[tuple[int, int], bool] = {}
+    for i, j in _candidates(world, frames):
+        pair = (int(pieces.body[i]), int(pieces.body[j]))
+        if not found.get(pair, False):
+            found[pair] = separation(pieces, frames, i, j, CLOSE, no_axis, scratch)[0] < CLOSE
+    return sorted(pair for pair, close in found.items() if close)
+
+
+def _candidates(world: World, frames: Floats) -> Iterator[tuple[int, int]]:
+    """Pairs i < j of pieces of one avatar whose bounding balls touch, of bodies that are not excluded."""
+    scene = world.scene
+    pieces, excluded = scene.pieces, scene.excluded
+    centres = np.einsum("pij,pj->pi", frames[:, :9].reshape(-1, 3, 3), pieces.centre) + frames[:, 9:]
     for tree in range(world.avatar_count):
-        first, last = scene.trees.body_start[tree : tree + 2]
-        for a in range(first, last):
-            for b in range(a + 1, last):
-                if scene.excluded[a, b]:
-                    continue
-                for i, j in _candidates(bodies.piece_start, a, b, centres, pieces.reach):
-                    if separation(pieces, frames, i, j, CLOSE, no_axis, scratch)[0] < CLOSE:
-                        pairs.append((int(a), int(b)))
-                        break
-    return pairs
-
-
-def _candidates(start: Ints, a: int, b: int, centres: Floats, reach: Floats) -> list[tuple[int, int]]:
-    """Pieces of two bodies whose bounding balls touch."""
-    one, other = slice(start[a], start[a + 1]), slice(start[b], start[b + 1])
-    away = np.linalg.norm(centres[one, None] - centres[None, other], axis=2)
-    near = away <= reach[one, None] + reach[None, other] + CLOSE
-    return [(int(start[a] + i), int(start[b] + j)) for i, j in np.argwhere(near)]
+        first, last = scene.bodies.piece_start[scene.trees.body_start[tree : tree + 2]]
+        for i in range(first, last):
+            other = slice(i + 1, last)
+            away = np.linalg.norm(centres[other] - centres[i], axis=1)
+            near = away <= pieces.reach[other] + pieces.reach[i] + CLOSE
+            near &= excluded[pieces.body[i], pieces.body[other]] == 0
+            for j in np.flatnonzero(near):
+                yield i, int(i + 1 + j)
 
 
 def _zero_poses(world: World) -> Floats:

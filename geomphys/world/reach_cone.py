@@ -26,7 +26,7 @@ class ReachCone:
 
     links: tuple[int, ...]
     limb: Floats  # (3,) unit, last joint's frame at zero angles
-    directions: Floats  # (n, 3) unit, corners of the polygon in the frame the first joint sits in
+    directions: Floats  # (n, 3) unit, corners in the frame the first joint sits in, counter-clockwise seen from outside
 
 
 def reach_cone(table: ReachConeTable, skeleton: Skeleton, where: str, path: Path) -> ReachCone:
@@ -34,7 +34,8 @@ def reach_cone(table: ReachConeTable, skeleton: Skeleton, where: str, path: Path
 
     The joints must turn (no prismatic, no mimic joints), each must hang on the one before it, links with fixed joints
     in between not counting, and their axes must pass through one centre. The polygon's sides must not cross or touch
-    each other, nor be half circles.
+    each other, nor be half circles. Its inside is the smaller part of the sphere, whichever way round its corners are
+    given.
 
     Raises SceneError that names the file, the cone and the joint or direction.
     """
@@ -53,6 +54,8 @@ def reach_cone(table: ReachConeTable, skeleton: Skeleton, where: str, path: Path
     limb = _unit(np.array([table.limb], dtype=np.float64))[0]
     directions = _unit(np.array(table.directions, dtype=np.float64))
     _check_polygon(directions, where, path)
+    if area_left_of(directions) > 2.0 * np.pi:
+        directions = np.ascontiguousarray(directions[::-1])
     return ReachCone(tuple(links), limb, directions)
 
 
@@ -89,6 +92,15 @@ def _check_polygon(directions: Floats, where: str, path: Path) -> None:
         for j in range(i + 2, count - (i == 0)):
             if _arcs_meet(directions[i], after[i], directions[j], after[j]):
                 raise SceneError(f"{path}: {where}: the sides after directions[{i}] and directions[{j}] cross")
+
+
+def area_left_of(directions: Floats) -> float:
+    """Area [sr] on the left of the polygon's sides: the sum of its angles there less that of a flat polygon."""
+    before, after = np.roll(directions, 1, axis=0), np.roll(directions, -1, axis=0)
+    towards = np.cross(directions, after)
+    back = np.cross(directions, before)
+    angles = np.arctan2(np.einsum("ij,ij->i", np.cross(towards, back), directions), np.einsum("ij,ij->i", towards, back))
+    return float(np.sum(angles % (2.0 * np.pi)) - (len(directions) - 2) * np.pi)
 
 
 def _arcs_meet(a: Floats, b: Floats, c: Floats, d: Floats) -> bool:

@@ -13,7 +13,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from geomphys.errors import SceneError
 from geomphys.world.scene_fault import explain, fault, one_line
 
-LARGEST_FILE = 16 * 2**20
+LARGEST_FILE = 4 * 2**20
 """bytes; a larger scene file is refused."""
 UNIT_TOLERANCE = 1e-3
 """How far a quaternion's norm may be from 1."""

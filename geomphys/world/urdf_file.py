@@ -21,6 +21,7 @@ LARGEST_FILE = 64 * 2**20
 """bytes"""
 DEEPEST = 32
 """levels of elements"""
+MOST_LINKS = 2000
 JOINT_TYPES = ("fixed", "revolute", "continuous", "prismatic")
 SHAPES = ("box", "cylinder", "sphere", "mesh")
 LARGEST = 1e6
@@ -189,6 +190,9 @@ def _check_elements(path: Path, data: bytes) -> None:
         raise ModelError(f"{path}: the outermost element is <{_shown(str(root.tag))}>, expected <robot>")
     if root.get("name") is None:
         raise ModelError(f"{path}: <robot> has no name")
+    count = len(root.findall("link"))
+    if not 1 <= count <= MOST_LINKS:
+        raise ModelError(f"{path}: has {count or 'no'} links, expected 1 to {MOST_LINKS}")
     for kind in ("link", "joint"):
         seen: set[str] = set()
         for position, element in enumerate(root.findall(kind)):
@@ -202,8 +206,6 @@ def _check_elements(path: Path, data: bytes) -> None:
                 _check_joint(path, name, element)
             else:
                 _check_link(path, name, element)
-    if root.find("link") is None:
-        raise ModelError(f"{path}: has no links")
 
 
 def _check_joint(path: Path, name: str, element: Any) -> None:

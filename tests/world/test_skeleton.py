@@ -192,7 +192,7 @@ def test_what_is_no_tree_is_refused(tmp_path: Path, elements: list[str], says: s
 
 
 def test_a_long_row_of_links_is_no_trouble(tmp_path: Path) -> None:
-    count = 3000
+    count = 2000
     path = urdf(
         tmp_path / "long.urdf",
         *(link(f"l{k}") for k in range(count)),

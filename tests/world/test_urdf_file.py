@@ -171,6 +171,12 @@ def test_faults_are_named_with_their_element(tmp_path: Path, text: str | bytes, 
     assert any(part in message for part in says.split("|")), message
 
 
+def test_a_model_of_too_many_links(tmp_path: Path) -> None:
+    assert "has 2001 links, expected 1 to 2000" in bad(
+        tmp_path, f'<robot name="r">{"".join(link(f"l{k}") for k in range(2001))}</robot>'
+    )
+
+
 def test_missing_and_large_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ModelError, match="no such URDF"):
         read_urdf(tmp_path / "none.urdf")
