@@ -1,0 +1,167 @@
+"""Beginning and end of a frame: from the poses and velocities the caller gives to motions, and back."""
+
+from __future__ import annotations
+
+import math
+
+from geomphys.kernel import kernel
+from geomphys.memory import float_at, int_at, set_float, set_int
+from geomphys.simulated.cells import quat_at, set_quat, set_vec, vec_at
+from geomphys.simulated.integrate import angular_momentum
+from geomphys.simulated.motion import refresh
+from geomphys.simulated.state import (
+    AT_COUNT,
+    AT_DT,
+    AT_PATH_COUNT,
+    AT_PATHS,
+    AT_RECOIL,
+    AT_TOLD,
+    AT_TREE_COUNT,
+    AT_VELOCITY,
+    BASE,
+    CHANGED,
+    EVENTS,
+    GRAVITY,
+    INERTIA,
+    ISLAND,
+    MOMENTUM,
+    N_LOST,
+    N_PAIRS,
+    N_ROWS,
+    OFFSET,
+    POINT,
+    PRINCIPAL,
+    PULL,
+    RATE,
+    SPEED,
+    SPIN,
+    SUM_N,
+    TOLD,
+    TORQUE,
+    TURN,
+    entry,
+    free_body,
+    how_many,
+    kind_of,
+    knob,
+    motion_of,
+    pair_at,
+    set_how_many,
+    slot_at,
+    velocity_of,
+)
+from geomphys.vec3 import (
+    add,
+    quat_conjugate,
+    quat_mul,
+    quat_rotate,
+    rotation_vector,
+    scale,
+    sub,
+)
+
+QUARANTINED = 64
+
+
+@kernel
+def set_path(sim: int, body: int, start: int, end: int) -> None:
+    """Motion of a body that follows its path: straight and turning evenly from pose row `start` to `end`."""
+    m, v = motion_of(sim, body), velocity_of(entry(sim, AT_VELOCITY), body)
+    set_float(m, BASE, 0.0)
+    set_vec(m, POINT, vec_at(start, 0))
+    set_quat(m, TURN, quat_at(start, 3))
+    set_vec(m, SPEED, scale(sub(vec_at(end, 0), vec_at(start, 0)), 1.0 / knob(sim, AT_DT)))
+    turn = rotation_vector(quat_mul(quat_at(end, 3), quat_conjugate(quat_at(start, 3))))
+    set_vec(m, RATE, scale(turn, 1.0 / knob(sim, AT_DT)))
+    set_vec(v, 0, vec_at(m, SPEED))
+    set_vec(v, 3, vec_at(m, RATE))
+
+
+@kernel
+def set_free(sim: int, body: int, start: int) -> None:
+    """Motion of a simulated body at the frame's start, from its pose row and the velocity told.
+
+    The angular momentum is kept from the frame before unless the caller changed the angular velocity meanwhile.
+    """
+    m, told = motion_of(sim, body), velocity_of(entry(sim, AT_TOLD), body)
+    q = quat_at(start, 3)
+    set_float(m, BASE, 0.0)
+    set_vec(m, POINT, add(vec_at(start, 0), quat_rotate(q, vec_at(m, OFFSET))))
+    set_quat(m, TURN, q)
+    set_vec(m, SPEED, vec_at(told, 0))
+    set_vec(m, PULL, vec_at(sim, GRAVITY))
+    set_vec(m, TORQUE, (0.0, 0.0, 0.0))
+    spin = vec_at(told, 3)
+    if spin != vec_at(m, TOLD):
+        set_vec(m, MOMENTUM, angular_momentum(quat_mul(q, quat_at(m, PRINCIPAL)), vec_at(m, INERTIA), spin))
+    refresh(m)
+
+
+@kernel
+def begin(sim: int, start: int, end: int) -> None:
+    """Set up the motions of all bodies that move, and clear the sums of the frame before."""
+    for s in range(entry(sim, AT_COUNT)):
+        body = free_body(sim, s)
+        set_free(sim, body, start + 56 * body)
+    for k in range(entry(sim, AT_PATH_COUNT)):
+        body = int_at(entry(sim, AT_PATHS), k)
+        set_path(sim, body, start + 56 * body, end + 56 * body)
+    for i in range(3 * entry(sim, AT_TREE_COUNT)):
+        set_float(entry(sim, AT_RECOIL), i, 0.0)
+    set_how_many(sim, N_ROWS, 0)
+    set_how_many(sim, N_LOST, 0)
+    for k in range(how_many(sim, N_PAIRS)):
+        set_int(pair_at(sim, k), EVENTS, 0)
+        for m in range(4):
+            for i in range(4):
+                set_float(slot_at(sim, k, m), SUM_N + i, 0.0)
+
+
+@kernel
+def mark(sim: int, island: int) -> None:
+    """Let the bodies of an island count as changed, and no others."""
+    for s in range(entry(sim, AT_COUNT)):
+        kind = kind_of(sim, free_body(sim, s))
+        set_int(kind, CHANGED, 1 if int_at(kind, ISLAND) == island else 0)
+
+
+@kernel
+def mark_all(sim: int) -> None:
+    """Let all simulated bodies count as changed."""
+    for s in range(entry(sim, AT_COUNT)):
+        set_int(kind_of(sim, free_body(sim, s)), CHANGED, 1)
+
+
+@kernel
+def is_finite(row: int, first: int, count: int) -> bool:
+    """Whether consecutive numbers of a row are all finite."""
+    for i in range(first, first + count):  # noqa: SIM110
+        if not math.isfinite(float_at(row, i)):
+            return False
+    return True
+
+
+@kernel
+def finish(sim: int, start: int, end: int) -> int:
+    """Write the end poses and velocities of the simulated bodies.
+
+    One that is not finite goes back to where it was, at rest; returns `QUARANTINED` if there is one, else 0.
+    """
+    flags = 0
+    for s in range(entry(sim, AT_COUNT)):
+        body = free_body(sim, s)
+        m, told = motion_of(sim, body), velocity_of(entry(sim, AT_TOLD), body)
+        pose, before = end + 56 * body, start + 56 * body
+        q = quat_at(m, TURN)
+        set_vec(pose, 0, sub(vec_at(m, POINT), quat_rotate(q, vec_at(m, OFFSET))))
+        set_quat(pose, 3, q)
+        set_vec(told, 0, vec_at(m, SPEED))
+        set_vec(told, 3, vec_at(m, SPIN))
+        if not (is_finite(pose, 0, 7) and is_finite(told, 0, 6)):
+            flags = QUARANTINED
+            for i in range(7):
+                set_float(pose, i, float_at(before, i))
+            for i in range(6):
+                set_float(told, i, 0.0)
+        set_vec(m, TOLD, vec_at(told, 3))
+    return flags

@@ -1,0 +1,310 @@
+"""Which pairs of pieces may meet in a frame: culling by boxes that hold everything a body can reach meanwhile."""
+
+from __future__ import annotations
+
+from geomphys.kernel import kernel
+from geomphys.memory import float_at, int_at, set_float, set_int
+from geomphys.simulated.cells import set_vec, vec_at
+from geomphys.simulated.extent import extent
+from geomphys.simulated.motion import place_piece, point_at
+from geomphys.simulated.state import (
+    ARM,
+    AT_ARM,
+    AT_BODY_BOXES,
+    AT_BOXES,
+    AT_COUNT,
+    AT_DT,
+    AT_FOUND,
+    AT_HEFT,
+    AT_KEPT,
+    AT_MATERIAL_COUNT,
+    AT_MATERIALS,
+    AT_OLD_KEPT,
+    AT_OLD_PAIRS,
+    AT_OTHER_COUNT,
+    AT_OTHERS,
+    AT_PAIR_ROOM,
+    AT_PAIRS,
+    AT_STILL,
+    AT_STILL_COUNT,
+    AT_STILL_LOW,
+    AT_WEIGHT,
+    AT_WIDEST,
+    BODY_A,
+    BODY_B,
+    EVENTS,
+    FIRST,
+    HELD,
+    HOME,
+    ISLAND,
+    KEPT_COLUMNS,
+    LAST,
+    MASS,
+    MATERIAL,
+    N_LOST,
+    N_OLD,
+    N_PAIRS,
+    PAIR_COLUMNS,
+    PAIR_FRICTION,
+    PAIR_RESTITUTION,
+    PIECE_A,
+    PIECE_B,
+    PLACE,
+    POINTS,
+    PULL,
+    RANGE,
+    RATE,
+    SEEN,
+    SPEED,
+    SPIN,
+    TURNED,
+    entry,
+    free_body,
+    has_changed,
+    how_many,
+    is_simulated,
+    kept_at,
+    kind_of,
+    knob,
+    motion_of,
+    pair_at,
+    set_how_many,
+    shapes_at,
+)
+from geomphys.vec3 import norm, sub
+
+ROOM = 2e-3  # m: how much farther than expected a body may go before pairs are looked for again
+
+
+@kernel
+def box_piece(sim: int, piece: int, grow: float, join: bool) -> None:
+    """Box of a piece where its frame puts it, grown by so much, and joined with the box it had."""
+    box = entry(sim, AT_BOXES) + 48 * piece
+    for i in range(3):
+        n = (1.0 if i == 0 else 0.0, 1.0 if i == 1 else 0.0, 1.0 if i == 2 else 0.0)
+        high = extent(shapes_at(sim), piece, n) + grow
+        low = -extent(shapes_at(sim), piece, (-n[0], -n[1], -n[2])) - grow
+        if join:
+            low, high = min(low, float_at(box, i)), max(high, float_at(box, 3 + i))
+        set_float(box, i, low)
+        set_float(box, 3 + i, high)
+
+
+@kernel
+def box_body(sim: int, body: int) -> None:
+    """Box of a body, from those of its pieces; an empty body's lies nowhere."""
+    box, kind = entry(sim, AT_BODY_BOXES) + 48 * body, kind_of(sim, body)
+    for i in range(3):
+        low, high = float("inf"), float("-inf")
+        for piece in range(int_at(kind, FIRST), int_at(kind, LAST)):
+            low = min(low, float_at(entry(sim, AT_BOXES) + 48 * piece, i))
+            high = max(high, float_at(entry(sim, AT_BOXES) + 48 * piece, 3 + i))
+        set_float(box, i, low)
+        set_float(box, 3 + i, high)
+
+
+@kernel
+def apart(a: int, b: int) -> bool:
+    """Whether two boxes have nothing in common."""
+    for i in range(3):  # noqa: SIM110
+        if float_at(a, i) > float_at(b, 3 + i) or float_at(b, i) > float_at(a, 3 + i):
+            return True
+    return False
+
+
+@kernel
+def box_path(sim: int, body: int) -> None:
+    """Box of a body that follows its path, and of its pieces, through the whole frame."""
+    kind, m = kind_of(sim, body), motion_of(sim, body)
+    angle = knob(sim, AT_DT) * norm(vec_at(m, RATE))
+    for piece in range(int_at(kind, FIRST), int_at(kind, LAST)):
+        bulge = float_at(entry(sim, AT_ARM), piece) * min(2.0, 0.125 * angle * angle)
+        place_piece(sim, body, piece, 0.0)
+        box_piece(sim, piece, bulge, False)
+        place_piece(sim, body, piece, knob(sim, AT_DT))
+        box_piece(sim, piece, bulge, True)
+    box_body(sim, body)
+
+
+@kernel
+def reach_ahead(sim: int, body: int, left: float) -> float:
+    """How far any point of a simulated body may get in `left` seconds as it moves now [m]."""
+    m = motion_of(sim, body)
+    pull = max(norm(vec_at(m, PULL)), knob(sim, AT_WEIGHT))
+    turn = min(2.0, 2.0 * left * norm(vec_at(m, SPIN)))
+    return left * norm(vec_at(m, SPEED)) + 0.5 * left * left * pull + turn * float_at(m, ARM)
+
+
+@kernel
+def any_beyond_range(sim: int, t: float) -> bool:
+    """Whether a changed body may leave, before the frame ends, the range its pairs were looked for in."""
+    for s in range(entry(sim, AT_COUNT)):
+        body = free_body(sim, s)
+        if has_changed(sim, body):
+            m = motion_of(sim, body)
+            gone = norm(sub(point_at(m, t), vec_at(m, HOME))) + min(2.0, float_at(m, TURNED)) * float_at(m, ARM)
+            if gone + reach_ahead(sim, body, knob(sim, AT_DT) - t) > float_at(m, RANGE):
+                return True
+    return False
+
+
+@kernel
+def box_free(sim: int, body: int, t: float) -> None:
+    """Box of a simulated body, and of its pieces, from time `t` to the frame's end; notes the range it is for."""
+    m, kind = motion_of(sim, body), kind_of(sim, body)
+    reach = reach_ahead(sim, body, knob(sim, AT_DT) - t) + ROOM
+    set_float(m, RANGE, reach)
+    set_float(m, TURNED, 0.0)
+    set_vec(m, HOME, point_at(m, t))
+    for piece in range(int_at(kind, FIRST), int_at(kind, LAST)):
+        place_piece(sim, body, piece, t)
+        box_piece(sim, piece, reach, False)
+    box_body(sim, body)
+
+
+@kernel
+def insert(sim: int, count: int, body: int) -> int:
+    """Put a body into the sorted list of found ones; returns the list's new length."""
+    k = count
+    while k > 0 and int_at(entry(sim, AT_FOUND), k - 1) > body:
+        set_int(entry(sim, AT_FOUND), k, int_at(entry(sim, AT_FOUND), k - 1))
+        k -= 1
+    set_int(entry(sim, AT_FOUND), k, body)
+    return count + 1
+
+
+@kernel
+def near_bodies(sim: int, a: int) -> int:
+    """Bodies whose boxes meet that of simulated body a, simulated ones below it left out; sorted, in `found`."""
+    box = entry(sim, AT_BODY_BOXES) + 48 * a
+    low, high = float_at(box, 0), float_at(box, 3)
+    count = 0
+    first, last = 0, entry(sim, AT_STILL_COUNT)
+    while first < last:  # the first whose low x is not below
+        middle = (first + last) // 2
+        if float_at(entry(sim, AT_STILL_LOW), middle) < low - knob(sim, AT_WIDEST):
+            first = middle + 1
+        else:
+            last = middle
+    for k in range(first, entry(sim, AT_STILL_COUNT)):
+        if float_at(entry(sim, AT_STILL_LOW), k) > high:
+            break
+        if not apart(box, entry(sim, AT_BODY_BOXES) + 48 * int_at(entry(sim, AT_STILL), k)):
+            count = insert(sim, count, int_at(entry(sim, AT_STILL), k))
+    for k in range(entry(sim, AT_OTHER_COUNT)):
+        b = int_at(entry(sim, AT_OTHERS), k)
+        if not (is_simulated(sim, b) and b <= a) and not apart(box, entry(sim, AT_BODY_BOXES) + 48 * b):
+            count = insert(sim, count, b)
+    return count
+
+
+@kernel
+def new_pair(sim: int, k: int, i: int, j: int, a: int, b: int) -> None:
+    """Row k of `pairs` and `kept` for a pair of which nothing is known yet."""
+    p, kept = pair_at(sim, k), kept_at(sim, k)
+    for c in range(KEPT_COLUMNS):
+        set_float(kept, c, 0.0)
+    set_int(p, PIECE_A, i)
+    set_int(p, PIECE_B, j)
+    set_int(p, BODY_A, a)
+    set_int(p, BODY_B, b)
+    set_int(p, POINTS, 0)
+    set_int(p, EVENTS, 0)
+    set_int(p, HELD, 0)
+    table, count = entry(sim, AT_MATERIALS), entry(sim, AT_MATERIAL_COUNT)
+    cell = count * int_at(kind_of(sim, a), MATERIAL) + int_at(kind_of(sim, b), MATERIAL)
+    set_float(kept, PAIR_RESTITUTION, float_at(table, cell))
+    set_float(kept, PAIR_FRICTION, float_at(table, count * count + cell))
+
+
+@kernel
+def add_pair(sim: int, i: int, j: int, a: int, b: int, old: int) -> int:
+    """Append a pair of pieces, with what is remembered of it; `old` is how far the old list is through.
+
+    Returns how far it is after.
+    """
+    k = how_many(sim, N_PAIRS)
+    if k == entry(sim, AT_PAIR_ROOM):
+        set_how_many(sim, N_LOST, how_many(sim, N_LOST) + 1)
+        return old
+    set_how_many(sim, N_PAIRS, k + 1)
+    count = how_many(sim, N_OLD)
+    while old < count:
+        p = entry(sim, AT_OLD_PAIRS) + 8 * PAIR_COLUMNS * old
+        if int_at(p, PIECE_A) > i or (int_at(p, PIECE_A) == i and int_at(p, PIECE_B) >= j):
+            break
+        old += 1
+    p = entry(sim, AT_OLD_PAIRS) + 8 * PAIR_COLUMNS * old
+    if old < count and int_at(p, PIECE_A) == i and int_at(p, PIECE_B) == j:
+        for c in range(PAIR_COLUMNS):
+            set_int(pair_at(sim, k), c, int_at(p, c))
+        for c in range(KEPT_COLUMNS):
+            set_float(kept_at(sim, k), c, float_at(entry(sim, AT_OLD_KEPT) + 8 * KEPT_COLUMNS * old, c))
+    else:
+        new_pair(sim, k, i, j, a, b)
+    set_float(kept_at(sim, k), SEEN, -1.0)
+    set_int(pair_at(sim, k), PLACE, -1)
+    return old
+
+
+@kernel
+def set_pairs_aside(sim: int) -> None:
+    """Make the present pairs the old ones."""
+    count = how_many(sim, N_PAIRS)
+    for i in range(count * PAIR_COLUMNS):
+        set_int(entry(sim, AT_OLD_PAIRS), i, int_at(entry(sim, AT_PAIRS), i))
+    for i in range(count * KEPT_COLUMNS):
+        set_float(entry(sim, AT_OLD_KEPT), i, float_at(entry(sim, AT_KEPT), i))
+    set_how_many(sim, N_OLD, count)
+    set_how_many(sim, N_PAIRS, 0)
+
+
+@kernel
+def find_pairs(sim: int, t: float) -> None:
+    """List the pairs of pieces, one of a simulated body, that may meet between time `t` and the frame's end.
+
+    Boxes of bodies that follow their paths must hold them (`box_path`). Pairs come sorted by (piece a, piece b).
+    """
+    set_pairs_aside(sim)
+    for s in range(entry(sim, AT_COUNT)):
+        box_free(sim, free_body(sim, s), t)
+    old = 0
+    for s in range(entry(sim, AT_COUNT)):
+        a = free_body(sim, s)
+        count = near_bodies(sim, a)
+        for i in range(int_at(kind_of(sim, a), FIRST), int_at(kind_of(sim, a), LAST)):
+            box = entry(sim, AT_BOXES) + 48 * i
+            for f in range(count):
+                b = int_at(entry(sim, AT_FOUND), f)
+                if apart(box, entry(sim, AT_BODY_BOXES) + 48 * b):
+                    continue
+                for j in range(int_at(kind_of(sim, b), FIRST), int_at(kind_of(sim, b), LAST)):
+                    if not apart(box, entry(sim, AT_BOXES) + 48 * j):
+                        old = add_pair(sim, i, j, a, b, old)
+    label_islands(sim)
+
+
+@kernel
+def label_islands(sim: int) -> None:
+    """Give bodies that may meet, directly or through others, the same label, and add up the mass of each island."""
+    for s in range(entry(sim, AT_COUNT)):
+        set_int(kind_of(sim, free_body(sim, s)), ISLAND, free_body(sim, s))
+        set_float(entry(sim, AT_HEFT), free_body(sim, s), 0.0)
+    changed = True
+    while changed:
+        changed = False
+        for k in range(how_many(sim, N_PAIRS)):
+            b = int_at(pair_at(sim, k), BODY_B)
+            if is_simulated(sim, b):
+                x, y = kind_of(sim, int_at(pair_at(sim, k), BODY_A)), kind_of(sim, b)
+                if int_at(x, ISLAND) != int_at(y, ISLAND):
+                    least = min(int_at(x, ISLAND), int_at(y, ISLAND))
+                    set_int(x, ISLAND, least)
+                    set_int(y, ISLAND, least)
+                    changed = True
+    for s in range(entry(sim, AT_COUNT)):
+        body = free_body(sim, s)
+        label = int_at(kind_of(sim, body), ISLAND)
+        set_float(
+            entry(sim, AT_HEFT), label, float_at(entry(sim, AT_HEFT), label) + float_at(motion_of(sim, body), MASS)
+        )

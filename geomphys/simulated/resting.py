@@ -1,0 +1,227 @@
+"""Resting contact: the contact points of touching bodies solved together.
+
+Below a threshold approach speed nothing bounces. Over a step of h seconds the contact forces are constant; the motion
+along the normal that they give, ½ h (v_n⁰ + v_n¹), must leave every point no nearer than the gap kept, forces only
+push, and friction stays in Coulomb's cone: it holds if it can and else opposes the sliding. With the velocities of
+both ends of the step in the mean, gravity does exactly the work it should, a body slides down a slope on the exact
+parabola, and a body at rest is pushed by exactly its weight.
+"""
+
+from __future__ import annotations
+
+import math
+
+from geomphys.kernel import kernel
+from geomphys.memory import float_at, int_at, set_float, set_int
+from geomphys.simulated.cells import add_vec, quat_at, set_quat, set_vec, vec_at
+from geomphys.simulated.impulses import push_more, settle
+from geomphys.simulated.ledger import commit, give, impulse_of
+from geomphys.simulated.motion import plan, refresh
+from geomphys.simulated.points import normal_speed, push, speed_at
+from geomphys.simulated.state import (
+    AT_COUNT,
+    AT_GAP,
+    AT_HEFT,
+    AT_SHOVE,
+    AT_THRESHOLD,
+    AT_TOUCH,
+    AT_VELOCITY,
+    AT_WEIGHT,
+    BINORMAL,
+    BODY_A,
+    CLEARANCE,
+    FORCE,
+    GOAL,
+    GRAVITY,
+    HELD,
+    ISLAND,
+    LIMIT,
+    MOVES,
+    N_PAIRS,
+    N_ROWS,
+    NORMAL,
+    POINT,
+    PULL,
+    PUSH,
+    ROW_A,
+    ROW_B,
+    ROW_ON,
+    ROW_PAIR,
+    ROW_SLOT,
+    RUB,
+    TANGENT,
+    TORQUE,
+    TURN,
+    entry,
+    free_body,
+    has_changed,
+    how_many,
+    is_simulated,
+    kind_of,
+    knob,
+    motion_of,
+    owner,
+    pair_at,
+    row,
+    slot_at,
+    velocity_of,
+)
+from geomphys.vec3 import add_scaled, dot, norm, quat_from_rotation_vector, quat_mul, quat_unit, scale
+
+SWEEPS = 1000
+STILL = 1e-12  # m/s: the solving ends when no sweep changes a velocity by more
+APPROACH = 1e-10  # m/s: touching points that approach no faster need not be stopped
+SLOW_PART = 0.25  # of the threshold: points near but not touching that approach no faster are held, not left to collide
+WEIGHT_TIME = 0.01  # s: more than twice the longest step
+SHOVES = 200
+
+
+@kernel
+def set_limits(sim: int) -> None:
+    """Bound the normal impulses of bodies that follow a path.
+
+    Such a body may squeeze another against something that does not yield, and no impulse would ever be enough. Four
+    times what stops the whole island's approach, and holds its weight, is enough for all that can be done.
+    """
+    for k in range(how_many(sim, N_ROWS)):
+        o, r = owner(sim, k), row(sim, k)
+        a, b = int_at(o, ROW_A), int_at(o, ROW_B)
+        if has_changed(sim, a) and int_at(kind_of(sim, b), MOVES) == 1 and not is_simulated(sim, b):
+            v = norm(speed_at(entry(sim, AT_VELOCITY), r, a, b))
+            heft = float_at(entry(sim, AT_HEFT), int_at(kind_of(sim, a), ISLAND))
+            set_float(r, LIMIT, 4.0 * heft * (v + WEIGHT_TIME * knob(sim, AT_WEIGHT)))
+
+
+@kernel
+def stop_slow_approach(sim: int) -> None:
+    """Take the approach out of all touching points of changed bodies at once, with ε = 0."""
+    least = 0.0
+    for k in range(how_many(sim, N_ROWS)):
+        o, r = owner(sim, k), row(sim, k)
+        a, b = int_at(o, ROW_A), int_at(o, ROW_B)
+        on = has_changed(sim, a) and float_at(r, CLEARANCE) <= knob(sim, AT_TOUCH)
+        set_int(o, ROW_ON, 1 if on else 0)
+        set_float(r, GOAL, 0.0)
+        if on:
+            least = min(least, normal_speed(entry(sim, AT_VELOCITY), r, a, b))
+    if least < -APPROACH:
+        set_limits(sim)
+        settle(sim, entry(sim, AT_VELOCITY), SWEEPS, STILL)
+        commit(sim)
+
+
+@kernel
+def choose_held(sim: int, h: float) -> None:
+    """Mark the points that contact forces hold over the next `h` seconds, and set what they must hold."""
+    for k in range(how_many(sim, N_PAIRS)):
+        if has_changed(sim, int_at(pair_at(sim, k), BODY_A)):
+            set_int(pair_at(sim, k), HELD, 0)
+    for k in range(how_many(sim, N_ROWS)):
+        o, r = owner(sim, k), row(sim, k)
+        set_int(o, ROW_ON, 0)
+        if has_changed(sim, int_at(o, ROW_A)):
+            v, clearance = (
+                normal_speed(entry(sim, AT_VELOCITY), r, int_at(o, ROW_A), int_at(o, ROW_B)),
+                float_at(r, CLEARANCE),
+            )
+            if clearance <= knob(sim, AT_TOUCH) or v > -SLOW_PART * knob(sim, AT_THRESHOLD):
+                set_float(r, GOAL, min(0.0, -2.0 * max(0.0, clearance - knob(sim, AT_GAP)) / h - v))
+                set_int(o, ROW_ON, 1)
+                set_int(pair_at(sim, int_at(o, ROW_PAIR)), HELD, 1)
+
+
+@kernel
+def begin_with_old_force(sim: int, k: int, h: float) -> None:
+    """Set the impulses of row k to what its point's forces of the step before do in `h` seconds, and apply them."""
+    o, r = owner(sim, k), row(sim, k)
+    a, b = int_at(o, ROW_A), int_at(o, ROW_B)
+    slot = slot_at(sim, int_at(o, ROW_PAIR), int_at(o, ROW_SLOT))
+    f = vec_at(slot, FORCE + 1)
+    set_float(r, PUSH, min(float_at(r, LIMIT), h * float_at(slot, FORCE)))
+    set_float(r, RUB, h * dot(f, vec_at(r, TANGENT)))
+    set_float(r, RUB + 1, h * dot(f, vec_at(r, BINORMAL)))
+    push(sim, entry(sim, AT_VELOCITY), r, a, b, 0, float_at(r, PUSH))
+    push(sim, entry(sim, AT_VELOCITY), r, a, b, 1, float_at(r, RUB))
+    push(sim, entry(sim, AT_VELOCITY), r, a, b, 2, float_at(r, RUB + 1))
+
+
+@kernel
+def keep_force(sim: int, k: int, h: float) -> None:
+    """Turn the impulses of row k into constant forces over `h` seconds: its point's, and those on both bodies."""
+    o, r = owner(sim, k), row(sim, k)
+    j, normal = impulse_of(r), float_at(r, PUSH)
+    give(sim, k, j, 1.0 / h, PULL, TORQUE)
+    slot = slot_at(sim, int_at(o, ROW_PAIR), int_at(o, ROW_SLOT))
+    set_float(slot, FORCE, normal / h)
+    set_vec(slot, FORCE + 1, scale(add_scaled(j, vec_at(r, NORMAL), -normal), 1.0 / h))
+    set_float(r, PUSH, 0.0)
+    set_float(r, RUB, 0.0)
+    set_float(r, RUB + 1, 0.0)
+
+
+@kernel
+def hold(sim: int, h: float) -> None:
+    """Contact forces on the changed bodies for the next `h` seconds, and their motions under them.
+
+    Points that touch or approach slowly are held; what comes in faster is left to collide. `velocity` of the state
+    must hold the present velocities.
+    """
+    set_limits(sim)
+    choose_held(sim, h)
+    for s in range(entry(sim, AT_COUNT)):
+        body = free_body(sim, s)
+        if has_changed(sim, body):
+            add_vec(velocity_of(entry(sim, AT_VELOCITY), body), 0, vec_at(sim, GRAVITY), h)
+            set_vec(motion_of(sim, body), PULL, vec_at(sim, GRAVITY))
+            set_vec(motion_of(sim, body), TORQUE, (0.0, 0.0, 0.0))
+    count = how_many(sim, N_ROWS)
+    for k in range(count):
+        if int_at(owner(sim, k), ROW_ON) == 1:
+            begin_with_old_force(sim, k, h)
+    settle(sim, entry(sim, AT_VELOCITY), SWEEPS, STILL)
+    for k in range(count):
+        if has_changed(sim, int_at(owner(sim, k), ROW_A)):
+            keep_force(sim, k, h)
+    for s in range(entry(sim, AT_COUNT)):
+        if has_changed(sim, free_body(sim, s)):
+            plan(motion_of(sim, free_body(sim, s)), h)
+
+
+@kernel
+def push_apart(sim: int) -> None:
+    """Move changed bodies, the lightest most, so that no row stays below the gap kept; velocities are left alone.
+
+    Corrects what a step's straight-line contact missed of a turning body's path, micrometres, and resolves an overlap
+    there was at the start. Clearances of the rows are brought up to date to first order.
+    """
+    count = how_many(sim, N_ROWS)
+    for s in range(entry(sim, AT_COUNT)):
+        for i in range(6):
+            set_float(velocity_of(entry(sim, AT_SHOVE), free_body(sim, s)), i, 0.0)
+    for k in range(count):
+        o, r = owner(sim, k), row(sim, k)
+        set_int(o, ROW_ON, 1 if has_changed(sim, int_at(o, ROW_A)) else 0)
+        set_float(r, GOAL, knob(sim, AT_GAP) - float_at(r, CLEARANCE))
+        set_float(r, LIMIT, math.inf)
+    for _ in range(SHOVES):
+        most = 0.0
+        for k in range(count):
+            if int_at(owner(sim, k), ROW_ON) == 1:
+                most = max(most, push_more(sim, entry(sim, AT_SHOVE), k))
+        if most <= 1e-3 * knob(sim, AT_GAP):
+            break
+    for k in range(count):
+        o, r = owner(sim, k), row(sim, k)
+        if int_at(o, ROW_ON) == 1:
+            moved = normal_speed(entry(sim, AT_SHOVE), r, int_at(o, ROW_A), int_at(o, ROW_B))
+            set_float(r, CLEARANCE, float_at(r, CLEARANCE) + moved)
+            set_float(r, PUSH, 0.0)
+    for s in range(entry(sim, AT_COUNT)):
+        body = free_body(sim, s)
+        if has_changed(sim, body):
+            m, shove = motion_of(sim, body), velocity_of(entry(sim, AT_SHOVE), body)
+            add_vec(m, POINT, vec_at(shove, 0), 1.0)
+            turn = vec_at(shove, 3)
+            if turn[0] != 0.0 or turn[1] != 0.0 or turn[2] != 0.0:
+                set_quat(m, TURN, quat_unit(quat_mul(quat_from_rotation_vector(turn), quat_at(m, TURN))))
+                refresh(m)

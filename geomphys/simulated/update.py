@@ -1,0 +1,288 @@
+"""One frame of the simulated loop: bodies move to their next impact, it is resolved, they move on.
+
+Within a frame time runs in steps of at most `STEP`, the same whatever the frame rate; contact forces are constant over
+a step. Within a step the queue holds when each pair is due to meet; the earliest is resolved, the bodies it concerns,
+and those that may touch them, get new forces and motions, and their pairs are put into the queue again.
+"""
+
+from __future__ import annotations
+
+import math
+
+from geomphys.collision.scratch import Scratch
+from geomphys.kernel import kernel
+from geomphys.memory import address, float_at, int_at, set_float, set_int
+from geomphys.simulated.approach import first_touch
+from geomphys.simulated.cells import vec_at
+from geomphys.simulated.collisions import resolve
+from geomphys.simulated.frame import QUARANTINED, begin, finish, mark, mark_all
+from geomphys.simulated.header import header_of
+from geomphys.simulated.impact_queue import empty_queue, put, take_out
+from geomphys.simulated.ledger import drop_rows
+from geomphys.simulated.motion import move_bases
+from geomphys.simulated.pairs import any_beyond_range, box_path, find_pairs
+from geomphys.simulated.points import add_rows
+from geomphys.simulated.resting import hold, push_apart
+from geomphys.simulated.state import (
+    AT_ARM,
+    AT_DT,
+    AT_GAP,
+    AT_HEAP,
+    AT_PATH_COUNT,
+    AT_PATHS,
+    AT_THRESHOLD,
+    AT_TOUCH,
+    AT_WEIGHT,
+    BODY_A,
+    BODY_B,
+    CLEARANCE,
+    DISTANCE,
+    DUE,
+    EVENTS,
+    GRAVITY,
+    HELD,
+    ISLAND,
+    N_HEAP,
+    N_PAIRS,
+    N_ROWS,
+    PIECE_A,
+    SEEN,
+    SPIN,
+    SimulatedState,
+    entry,
+    has_changed,
+    how_many,
+    is_simulated,
+    kept_at,
+    kind_of,
+    knob,
+    motion_of,
+    pair_at,
+    row,
+)
+from geomphys.vec3 import norm
+from geomphys.world.scene import Floats, Pieces
+
+STEP = 1.0 / 240.0  # s: contact forces are constant for no longer
+TURN_A_STEP = 0.1  # rad: a body that may touch something turns no further in a step
+LEAST_STEP = 1e-6  # s
+LEAST_THRESHOLD = 1e-3  # m/s: also where there is no gravity, slower approaches do not bounce
+TOUCH = 5.0  # gaps: clearance that counts as touching
+MOST_MEETINGS = 40  # of a pair in a frame, if one follows its path: beyond, it is squeezed and let go
+PARTINGS = 20
+
+__all__ = ["IMPACT_BOUND", "QUARANTINED", "simulate"]
+
+IMPACT_BOUND = 32
+"""A bound was hit: of collisions, of halts, or of the room for pairs and contact points."""
+
+
+@kernel
+def lay_rows(sim: int, t: float) -> float:
+    """Make the contact points of changed bodies anew at time `t`. Returns the least clearance among them [m]."""
+    drop_rows(sim, t)
+    first = how_many(sim, N_ROWS)
+    for k in range(how_many(sim, N_PAIRS)):
+        if has_changed(sim, int_at(pair_at(sim, k), BODY_A)):
+            add_rows(sim, k, t)
+    least = math.inf
+    for k in range(first, how_many(sim, N_ROWS)):
+        least = min(least, float_at(row(sim, k), CLEARANCE))
+    return least
+
+
+@kernel
+def part(sim: int, t: float) -> None:
+    """Contact points of the changed bodies at time `t`, overlaps among them resolved."""
+    least = lay_rows(sim, t)
+    for _ in range(PARTINGS):
+        if least >= 0.5 * knob(sim, AT_GAP):
+            return
+        push_apart(sim)
+        for k in range(how_many(sim, N_PAIRS)):
+            if has_changed(sim, int_at(pair_at(sim, k), BODY_A)):
+                set_float(kept_at(sim, k), SEEN, -1.0)
+        if least >= -3.0 * knob(sim, AT_GAP):
+            return
+        least = lay_rows(sim, t)
+
+
+@kernel
+def queue_pairs(sim: int, t: float, t1: float) -> None:
+    """Find when the pairs of changed bodies meet before `t1` and queue them."""
+    gap = knob(sim, AT_GAP)
+    for k in range(how_many(sim, N_PAIRS)):
+        p = pair_at(sim, k)
+        if not has_changed(sim, int_at(p, BODY_A)):
+            continue
+        due = math.inf
+        if int_at(p, EVENTS) < MOST_MEETINGS or is_simulated(sim, int_at(p, BODY_B)):
+            target, slack = gap, 0.25 * gap
+            if int_at(p, HELD) == 1:
+                # contact forces keep it: only what they miss counts
+                target, slack = -gap, 0.5 * gap
+                if float_at(kept_at(sim, k), SEEN) == t:
+                    target = min(target, float_at(kept_at(sim, k), DISTANCE) - gap)
+            due = first_touch(sim, k, t, t1, target, slack)
+        if due < t1:
+            put(sim, k, due)
+        else:
+            take_out(sim, k)
+
+
+@kernel
+def longest_step(sim: int, left: float) -> float:
+    """Step that is short enough for the bodies that may touch something [s]."""
+    h = left
+    for k in range(how_many(sim, N_PAIRS)):
+        p = pair_at(sim, k)
+        for side in range(2):
+            body = int_at(p, BODY_A + side)
+            if is_simulated(sim, body) and float_at(entry(sim, AT_ARM), int_at(p, PIECE_A + side)) > 0.0:
+                spin = norm(vec_at(motion_of(sim, body), SPIN))
+                if spin * h > TURN_A_STEP:
+                    h = max(LEAST_STEP, TURN_A_STEP / spin)
+    return h
+
+
+@kernel
+def look_again(sim: int, t: float) -> None:
+    """Look for pairs anew from time `t` of the frame on; all bodies then count as changed."""
+    mark_all(sim)
+    move_bases(sim, t)
+    drop_rows(sim, t)
+    find_pairs(sim, t)
+    empty_queue(sim)
+
+
+@kernel
+def advance(sim: int, t0: float, t1: float, room: int, most_halts: int) -> tuple[int, int, bool]:
+    """Move the simulated bodies from time `t0` of the frame to `t1`, from impact to impact.
+
+    Returns the number of collisions resolved, how often motion halted, and whether a bound was hit; if it was that on
+    halts, the bodies stand where the last one left them.
+    """
+    impacts, halts, bound = 0, 0, False
+    t = t0
+    mark_all(sim)
+    empty_queue(sim)
+    while True:
+        move_bases(sim, t)
+        part(sim, t)
+        done, full = resolve(sim, t, room - impacts)
+        impacts += done
+        bound = bound or full
+        hold(sim, t1 - t)
+        if any_beyond_range(sim, t):
+            look_again(sim, t)
+            continue
+        queue_pairs(sim, t, t1)
+        if how_many(sim, N_HEAP) == 0:
+            break
+        pair = int_at(entry(sim, AT_HEAP), 0)
+        t = float_at(kept_at(sim, pair), DUE)
+        set_int(pair_at(sim, pair), EVENTS, int_at(pair_at(sim, pair), EVENTS) + 1)
+        mark(sim, int_at(kind_of(sim, int_at(pair_at(sim, pair), BODY_A)), ISLAND))
+        halts += 1
+        if halts > most_halts:
+            mark_all(sim)
+            move_bases(sim, t)
+            return impacts, halts, True
+    mark_all(sim)
+    move_bases(sim, t1)
+    return impacts, halts, bound
+
+
+@kernel
+def play(sim: int, max_impacts: int) -> tuple[int, int, float]:
+    """Move the simulated bodies through the frame.
+
+    Returns the number of collisions, 0 or `IMPACT_BOUND`, and the time of the frame at which the bodies stand.
+    """
+    steps = max(1, math.ceil(knob(sim, AT_DT) / STEP - 1e-9))
+    most_halts = 20 * steps + 4 * max_impacts
+    t, step, impacts, halts, flags = 0.0, 0, 0, 0, 0
+    while step < steps and halts <= most_halts:
+        t1 = knob(sim, AT_DT) * (step + 1) / steps
+        if how_many(sim, N_PAIRS) == 0:
+            step, t1 = steps - 1, knob(sim, AT_DT)
+        short = longest_step(sim, t1 - t)
+        if short < t1 - t:
+            t1 = t + short
+        else:
+            step += 1
+        done, halted, full = advance(sim, t, t1, max_impacts - impacts, most_halts - halts)
+        impacts += done
+        halts += halted
+        if full:
+            flags = IMPACT_BOUND
+        t = t1
+    return impacts, flags, t
+
+
+@kernel
+def play_frame(sim: int, start: int, end: int, max_impacts: int) -> tuple[int, int]:
+    """`simulate`, on addresses: `start` and `end` are those of the poses."""
+    weight = norm(vec_at(sim, GRAVITY))
+    set_float(sim, AT_WEIGHT, weight)
+    set_float(sim, AT_TOUCH, TOUCH * knob(sim, AT_GAP))
+    set_float(sim, AT_THRESHOLD, max(LEAST_THRESHOLD, 2.0 * weight * STEP))
+    begin(sim, start, end)
+    for k in range(entry(sim, AT_PATH_COUNT)):
+        box_path(sim, int_at(entry(sim, AT_PATHS), k))
+    find_pairs(sim, 0.0)
+    impacts, flags, t = play(sim, max_impacts)
+    mark_all(sim)
+    drop_rows(sim, t)
+    return impacts, flags | finish(sim, start, end)
+
+
+@kernel
+def simulate(
+    pieces: Pieces,
+    state: SimulatedState,
+    start: Floats,
+    end: Floats,
+    velocity: Floats,
+    driven_impulse: Floats,
+    frames: Floats,
+    dt: float,
+    max_impacts: int,
+    gap: float,
+    scratch: Scratch,
+) -> tuple[int, int]:
+    """Move the simulated bodies through one frame.
+
+    Parameters
+    ----------
+    pieces, state
+        `Scene.pieces`, and what `make_simulated_state` made of the scene; the state is changed.
+    start, end
+        (B, 7) world poses of all bodies at the frame's start and end. Driven and fixed bodies move evenly from one to
+        the other; the end poses of simulated bodies are written.
+    velocity
+        (B, 6) world velocity of the centre of mass [m/s] and angular velocity [rad/s]. Of driven bodies: as they want
+        to move; of simulated bodies: state, updated; of others not read.
+    driven_impulse
+        (T, 3) N s; impulses that simulated bodies give to driven trees are added.
+    frames
+        (P, 12) work space: world_from_piece of moving pieces is overwritten with where they are at some time of the
+        frame, that of still ones must be right.
+    dt
+        s, above 0.
+    max_impacts
+        Collisions resolved in the frame at most; beyond, approaching bodies are only stopped.
+    gap
+        m; clearance kept between surfaces in contact.
+    scratch
+        Work space of the narrow phase.
+
+    Returns
+    -------
+    tuple
+        Number of collisions resolved; bits `IMPACT_BOUND` and `QUARANTINED`.
+    """
+    if len(state.free) == 0:
+        return 0, 0
+    sim = header_of(pieces, state, frames, velocity, driven_impulse, dt, gap, scratch)
+    return play_frame(sim, address(start), address(end), max_impacts)
