@@ -99,7 +99,9 @@ def area_left_of(directions: Floats) -> float:
     before, after = np.roll(directions, 1, axis=0), np.roll(directions, -1, axis=0)
     towards = np.cross(directions, after)
     back = np.cross(directions, before)
-    angles = np.arctan2(np.einsum("ij,ij->i", np.cross(towards, back), directions), np.einsum("ij,ij->i", towards, back))
+    angles = np.arctan2(
+        np.einsum("ij,ij->i", np.cross(towards, back), directions), np.einsum("ij,ij->i", towards, back)
+    )
     return float(np.sum(angles % (2.0 * np.pi)) - (len(directions) - 2) * np.pi)
 
 

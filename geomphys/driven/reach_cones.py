@@ -1,0 +1,361 @@
+"""Reach cones at work: how far the limb of a compound joint is inside its cone, and the way back into it.
+
+A cone is a polygon of great-circle arcs on the unit sphere, its inside on the left of its sides (corners
+counter-clockwise seen from outside); it need not be convex, nor smaller than a half sphere. The *signed angle* g of a
+direction is its angular distance from the polygon's sides, positive inside. The side on which a direction lies is read
+off at the nearest point of the polygon alone, as the way there crosses no other side: no winding number, and nothing
+special about the direction opposite.
+
+A recorded limb may point out of its cone. It is kept in free motion, but no solver turns it further out: the bound on
+g is min(0, g recorded).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.driven.posture import Joints, lower_bend, upper_bend
+from geomphys.kernel import kernel
+from geomphys.vec3 import Vec, add, add_scaled, cross, dot, norm, perpendicular, rotate, scale, sub, unit
+from geomphys.world.kinematics import frame_rotation, joint_value
+from geomphys.world.scene import JOINT_FIXED, Scene
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+TOUCHING = 1e-8  # of a direction to the polygon, beneath which the side's own normal tells the way in
+MARGIN = 1e-9  # rad inside its bound that a fitted limb comes to lie, at most 100 times as much
+PASSES = 16  # of a sequence of linear problems
+WEAK = 1e-6  # effect on g beneath which a joint does not count
+
+
+@kernel
+def _corner(directions: Floats, k: int) -> Vec:
+    return (directions[k, 0], directions[k, 1], directions[k, 2])
+
+
+@kernel
+def _side_of(directions: Floats, first: int, last: int, k: int) -> Vec:
+    """Unit normal of the plane of the side from corner k to the next, towards the inside."""
+    return unit(cross(_corner(directions, k), _corner(directions, k + 1 if k + 1 < last else first)))
+
+
+@kernel
+def _nearest(directions: Floats, first: int, last: int, d: Vec) -> tuple[Vec, Vec]:
+    """Point of the polygon nearest to d, and a normal there that tells by n·d >= 0 that d is inside.
+
+    Where the nearest point is a corner, that is the sum of the normals of its two sides.
+    """
+    shortest, corner, point, normal = math.inf, first, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for k in range(first, last):
+        a = _corner(directions, k)
+        away = norm(sub(d, a))
+        if away < shortest:
+            shortest, corner, point = away, k, a
+        b = _corner(directions, k + 1 if k + 1 < last else first)
+        n = unit(cross(a, b))
+        if dot(cross(n, a), d) > 0.0 and dot(cross(b, n), d) > 0.0:
+            foot = unit(add_scaled(d, n, -dot(n, d)))
+            away = norm(sub(d, foot))
+            if away < shortest:
+                shortest, corner, point, normal = away, -1, foot, n
+    if corner >= 0:
+        before = corner - 1 if corner > first else last - 1
+        normal = add(_side_of(directions, first, last, before), _side_of(directions, first, last, corner))
+    return point, normal
+
+
+@kernel
+def signed_angle(directions: Floats, first: int, last: int, d: Vec) -> tuple[float, Vec, Vec]:
+    """Signed angular distance of a direction from the boundary of a cone.
+
+    Parameters
+    ----------
+    directions, first, last
+        The polygon's corners are rows `first` to `last` (not included) of `directions` (D, 3), unit.
+    d
+        Unit, in the same frame.
+
+    Returns
+    -------
+    tuple
+        (angle [rad], positive inside; nearest boundary direction, unit; unit tangent at d along which the angle grows
+        fastest).
+    """
+    nearest, normal = _nearest(directions, first, last, d)
+    angle = math.atan2(norm(cross(d, nearest)), dot(d, nearest))
+    inside = dot(normal, d) >= 0.0
+    way = sub(nearest, d)
+    if norm(way) < TOUCHING:
+        inward = unit(add_scaled(normal, d, -dot(normal, d)))
+    else:
+        inward = unit(add_scaled(way, d, -dot(way, d)))
+        if inward == (0.0, 0.0, 0.0):
+            inward = perpendicular(d)
+        if inside:
+            inward = scale(inward, -1.0)
+    return angle if inside else -angle, nearest, inward
+
+
+@kernel
+def nearest_inside(directions: Floats, first: int, last: int, d: Vec, margin: float) -> Vec:
+    """The nearest direction in the cone (as for `signed_angle`); d itself if it is `margin` [rad] inside.
+
+    With a margin above 0 the nearest one is then moved inwards until it is that far inside, or as far as the cone is
+    wide if that is less.
+    """
+    g, nearest, inward = signed_angle(directions, first, last, d)
+    if g >= margin:
+        return d
+    if g < 0.0:
+        d = nearest
+    deepest, best = -math.inf, d
+    for _ in range(4 * PASSES):
+        g, _, inward = signed_angle(directions, first, last, d)
+        if g > deepest:
+            deepest, best = g, d
+        short = margin - g
+        if short <= 1e-3 * margin:
+            break
+        d = unit(add_scaled(scale(d, math.cos(short)), inward, math.sin(short)))
+    return best
+
+
+@kernel
+def _turn(axis: Vec, angle: float, v: Vec) -> Vec:
+    """V turned by `angle` about a unit axis (Rodrigues)."""
+    s, c = math.sin(angle), math.cos(angle)
+    return add_scaled(add_scaled(scale(v, c), cross(axis, v), s), axis, dot(axis, v) * (1.0 - c))
+
+
+@kernel
+def _in_first(scene: Scene, v: Vec, body: int, first: int, angles: Floats) -> Vec:
+    """A vector of link `body` in the frame that the joint above link `first` sits in."""
+    while True:
+        if scene.bodies.joint[body] != JOINT_FIXED:
+            axis = (scene.bodies.axis[body, 0], scene.bodies.axis[body, 1], scene.bodies.axis[body, 2])
+            v = _turn(axis, joint_value(scene, body, angles), v)
+        if body == first:
+            return v
+        v = rotate(frame_rotation(scene.bodies.origin, body), v)
+        body = scene.bodies.parent[body]
+
+
+@kernel
+def limb_direction(scene: Scene, cone: int, angles: Floats) -> Vec:
+    """Unit direction of the limb at `angles` (Q,), in the frame the cone's first joint sits in, before it turns."""
+    cones = scene.cones
+    limb = (cones.limb[cone, 0], cones.limb[cone, 1], cones.limb[cone, 2])
+    joints, first, last = cones.joints, cones.joint_start[cone], cones.joint_start[cone + 1]
+    return unit(_in_first(scene, limb, joints[last - 1], joints[first], angles))
+
+
+@kernel
+def cone_angle(scene: Scene, cone: int, angles: Floats) -> float:
+    """Signed angle g [rad] of the limb in its cone, positive inside."""
+    start = scene.cones.direction_start
+    return signed_angle(scene.cones.directions, start[cone], start[cone + 1], limb_direction(scene, cone, angles))[0]
+
+
+@kernel
+def cone_bound(scene: Scene, cone: int, recorded: Floats) -> float:
+    """The least g [rad] a solver may leave the limb at: 0, or what was recorded beyond."""
+    return min(cone_angle(scene, cone, recorded), 0.0)
+
+
+@kernel
+def cone_effect(scene: Scene, cone: int, angles: Floats, place: int, d: Vec, inward: Vec) -> float:
+    """∂g/∂q of the joint in row `place` of `cones.joints`: inward · (axis × d)."""
+    body = scene.cones.joints[place]
+    axis = (scene.bodies.axis[body, 0], scene.bodies.axis[body, 1], scene.bodies.axis[body, 2])
+    axis = _in_first(scene, axis, body, scene.cones.joints[scene.cones.joint_start[cone]], angles)
+    return float(scene.bodies.multiplier[body] * dot(inward, cross(axis, d)))
+
+
+@kernel
+def cone_row(
+    scene: Scene, joints: Joints, cone: int, angles: Floats, column: Ints, unknowns: int, row: Floats
+) -> tuple[float, int]:
+    """Add ∂g/∂q of the yielding joints of a cone to `row`, in scaled unknowns as `add_effects` does.
+
+    `column` (Q,) numbers the unknowns, joints met for the first time are given the next one. Returns (g [rad], the
+    number of unknowns); the limb stays in its cone to first order if row · Δx >= cone_bound - g.
+    """
+    start = scene.cones.direction_start
+    d = limb_direction(scene, cone, angles)
+    g, _, inward = signed_angle(scene.cones.directions, start[cone], start[cone + 1], d)
+    for place in range(scene.cones.joint_start[cone], scene.cones.joint_start[cone + 1]):
+        q = scene.bodies.dof[scene.cones.joints[place]]
+        if joints.yields[q] == 1:
+            if column[q] < 0:
+                column[q] = unknowns
+                unknowns += 1
+            row[column[q]] += cone_effect(scene, cone, angles, place, d, inward) / joints.lever[q]
+    return g, unknowns
+
+
+@kernel
+def _within(scene: Scene, recorded: Floats, q: int, angle: float) -> float:
+    """An angle moved into the joint's limits, or to what was recorded beyond them."""
+    bend = min(max(angle - recorded[q], lower_bend(scene, recorded, q)), upper_bend(scene, recorded, q))
+    return float(recorded[q] + bend)
+
+
+@kernel
+def _step(
+    scene: Scene, cone: int, yields: Ints, recorded: Floats, start: Floats, angles: Floats, target: float, share: float
+) -> bool:
+    """Go a `share` of the way to the nearest angles to `start` within limits at which g, linear about `angles`, is `target`.
+
+    They lie on q(λ) = start + λ ∂g/∂q cut off at the limits, λ >= 0: a broken line on which g grows ever slower, so that
+    Newton's method finds λ from below. False if the limits leave no such angles.
+    """
+    cones = scene.cones
+    d = limb_direction(scene, cone, angles)
+    g, _, inward = signed_angle(cones.directions, cones.direction_start[cone], cones.direction_start[cone + 1], d)
+    first, last = cones.joint_start[cone], cones.joint_start[cone + 1]
+    factor = 0.0
+    for _ in range(last - first + 2):
+        reached, slope = g, 0.0
+        for place in range(first, last):
+            q = scene.bodies.dof[cones.joints[place]]
+            effect = cone_effect(scene, cone, angles, place, d, inward)
+            if yields[q] == 1 and abs(effect) > WEAK:
+                wanted = start[q] + factor * effect
+                there = _within(scene, recorded, q, wanted)
+                reached += effect * (there - angles[q])
+                if abs(there - wanted) < 1e-12:
+                    slope += effect * effect
+        if reached >= target - 1e-15:
+            break
+        if slope == 0.0:
+            return False
+        factor += (target - reached) / slope
+    for place in range(first, last):
+        # root last: an effect depends on the angles of the joints above it alone, which must not have moved yet
+        at = last - 1 - (place - first)
+        q = scene.bodies.dof[cones.joints[at]]
+        effect = cone_effect(scene, cone, angles, at, d, inward)
+        if yields[q] == 1:
+            there = start[q] + (factor * effect if abs(effect) > WEAK else 0.0)
+            angles[q] = _within(scene, recorded, q, angles[q] + share * (there - angles[q]))
+    return True
+
+
+@kernel
+def _turn_towards(scene: Scene, cone: int, yields: Ints, recorded: Floats, angles: Floats, target: Vec) -> None:
+    """One sweep of cyclic coordinate descent, (4) and (5), of the limb's direction towards `target`."""
+    joints, first = scene.cones.joints, scene.cones.joint_start[cone]
+    for place in range(scene.cones.joint_start[cone + 1] - 1, first - 1, -1):
+        body = joints[place]
+        q = scene.bodies.dof[body]
+        if yields[q] == 0:
+            continue
+        d = limb_direction(scene, cone, angles)
+        axis = (scene.bodies.axis[body, 0], scene.bodies.axis[body, 1], scene.bodies.axis[body, 2])
+        axis = _in_first(scene, axis, body, joints[first], angles)
+        u, v = add_scaled(d, axis, -dot(axis, d)), add_scaled(target, axis, -dot(axis, target))
+        if norm(u) > WEAK and norm(v) > WEAK:
+            turn = math.atan2(dot(axis, cross(u, v)), dot(u, v))
+            angles[q] = _within(scene, recorded, q, angles[q] + turn / scene.bodies.multiplier[body])
+
+
+@kernel
+def _set_share(
+    scene: Scene, cone: int, yields: Ints, recorded: Floats, bend: Floats, angles: Floats, share: float
+) -> None:
+    """Angles of the cone's joints = recorded + share · bend; the recorded numbers themselves at 0."""
+    for place in range(scene.cones.joint_start[cone], scene.cones.joint_start[cone + 1]):
+        q = scene.bodies.dof[scene.cones.joints[place]]
+        angles[q] = recorded[q]
+        if yields[q] == 1 and share * bend[q] != 0.0:
+            angles[q] = recorded[q] + share * bend[q]
+
+
+@kernel
+def _search(
+    scene: Scene, cone: int, yields: Ints, recorded: Floats, start: Floats, angles: Floats, bound: float
+) -> bool:
+    """Look for angles in the cone near `start`: by linear problems, then by descent, then both again."""
+    cones = scene.cones
+    first, last = cones.direction_start[cone], cones.direction_start[cone + 1]
+    target, g = bound + MARGIN, 0.0
+    for count in range(4 * PASSES):  # nearest to `start`; if that does not settle, by smaller steps; then where it got
+        before, share = start if count < 3 * PASSES else angles, 0.5 if PASSES <= count < 3 * PASSES else 1.0
+        if not _step(scene, cone, yields, recorded, before, angles, target, share):
+            break
+        g = cone_angle(scene, cone, angles)
+        if share == 1.0 and bound <= g <= bound + 100.0 * MARGIN:
+            return True
+    target += 10.0 * MARGIN
+    for _ in range(PASSES):
+        d = limb_direction(scene, cone, angles)
+        g, nearest, _ = signed_angle(cones.directions, first, last, d)
+        if g >= bound:
+            return True
+        _turn_towards(scene, cone, yields, recorded, angles, nearest)
+        _step(scene, cone, yields, recorded, angles, angles, target, 1.0)
+    return cone_angle(scene, cone, angles) >= bound
+
+
+@kernel
+def fit_angles(
+    scene: Scene, cone: int, yields: Ints, recorded: Floats, bend: Floats, angles: Floats, start: Floats
+) -> bool:
+    """Turn a compound joint back into its cone by the smallest change of its angles.
+
+    Parameters
+    ----------
+    scene, cone
+        The scene and the cone.
+    yields
+        (Q,) 1 for joints that may turn.
+    recorded
+        (Q,) rad; their limb's g, if below 0, and angles beyond limits are the bounds instead of the cone and limits.
+    bend
+        (Q,) rad within `lower_bend` and `upper_bend`; the offsets of the cone's joints are replaced if they leave it.
+    angles
+        (Q,) recorded + bend, on entry and on return.
+    start
+        (Q,) scratch.
+
+    Returns
+    -------
+    bool
+        Whether anything had to change. The limb is within its bound then, if need be by falling back towards the
+        recorded angles.
+    """
+    bound = cone_bound(scene, cone, recorded)
+    if cone_angle(scene, cone, angles) >= bound:
+        return False
+    first, last = scene.cones.joint_start[cone], scene.cones.joint_start[cone + 1]
+    for place in range(first, last):
+        q = scene.bodies.dof[scene.cones.joints[place]]
+        start[q] = angles[q]
+    if _search(scene, cone, yields, recorded, start, angles, bound):
+        for place in range(first, last):
+            q = scene.bodies.dof[scene.cones.joints[place]]
+            if yields[q] == 1:
+                bend[q] = min(
+                    max(angles[q] - recorded[q], lower_bend(scene, recorded, q)), upper_bend(scene, recorded, q)
+                )
+        _set_share(scene, cone, yields, recorded, bend, angles, 1.0)
+        if cone_angle(scene, cone, angles) >= bound:
+            return True
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        _set_share(scene, cone, yields, recorded, bend, angles, middle)
+        if cone_angle(scene, cone, angles) >= bound:
+            low = middle
+        else:
+            high = middle
+    for place in range(first, last):
+        q = scene.bodies.dof[scene.cones.joints[place]]
+        if yields[q] == 1:
+            bend[q] *= low
+    _set_share(scene, cone, yields, recorded, bend, angles, 1.0)
+    return True
