@@ -12,9 +12,7 @@ references at every access to an array.
 from __future__ import annotations
 
 import hashlib
-import os
 import sys
-import tempfile
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
@@ -22,16 +20,14 @@ from typing import Any, TypeVar, cast
 
 import numba
 
+from geomphys.cache import user_folder
+
 F = TypeVar("F", bound=Callable[..., object])
 
 
 @lru_cache(maxsize=1)
 def cache_folder() -> Path:
-    """Folder of the machine code of this version of the package; made on first use.
-
-    ``$XDG_CACHE_HOME/geomphys`` (default ``~/.cache/geomphys``); the system's temporary folder where that is not
-    writable.
-    """
+    """Folder of the machine code of this version of the package, made on first use: see `geomphys.cache`."""
     package = Path(__file__).parent
     digest = hashlib.sha256(f"{numba.__version__} {sys.version}".encode())
     for source in sorted(package.rglob("*.py")):
@@ -39,21 +35,12 @@ def cache_folder() -> Path:
         if b"@kernel" in text or b"kernel(" in text:
             digest.update(source.relative_to(package).as_posix().encode() + b"\0" + text)
     name = f"kernels-{digest.hexdigest()[:16]}"
-    home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    for base in (Path(home) / "geomphys", Path(tempfile.gettempdir()) / f"geomphys-{os.getuid()}"):
-        folder = base / name
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError:
-            continue
-        if os.access(folder, os.W_OK):
-            return folder
-    return Path(tempfile.mkdtemp(prefix="geomphys-"))
+    return user_folder(name)
 
 
 def are_compiled() -> bool:
     """Whether the machine code of the frame step is in the cache: if not, the first frame waits for the compiler."""
-    return any(cache_folder().rglob("pipeline.run_block-*.nbi"))
+    return any(cache_folder().rglob("step.run_block-*.nbi"))
 
 
 def kernel(function: F) -> F:
@@ -71,7 +58,7 @@ def _compiled(function: F, forceinline: bool) -> F:
     before = config.CACHE_DIR
     config.CACHE_DIR = str(cache_folder())
     try:
-        compiled = numba.njit(cache=True, error_model="numpy", forceinline=forceinline)(function)
+        compiled = numba.njit(cache=True, error_model="numpy", _nrt=False, forceinline=forceinline)(function)
     finally:
         config.CACHE_DIR = before
     template, types = compiled.get_call_template, cast(Any, numba.types)
