@@ -22,8 +22,8 @@ class Report(Protocol):
 
 
 @contextmanager
-def progress_bar(terminal: Terminal, title: str, unit: str = "frames") -> Iterator[Report]:
-    """Show a bar while the block runs; yields the callback that moves it."""
+def progress_bar(terminal: Terminal, title: str, unit: str = "frames", every: int = EVERY) -> Iterator[Report]:
+    """Show a bar while the block runs; yields the callback that moves it, which draws at every `every`-th call."""
     if terminal.quiet or not sys.stderr.isatty():
         yield lambda done, total: None
         return
@@ -61,7 +61,7 @@ def progress_bar(terminal: Terminal, title: str, unit: str = "frames") -> Iterat
         task = bar.add_task(title, total=None)
 
         def report(done: int, total: int | None) -> None:
-            if done % EVERY == 0 or done == total:
+            if done % every == 0 or done == total:
                 bar.update(task, completed=done, total=total)
 
         yield report

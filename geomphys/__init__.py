@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     __version__: str
+    from geomphys.batch.run import BatchReport, run_batch
     from geomphys.config import Config
     from geomphys.errors import (
+        ClusterError,
         ConfigError,
         DamagedLogError,
         GeomphysError,
@@ -31,6 +33,8 @@ if TYPE_CHECKING:
     from geomphys.world.scene import Scene, World
 
 _HOME = {
+    "BatchReport": "batch.run",
+    "ClusterError": "errors",
     "Config": "config",
     "ConfigError": "errors",
     "Contacts": "results",
@@ -53,9 +57,12 @@ _HOME = {
     "load_world": "load",
     "replay": "pipeline",
     "run": "runner",
+    "run_batch": "batch.run",
 }
 
 __all__ = [
+    "BatchReport",
+    "ClusterError",
     "Config",
     "ConfigError",
     "Contacts",
@@ -79,6 +86,7 @@ __all__ = [
     "load_world",
     "replay",
     "run",
+    "run_batch",
 ]
 
 

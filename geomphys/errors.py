@@ -11,6 +11,7 @@
     │   └── MeshError         a mesh
     ├── OutputError           a result that cannot be written
     ├── ViewerError           the rerun viewer cannot run or show a result
+    ├── ClusterError          the Dask scheduler of a batch cannot be reached, or was lost
     └── ConfigError           a parameter out of its range
 """
 
@@ -51,6 +52,10 @@ class OutputError(GeomphysError):
 
 class ViewerError(GeomphysError):
     """The rerun viewer cannot run here, or cannot show a result."""
+
+
+class ClusterError(GeomphysError):
+    """The Dask scheduler of a batch cannot be reached, or was lost."""
 
 
 class ConfigError(GeomphysError):

@@ -1,0 +1,188 @@
+"""``geomphys batch``: many logs, by several processes or a cluster, with a manifest and what is left of a killed run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from .command import StopAtFrame, command, current_terminal
+from .options import INPUT, config_of, config_options, force_option, json_option, scene_option, written_options
+from .progress import progress_bar
+from .terminal import counted
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from geomphys.batch.manifest import Entry
+    from geomphys.batch.run import BatchReport
+
+    from .terminal import Terminal
+
+EXIT_SOME_FAILED = 3
+EXIT_THRESHOLD = 4
+
+MM = 1000.0
+
+
+@command(
+    "batch",
+    examples="""
+    geomphys batch monday/*.mcap --scene table.toml -O corrected
+    geomphys batch recordings/ --scene table.toml -O corrected --jobs 8 --rrd
+    geomphys batch recordings/ --scene table.toml -O corrected --resume
+    geomphys batch recordings/ -s table.toml -O corrected --fail-on-penetration 0.01 --json > report.json
+    geomphys batch /data/recordings -s /data/table.toml -O /data/corrected --scheduler tcp://10.0.0.5:8786
+    """,
+)
+@click.argument("logs", type=INPUT, nargs=-1, required=True, metavar="LOG|DIR...")
+@scene_option
+@click.option(
+    "--output-folder",
+    "-O",
+    "folder",
+    type=click.Path(file_okay=False, path_type=Path),
+    required=True,
+    metavar="DIR",
+    help="Folder of the results: NAME.mcap for each log, and manifest.json.",
+)
+@click.option("--rrd", is_flag=True, help="Write NAME.rrd for the rerun viewer too.")
+@click.option(
+    "--jobs", "-j", type=click.IntRange(min=1), metavar="N", help="Processes at once. Default: one a processor."
+)
+@click.option("--scheduler", metavar="ADDRESS", help="Run on the workers of a Dask scheduler, tcp://HOST:PORT.")
+@click.option("--resume", is_flag=True, help="Replay only what an earlier batch in DIR left undone, or what changed.")
+@click.option(
+    "--keep-going/--stop-at-failure",
+    default=True,
+    show_default=True,
+    help="Whether the other logs are replayed after one failed.",
+)
+@config_options
+@written_options
+@force_option
+@json_option
+def batch(
+    logs: tuple[Path, ...],
+    scene: Path,
+    folder: Path,
+    rrd: bool,
+    jobs: int | None,
+    scheduler: str | None,
+    resume: bool,
+    keep_going: bool,
+    no_timing: bool,
+    copy_input: bool,
+    fail_on_penetration: float | None,
+    force: bool,
+    as_json: bool,
+    **options: Any,
+) -> int:
+    """Replay many LOGs in a scene: MCAP files, ROS 2 bag folders, and all of them in and below other folders.
+
+    DIR/NAME.mcap holds the bytes that replay gives. A log in a subfolder of a folder that was named keeps its place
+    below it. DIR/manifest.json tells what became of each log, with figures and hashes; it is up to date at any moment,
+    and --resume goes on from it, also after a crash.
+
+    The exit code is 3 if some logs failed, else 4 if --fail-on-penetration was broken.
+    """
+    terminal, config = current_terminal(), config_of(options)
+    if scheduler is not None and jobs is not None:
+        raise click.UsageError("--jobs is for this machine alone; with --scheduler the number of its workers counts")
+
+    import geomphys
+    from geomphys.batch.plan import plan_logs
+    from geomphys.batch.run import check_outputs
+
+    try:
+        check_outputs(plan_logs(logs, folder), folder.resolve(), rrd=rrd, resume=resume, force=force)
+    except geomphys.OutputError as error:
+        raise click.UsageError(str(error)) from error
+
+    def tell(entry: Entry) -> None:
+        if entry.status == "failed":
+            error = entry.error or ""
+            terminal.warning(error if entry.log in error else f"{entry.log}: {error}")
+
+    with StopAtFrame(), progress_bar(terminal, folder.name, unit="logs", every=1) as bar:
+        report = geomphys.run_batch(
+            logs,
+            scene,
+            folder,
+            config=config,
+            rrd=rrd,
+            timing=not no_timing,
+            copy_input=copy_input,
+            jobs=jobs,
+            scheduler=scheduler,
+            resume=resume,
+            keep_going=keep_going,
+            force=force,
+            progress=bar,
+            ended=tell,
+        )
+    if as_json:
+        terminal.json(report.as_dict())
+    else:
+        _show(terminal, report)
+    return _exit_code(terminal, report, fail_on_penetration)
+
+
+def _exit_code(terminal: Terminal, report: BatchReport, limit_mm: float | None) -> int:
+    """Return the exit code, and say on stderr why it is not 0."""
+    undone = len(report.entries) - report.count("done")
+    if undone:
+        terminal.error(f"{undone} of {counted(len(report.entries), 'log')} not done; {report.manifest} tells why")
+        return EXIT_SOME_FAILED
+    if limit_mm is not None:
+        worst = max(report.entries, key=_residual_mm)
+        if _residual_mm(worst) > limit_mm:
+            terminal.error(
+                f"{worst.log}: an overlap of {_residual_mm(worst):.4g} mm remains, more than the {limit_mm:g} mm of "
+                "--fail-on-penetration"
+            )
+            return EXIT_THRESHOLD
+    return 0
+
+
+def _residual_mm(entry: Entry) -> float:
+    """Return the overlap that remains in a log."""
+    return MM * float((entry.metrics or {}).get("residual_penetration_max_m", 0.0))
+
+
+def _show(terminal: Terminal, report: BatchReport) -> None:
+    """Print a line a log, and the sums."""
+    from rich.table import Table
+    from rich.text import Text
+
+    from .terminal import printable
+
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    table.add_column("output", overflow="fold")
+    table.add_column("", no_wrap=True)
+    for name in ("frames", "recorded", "left", "moved by"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for entry in report.entries:
+        status = "as it was" if entry.out in report.kept else entry.status
+        style = {"done": "green", "failed": "bold red"}.get(entry.status, "yellow")
+        table.add_row(printable(entry.out), Text(status, style=style), *_figures(entry))
+    terminal.result(table, "", Text("; ".join(_sums(report))))
+
+
+def _figures(entry: Entry) -> list[str]:
+    """Return frames, deepest recorded and residual overlap, and largest correction."""
+    if entry.metrics is None:
+        return []
+    names = ("recorded_penetration_max_m", "residual_penetration_max_m", "correction_max_m")
+    return [f"{entry.metrics['frames']:,}", *(f"{MM * entry.metrics[name]:.3g} mm" for name in names)]
+
+
+def _sums(report: BatchReport) -> Iterator[str]:
+    """Yield how many logs came to what."""
+    yield f"{counted(len(report.entries), 'log')}: {report.count('done')} done"
+    if report.kept:
+        yield f"{len(report.kept)} of them before"
+    for status in ("failed", "interrupted", "pending"):
+        if report.count(status):
+            yield f"{report.count(status)} {status}"

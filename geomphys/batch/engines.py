@@ -1,0 +1,162 @@
+"""Where the jobs of a batch run: processes of this machine, or the workers of a Dask scheduler.
+
+An engine takes jobs and yields ``(index, outcome)`` as they end, in any order. If it is left before its end, it asks
+the jobs that run to stop, and waits for them as far as it can.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from multiprocessing.connection import wait as wait_for_sentinel
+from typing import Any, cast
+
+from geomphys.batch.job import Job, Outcome, failure, run_job
+from geomphys.errors import ClusterError
+from geomphys.kernel import are_compiled
+
+Finished = tuple[int, Outcome]
+Waiting = deque[tuple[int, Job]]
+
+
+@dataclass(frozen=True)
+class Control:
+    """What an engine asks and tells."""
+
+    go: Callable[[], bool]
+    """Asked before a job is begun; once it says no, only what runs is waited for."""
+    stop: Callable[[], None]
+    """Tells the jobs that run to stop."""
+
+
+CONNECT_S = 10
+"""s; how long a Dask scheduler is waited for."""
+
+
+def run_in_processes(jobs: Sequence[Job], count: int, control: Control) -> Generator[Finished, None, None]:
+    """Run jobs in up to `count` processes of their own.
+
+    Until the kernels are compiled only one job runs, so that they are compiled once. Where a process dies (killed, out
+    of memory), the jobs that ran then run again one at a time; one whose process dies again has failed.
+    """
+    waiting: Waiting = deque(enumerate(jobs))
+    suspects: Waiting = deque()
+    while (waiting or suspects) and control.go():
+        alone = bool(suspects)
+        lost = yield from _run_until_one_dies(suspects if alone else waiting, 1 if alone else count, control)
+        if alone and lost:
+            yield lost[0][0], Outcome(status="failed", error="its process died twice; was it short of memory?")
+        else:
+            suspects.extend(lost)
+
+
+def _run_until_one_dies(
+    queue: Waiting, count: int, control: Control
+) -> Generator[Finished, None, list[tuple[int, Job]]]:
+    """Run a queue until it is empty or a process dies; returns the jobs that ran when it died."""
+    context = multiprocessing.get_context("spawn")
+    executor = ProcessPoolExecutor(count, mp_context=context, initializer=_begin_worker)
+    running: dict[Future[Outcome], tuple[int, Job]] = {}
+    lost: list[tuple[int, Job]] = []
+    try:
+        while (running or queue) and not lost:
+            while queue and len(running) < (count if are_compiled() else 1) and control.go():
+                running[executor.submit(run_job, queue[0][1])] = queue[0]
+                queue.popleft()
+            if not running:
+                break
+            ended, _ = wait(running, return_when=FIRST_COMPLETED)
+            for future in sorted(ended, key=lambda f: running[f][0]):
+                index, job = running.pop(future)
+                error = future.exception()
+                if isinstance(error, BrokenProcessPool):
+                    lost.append((index, job))
+                else:
+                    yield index, future.result() if error is None else failure(error)
+            if lost:
+                lost = sorted([*lost, *running.values()], key=lambda item: item[0])
+    except BrokenProcessPool:  # a process died between two jobs
+        lost = sorted(running.values(), key=lambda item: item[0])
+    except BaseException:
+        control.stop()
+        _wait_or_kill(executor)
+        raise
+    executor.shutdown()
+    return lost
+
+
+def _wait_or_kill(executor: ProcessPoolExecutor) -> None:
+    """Wait for the processes, which were asked to stop; who does not want to wait for them either kills them."""
+    try:
+        executor.shutdown(cancel_futures=True)
+    except BaseException:
+        for process in multiprocessing.active_children():
+            process.kill()
+        raise
+
+
+def _begin_worker() -> None:
+    """Leave Ctrl-C to the parent, and end with it however it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def end_with_parent() -> None:
+        wait_for_sentinel([parent.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=end_with_parent, daemon=True).start()
+
+
+def run_on_cluster(jobs: Sequence[Job], address: str, control: Control) -> Generator[Finished, None, None]:
+    """Run jobs on the workers of the Dask scheduler at `address` (``tcp://host:port``).
+
+    The scheduler gives the jobs of a worker that dies to another one. Paths must mean the same on all machines.
+
+    Raises
+    ------
+    ClusterError
+        Dask is not installed, or the scheduler cannot be reached or is lost.
+    """
+    try:
+        from distributed import Client, as_completed
+    except ImportError as problem:
+        raise ClusterError("Dask is not installed; install geomphys[cluster]") from problem
+    try:
+        client = cast(Any, Client)(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError) as problem:
+        raise ClusterError(f"{address}: there is no Dask scheduler to be reached ({problem})") from problem
+    with client:
+        futures = {client.submit(run_job, job, pure=False, priority=-index): index for index, job in enumerate(jobs)}
+        try:
+            yield from _as_they_end(futures, as_completed, address, control)
+        except BaseException:
+            control.stop()
+            client.cancel(list(futures))
+            raise
+
+
+def _as_they_end(
+    futures: dict[Any, int], as_completed: Callable[..., Any], address: str, control: Control
+) -> Iterator[Finished]:
+    """What Dask's futures come to; no more is begun once `control` says so."""
+    stopped = False
+    for future in as_completed(futures):
+        if future.cancelled():
+            if not stopped:
+                raise ClusterError(f"{address}: the Dask scheduler was lost; start it again and add --resume")
+            continue
+        error = future.exception()
+        yield futures[future], future.result() if error is None else failure(error)
+        if not stopped and not control.go():
+            stopped = True
+            for other in futures:
+                if not other.done():
+                    other.cancel()

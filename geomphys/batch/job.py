@@ -1,0 +1,178 @@
+"""One log of a batch, replayed in whatever process it lands in: pure, idempotent, and safe to run twice at once."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import shutil
+import time
+import traceback
+import uuid
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Literal
+
+from geomphys import __version__
+from geomphys.config import Config
+from geomphys.errors import GeomphysError, OutputError, SceneError
+from geomphys.load import load_world
+from geomphys.output_log import open_output
+from geomphys.provenance import sha256_of_file, sha256_of_world
+from geomphys.runner import run
+from geomphys.world.scene import World
+
+STOP = "stop"
+"""File in the folder of running jobs; as soon as it is there they end at the frame they are in."""
+
+LOOK_EVERY_S = 0.2
+"""s; between two looks for `STOP`."""
+
+Status = Literal["done", "failed", "interrupted"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """What a worker is told. Paths are absolute and mean the same file on every machine."""
+
+    log: Path
+    scene: Path
+    world_sha256: str
+    """Of the world as the batch's own process loaded it: a worker that loads another one fails instead of differing."""
+    out: Path
+    rrd: Path | None
+    config: Config
+    timing: bool
+    copy_input: bool
+    running: Path
+    """Folder on the outputs' file system for what is not complete."""
+    version: str = __version__
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What became of a job. Hashes are SHA-256 in hexadecimal."""
+
+    status: Status
+    error: str | None = None
+    traceback: str | None = None  # of a mistake of the program; expected errors have none
+    input_sha256: str | None = None
+    scene_sha256: str | None = None
+    out_sha256: str | None = None
+    rrd_sha256: str | None = None
+    metrics: dict[str, Any] | None = None  # the replay's `Summary`
+
+
+def failure(error: BaseException) -> Outcome:
+    """Outcome of a job that ended in an exception, which may come from another process."""
+    text = "; ".join([str(error), *getattr(error, "__notes__", ())])
+    if isinstance(error, GeomphysError):
+        return Outcome(status="failed", error=text)
+    trace = "".join(traceback.format_exception(error))
+    return Outcome(status="failed", error=f"internal error: {type(error).__name__}: {text}", traceback=trace)
+
+
+def run_job(job: Job) -> Outcome:
+    """Replay a log and put its outputs in place.
+
+    They are written in a folder of this call alone and renamed when complete, so a job that runs twice at once, after a
+    network failure say, writes nothing torn. What is complete of a replay that ends early becomes ``STEM.partial.mcap``.
+    """
+    if job.version != __version__:
+        raise GeomphysError(
+            f"this worker has geomphys {__version__}, the batch was begun by {job.version}; install the same version"
+        )
+    place = job.running / f"{job.out.stem}.{uuid.uuid4().hex}"
+    try:
+        place.mkdir()
+        outcome = _replay(job, place)
+        if outcome.status == "done":
+            _publish(job, place)
+    except GeomphysError as error:
+        outcome = failure(error)
+    except OSError as error:
+        outcome = Outcome(status="failed", error=f"{error.filename or job.out}: {error.strerror or error}")
+    finally:
+        _keep_partials(job, place)
+        shutil.rmtree(place, ignore_errors=True)
+    return outcome
+
+
+class _StopAskedError(Exception):
+    """Somebody made the file `STOP`."""
+
+
+def _replay(job: Job, place: Path) -> Outcome:
+    out = place / job.out.name
+    rrd = None if job.rrd is None else place / job.rrd.name
+    try:
+        summary = run(
+            job.log,
+            _world(job.scene, job.config.mode, job.config.seed, job.world_sha256),
+            out=out,
+            rrd=rrd,
+            config=job.config,
+            timing=job.timing,
+            copy_input=job.copy_input,
+            progress=_Stopping(job.running / STOP),
+        )
+    except _StopAskedError:
+        return Outcome(status="interrupted", error="stopped before its end")
+    record = open_output(out).metadata
+    summary = dataclasses.replace(summary, out=str(job.out), rrd=None if job.rrd is None else str(job.rrd))
+    return Outcome(
+        status="done",
+        input_sha256=record["input_sha256"],
+        scene_sha256=record["scene_sha256"],
+        out_sha256=sha256_of_file(out),
+        rrd_sha256=None if rrd is None else sha256_of_file(rrd),
+        metrics=summary.as_dict(),
+    )
+
+
+@lru_cache(maxsize=2)
+def _world(scene: Path, mode: str | None, seed: int, world_sha256: str) -> World:
+    """The world of a scene file, loaded once in a process."""
+    world = load_world(scene, mode=mode, seed=seed)
+    if sha256_of_world(world) != world_sha256:
+        raise SceneError(
+            f"{scene}: is not what the batch began with: it, a mesh or a URDF was changed or differs on this machine; "
+            "start the batch again"
+        )
+    return world
+
+
+def _publish(job: Job, place: Path) -> None:
+    """Give complete outputs their names; those of an earlier attempt are replaced, its partial ones removed."""
+    for target in (job.out, job.rrd):
+        if target is not None:
+            try:
+                os.replace(place / target.name, target)
+            except OSError as problem:
+                raise OutputError(f"{target}: cannot be written ({problem.strerror or problem})") from problem
+            _partial(target).unlink(missing_ok=True)
+
+
+def _keep_partials(job: Job, place: Path) -> None:
+    for target in (job.out, job.rrd):
+        if target is not None and (place / _partial(target).name).is_file():
+            os.replace(place / _partial(target).name, _partial(target))
+
+
+def _partial(path: Path) -> Path:
+    return path.with_name(f"{path.stem}.partial{path.suffix}")
+
+
+class _Stopping:
+    """Progress callback that ends the replay once a file is there, looking now and then."""
+
+    def __init__(self, sign: Path) -> None:
+        self._sign = sign
+        self._next = 0.0
+
+    def __call__(self, done: int, total: int | None) -> None:
+        now = time.monotonic()
+        if now >= self._next:
+            self._next = now + LOOK_EVERY_S
+            if self._sign.exists():
+                raise _StopAskedError

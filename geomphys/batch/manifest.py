@@ -1,0 +1,116 @@
+"""The record of a batch: what became of each log, with the hashes that tell whether it has to be replayed again."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from geomphys.errors import OutputError
+from geomphys.provenance import sha256_of_file
+
+FILE = "manifest.json"
+FORMAT = 1
+
+EntryStatus = Literal["pending", "done", "failed", "interrupted"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """A log of a batch. Hashes are SHA-256 in hexadecimal; those of a log that is not done are None."""
+
+    log: str
+    status: EntryStatus = "pending"
+    out: str
+    """Relative to the manifest, with forward slashes; `rrd` likewise."""
+    rrd: str | None = None
+    error: str | None = None
+    traceback: str | None = None
+    version: str
+    """Of geomphys."""
+    input_sha256: str | None = None
+    scene_sha256: str | None = None
+    world_sha256: str
+    """Of the scene with its meshes and URDFs."""
+    parameters: dict[str, Any]
+    """Every parameter of the replay, and ``timing`` and ``copy_input``."""
+    out_sha256: str | None = None
+    rrd_sha256: str | None = None
+    metrics: dict[str, Any] | None = None
+    """The replay's `Summary`."""
+
+    def is_made_from(self, other: Entry, input_sha256: str) -> bool:
+        """Whether this is a done replay of the same input, scene, parameters and version as `other` asks for."""
+        return (
+            self.status == "done"
+            and self.input_sha256 == input_sha256
+            and self.world_sha256 == other.world_sha256
+            and self.scene_sha256 == other.scene_sha256
+            and self.parameters == other.parameters
+            and self.version == other.version
+            and self.rrd == other.rrd
+        )
+
+    def outputs_are_whole(self, folder: Path) -> bool:
+        """Whether the outputs are there and are the bytes that were written."""
+        files = ((self.out, self.out_sha256), (self.rrd, self.rrd_sha256))
+        return all(
+            name is None or ((folder / name).is_file() and sha256_of_file(folder / name) == digest)
+            for name, digest in files
+        )
+
+
+@dataclass
+class Manifest:
+    """All entries of a folder by the name of their output; `save` replaces the file at once."""
+
+    folder: Path
+    entries: dict[str, Entry] = field(default_factory=dict)
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self.folder / FILE
+
+    @classmethod
+    def load(cls, folder: Path) -> Manifest:
+        """Read the manifest of a folder, an empty one if it has none; raises OutputError if it cannot be understood."""
+        path = folder / FILE
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return cls(folder)
+        except OSError as problem:
+            raise OutputError(f"{path}: cannot be read ({problem.strerror})") from problem
+        except ValueError as problem:
+            raise OutputError(f"{path}: is no manifest of a batch ({problem}); move it away") from problem
+        try:
+            if content["format"] != FORMAT:
+                raise OutputError(
+                    f"{path}: has format {content['format']!r}, this version knows {FORMAT}; move it away"
+                )
+            entries = [Entry(**entry) for entry in content["logs"]]
+        except (KeyError, TypeError) as problem:
+            raise OutputError(f"{path}: is no manifest of a batch ({problem}); move it away") from problem
+        return cls(folder, {entry.out: entry for entry in entries})
+
+    def as_dict(self) -> dict[str, Any]:
+        """What the file holds."""
+        logs = [dataclasses.asdict(self.entries[out]) for out in sorted(self.entries)]
+        return {"format": FORMAT, "logs": logs}
+
+    def save(self) -> None:
+        """Write the file beside its name and rename it; raises OutputError if the folder refuses."""
+        beside = self.path.with_name(f".{FILE}.tmp")
+        try:
+            with beside.open("w", encoding="utf-8") as stream:
+                json.dump(self.as_dict(), stream, indent=1, ensure_ascii=False)
+                stream.write("\n")
+                stream.flush()
+                os.fsync(stream.fileno())
+            os.replace(beside, self.path)
+        except OSError as problem:
+            raise OutputError(f"{self.path}: cannot be written ({problem.strerror or problem})") from problem

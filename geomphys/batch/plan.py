@@ -1,0 +1,90 @@
+"""Which logs a batch replays, and under which names their outputs stand."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from geomphys.errors import LogError, OutputError
+from geomphys.recording.bag import METADATA
+
+PARTIAL = ".partial.mcap"
+
+
+@dataclass(frozen=True, order=True)
+class PlannedLog:
+    """A log and the name of its outputs: `name`.mcap and `name`.rrd below the batch's folder."""
+
+    name: str
+    log: Path  # absolute
+
+
+def plan_logs(inputs: Sequence[Path | str], folder: Path | str) -> tuple[PlannedLog, ...]:
+    """Find the logs among `inputs` and name their outputs, sorted by name.
+
+    A file gives ``STEM``, a ROS 2 bag (a folder with metadata.yaml) the folder's name. Of any other folder all
+    ``*.mcap`` files and bags in it and below it are taken, and their outputs keep their place below it:
+    ``DIR/monday/take1.mcap`` becomes ``monday/take1``. Hidden files, ``*.partial.mcap`` and what lies in the batch's own
+    `folder` are left out. A log named twice is replayed once.
+
+    Raises
+    ------
+    LogError
+        There is no such log, or a folder holds none.
+    OutputError
+        Two different logs would have the same output.
+    """
+    found: dict[str, Path] = {}
+    own = Path(folder).resolve()
+    for given in map(Path, inputs):
+        for name, log in _logs_of(given, own):
+            log = log.resolve()
+            other = found.setdefault(name, log)
+            if other != log:
+                raise OutputError(
+                    f"{log} and {other} would both be written as {name}.mcap; rename one, or give the folder above "
+                    "them, so that their outputs keep their subfolders"
+                )
+    names = sorted(found)
+    for name in names:
+        if f"{name}.mcap" in {str(parent) for other in names for parent in PurePosixPath(other).parents}:
+            raise OutputError(
+                f"{found[name]}: its output {name}.mcap is the name of a folder of other outputs; rename it"
+            )
+    return tuple(PlannedLog(name, found[name]) for name in names)
+
+
+def _logs_of(given: Path, own: Path) -> Iterator[tuple[str, Path]]:
+    """Name and path of each log of one input."""
+    if given.is_file():
+        yield given.stem, given
+    elif not given.is_dir():
+        raise LogError(f"{given}: there is no such log")
+    elif (given / METADATA).is_file():
+        yield given.resolve().name, given
+    else:
+        logs = sorted(_below(given, own))
+        if not logs:
+            raise LogError(f"{given}: holds neither an MCAP file nor a ROS 2 bag")
+        for log in logs:
+            place = log.relative_to(given)
+            yield (place if log.is_dir() else place.with_suffix("")).as_posix(), log
+
+
+def _below(folder: Path, own: Path) -> Iterator[Path]:
+    """MCAP files and bags in a folder and its subfolders."""
+    for place, folders, files in os.walk(folder):
+        here = Path(place)
+        if here.resolve() == own and here != folder:
+            folders.clear()
+            continue
+        if METADATA in files and here != folder:
+            folders.clear()
+            yield here
+            continue
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        for name in files:
+            if name.endswith(".mcap") and not name.endswith(PARTIAL) and not name.startswith("."):
+                yield here / name

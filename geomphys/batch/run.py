@@ -1,0 +1,256 @@
+"""A batch from its plan to its manifest."""
+
+from __future__ import annotations
+
+import dataclasses
+import fcntl
+import json
+import os
+import shutil
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from geomphys import __version__
+from geomphys.batch.engines import Control, Finished, run_in_processes, run_on_cluster
+from geomphys.batch.job import STOP, Job, Outcome
+from geomphys.batch.manifest import Entry, Manifest
+from geomphys.batch.plan import PlannedLog, plan_logs
+from geomphys.config import Config
+from geomphys.errors import LogError, OutputError
+from geomphys.load import load_world
+from geomphys.provenance import sha256_of_file, sha256_of_log, sha256_of_world
+
+RUNNING = ".running"
+"""Folder in the batch's folder for what is not complete."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchReport:
+    """What became of the logs of a batch, in the order of their names."""
+
+    folder: str
+    manifest: str
+    entries: tuple[Entry, ...]
+    kept: tuple[str, ...]  # outputs that `resume` found to be good already
+
+    def count(self, status: str) -> int:
+        """How many logs have that status: ``done``, ``failed``, ``interrupted`` or ``pending``."""
+        return sum(entry.status == status for entry in self.entries)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything by name, of plain Python types: fit for JSON."""
+        return dataclasses.asdict(self)
+
+
+def run_batch(
+    logs: Sequence[Path | str],
+    scene: Path | str,
+    folder: Path | str,
+    *,
+    config: Config | None = None,
+    rrd: bool = False,
+    timing: bool = True,
+    copy_input: bool = False,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    resume: bool = False,
+    keep_going: bool = True,
+    force: bool = False,
+    progress: Callable[[int, int | None], None] | None = None,
+    ended: Callable[[Entry], None] | None = None,
+) -> BatchReport:
+    """Replay many logs in a scene; ``FOLDER/NAME.mcap`` holds the bytes that `geomphys.run` gives for each.
+
+    ``FOLDER/manifest.json`` is written before the first log begins and after each one ends, so that a batch that was
+    killed can be resumed. Processes are spawned: a script that calls this needs ``if __name__ == "__main__":``.
+
+    Parameters
+    ----------
+    logs : sequence of Path or str
+        MCAP files, ROS 2 bag folders, and folders of either; see `geomphys.batch.plan.plan_logs` for the names.
+    scene : Path or str
+        The scene file.
+    folder : Path or str
+        Where the outputs go; made if it is not there.
+    config : Config, optional
+        All parameters; None: the defaults.
+    rrd : bool
+        Whether to write ``NAME.rrd`` too.
+    timing, copy_input : bool
+        See `geomphys.run`.
+    jobs : int, optional
+        Most processes at once; None: one a processor.
+    scheduler : str, optional
+        Address of a Dask scheduler whose workers run the jobs instead of processes of this machine; log, scene and
+        folder must have the same paths there.
+    resume : bool
+        Whether logs that the manifest has as done are left alone if their input, the scene with its meshes and URDFs,
+        all parameters, the version, and the bytes of the outputs are the same still.
+    keep_going : bool
+        Whether the others are replayed if a log fails; otherwise none is begun after that.
+    force : bool
+        Whether outputs are replaced that no batch in this folder has made.
+    progress : callable, optional
+        Called with the logs done and their number.
+    ended : callable, optional
+        Called with the entry of each log that ends.
+
+    Raises
+    ------
+    LogError
+        There is no such log, or none in a folder. (What is wrong in a log is in its entry, `status` ``failed``.)
+    SceneError, ModelError, MeshError
+        The scene is wrong.
+    OutputError
+        Two logs have one output, an output exists without `resume` or `force`, another batch is at work in the folder,
+        or it cannot be written.
+    ClusterError
+        The Dask scheduler cannot be reached.
+    """
+    folder, scene, config = Path(folder).resolve(), Path(scene).resolve(), config or Config()
+    planned = plan_logs(logs, folder)
+    check_outputs(planned, folder, rrd=rrd, resume=resume, force=force)
+    world_sha256 = sha256_of_world(load_world(scene, mode=config.mode, seed=config.seed))
+    parameters = {**json.loads(json.dumps(config.as_dict())), "timing": timing, "copy_input": copy_input}
+    asked = [
+        Entry(
+            log=str(plan.log),
+            out=f"{plan.name}.mcap",
+            rrd=f"{plan.name}.rrd" if rrd else None,
+            version=__version__,
+            scene_sha256=sha256_of_file(scene),
+            world_sha256=world_sha256,
+            parameters=parameters,
+        )
+        for plan in planned
+    ]
+    with _own(folder) as running:
+        manifest = Manifest.load(folder)
+        kept = tuple(e.out for e in asked if resume and _is_good(manifest.entries.get(e.out), e, folder))
+        todo = [entry for entry in asked if entry.out not in kept]
+        manifest.entries |= {entry.out: entry for entry in todo}
+        manifest.save()
+        tasks = [
+            Job(
+                log=Path(entry.log),
+                scene=scene,
+                world_sha256=world_sha256,
+                out=_placed(folder / entry.out),
+                rrd=None if entry.rrd is None else folder / entry.rrd,
+                config=config,
+                timing=timing,
+                copy_input=copy_input,
+                running=running,
+            )
+            for entry in todo
+        ]
+        failed = False
+
+        control = Control(go=lambda: keep_going or not failed, stop=(running / STOP).touch)
+        finished = _engine(tasks, jobs, scheduler, control)
+        done = len(kept)
+        if progress is not None:
+            progress(done, len(asked))
+        with closing(finished):
+            for index, outcome in finished:
+                entry = _entry(todo[index], outcome)
+                failed = failed or entry.status == "failed"
+                manifest.entries[entry.out] = entry
+                manifest.save()
+                done += 1
+                if ended is not None:
+                    ended(entry)
+                if progress is not None:
+                    progress(done, len(asked))
+    return BatchReport(
+        folder=str(folder),
+        manifest=str(manifest.path),
+        entries=tuple(manifest.entries[entry.out] for entry in asked),
+        kept=kept,
+    )
+
+
+def check_outputs(planned: Sequence[PlannedLog], folder: Path, *, rrd: bool, resume: bool, force: bool) -> None:
+    """Raise OutputError if an output is an input, or exists and may not be replaced.
+
+    With `resume` those that the folder's manifest names may.
+    """
+    claimed = set(Manifest.load(folder).entries) if resume else set[str]()
+    inputs = {plan.log for plan in planned}
+    for plan in planned:
+        for suffix in (".mcap", ".rrd") if rrd else (".mcap",):
+            path = folder / f"{plan.name}{suffix}"
+            if path in inputs:
+                raise OutputError(f"{path}: is a log and cannot be an output too; choose another folder")
+            if path.exists() and not force and f"{plan.name}.mcap" not in claimed:
+                raise OutputError(f"{path}: exists; choose another folder, or add --resume or --force")
+
+
+def _engine(
+    jobs: Sequence[Job], count: int | None, scheduler: str | None, control: Control
+) -> Generator[Finished, None, None]:
+    if scheduler is not None and jobs:
+        return run_on_cluster(jobs, scheduler, control)
+    return run_in_processes(jobs, max(1, min(count or _processors(), len(jobs))), control)
+
+
+def _processors() -> int:
+    """How many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _is_good(entry: Entry | None, asked: Entry, folder: Path) -> bool:
+    """Whether an entry of an earlier batch is what is asked for, and its outputs are whole."""
+    if entry is None or entry.status != "done":
+        return False
+    try:
+        return entry.is_made_from(asked, sha256_of_log(Path(asked.log))) and entry.outputs_are_whole(folder)
+    except OSError as problem:
+        raise LogError(f"{problem.filename}: cannot be read ({problem.strerror})") from problem
+
+
+def _entry(asked: Entry, outcome: Outcome) -> Entry:
+    facts = {field.name: getattr(outcome, field.name) for field in dataclasses.fields(outcome)}
+    return dataclasses.replace(asked, **{**facts, "scene_sha256": outcome.scene_sha256 or asked.scene_sha256})
+
+
+def _placed(out: Path) -> Path:
+    """The path itself, its folder made."""
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise OutputError(f"{out.parent}: cannot be made ({problem.strerror})") from problem
+    return out
+
+
+@contextmanager
+def _own(folder: Path) -> Iterator[Path]:
+    """Make the folder, keep other batches out of it, and yield an empty folder in it for what is not complete."""
+    running = folder / RUNNING
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = os.open(folder, os.O_RDONLY)
+    except OSError as problem:
+        raise OutputError(f"{folder}: cannot be made ({problem.strerror})") from problem
+    try:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as problem:
+            raise OutputError(
+                f"{folder}: another batch is at work there; wait for it, or choose another folder"
+            ) from problem
+        try:
+            shutil.rmtree(running, ignore_errors=True)
+            running.mkdir()
+        except OSError as problem:
+            raise OutputError(f"{folder}: cannot be written to ({problem.strerror})") from problem
+        try:
+            yield running
+        finally:
+            if {path.name for path in running.iterdir()} <= {STOP}:  # else workers elsewhere have still to see it
+                shutil.rmtree(running)
+    finally:
+        os.close(lock)
