@@ -29,6 +29,8 @@ LAYERS = (
     "proto",
     "packed",
     "block",
+    "foresight",
+    "step",
     "sinks.base",
     "pipeline",
     "sinks",
