@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import zlib
 
+from geomphys.world.scene_file import SceneFile
+
 Colour = tuple[int, int, int, int]
 
 FREE: Colour = (226, 190, 166, 255)
@@ -31,8 +33,37 @@ _OTHERS: tuple[Colour, ...] = (
     (190, 170, 120, 255),
     (176, 132, 128, 255),
 )
+_LOOSE: tuple[Colour, ...] = (
+    (72, 128, 170, 255),
+    (92, 150, 96, 255),
+    (168, 88, 96, 255),
+    (140, 104, 168, 255),
+    (60, 150, 150, 255),
+)
+"""Things that move by themselves stand out from what stands still."""
+_SHADES = (1.0, 0.86, 1.14, 0.93, 1.07)
 
 
 def of_material(name: str) -> Colour:
-    """Colour of an object of that material; one the palette does not know has one of a few, always the same."""
+    """Colour of that material; one the palette does not know has one of a few, always the same."""
     return _MATERIALS.get(name) or _OTHERS[zlib.crc32(name.encode()) % len(_OTHERS)]
+
+
+def of_object(name: str, material: str, *, simulated: bool) -> Colour:
+    """Colour of an object: a shade of its material, so that neighbours differ; a colour of its own if it is simulated."""
+    number = zlib.crc32(name.encode())
+    if simulated:
+        return _LOOSE[number % len(_LOOSE)]
+    shade = _SHADES[number % len(_SHADES)]
+    red, green, blue, opacity = of_material(material)
+    return (min(255, int(red * shade)), min(255, int(green * shade)), min(255, int(blue * shade)), opacity)
+
+
+def of_trees(file: SceneFile) -> dict[str, Colour]:
+    """Colour of every avatar and object of a scene by its name."""
+    avatars = {table.name: of_material(table.material) for table in file.avatar}
+    objects = {
+        table.name: of_object(table.name, table.material, simulated=table.class_ == "simulated")
+        for table in file.object
+    }
+    return avatars | objects

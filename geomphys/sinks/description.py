@@ -15,9 +15,10 @@ from defusedxml.common import DefusedXmlException
 from lxml import etree
 
 from geomphys.errors import ModelError
-from geomphys.sinks.colours import of_material
+from geomphys.sinks.colours import Colour, of_trees
 from geomphys.world.scene import World
 from geomphys.world.scene_file import ObjectTable
+from geomphys.world.urdf_file import mesh_file
 
 WORLD = "world"
 
@@ -25,29 +26,29 @@ WORLD = "world"
 def descriptions(world: World) -> dict[str, str]:
     """Topic -> URDF text: ``/robot_description`` of the only avatar, ``/NAME/robot_description`` of all others.
 
-    Objects without a URDF of their own stand together in ``/objects/robot_description``. Raises ModelError if a URDF
-    cannot be read.
+    Objects without a URDF of their own stand together in ``/objects/robot_description``. Raises ModelError or
+    MeshError if a URDF cannot be read.
     """
     texts: dict[str, str] = {}
-    materials = {table.name: table.material for table in world.file.avatar}
-    materials |= {table.name: table.material for table in world.file.object}
+    palette = of_trees(world.file)
     for tree, name in enumerate(world.tree_names):
         if name in world.urdfs:
             topic = "/robot_description" if tree == 0 and world.avatar_count == 1 else f"/{name}/robot_description"
-            texts[topic] = urdf_for_viewers(world.urdfs[name], _frames_of(world, tree), materials[name])
+            texts[topic] = urdf_for_viewers(world.urdfs[name], _frames_of(world, tree), palette[name])
     plain = [table for table in world.file.object if table.name not in world.urdfs]
     if plain:
         name = "objects"
         while name in world.tree_names:
             name += "_"
-        texts[f"/{name}/robot_description"] = urdf_of_objects(name, plain, world.path.resolve().parent)
+        texts[f"/{name}/robot_description"] = urdf_of_objects(name, plain, world.path.resolve().parent, palette)
     return texts
 
 
-def urdf_for_viewers(path: Path, frames: dict[str, str], material: str) -> str:
+def urdf_for_viewers(path: Path, frames: dict[str, str], colour: Colour) -> str:
     """Text of the URDF at `path` with links named as in `frames` (link name -> frame id) and meshes by ``file://``.
 
-    What has no colour of its own gets that of `material`.
+    What has no colour of its own gets `colour`. Raises ModelError, and MeshError for a mesh of another
+    machine.
     """
     try:
         data = path.read_bytes()
@@ -62,17 +63,15 @@ def urdf_for_viewers(path: Path, frames: dict[str, str], material: str) -> str:
             for element in joint.findall(end):
                 _rename(element, "link", frames)
     for mesh in tree.iter("mesh"):
-        found = _mesh_file(mesh.get("filename", ""), path.resolve().parent)
-        if found is not None:
-            mesh.set("filename", found.as_uri())
+        mesh.set("filename", mesh_file(mesh.get("filename", ""), path.resolve().parent).resolve().as_uri())
     for visual in tree.iter("visual"):
         if visual.find("material") is None:
-            visual.append(_material(material))
+            visual.append(_material(colour))
     text: str = etree.tostring(tree, encoding="unicode")
     return text + "\n"
 
 
-def urdf_of_objects(name: str, tables: Sequence[ObjectTable], folder: Path) -> str:
+def urdf_of_objects(name: str, tables: Sequence[ObjectTable], folder: Path, palette: dict[str, Colour]) -> str:
     """URDF in which every object is a link of its name that floats in the link ``world``; `folder` is the scene's."""
     robot = etree.Element("robot", name=name)
     etree.SubElement(robot, "link", name=WORLD)
@@ -83,7 +82,7 @@ def urdf_of_objects(name: str, tables: Sequence[ObjectTable], folder: Path) -> s
             if height:
                 etree.SubElement(visual, "origin", xyz=f"0 0 {height!r}", rpy="0 0 0")
             etree.SubElement(visual, "geometry").append(geometry)
-            visual.append(_material(table.material))
+            visual.append(_material(palette[table.name]))
         joint = etree.SubElement(robot, "joint", name=f"{WORLD} {table.name}", type="floating")
         etree.SubElement(joint, "parent", link=WORLD)
         etree.SubElement(joint, "child", link=table.name)
@@ -108,9 +107,9 @@ def _geometries(table: ObjectTable, folder: Path) -> list[tuple[etree._Element, 
     return [body, *((etree.Element("sphere", radius=repr(radius)), side * length / 2) for side in (1.0, -1.0))]
 
 
-def _material(name: str) -> etree._Element:
-    red, green, blue, opacity = (channel / 255 for channel in of_material(name))
-    material = etree.Element("material", name=name)
+def _material(colour: Colour) -> etree._Element:
+    red, green, blue, opacity = (channel / 255 for channel in colour)
+    material = etree.Element("material", name="colour {} {} {}".format(*colour))
     etree.SubElement(material, "color", rgba=f"{red:.3f} {green:.3f} {blue:.3f} {opacity:.3f}")
     return material
 
@@ -127,15 +126,3 @@ def _rename(element: etree._Element, attribute: str, names: dict[str, str]) -> N
     name = element.get(attribute)
     if name is not None:
         element.set(attribute, names.get(name, name))
-
-
-def _mesh_file(address: str, folder: Path) -> Path | None:
-    """The file a URDF in `folder` means by `address`; None if it is none of this machine's."""
-    if address.startswith("package://"):
-        package, _, inner = address.removeprefix("package://").partition("/")
-        places = [above / inner for above in (folder, *folder.parents) if above.name == package]
-        places += [above / package / inner for above in (folder, *folder.parents)]
-        places.append(folder / inner)
-    else:
-        places = [folder / address.removeprefix("file://")]
-    return next((place.resolve() for place in places if place.is_file()), None)

@@ -121,10 +121,8 @@ class RerunSink(ContextManaged):
 
         world = self._world
         self._stream.log_static(SCENE, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-        materials = {table.name: table.material for table in world.file.avatar}
-        materials |= {table.name: table.material for table in world.file.object}
-        tree_of = world.scene.bodies.tree
-        self._own_colours = [colours.of_material(materials[world.tree_names[tree]]) for tree in tree_of]
+        palette = colours.of_trees(world.file)
+        self._own_colours = [palette[world.tree_names[tree]] for tree in world.scene.bodies.tree]
         for body, (vertices, faces) in enumerate(world.triangles):
             if len(faces) == 0:
                 continue

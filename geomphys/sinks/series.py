@@ -34,7 +34,7 @@ def touching(results: Sequence[FrameResult], bodies: int) -> Flags:
 
 
 def changes(rows: NDArray[np.generic], before: NDArray[np.generic] | None) -> Flags:
-    """(n,) whether a row of (n, k) differs from the one before it; `before` is that of the first, None if there is none."""
+    """(n,) whether a row of (n, k) differs from the one before; `before` is that of the first, None if there is none."""
     changed = np.ones(len(rows), bool)
     if before is not None:
         changed[0] = bool((rows[0] != before).any())
