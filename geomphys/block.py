@@ -143,14 +143,24 @@ def contacts_of(block: Block, frame: int) -> Contacts:
     rows = slice(block.contact_end[frame], block.contact_end[frame + 1])
     bodies, values = block.contact_bodies[rows], block.contact_values[rows].copy()
     return Contacts(
-        bodies[:, 0].copy(), bodies[:, 1].copy(), values[:, 0:3], values[:, 3:6], values[:, 6], values[:, 7], values[:, 8]
+        bodies[:, 0].copy(),
+        bodies[:, 1].copy(),
+        values[:, 0:3],
+        values[:, 3:6],
+        values[:, 6],
+        values[:, 7],
+        values[:, 8],
     )
 
 
 def penetrations_of(block: Block, frame: int) -> Penetrations:
     """A frame's penetration depths, as arrays of their own."""
     rows = slice(block.depth_end[frame], block.depth_end[frame + 1])
-    bodies, numbers, values = block.depth_bodies[rows].copy(), block.depth_numbers[rows].copy(), block.depth_values[rows].copy()
+    bodies, numbers, values = (
+        block.depth_bodies[rows].copy(),
+        block.depth_numbers[rows].copy(),
+        block.depth_values[rows].copy(),
+    )
     return Penetrations(bodies[:, 0], bodies[:, 1], values[:, :3], numbers[:, 0], values[:, 3], numbers[:, 1])
 
 

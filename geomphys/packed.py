@@ -46,7 +46,7 @@ class PackType(types.Type):
 
 
 def words_of(kind: types.Type) -> int:
-    """Machine words a field takes: an address, and for an array its shape."""
+    """Machine words a field takes: a number or an address, and for an array its shape."""
     return 1 + (kind.ndim if isinstance(kind, types.Array) else 0)
 
 
@@ -63,8 +63,10 @@ class Pack:
                 words.append(part.address)
             elif isinstance(part, np.ndarray) and part.flags.c_contiguous and part.flags.writeable:
                 words += [part.ctypes.data, *part.shape]
+            elif isinstance(part, float):
+                words.append(int(np.array(part).view(np.int64)))
             else:
-                raise TypeError(f"{type(record).__name__}.{name}: a C-contiguous, writeable array is needed")
+                raise TypeError(f"{type(record).__name__}.{name}: a C-contiguous, writeable array or a float is needed")
             fields.append((name, part.type if isinstance(part, Pack) else typeof(part)))
         self.block = np.array(words, dtype=np.int64)
         self.address = int(self.block.ctypes.data)
@@ -136,6 +138,8 @@ def _lower_attribute(context: Any, builder: Any, kind: PackType, block: Any, nam
     address = _load(builder, block, offset)
     if isinstance(field, PackType):
         return builder.inttoptr(address, ir.IntType(8).as_pointer())
+    if isinstance(field, types.Float):
+        return builder.bitcast(address, ir.DoubleType())
     array = context.make_array(field)(context, builder)
     shape = [_load(builder, block, offset + WORD * (1 + axis)) for axis in range(field.ndim)]
     itemsize = context.get_abi_sizeof(context.get_data_type(field.dtype))

@@ -1,6 +1,6 @@
 """Global penetration depth of a pair of bodies from the depths of their convex pieces.
 
-    PD_g = (Σ pd_i² n_i) / (Σ pd_i)                                                        (1)
+PD_g = (Σ pd_i² n_i) / (Σ pd_i)                                                        (1)
 """
 
 from __future__ import annotations

@@ -91,9 +91,7 @@ def place_posture(
 
 
 @kernel
-def _meet(
-    scene: Scene, joints: Joints, near: Near, room: ChainRoom, gap: float, with_root: bool
-) -> float:
+def _meet(scene: Scene, joints: Joints, near: Near, room: ChainRoom, gap: float, with_root: bool) -> float:
     """Add the pairs nearer than half a gap to those met; returns the smallest separation of pairs that can yield."""
     smallest = math.inf
     for k in range(near.count[0]):
@@ -195,7 +193,9 @@ def _rows(
 
 
 @kernel
-def _add_limits(scene: Scene, joints: Joints, room: ChainRoom, recorded: Floats, problem: LeastDistance, unknowns: int, rows: int) -> int:
+def _add_limits(
+    scene: Scene, joints: Joints, room: ChainRoom, recorded: Floats, problem: LeastDistance, unknowns: int, rows: int
+) -> int:
     """Rows for the joints that the solution in `problem.x` moves beyond their limits; returns the number of rows."""
     for j in range(unknowns):
         q = room.joint_of[j]
@@ -226,7 +226,7 @@ def _solve(
 
     Returns whether there is one and how far [m] an unknown moved.
     """
-    for attempt in range(unknowns + 1):
+    for _ in range(unknowns + 1):
         for j in range(unknowns):
             q = room.joint_of[j]
             if q >= 0:

@@ -92,7 +92,12 @@ def _distance(a: Floats, b: Floats, tree: int) -> float:
 @kernel
 def _relative_step(p: Places, tree_a: int, tree_b: int) -> Vec:
     """How far a moves against b from `current` to `trial`."""
-    a1, a0, b1, b0 = row_of(p.trial, tree_a), row_of(p.current, tree_a), row_of(p.trial, tree_b), row_of(p.current, tree_b)
+    a1, a0, b1, b0 = (
+        row_of(p.trial, tree_a),
+        row_of(p.current, tree_a),
+        row_of(p.trial, tree_b),
+        row_of(p.current, tree_b),
+    )
     return ((a1[0] - a0[0]) - (b1[0] - b0[0]), (a1[1] - a0[1]) - (b1[1] - b0[1]), (a1[2] - a0[2]) - (b1[2] - b0[2]))
 
 

@@ -68,7 +68,7 @@ def make_joints(scene: Scene, poses: Floats) -> Joints:
 
 @kernel
 def take_posture(joints: Joints, recorded: Floats, bend: Floats, angles: Floats) -> None:
-    """angles (Q,) = recorded + bend where a joint yields; the recorded number itself where it has no offset."""
+    """Angles (Q,) = recorded + bend where a joint yields; the recorded number itself where it has no offset."""
     for q in range(len(recorded)):
         angles[q] = recorded[q]
         if joints.yields[q] == 1 and bend[q] != 0.0:
@@ -76,9 +76,7 @@ def take_posture(joints: Joints, recorded: Floats, bend: Floats, angles: Floats)
 
 
 @kernel
-def pose_avatars(
-    scene: Scene, origins: Floats, roots: Floats, angles: Floats, offsets: Floats, poses: Floats
-) -> None:
+def pose_avatars(scene: Scene, origins: Floats, roots: Floats, angles: Floats, offsets: Floats, poses: Floats) -> None:
     """Poses (B, 7) of the avatars in chains mode: forward kinematics of `angles`, translated by their `offsets` (T, 3)."""
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] != DRIVEN or scene.trees.chains[tree] == 0:

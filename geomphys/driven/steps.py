@@ -83,7 +83,15 @@ def measure_flex(scene: Scene, joints: Joints, before: Floats, after: Floats, fl
 
 @kernel
 def steps_needed(
-    scene: Scene, p: Places, near: Near, stir: Floats, flex: Floats, boxes: Boxes, gap: float, axes: Axes, scratch: Scratch
+    scene: Scene,
+    p: Places,
+    near: Near,
+    stir: Floats,
+    flex: Floats,
+    boxes: Boxes,
+    gap: float,
+    axes: Axes,
+    scratch: Scratch,
 ) -> int:
     """Into how many steps the frame must be cut; trees are placed (`p.frames`) where the frame takes them."""
     widest = 0.0
@@ -111,7 +119,8 @@ def recording_between(
     roots: Floats, angles: Floats, poses: Floats,
 ) -> None:  # fmt: skip
     """The recording a share `w` of the way from one moment to another: into `roots` (T, 7), `angles` (Q,) and, by forward
-    kinematics, `poses` (B, 7)."""
+    kinematics, `poses` (B, 7).
+    """
     for i in range(len(angles)):
         angles[i] = angles0[i] + w * (angles1[i] - angles0[i])
     for tree in range(len(scene.trees.role)):

@@ -25,12 +25,15 @@ from geomphys.driven.overlap import INTERPOLATED, LEAST_DISTANCE, Places, elimin
 from geomphys.driven.posture import Joints, PostureState, lower_bend, upper_bend
 from geomphys.driven.steps import is_recorded, measure_flex, measure_stir, recording_between, steps_needed
 from geomphys.kernel import kernel
-from geomphys.vec3 import dot, sub, unit
+from geomphys.vec3 import dot, norm, sub, unit
 from geomphys.world.kinematics import place_tree
 from geomphys.world.scene import DRIVEN, Scene
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+DRIFT = 1.2  # times its recorded motion, and
+DRIFT_SLACK = 8e-4  # m: how far a tree steps aside in a step
 
 
 class DrivenState(NamedTuple):
@@ -43,6 +46,7 @@ class DrivenState(NamedTuple):
     angles: Floats  # (Q,) recorded angles of the last step
     frames: Floats  # (P, 12) pieces at the end of the last step
     posture: PostureState
+    drift: Floats  # (T, 3) unit direction in which a tree is to step aside; 0: none
 
 
 class DrivenRoom(NamedTuple):
@@ -79,7 +83,7 @@ def make_driven_state(scene: Scene) -> DrivenState:
     trees, pieces, dofs = len(scene.trees.role), len(scene.pieces.kind), len(scene.dofs.lower)
     return DrivenState(
         np.zeros(1, np.int64), np.zeros((trees, 3)), np.zeros((trees, 3)), np.zeros((trees, 7)), np.zeros(dofs),
-        np.zeros((pieces, 12)), PostureState(np.zeros(dofs), np.zeros(dofs)),
+        np.zeros((pieces, 12)), PostureState(np.zeros(dofs), np.zeros(dofs)), np.zeros((trees, 3)),
     )  # fmt: skip
 
 
@@ -96,7 +100,12 @@ def _pull(scene: Scene, state: DrivenState, p: Places, roots: Floats, dt: float)
                 continue
             p.current[tree, i] = state.offset[tree, i] + (state.roots[tree, i] - roots[tree, i])
             p.goal[tree, i], state.speed[tree, i] = relax(
-                state.offset[tree, i], state.speed[tree, i], trees.mass[tree], trees.stiffness[tree], trees.damping[tree], dt
+                state.offset[tree, i],
+                state.speed[tree, i],
+                trees.mass[tree],
+                trees.stiffness[tree],
+                trees.damping[tree],
+                dt,
             )
 
 
@@ -123,9 +132,7 @@ def _pull_joints(scene: Scene, state: DrivenState, room: DrivenRoom, angles: Flo
 
 
 @kernel
-def _place_trees(
-    scene: Scene, room: DrivenRoom, boxes: Boxes, roots: Floats, angles: Floats, poses: Floats
-) -> None:
+def _place_trees(scene: Scene, room: DrivenRoom, boxes: Boxes, roots: Floats, angles: Floats, poses: Floats) -> None:
     """All trees the recording moves, driven ones at their present root and, if chained, at the posture they are pulled to."""
     p = room.places
     for tree in range(len(scene.trees.role)):
@@ -138,6 +145,20 @@ def _place_trees(
         place_posture(
             scene, room.origins, room.joints, roots, angles, room.chains.goal, p.current, room.chains, p, boxes
         )  # fmt: skip
+
+
+@kernel
+def _drift(scene: Scene, state: DrivenState, p: Places, roots: Floats) -> None:
+    """A tree that is to step aside is pulled there, by what its recorded motion excuses."""
+    for tree in range(len(scene.trees.role)):
+        aside = row_of(state.drift, tree)
+        if aside == (0.0, 0.0, 0.0):
+            continue
+        moved = norm(sub(row_of(roots, tree), row_of(state.roots, tree)))
+        far = DRIFT * (moved + p.stir[tree]) + DRIFT_SLACK
+        for i in range(3):
+            p.goal[tree, i] = state.offset[tree, i] + far * aside[i]
+            state.speed[tree, i] = 0.0
 
 
 @kernel
@@ -187,17 +208,50 @@ def _remember(scene: Scene, state: DrivenState, p: Places, roots: Floats, angles
 
 @kernel
 def _bend(
-    scene: Scene, room: DrivenRoom, boxes: Boxes, roots: Floats, angles: Floats, gap: float, axes: Axes, scratch: Scratch
+    scene: Scene,
+    room: DrivenRoom,
+    boxes: Boxes,
+    roots: Floats,
+    angles: Floats,
+    gap: float,
+    axes: Axes,
+    scratch: Scratch,
 ) -> tuple[int, int, bool]:
     """Chains yield, then chains and roots together, then the last posture is held: (passes, method, whether free)."""
     p, chains = room.places, room.chains
     status, passes = bend_chains(
-        scene, room.origins, room.joints, chains, p, boxes, room.near, room.problem, roots, angles, gap, False, axes, scratch
+        scene,
+        room.origins,
+        room.joints,
+        chains,
+        p,
+        boxes,
+        room.near,
+        room.problem,
+        roots,
+        angles,
+        gap,
+        False,
+        axes,
+        scratch,
     )
     if status == FREE:
         return passes, 0 if passes == 1 else LEAST_DISTANCE, True
     status, more = bend_chains(
-        scene, room.origins, room.joints, chains, p, boxes, room.near, room.problem, roots, angles, gap, True, axes, scratch
+        scene,
+        room.origins,
+        room.joints,
+        chains,
+        p,
+        boxes,
+        room.near,
+        room.problem,
+        roots,
+        angles,
+        gap,
+        True,
+        axes,
+        scratch,
     )
     if status == FREE:
         for tree in range(len(p.column)):
@@ -223,6 +277,7 @@ def _advance(
     _place_trees(scene, room, boxes, roots, angles, poses)
     if state.started[0] == 1:
         measure_stir(scene, room.joints, state.frames, p, room.stir)
+        _drift(scene, state, p, roots)
     count, method, rescues, converged = eliminate_overlap(
         scene, p, boxes, room.near, room.joints.bends, room.problem, gap, rounds, room.rescue, axes, scratch
     )  # fmt: skip
