@@ -151,6 +151,7 @@ def _plan_clock(plan: Plan, reader: LogReader, world: World, config: Config) -> 
         return
     topic, child = split_topic(name, reader.topics)
     channels = reader.of_topic(topic)
+    channels = tuple(c for c in channels if kind_of(c) is not None) or channels
     if not channels:
         if config.clock is not None:
             plan.problems.append(_missing(reader, topic, "the frame clock"))

@@ -174,6 +174,11 @@ def _warnings(source: FrameSource, run: Run, report: RecordingReport) -> Iterato
     if report.recovered:
         yield f"the log is damaged: {report.recovered}"
     yield from source.times.warnings()
+    for topic in source.topics:
+        for channel in source.reader.of_topic(topic):
+            if channel.messages and channel.key not in source.plan.keys:
+                what = f"{channel.messages} messages ({plain(channel.schema_name)}, {plain(channel.encoding)})"
+                yield f"topic {plain(topic)}: {what} of another kind than the rest are not used"
     clock = source.plan.clock
     if clock is not None and source.config.rate is None and sum(c.messages for c in clock.channels) == 1:
         yield f"topic {clock.topic}, the frame clock, has a single message: one frame; see --clock and --rate"

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.writer import CompressionType
 
 from geomphys.config import Config
 from geomphys.errors import LogError
@@ -394,6 +395,25 @@ def test_joints_are_matched_by_name_and_renamed(tmp_path):
     frames, source = frames_of(tmp_path, world, items)
     assert all(tuple(f.angles) == (1.0, 2.0) for f in frames)
     assert [u.name for u in source.report.unmatched_recorded] == ["a", "zz"]
+
+
+def test_of_a_name_that_comes_twice_in_a_message_the_first_counts(tmp_path):
+    items = [joints("/glove", k / 10, {"a": 1.0 + k, "x": 2.0}) for k in range(3)]
+    path = write_log(
+        tmp_path / "log.mcap", items, encoding="json-ros", compression=CompressionType.NONE, enable_crcs=False
+    )
+    path.write_bytes(path.read_bytes().replace(b'"name": ["a", "x"]', b'"name": ["a", "a"]'))
+    with FrameSource(path, make_world(Tree(topic="/glove", joints=("a",))), Config()) as source:
+        assert [f.angles[0] for f in source] == [1.0, 2.0, 3.0]
+
+
+def test_channels_of_another_kind_on_a_topic_are_warned_of(tmp_path):
+    items = [pose("/wrist", k / 10, at(k)) for k in range(3)] + [Item("/wrist", "raw", b"\0\1\0\0", 5)]
+    frames, source = frames_of(tmp_path, make_world(Tree(root="/wrist")), items)
+    assert len(frames) == 3
+    assert source.report.warnings == (
+        "topic /wrist: 1 messages (some/msg/Image, cdr) of another kind than the rest are not used",
+    )
 
 
 def test_unmatched_names_are_listed_on_both_sides_with_suggestions(tmp_path):
