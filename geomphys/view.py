@@ -42,7 +42,7 @@ def view_result(path: Path, *, web: bool = False) -> None:
     if not web and sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise ViewerError("there is no screen here; use --web, or geomphys snapshot for a picture of a frame")
     with viewer_file(path) as recording:
-        options = ["--port", "auto", "--bind", ADDRESS]
+        options = ["--port", "auto", "--bind", ADDRESS, "--server-memory-limit", "75%"]
         if web:
             options += ["--web-viewer"]
         command = [*viewer_command(), *options, str(recording)]

@@ -51,7 +51,7 @@ class McapFile:
         self._stream = stream
         self._position = 0
         self._records = RecordBuilder()
-        self._compressor = zstandard.ZstdCompressor(level=3)
+        self._compressor = zstandard.ZstdCompressor(level=1)
         self._chunk: list[bytes] = []
         self._chunk_size = 0
         self._chunk_index: dict[int, list[int]] = {}  # channel -> time, offset, time, offset, …
