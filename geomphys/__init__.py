@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     __version__: str
     from geomphys.batch.run import BatchReport, run_batch
     from geomphys.config import Config
+    from geomphys.diff.compare import compare_outputs
+    from geomphys.diff.report import OutputDifference
     from geomphys.errors import (
         ClusterError,
         ConfigError,
@@ -47,6 +49,7 @@ _HOME = {
     "MeshError": "errors",
     "Metrics": "results",
     "ModelError": "errors",
+    "OutputDifference": "diff.report",
     "OutputError": "errors",
     "Penetrations": "results",
     "Scene": "world.scene",
@@ -54,6 +57,7 @@ _HOME = {
     "Summarizer": "summary",
     "Summary": "summary",
     "World": "world.scene",
+    "compare_outputs": "diff.compare",
     "load_world": "load",
     "replay": "pipeline",
     "run": "runner",
@@ -75,6 +79,7 @@ __all__ = [
     "MeshError",
     "Metrics",
     "ModelError",
+    "OutputDifference",
     "OutputError",
     "Penetrations",
     "Scene",
@@ -83,6 +88,7 @@ __all__ = [
     "Summary",
     "World",
     "__version__",
+    "compare_outputs",
     "load_world",
     "replay",
     "run",

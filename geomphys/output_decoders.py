@@ -181,6 +181,12 @@ def decode_log(data: bytes) -> LogRow:
     return LogRow(Log.Level.Name(message.level).lower(), message.message)
 
 
+def decode_string(data: bytes) -> str:
+    """Text of a std_msgs/msg/String in little-endian CDR; raises struct.error if it is none."""
+    (length,) = struct.unpack_from("<I", data, 4)
+    return data[8 : 7 + length].decode()
+
+
 def _aligned(position: int, size: int) -> int:
     """The next multiple of `size`, counted from after the four bytes of the header."""
     return position + -(position - 4) % size

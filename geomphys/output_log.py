@@ -32,6 +32,7 @@ from geomphys.output_decoders import (
     decode_log,
     decode_metrics,
     decode_penetrations,
+    decode_string,
     decode_timing,
 )
 from geomphys.provenance import IDENTITY, RECORD
@@ -130,6 +131,13 @@ class OutputLog:
         """Name -> bytes of the attached files: the scene and the URDFs."""
         with self._reading() as (_, reader):
             return {attachment.name: attachment.data for attachment in reader.iter_attachments()}
+
+    def descriptions(self) -> dict[str, str]:
+        """Topic -> URDF text of every robot description."""
+        topics = [topic for topic in self.topics if topic.endswith("/robot_description")]
+        with self._reading() as (_, reader):
+            messages = reader.iter_messages(topics=topics, log_time_order=False)
+            return {channel.topic: decode_string(message.data) for _, channel, message in messages}
 
     def frames(self, channels: Collection[str] = CHANNELS) -> Iterator[OutputFrame]:
         """The frames in order.

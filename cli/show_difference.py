@@ -1,0 +1,160 @@
+"""A comparison of two outputs as a person reads it: same or not, then where, how much, and since when."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .terminal import counted, fields, heading, printable
+
+if TYPE_CHECKING:
+    from rich.table import Table
+    from rich.text import Text
+
+    from geomphys.diff.channels import ChannelDifference
+    from geomphys.diff.measures import Measure
+    from geomphys.diff.report import OutputDifference
+
+    from .terminal import Terminal
+
+PARTS_SHOWN = 8
+"""Parts of a channel that are shown, the most different ones first; all of them with ``-v``."""
+
+DEGREES = 57.29577951308232
+
+
+def show_difference(terminal: Terminal, difference: OutputDifference) -> None:
+    """Print the verdict, a table of what differs, and what the two were made from."""
+    from rich.text import Text
+
+    frames = difference.frames
+    verdict = Text("the same", style="green") if difference.equal else Text("different", style="bold red")
+    matched = f"{counted(frames.compared, 'frame')} compared"
+    if frames.only_a or frames.only_b:
+        matched += f", {frames.only_a:,} only in a, {frames.only_b:,} only in b"
+    rows: list[tuple[str, list[str | Text]]] = [("Result", [verdict]), ("Frames", [matched])]
+    tolerance = difference.tolerance
+    if not tolerance.exact:
+        rows.append(("Tolerance", [f"{_length(tolerance.m)}, {_angle(tolerance.rad)}"]))
+    same = [name for name, channel in difference.channels.items() if channel.equal and _silent(channel)]
+    if same:
+        rows.append(("Equal", ["  ".join(same)]))
+    rows += [
+        (printable(name), [f"{a if a is not None else 'none'}  ->  {b if b is not None else 'none'}"])
+        for name, (a, b) in difference.parameters.items()
+    ]
+    if difference.attachments:
+        rows.append(("Attachments", [", ".join(difference.attachments) + " differ"]))
+    terminal.result(heading(Path(difference.a).name, f" against {Path(difference.b).name}"), fields(rows))
+    limit = None if terminal.verbose else PARTS_SHOWN
+    for name, channel in difference.channels.items():
+        if not (channel.equal and _silent(channel)):
+            terminal.result("", heading(name, _since(channel)), _table(channel, limit))
+
+
+def _silent(channel: ChannelDifference) -> bool:
+    """Return whether there is nothing to say of a channel that is equal."""
+    measures = [channel.whole_m, channel.whole_rad, *channel.others.values()]
+    return not channel.sets and not any(m is not None and m.max for m in measures)
+
+
+def _since(channel: ChannelDifference) -> str:
+    """Return what follows a channel's name."""
+    if channel.equal:
+        return "  within the tolerance"
+    return "" if channel.first_frame is None else f"  from frame {channel.first_frame:,} on"
+
+
+def _table(channel: ChannelDifference, limit: int | None) -> Table:
+    """Return a line for each part that differs."""
+    from rich.table import Table
+
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    table.add_column(channel.kind, overflow="fold")
+    headers = _headers(channel)
+    for header in headers:
+        table.add_column(header, justify="right", no_wrap=True)
+    parts = sorted((part for part in channel.parts() if _weight(channel, part) > 0), key=lambda p: -_weight(channel, p))
+    rows: dict[tuple[str, ...], list[str]] = {}
+    for part in parts:
+        cells = _cells(channel, part)
+        rows.setdefault(tuple(cells.get(header, "") for header in headers), []).append(part)
+    for texts, names in list(rows.items())[:limit]:
+        table.add_row(_named(names, whole=limit is None), *texts)
+    for side, names in (("a", channel.only_a), ("b", channel.only_b)):
+        if names:
+            table.add_row(f"only in {side}: {printable(', '.join(names))}")
+    if limit is not None and len(rows) > limit:
+        hidden = sum(len(names) for names in list(rows.values())[limit:])
+        table.add_row(f"and {hidden} more, with -v")
+    return table
+
+
+def _named(names: list[str], *, whole: bool) -> str:
+    """Return the names of parts that share a line."""
+    if whole or len(names) <= 2:
+        return printable(", ".join(names))
+    return printable(f"{names[0]} and {len(names) - 1} that move with it")
+
+
+def _headers(channel: ChannelDifference) -> list[str]:
+    """Return the columns that have anything in them."""
+    found = dict.fromkeys(header for part in channel.parts() for header in _cells(channel, part))
+    order = ["largest", "RMS", "turned", "RMS turn", "gained", "lost", "first frame", "worst frame", "frames"]
+    return [header for header in order if header in found]
+
+
+def _weight(channel: ChannelDifference, part: str) -> float:
+    """Return how much a part differs, to sort by: metres and radians alike."""
+    measures = (channel.metres.get(part), channel.radians.get(part), channel.others.get(part))
+    sets = channel.sets.get(part)
+    return sum(m.max for m in measures if m is not None) + (sets.gained + sets.lost if sets else 0)
+
+
+def _cells(channel: ChannelDifference, part: str) -> dict[str, str]:
+    """Return column -> text of a part that differs; empty if it does not."""
+    return {} if _weight(channel, part) == 0 else dict(_cells_of(channel, part))
+
+
+def _cells_of(channel: ChannelDifference, part: str) -> Iterator[tuple[str, str]]:
+    """Yield the columns of a part."""
+    metres, radians, others = (group.get(part) for group in (channel.metres, channel.radians, channel.others))
+    if metres is not None and metres.max:
+        yield from _pair("largest", "RMS", _length(metres.max), _length(metres.rms))
+    if radians is not None and radians.max:
+        yield from _pair("turned", "RMS turn", _angle(radians.max), _angle(radians.rms))
+    if others is not None and others.max and channel.kind == "fields":
+        yield from _pair("largest", "RMS", f"{others.max:.4g}", f"{others.rms:.3g}")
+    sets = channel.sets.get(part)
+    if sets is not None:
+        yield from _pair("gained", "lost", f"{sets.gained:,}", f"{sets.lost:,}")
+    measures: list[Measure] = [m for m in (metres, radians, others) if m is not None and m.max]
+    firsts = [m.first_frame for m in measures if m.first_frame is not None]
+    if sets is not None and sets.first_frame is not None:
+        firsts.append(sets.first_frame)
+    if firsts:
+        yield "first frame", f"{min(firsts):,}"
+    if measures and measures[0].worst_frame is not None:
+        yield "worst frame", f"{measures[0].worst_frame:,}"
+    if measures:
+        yield "frames", f"{max(m.frames for m in measures):,}"
+
+
+def _pair(one: str, other: str, first: str, second: str) -> Iterator[tuple[str, str]]:
+    """Yield two columns."""
+    yield one, first
+    yield other, second
+
+
+def _length(metres: float) -> str:
+    """Return a length in the unit that fits it."""
+    for limit, unit in ((1e-6, "nm"), (1e-3, "µm"), (1.0, "mm")):
+        if metres < limit:
+            return f"{metres / limit * 1e3:.3g} {unit}"
+    return f"{metres:.3g} m"
+
+
+def _angle(radians: float) -> str:
+    """Return an angle in degrees."""
+    return f"{DEGREES * radians:.3g}°"

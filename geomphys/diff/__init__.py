@@ -1,0 +1,1 @@
+"""Two outputs compared: frames matched by time, every channel measured, shown as a page or as an overlay."""

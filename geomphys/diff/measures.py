@@ -1,0 +1,179 @@
+"""What is gathered of a difference while two outputs go by: largest, root mean square, first and worst frame.
+
+Memory depends on the number of things that are measured, not on the number of frames.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+NONE = -1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measure:
+    """The difference of one thing over the frames in which it stands in both outputs; unit by the place it stands in."""
+
+    max: float
+    rms: float
+    first_frame: int | None
+    """First frame, as `a` counts, in which it is above the tolerance; None: in no frame."""
+    worst_frame: int | None
+    """Frame of `max`; None if there is no difference."""
+    frames: int
+    """Frames above the tolerance."""
+
+
+class Spread:
+    """Differences >= 0 of named things, gathered frame by frame."""
+
+    def __init__(self, tolerance: float) -> None:
+        self.tolerance = tolerance
+        self._rows: dict[str, int] = {}
+        self._counts: Ints = np.zeros(0, np.int64)
+        self._over: Ints = np.zeros(0, np.int64)
+        self._first: Ints = np.zeros(0, np.int64)
+        self._worst: Ints = np.zeros(0, np.int64)
+        self._largest: Floats = np.zeros(0)
+        self._squares: Floats = np.zeros(0)
+
+    def rows(self, names: Sequence[str]) -> Ints:
+        """Rows of things to hand to `add`; new names get new ones."""
+        new = [name for name in names if name not in self._rows]
+        if not new:
+            return np.array([self._rows[name] for name in names], np.int64)
+        for name in new:
+            self._rows[name] = len(self._rows)
+        grown = len(new)
+        self._counts = np.append(self._counts, np.zeros(grown, np.int64))
+        self._over = np.append(self._over, np.zeros(grown, np.int64))
+        self._first = np.append(self._first, np.full(grown, NONE))
+        self._worst = np.append(self._worst, np.full(grown, NONE))
+        self._largest = np.append(self._largest, np.zeros(grown))
+        self._squares = np.append(self._squares, np.zeros(grown))
+        return np.array([self._rows[name] for name in names], np.int64)
+
+    def add(self, rows: Ints, values: Floats, frame: int) -> bool:
+        """Take the differences (n,) of a frame; returns whether one is above the tolerance."""
+        self._counts[rows] += 1
+        if not values.any():
+            return False
+        self._squares[rows] += values * values
+        larger = values > self._largest[rows]
+        self._largest[rows[larger]] = values[larger]
+        self._worst[rows[larger]] = frame
+        over = rows[values > self.tolerance]
+        self._over[over] += 1
+        self._first[over[self._first[over] == NONE]] = frame
+        return len(over) > 0
+
+    def has(self, name: str) -> bool:
+        """Whether anything was taken of that name."""
+        return name in self._rows and bool(self._counts[self._rows[name]])
+
+    def each(self) -> dict[str, Measure]:
+        """Name -> its difference, in the order in which names came."""
+        return {name: self._measure(np.array([row])) for name, row in self._rows.items()}
+
+    def whole(self) -> Measure:
+        """All things together; `frames` is that of the thing that differs in most."""
+        return self._measure(np.arange(len(self._rows)))
+
+    def _measure(self, rows: Ints) -> Measure:
+        if len(rows) == 0:
+            return Measure(max=0.0, rms=0.0, first_frame=None, worst_frame=None, frames=0)
+        largest = int(rows[np.argmax(self._largest[rows])])
+        firsts = self._first[rows][self._first[rows] != NONE]
+        count = int(self._counts[rows].sum())
+        return Measure(
+            max=float(self._largest[largest]),
+            rms=math.sqrt(float(self._squares[rows].sum()) / count) if count else 0.0,
+            first_frame=int(firsts.min()) if len(firsts) else None,
+            worst_frame=int(self._worst[largest]) if self._worst[largest] != NONE else None,
+            frames=int(self._over[rows].max()),
+        )
+
+
+class Envelope:
+    """A curve over the frames in at most `capacity` points, each the largest of as many frames as it stands for."""
+
+    def __init__(self, capacity: int = 1200) -> None:
+        self._capacity = 2 * (capacity // 2)
+        self._stride = 1
+        self._in_last = 0
+        self._frames: list[int] = []
+        self._values: list[float] = []
+
+    def add(self, frame: int, value: float) -> None:
+        """Take the value of the next frame."""
+        if self._values and self._in_last < self._stride:
+            self._in_last += 1
+            self._values[-1] = max(self._values[-1], value)
+            return
+        if len(self._values) == self._capacity:
+            self._frames = self._frames[::2]
+            pairs = zip(self._values[::2], self._values[1::2], strict=True)
+            self._values = [max(pair) for pair in pairs]
+            self._stride *= 2
+        self._frames.append(frame)
+        self._values.append(value)
+        self._in_last = 1
+
+    def points(self) -> tuple[Ints, Floats]:
+        """Frames (n,) and values (n,)."""
+        return np.array(self._frames, np.int64), np.array(self._values)
+
+
+class Peak(NamedTuple):
+    """A frame that stands out, and what was kept of it."""
+
+    value: float
+    frame: int
+    time_ns: int
+    kept: Any
+
+
+class Peaks:
+    """The few frames of the largest values that lie apart in time."""
+
+    def __init__(self, count: int, apart_ns: int) -> None:
+        self._count = count
+        self._apart_ns = apart_ns
+        self._peaks: list[Peak] = []
+
+    def wants(self, value: float, time_ns: int) -> bool:
+        """Whether a frame would be kept, so that what is to be kept need not be made in vain."""
+        near = self._near(time_ns)
+        if near is not None:
+            return value > self._peaks[near].value
+        return value > 0.0 and (len(self._peaks) < self._count or value > min(self._peaks).value)
+
+    def add(self, peak: Peak) -> None:
+        """Keep a frame that `wants` approved, in place of a smaller one where there is no room."""
+        near = self._near(peak.time_ns)
+        if near is not None:
+            self._peaks[near] = peak
+        elif len(self._peaks) < self._count:
+            self._peaks.append(peak)
+        else:
+            smallest = min(range(self._count), key=lambda k: self._peaks[k].value)
+            self._peaks[smallest] = peak
+
+    def largest_first(self) -> list[Peak]:
+        """The frames kept."""
+        return sorted(self._peaks, key=lambda peak: (-peak.value, peak.frame))
+
+    def _near(self, time_ns: int) -> int | None:
+        for k, peak in enumerate(self._peaks):
+            if abs(peak.time_ns - time_ns) < self._apart_ns:
+                return k
+        return None
