@@ -11,10 +11,10 @@ from geomphys.collision.detect import Near
 from geomphys.collision.global_depth import GlobalDepths
 from geomphys.collision.manifold import manifold
 from geomphys.collision.penetration import Scratch
-from geomphys.kernel import kernel
+from geomphys.kernel import kernel, outlined
 from geomphys.results import Contacts, Metrics, Penetrations
 from geomphys.timing import STAGES
-from geomphys.world.scene import Scene
+from geomphys.world.scene import SIMULATED, Scene
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -85,7 +85,7 @@ def write_depths(block: Block, frame: int, depths: GlobalDepths, method: int) ->
     block.depth_end[frame + 1] = row
 
 
-@kernel
+@outlined
 def write_contacts(
     scene: Scene, frames: Floats, near: Near, offsets: Floats, points_a: Floats, points_b: Floats, block: Block, frame: int,
     scratch: Scratch,
@@ -97,7 +97,7 @@ def write_contacts(
     scene, frames
         The scene and its pieces' final world frames (P, 12).
     near
-        The pairs in contact.
+        The pairs in contact; those with simulated bodies are left to the simulated loop.
     offsets
         (T, 3) m; how far each tree was moved out. A contact's depth is how far it parted the two surfaces.
     points_a, points_b
@@ -116,6 +116,8 @@ def write_contacts(
     for k in range(near.count[0]):
         s = near.separation[k]
         deepest = max(deepest, -s)
+        if scene.trees.role[near.tree_a[k]] == SIMULATED or scene.trees.role[near.tree_b[k]] == SIMULATED:
+            continue
         n = (near.normal[k, 0], near.normal[k, 1], near.normal[k, 2])
         pa = (near.point_a[k, 0], near.point_a[k, 1], near.point_a[k, 2])
         pb = (near.point_b[k, 0], near.point_b[k, 1], near.point_b[k, 2])

@@ -59,7 +59,7 @@ class Runner(Protocol):
     def scene(self) -> Scene:
         """The scene."""
 
-    def run(self, track: Track, first: int, last: int, block: Block) -> int:
+    def run(self, track: Track, first: int, last: int, block: Block, hasty: bool = False) -> int:
         """Step through rows `first` to `last` of a track into `block`; returns how many were done."""
 
 
@@ -89,16 +89,18 @@ def root_rows(scene: Scene, block: Block) -> dict[int, int]:
     }
 
 
-def excess(scene: Scene, recorded: Floats, corrected: Floats, dts: Floats, root: int) -> Floats:
+def excess(scene: Scene, recorded: Floats, corrected: Floats, dts: Floats, root: int, body: int) -> Floats:
     """By how much [m] a tree's offset changes more from frame to frame than its motion excuses: (n - 1,), >= 0.
 
-    `recorded` and `corrected` are (n, M, 7) poses of the moving bodies, `dts` (n,) s before each frame.
+    `recorded` and `corrected` are (n, M, 7) poses of the moving bodies, `dts` (n,) s before each frame; the tree's root is
+    `body`, row `root` of the moving ones.
     """
     offset = corrected[:, root, :3] - recorded[:, root, :3]
     motion = np.linalg.norm(np.diff(recorded[:, :, :3], axis=0), axis=2).max(axis=1, initial=0.0)
     change, size = np.diff(offset, axis=0), np.linalg.norm(offset[:-1], axis=1)
     safe = np.where(size > 0.0, size, 1.0)
-    rate = math.sqrt(float(np.min(scene.trees.stiffness / scene.trees.mass)))
+    tree = int(scene.bodies.tree[body])
+    rate = math.sqrt(scene.trees.stiffness[tree] / scene.trees.mass[tree])
     inward = np.clip(-np.sum(change * offset[:-1], axis=1) / safe, 0.0, (1.0 - np.exp(-rate * dts[1:])) * size)
     rest = np.linalg.norm(change + (inward / safe)[:, None] * offset[:-1], axis=1)
     return np.maximum(rest - MOTION_SHARE * motion - SLACK, 0.0)
@@ -215,7 +217,7 @@ def find_drift(runner: Runner, whole: Track, wedge: Wedge, touch: NDArray[np.boo
                 whole.drifts[start:last].copy(), spare, state,
             )  # fmt: skip
             trial.drifts[: wedge.row + 1 - start, wedge.tree] = direction
-            if runner.run(trial, 0, len(trial), spare) < len(trial):
+            if runner.run(trial, 0, len(trial), spare, hasty=True) < len(trial):
                 continue
             cost = cost_of(runner.scene, trial, wedge.tree, state)
             if cost < best:
@@ -226,12 +228,10 @@ def find_drift(runner: Runner, whole: Track, wedge: Wedge, touch: NDArray[np.boo
 
 
 def cost_of(scene: Scene, trial: Track, tree: int, before: State) -> tuple[float, float]:
-    """(jump beyond what is excused, largest correction) of a trial, m; infinite if a tree was wedged all the same."""
+    """(jump beyond what is excused, largest correction) of a trial, m."""
     block, count = trial.block, len(trial)
-    if block.numbers[:count, FALLBACKS].any():
-        return math.inf, math.inf
     root, moving = root_rows(scene, block)[tree], block.moving
     recorded = np.concatenate([before.recorded[moving][None], block.recorded[:count]])
     corrected = np.concatenate([before.corrected[moving][None], block.corrected[:count]])
-    jump = excess(scene, recorded, corrected, np.concatenate([[0.0], trial.dts]), root).sum()
+    jump = excess(scene, recorded, corrected, np.concatenate([[0.0], trial.dts]), root, int(moving[root])).sum()
     return float(jump), float(block.lengths[:count, CORRECTION].max())

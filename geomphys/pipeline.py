@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from geomphys.block import FRAMES, Block, contacts_of, make_block, metrics_of, penetrations_of, poses_of
 from geomphys.config import Config
 from geomphys.errors import GeomphysError
+from geomphys.events import Message, Narrator
 from geomphys.foresight import Track, step_aside
 from geomphys.load import load_world
 from geomphys.packed import pack
@@ -35,6 +37,7 @@ class Chunk:
     frames: list[Frame]
     track: Track
     decode_ns: int  # a frame
+    is_last: bool = False
 
 
 class Pipeline:
@@ -51,20 +54,24 @@ class Pipeline:
         self._packed = pack(world.scene), pack(self.machine)
         self._packed_blocks = {id(block): pack(block) for block in self.blocks}
         self._last_ns: int | None = None
+        self._narrator = Narrator()
 
     def _make_block(self) -> Block:
         scene = self.world.scene
         moving = np.flatnonzero(scene.trees.moving[scene.bodies.tree]).astype(np.int64)
         return make_block(moving, self.machine.recorded.copy(), len(scene.dofs.lower))
 
-    def run(self, track: Track, first: int, last: int, block: Block) -> int:
-        """Step through rows `first` to `last` of a track into `block`; returns how many were done."""
+    def run(self, track: Track, first: int, last: int, block: Block, hasty: bool = False) -> int:
+        """Step through rows `first` to `last` of a track into `block`; returns how many were done.
+
+        A hasty run is a trial, that stops at the first frame in which a tree is wedged.
+        """
         rows = slice(first, last)
         count: int = run_block(
-            *self._packed, track.roots[rows], track.angles[rows], track.dts[rows], track.drifts[rows], self.knobs,
+            *self._packed, track.roots[rows], track.angles[rows], track.dts[rows], track.drifts[rows], self.knobs, hasty,
             self._packed_blocks[id(block)],
         )  # fmt: skip
-        if count == 0 or self.machine.room.near.lost[0]:
+        if (count == 0 and not hasty) or self.machine.room.near.lost[0]:
             raise GeomphysError(
                 f"more than {NEAR_PAIRS} pairs of convex pieces are near each other at once; decompose the meshes into fewer"
             )
@@ -88,6 +95,7 @@ class Pipeline:
                     yield before
                 before = chunk
         if before is not None:
+            before.is_last = True
             yield before
 
     def _track(self, frames: list[Frame], block: Block) -> Track:
@@ -106,13 +114,14 @@ class Pipeline:
         """The scene."""
         return self.world.scene
 
-    def result(self, chunk: Chunk, row: int, encode_ns: int) -> FrameResult:
+    def result(self, chunk: Chunk, row: int, encode_ns: int, messages: tuple[Message, ...] = ()) -> FrameResult:
         """The result of a frame of a chunk; `encode_ns` is what the sinks took for the frame before."""
         block, frame, scale = chunk.track.block, chunk.frames[row], ns_per_cycle()
         stages = [("decode", chunk.decode_ns, 1), ("step", int(block.cycles[row, WHOLE] * scale), 1)]
         stages += [
             (name, int(block.cycles[row, k] * scale), int(block.counts[row, k])) for k, name in enumerate(STAGES)
         ]
+        metrics = metrics_of(block, row, frame.held, frame.flags)
         return FrameResult(
             frame=frame,
             recorded=poses_of(block, block.recorded[row]),
@@ -120,8 +129,9 @@ class Pipeline:
             angles=block.angles[row].copy(),
             contacts=contacts_of(block, row),
             penetrations=penetrations_of(block, row),
-            metrics=metrics_of(block, row, frame.held, frame.flags),
+            metrics=metrics,
             timing=(*stages, ("encode", encode_ns, 1)),
+            messages=(*self._narrator.tell(metrics), *messages),
         )
 
 
@@ -175,8 +185,9 @@ def replay(
             yield from _results(source, Pipeline(world, config), sinks, progress)
         complete = True
     finally:
-        for sink in opened:
-            sink.close(complete)
+        with ExitStack() as closing:  # one that fails to close keeps none of the others open
+            for sink in reversed(opened):
+                closing.callback(sink.close, complete)
 
 
 def _batches(source: FrameSource) -> Iterator[tuple[list[Frame], int]]:
@@ -195,7 +206,9 @@ def _results(
     done, encode_ns = 0, 0
     for chunk in pipeline.chunks(_batches(source)):
         for row in range(len(chunk.frames)):
-            result = pipeline.result(chunk, row, encode_ns)
+            ends = chunk.is_last and row == len(chunk.frames) - 1
+            messages = tuple(("warning", text) for text in source.report.warnings) if ends else ()
+            result = pipeline.result(chunk, row, encode_ns, messages)
             start = time.perf_counter_ns()
             for sink in sinks:
                 sink.write(result)

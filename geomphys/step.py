@@ -32,10 +32,12 @@ from geomphys.driven.overlap import make_places, place_at
 from geomphys.driven.posture import make_joints, pose_avatars
 from geomphys.driven.steps import is_recorded
 from geomphys.driven.update import DrivenRoom, DrivenState, make_driven_state, update_driven
-from geomphys.kernel import kernel
+from geomphys.kernel import kernel, outlined
+from geomphys.packed import pack
 from geomphys.results import FLAG_NOT_CONVERGED, FLAG_STARTED_INSIDE
 from geomphys.simulated.make import make_simulated_state
 from geomphys.simulated.state import SimulatedState
+from geomphys.simulated.touches import write_touches
 from geomphys.simulated.update import simulate
 from geomphys.timing import cycles
 from geomphys.vec3 import add, quat_conjugate, quat_mul, quat_rotate, rotation_vector
@@ -131,12 +133,12 @@ def make_machine(scene: Scene) -> Machine:
     """Everything a replay of `scene` needs, at rest."""
     trees, bodies, pieces = len(scene.trees.role), len(scene.bodies.role), len(scene.pieces.kind)
     dofs, origins = len(scene.dofs.lower), joint_origins(scene)
-    near, places = make_near(NEAR_PAIRS), make_places(scene, NEAR_PAIRS)
+    near, places, packed = make_near(NEAR_PAIRS), make_places(scene, NEAR_PAIRS), pack(scene)
     poses = np.zeros((bodies, 7))
     for tree in range(trees):
-        pose_tree(scene, origins, tree, scene.trees.rest, np.zeros(dofs), poses)
+        pose_tree(packed, origins, tree, scene.trees.rest, np.zeros(dofs), poses)
         for frames in (places.base, places.frames, places.moved):
-            place_tree(scene, tree, poses, frames)
+            place_tree(packed, tree, poses, frames)
     unknowns = 3 * trees + dofs
     room = DrivenRoom(
         origins, make_joints(scene, poses), np.zeros(bodies, np.int64), places, make_chain_room(scene, unknowns, MET), near,
@@ -151,7 +153,7 @@ def make_machine(scene: Scene) -> Machine:
     )  # fmt: skip
 
 
-@kernel
+@outlined
 def place_recording(scene: Scene, m: Machine, roots: Floats, angles: Floats) -> None:
     """Forward kinematics of all trees the recording moves; their pieces and boxes as recorded."""
     for tree in range(len(scene.trees.role)):
@@ -162,7 +164,7 @@ def place_recording(scene: Scene, m: Machine, roots: Floats, angles: Floats) -> 
         update_boxes(scene, m.room.places.base, m.boxes, tree)
 
 
-@kernel
+@outlined
 def measure_recorded(scene: Scene, m: Machine) -> float:
     """Overlaps of the recorded poses: fills `near` and `depths`; returns the deepest [m] of driven bodies with fixed and
     other driven ones.
@@ -177,7 +179,7 @@ def measure_recorded(scene: Scene, m: Machine) -> float:
     return deepest
 
 
-@kernel
+@outlined
 def shift_driven(scene: Scene, m: Machine, roots: Floats) -> None:
     """Corrected poses: the recorded ones, driven trees translated by their offset (none: bit for bit the same)."""
     for tree in range(len(scene.trees.role)):
@@ -212,7 +214,7 @@ def want_velocities(scene: Scene, m: Machine, dt: float) -> None:
             m.velocity[body, 3 + i] = turn[i] / dt
 
 
-@kernel
+@outlined
 def simulate_bodies(scene: Scene, m: Machine, dt: float, knobs: Knobs) -> tuple[int, int]:
     """Move the simulated bodies through the frame; what hits a driven tree changes its offset's speed.
 
@@ -244,7 +246,7 @@ def simulate_bodies(scene: Scene, m: Machine, dt: float, knobs: Knobs) -> tuple[
     return impacts, flags
 
 
-@kernel
+@outlined
 def find_contacts(scene: Scene, m: Machine, gap: float, block: Block, frame: int) -> float:
     """Contacts of the final poses, written to `block`; returns the deepest overlap that is left [m]."""
     places, near = m.room.places, m.room.near
@@ -253,7 +255,14 @@ def find_contacts(scene: Scene, m: Machine, gap: float, block: Block, frame: int
             update_boxes(scene, places.frames, m.boxes, tree)
     room = CONTACT_GAPS * gap
     find_near(scene, places.frames, m.boxes, m.still, room, near, places.found, m.axes, m.scratch)
-    return write_contacts(scene, places.frames, near, m.driven.offset, m.points_a, m.points_b, block, frame, m.scratch)
+    deepest = write_contacts(
+        scene, places.frames, near, m.driven.offset, m.points_a, m.points_b, block, frame, m.scratch
+    )
+    if len(m.simulated.free) > 0:
+        block.contact_end[frame + 1] = write_touches(
+            m.simulated, m.corrected, block.contact_bodies, block.contact_values, block.contact_end[frame + 1]
+        )
+    return deepest
 
 
 @kernel
@@ -331,7 +340,15 @@ def step(
 
 @kernel
 def run_block(
-    scene: Scene, m: Machine, roots: Floats, angles: Floats, dts: Floats, drifts: Floats, knobs: Knobs, block: Block
+    scene: Scene,
+    m: Machine,
+    roots: Floats,
+    angles: Floats,
+    dts: Floats,
+    drifts: Floats,
+    knobs: Knobs,
+    hasty: bool,
+    block: Block,
 ) -> int:
     """Step through frames.
 
@@ -342,6 +359,8 @@ def run_block(
     roots, angles, dts, drifts
         (N, T, 7), (N, Q), (N,) and (N, T, 3): the recording, the times between frames [s], and where trees are to step
         aside.
+    hasty
+        Stop at the first frame in which a tree is wedged.
     block
         Takes the results.
 
@@ -350,6 +369,7 @@ def run_block(
     int
         How many frames were done before `block` had no more room: at least one.
     """
+    m.room.places.hasty[0] = 1 if hasty else 0
     block.contact_end[0] = block.depth_end[0] = 0
     for frame in range(len(dts)):
         if not has_room(block, frame):
@@ -358,4 +378,6 @@ def run_block(
             for i in range(3):
                 m.driven.drift[tree, i] = drifts[frame, tree, i]
         step(scene, m, roots[frame], angles[frame], dts[frame], knobs, block, frame)
+        if hasty and block.numbers[frame, FALLBACKS] > 0:
+            return frame
     return len(dts)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from geomphys.collision.penetration import Scratch, separation
 from geomphys.collision.sweep import Boxes, apart, near_trees
-from geomphys.kernel import kernel
+from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import Vec
 from geomphys.world.scene import DRIVEN, Pieces, Scene
 
@@ -80,7 +80,7 @@ def append_pair(near: Near, a: int, b: int, tree_a: int, tree_b: int, s: float, 
         near.normal[k, i], near.point_a[k, i], near.point_b[k, i] = n[i], pa[i], pb[i]
 
 
-@kernel
+@outlined
 def near_bodies(
     scene: Scene, frames: Floats, boxes: Boxes, body_a: int, body_b: int, limit: float, near: Near, axes: Axes,
     scratch: Scratch,
@@ -126,7 +126,7 @@ def near_pairs_within_tree(
                 near_bodies(scene, frames, boxes, body_a, body_b, limit, near, axes, scratch)
 
 
-@kernel
+@outlined
 def find_near(
     scene: Scene, frames: Floats, boxes: Boxes, reach: Floats, room: float, near: Near, found: Ints, axes: Axes,
     scratch: Scratch,

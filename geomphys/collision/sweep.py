@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.kernel import kernel
+from geomphys.kernel import kernel, outlined
+from geomphys.packed import pack
 from geomphys.world.scene import BOX, CAPSULE, CYLINDER, SPHERE, Pieces, Scene
 
 Floats = NDArray[np.float64]
@@ -66,8 +67,9 @@ def make_boxes(scene: Scene, frames: Floats) -> Boxes:
         centre, half, *(np.zeros((n, 3)) for n in (pieces, pieces, bodies, bodies, trees, trees)),
         np.zeros(0, np.int64), np.zeros(0), np.zeros(1), np.zeros(0, np.int64),
     )  # fmt: skip
+    packed = pack(scene), pack(boxes)
     for tree in range(trees):
-        update_boxes(scene, frames, boxes, tree)
+        update_boxes(packed[0], frames, packed[1], tree)
     still = np.flatnonzero(scene.trees.moving == 0)
     width = boxes.tree_high[still, 0] - boxes.tree_low[still, 0]
     narrow = width <= WIDE * np.median(width) if len(still) else np.zeros(0, bool)
@@ -80,7 +82,7 @@ def make_boxes(scene: Scene, frames: Floats) -> Boxes:
     )
 
 
-@kernel
+@outlined
 def update_boxes(scene: Scene, frames: Floats, boxes: Boxes, tree: int) -> None:
     """Recompute the boxes of the pieces and bodies of `tree` and of itself; empty ones become (inf, -inf)."""
     for k in range(3):

@@ -26,7 +26,7 @@ from geomphys.collision.sweep import Boxes, update_boxes
 from geomphys.driven.least_distance import SOLVED, LeastDistance, solve_least_distance
 from geomphys.driven.overlap import Places, place_at
 from geomphys.driven.posture import ROOT_WEIGHT, Joints, add_effects, lower_bend, take_posture, upper_bend
-from geomphys.kernel import kernel
+from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import Vec
 from geomphys.world.kinematics import place_tree, pose_tree
 from geomphys.world.scene import DRIVEN, Scene
@@ -75,7 +75,7 @@ def is_chained(scene: Scene, tree: int) -> bool:
     return scene.trees.role[tree] == DRIVEN and scene.trees.chains[tree] == 1
 
 
-@kernel
+@outlined
 def place_posture(
     scene: Scene, origins: Floats, joints: Joints, roots: Floats, recorded: Floats, bend: Floats, offsets: Floats,
     room: ChainRoom, p: Places, boxes: Boxes,
@@ -148,7 +148,7 @@ def _unknown_now(joints: Joints, room: ChainRoom, offsets: Floats, j: int) -> fl
     return offsets[(-1 - q) // 3, (-1 - q) % 3] * ROOT_WEIGHT
 
 
-@kernel
+@outlined
 def _rows(
     scene: Scene, joints: Joints, room: ChainRoom, p: Places, offsets: Floats, problem: LeastDistance, gap: float,
     with_root: bool, axes: Axes, scratch: Scratch,
@@ -217,7 +217,7 @@ def _add_limits(
     return rows
 
 
-@kernel
+@outlined
 def _solve(
     scene: Scene, joints: Joints, room: ChainRoom, p: Places, recorded: Floats, offsets: Floats, problem: LeastDistance,
     unknowns: int, rows: int,
@@ -258,7 +258,7 @@ def _solve(
     return True, longest
 
 
-@kernel
+@outlined
 def bend_chains(
     scene: Scene, origins: Floats, joints: Joints, room: ChainRoom, p: Places, boxes: Boxes, near: Near,
     problem: LeastDistance, roots: Floats, recorded: Floats, gap: float, with_root: bool, axes: Axes, scratch: Scratch,

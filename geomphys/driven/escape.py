@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from geomphys.collision.detect import Axes, Near, near_pairs_of_trees
 from geomphys.collision.penetration import Scratch
 from geomphys.collision.sweep import Boxes, apart, near_trees, update_boxes
-from geomphys.kernel import kernel
+from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import Vec, add_scaled, cross, dot, norm, perpendicular, unit
 from geomphys.world.scene import DRIVEN, Scene
 
@@ -164,7 +164,7 @@ def _escape_tree(
     return True
 
 
-@kernel
+@outlined
 def escape(
     scene: Scene, base: Floats, current: Floats, frames: Floats, boxes: Boxes, near: Near, ignored: Ints, gap: float,
     rescue: Rescue, found: Ints, axes: Axes, scratch: Scratch,

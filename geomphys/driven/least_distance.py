@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.kernel import kernel
+from geomphys.kernel import kernel, outlined
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -151,7 +151,7 @@ def _drop(p: LeastDistance, n: int, count: int, place: int) -> int:
     return count
 
 
-@kernel
+@outlined
 def solve_least_distance(p: LeastDistance, n: int, m: int, tolerance: float) -> tuple[int, int]:
     """Solve with the first `n` unknowns and `m` rows of `p`; rows should have unit length.
 

@@ -22,7 +22,7 @@ from geomphys.collision.penetration import Scratch
 from geomphys.collision.sweep import Boxes, update_boxes
 from geomphys.driven.escape import Rescue, escape
 from geomphys.driven.least_distance import SOLVED, LeastDistance, solve_least_distance
-from geomphys.kernel import kernel
+from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import Vec, dot, norm
 from geomphys.world.scene import DRIVEN, Scene
 
@@ -53,6 +53,7 @@ class Places(NamedTuple):
     moved: Floats  # (P, 12) at `trial`
     chosen: Ints  # (n,) 1 for pairs of `Near` whose plane is in the problem
     found: Ints  # (T,) scratch
+    hasty: Ints  # (1,) 1: a trial, that ends where a way out would have to be searched for
 
 
 def make_places(scene: Scene, size: int) -> Places:
@@ -62,7 +63,7 @@ def make_places(scene: Scene, size: int) -> Places:
     frames = [np.zeros((pieces, 12)) for _ in range(3)]
     return Places(
         *vectors, np.zeros(trees), np.zeros(trees), np.full(trees, -1), *frames, np.zeros(size, np.int64),
-        np.zeros(trees, np.int64),
+        np.zeros(trees, np.int64), np.zeros(1, np.int64),
     )  # fmt: skip
 
 
@@ -210,7 +211,7 @@ def _concerns(scene: Scene, near: Near, ignored: Ints, k: int) -> bool:
     return near.tree_a[k] != near.tree_b[k] and ignored[body_a] == 0 and ignored[body_b] == 0
 
 
-@kernel
+@outlined
 def _nearest_free(
     scene: Scene, p: Places, near: Near, ignored: Ints, problem: LeastDistance, gap: float, axes: Axes, scratch: Scratch
 ) -> tuple[int, float, int]:
@@ -255,7 +256,7 @@ def _accept(scene: Scene, p: Places) -> None:
             place_at(scene, p.base, p.current, tree, p.frames)
 
 
-@kernel
+@outlined
 def eliminate_overlap(
     scene: Scene, p: Places, boxes: Boxes, near: Near, ignored: Ints, problem: LeastDistance, gap: float, rounds: int,
     rescue: Rescue, axes: Axes, scratch: Scratch,
@@ -303,5 +304,7 @@ def eliminate_overlap(
         if not overlapped:
             return count + 1, method, rescues, True
         rescues += 1
+        if p.hasty[0] == 1:
+            return count + 1, method, rescues, False
         escape(scene, p.base, p.current, p.frames, boxes, near, ignored, gap, rescue, p.found, axes, scratch)
     return rounds, method, rescues, False

@@ -12,7 +12,7 @@ from geomphys.collision.penetration import Scratch
 from geomphys.collision.sweep import Boxes
 from geomphys.driven.overlap import Places
 from geomphys.driven.posture import Joints
-from geomphys.kernel import kernel
+from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import add_scaled, slerp, sub
 from geomphys.world.kinematics import orientation_of, pose_tree, position_of, set_pose
 from geomphys.world.scene import DRIVEN, SIMULATED, Scene
@@ -30,7 +30,7 @@ def is_recorded(scene: Scene, tree: int) -> bool:
     return scene.trees.moving[tree] == 1 and scene.trees.role[tree] != SIMULATED
 
 
-@kernel
+@outlined
 def measure_stir(scene: Scene, joints: Joints, before: Floats, p: Places, stir: Floats) -> None:
     """How far each piece moves with this step, and each tree at most (`p.stir`), in m: a bound over its points.
 
@@ -81,7 +81,7 @@ def measure_flex(scene: Scene, joints: Joints, before: Floats, after: Floats, fl
                 flex[body] += change * joints.lever[q]
 
 
-@kernel
+@outlined
 def steps_needed(
     scene: Scene,
     p: Places,
@@ -113,7 +113,7 @@ def steps_needed(
     return int(min(steps, float(MOST_STEPS)))
 
 
-@kernel
+@outlined
 def recording_between(
     scene: Scene, origins: Floats, roots0: Floats, angles0: Floats, roots1: Floats, angles1: Floats, w: float,
     roots: Floats, angles: Floats, poses: Floats,

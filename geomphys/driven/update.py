@@ -24,7 +24,7 @@ from geomphys.driven.least_distance import LeastDistance
 from geomphys.driven.overlap import INTERPOLATED, LEAST_DISTANCE, Places, eliminate_overlap, place_at, row_of
 from geomphys.driven.posture import Joints, PostureState, lower_bend, upper_bend
 from geomphys.driven.steps import is_recorded, measure_flex, measure_stir, recording_between, steps_needed
-from geomphys.kernel import kernel
+from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import dot, norm, sub, unit
 from geomphys.world.kinematics import place_tree
 from geomphys.world.scene import DRIVEN, Scene
@@ -131,7 +131,7 @@ def _pull_joints(scene: Scene, state: DrivenState, room: DrivenRoom, angles: Flo
         room.after[q] = angles[q] + chains.goal[q]
 
 
-@kernel
+@outlined
 def _place_trees(scene: Scene, room: DrivenRoom, boxes: Boxes, roots: Floats, angles: Floats, poses: Floats) -> None:
     """All trees the recording moves, driven ones at their present root and, if chained, at the posture they are pulled to."""
     p = room.places
@@ -265,7 +265,7 @@ def _bend(
     return passes + more, INTERPOLATED, False
 
 
-@kernel
+@outlined
 def _advance(
     scene: Scene, state: DrivenState, room: DrivenRoom, boxes: Boxes, roots: Floats, angles: Floats, poses: Floats, dt: float,
     gap: float, rounds: int, axes: Axes, scratch: Scratch,
@@ -300,7 +300,7 @@ def _advance(
     return Outcome(count, method, rescues, converged)
 
 
-@kernel
+@outlined
 def update_driven(
     scene: Scene, state: DrivenState, room: DrivenRoom, boxes: Boxes, roots: Floats, angles: Floats, recorded: Floats,
     dt: float, gap: float, rounds: int, axes: Axes, scratch: Scratch,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.kernel import kernel
+from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import Quat, Rot, Vec, quat_mul, quat_rotate, rot_from_quat, rot_mul, rotate
 from geomphys.world.scene import JOINT_FIXED, JOINT_PRISMATIC, Scene
 
@@ -79,7 +79,7 @@ def joint_value(scene: Scene, body: int, angles: Floats) -> float:
     return scene.bodies.multiplier[body] * angles[dof] + scene.bodies.offset[body]
 
 
-@kernel
+@outlined
 def pose_tree(scene: Scene, origins: Floats, tree: int, roots: Floats, angles: Floats, poses: Floats) -> None:
     """Forward kinematics of one tree.
 
@@ -118,7 +118,7 @@ def pose_tree(scene: Scene, origins: Floats, tree: int, roots: Floats, angles: F
         set_pose(poses, body, p, q)
 
 
-@kernel
+@outlined
 def place_tree(scene: Scene, tree: int, poses: Floats, frames: Floats) -> None:
     """Frame rows (P, 12) world_from_piece of the pieces of `tree`, from body poses (B, 7)."""
     local = scene.pieces.local

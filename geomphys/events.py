@@ -1,0 +1,43 @@
+"""What a user is told of a replay: messages of frames, made from their flags and figures."""
+
+from __future__ import annotations
+
+from geomphys.results import (
+    FLAG_BLOCKED,
+    FLAG_IMPACT_BOUND,
+    FLAG_NOT_CONVERGED,
+    FLAG_QUARANTINED,
+    FLAG_STARTED_INSIDE,
+    Metrics,
+)
+
+Message = tuple[str, str]
+
+_TEXTS = {
+    FLAG_STARTED_INSIDE: ("warning", "the recording starts inside something; freed by the shortest way found"),
+    FLAG_NOT_CONVERGED: ("warning", "the driven loop ended at its bound of rounds; see residual_penetration_m"),
+    FLAG_IMPACT_BOUND: (
+        "warning",
+        "more impacts than max_impacts in a frame: what was beyond was stopped, not bounced",
+    ),
+    FLAG_QUARANTINED: ("error", "a simulated body became non-finite and was put back to its last good state"),
+    FLAG_BLOCKED: ("info", "something stands between a body and its recorded place"),
+}
+
+
+class Narrator:
+    """Turns the flags of frames into messages: one where a state begins, none while it lasts."""
+
+    def __init__(self) -> None:
+        self._flags = 0
+
+    def tell(self, metrics: Metrics) -> tuple[Message, ...]:
+        """Messages of a frame."""
+        begun = metrics.flags & ~self._flags
+        self._flags = metrics.flags
+        told = [text for flag, text in _TEXTS.items() if begun & flag]
+        if metrics.fallbacks:
+            told.append(
+                ("warning", "a body was wedged: the normals of its overlaps cancel, a way out was searched for")
+            )
+        return tuple(told)
