@@ -25,6 +25,7 @@ COMMANDS = {
     "replay": "Replay a log in a scene and write the corrected motion.",
     "batch": "Replay many logs, by several processes or a cluster.",
     "diff": "Tell what two results differ in.",
+    "stats": "Show percentiles of results: penetration, correction, speeds, times.",
     "check": "Tell whether a log can be replayed in a scene, and how well.",
     "info": "Show what a log holds.",
     "view": "Open a result in the rerun viewer.",

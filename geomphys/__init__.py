@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from geomphys.pipeline import replay
     from geomphys.results import Contacts, Frame, FrameResult, Metrics, Penetrations
     from geomphys.runner import run
+    from geomphys.stats import Statistics, statistics_of
     from geomphys.summary import Summarizer, Summary
     from geomphys.world.scene import Scene, World
 
@@ -54,6 +55,7 @@ _HOME = {
     "Penetrations": "results",
     "Scene": "world.scene",
     "SceneError": "errors",
+    "Statistics": "stats",
     "Summarizer": "summary",
     "Summary": "summary",
     "World": "world.scene",
@@ -62,6 +64,7 @@ _HOME = {
     "replay": "pipeline",
     "run": "runner",
     "run_batch": "batch.run",
+    "statistics_of": "stats",
 }
 
 __all__ = [
@@ -84,6 +87,7 @@ __all__ = [
     "Penetrations",
     "Scene",
     "SceneError",
+    "Statistics",
     "Summarizer",
     "Summary",
     "World",
@@ -93,6 +97,7 @@ __all__ = [
     "replay",
     "run",
     "run_batch",
+    "statistics_of",
 ]
 
 

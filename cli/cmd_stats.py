@@ -1,0 +1,121 @@
+"""``geomphys stats``: percentiles of one result or many."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from .command import command, current_terminal
+from .options import INPUT_FILE, json_option
+from .progress import progress_bar
+from .terminal import counted, fields, heading
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from geomphys.stats import Distribution, OutputStatistics, Statistics
+
+    from .terminal import Terminal
+
+DEGREES = 57.29577951308232
+
+ROWS = {
+    "recorded_penetration_m": ("recorded penetration", "mm", 1e3),
+    "residual_penetration_m": ("penetration left", "mm", 1e3),
+    "correction_m": ("correction", "mm", 1e3),
+    "correction_rad": ("correction", "°", DEGREES),
+    "contacts": ("contacts", "", 1.0),
+    "iterations": ("rounds", "", 1.0),
+    "recorded_speed_m_s": ("speed as recorded", "m/s", 1.0),
+    "corrected_speed_m_s": ("speed corrected", "m/s", 1.0),
+    "correction_speed_m_s": ("speed of the correction", "m/s", 1.0),
+    "recorded_jerk_m_s3": ("jerk as recorded", "m/s³", 1.0),
+    "corrected_jerk_m_s3": ("jerk corrected", "m/s³", 1.0),
+    "correction_jerk_m_s3": ("jerk of the correction", "m/s³", 1.0),
+}
+"""Series -> what it is called, the unit it is shown in, and the factor to it."""
+
+
+@command(
+    "stats",
+    examples="""
+    geomphys stats corrected.mcap
+    geomphys stats corrected/*.mcap
+    geomphys stats corrected/*.mcap --json > figures.json
+    """,
+)
+@click.argument("outputs", type=INPUT_FILE, nargs=-1, required=True, metavar="OUT...")
+@json_option
+def stats(outputs: tuple[Path, ...], as_json: bool) -> None:
+    """Show percentiles of each OUT, and of all together.
+
+    Penetration, correction, contacts and times of the stages are over the frames; speeds and jerks are those of the
+    fastest driven body in each frame, as recorded, as corrected, and of the correction between them.
+    """
+    import geomphys
+
+    terminal = current_terminal()
+    with progress_bar(terminal, counted(len(outputs), "result")) as bar:
+        statistics = geomphys.statistics_of(outputs, progress=bar)
+    if as_json:
+        terminal.json(statistics.as_dict())
+    else:
+        _show(terminal, statistics)
+    for output in statistics.outputs:
+        if not output.complete:
+            terminal.warning(f"{output.name}: is the finished part of a replay that ended early")
+
+
+def _show(terminal: Terminal, statistics: Statistics) -> None:
+    """Print each output, and the sum of several."""
+    several = len(statistics.outputs) > 1
+    for output in (*statistics.outputs, *([statistics.all] if several else [])):
+        name = f"all {len(statistics.outputs)}" if output is statistics.all else Path(output.name).name
+        terminal.result(heading(name), fields(_facts(output)), _table(output), "")
+
+
+def _facts(output: OutputStatistics) -> list[tuple[str, list[str]]]:
+    """Return what is counted."""
+    share = f"{output.frames_penetrating:,} inside something as recorded, {output.frames_in_contact:,} in contact"
+    rows = [("Frames", [f"{output.frames:,} in {output.duration_s:,.2f} s", share])]
+    notes = [
+        counted(count, "frame") + f" {flag.replace('_', ' ')}" for flag, count in output.flags.items() if flag != "held"
+    ]
+    if output.held_frames:
+        notes.insert(0, counted(output.held_frames, "frame") + " held")
+    if output.frames_with_residual:
+        notes.insert(0, counted(output.frames_with_residual, "frame") + " not free")
+    if output.impacts:
+        notes.append(counted(output.impacts, "impact"))
+    if output.fallbacks:
+        notes.append(counted(output.fallbacks, "fallback"))
+    return [*rows, ("Notes", notes)] if notes else rows
+
+
+def _table(output: OutputStatistics) -> Table:
+    """Return a line for each series that has values."""
+    from rich.table import Table
+
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    table.add_column("", overflow="fold")
+    for name in ("frames", "median", "p90", "p95", "p99", "largest", "unit"):
+        table.add_column(name, justify="left" if name == "unit" else "right", no_wrap=True)
+    for key, (label, unit, factor) in ROWS.items():
+        if output.values[key].max > 0:
+            table.add_row(label, *_cells(output.values[key], factor), unit)
+    for name, times in output.stages.items():
+        table.add_row(name, *_cells(times, 1e-3), "µs")
+    return table
+
+
+def _cells(values: Distribution, factor: float) -> list[str]:
+    """Return count and percentiles."""
+    figures = (values.p50, values.p90, values.p95, values.p99, values.max)
+    return [f"{values.count:,}", *(_short(factor * figure) for figure in figures)]
+
+
+def _short(value: float) -> str:
+    """Return a number in three digits or, above a thousand, without decimals."""
+    return f"{value:,.0f}" if value >= 1000 else f"{value:.3g}"
