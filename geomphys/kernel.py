@@ -21,6 +21,7 @@ from typing import Any, TypeVar, cast
 import numba
 
 from geomphys.cache import user_folder
+from geomphys.outlining import follow
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -32,7 +33,7 @@ def cache_folder() -> Path:
     digest = hashlib.sha256(f"{numba.__version__} {sys.version}".encode())
     for source in sorted(package.rglob("*.py")):
         text = source.read_bytes()
-        if b"@kernel" in text or b"kernel(" in text:
+        if b"geomphys.kernel" in text or b"numba" in text:
             digest.update(source.relative_to(package).as_posix().encode() + b"\0" + text)
     name = f"kernels-{digest.hexdigest()[:16]}"
     return user_folder(name)
@@ -45,27 +46,26 @@ def are_compiled() -> bool:
 
 def kernel(function: F) -> F:
     """Compile `function` with numba on its first call and keep the machine code in `cache_folder`."""
-    return _compiled(function, forceinline=False)
+    return _compiled(function)
+
+
+def outlined(function: F) -> F:
+    """Compile `function` once; its callers jump to it: for long ones at the bottom of many others."""
+    return _compiled(function, out=True)
 
 
 def inlined(function: F) -> F:
     """Compile `function` into each of its callers: for short ones that take many arrays and hand on a few numbers."""
-    return _compiled(function, forceinline=True)
+    return _compiled(function, into=True)
 
 
-def _compiled(function: F, forceinline: bool) -> F:
+def _compiled(function: F, into: bool = False, out: bool = False) -> F:
     config = cast(Any, numba.config)
     before = config.CACHE_DIR
     config.CACHE_DIR = str(cache_folder())
     try:
-        compiled = numba.njit(cache=True, error_model="numpy", _nrt=False, forceinline=forceinline)(function)
+        compiled = cast(Any, numba).njit(cache=True, error_model="numpy", _nrt=False, forceinline=into)(function)
     finally:
         config.CACHE_DIR = before
-    template, types = compiled.get_call_template, cast(Any, numba.types)
-
-    def widened(args: Any, kws: Any) -> Any:
-        # a constant argument of a call would otherwise be a type of its own, and compile the callee once for each value
-        return template(tuple(map(types.unliteral, args)), {k: types.unliteral(v) for k, v in kws.items()})
-
-    vars(compiled)["get_call_template"] = widened
+    follow(compiled, cache_folder(), out)
     return cast(F, compiled)

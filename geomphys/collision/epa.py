@@ -15,7 +15,7 @@ import numpy as np
 from geomphys.collision.gjk import difference, on_triangle, set_pair
 from geomphys.collision.scratch import MAX_CORNERS, MAX_FACES, Room
 from geomphys.collision.support import Core, vec_at
-from geomphys.kernel import kernel
+from geomphys.kernel import kernel, outlined
 from geomphys.memory import float_at, int_at, set_float, set_int
 from geomphys.vec3 import Rot, Vec, add_scaled, cross, dot, norm, perpendicular, scale, sub
 from geomphys.world.scene import CYLINDER
@@ -244,7 +244,7 @@ def blend(room: Room, i: int, j: int, k: int, x: float, y: float, z: float) -> V
     return add_scaled(point, vec_at(room.points, 6 * k + 3), z)
 
 
-@kernel
+@outlined
 def expand(a: Core, b: Core, rot: Rot, t: Vec, size: float, count: int, room: Room) -> tuple[bool, float, Vec, Vec]:
     """Penetration depth of the cores A and B in A's frame, from the simplex of `count` points that `closest` left.
 

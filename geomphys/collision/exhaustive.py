@@ -13,7 +13,7 @@ from geomphys.collision.epa import foot
 from geomphys.collision.gjk import difference, set_pair
 from geomphys.collision.scratch import Room
 from geomphys.collision.support import Core, vec_at
-from geomphys.kernel import kernel
+from geomphys.kernel import kernel, outlined
 from geomphys.memory import int_at
 from geomphys.vec3 import Rot, Vec, add, cross, dot, norm, rotate, scale, sub
 from geomphys.world.scene import BOX, CAPSULE
@@ -84,7 +84,7 @@ def try_direction(
     return best, outward
 
 
-@kernel
+@outlined
 def exhaustive(a: Core, b: Core, rot: Rot, t: Vec, size: float, room: Room) -> tuple[float, Vec, Vec]:
     """Depth, outward normal and point of A of two cores, as `expand` has them; none of them a cylinder."""
     best, outward = np.inf, (0.0, 0.0, 1.0)

@@ -14,7 +14,7 @@ import numpy as np
 
 from geomphys.collision.scratch import MAX_POLYGON, Room, Scratch, room_of
 from geomphys.collision.support import Shapes, position_of, rotation_of, shapes_of, vec_at
-from geomphys.kernel import inlined, kernel
+from geomphys.kernel import inlined, kernel, outlined
 from geomphys.memory import address, float_at, int_at, set_float
 from geomphys.vec3 import Vec, add, add_scaled, cross, dot, neg, norm, rotate, rotate_back, scale, sub
 from geomphys.world.scene import BOX, CAPSULE, CYLINDER, SPHERE, Floats, Pieces
@@ -163,7 +163,7 @@ def clip(points: int, count: int, out: int, origin: Vec, inward: Vec) -> int:
     return kept
 
 
-@kernel
+@outlined
 def touching(
     shapes: Shapes, faces: Faces, a: int, b: int, s: float, n: Vec, pa: Vec, pb: Vec, out_a: int, out_b: int, room: Room
 ) -> int:

@@ -10,7 +10,7 @@ from geomphys.collision.exhaustive import exhaustive
 from geomphys.collision.gjk import OVERLAP, closest, difference
 from geomphys.collision.scratch import Room, Scratch, make_scratch, room_of
 from geomphys.collision.support import Shapes, core_of, position_of, radius_of, rotation_of, shapes_of, vec_at
-from geomphys.kernel import inlined, kernel
+from geomphys.kernel import inlined, kernel, outlined
 from geomphys.memory import float_at, int_at
 from geomphys.vec3 import (
     Vec,
@@ -57,7 +57,7 @@ def separation(pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axi
     return separate(shapes_of(pieces, frames), a, b, limit, axis, room_of(scratch))
 
 
-@kernel
+@outlined
 def separate(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, room: Room) -> Separation:
     """`separation`, on addresses; the kind of A does not stand above that of B in what it calls."""
     kind_a, kind_b = int_at(shapes.kind, a), int_at(shapes.kind, b)

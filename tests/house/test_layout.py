@@ -13,7 +13,7 @@ from tests.house.sources import imports, modules, tree
 
 LAYERS = (
     "errors",
-    "cache memory",
+    "cache memory outlining",
     "kernel",
     "vec3",
     "transforms",
