@@ -26,6 +26,7 @@ COMMANDS = {
     "batch": "Replay many logs, by several processes or a cluster.",
     "diff": "Tell what two results differ in.",
     "stats": "Show percentiles of results: penetration, correction, speeds, times.",
+    "plot": "Draw a result's curves: times, penetration, correction, contacts.",
     "check": "Tell whether a log can be replayed in a scene, and how well.",
     "info": "Show what a log holds.",
     "view": "Open a result in the rerun viewer.",

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     )
     from geomphys.load import load_world
     from geomphys.pipeline import replay
+    from geomphys.plots import plot_output
     from geomphys.results import Contacts, Frame, FrameResult, Metrics, Penetrations
     from geomphys.runner import run
     from geomphys.stats import Statistics, statistics_of
@@ -61,6 +62,7 @@ _HOME = {
     "World": "world.scene",
     "compare_outputs": "diff.compare",
     "load_world": "load",
+    "plot_output": "plots",
     "replay": "pipeline",
     "run": "runner",
     "run_batch": "batch.run",
@@ -94,6 +96,7 @@ __all__ = [
     "__version__",
     "compare_outputs",
     "load_world",
+    "plot_output",
     "replay",
     "run",
     "run_batch",

@@ -1,0 +1,54 @@
+"""``geomphys plot``: curves of a result as a figure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from .command import command, current_terminal
+from .options import INPUT_FILE, OUTPUT_FILE, check_output, force_option
+from .progress import progress_bar
+
+PANELS = ["time", "penetration", "correction", "contacts"]
+FORMATS = {".png", ".svg", ".pdf"}
+
+
+@command(
+    "plot",
+    examples="""
+    geomphys plot corrected.mcap -o corrected.png
+    geomphys plot corrected.mcap -o times.svg --panel time --scale log
+    """,
+)
+@click.argument("result", metavar="OUT", type=INPUT_FILE)
+@click.option(
+    "--output", "-o", "out", type=OUTPUT_FILE, required=True, metavar="PICTURE", help="A .png, .svg or .pdf to write."
+)
+@click.option(
+    "--panel",
+    "panels",
+    type=click.Choice(PANELS),
+    multiple=True,
+    help="Show only this panel; may be given several times.",
+)
+@click.option(
+    "--scale",
+    type=click.Choice(["auto", "linear", "log"]),
+    default="auto",
+    show_default=True,
+    help="Axis of the frame times: linear stacks the stages, log draws lines.",
+)
+@force_option
+def plot(result: Path, out: Path, panels: tuple[str, ...], scale: str, force: bool) -> None:
+    """Draw OUT over its frames: frame time by stage, penetration, correction, contacts."""
+    check_output(out, force=force, inputs=(result,))
+    if out.suffix.lower() not in FORMATS:
+        raise click.UsageError(f"{out}: ends in {out.suffix!r}; choose {', '.join(sorted(FORMATS))}")
+
+    import geomphys
+
+    terminal = current_terminal()
+    with progress_bar(terminal, result.name) as bar:
+        geomphys.plot_output(result, out, panels=panels or PANELS, scale=scale, force=force, progress=bar)
+    terminal.note(f"wrote {out}")
