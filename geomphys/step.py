@@ -21,7 +21,7 @@ from geomphys.block import (
     write_contacts,
     write_depths,
 )
-from geomphys.collision.detect import Axes, find_near, make_axes, make_near
+from geomphys.collision.detect import Axes, find_near, make_axes, make_near, near_pairs_of_trees
 from geomphys.collision.global_depth import GlobalDepths, global_depths, make_global_depths
 from geomphys.collision.penetration import Scratch, make_scratch
 from geomphys.collision.sweep import Boxes, make_boxes, update_boxes
@@ -31,7 +31,7 @@ from geomphys.driven.least_distance import make_least_distance
 from geomphys.driven.overlap import make_places, place_at
 from geomphys.driven.posture import make_joints, pose_avatars
 from geomphys.driven.steps import is_recorded
-from geomphys.driven.update import DrivenRoom, DrivenState, make_driven_state, update_driven
+from geomphys.driven.update import DrivenRoom, DrivenState, give_way, make_driven_state, update_driven
 from geomphys.kernel import kernel, outlined
 from geomphys.packed import pack
 from geomphys.results import FLAG_NOT_CONVERGED, FLAG_STARTED_INSIDE
@@ -40,8 +40,20 @@ from geomphys.simulated.state import SimulatedState
 from geomphys.simulated.touches import write_touches
 from geomphys.simulated.update import simulate
 from geomphys.timing import cycles
-from geomphys.vec3 import add, quat_conjugate, quat_mul, quat_rotate, rotation_vector
-from geomphys.world.kinematics import joint_origins, orientation_of, place_tree, pose_tree, position_of
+from geomphys.vec3 import (
+    add,
+    add_scaled,
+    dot,
+    quat_conjugate,
+    quat_from_rotation_vector,
+    quat_mul,
+    quat_rotate,
+    quat_unit,
+    rotation_vector,
+    scale,
+    sub,
+)
+from geomphys.world.kinematics import joint_origins, orientation_of, place_tree, pose_tree, position_of, set_pose
 from geomphys.world.scene import DRIVEN, SIMULATED, Scene
 
 Floats = NDArray[np.float64]
@@ -108,6 +120,7 @@ class Machine(NamedTuple):
     points_b: Floats  # (8, 3)
     simulated: SimulatedState
     start: Floats  # (B, 7) poses at the frame's start
+    predicted: Floats  # (B, 7) poses of simulated bodies at the frame's end, by their velocity
     velocity: Floats  # (B, 6) m/s of the centre of mass and rad/s, world
     impulse: Floats  # (T, 3) N s that simulated bodies gave to driven trees
     axes: Axes
@@ -148,7 +161,7 @@ def make_machine(scene: Scene) -> Machine:
     return Machine(
         poses, poses.copy(), make_driven_state(scene), room, make_global_depths(NEAR_PAIRS),
         make_boxes(scene, places.base), np.zeros(trees), np.zeros((trees, 3)), np.zeros((8, 3)), np.zeros((8, 3)),
-        make_simulated_state(scene, poses), poses.copy(), scene.initial_velocity.copy(), np.zeros((trees, 3)),
+        make_simulated_state(scene, poses), poses.copy(), poses.copy(), scene.initial_velocity.copy(), np.zeros((trees, 3)),
         make_axes(), make_scratch(),
     )  # fmt: skip
 
@@ -214,6 +227,57 @@ def want_velocities(scene: Scene, m: Machine, dt: float) -> None:
             m.velocity[body, 3 + i] = turn[i] / dt
 
 
+@kernel
+def place_simulated(scene: Scene, m: Machine, tree: int, poses: Floats) -> None:
+    """Pieces and boxes of a simulated tree at its row of `poses` (B, 7)."""
+    p = m.room.places
+    place_tree(scene, tree, poses, p.base)
+    place_at(scene, p.base, m.still_offset, tree, p.frames)
+    place_at(scene, p.base, m.still_offset, tree, p.moved)
+    update_boxes(scene, p.base, m.boxes, tree)
+
+
+@kernel
+def _meets_driven(scene: Scene, m: Machine, tree: int) -> bool:
+    """Whether a simulated tree overlaps a driven one as that ended the last frame."""
+    near = m.room.near
+    near.count[0] = 0
+    for other in range(len(scene.trees.role)):
+        if scene.trees.role[other] == DRIVEN:
+            update_boxes(scene, m.room.places.frames, m.boxes, other)
+            near_pairs_of_trees(scene, m.room.places.frames, m.boxes, other, tree, 0.0, near, m.axes, m.scratch)
+    for k in range(near.count[0]):  # noqa: SIM110 - a kernel cannot take a generator
+        if near.separation[k] < 0.0:
+            return True
+    return False
+
+
+@outlined
+def predict_simulated(scene: Scene, m: Machine, dt: float) -> None:
+    """Put simulated bodies where they go by their velocity within the frame: what driven bodies have to keep clear of.
+
+    Kept clear of where it is now, a ball that rolls ahead of a hand would never be reached by it. One that comes at a
+    hand stays where it is: it is to hit it.
+    """
+    bodies = scene.bodies
+    for tree in range(len(scene.trees.role)):
+        if scene.trees.role[tree] != SIMULATED:
+            continue
+        body = scene.trees.body_start[tree]
+        speed = (m.velocity[body, 0], m.velocity[body, 1], m.velocity[body, 2])
+        spin = (m.velocity[body, 3], m.velocity[body, 4], m.velocity[body, 5])
+        if dot(speed, speed) + dot(spin, spin) == 0.0:
+            continue
+        com = (bodies.com[body, 0], bodies.com[body, 1], bodies.com[body, 2])
+        q = orientation_of(m.corrected, body)
+        centre = add_scaled(add(position_of(m.corrected, body), quat_rotate(q, com)), speed, dt)
+        q = quat_unit(quat_mul(quat_from_rotation_vector(scale(spin, dt)), q))
+        set_pose(m.predicted, body, sub(centre, quat_rotate(q, com)), q)
+        place_simulated(scene, m, tree, m.predicted)
+        if _meets_driven(scene, m, tree):
+            place_simulated(scene, m, tree, m.corrected)
+
+
 @outlined
 def simulate_bodies(scene: Scene, m: Machine, dt: float, knobs: Knobs) -> tuple[int, int]:
     """Move the simulated bodies through the frame; what hits a driven tree changes its offset's speed.
@@ -239,11 +303,21 @@ def simulate_bodies(scene: Scene, m: Machine, dt: float, knobs: Knobs) -> tuple[
             body = scene.trees.body_start[tree]
             for k in range(7):
                 m.recorded[body, k] = m.corrected[body, k]
-            place_tree(scene, tree, m.corrected, p.base)
-            place_at(scene, p.base, m.still_offset, tree, p.frames)
-            place_at(scene, p.base, m.still_offset, tree, p.moved)
-            update_boxes(scene, p.base, m.boxes, tree)
+            place_simulated(scene, m, tree, m.corrected)
     return impacts, flags
+
+
+@outlined
+def yield_to_simulated(scene: Scene, m: Machine, roots: Floats, knobs: Knobs) -> int:
+    """Where a simulated body ended inside a driven one, the driven one gives way. Returns the rounds this took."""
+    p, near = m.room.places, m.room.near
+    find_near(scene, p.frames, m.boxes, m.still, 0.0, near, p.found, m.axes, m.scratch)
+    for k in range(near.count[0]):
+        if near.separation[k] < 0.0 and scene.trees.role[near.tree_b[k]] == SIMULATED:
+            rounds = give_way(scene, m.driven, m.room, m.boxes, knobs.gap, knobs.rounds, m.axes, m.scratch)
+            shift_driven(scene, m, roots)
+            return rounds
+    return 0
 
 
 @outlined
@@ -301,14 +375,17 @@ def step(
     t1 = cycles()
     lengths[RECORDED] = measure_recorded(scene, m)
     t2 = cycles()
+    if not first:
+        predict_simulated(scene, m, dt)
     done = update_driven(
         scene, m.driven, m.room, m.boxes, roots, angles, m.recorded, dt, knobs.gap, knobs.rounds, m.axes, m.scratch
     )
     shift_driven(scene, m, roots)
     t3 = cycles()
     impacts, flags = 0, 0
-    if not first:
+    if not first and len(m.simulated.free) > 0:
         impacts, flags = simulate_bodies(scene, m, dt, knobs)
+        yield_to_simulated(scene, m, roots, knobs)
     t4 = cycles()
     write_depths(block, frame, m.depths, done.method)
     lengths[RESIDUAL] = find_contacts(scene, m, knobs.gap, block, frame)

@@ -347,3 +347,23 @@ def update_driven(
         count, rescues = count + done.rounds, rescues + done.rescues
         method, converged = max(method, done.method), converged and done.converged
     return Outcome(count, method, rescues, converged)
+
+
+@outlined
+def give_way(
+    scene: Scene, state: DrivenState, room: DrivenRoom, boxes: Boxes, gap: float, rounds: int, axes: Axes, scratch: Scratch
+) -> int:
+    """Move driven trees out of what has come into them since `update_driven`, as little as it takes.
+
+    Parameters are those of `update_driven`. Returns the rounds taken.
+    """
+    p = room.places
+    for tree in range(len(scene.trees.role)):
+        p.stir[tree] = 0.0
+        for i in range(3):
+            p.goal[tree, i] = p.current[tree, i]
+    taken, _, _, _ = eliminate_overlap(
+        scene, p, boxes, room.near, room.nothing, room.problem, gap, rounds, room.rescue, axes, scratch
+    )  # fmt: skip
+    _remember(scene, state, p, state.roots, state.angles)
+    return taken
