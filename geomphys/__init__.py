@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     __version__: str
+    from geomphys.audit import AuditReport, audit_output
     from geomphys.batch.run import BatchReport, run_batch
     from geomphys.config import Config
     from geomphys.diff.compare import compare_outputs
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from geomphys.world.scene import Scene, World
 
 _HOME = {
+    "AuditReport": "audit",
     "BatchReport": "batch.run",
     "ClusterError": "errors",
     "Config": "config",
@@ -60,6 +62,7 @@ _HOME = {
     "Summarizer": "summary",
     "Summary": "summary",
     "World": "world.scene",
+    "audit_output": "audit",
     "compare_outputs": "diff.compare",
     "load_world": "load",
     "plot_output": "plots",
@@ -70,6 +73,7 @@ _HOME = {
 }
 
 __all__ = [
+    "AuditReport",
     "BatchReport",
     "ClusterError",
     "Config",
@@ -94,6 +98,7 @@ __all__ = [
     "Summary",
     "World",
     "__version__",
+    "audit_output",
     "compare_outputs",
     "load_world",
     "plot_output",
