@@ -7,7 +7,7 @@ from geomphys.memory import float_at, int_at, set_float, set_int
 from geomphys.simulated.cells import add_vec, set_vec, vec_at
 from geomphys.simulated.impulses import collide
 from geomphys.simulated.ledger import commit
-from geomphys.simulated.motion import refresh, turn_at
+from geomphys.simulated.motion import load_velocities, refresh, turn_at
 from geomphys.simulated.points import normal_speed
 from geomphys.simulated.resting import set_limits, stop_slow_approach
 from geomphys.simulated.state import (
@@ -20,10 +20,12 @@ from geomphys.simulated.state import (
     AT_TOUCH,
     AT_VELOCITY,
     CLEARANCE,
+    HITS,
     LIGHTNESS,
     MASS,
     MASS_N,
     MASS_T,
+    N_PAIRS,
     N_ROWS,
     NORMAL,
     RATE,
@@ -31,18 +33,20 @@ from geomphys.simulated.state import (
     ROW_A,
     ROW_B,
     ROW_ON,
+    ROW_PAIR,
     SPEED,
-    SPIN,
     TREE,
     WISH_ARM,
     entry,
     free_body,
     has_changed,
+    has_yielded,
     how_many,
     kind_of,
     knob,
     motion_of,
     owner,
+    pair_at,
     row,
     velocity_of,
 )
@@ -50,17 +54,8 @@ from geomphys.vec3 import Vec, add, cross, dot, quat_rotate, sub
 from geomphys.world.scene import DRIVEN, FIXED
 
 IDLE = 1e-7  # m/s: a slower approach of a driven body's wish is none
-ROUNDS_A_ROW = 12  # collisions at one moment: so many for each contact point, then all are stopped together
-
-
-@kernel
-def load_velocities(sim: int) -> None:
-    """Write the present velocities of the changed bodies to `velocity` of the state."""
-    for s in range(entry(sim, AT_COUNT)):
-        body = free_body(sim, s)
-        if has_changed(sim, body):
-            set_vec(velocity_of(entry(sim, AT_VELOCITY), body), 0, vec_at(motion_of(sim, body), SPEED))
-            set_vec(velocity_of(entry(sim, AT_VELOCITY), body), 3, vec_at(motion_of(sim, body), SPIN))
+MOST_HITS = 3  # of a pair at one moment: what then still approaches is stopped, all of it together
+MOST_WISHES = 40  # of a driven body and another at one moment
 
 
 @kernel
@@ -136,13 +131,15 @@ def fastest_approach(sim: int, t: float) -> tuple[int, float]:
     for k in range(how_many(sim, N_ROWS)):
         o, r = owner(sim, k), row(sim, k)
         a, b = int_at(o, ROW_A), int_at(o, ROW_B)
-        if not has_changed(sim, a) or float_at(r, CLEARANCE) > knob(sim, AT_TOUCH):
+        pair = int_at(o, ROW_PAIR)
+        if not has_changed(sim, a) or has_yielded(sim, pair) or float_at(r, CLEARANCE) > knob(sim, AT_TOUCH):
             continue
+        hits = int_at(pair_at(sim, pair), HITS)
         if int_at(kind_of(sim, b), ROLE) == DRIVEN:
-            v, least = wished_speed(sim, k, t), IDLE
+            v, least, most = wished_speed(sim, k, t), IDLE, MOST_WISHES
         else:
-            v, least = normal_speed(entry(sim, AT_VELOCITY), r, a, b), knob(sim, AT_THRESHOLD)
-        if v < -least and v < worst:
+            v, least, most = normal_speed(entry(sim, AT_VELOCITY), r, a, b), knob(sim, AT_THRESHOLD), MOST_HITS
+        if hits < most and v < -least and v < worst:
             worst, chosen = v, k
     return chosen, worst
 
@@ -171,13 +168,17 @@ def resolve(sim: int, t: float, room: int) -> tuple[int, bool]:
     load_velocities(sim)
     set_limits(sim)
     done, full = 0, False
-    for _ in range(ROUNDS_A_ROW * how_many(sim, N_ROWS)):
+    for k in range(how_many(sim, N_PAIRS)):
+        set_int(pair_at(sim, k), HITS, 0)
+    while True:
         chosen, v = fastest_approach(sim, t)
         if chosen < 0:
             break
+        p = pair_at(sim, int_at(owner(sim, chosen), ROW_PAIR))
+        set_int(p, HITS, int_at(p, HITS) + 1)
         b = int_at(owner(sim, chosen), ROW_B)
         driven = int_at(kind_of(sim, b), ROLE) == DRIVEN
-        bounces = v < -knob(sim, AT_THRESHOLD)
+        bounces = v < -knob(sim, AT_THRESHOLD) and int_at(p, HITS) <= MOST_HITS
         if bounces and done >= room:
             full = True
             bounces = False

@@ -9,6 +9,7 @@ from geomphys.memory import float_at, int_at, set_float, set_int
 from geomphys.simulated.cells import quat_at, set_quat, set_vec, vec_at
 from geomphys.simulated.integrate import angular_momentum
 from geomphys.simulated.motion import refresh
+from geomphys.simulated.sleep import REST_TIME, note_rest
 from geomphys.simulated.state import (
     AT_COUNT,
     AT_DT,
@@ -18,12 +19,14 @@ from geomphys.simulated.state import (
     AT_TOLD,
     AT_TREE_COUNT,
     AT_VELOCITY,
+    AWAKE,
     BASE,
     CHANGED,
     EVENTS,
     GRAVITY,
     INERTIA,
     ISLAND,
+    LAST_POSE,
     MOMENTUM,
     N_LOST,
     N_PAIRS,
@@ -32,13 +35,16 @@ from geomphys.simulated.state import (
     POINT,
     PRINCIPAL,
     PULL,
+    QUIET,
     RATE,
+    SET_ASIDE,
     SPEED,
     SPIN,
     SUM_N,
     TOLD,
     TORQUE,
     TURN,
+    YIELDED,
     entry,
     free_body,
     how_many,
@@ -92,9 +98,14 @@ def set_free(sim: int, body: int, start: int) -> None:
     set_vec(m, PULL, vec_at(sim, GRAVITY))
     set_vec(m, TORQUE, (0.0, 0.0, 0.0))
     spin = vec_at(told, 3)
-    if spin != vec_at(m, TOLD):
+    if spin != vec_at(m, TOLD) or spin == (0.0, 0.0, 0.0):
         set_vec(m, MOMENTUM, angular_momentum(quat_mul(q, quat_at(m, PRINCIPAL)), vec_at(m, INERTIA), spin))
     refresh(m)
+    still = spin == (0.0, 0.0, 0.0) and vec_at(told, 0) == (0.0, 0.0, 0.0)
+    for i in range(7):
+        still = still and float_at(start, i) == float_at(m, LAST_POSE + i)
+    if not still and float_at(m, QUIET) >= REST_TIME:
+        set_float(m, QUIET, 0.0)
 
 
 @kernel
@@ -112,6 +123,7 @@ def begin(sim: int, start: int, end: int) -> None:
     set_how_many(sim, N_LOST, 0)
     for k in range(how_many(sim, N_PAIRS)):
         set_int(pair_at(sim, k), EVENTS, 0)
+        set_int(pair_at(sim, k), YIELDED, 0)
         for m in range(4):
             for i in range(4):
                 set_float(slot_at(sim, k, m), SUM_N + i, 0.0)
@@ -127,9 +139,33 @@ def mark(sim: int, island: int) -> None:
 
 @kernel
 def mark_all(sim: int) -> None:
-    """Let all simulated bodies count as changed."""
+    """Let all simulated bodies that are awake count as changed."""
     for s in range(entry(sim, AT_COUNT)):
-        set_int(kind_of(sim, free_body(sim, s)), CHANGED, 1)
+        kind = kind_of(sim, free_body(sim, s))
+        set_int(kind, CHANGED, int_at(kind, AWAKE))
+
+
+@kernel
+def put_back(sim: int, body: int, start: int) -> None:
+    """Put a simulated body back to its pose at the frame's start, at rest; the pose it had is set aside."""
+    m = motion_of(sim, body)
+    set_vec(m, SET_ASIDE, vec_at(m, POINT))
+    set_quat(m, SET_ASIDE + 3, quat_at(m, TURN))
+    q = quat_at(start, 3)
+    set_vec(m, POINT, add(vec_at(start, 0), quat_rotate(q, vec_at(m, OFFSET))))
+    set_quat(m, TURN, q)
+    set_vec(m, SPEED, (0.0, 0.0, 0.0))
+    set_vec(m, MOMENTUM, (0.0, 0.0, 0.0))
+    refresh(m)
+
+
+@kernel
+def undo_put_back(sim: int, body: int) -> None:
+    """Return a body to the pose set aside by `put_back`; it stays at rest."""
+    m = motion_of(sim, body)
+    set_vec(m, POINT, vec_at(m, SET_ASIDE))
+    set_quat(m, TURN, quat_at(m, SET_ASIDE + 3))
+    refresh(m)
 
 
 @kernel
@@ -157,11 +193,16 @@ def finish(sim: int, start: int, end: int) -> int:
         set_quat(pose, 3, q)
         set_vec(told, 0, vec_at(m, SPEED))
         set_vec(told, 3, vec_at(m, SPIN))
-        if not (is_finite(pose, 0, 7) and is_finite(told, 0, 6)):
-            flags = QUARANTINED
+        broken = not (is_finite(pose, 0, 7) and is_finite(told, 0, 6))
+        if broken or int_at(kind_of(sim, body), AWAKE) == 0:
             for i in range(7):
                 set_float(pose, i, float_at(before, i))
             for i in range(6):
                 set_float(told, i, 0.0)
+        if broken:
+            flags = QUARANTINED
+        note_rest(sim, m, told)
         set_vec(m, TOLD, vec_at(told, 3))
+        for i in range(7):
+            set_float(m, LAST_POSE + i, float_at(pose, i))
     return flags

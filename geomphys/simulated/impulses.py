@@ -43,8 +43,8 @@ from geomphys.simulated.state import (
 )
 from geomphys.vec3 import dot
 
-SWEEPS = 1000
-PRECISION = 1e-14  # of the fastest approach: sweeps over the points of a collision end when none changes by more
+SWEEPS = 300
+PRECISION = 1e-13  # of the fastest approach: sweeps over the points of a collision end when none changes by more
 
 
 @kernel
@@ -80,14 +80,20 @@ def rub_more(sim: int, velocity: int, k: int, cap: float) -> float:
     """
     r, o = row(sim, k), owner(sim, k)
     v = speed_at(velocity, r, int_at(o, ROW_A), int_at(o, ROW_B))
+    vx, vy = dot(vec_at(r, TANGENT), v), dot(vec_at(r, BINORMAL), v)
     k_tt, k_tb, k_bb = vec_at(r, MASS_T)
+    x0, y0 = float_at(r, RUB), float_at(r, RUB + 1)
+    # what stops the sliding, if the cone allows it
+    inverse = 1.0 / (k_tt * k_bb - k_tb * k_tb)
+    x, y = x0 - inverse * (k_bb * vx - k_tb * vy), y0 - inverse * (k_tt * vy - k_tb * vx)
     half = 0.5 * (k_tt - k_bb)
     mass = 0.5 * (k_tt + k_bb) + math.sqrt(half * half + k_tb * k_tb)
-    x0, y0 = float_at(r, RUB), float_at(r, RUB + 1)
-    x, y = x0 - dot(vec_at(r, TANGENT), v) / mass, y0 - dot(vec_at(r, BINORMAL), v) / mass
-    size = math.sqrt(x * x + y * y)
-    if size > cap:
-        x, y = x * cap / size, y * cap / size
+    if x * x + y * y > cap * cap:
+        # else against the sliding, on the cone
+        x, y = x0 - vx / mass, y0 - vy / mass
+        size = math.sqrt(x * x + y * y)
+        if size > cap:
+            x, y = x * cap / size, y * cap / size
     rub(sim, velocity, k, x - x0, y - y0)
     return (abs(x - x0) + abs(y - y0)) * mass
 
@@ -166,3 +172,15 @@ def settle(sim: int, velocity: int, sweeps: int, precision: float) -> int:
         if most <= precision:
             return sweep + 1
     return sweeps
+
+
+@kernel
+def settle_normals(sim: int, velocity: int, sweeps: int, precision: float) -> None:
+    """`settle` for the normal impulses alone: a fair start where nothing is known of the friction yet."""
+    for _ in range(sweeps):
+        most = 0.0
+        for k in range(how_many(sim, N_ROWS)):
+            if int_at(owner(sim, k), ROW_ON) == 1:
+                most = max(most, push_more(sim, velocity, k))
+        if most <= precision:
+            return

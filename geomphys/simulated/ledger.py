@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from geomphys.kernel import kernel
 from geomphys.memory import float_at, int_at, set_float, set_int
-from geomphys.simulated.cells import add_vec, vec_at
+from geomphys.simulated.cells import add_vec, set_vec, vec_at
 from geomphys.simulated.state import (
     ARM_A,
     ARM_B,
@@ -90,9 +90,7 @@ def commit(sim: int) -> None:
         j = impulse_of(r)
         give(sim, k, j, 1.0, SPEED, MOMENTUM)
         note(sim, k, normal, add_scaled(j, vec_at(r, NORMAL), -normal))
-        set_float(r, PUSH, 0.0)
-        set_float(r, RUB, 0.0)
-        set_float(r, RUB + 1, 0.0)
+        set_vec(r, PUSH, (0.0, 0.0, 0.0))
 
 
 @kernel

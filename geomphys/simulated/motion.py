@@ -10,6 +10,7 @@ from geomphys.simulated.state import (
     AT_COUNT,
     AT_FRAMES,
     AT_LOCAL,
+    AT_VELOCITY,
     BASE,
     BEND,
     INERTIA,
@@ -30,6 +31,7 @@ from geomphys.simulated.state import (
     free_body,
     has_changed,
     motion_of,
+    velocity_of,
 )
 from geomphys.vec3 import (
     Quat,
@@ -120,6 +122,16 @@ def move_bases(sim: int, t: float) -> None:
     for s in range(entry(sim, AT_COUNT)):
         if has_changed(sim, free_body(sim, s)):
             move_base(motion_of(sim, free_body(sim, s)), t)
+
+
+@kernel
+def load_velocities(sim: int) -> None:
+    """Write the present velocities of the changed bodies to `velocity` of the state."""
+    for s in range(entry(sim, AT_COUNT)):
+        body = free_body(sim, s)
+        if has_changed(sim, body):
+            set_vec(velocity_of(entry(sim, AT_VELOCITY), body), 0, vec_at(motion_of(sim, body), SPEED))
+            set_vec(velocity_of(entry(sim, AT_VELOCITY), body), 3, vec_at(motion_of(sim, body), SPIN))
 
 
 @kernel

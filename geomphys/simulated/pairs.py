@@ -58,6 +58,7 @@ from geomphys.simulated.state import (
     SPEED,
     SPIN,
     TURNED,
+    YIELDED,
     entry,
     free_body,
     has_changed,
@@ -211,6 +212,7 @@ def new_pair(sim: int, k: int, i: int, j: int, a: int, b: int) -> None:
     set_int(p, POINTS, 0)
     set_int(p, EVENTS, 0)
     set_int(p, HELD, 0)
+    set_int(p, YIELDED, 0)
     table, count = entry(sim, AT_MATERIALS), entry(sim, AT_MATERIAL_COUNT)
     cell = count * int_at(kind_of(sim, a), MATERIAL) + int_at(kind_of(sim, b), MATERIAL)
     set_float(kept, PAIR_RESTITUTION, float_at(table, cell))

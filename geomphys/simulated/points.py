@@ -49,7 +49,6 @@ from geomphys.simulated.state import (
     ROW_ON,
     ROW_PAIR,
     ROW_SLOT,
-    RUB,
     SINCE,
     SLOT_SIZE,
     STAMP,
@@ -61,6 +60,7 @@ from geomphys.simulated.state import (
     TURN_B,
     entry,
     faces_at,
+    has_yielded,
     how_many,
     kept_at,
     motion_of,
@@ -176,9 +176,7 @@ def add_row(sim: int, pair: int, count: int, t: float, n: Vec, x: Vec, clearance
     set_vec(r, ARM_A, sub(x, vec_at(a, POINT)))
     set_vec(r, ARM_B, sub(x, point_at(b, t)))
     set_float(r, CLEARANCE, clearance)
-    set_float(r, PUSH, 0.0)
-    set_float(r, RUB, 0.0)
-    set_float(r, RUB + 1, 0.0)
+    set_vec(r, PUSH, (0.0, 0.0, 0.0))
     set_float(r, GOAL, 0.0)
     set_float(r, FRICTION, float_at(kept, PAIR_FRICTION))
     set_float(r, RESTITUTION, float_at(kept, PAIR_RESTITUTION))
@@ -201,6 +199,8 @@ def add_rows(sim: int, pair: int, t: float) -> None:
     The bases of simulated bodies must stand at `t`.
     """
     p = pair_at(sim, pair)
+    if has_yielded(sim, pair):
+        return
     s, n, pa, pb = look(sim, pair, t)
     if s > NEAR:
         if int_at(p, POINTS) > 0:

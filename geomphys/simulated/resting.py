@@ -14,9 +14,9 @@ import math
 from geomphys.kernel import kernel
 from geomphys.memory import float_at, int_at, set_float, set_int
 from geomphys.simulated.cells import add_vec, quat_at, set_quat, set_vec, vec_at
-from geomphys.simulated.impulses import push_more, settle
+from geomphys.simulated.impulses import push_more, settle, settle_normals
 from geomphys.simulated.ledger import commit, give, impulse_of
-from geomphys.simulated.motion import plan, refresh
+from geomphys.simulated.motion import load_velocities, plan, refresh
 from geomphys.simulated.points import normal_speed, push, speed_at
 from geomphys.simulated.state import (
     AT_COUNT,
@@ -52,9 +52,11 @@ from geomphys.simulated.state import (
     TANGENT,
     TORQUE,
     TURN,
+    YIELDED,
     entry,
     free_body,
     has_changed,
+    has_yielded,
     how_many,
     is_simulated,
     kind_of,
@@ -68,11 +70,13 @@ from geomphys.simulated.state import (
 )
 from geomphys.vec3 import add_scaled, dot, norm, quat_from_rotation_vector, quat_mul, quat_unit, scale
 
-SWEEPS = 1000
-STILL = 1e-12  # m/s: the solving ends when no sweep changes a velocity by more
+SWEEPS = 100  # at most; what is left then is small, and the next step goes on from there
+STILL = 1e-11  # m/s: the solving ends when no sweep changes a velocity by more ...
+STILL_PART = 1e-7  # ... or by more than this share of the fastest motion at a contact point
 APPROACH = 1e-10  # m/s: touching points that approach no faster need not be stopped
 SLOW_PART = 0.25  # of the threshold: points near but not touching that approach no faster are held, not left to collide
 WEIGHT_TIME = 0.01  # s: more than twice the longest step
+MOST_YIELDS = 4
 SHOVES = 200
 
 
@@ -93,6 +97,29 @@ def set_limits(sim: int) -> None:
 
 
 @kernel
+def clear_rows(sim: int) -> None:
+    """Take the impulses out of the rows of changed bodies."""
+    for k in range(how_many(sim, N_ROWS)):
+        if has_changed(sim, int_at(owner(sim, k), ROW_A)):
+            set_vec(row(sim, k), PUSH, (0.0, 0.0, 0.0))
+
+
+@kernel
+def yield_squeezed(sim: int) -> bool:
+    """Let go of pairs whose path-following body would need more than its bound. Returns whether there were any."""
+    any_yielded = False
+    for k in range(how_many(sim, N_ROWS)):
+        o, r = owner(sim, k), row(sim, k)
+        if int_at(o, ROW_ON) == 1 and float_at(r, PUSH) >= 0.999 * float_at(r, LIMIT):
+            set_int(pair_at(sim, int_at(o, ROW_PAIR)), YIELDED, 1)
+            any_yielded = True
+    for k in range(how_many(sim, N_ROWS)):
+        if has_yielded(sim, int_at(owner(sim, k), ROW_PAIR)):
+            set_int(owner(sim, k), ROW_ON, 0)
+    return any_yielded
+
+
+@kernel
 def stop_slow_approach(sim: int) -> None:
     """Take the approach out of all touching points of changed bodies at once, with ε = 0."""
     least = 0.0
@@ -100,39 +127,53 @@ def stop_slow_approach(sim: int) -> None:
         o, r = owner(sim, k), row(sim, k)
         a, b = int_at(o, ROW_A), int_at(o, ROW_B)
         on = has_changed(sim, a) and float_at(r, CLEARANCE) <= knob(sim, AT_TOUCH)
+        on = on and not has_yielded(sim, int_at(o, ROW_PAIR))
         set_int(o, ROW_ON, 1 if on else 0)
         set_float(r, GOAL, 0.0)
         if on:
             least = min(least, normal_speed(entry(sim, AT_VELOCITY), r, a, b))
-    if least < -APPROACH:
-        set_limits(sim)
-        settle(sim, entry(sim, AT_VELOCITY), SWEEPS, STILL)
-        commit(sim)
+    if least >= -APPROACH:
+        return
+    set_limits(sim)
+    for _ in range(MOST_YIELDS):
+        settle(sim, entry(sim, AT_VELOCITY), SWEEPS, max(STILL, -STILL_PART * least))
+        if not yield_squeezed(sim):
+            break
+        clear_rows(sim)
+        load_velocities(sim)
+    commit(sim)
 
 
 @kernel
-def choose_held(sim: int, h: float) -> None:
-    """Mark the points that contact forces hold over the next `h` seconds, and set what they must hold."""
+def choose_held(sim: int, h: float) -> float:
+    """Mark the points that contact forces hold over the next `h` seconds, and set what they must hold.
+
+    Returns the fastest motion at one of them [m/s].
+    """
+    fastest = 0.0
     for k in range(how_many(sim, N_PAIRS)):
         if has_changed(sim, int_at(pair_at(sim, k), BODY_A)):
             set_int(pair_at(sim, k), HELD, 0)
     for k in range(how_many(sim, N_ROWS)):
         o, r = owner(sim, k), row(sim, k)
         set_int(o, ROW_ON, 0)
-        if has_changed(sim, int_at(o, ROW_A)):
-            v, clearance = (
-                normal_speed(entry(sim, AT_VELOCITY), r, int_at(o, ROW_A), int_at(o, ROW_B)),
-                float_at(r, CLEARANCE),
-            )
+        if has_changed(sim, int_at(o, ROW_A)) and not has_yielded(sim, int_at(o, ROW_PAIR)):
+            speed = speed_at(entry(sim, AT_VELOCITY), r, int_at(o, ROW_A), int_at(o, ROW_B))
+            v, clearance = dot(speed, vec_at(r, NORMAL)), float_at(r, CLEARANCE)
             if clearance <= knob(sim, AT_TOUCH) or v > -SLOW_PART * knob(sim, AT_THRESHOLD):
+                fastest = max(fastest, norm(speed))
                 set_float(r, GOAL, min(0.0, -2.0 * max(0.0, clearance - knob(sim, AT_GAP)) / h - v))
                 set_int(o, ROW_ON, 1)
                 set_int(pair_at(sim, int_at(o, ROW_PAIR)), HELD, 1)
+    return fastest
 
 
 @kernel
-def begin_with_old_force(sim: int, k: int, h: float) -> None:
-    """Set the impulses of row k to what its point's forces of the step before do in `h` seconds, and apply them."""
+def begin_with_old_force(sim: int, k: int, h: float) -> bool:
+    """Set the impulses of row k to what its point's forces of the step before do in `h` seconds, and apply them.
+
+    Returns whether there were any.
+    """
     o, r = owner(sim, k), row(sim, k)
     a, b = int_at(o, ROW_A), int_at(o, ROW_B)
     slot = slot_at(sim, int_at(o, ROW_PAIR), int_at(o, ROW_SLOT))
@@ -140,9 +181,12 @@ def begin_with_old_force(sim: int, k: int, h: float) -> None:
     set_float(r, PUSH, min(float_at(r, LIMIT), h * float_at(slot, FORCE)))
     set_float(r, RUB, h * dot(f, vec_at(r, TANGENT)))
     set_float(r, RUB + 1, h * dot(f, vec_at(r, BINORMAL)))
+    if float_at(r, PUSH) == 0.0:
+        return False
     push(sim, entry(sim, AT_VELOCITY), r, a, b, 0, float_at(r, PUSH))
     push(sim, entry(sim, AT_VELOCITY), r, a, b, 1, float_at(r, RUB))
     push(sim, entry(sim, AT_VELOCITY), r, a, b, 2, float_at(r, RUB + 1))
+    return True
 
 
 @kernel
@@ -154,9 +198,18 @@ def keep_force(sim: int, k: int, h: float) -> None:
     slot = slot_at(sim, int_at(o, ROW_PAIR), int_at(o, ROW_SLOT))
     set_float(slot, FORCE, normal / h)
     set_vec(slot, FORCE + 1, scale(add_scaled(j, vec_at(r, NORMAL), -normal), 1.0 / h))
-    set_float(r, PUSH, 0.0)
-    set_float(r, RUB, 0.0)
-    set_float(r, RUB + 1, 0.0)
+    set_vec(r, PUSH, (0.0, 0.0, 0.0))
+
+
+@kernel
+def fall(sim: int, h: float) -> None:
+    """Let gravity act on the velocities and motions of changed bodies, nothing else."""
+    for s in range(entry(sim, AT_COUNT)):
+        body = free_body(sim, s)
+        if has_changed(sim, body):
+            add_vec(velocity_of(entry(sim, AT_VELOCITY), body), 0, vec_at(sim, GRAVITY), h)
+            set_vec(motion_of(sim, body), PULL, vec_at(sim, GRAVITY))
+            set_vec(motion_of(sim, body), TORQUE, (0.0, 0.0, 0.0))
 
 
 @kernel
@@ -167,18 +220,21 @@ def hold(sim: int, h: float) -> None:
     must hold the present velocities.
     """
     set_limits(sim)
-    choose_held(sim, h)
-    for s in range(entry(sim, AT_COUNT)):
-        body = free_body(sim, s)
-        if has_changed(sim, body):
-            add_vec(velocity_of(entry(sim, AT_VELOCITY), body), 0, vec_at(sim, GRAVITY), h)
-            set_vec(motion_of(sim, body), PULL, vec_at(sim, GRAVITY))
-            set_vec(motion_of(sim, body), TORQUE, (0.0, 0.0, 0.0))
+    fastest = choose_held(sim, h)
     count = how_many(sim, N_ROWS)
-    for k in range(count):
-        if int_at(owner(sim, k), ROW_ON) == 1:
-            begin_with_old_force(sim, k, h)
-    settle(sim, entry(sim, AT_VELOCITY), SWEEPS, STILL)
+    for _ in range(MOST_YIELDS):
+        fall(sim, h)
+        known = False
+        for k in range(count):
+            if int_at(owner(sim, k), ROW_ON) == 1:
+                known = begin_with_old_force(sim, k, h) or known
+        if not known:
+            settle_normals(sim, entry(sim, AT_VELOCITY), SWEEPS, STILL)
+        settle(sim, entry(sim, AT_VELOCITY), SWEEPS, max(STILL, STILL_PART * fastest))
+        if not yield_squeezed(sim):
+            break
+        clear_rows(sim)
+        load_velocities(sim)
     for k in range(count):
         if has_changed(sim, int_at(owner(sim, k), ROW_A)):
             keep_force(sim, k, h)
@@ -188,11 +244,11 @@ def hold(sim: int, h: float) -> None:
 
 
 @kernel
-def push_apart(sim: int) -> None:
+def push_apart(sim: int) -> float:
     """Move changed bodies, the lightest most, so that no row stays below the gap kept; velocities are left alone.
 
     Corrects what a step's straight-line contact missed of a turning body's path, micrometres, and resolves an overlap
-    there was at the start. Clearances of the rows are brought up to date to first order.
+    there was at the start. Clearances of the rows are brought up to date to first order; returns the least of them [m].
     """
     count = how_many(sim, N_ROWS)
     for s in range(entry(sim, AT_COUNT)):
@@ -200,7 +256,8 @@ def push_apart(sim: int) -> None:
             set_float(velocity_of(entry(sim, AT_SHOVE), free_body(sim, s)), i, 0.0)
     for k in range(count):
         o, r = owner(sim, k), row(sim, k)
-        set_int(o, ROW_ON, 1 if has_changed(sim, int_at(o, ROW_A)) else 0)
+        on = has_changed(sim, int_at(o, ROW_A)) and not has_yielded(sim, int_at(o, ROW_PAIR))
+        set_int(o, ROW_ON, 1 if on else 0)
         set_float(r, GOAL, knob(sim, AT_GAP) - float_at(r, CLEARANCE))
         set_float(r, LIMIT, math.inf)
     for _ in range(SHOVES):
@@ -210,11 +267,13 @@ def push_apart(sim: int) -> None:
                 most = max(most, push_more(sim, entry(sim, AT_SHOVE), k))
         if most <= 1e-3 * knob(sim, AT_GAP):
             break
+    least = math.inf
     for k in range(count):
         o, r = owner(sim, k), row(sim, k)
         if int_at(o, ROW_ON) == 1:
             moved = normal_speed(entry(sim, AT_SHOVE), r, int_at(o, ROW_A), int_at(o, ROW_B))
             set_float(r, CLEARANCE, float_at(r, CLEARANCE) + moved)
+            least = min(least, float_at(r, CLEARANCE))
             set_float(r, PUSH, 0.0)
     for s in range(entry(sim, AT_COUNT)):
         body = free_body(sim, s)
@@ -225,3 +284,4 @@ def push_apart(sim: int) -> None:
             if turn[0] != 0.0 or turn[1] != 0.0 or turn[2] != 0.0:
                 set_quat(m, TURN, quat_unit(quat_mul(quat_from_rotation_vector(turn), quat_at(m, TURN))))
                 refresh(m)
+    return least

@@ -41,7 +41,10 @@ PRINCIPAL = 52  # x y z w: body_from_principal
 MASS = 56  # kg; of a driven body: that of its coupling
 TOLD = 57  # rad/s, 3: angular velocity last written for the caller
 WISH_ARM = 60  # m, 3: centre of mass in the body frame of a driven body
-MOTION_COLUMNS = 63
+QUIET = 63  # s: how long it has been at rest
+SET_ASIDE = 64  # 7: a pose kept for later, reference point and orientation
+LAST_POSE = 71  # 7: pose last written for the caller
+MOTION_COLUMNS = 78
 
 # Columns of `kinds`, one row a body
 ROLE = 0
@@ -52,7 +55,9 @@ MATERIAL = 4
 ISLAND = 5  # label shared by bodies that may touch each other within the frame
 CHANGED = 6  # 1: has changed course at this moment
 MOVES = 7  # 1: may move
-KIND_COLUMNS = 8
+AWAKE = 8  # 0: rests, and nothing that moves is near
+ISLAND_AWAKE = 9  # the same of the island that bears this body's name
+KIND_COLUMNS = 10
 
 # Columns of `rows`, one row a contact point that is being solved
 NORMAL = 0  # 3: unit, out of b into a
@@ -84,7 +89,9 @@ POINTS = 4  # contact points now
 EVENTS = 5  # times it met in this frame
 HELD = 6  # 1: some point of it is held by contact forces
 PLACE = 7  # where it stands in the queue, -1: nowhere
-PAIR_COLUMNS = 8
+HITS = 8  # collisions at this moment
+YIELDED = 9  # 1: b follows its path and squeezes a: left alone until the frame's end
+PAIR_COLUMNS = 10
 
 # Columns of `kept`: what is remembered of a pair
 AXIS = 0  # 3: last separating direction
@@ -260,6 +267,12 @@ def is_simulated(sim: int, body: int) -> bool:
 def has_changed(sim: int, body: int) -> bool:
     """Whether a simulated body has changed course at this moment."""
     return int_at(kind_of(sim, body), CHANGED) == 1
+
+
+@kernel
+def has_yielded(sim: int, pair: int) -> bool:
+    """Whether a pair is left alone until the frame's end."""
+    return int_at(pair_at(sim, pair), YIELDED) == 1
 
 
 @kernel

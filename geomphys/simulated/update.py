@@ -15,7 +15,7 @@ from geomphys.memory import address, float_at, int_at, set_float, set_int
 from geomphys.simulated.approach import first_touch
 from geomphys.simulated.cells import vec_at
 from geomphys.simulated.collisions import resolve
-from geomphys.simulated.frame import QUARANTINED, begin, finish, mark, mark_all
+from geomphys.simulated.frame import QUARANTINED, begin, finish, mark, mark_all, put_back, undo_put_back
 from geomphys.simulated.header import header_of
 from geomphys.simulated.impact_queue import empty_queue, put, take_out
 from geomphys.simulated.ledger import drop_rows
@@ -23,8 +23,10 @@ from geomphys.simulated.motion import move_bases
 from geomphys.simulated.pairs import any_beyond_range, box_path, find_pairs
 from geomphys.simulated.points import add_rows
 from geomphys.simulated.resting import hold, push_apart
+from geomphys.simulated.sleep import wake
 from geomphys.simulated.state import (
     AT_ARM,
+    AT_COUNT,
     AT_DT,
     AT_GAP,
     AT_HEAP,
@@ -33,6 +35,7 @@ from geomphys.simulated.state import (
     AT_THRESHOLD,
     AT_TOUCH,
     AT_WEIGHT,
+    BASE,
     BODY_A,
     BODY_B,
     CLEARANCE,
@@ -42,21 +45,29 @@ from geomphys.simulated.state import (
     GRAVITY,
     HELD,
     ISLAND,
+    ISLAND_AWAKE,
+    MOVES,
     N_HEAP,
+    N_LOST,
     N_PAIRS,
     N_ROWS,
     PIECE_A,
+    ROW_A,
     SEEN,
     SPIN,
+    YIELDED,
     SimulatedState,
     entry,
+    free_body,
     has_changed,
+    has_yielded,
     how_many,
     is_simulated,
     kept_at,
     kind_of,
     knob,
     motion_of,
+    owner,
     pair_at,
     row,
 )
@@ -92,19 +103,23 @@ def lay_rows(sim: int, t: float) -> float:
 
 
 @kernel
-def part(sim: int, t: float) -> None:
-    """Contact points of the changed bodies at time `t`, overlaps among them resolved."""
+def part(sim: int, t: float) -> float:
+    """Contact points of the changed bodies at time `t`, overlaps among them resolved.
+
+    Returns the least clearance that is left [m], to first order where it is not far from the gap kept.
+    """
     least = lay_rows(sim, t)
     for _ in range(PARTINGS):
         if least >= 0.5 * knob(sim, AT_GAP):
-            return
-        push_apart(sim)
+            break
+        near = push_apart(sim)
         for k in range(how_many(sim, N_PAIRS)):
             if has_changed(sim, int_at(pair_at(sim, k), BODY_A)):
                 set_float(kept_at(sim, k), SEEN, -1.0)
         if least >= -3.0 * knob(sim, AT_GAP):
-            return
+            return near
         least = lay_rows(sim, t)
+    return least
 
 
 @kernel
@@ -116,7 +131,9 @@ def queue_pairs(sim: int, t: float, t1: float) -> None:
         if not has_changed(sim, int_at(p, BODY_A)):
             continue
         due = math.inf
-        if int_at(p, EVENTS) < MOST_MEETINGS or is_simulated(sim, int_at(p, BODY_B)):
+        if int_at(p, EVENTS) >= MOST_MEETINGS and not is_simulated(sim, int_at(p, BODY_B)):
+            set_int(p, YIELDED, int_at(kind_of(sim, int_at(p, BODY_B)), MOVES))
+        if not has_yielded(sim, k):
             target, slack = gap, 0.25 * gap
             if int_at(p, HELD) == 1:
                 # contact forces keep it: only what they miss counts
@@ -152,6 +169,9 @@ def look_again(sim: int, t: float) -> None:
     move_bases(sim, t)
     drop_rows(sim, t)
     find_pairs(sim, t)
+    wake(sim, False)
+    mark_all(sim)
+    move_bases(sim, t)
     empty_queue(sim)
 
 
@@ -199,13 +219,14 @@ def play(sim: int, max_impacts: int) -> tuple[int, int, float]:
 
     Returns the number of collisions, 0 or `IMPACT_BOUND`, and the time of the frame at which the bodies stand.
     """
-    steps = max(1, math.ceil(knob(sim, AT_DT) / STEP - 1e-9))
+    dt = knob(sim, AT_DT)
+    steps = max(1, math.ceil(dt / STEP - 1e-9))
     most_halts = 20 * steps + 4 * max_impacts
     t, step, impacts, halts, flags = 0.0, 0, 0, 0, 0
     while step < steps and halts <= most_halts:
-        t1 = knob(sim, AT_DT) * (step + 1) / steps
+        t1 = dt * (step + 1) / steps
         if how_many(sim, N_PAIRS) == 0:
-            step, t1 = steps - 1, knob(sim, AT_DT)
+            step, t1 = steps - 1, dt
         short = longest_step(sim, t1 - t)
         if short < t1 - t:
             t1 = t + short
@@ -221,6 +242,39 @@ def play(sim: int, max_impacts: int) -> tuple[int, int, float]:
 
 
 @kernel
+def part_at_end(sim: int, start: int, bounded: bool) -> None:
+    """Free bodies that were left overlapping what follows its path: out of it if they can be, else back to the start.
+
+    Something squeezed has no place where it is; where it stood at the frame's start the driven bodies left it room.
+    """
+    left = bounded
+    for k in range(how_many(sim, N_PAIRS)):
+        left = left or has_yielded(sim, k)
+        set_int(pair_at(sim, k), YIELDED, 0)
+    if not left:
+        return
+    dt, room = knob(sim, AT_DT), -3.0 * knob(sim, AT_GAP)
+    mark_all(sim)
+    for s in range(entry(sim, AT_COUNT)):
+        set_float(motion_of(sim, free_body(sim, s)), BASE, dt)
+    before = part(sim, dt)
+    if before >= room:
+        return
+    for k in range(how_many(sim, N_ROWS)):
+        if float_at(row(sim, k), CLEARANCE) < room:
+            set_int(kind_of(sim, int_at(kind_of(sim, int_at(owner(sim, k), ROW_A)), ISLAND)), ISLAND_AWAKE, 2)
+    for s in range(entry(sim, AT_COUNT)):
+        body = free_body(sim, s)
+        if int_at(kind_of(sim, int_at(kind_of(sim, body), ISLAND)), ISLAND_AWAKE) == 2:
+            put_back(sim, body, start + 56 * body)
+    if lay_rows(sim, dt) < before:
+        for s in range(entry(sim, AT_COUNT)):
+            body = free_body(sim, s)
+            if int_at(kind_of(sim, int_at(kind_of(sim, body), ISLAND)), ISLAND_AWAKE) == 2:
+                undo_put_back(sim, body)
+
+
+@kernel
 def play_frame(sim: int, start: int, end: int, max_impacts: int) -> tuple[int, int]:
     """`simulate`, on addresses: `start` and `end` are those of the poses."""
     weight = norm(vec_at(sim, GRAVITY))
@@ -231,9 +285,17 @@ def play_frame(sim: int, start: int, end: int, max_impacts: int) -> tuple[int, i
     for k in range(entry(sim, AT_PATH_COUNT)):
         box_path(sim, int_at(entry(sim, AT_PATHS), k))
     find_pairs(sim, 0.0)
-    impacts, flags, t = play(sim, max_impacts)
-    mark_all(sim)
-    drop_rows(sim, t)
+    impacts, flags = 0, 0
+    if wake(sim, True) and how_many(sim, N_LOST) == 0:
+        impacts, flags, t = play(sim, max_impacts)
+        mark_all(sim)
+        drop_rows(sim, t)
+        part_at_end(sim, start, flags != 0)
+    if how_many(sim, N_LOST) > 0:
+        # some pairs or contact points were left out: nothing may move past them
+        flags |= IMPACT_BOUND
+        for s in range(entry(sim, AT_COUNT)):
+            put_back(sim, free_body(sim, s), start + 56 * free_body(sim, s))
     return impacts, flags | finish(sim, start, end)
 
 

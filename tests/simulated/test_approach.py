@@ -1,0 +1,67 @@
+"""Continuous collision against brute force: separations at a thousand moments of one frame."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from geomphys.collision.penetration import separation
+from geomphys.collision.support import place_pieces
+from geomphys.world import scene as s
+from geomphys.world.pieces import Box, Sphere
+from tests.simulated.scenes import Player, Thing
+
+DT = 1 / 30
+
+
+def least_separation(player: Player, end: np.ndarray) -> float:
+    """Of bodies 0 and 1 in one frame of even motion (a cube turns evenly)."""
+    poses = player.poses.copy()
+    start = [Rotation.from_quat(pose[3:]) for pose in player.poses]
+    least, normal = np.inf, (0.0, 0.0, 0.0)
+    for share in np.linspace(0, 1, 600):
+        poses[0, :3] = player.poses[0, :3] + share * DT * player.velocity[0, :3]
+        poses[0, 3:] = (Rotation.from_rotvec(share * DT * player.velocity[0, 3:]) * start[0]).as_quat()
+        turn = (Rotation.from_quat(end[1, 3:]) * start[1].inv()).as_rotvec()
+        poses[1, :3] = player.poses[1, :3] + share * (end[1, :3] - player.poses[1, :3])
+        poses[1, 3:] = (Rotation.from_rotvec(share * turn) * start[1]).as_quat()
+        place_pieces(player.scene.pieces, poses, player.frames)
+        apart, normal, _, _ = separation(player.scene.pieces, player.frames, 0, 1, 1.0, normal, player.scratch)
+        least = min(least, apart)
+    return least
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_meets_in_a_frame_is_found_and_nothing_else(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    met = free = 0
+    for k in range(20):
+        cube = Thing(
+            shape=Box((0.05, 0.05, 0.05)),
+            turn=Rotation.random(random_state=100 * seed + k).as_quat(),
+            v=5 * rng.normal(size=3),
+            w=30 * rng.normal(size=3),
+        )
+        shape = Box(tuple(rng.uniform(0.003, 0.15, 3))) if k % 3 else Sphere(0.03)
+        turn = Rotation.random(random_state=100 * seed + k + 50)
+        other = Thing(shape=shape, role=s.FIXED, moving=True, at=0.25 * rng.normal(size=3), turn=turn.as_quat())
+        player = Player([cube, other], gravity=(0, 0, 0))
+        end = player.poses.copy()
+        end[1, :3] += 0.05 * rng.normal(size=3)
+        end[1, 3:] = (Rotation.from_rotvec(0.8 * rng.normal(size=3)) * turn).as_quat()
+        least = least_separation(player, end)
+        place_pieces(player.scene.pieces, player.poses, player.frames)
+        if separation(player.scene.pieces, player.frames, 0, 1, 1.0, (0.0, 0.0, 0.0), player.scratch)[0] < 1e-3:
+            continue
+        player.targets[1] = lambda _, end=end: end[1]
+        player.step(DT)
+        assert player.overlap() < 1e-5
+        if least < -1e-4:
+            met += 1
+            assert player.impacts > 0
+        elif least > 1e-4:
+            free += 1
+            assert player.impacts == 0
+    assert met > 2
+    assert free > 2

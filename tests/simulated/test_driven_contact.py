@@ -1,0 +1,116 @@
+"""Bodies that follow their path push simulated ones, by their velocity and the mass of their coupling."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from geomphys.world import scene as s
+from geomphys.world.pieces import Box, Cylinder, Sphere
+from tests.simulated.scenes import FRICTION, Player, Thing, floor
+
+HERE = (0.0, 0.0, 0.0, 1.0)
+
+
+def hand(x: float, **more: object) -> Thing:
+    """A driven slab whose face towards +x is at x + 0.02."""
+    return Thing(shape=Box((0.02, 0.3, 0.3)), role=s.DRIVEN, at=(x, 0, 0.2), coupling_mass=0.4, **more)  # type: ignore[arg-type]
+
+
+def test_a_blocked_hand_pushes_the_ball_with_its_wish_and_is_pushed_back() -> None:
+    """The hand stands at the ball and wants to go on: a collision of the coupling's mass with the ball, by (9)."""
+    player = Player([Thing(shape=Sphere(0.05), mass=0.2), hand(-0.07 - 2e-6)], gravity=(0, 0, 0))
+    end = player.poses.copy()
+    player.velocity[1, :3] = (0.6, 0, 0)
+    from geomphys.simulated.update import simulate
+
+    impulse = np.zeros((2, 3))
+    simulate(
+        player.scene.pieces, player.state, player.poses, end, player.velocity, impulse, player.frames, 1 / 60, 200,
+        player.gap, player.scratch,
+    )  # fmt: skip
+    j = 1.3 * 0.6 / (1 / 0.2 + 1 / 0.4)
+    assert player.velocity[0, 0] == pytest.approx(j / 0.2, rel=1e-12)
+    np.testing.assert_allclose(impulse[1], [-j, 0, 0], rtol=0, atol=1e-14)
+    assert end[0, 0] == pytest.approx(j / 0.2 / 60, rel=1e-6)
+
+
+def test_what_the_ball_gains_the_hand_loses() -> None:
+    player = Player([Thing(shape=Sphere(0.05), at=(0.05, 0.02, 0.01), v=(-1, 0.3, 0)), hand(-0.2)], gravity=(0, 0, 0))
+    player.targets[1] = lambda t: (-0.2 + 0.5 * t, 0.0, 0.2, *HERE)
+    before = player.scene.bodies.mass[0] * player.velocity[0, :3]
+    total = np.zeros(3)
+    for _ in range(12):
+        player.step(1 / 60)
+        total += player.driven_impulse[1]
+    assert player.impacts > 0
+    gained = player.scene.bodies.mass[0] * player.velocity[0, :3] - before
+    np.testing.assert_allclose(gained, -total, rtol=0, atol=1e-13)
+    assert player.velocity[0, 0] > 0.5
+
+
+@pytest.mark.parametrize("rate", [30, 60, 120])
+def test_a_hand_pushes_a_ball_over_the_table(rate: int) -> None:
+    player = Player([Thing(shape=Sphere(0.05), at=(0, 0, 0.05)), floor(), hand(-0.12)])
+    player.targets[2] = lambda t: (-0.12 + 0.3 * t, 0.0, 0.2, *HERE)
+    for _ in range(rate):
+        player.step(1 / rate)
+        assert player.overlap() < 1e-5
+    assert player.poses[0, 0] >= -0.12 + 0.3 + 0.07 - 1e-5
+    assert player.velocity[0, 0] >= 0.3 - 1e-6
+    assert player.flags == 0
+
+
+def test_a_squeezed_ball_stays_where_it_was_and_the_hand_is_not_shot_away() -> None:
+    wall = Thing(shape=Box((0.02, 0.3, 0.3)), role=s.FIXED, at=(0.08, 0, 0.2))
+    player = Player([Thing(shape=Sphere(0.05), at=(0, 0, 0.05)), floor(), hand(-0.0905), wall])
+    player.run(0.1)
+    player.velocity[0, :3] = (-0.5, 0, 0)
+    # the ball rolls towards a hand that closes the gap but for a little
+    player.targets[2] = lambda _: (-0.0605 - 1e-5, 0.0, 0.2, *HERE)
+    for _ in range(4):
+        player.step(1 / 60)
+        assert player.overlap() < 1e-5
+        assert np.abs(player.driven_impulse[2]).max() < 10.0
+    assert np.abs(player.velocity[0]).max() < 50.0
+
+
+def test_an_overlap_at_the_start_is_resolved_without_energy() -> None:
+    player = Player([Thing(shape=Sphere(0.05), at=(0, 0, 0.05)), floor(), hand(-0.06)])
+    assert player.overlap() == pytest.approx(0.01)
+    player.step(1 / 60)
+    assert player.overlap() == 0.0
+    assert np.linalg.norm(player.velocity[0, :3]) < 0.1
+
+
+def test_a_moving_panel_of_the_scene_pushes_with_its_own_velocity() -> None:
+    panel = Thing(shape=Box((0.02, 0.3, 0.3)), role=s.FIXED, moving=True, at=(-0.12, 0, 0.25))
+    player = Player([Thing(shape=Box((0.05, 0.05, 0.05)), at=(0, 0, 0.05), mass=50.0), floor(), panel])
+    player.targets[2] = lambda t: (-0.12 + 0.3 * t, 0.0, 0.25, *HERE)
+    for _ in range(60):
+        player.step(1 / 60)
+        assert player.overlap() < 1e-5
+    assert player.poses[0, 0] == pytest.approx(-0.12 + 0.3 + 0.07, abs=1e-4)
+    assert player.velocity[0, 0] == pytest.approx(0.3, abs=1e-4)
+    assert not player.driven_impulse.any()
+
+
+def test_a_box_rides_a_lift() -> None:
+    lift = Thing(shape=Box((0.3, 0.3, 0.05)), role=s.FIXED, moving=True, at=(0, 0, -0.05))
+    player = Player([Thing(shape=Box((0.03, 0.03, 0.03)), at=(0.1, 0, 0.03)), lift])
+    player.targets[1] = lambda t: (0, 0, -0.05 + 0.1 * (1 - np.cos(3 * t)), *HERE)
+    for _ in range(120):
+        player.step(1 / 60)
+        assert player.poses[0, 2] - player.poses[1, 2] == pytest.approx(0.08, abs=1e-5)
+
+
+def test_a_box_turns_with_a_turntable_until_friction_fails() -> None:
+    for rate, holds in ((2.0, True), (9.0, False)):
+        table = Thing(shape=Cylinder(0.5, 0.05), role=s.FIXED, moving=True, at=(0, 0, -0.05))
+        box = Thing(shape=Box((0.03, 0.03, 0.03)), at=(0.2, 0, 0.03), v=(0, 0.2 * rate, 0), w=(0, 0, rate))
+        player = Player([box, table])
+        player.targets[1] = lambda t, rate=rate: (0, 0, -0.05, *Rotation.from_rotvec([0, 0, rate * t]).as_quat())
+        player.run(0.3)
+        assert (0.2 * rate**2 < FRICTION[0, 0] * 9.81) == holds
+        assert (abs(np.hypot(*player.poses[0, :2]) - 0.2) < 1e-3) == holds

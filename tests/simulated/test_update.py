@@ -1,0 +1,164 @@
+"""The loop itself: repeatability, frame rate, bounds, sleep, bad numbers, reports."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from geomphys.simulated.make import make_simulated_state
+from geomphys.simulated.state import AWAKE
+from geomphys.simulated.touches import write_touches
+from geomphys.simulated.update import IMPACT_BOUND, QUARANTINED
+from geomphys.world import scene as s
+from geomphys.world.pieces import Box, Sphere
+from tests.simulated.scenes import GRAVITY, Player, Thing, floor, make_scene
+
+
+def mixed_things() -> list[Thing]:
+    turn = Rotation.from_rotvec([0.4, 0.2, 0.1]).as_quat()
+    return [
+        Thing(shape=Sphere(0.05), at=(-0.5, 0, 0.05), v=(1.5, 0, 0)),
+        Thing(shape=Box((0.05, 0.05, 0.05)), at=(0, 0.01, 0.05)),
+        Thing(shape=Box((0.04, 0.06, 0.03)), at=(0.3, 0.1, 0.5), turn=turn, w=(1, 2, 3), material="metal"),
+        floor(),
+    ]
+
+
+def touches(player: Player) -> tuple[np.ndarray, np.ndarray]:
+    bodies, values = np.zeros((64, 2), np.int64), np.zeros((64, 9))
+    count = write_touches(player.state, player.poses, bodies, values, 0)
+    return bodies[:count], values[:count]
+
+
+def test_a_repetition_is_equal_in_every_bit() -> None:
+    a, b = (Player(mixed_things()) for _ in range(2))
+    assert np.array_equal(a.run(2.0), b.run(2.0))
+    assert np.array_equal(a.velocity, b.velocity)
+    assert a.impacts == b.impacts > 0
+
+
+def test_the_frame_rate_is_no_physical_parameter() -> None:
+    ends = []
+    for rate in (30, 60, 120, 240):
+        player = Player(mixed_things())
+        player.run(1.0, rate)
+        ends.append(player.poses[:3].copy())
+    for end in ends[1:]:
+        np.testing.assert_allclose(end, ends[0], rtol=0, atol=2e-3)
+
+
+def test_hitting_the_bound_is_told_and_makes_no_momentum() -> None:
+    balls = [Thing(shape=Sphere(0.02), at=(0.05 * k, 0, 0), v=(2.0 - k, 0, 0), material="rubber") for k in range(5)]
+    player = Player(balls, gravity=(0, 0, 0))
+    p = player.scene.bodies.mass @ player.velocity[:, :3]
+    energy = player.energy()
+    for _ in range(4):
+        player.step(1 / 30, max_impacts=1)
+    assert player.flags & IMPACT_BOUND
+    np.testing.assert_allclose(player.scene.bodies.mass @ player.velocity[:, :3], p, rtol=0, atol=1e-14)
+    assert player.energy() <= energy
+    assert player.overlap() < 1e-5
+
+
+def test_without_room_for_pairs_bodies_stay_and_it_is_told() -> None:
+    player = Player([Thing(shape=Sphere(0.05), at=(0.1 * k, 0, 0.0505)) for k in range(4)] + [floor()])
+    player.state = make_simulated_state(player.scene, player.poses, max_pairs=2)
+    before = player.poses.copy()
+    player.step(1 / 60)
+    assert player.flags & IMPACT_BOUND
+    assert np.array_equal(player.poses, before)
+
+
+def test_a_body_that_is_not_finite_is_put_back_at_rest() -> None:
+    player = Player([Thing(shape=Sphere(0.05), at=(0, 0, 1)), Thing(shape=Sphere(0.05), at=(1, 0, 1)), floor()])
+    player.run(0.1)
+    before = player.poses.copy()
+    player.velocity[0, 1] = np.nan
+    player.step(1 / 60)
+    assert player.flags & QUARANTINED
+    assert np.array_equal(player.poses[0], before[0])
+    assert not player.velocity[0].any()
+    player.step(1 / 60)
+    assert player.poses[0, 2] < before[0, 2]
+    assert player.poses[1, 2] < before[1, 2]
+
+
+def test_the_contacts_of_a_resting_body_carry_its_weight() -> None:
+    for shape, low, rate in ((Box((0.1, 0.06, 0.03)), 0.03, 60), (Sphere(0.05), 0.05, 100)):
+        player = Player([Thing(shape=shape, at=(0, 0, low)), floor()])
+        for seconds in (0.1, 1.0):  # awake, then asleep
+            player.run(seconds, rate)
+            bodies, values = touches(player)
+            assert (bodies == [0, 1]).all()
+            np.testing.assert_allclose(values[:, 3:6], [[0, 0, 1]] * len(values), atol=1e-12)
+            assert np.abs(values[:, 2]).max() < 1e-5
+            assert values[:, 6].max() < 1e-6
+            weight = player.scene.bodies.mass[0] * GRAVITY / rate
+            assert values[:, 7].sum() == pytest.approx(weight, rel=1e-9)
+            assert values[:, 8].max() < 1e-6 * weight
+        assert player.state.kinds[0, AWAKE] == 0
+
+
+def test_the_contact_of_a_bounce_carries_its_impulse() -> None:
+    player = Player(
+        [Thing(shape=Sphere(0.05), at=(0, 0, 0.5), v=(0, 0, -3), material="rubber"), floor("rubber")], gravity=(0, 0, 0)
+    )
+    while not player.impacts:
+        player.step(1 / 60)
+    bodies, values = touches(player)
+    assert (bodies == [[0, 1]]).all()
+    assert values[0, 7] == pytest.approx(1.9 * 3 * player.scene.bodies.mass[0], rel=1e-12)
+    assert values[0, 8] == 0.0
+    player.run(0.1)
+    assert len(touches(player)[0]) == 0
+
+
+def test_a_sleeping_body_stays_bit_for_bit_and_wakes_when_hit() -> None:
+    ball = Thing(shape=Sphere(0.03), at=(-0.8, 0, 0.03))
+    player = Player([Thing(shape=Box((0.05, 0.05, 0.05)), at=(0, 0, 0.05)), ball, floor()])
+    player.run(1.0)
+    assert not player.state.kinds[:2, AWAKE].any()
+    asleep = player.poses.copy()
+    track = player.run(1.0)
+    assert np.array_equal(track[-1], asleep)
+    player.velocity[1, :3] = (2.5, 0, 0)
+    player.run(1.0)
+    assert player.poses[0, 0] > 1e-3
+
+
+def test_a_sleeping_body_falls_when_its_support_goes() -> None:
+    support = Thing(shape=Box((0.2, 0.2, 0.05)), role=s.FIXED, moving=True, at=(0, 0, -0.05))
+    player = Player([Thing(shape=Box((0.05, 0.05, 0.05)), at=(0, 0, 0.05)), support])
+    player.targets[1] = lambda _: (0, 0, -0.05, 0, 0, 0, 1)
+    player.run(1.0)
+    assert player.state.kinds[0, AWAKE] == 0
+    gone = player.time
+    player.targets[1] = lambda t: (2.0 * (t - gone) / 0.1, 0, -0.05, 0, 0, 0, 1)
+    player.run(0.5)
+    assert player.poses[0, 2] < -0.3
+
+
+def test_a_body_moved_by_the_caller_wakes() -> None:
+    player = Player([Thing(shape=Sphere(0.05), at=(0, 0, 0.05)), floor()])
+    player.run(1.0)
+    player.poses[0, 2] += 0.2
+    player.run(0.1)
+    assert player.velocity[0, 2] < -0.5
+
+
+def test_many_still_objects_do_not_matter() -> None:
+    things = [Thing(shape=Sphere(0.05), at=(0, 0, 0.05), v=(0.5, 0, 0)), floor()]
+    crowd = [
+        Thing(shape=Box((0.1, 0.1, 0.1)), role=s.FIXED, at=(k % 40 - 20.0, k // 40 + 1.0, 1.0)) for k in range(800)
+    ]
+    alone, among = Player(things), Player(things + crowd)
+    assert np.array_equal(alone.run(1.0)[:, 0], among.run(1.0)[:, 0])
+
+
+def test_a_scene_without_simulated_bodies_is_left_alone() -> None:
+    player = Player([floor()])
+    before = player.poses.copy()
+    player.step(1 / 60)
+    assert np.array_equal(player.poses, before)
+    assert make_scene([floor()]).bodies.role[0] == s.FIXED
