@@ -19,7 +19,7 @@ from geomphys.config import Config
 from geomphys.errors import DamagedLogError, LogError
 from geomphys.recording.frames import FrameSource
 from geomphys.recording.reader import open_log
-from geomphys.recording.records import CHUNK_LIMIT, MAGIC
+from geomphys.recording.records import CHUNK_LIMIT, MAGIC, ChunkHead, unpack_chunk
 from tests.recording.log_files import Item, Tree, joints, make_world, pose, write_log
 
 LAYOUTS = {
@@ -161,11 +161,16 @@ def chunk(compression: bytes, data: bytes, size: int, length: int | None = None)
 BOMB = bytes(64 * 2**20)
 
 
+def wide_window() -> bytes:
+    """A thousand bytes that claim to need half a gigabyte to be unpacked."""
+    window = zstandard.ZstdCompressionParameters(window_log=29, enable_ldm=True)
+    packer = zstandard.ZstdCompressor(compression_params=window).compressobj()
+    return packer.compress(bytes(1000)) + packer.flush()
+
+
 def hostile() -> dict[str, bytes]:
     zstd = zstandard.ZstdCompressor(level=1).compress(BOMB)
     packed = lz4.frame.compress(BOMB)
-    window = zstandard.ZstdCompressionParameters(window_log=29, enable_ldm=True)
-    wide = zstandard.ZstdCompressor(compression_params=window).compressobj().compress(bytes(1000))
     return {
         "absurd length": record(5, b"x" * 30, 2**63),
         "length past the end": record(6, b"x" * 30, 10**12),
@@ -175,7 +180,7 @@ def hostile() -> dict[str, bytes]:
         "claims just the limit": chunk(b"zstd", b"", CHUNK_LIMIT),
         "bomb zstd": chunk(b"zstd", zstd, 1000) * 20,
         "bomb lz4": chunk(b"lz4", packed, 1000) * 20,
-        "wide window": chunk(b"zstd", wide, 1000),
+        "wide window": chunk(b"zstd", wide_window(), 1000),
         "unknown packing": chunk(b"brotli", b"abc", 1000),
         "long name of packing": chunk(b"z" * 100_000, b"abc", 1000),
         "chunk shorter than its data": chunk(b"", b"abc", 3, 10**15),
@@ -233,6 +238,60 @@ def test_absurdly_long_messages_are_not_decoded(tmp_path, encoding):
     with FrameSource(path, make_world(Tree(topic="/glove", joints=("a",))), Config()) as source:
         assert len(list(source)) == 4
         assert source.report.bad_messages == 1
+
+
+def test_a_window_that_takes_much_memory_is_refused():
+    data = wide_window()
+    head = ChunkHead(0, 1, 1000, 0, "zstd", len(data), 0)
+    assert unpack_chunk(head, data) == (b"", "cannot be unpacked to its end")
+
+
+@pytest.mark.parametrize("layout", ["none", "one chunk"])
+def test_a_wrong_byte_in_a_message_is_seen_by_the_chunks_checksum_and_told(tmp_path, layout):
+    path = write_log(tmp_path / "log.mcap", some_items(), **LAYOUTS[layout])
+    content, whole = bytearray(path.read_bytes()), messages(path)
+    at = content.index(struct.pack("<d", 41.0))
+    content[at + 6] ^= 0x10
+    path.write_bytes(bytes(content))
+    with pytest.raises(DamagedLogError, match=r"chunk at byte \d+ does not fit its checksum"):
+        open_log(path)
+    got = messages(path, recover=True)
+    assert len(got) == len(whole)
+    assert sum(a != b for a, b in zip(got, whole, strict=True)) == 1
+
+
+def test_of_a_corrupt_chunk_messages_outside_of_its_times_are_not_used(tmp_path):
+    path = write_log(tmp_path / "log.mcap", some_items(), **LAYOUTS["one chunk"])
+    content, whole = bytearray(path.read_bytes()), messages(path)
+    at = content.index(struct.pack("<QQ", 410_000_000, 410_000_000))
+    content[at + 6] ^= 0x10
+    path.write_bytes(bytes(content))
+    assert messages(path, recover=True) == [m for k, m in enumerate(whole) if k != 82]
+
+
+def test_a_channel_that_is_defined_twice_and_differently_is_damage(tmp_path):
+    path = write_log(tmp_path / "log.mcap", some_items(3), use_chunking=False, enable_crcs=False)
+    content = path.read_bytes()
+    last = content.rindex(b"/wrist")
+    path.write_bytes(content[:last] + b"/wrong" + content[last + 6 :])
+    with pytest.raises(DamagedLogError, match="channel 1 is defined twice"):
+        open_log(path)
+    assert {m[0] for m in messages(path, recover=True)} == {"/wrist", "/glove"}
+
+
+def test_the_checksums_of_summary_and_data_are_checked(tmp_path):
+    path = write_log(tmp_path / "log.mcap", some_items(), use_chunking=False, enable_data_crcs=True)
+    content, whole = bytearray(path.read_bytes()), messages(path)
+    for at, said in (
+        (content.index(struct.pack("<d", 41.0)) + 6, "the data does not fit its checksum"),
+        (content.rindex(b"/wrist") - 12, "the summary does not fit its checksum"),
+    ):
+        broken = content.copy()
+        broken[at] ^= 0x10
+        path.write_bytes(bytes(broken))
+        with pytest.raises(DamagedLogError, match=said):
+            open_log(path)
+        assert len(messages(path, recover=True)) == len(whole)
 
 
 def test_private_records_are_passed_over(tmp_path):

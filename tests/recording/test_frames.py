@@ -452,6 +452,12 @@ def test_angles_that_look_like_degrees_are_warned_of(tmp_path):
     assert source.report.warnings == ()
 
 
+def test_angles_in_degrees_that_look_like_radians_are_warned_of(tmp_path):
+    items = [joints("/glove", k / 10, {"a": 0.5 * k}) for k in range(3)]
+    _, source = frames_of(tmp_path, make_world(Tree(topic="/glove", joints=("a",), unit="deg")), items)
+    assert any("radians" in w and "/glove" in w for w in source.report.warnings)
+
+
 def test_angles_outside_their_limits_are_kept_and_counted_or_clamped(tmp_path):
     world = make_world(Tree(topic="/glove", joints=("a", "b"), limits=(-0.5, 1.0)))
     items = [joints("/glove", k / 10, {"a": 0.3 * k, "b": -0.2}) for k in range(6)]
