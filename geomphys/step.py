@@ -396,7 +396,7 @@ def step(
             block.recorded[frame, k, i] = m.recorded[block.moving[k], i]
             block.corrected[frame, k, i] = m.corrected[block.moving[k], i]
     for k in range(len(angles)):
-        block.angles[frame, k] = m.room.chains.angles[k] if m.room.joints.yields[k] == 1 else angles[k]
+        block.angles[frame, k] = m.room.chains.angles[k] if m.room.joints.held[k] == 1 else angles[k]
     numbers[ITERATIONS], numbers[IMPACTS], numbers[FALLBACKS], numbers[FLAGS] = (
         done.rounds,
         impacts,

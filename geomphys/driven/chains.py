@@ -9,7 +9,8 @@ with n the pair's normal and J how its two points move with the joints (a revolu
 per radian), and the nearest posture to the goal that satisfies all of them at once is found (`least_distance`); the
 pairs are then measured anew there. This is a sequence of quadratic programs, and it converges fast as the first one is
 solved from a free posture. Joint limits are rows of the same problem, so that no joint is ever moved beyond them.
-Joints alone are tried first. If they cannot do it within their limits, the root yields too.
+Joints of chains alone are tried first. If they cannot do it within their limits, the root yields too, and if that does
+not help (a thigh that a bent back comes down upon), all joints of the avatar.
 """
 
 from __future__ import annotations
@@ -114,7 +115,7 @@ def _meet(scene: Scene, joints: Joints, near: Near, room: ChainRoom, gap: float,
 
 @kernel
 def _add_side(
-    scene: Scene, joints: Joints, room: ChainRoom, offsets: Floats, body: int, point: Vec, n: Vec, sign: float,
+    scene: Scene, joints: Joints, yields: Ints, room: ChainRoom, offsets: Floats, body: int, point: Vec, n: Vec, sign: float,
     with_root: bool, unknowns: int, row: Floats,
 ) -> int:  # fmt: skip
     """One body's part of a row; returns the number of unknowns."""
@@ -124,7 +125,7 @@ def _add_side(
     before = unknowns
     # the poses have the roots as recorded: points are brought there
     at = (point[0] - offsets[tree, 0], point[1] - offsets[tree, 1], point[2] - offsets[tree, 2])
-    unknowns = add_effects(scene, joints, room.poses, body, at, n, sign, room.column, unknowns, row)
+    unknowns = add_effects(scene, joints, yields, room.poses, body, at, n, sign, room.column, unknowns, row)
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         if room.column[q] >= before:
             room.joint_of[room.column[q]] = q
@@ -150,7 +151,7 @@ def _unknown_now(joints: Joints, room: ChainRoom, offsets: Floats, j: int) -> fl
 
 @outlined
 def _rows(
-    scene: Scene, joints: Joints, room: ChainRoom, p: Places, offsets: Floats, problem: LeastDistance, gap: float,
+    scene: Scene, joints: Joints, yields: Ints, room: ChainRoom, p: Places, offsets: Floats, problem: LeastDistance, gap: float,
     with_root: bool, axes: Axes, scratch: Scratch,
 ) -> tuple[int, int, bool]:  # fmt: skip
     """Rows of all pairs met, measured at the posture being tried: (unknowns, rows, whether each can be met)."""
@@ -170,10 +171,10 @@ def _rows(
         for j in range(len(row)):
             row[j] = 0.0
         unknowns = _add_side(
-            scene, joints, room, offsets, scene.pieces.body[a], pa, n, 1.0, with_root, unknowns, row
+            scene, joints, yields, room, offsets, scene.pieces.body[a], pa, n, 1.0, with_root, unknowns, row
         )  # fmt: skip
         unknowns = _add_side(
-            scene, joints, room, offsets, scene.pieces.body[b], pb, n, -1.0, with_root, unknowns, row
+            scene, joints, yields, room, offsets, scene.pieces.body[b], pb, n, -1.0, with_root, unknowns, row
         )  # fmt: skip
         square = 0.0
         for j in range(unknowns):
@@ -246,8 +247,7 @@ def _solve(
     if longest > LONGEST:
         return False, longest
     for q in range(len(room.trial)):
-        if joints.yields[q] == 1:
-            room.trial[q] = room.goal[q]
+        room.trial[q] = room.goal[q]
     for j in range(unknowns):
         q = room.joint_of[j]
         if q >= 0:
@@ -261,7 +261,8 @@ def _solve(
 @outlined
 def bend_chains(
     scene: Scene, origins: Floats, joints: Joints, room: ChainRoom, p: Places, boxes: Boxes, near: Near,
-    problem: LeastDistance, roots: Floats, recorded: Floats, gap: float, with_root: bool, axes: Axes, scratch: Scratch,
+    problem: LeastDistance, roots: Floats, recorded: Floats, gap: float, yields: Ints, with_root: bool, axes: Axes,
+    scratch: Scratch,
 ) -> tuple[int, int]:  # fmt: skip
     """Bend the joints of all chains until no link that they move overlaps.
 
@@ -280,6 +281,8 @@ def bend_chains(
         (T, 7) and (Q,): the recording.
     gap
         m; clearance kept.
+    yields
+        (Q,) 1 for the joints that yield: those of chains, or all.
     with_root
         Whether the roots yield too.
     axes, scratch
@@ -306,7 +309,7 @@ def bend_chains(
     place_posture(scene, origins, joints, roots, recorded, room.trial, p.trial, room, p, boxes)
     for count in range(PASSES):
         unknowns, rows, possible = _rows(
-            scene, joints, room, p, p.trial, problem, gap, with_root, axes, scratch
+            scene, joints, yields, room, p, p.trial, problem, gap, with_root, axes, scratch
         )  # fmt: skip
         if not possible:
             return STUCK, count + 1

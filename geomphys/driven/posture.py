@@ -1,6 +1,7 @@
 """Postures: recorded angles plus the offsets the solver gave the joints of chains, and how contacts depend on them.
 
-Only joints of chains (and, in some problems, the root) yield. Their unknowns are scaled to metres by a *lever*: the
+Only joints of chains yield (and, where they cannot solve it alone, the root, and then all joints). Their unknowns are
+scaled to metres by a *lever*: the
 farthest any piece beyond the joint is from its axis, so that the least-distance problem weighs joints by what they
 move.
 """
@@ -29,6 +30,7 @@ class Joints(NamedTuple):
     """Fixed facts on the joints of chains."""
 
     yields: Ints  # (Q,) 1 for the joints of chains
+    held: Ints  # (Q,) 1 for all joints of avatars with chains: they can be held where they are
     lever: Floats  # (Q,) m per rad (1 for prismatic joints)
     bends: Ints  # (B,) 1 for bodies that some yielding joint moves
     any: Ints  # (1,) 1 if any joint yields
@@ -44,6 +46,7 @@ class PostureState(NamedTuple):
 def make_joints(scene: Scene, poses: Floats) -> Joints:
     """Which joints yield, and their levers measured in `poses` (B, 7)."""
     dofs, bodies = len(scene.dofs.lower), len(scene.bodies.role)
+    held = (scene.trees.chains[scene.dofs.tree] == 1) & (scene.trees.role[scene.dofs.tree] == DRIVEN)
     yields, lever, bends = np.zeros(dofs, np.int64), np.full(dofs, SHORTEST_LEVER), np.zeros(bodies, np.int64)
     for q in range(dofs):
         yields[q] = int(scene.dofs.chain[q] >= 0 and scene.trees.chains[scene.dofs.tree[q]] == 1)
@@ -56,14 +59,14 @@ def make_joints(scene: Scene, poses: Floats) -> Joints:
         joint = body
         while joint >= 0:
             q = scene.bodies.dof[joint]
-            if q >= 0 and yields[q]:
-                bends[body] = 1
+            if q >= 0 and held[q]:
+                bends[body] = max(bends[body], yields[q])
                 if scene.bodies.joint[joint] == JOINT_PRISMATIC:
                     lever[q] = 1.0
                 elif first < last:
                     lever[q] = max(lever[q], float(np.linalg.norm(poses[body, :3] - poses[joint, :3])) + reach)
             joint = scene.bodies.parent[joint]
-    return Joints(yields, lever, bends, np.array([int(yields.any())]))
+    return Joints(yields, held.astype(np.int64), lever, bends, np.array([int(yields.any())]))
 
 
 @kernel
@@ -111,17 +114,17 @@ def joint_effect(scene: Scene, poses: Floats, joint: int, point: Vec, n: Vec) ->
 
 @kernel
 def add_effects(
-    scene: Scene, joints: Joints, poses: Floats, body: int, point: Vec, n: Vec, sign: float, column: Ints, unknowns: int,
-    row: Floats,
+    scene: Scene, joints: Joints, yields: Ints, poses: Floats, body: int, point: Vec, n: Vec, sign: float, column: Ints,
+    unknowns: int, row: Floats,
 ) -> int:  # fmt: skip
-    """Add to `row` how a point of `body` moves along n with each yielding joint above it, in scaled unknowns.
+    """Add to `row` how a point of `body` moves along n with each joint above it that `yields` (Q,), in scaled unknowns.
 
     `column` (Q,) numbers the unknowns; joints met for the first time are given the next one. Returns their number.
     """
     joint = body
     while joint >= 0:
         q = scene.bodies.dof[joint]
-        if scene.bodies.joint[joint] != JOINT_FIXED and q >= 0 and joints.yields[q] == 1:
+        if scene.bodies.joint[joint] != JOINT_FIXED and q >= 0 and yields[q] == 1:
             if column[q] < 0:
                 column[q] = unknowns
                 unknowns += 1

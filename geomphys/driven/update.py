@@ -111,11 +111,11 @@ def _pull(scene: Scene, state: DrivenState, p: Places, roots: Floats, dt: float)
 
 @kernel
 def _pull_joints(scene: Scene, state: DrivenState, room: DrivenRoom, angles: Floats, dt: float) -> None:
-    """Goal and present offset of every joint of a chain from the angle recorded now, within the joint's limits."""
+    """Goal and present offset of every joint of an avatar with chains from the angle recorded now, within the joint's limits."""
     trees, posture, chains = scene.trees, state.posture, room.chains
     for q in range(len(angles)):
         room.before[q], room.after[q] = state.angles[q], angles[q]
-        if room.joints.yields[q] == 0:
+        if room.joints.held[q] == 0:
             continue
         tree = scene.dofs.tree[q]
         chains.goal[q] = chains.current[q] = 0.0
@@ -178,7 +178,7 @@ def _brake(state: DrivenState, p: Places, tree: int) -> None:
 def _brake_joints(state: DrivenState, room: DrivenRoom) -> None:
     """The same for the joints; their offsets are remembered."""
     for q in range(len(room.joints.yields)):
-        if room.joints.yields[q] == 0:
+        if room.joints.held[q] == 0:
             continue
         push = room.chains.trial[q] - room.chains.goal[q]
         if push * state.posture.speed[q] < 0.0:
@@ -217,52 +217,25 @@ def _bend(
     axes: Axes,
     scratch: Scratch,
 ) -> tuple[int, int, bool]:
-    """Chains yield, then chains and roots together, then the last posture is held: (passes, method, whether free)."""
-    p, chains = room.places, room.chains
-    status, passes = bend_chains(
-        scene,
-        room.origins,
-        room.joints,
-        chains,
-        p,
-        boxes,
-        room.near,
-        room.problem,
-        roots,
-        angles,
-        gap,
-        False,
-        axes,
-        scratch,
-    )
-    if status == FREE:
-        return passes, 0 if passes == 1 else LEAST_DISTANCE, True
-    status, more = bend_chains(
-        scene,
-        room.origins,
-        room.joints,
-        chains,
-        p,
-        boxes,
-        room.near,
-        room.problem,
-        roots,
-        angles,
-        gap,
-        True,
-        axes,
-        scratch,
-    )
-    if status == FREE:
-        for tree in range(len(p.column)):
-            if is_chained(scene, tree):
-                for i in range(3):
-                    p.current[tree, i] = p.trial[tree, i]
-        return passes + more, LEAST_DISTANCE, False
+    """Chains yield, then roots too, then all joints; else the last posture is held: (passes, method, whether free)."""
+    p, chains, joints, passes = room.places, room.chains, room.joints, 0
+    for attempt in range(3):
+        yields = joints.held if attempt == 2 else joints.yields
+        status, more = bend_chains(
+            scene, room.origins, joints, chains, p, boxes, room.near, room.problem, roots, angles, gap, yields, attempt > 0, axes,
+            scratch,
+        )  # fmt: skip
+        passes += more
+        if status == FREE:
+            for tree in range(len(p.column)):
+                if is_chained(scene, tree):
+                    for i in range(3):
+                        p.current[tree, i] = p.trial[tree, i]
+            return passes, 0 if passes == 1 else LEAST_DISTANCE, attempt == 0
     for q in range(len(chains.trial)):
         chains.trial[q] = chains.current[q]
     place_posture(scene, room.origins, room.joints, roots, angles, chains.trial, p.current, chains, p, boxes)
-    return passes + more, INTERPOLATED, False
+    return passes, INTERPOLATED, False
 
 
 @outlined
