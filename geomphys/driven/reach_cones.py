@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.driven.posture import Joints, lower_bend, upper_bend
-from geomphys.kernel import kernel
+from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import Vec, add, add_scaled, cross, dot, norm, perpendicular, rotate, scale, sub, unit
 from geomphys.world.kinematics import frame_rotation, joint_value
 from geomphys.world.scene import JOINT_FIXED, Scene
@@ -68,7 +68,7 @@ def _nearest(directions: Floats, first: int, last: int, d: Vec) -> tuple[Vec, Ve
     return point, normal
 
 
-@kernel
+@outlined
 def signed_angle(directions: Floats, first: int, last: int, d: Vec) -> tuple[float, Vec, Vec]:
     """Signed angular distance of a direction from the boundary of a cone.
 
@@ -144,7 +144,7 @@ def _in_first(scene: Scene, v: Vec, body: int, first: int, angles: Floats) -> Ve
         body = scene.bodies.parent[body]
 
 
-@kernel
+@outlined
 def limb_direction(scene: Scene, cone: int, angles: Floats) -> Vec:
     """Unit direction of the limb at `angles` (Q,), in the frame the cone's first joint sits in, before it turns."""
     cones = scene.cones
@@ -204,7 +204,7 @@ def _within(scene: Scene, recorded: Floats, q: int, angle: float) -> float:
     return float(recorded[q] + bend)
 
 
-@kernel
+@outlined
 def _step(
     scene: Scene, cone: int, yields: Ints, recorded: Floats, start: Floats, angles: Floats, target: float, share: float
 ) -> bool:
@@ -301,7 +301,7 @@ def _search(
     return cone_angle(scene, cone, angles) >= bound
 
 
-@kernel
+@outlined
 def fit_angles(
     scene: Scene, cone: int, yields: Ints, recorded: Floats, bend: Floats, angles: Floats, start: Floats
 ) -> bool:

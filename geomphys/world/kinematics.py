@@ -75,8 +75,29 @@ def joint_value(scene: Scene, body: int, angles: Floats) -> float:
     """Value [rad or m] of the joint above `body`; mimic joints from their masters."""
     dof = scene.bodies.dof[body]
     if dof < 0:
-        return scene.bodies.offset[body]
-    return scene.bodies.multiplier[body] * angles[dof] + scene.bodies.offset[body]
+        return float(scene.bodies.offset[body])
+    return float(scene.bodies.multiplier[body] * angles[dof] + scene.bodies.offset[body])
+
+
+@kernel
+def pose_body(scene: Scene, origins: Floats, body: int, angles: Floats, poses: Floats) -> None:
+    """Pose of one body (not a root) from its parent's and its joint's angle; see `pose_tree`."""
+    parent = scene.bodies.parent[body]
+    p, q = position_of(poses, parent), orientation_of(poses, parent)
+    t = quat_rotate(q, position_of(origins, body))
+    p = (p[0] + t[0], p[1] + t[1], p[2] + t[2])
+    q = quat_mul(q, orientation_of(origins, body))
+    kind = scene.bodies.joint[body]
+    if kind != JOINT_FIXED:
+        value = joint_value(scene, body, angles)
+        axis = (scene.bodies.axis[body, 0], scene.bodies.axis[body, 1], scene.bodies.axis[body, 2])
+        if kind == JOINT_PRISMATIC:
+            t = quat_rotate(q, axis)
+            p = (p[0] + value * t[0], p[1] + value * t[1], p[2] + value * t[2])
+        else:
+            s = math.sin(0.5 * value)
+            q = quat_mul(q, (axis[0] * s, axis[1] * s, axis[2] * s, math.cos(0.5 * value)))
+    set_pose(poses, body, p, q)
 
 
 @outlined
@@ -100,22 +121,7 @@ def pose_tree(scene: Scene, origins: Floats, tree: int, roots: Floats, angles: F
     for k in range(7):
         poses[first, k] = roots[tree, k]
     for body in range(first + 1, scene.trees.body_start[tree + 1]):
-        parent = scene.bodies.parent[body]
-        p, q = position_of(poses, parent), orientation_of(poses, parent)
-        t = quat_rotate(q, position_of(origins, body))
-        p = (p[0] + t[0], p[1] + t[1], p[2] + t[2])
-        q = quat_mul(q, orientation_of(origins, body))
-        kind = scene.bodies.joint[body]
-        if kind != JOINT_FIXED:
-            value = joint_value(scene, body, angles)
-            axis = (scene.bodies.axis[body, 0], scene.bodies.axis[body, 1], scene.bodies.axis[body, 2])
-            if kind == JOINT_PRISMATIC:
-                t = quat_rotate(q, axis)
-                p = (p[0] + value * t[0], p[1] + value * t[1], p[2] + value * t[2])
-            else:
-                s = math.sin(0.5 * value)
-                q = quat_mul(q, (axis[0] * s, axis[1] * s, axis[2] * s, math.cos(0.5 * value)))
-        set_pose(poses, body, p, q)
+        pose_body(scene, origins, body, angles, poses)
 
 
 @outlined
