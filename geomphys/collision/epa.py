@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from geomphys.collision.gjk import difference, on_triangle, set_pair
+from geomphys.collision.gjk import difference, set_pair
 from geomphys.collision.scratch import MAX_CORNERS, MAX_FACES, Room
 from geomphys.collision.support import Core, vec_at
 from geomphys.kernel import kernel, outlined
@@ -195,45 +195,39 @@ def outline(room: Room, face: int, new: int, faces: int, size: float) -> int:
 
 
 @kernel
-def foot(room: Room, n: Vec, level: float, face: int, used: int, slack: float) -> Vec:
-    """Point of A that belongs to the foot of the origin on the plane n·x = level, which is that of `face`.
+def foot(room: Room, n: Vec, face: int, faces: int) -> Vec:
+    """Point of A that belongs to where the ray from the origin along n leaves the polytope.
 
-    The foot may lie in another triangle of the same plane: the walk goes across the edge it lies behind. Where slivers
-    bar the way (or without a face, -1), the closest of all triangles of corners within `slack` of the plane is taken.
+    From `face` on the walk goes across the edge the ray passes by; where slivers bar the way, all faces are looked at
+    that lie across the ray.
     """
-    for _ in range(32 if face >= 0 else 0):
-        row = 8 * face
+    best = -np.inf
+    found = face
+    for step in range(16 + faces):
+        f = face if step < 16 else step - 16
+        row = 8 * f
+        if int_at(room.faces, row + STATE) != SURFACE or dot(n, vec_at(room.planes, 4 * f)) < 0.5:
+            continue
         i, j, k = int_at(room.faces, row), int_at(room.faces, row + 1), int_at(room.faces, row + 2)
         p, q, r = vec_at(room.points, 6 * i), vec_at(room.points, 6 * j), vec_at(room.points, 6 * k)
         x, y, z = dot(n, cross(q, r)), dot(n, cross(r, p)), dot(n, cross(p, q))
-        worst = min(x, y, z)
         total = x + y + z
-        if worst >= -1e-12 * total and total > 0.0:
-            return blend(room, i, j, k, x / total, y / total, z / total)
+        worst = min(x, y, z)
+        if total > 0.0 and worst > best * total:
+            best = worst / total
+            found = f
+        if best >= -1e-10:
+            break
         edge = 1 if worst == x else (2 if worst == y else 0)
         face = int_at(room.faces, row + 3 + edge) // 3
-        if int_at(room.faces, 8 * face + STATE) != SURFACE or dot(n, vec_at(room.planes, 4 * face)) < 1.0 - 1e-12:
-            break
-    count = 0
-    for i in range(used):
-        if dot(n, vec_at(room.points, 6 * i)) > level - slack and count < 24:
-            set_int(room.stack, count, i)
-            count += 1
-    best = np.inf
-    point = vec_at(room.points, 3)
-    ground = scale(n, level)
-    for i in range(count):
-        u = int_at(room.stack, i)
-        for j in range(i + 1, count):
-            v = int_at(room.stack, j)
-            for k in range(j + 1, count):
-                w = int_at(room.stack, k)
-                p, q, r = vec_at(room.points, 6 * u), vec_at(room.points, 6 * v), vec_at(room.points, 6 * w)
-                x, y, z, off = on_triangle(sub(p, ground), sub(q, ground), sub(r, ground))
-                if dot(off, off) < best:
-                    best = dot(off, off)
-                    point = blend(room, u, v, w, x, y, z)
-    return point
+    row = 8 * found
+    i, j, k = int_at(room.faces, row), int_at(room.faces, row + 1), int_at(room.faces, row + 2)
+    p, q, r = vec_at(room.points, 6 * i), vec_at(room.points, 6 * j), vec_at(room.points, 6 * k)
+    x, y, z = max(dot(n, cross(q, r)), 0.0), max(dot(n, cross(r, p)), 0.0), max(dot(n, cross(p, q)), 0.0)
+    total = x + y + z
+    if total == 0.0:
+        return vec_at(room.points, 6 * i + 3)
+    return blend(room, i, j, k, x / total, y / total, z / total)
 
 
 @kernel
@@ -300,9 +294,9 @@ def expand(a: Core, b: Core, rot: Rot, t: Vec, size: float, count: int, room: Ro
             known |= w == vec_at(room.points, 6 * int_at(room.faces, 8 * f + k))
         slack = tight * abs(high) + 2e-15 * size
         if (known or high - low <= slack) and high <= best + slack:
-            return True, high, n, foot(room, n, high, f, used, slack + 1e-12 * size)
+            return True, high, n, foot(room, n, f, faces)
         if known or low >= best - slack:
-            return True, best, outward, foot(room, outward, best, -1, used, slack + 1e-12 * size)
+            return True, best, outward, foot(room, outward, f, faces)
         if high < best:
             best, outward = high, n
         if used == MAX_CORNERS:
@@ -312,12 +306,12 @@ def expand(a: Core, b: Core, rot: Rot, t: Vec, size: float, count: int, room: Ro
         faces = outline(room, f, used, faces, size)
         used += 1
         if faces < 0:
-            break
+            return False, best, outward, p
         for g in range(start, faces):
             distance = float_at(room.planes, 4 * g + 3)
             if distance < -1e-13 * size - abs(low):
-                return False, best, outward, foot(room, outward, best, -1, used, tight * best + 1e-12 * size)
+                return False, best, outward, p
             if distance <= best and waiting < MAX_FACES:
                 push(room, waiting, g, distance)
                 waiting += 1
-    return False, best, outward, foot(room, outward, best, -1, used, tight * best + 1e-12 * size)
+    return False, best, outward, foot(room, outward, 0, faces)

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from geomphys.collision.epa import foot
-from geomphys.collision.gjk import difference, set_pair
+from geomphys.collision.epa import blend
+from geomphys.collision.gjk import difference, on_triangle, set_pair
 from geomphys.collision.scratch import Room
 from geomphys.collision.support import Core, vec_at
 from geomphys.kernel import kernel, outlined
@@ -120,15 +120,26 @@ def exhaustive(a: Core, b: Core, rot: Rot, t: Vec, size: float, room: Room) -> t
 
 @kernel
 def deepest_point(a: Core, b: Core, rot: Rot, t: Vec, n: Vec, size: float, room: Room) -> Vec:
-    """Point of A at the foot of the origin on M's face along n: of the corners of A and B that lie in it."""
+    """Point of A at the foot of the origin on M's face along n, from the corners of A and B that lie in it."""
     w, _, _, _ = difference(a, b, rot, t, n, 0, 0)
     level, used = dot(n, w), 0
-    slack = 1e-12 * size
+    ground = scale(n, level)
     for i in range(corners_of(a)):
         p = corner_of(a, i)
         for j in range(corners_of(b)):
             u = sub(p, add(t, rotate(rot, corner_of(b, j))))
-            if dot(n, u) >= level - slack and used < 24:
-                set_pair(room.points, used, u, p)
+            if dot(n, u) >= level - 1e-12 * size and used < 24:
+                set_pair(room.points, used, sub(u, ground), p)
                 used += 1
-    return foot(room, n, level, -1, used, slack)
+    best = np.inf
+    point = vec_at(room.points, 3)
+    for i in range(used):
+        for j in range(i, used):
+            for k in range(j, used):
+                x, y, z, off = on_triangle(
+                    vec_at(room.points, 6 * i), vec_at(room.points, 6 * j), vec_at(room.points, 6 * k)
+                )
+                if dot(off, off) < best:
+                    best = dot(off, off)
+                    point = blend(room, i, j, k, x, y, z)
+    return point
