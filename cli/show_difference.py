@@ -82,9 +82,9 @@ def _table(channel: ChannelDifference, limit: int | None) -> Table:
         rows.setdefault(tuple(cells.get(header, "") for header in headers), []).append(part)
     for texts, names in list(rows.items())[:limit]:
         table.add_row(_named(names, whole=limit is None), *texts)
-    for side, names in (("a", channel.only_a), ("b", channel.only_b)):
-        if names:
-            table.add_row(f"only in {side}: {printable(', '.join(names))}")
+    for side, alone in (("a", channel.only_a), ("b", channel.only_b)):
+        if alone:
+            table.add_row(f"only in {side}: {printable(', '.join(alone))}")
     if limit is not None and len(rows) > limit:
         hidden = sum(len(names) for names in list(rows.values())[limit:])
         table.add_row(f"and {hidden} more, with -v")

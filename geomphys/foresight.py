@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.block import CORRECTION, FALLBACKS, RECORDED, Block
-from geomphys.step import Machine, State, restore
+from geomphys.machine import Machine, State, restore
 from geomphys.world.scene import DRIVEN, Scene
 
 Floats = NDArray[np.float64]

@@ -69,8 +69,8 @@ class Pack:
                 raise TypeError(f"{type(record).__name__}.{name}: a C-contiguous, writeable array or a float is needed")
             fields.append((name, part.type if isinstance(part, Pack) else typeof(part)))
         self.block = np.array(words, dtype=np.int64)
-        self.address = int(self.block.ctypes.data)
-        self.type = _type_of(tuple(fields))
+        self.address: int = int(self.block.ctypes.data)
+        self.type: PackType = _type_of(tuple(fields))
 
     def __getattr__(self, name: str) -> Any:
         """A field as Python sees it: the array, or the inner pack."""
@@ -143,7 +143,8 @@ def _lower_attribute(context: Any, builder: Any, kind: PackType, block: Any, nam
     array = context.make_array(field)(context, builder)
     shape = [_load(builder, block, offset + WORD * (1 + axis)) for axis in range(field.ndim)]
     itemsize = context.get_abi_sizeof(context.get_data_type(field.dtype))
-    strides, stride = [], ir.Constant(ir.IntType(64), itemsize)
+    strides: list[Any] = []
+    stride = ir.Constant(ir.IntType(64), itemsize)
     for extent in reversed(shape):
         strides.insert(0, stride)
         stride = builder.mul(stride, extent)

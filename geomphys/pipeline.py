@@ -17,12 +17,13 @@ from geomphys.errors import GeomphysError
 from geomphys.events import Message, Narrator
 from geomphys.foresight import Track, step_aside
 from geomphys.load import load_world
+from geomphys.machine import NEAR_PAIRS, Knobs, make_machine
 from geomphys.packed import pack
 from geomphys.provenance import provenance_of
 from geomphys.recording.frames import FrameSource
 from geomphys.results import Frame, FrameResult
 from geomphys.sinks.base import Sink
-from geomphys.step import NEAR_PAIRS, WHOLE, Knobs, make_machine, run_block
+from geomphys.step import WHOLE, run_block
 from geomphys.timing import STAGES, ns_per_cycle
 from geomphys.world.scene import Scene, World
 
@@ -103,7 +104,7 @@ class Pipeline:
         return Track(
             roots=np.stack([frame.roots for frame in frames]),
             angles=np.stack([frame.angles for frame in frames]),
-            dts=np.diff(np.array(times, dtype=np.int64)) * 1e-9,
+            dts=np.diff(np.array(times, dtype=np.int64)).astype(np.float64) * 1e-9,
             drifts=np.zeros((len(frames), len(self.world.scene.trees.role), 3)),
             block=block,
             before=self.machine.state(),

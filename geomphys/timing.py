@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from functools import lru_cache
-from typing import Any
+from typing import Any, cast
 
 from llvmlite import ir
 from numba import types
@@ -22,8 +23,7 @@ STAGES = (
 """Dotted call paths of the stages inside a frame's step; `step` itself is their whole."""
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def _cycle_counter(typing_context: Any) -> Any:
+def _read_counter(typing_context: Any) -> Any:
     """llvm.readcyclecounter: cycles since some moment, as int64."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -33,10 +33,13 @@ def _cycle_counter(typing_context: Any) -> Any:
     return types.int64(), generate
 
 
+_cycle_counter = cast(Callable[[], int], intrinsic(_read_counter))
+
+
 @kernel
 def cycles() -> int:
     """The processor's cycle counter."""
-    return _cycle_counter()  # type: ignore[no-any-return]
+    return _cycle_counter()
 
 
 @lru_cache(maxsize=1)

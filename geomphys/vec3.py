@@ -19,13 +19,13 @@ Rot: TypeAlias = tuple[float, float, float, float, float, float, float, float, f
 
 @kernel
 def add(a: Vec, b: Vec) -> Vec:
-    """a + b."""
+    """A + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
 @kernel
 def sub(a: Vec, b: Vec) -> Vec:
-    """a - b."""
+    """A - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
@@ -37,25 +37,25 @@ def neg(a: Vec) -> Vec:
 
 @kernel
 def scale(a: Vec, s: float) -> Vec:
-    """s a."""
+    """S a."""
     return (a[0] * s, a[1] * s, a[2] * s)
 
 
 @kernel
 def add_scaled(a: Vec, b: Vec, s: float) -> Vec:
-    """a + s b."""
+    """A + s b."""
     return (a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2])
 
 
 @kernel
 def dot(a: Vec, b: Vec) -> float:
-    """a · b."""
+    """A · b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @kernel
 def cross(a: Vec, b: Vec) -> Vec:
-    """a × b."""
+    """A × b."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
@@ -67,7 +67,7 @@ def norm(a: Vec) -> float:
 
 @kernel
 def unit(a: Vec) -> Vec:
-    """a / |a|; the zero vector stays zero."""
+    """A / |a|; the zero vector stays zero."""
     length = norm(a)
     if length == 0.0:
         return (0.0, 0.0, 0.0)
@@ -155,7 +155,7 @@ def quat_conjugate(q: Quat) -> Quat:
 
 @kernel
 def quat_unit(q: Quat) -> Quat:
-    """q / |q|; the zero quaternion becomes the identity."""
+    """Q / |q|; the zero quaternion becomes the identity."""
     length = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     if length == 0.0:
         return (0.0, 0.0, 0.0, 1.0)
@@ -164,7 +164,7 @@ def quat_unit(q: Quat) -> Quat:
 
 @kernel
 def quat_rotate(q: Quat, v: Vec) -> Vec:
-    """v turned by the unit quaternion q."""
+    """V turned by the unit quaternion q."""
     u = (q[0], q[1], q[2])
     c = cross(u, v)
     t = (c[0] + c[0], c[1] + c[1], c[2] + c[2])

@@ -18,9 +18,9 @@ Ints = NDArray[np.int64]
 
 
 class Near(NamedTuple):
-    """Pairs of pieces that are near each other, in a fixed order. `count[0]` of them are filled."""
+    """Pairs of pieces that are near each other, in a fixed order. `filled[0]` of them are filled."""
 
-    count: Ints  # (1,)
+    filled: Ints  # (1,)
     lost: Ints  # (1,) pairs that found no room since it was last set to 0
     a: Ints  # (n,) pieces
     b: Ints  # (n,)
@@ -41,9 +41,10 @@ class Axes(NamedTuple):
 
 def make_near(size: int) -> Near:
     """Room for `size` pairs."""
-    ints = [np.zeros(size, np.int64) for _ in range(4)]
-    vectors = [np.zeros((size, 3)) for _ in range(3)]
-    return Near(np.zeros(1, np.int64), np.zeros(1, np.int64), *ints, np.zeros(size), *vectors)
+    a, b, tree_a, tree_b = (np.zeros(size, np.int64) for _ in range(4))
+    normal, point_a, point_b = (np.zeros((size, 3)) for _ in range(3))
+    filled, lost = np.zeros(1, np.int64), np.zeros(1, np.int64)
+    return Near(filled, lost, a, b, tree_a, tree_b, np.zeros(size), normal, point_a, point_b)
 
 
 def make_axes(size: int = 1 << 14) -> Axes:
@@ -70,11 +71,11 @@ def pair_separation(
 @kernel
 def append_pair(near: Near, a: int, b: int, tree_a: int, tree_b: int, s: float, n: Vec, pa: Vec, pb: Vec) -> None:
     """Add a pair to `near`; counts it as lost where there is no room."""
-    k = near.count[0]
+    k = near.filled[0]
     if k == len(near.a):
         near.lost[0] += 1
         return
-    near.count[0] = k + 1
+    near.filled[0] = k + 1
     near.a[k], near.b[k], near.tree_a[k], near.tree_b[k], near.separation[k] = a, b, tree_a, tree_b, s
     for i in range(3):
         near.normal[k, i], near.point_a[k, i], near.point_b[k, i] = n[i], pa[i], pb[i]
@@ -148,7 +149,7 @@ def find_near(
     axes, scratch
         Remembered directions and room for the narrow phase.
     """
-    near.count[0] = 0
+    near.filled[0] = 0
     widest = 0.0
     for tree in range(len(scene.trees.role)):
         widest = max(widest, reach[tree])

@@ -19,9 +19,9 @@ Ints = NDArray[np.int64]
 
 
 class GlobalDepths(NamedTuple):
-    """Pairs of bodies that overlap. `count[0]` rows are filled."""
+    """Pairs of bodies that overlap. `filled[0]` rows are filled."""
 
-    count: Ints  # (1,)
+    filled: Ints  # (1,)
     body_a: Ints  # (n,)
     body_b: Ints  # (n,)
     pd: Floats  # (n, 3) m, PD_g: how far and whither a must move
@@ -38,14 +38,14 @@ def make_global_depths(size: int) -> GlobalDepths:
 @kernel
 def global_depths(pieces: Pieces, near: Near, depths: GlobalDepths) -> None:
     """Equation (1) for every pair of bodies with overlapping pieces in `near`, whose pairs stand body by body."""
-    depths.count[0] = 0
+    depths.filled[0] = 0
     weight = 0.0
-    for k in range(near.count[0]):
+    for k in range(near.filled[0]):
         if near.separation[k] >= 0.0:
             continue
         depth = -near.separation[k]
         body_a, body_b = pieces.body[near.a[k]], pieces.body[near.b[k]]
-        row = depths.count[0] - 1
+        row = depths.filled[0] - 1
         if row < 0 or depths.body_a[row] != body_a or depths.body_b[row] != body_b:
             if row >= 0:
                 for i in range(3):
@@ -53,7 +53,7 @@ def global_depths(pieces: Pieces, near: Near, depths: GlobalDepths) -> None:
             row += 1
             if row == len(depths.body_a):
                 return
-            depths.count[0] = row + 1
+            depths.filled[0] = row + 1
             depths.body_a[row], depths.body_b[row] = body_a, body_b
             depths.pairs[row], depths.largest[row], weight = 0, 0.0, 0.0
             for i in range(3):
@@ -63,6 +63,6 @@ def global_depths(pieces: Pieces, near: Near, depths: GlobalDepths) -> None:
         depths.largest[row] = max(depths.largest[row], depth)
         for i in range(3):
             depths.pd[row, i] += depth * depth * near.normal[k, i]
-    if depths.count[0] > 0:
+    if depths.filled[0] > 0:
         for i in range(3):
-            depths.pd[depths.count[0] - 1, i] /= weight
+            depths.pd[depths.filled[0] - 1, i] /= weight

@@ -63,9 +63,12 @@ def make_boxes(scene: Scene, frames: Floats) -> Boxes:
     """Boxes of all pieces placed by `frames` (P, 12), and the order of the trees that stand still."""
     pieces, bodies, trees = len(scene.pieces.kind), len(scene.bodies.role), len(scene.trees.role)
     centre, half = local_boxes(scene.pieces)
+    piece_low, piece_high = np.zeros((pieces, 3)), np.zeros((pieces, 3))
+    body_low, body_high = np.zeros((bodies, 3)), np.zeros((bodies, 3))
+    tree_low, tree_high = np.zeros((trees, 3)), np.zeros((trees, 3))
+    none = np.zeros(0, np.int64)
     boxes = Boxes(
-        centre, half, *(np.zeros((n, 3)) for n in (pieces, pieces, bodies, bodies, trees, trees)),
-        np.zeros(0, np.int64), np.zeros(0), np.zeros(1), np.zeros(0, np.int64),
+        centre, half, piece_low, piece_high, body_low, body_high, tree_low, tree_high, none, np.zeros(0), np.zeros(1), none,
     )  # fmt: skip
     packed = pack(scene), pack(boxes)
     for tree in range(trees):
@@ -127,8 +130,10 @@ def apart(low_a: Floats, high_a: Floats, low_b: Floats, high_b: Floats, i: int, 
 
 @kernel
 def near_trees(boxes: Boxes, tree: int, room: float, found: Ints) -> int:
-    """Trees whose boxes come within `room` [m] of that of `tree`, itself left out; written to `found`, ascending in
-    each of two runs (the sorted still ones by low x, then the others). Returns their number."""
+    """Trees whose boxes come within `room` [m] of that of `tree`, itself left out; returns their number.
+
+    They are written to `found`: the sorted still ones by low x, then the others.
+    """
     count = 0
     low, high = boxes.tree_low[tree, 0] - room, boxes.tree_high[tree, 0] + room
     start = np.searchsorted(boxes.sorted_low, low - boxes.widest[0])

@@ -92,7 +92,7 @@ def _overlapping(near: Near, k: int, gap: float) -> bool:
 def overlap_left(scene: Scene, joints: Joints, ccd: CcdRoom, near: Near, gap: float) -> float:
     """Sum [m] of what the pairs that joints could part and that are nearer than half a gap lack to the whole gap."""
     left = 0.0
-    for k in range(near.count[0]):
+    for k in range(near.filled[0]):
         if _overlapping(near, k, gap):
             a, b = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
             if _yields_to(scene, joints, ccd, a, b) or _yields_to(scene, joints, ccd, b, a):
@@ -104,7 +104,7 @@ def overlap_left(scene: Scene, joints: Joints, ccd: CcdRoom, near: Near, gap: fl
 def _link_to_move(scene: Scene, joints: Joints, ccd: CcdRoom, near: Near, chain: int, gap: float) -> tuple[int, int]:
     """The chain's overlapping link nearest its root and the body it is deepest in; (-1, -1): none."""
     link, obstacle, deepest = -1, -1, math.inf
-    for k in range(near.count[0]):
+    for k in range(near.filled[0]):
         if not _overlapping(near, k, gap):
             continue
         a, b = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
@@ -138,7 +138,7 @@ def _contacts_of(
     weight, deepest, low, high = 0.0, 0.0, math.inf, -math.inf
     along = (ccd.along[link, 0], ccd.along[link, 1], ccd.along[link, 2])
     along = unit(quat_rotate(orientation_of(poses, link), along))
-    for k in range(near.count[0]):
+    for k in range(near.filled[0]):
         a, b = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
         other = b if a == link else a
         if (

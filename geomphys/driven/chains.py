@@ -56,7 +56,7 @@ class ChainRoom(NamedTuple):
     column: Ints  # (Q,) unknown of each joint, -1: none
     root_column: Ints  # (T,) first of the root's three unknowns, -1: none
     joint_of: Ints  # (unknowns,) joint of an unknown, or -1 - (3 tree + axis)
-    count: Ints  # (1,) pairs met so far
+    filled: Ints  # (1,) pairs met so far
     a: Ints  # (n,) their pieces
     b: Ints  # (n,)
 
@@ -64,8 +64,9 @@ class ChainRoom(NamedTuple):
 def make_chain_room(scene: Scene, unknowns: int, pairs: int) -> ChainRoom:
     """Room for a scene."""
     dofs, trees, bodies = len(scene.dofs.lower), len(scene.trees.role), len(scene.bodies.role)
+    goal, current, trial, angles = (np.zeros(dofs) for _ in range(4))
     return ChainRoom(
-        *(np.zeros(dofs) for _ in range(4)), np.zeros((bodies, 7)), np.full(dofs, -1), np.full(trees, -1),
+        goal, current, trial, angles, np.zeros((bodies, 7)), np.full(dofs, -1), np.full(trees, -1),
         np.zeros(unknowns, np.int64), np.zeros(1, np.int64), np.zeros(pairs, np.int64), np.zeros(pairs, np.int64),
     )  # fmt: skip
 
@@ -95,7 +96,7 @@ def place_posture(
 def _meet(scene: Scene, joints: Joints, near: Near, room: ChainRoom, gap: float, with_root: bool) -> float:
     """Add the pairs nearer than half a gap to those met; returns the smallest separation of pairs that can yield."""
     smallest = math.inf
-    for k in range(near.count[0]):
+    for k in range(near.filled[0]):
         if near.separation[k] >= 0.5 * gap:
             continue
         body_a, body_b = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
@@ -105,11 +106,11 @@ def _meet(scene: Scene, joints: Joints, near: Near, room: ChainRoom, gap: float,
             continue
         smallest = min(smallest, near.separation[k])
         known = False
-        for i in range(room.count[0]):
+        for i in range(room.filled[0]):
             known = known or (room.a[i] == near.a[k] and room.b[i] == near.b[k])
-        if not known and room.count[0] < len(room.a):
-            room.a[room.count[0]], room.b[room.count[0]] = near.a[k], near.b[k]
-            room.count[0] += 1
+        if not known and room.filled[0] < len(room.a):
+            room.a[room.filled[0]], room.b[room.filled[0]] = near.a[k], near.b[k]
+            room.filled[0] += 1
     return smallest
 
 
@@ -160,7 +161,7 @@ def _rows(
     for tree in range(len(room.root_column)):
         room.root_column[tree] = -1
     unknowns, rows, possible = 0, 0, True
-    for i in range(room.count[0]):
+    for i in range(room.filled[0]):
         if rows == len(problem.bounds):
             return unknowns, rows, False
         a, b = room.a[i], room.b[i]
@@ -299,7 +300,7 @@ def bend_chains(
             p.trial[tree, i] = p.current[tree, i]
     for q in range(len(room.trial)):
         room.trial[q] = room.goal[q]
-    room.count[0] = 0
+    room.filled[0] = 0
     place_posture(scene, origins, joints, roots, recorded, room.trial, p.trial, room, p, boxes)
     find_near(scene, p.frames, boxes, p.reach, gap, near, p.found, axes, scratch)
     if _meet(scene, joints, near, room, gap, with_root) == math.inf:

@@ -62,12 +62,12 @@ def _deepest(
 ) -> tuple[float, Vec]:  # fmt: skip
     """Deepest overlap [m] of `tree` with anything else and its normal, pointing out of the other."""
     update_boxes(scene, frames, boxes, tree)
-    room.count[0] = 0
+    room.filled[0] = 0
     for k in range(near_trees(boxes, tree, 0.0, found)):
         if not apart(boxes.tree_low, boxes.tree_high, boxes.tree_low, boxes.tree_high, tree, found[k], 0.0):
             near_pairs_of_trees(scene, frames, boxes, tree, found[k], 0.0, room, axes, scratch)
     depth, normal = 0.0, (0.0, 0.0, 0.0)
-    for k in range(room.count[0]):
+    for k in range(room.filled[0]):
         body_a, body_b = scene.pieces.body[room.a[k]], scene.pieces.body[room.b[k]]
         if -room.separation[k] > depth and ignored[body_a] == 0 and ignored[body_b] == 0:
             depth = -room.separation[k]
@@ -97,7 +97,7 @@ def _suggest(near: Near, tree: int, directions: Floats) -> int:
     """Append the normals of the overlaps of `tree`, and what is at right angles to two of them; returns the number."""
     count, limit = FAN, len(directions)
     last = FAN
-    for k in range(near.count[0]):
+    for k in range(near.filled[0]):
         if near.separation[k] >= 0.0 or count >= FAN + 12:
             continue
         sign = 1.0 if near.tree_a[k] == tree else -1.0

@@ -59,11 +59,11 @@ class Places(NamedTuple):
 def make_places(scene: Scene, size: int) -> Places:
     """Places for a scene, with room for `size` near pairs."""
     trees, pieces = len(scene.trees.role), len(scene.pieces.kind)
-    vectors = [np.zeros((trees, 3)) for _ in range(3)]
-    frames = [np.zeros((pieces, 12)) for _ in range(3)]
+    goal, current, trial = (np.zeros((trees, 3)) for _ in range(3))
+    base, frames, moved = (np.zeros((pieces, 12)) for _ in range(3))
     return Places(
-        *vectors, np.zeros(trees), np.zeros(trees), np.full(trees, -1), *frames, np.zeros(size, np.int64),
-        np.zeros(trees, np.int64), np.zeros(1, np.int64),
+        goal, current, trial, np.zeros(trees), np.zeros(trees), np.full(trees, -1), base, frames, moved,
+        np.zeros(size, np.int64), np.zeros(trees, np.int64), np.zeros(1, np.int64),
     )  # fmt: skip
 
 
@@ -155,7 +155,7 @@ def _way_is_free(
 def _first_obstacle(scene: Scene, p: Places, near: Near, gap: float, axes: Axes, scratch: Scratch) -> int:
     """Of the pairs without a plane that stand between `current` and `trial`, the one that is met first; -1: none."""
     first, deepest, found = math.inf, 0.0, -1
-    for k in range(near.count[0]):
+    for k in range(near.filled[0]):
         if p.chosen[k] == 1:
             continue
         step = _relative_step(p, near.tree_a[k], near.tree_b[k])
@@ -182,7 +182,7 @@ def _number_unknowns(scene: Scene, p: Places, near: Near) -> int:
     for tree in range(len(p.column)):
         p.column[tree] = -1
     unknowns = 0
-    for k in range(near.count[0]):
+    for k in range(near.filled[0]):
         for tree in (near.tree_a[k], near.tree_b[k]):
             if scene.trees.role[tree] == DRIVEN and p.column[tree] < 0:
                 p.column[tree] = unknowns
@@ -218,7 +218,7 @@ def _nearest_free(
     """One round: planes until the way is free. Returns (SOLVED or not, longest move, planes that hold)."""
     unknowns = _number_unknowns(scene, p, near)
     rows, deepest = 0, 0.0
-    for k in range(near.count[0]):
+    for k in range(near.filled[0]):
         p.chosen[k] = 0 if _concerns(scene, near, ignored, k) else 1
         if p.chosen[k] == 0 and near.separation[k] < 0.0 and rows < len(problem.bounds):
             _add_plane(p, near, k, problem, unknowns, rows, gap)
@@ -299,7 +299,7 @@ def eliminate_overlap(
             continue
         method = INTERPOLATED
         overlapped = False
-        for k in range(near.count[0]):
+        for k in range(near.filled[0]):
             overlapped = overlapped or (near.separation[k] < 0.0 and _concerns(scene, near, ignored, k))
         if not overlapped:
             return count + 1, method, rescues, True

@@ -102,7 +102,7 @@ def steps_needed(
         return 1
     find_near(scene, p.frames, boxes, p.reach, gap, near, p.found, axes, scratch)
     steps = 1.0
-    for k in range(near.count[0]):
+    for k in range(near.filled[0]):
         a, b = near.a[k], near.b[k]
         change = stir[a] + stir[b]
         if near.tree_a[k] == near.tree_b[k]:

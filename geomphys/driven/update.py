@@ -324,7 +324,14 @@ def update_driven(
 
 @outlined
 def give_way(
-    scene: Scene, state: DrivenState, room: DrivenRoom, boxes: Boxes, gap: float, rounds: int, axes: Axes, scratch: Scratch
+    scene: Scene,
+    state: DrivenState,
+    room: DrivenRoom,
+    boxes: Boxes,
+    gap: float,
+    rounds: int,
+    axes: Axes,
+    scratch: Scratch,
 ) -> int:
     """Move driven trees out of what has come into them since `update_driven`, as little as it takes.
 

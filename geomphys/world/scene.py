@@ -89,7 +89,9 @@ class Trees(NamedTuple):
     body_start: Ints  # (T + 1,)
     dof_start: Ints  # (T + 1,) columns of the angles
     role: Ints  # (T,)
-    moving: Ints  # (T,) 1 if its pose or a joint comes from the recording or from physics, 0 if it stands still for ever
+    moving: (
+        Ints  # (T,) 1 if its pose or a joint comes from the recording or from physics, 0 if it stands still for ever
+    )
     rest: Floats  # (T, 7) pose of the root body where no topic says otherwise
     mass: Floats  # (T,) m of the coupling (6)
     stiffness: Floats  # (T,) K; infinite for a rigid coupling
@@ -144,7 +146,9 @@ class Scene(NamedTuple):
     cones: ReachCones
     materials: Materials
     excluded: Ints  # (L, L) symmetric; the avatars' bodies are the first L
-    initial_velocity: Floats  # (B, 6) of the centre of mass [m/s] and angular [rad/s], world frame; 0 but for simulated bodies
+    initial_velocity: (
+        Floats  # (B, 6) of the centre of mass [m/s] and angular [rad/s], world frame; 0 but for simulated bodies
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,5 +189,9 @@ class World:
     joints: tuple[JointSource, ...]
     urdfs: dict[str, Path]  # tree name -> URDF
     zero_pose_overlaps: tuple[tuple[str, str], ...]  # body names of pairs left out as they overlap in the zero pose
-    triangles: tuple[tuple[Floats, Ints], ...]  # (B,) what is shown of each body: vertices (n, 3), faces (m, 3), body frame
-    collision_triangles: tuple[tuple[Floats, Ints], ...]  # (B,) the original collision geometry, tessellated where it is a primitive
+    triangles: tuple[
+        tuple[Floats, Ints], ...
+    ]  # (B,) what is shown of each body: vertices (n, 3), faces (m, 3), body frame
+    collision_triangles: tuple[
+        tuple[Floats, Ints], ...
+    ]  # (B,) original collision geometry, tessellated where it is a primitive

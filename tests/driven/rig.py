@@ -87,7 +87,7 @@ class Rig:
         find_near(
             p.scene, self.places.frames, p.boxes, self.places.reach, 0.02, p.near, self.places.found, p.axes, p.scratch
         )
-        return float(self.near.separation[: self.near.count[0]].min(initial=0.02))
+        return float(self.near.separation[: self.near.filled[0]].min(initial=0.02))
 
 
 def rig(folder: Path, elements: tuple[str, ...], scene: str) -> Rig:

@@ -16,7 +16,11 @@ from geomphys.driven.coupling import relax
 )
 def test_follows_the_differential_equation(mass, stiffness, damping):
     truth = solve_ivp(
-        lambda t, y: [y[1], -(stiffness * y[0] + damping * y[1]) / mass], (0, 0.05), [0.02, -0.3], rtol=1e-11, atol=1e-14
+        lambda t, y: [y[1], -(stiffness * y[0] + damping * y[1]) / mass],
+        (0, 0.05),
+        [0.02, -0.3],
+        rtol=1e-11,
+        atol=1e-14,
     ).y[:, -1]
     assert relax(0.02, -0.3, mass, stiffness, damping, 0.05) == pytest.approx(truth, rel=1e-7, abs=1e-10)
 

@@ -18,7 +18,11 @@ def exhaustive(rows, bounds, goal):
             active = rows[list(chosen)]
             if size and np.linalg.matrix_rank(active) < size:
                 continue
-            x = goal + active.T @ np.linalg.solve(active @ active.T, bounds[list(chosen)] - active @ goal) if size else goal
+            x = (
+                goal + active.T @ np.linalg.solve(active @ active.T, bounds[list(chosen)] - active @ goal)
+                if size
+                else goal
+            )
             if (rows @ x >= bounds - 1e-9).all() and (best is None or np.sum((x - goal) ** 2) < best[0]):
                 best = np.sum((x - goal) ** 2), x
     return None if best is None else best[1]

@@ -1,0 +1,162 @@
+"""Driven and simulated bodies in a frame: driven ones first, then what they push, then who gives way."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.collision.detect import find_near, near_pairs_of_trees
+from geomphys.collision.sweep import update_boxes
+from geomphys.driven.overlap import place_at
+from geomphys.driven.posture import pose_avatars
+from geomphys.driven.steps import is_recorded
+from geomphys.driven.update import give_way
+from geomphys.kernel import kernel, outlined
+from geomphys.machine import Knobs, Machine
+from geomphys.simulated.update import simulate
+from geomphys.vec3 import (
+    add,
+    add_scaled,
+    dot,
+    quat_conjugate,
+    quat_from_rotation_vector,
+    quat_mul,
+    quat_rotate,
+    quat_unit,
+    rotation_vector,
+    scale,
+    sub,
+)
+from geomphys.world.kinematics import orientation_of, place_tree, position_of, set_pose
+from geomphys.world.scene import DRIVEN, SIMULATED, Scene
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@outlined
+def shift_driven(scene: Scene, m: Machine, roots: Floats) -> None:
+    """Corrected poses: the recorded ones, driven trees translated by their offset (none: bit for bit the same)."""
+    for tree in range(len(scene.trees.role)):
+        if not is_recorded(scene, tree):
+            continue
+        for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+            for k in range(7):
+                m.corrected[body, k] = m.recorded[body, k]
+            if scene.trees.role[tree] == DRIVEN:
+                for k in range(3):
+                    m.corrected[body, k] += m.driven.offset[tree, k]
+    if m.room.joints.any[0] == 1:
+        pose_avatars(scene, m.room.origins, roots, m.room.chains.angles, m.driven.offset, m.corrected)
+
+
+@kernel
+def want_velocities(scene: Scene, m: Machine, dt: float) -> None:
+    """Velocities of driven bodies at which they want to move, whatever holds them back."""
+    p, bodies = m.room.places, scene.bodies
+    for body in range(len(bodies.role)):
+        if bodies.role[body] != DRIVEN:
+            continue
+        tree = bodies.tree[body]
+        com = (bodies.com[body, 0], bodies.com[body, 1], bodies.com[body, 2])
+        q0, q1 = orientation_of(m.start, body), orientation_of(m.corrected, body)
+        c0 = add(position_of(m.start, body), quat_rotate(q0, com))
+        c1 = add(position_of(m.corrected, body), quat_rotate(q1, com))
+        turn = rotation_vector(quat_mul(q1, quat_conjugate(q0)))
+        for i in range(3):
+            held = p.goal[tree, i] - m.driven.offset[tree, i]
+            m.velocity[body, i] = (c1[i] - c0[i] + held) / dt
+            m.velocity[body, 3 + i] = turn[i] / dt
+
+
+@kernel
+def place_simulated(scene: Scene, m: Machine, tree: int, poses: Floats) -> None:
+    """Pieces and boxes of a simulated tree at its row of `poses` (B, 7)."""
+    p = m.room.places
+    place_tree(scene, tree, poses, p.base)
+    place_at(scene, p.base, m.still_offset, tree, p.frames)
+    place_at(scene, p.base, m.still_offset, tree, p.moved)
+    update_boxes(scene, p.base, m.boxes, tree)
+
+
+@kernel
+def _meets_driven(scene: Scene, m: Machine, tree: int) -> bool:
+    """Whether a simulated tree overlaps a driven one as that ended the last frame."""
+    near = m.room.near
+    near.filled[0] = 0
+    for other in range(len(scene.trees.role)):
+        if scene.trees.role[other] == DRIVEN:
+            update_boxes(scene, m.room.places.frames, m.boxes, other)
+            near_pairs_of_trees(scene, m.room.places.frames, m.boxes, other, tree, 0.0, near, m.axes, m.scratch)
+    for k in range(near.filled[0]):  # noqa: SIM110 - a kernel cannot take a generator
+        if near.separation[k] < 0.0:
+            return True
+    return False
+
+
+@outlined
+def predict_simulated(scene: Scene, m: Machine, dt: float) -> None:
+    """Put simulated bodies where they go by their velocity within the frame: what driven bodies have to keep clear of.
+
+    Kept clear of where it is now, a ball that rolls ahead of a hand would never be reached by it. One that comes at a
+    hand stays where it is: it is to hit it.
+    """
+    bodies = scene.bodies
+    for tree in range(len(scene.trees.role)):
+        if scene.trees.role[tree] != SIMULATED:
+            continue
+        body = scene.trees.body_start[tree]
+        speed = (m.velocity[body, 0], m.velocity[body, 1], m.velocity[body, 2])
+        spin = (m.velocity[body, 3], m.velocity[body, 4], m.velocity[body, 5])
+        if dot(speed, speed) + dot(spin, spin) == 0.0:
+            continue
+        com = (bodies.com[body, 0], bodies.com[body, 1], bodies.com[body, 2])
+        q = orientation_of(m.corrected, body)
+        centre = add_scaled(add(position_of(m.corrected, body), quat_rotate(q, com)), speed, dt)
+        q = quat_unit(quat_mul(quat_from_rotation_vector(scale(spin, dt)), q))
+        set_pose(m.predicted, body, sub(centre, quat_rotate(q, com)), q)
+        place_simulated(scene, m, tree, m.predicted)
+        if _meets_driven(scene, m, tree):
+            place_simulated(scene, m, tree, m.corrected)
+
+
+@outlined
+def simulate_bodies(scene: Scene, m: Machine, dt: float, knobs: Knobs) -> tuple[int, int]:
+    """Move the simulated bodies through the frame; what hits a driven tree changes its offset's speed.
+
+    Returns the impacts and the flags of `simulate`.
+    """
+    if len(m.simulated.free) == 0 or dt <= 0.0:
+        return 0, 0
+    want_velocities(scene, m, dt)
+    for tree in range(len(m.impulse)):
+        for i in range(3):
+            m.impulse[tree, i] = 0.0
+    p = m.room.places
+    impacts, flags = simulate(
+        scene.pieces, m.simulated, m.start, m.corrected, m.velocity, m.impulse, p.moved, dt, knobs.max_impacts, knobs.gap,
+        m.scratch,
+    )  # fmt: skip
+    for tree in range(len(scene.trees.role)):
+        if scene.trees.role[tree] == DRIVEN:
+            for i in range(3):
+                m.driven.speed[tree, i] += m.impulse[tree, i] / scene.trees.mass[tree]
+        elif scene.trees.role[tree] == SIMULATED:
+            body = scene.trees.body_start[tree]
+            for k in range(7):
+                m.recorded[body, k] = m.corrected[body, k]
+            place_simulated(scene, m, tree, m.corrected)
+    return impacts, flags
+
+
+@outlined
+def yield_to_simulated(scene: Scene, m: Machine, roots: Floats, knobs: Knobs) -> int:
+    """Where a simulated body ended inside a driven one, the driven one gives way. Returns the rounds this took."""
+    p, near = m.room.places, m.room.near
+    find_near(scene, p.frames, m.boxes, m.still, 0.0, near, p.found, m.axes, m.scratch)
+    for k in range(near.filled[0]):
+        if near.separation[k] < 0.0 and scene.trees.role[near.tree_b[k]] == SIMULATED:
+            rounds = give_way(scene, m.driven, m.room, m.boxes, knobs.gap, knobs.rounds, m.axes, m.scratch)
+            shift_driven(scene, m, roots)
+            return rounds
+    return 0
