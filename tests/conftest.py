@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
+
+if TYPE_CHECKING:
+    from tests.made import Results
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -23,3 +27,19 @@ def shared_dir() -> Path:
 def root() -> Path:
     """The checkout."""
     return ROOT
+
+
+@pytest.fixture(scope="session")
+def pressed(tmp_path_factory: pytest.TempPathFactory) -> Results:
+    """Results of a sphere that is pressed into a table."""
+    from tests.made import make_pressed
+
+    return make_pressed(tmp_path_factory.mktemp("pressed"))
+
+
+@pytest.fixture(scope="session")
+def landed(tmp_path_factory: pytest.TempPathFactory, root: Path) -> Results:
+    """Results of a recorded hand that comes down on a table."""
+    from tests.made import make_landed
+
+    return make_landed(tmp_path_factory.mktemp("landed"), root)

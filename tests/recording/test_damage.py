@@ -267,6 +267,7 @@ def test_of_a_corrupt_chunk_messages_outside_of_its_times_are_not_used(tmp_path)
     content[at + 6] ^= 0x10
     path.write_bytes(bytes(content))
     assert messages(path, recover=True) == [m for k, m in enumerate(whole) if k != 82]
+    assert open_log(path, recover=True).messages == len(whole) - 1
 
 
 def test_a_channel_that_is_defined_twice_and_differently_is_damage(tmp_path):

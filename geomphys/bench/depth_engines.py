@@ -1,0 +1,162 @@
+"""coal and FCL as peers of the penetration depth: the same shapes, one call a pair."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.errors import ConfigError
+from geomphys.world.scene import BOX, CAPSULE, CYLINDER, SPHERE, Pieces
+
+Floats = NDArray[np.float64]
+
+
+class DepthPeer(Protocol):
+    """A library that finds contacts of pairs of shapes."""
+
+    name: str
+
+    def run(self, first: int, last: int) -> None:
+        """Find the contacts of some pairs, forgetting the answers."""
+
+    def answers(self) -> Floats:
+        """Normals out of B into A and minus the depths (N, 4) of all pairs; 0 where it finds no contact."""
+
+    def all(self, frames: Floats) -> Floats:
+        """The same with the pieces at `frames` (2 N, 12)."""
+
+
+class Coal:
+    """Calls of coal's `collide`.
+
+    Raises
+    ------
+    ConfigError
+        coal is not installed.
+    """
+
+    def __init__(self, pieces: Pieces, frames: Floats) -> None:
+        try:
+            import coal
+        except ImportError:
+            raise ConfigError("peers need MuJoCo and coal: pip install 'geomphys[bench]'") from None
+        self._coal = coal
+        self.name = f"coal {coal.__version__}"
+        self._shapes = [self._shape(pieces, k) for k in range(len(pieces.kind))]
+        self._places = self._placed(frames)
+        self._request, self._result = coal.CollisionRequest(), coal.CollisionResult()
+        self._request.enable_contact = True
+        self._request.num_max_contacts = 1
+
+    def run(self, first: int, last: int) -> None:
+        """Find the contacts of some pairs."""
+        collide, request, result = self._coal.collide, self._request, self._result
+        shapes, places = self._shapes, self._places
+        for k in range(2 * first, 2 * last, 2):
+            result.clear()
+            collide(shapes[k], places[k], shapes[k + 1], places[k + 1], request, result)
+
+    def answers(self) -> Floats:
+        """Normals and minus the depths of all pairs."""
+        out = np.zeros((len(self._shapes) // 2, 4))
+        for k in range(len(out)):
+            self.run(k, k + 1)
+            if self._result.isCollision():
+                contact = self._result.getContact(0)
+                out[k, :3], out[k, 3] = -contact.normal, -abs(contact.penetration_depth)
+        return out
+
+    def all(self, frames: Floats) -> Floats:
+        """Normals and minus the depths with the pieces elsewhere."""
+        before, self._places = self._places, self._placed(frames)
+        answers = self.answers()
+        self._places = before
+        return answers
+
+    def _placed(self, frames: Floats) -> list[Any]:
+        rotations, places = frames[:, :9].reshape(-1, 3, 3), frames[:, 9:]
+        pairs = zip(rotations, places, strict=True)
+        return [self._coal.Transform3s(np.ascontiguousarray(r), np.ascontiguousarray(p)) for r, p in pairs]
+
+    def _shape(self, pieces: Pieces, k: int) -> Any:
+        coal, kind, (x, y, z) = self._coal, int(pieces.kind[k]), pieces.size[k]
+        if kind == SPHERE:
+            return coal.Sphere(x)
+        if kind == CAPSULE:
+            return coal.Capsule(x, 2 * y)
+        if kind == BOX:
+            return coal.Box(2 * x, 2 * y, 2 * z)
+        if kind == CYLINDER:
+            return coal.Cylinder(x, 2 * y)
+        points = coal.StdVec_Vec3s()
+        for corner in pieces.vertices[pieces.vertex_start[k] : pieces.vertex_start[k + 1]]:
+            points.append(corner)
+        return coal.Convex.convexHull(points, True, "Qt")
+
+
+class Fcl:
+    """Calls of python-fcl's `collide`."""
+
+    def __init__(self, pieces: Pieces, frames: Floats) -> None:
+        import fcl
+
+        self._fcl = fcl
+        self.name = f"python-fcl {fcl.__version__}"
+        self._shapes = [self._shape(pieces, k) for k in range(len(pieces.kind))]
+        self._objects = self._placed(frames)
+        self._request: Callable[[], Any] = lambda: fcl.CollisionRequest(num_max_contacts=1, enable_contact=True)
+
+    def run(self, first: int, last: int) -> None:
+        """Find the contacts of some pairs."""
+        for k in range(first, last):
+            self._contact(k)
+
+    def answers(self) -> Floats:
+        """Normals and minus the depths of all pairs."""
+        out = np.zeros((len(self._shapes) // 2, 4))
+        for k in range(len(out)):
+            contacts = self._contact(k).contacts
+            if contacts:
+                out[k, :3], out[k, 3] = -np.asarray(contacts[0].normal), -abs(contacts[0].penetration_depth)
+        return out
+
+    def all(self, frames: Floats) -> Floats:
+        """Normals and minus the depths with the pieces elsewhere."""
+        before, self._objects = self._objects, self._placed(frames)
+        answers = self.answers()
+        self._objects = before
+        return answers
+
+    def _contact(self, pair: int) -> Any:
+        """The result of one pair; a request serves once."""
+        result = self._fcl.CollisionResult()
+        self._fcl.collide(self._objects[2 * pair], self._objects[2 * pair + 1], self._request(), result)
+        return result
+
+    def _placed(self, frames: Floats) -> list[Any]:
+        fcl = self._fcl
+        return [
+            fcl.CollisionObject(shape, fcl.Transform(frame[:9].reshape(3, 3), frame[9:]))
+            for shape, frame in zip(self._shapes, frames, strict=True)
+        ]
+
+    def _shape(self, pieces: Pieces, k: int) -> Any:
+        fcl, kind, (x, y, z) = self._fcl, int(pieces.kind[k]), pieces.size[k]
+        if kind == SPHERE:
+            return fcl.Sphere(x)
+        if kind == CAPSULE:
+            return fcl.Capsule(x, 2 * y)
+        if kind == BOX:
+            return fcl.Box(2 * x, 2 * y, 2 * z)
+        if kind == CYLINDER:
+            return fcl.Cylinder(x, 2 * y)
+        first, last = pieces.face_start[k], pieces.face_start[k + 1]
+        faces: list[int] = []
+        for face in range(first, last):
+            loop = pieces.loops[pieces.loop_start[face] : pieces.loop_start[face + 1]]
+            faces += [len(loop), *(int(corner) for corner in loop)]
+        corners = pieces.vertices[pieces.vertex_start[k] : pieces.vertex_start[k + 1]]
+        return fcl.Convex(corners.copy(), int(last - first), np.array(faces, dtype=np.int64))

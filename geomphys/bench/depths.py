@@ -1,0 +1,206 @@
+"""Penetration depths of pairs of convex pieces, by the kernels here, by coal and by FCL, in turn."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.bench.depth_engines import Coal, DepthPeer, Fcl
+from geomphys.bench.figures import DepthEngine, DepthFigures, figures_of
+from geomphys.bench.pair_loop import measure_pairs
+from geomphys.collision.penetration import make_scratch
+from geomphys.packed import pack
+from geomphys.results import FrameResult
+from geomphys.transforms import compose, frame_from_matrix, matrix_from_frame, matrix_from_pose
+from geomphys.world.pieces import Box, Capsule, Cylinder, Hull, PlacedShape, Shape, Sphere, build_pieces
+from geomphys.world.scene import BOX, CAPSULE, CYLINDER, SPHERE, Pieces, World
+
+Floats = NDArray[np.float64]
+
+CORNERS = (8, 12, 20, 30, 60, 120, 250)  # of random hulls
+PAIRS = 32  # random ones of each number of corners
+MET_PAIRS = 256  # most that are kept of an experiment
+BLOCK = 16  # pairs timed together
+EVERY = 5  # frames between two from which pairs are taken
+
+
+class Pairs(NamedTuple):
+    """N overlapping pairs: pair k is of the pieces 2k (A) and 2k + 1 (B)."""
+
+    name: str
+    pieces: Pieces
+    frames: Floats  # (2 N, 12) world_from_piece
+
+
+def random_pairs(seed: int = 0) -> list[Pairs]:
+    """Overlapping pairs of random hulls of 2 to 10 cm, a set for each number of corners."""
+    random = np.random.default_rng(seed)
+    sets = []
+    for corners in CORNERS:
+        shapes: list[Shape] = []
+        frames = []
+        for _ in range(PAIRS):
+            sizes = random.uniform(0.01, 0.05, (2, 3))
+            for size in sizes:
+                rays = random.normal(size=(corners, 3))
+                shapes.append(Hull(rays / np.linalg.norm(rays, axis=1, keepdims=True) * size))
+            turns = np.linalg.qr(random.normal(size=(2, 3, 3)))[0]
+            turns *= np.sign(np.linalg.det(turns))[:, None, None]
+            direction = random.normal(size=3)
+            place = direction / np.linalg.norm(direction) * random.uniform(0.3, 0.9) * np.sum(np.min(sizes, axis=1))
+            frames.append(np.concatenate([turns[0].ravel(), place]))
+            frames.append(np.concatenate([turns[1].ravel(), np.zeros(3)]))
+        sets.append(_overlapping(f"random hulls, {corners} corners", shapes, np.array(frames)))
+    return sets
+
+
+class MetPairs:
+    """Gathers the pairs of pieces that overlap in the recorded poses of an experiment."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._shapes: list[Shape] = []
+        self._frames: list[Floats] = []
+
+    def __call__(self, world: World, result: FrameResult) -> None:
+        """Look at a frame."""
+        if result.frame.index % EVERY or len(self._shapes) >= 2 * MET_PAIRS:
+            return
+        pieces, starts = world.scene.pieces, world.scene.bodies.piece_start
+        for a, b in zip(result.penetrations.body_a, result.penetrations.body_b, strict=True):
+            for i in range(starts[a], starts[a + 1]):
+                for j in range(starts[b], starts[b + 1]):
+                    one, other = _frame(world, result, i), _frame(world, result, j)
+                    if _distance(pieces, i, one, j, other) < pieces.reach[i] + pieces.reach[j]:
+                        self._shapes += [shape_of(pieces, i), shape_of(pieces, j)]
+                        self._frames += [one, other]
+
+    def pairs(self) -> Pairs | None:
+        """The pairs; None if nothing overlapped."""
+        if not self._shapes:
+            return None
+        found = _overlapping(f"met in {self.name}", self._shapes, np.array(self._frames))
+        return found if len(found.frames) else None
+
+
+def _frame(world: World, result: FrameResult, piece: int) -> Floats:
+    """world_from_piece (12,) as recorded."""
+    pieces = world.scene.pieces
+    pose = matrix_from_pose(result.recorded[pieces.body[piece]])
+    return frame_from_matrix(compose(pose, matrix_from_frame(pieces.local[piece])))
+
+
+def _distance(pieces: Pieces, i: int, one: Floats, j: int, other: Floats) -> float:
+    """Between the centres of two placed pieces [m]."""
+    a = one[:9].reshape(3, 3) @ pieces.centre[i] + one[9:]
+    b = other[:9].reshape(3, 3) @ pieces.centre[j] + other[9:]
+    return float(np.linalg.norm(a - b))
+
+
+def shape_of(pieces: Pieces, k: int) -> Shape:
+    """The shape of a piece."""
+    kind, (x, y, z) = int(pieces.kind[k]), (float(v) for v in pieces.size[k])
+    if kind == SPHERE:
+        return Sphere(x)
+    if kind == CAPSULE:
+        return Capsule(x, y)
+    if kind == BOX:
+        return Box((x, y, z))
+    if kind == CYLINDER:
+        return Cylinder(x, y)
+    return Hull(pieces.vertices[pieces.vertex_start[k] : pieces.vertex_start[k + 1]])
+
+
+def _arranged(name: str, shapes: Sequence[Shape], frames: Floats) -> Pairs:
+    return Pairs(name, build_pieces([PlacedShape(s, np.eye(4), k) for k, s in enumerate(shapes)]), frames)
+
+
+def _overlapping(name: str, shapes: Sequence[Shape], frames: Floats) -> Pairs:
+    """Those of the pairs that overlap."""
+    depth = -Loop(_arranged(name, shapes, frames)).all(frames)[:, 3]
+    keep = np.repeat(depth > 1e-6, 2)
+    return _arranged(name, [s for s, kept in zip(shapes, keep, strict=True) if kept], frames[keep])
+
+
+class Loop:
+    """The compiled loop over the pairs of a set."""
+
+    def __init__(self, pairs: Pairs) -> None:
+        self.count = len(pairs.frames) // 2
+        self._pieces, self._scratch = pack(pairs.pieces), make_scratch()
+        self._frames = pairs.frames
+        self._out = np.zeros((self.count, 4))
+
+    def run(self, first: int, last: int) -> None:
+        """Measure some pairs in one call."""
+        measure_pairs(self._pieces, self._frames, first, last, self._out, *self._scratch)
+
+    def run_singly(self, first: int, last: int) -> None:
+        """Measure some pairs, one a call."""
+        for k in range(first, last):
+            measure_pairs(self._pieces, self._frames, k, k + 1, self._out, *self._scratch)
+
+    def all(self, frames: Floats) -> Floats:
+        """Normals and signed separations (N, 4) with the pieces at `frames` (2 N, 12)."""
+        out = np.zeros((self.count, 4))
+        measure_pairs(self._pieces, frames, 0, self.count, out, *self._scratch)
+        return out
+
+
+def compare_depths(pairs: Pairs, repeats: int, with_peers: bool) -> DepthFigures:
+    """Time and judge penetration depths of a set.
+
+    Blocks of pairs go through the engines in turn, so that whatever else the machine does hits all of them; a block's
+    time is the smallest of its repeats. Peers are called from Python, once a pair, as their users do; reading their
+    answers is not timed. Moved along its normal by its depth, a pair should just touch: what is left is the residual.
+
+    Raises
+    ------
+    ConfigError
+        A peer is not installed.
+    """
+    loop = Loop(pairs)
+    exact = loop.all(pairs.frames)
+    peers: list[DepthPeer] = [Coal(pairs.pieces, pairs.frames), Fcl(pairs.pieces, pairs.frames)] if with_peers else []
+    engines: dict[str, Callable[[int, int], None]] = {"loop": loop.run, "call": loop.run_singly}
+    engines |= {peer.name: peer.run for peer in peers}
+    times = _times(engines, loop.count, repeats)
+    own = float(np.median(times["loop"]))
+    rows = []
+    for name in engines:
+        answers = next((peer.answers() for peer in peers if peer.name == name), exact)
+        moved = pairs.frames.copy()
+        moved[::2, 9:] -= answers[:, 3:] * answers[:, :3]
+        judge: DepthPeer | Loop = peers[0] if peers and name in ("loop", "call") else loop
+        left = np.maximum(0.0, -judge.all(moved)[:, 3])
+        rows.append(
+            DepthEngine(
+                engine=f"geomphys, {name}" if name in ("loop", "call") else name,
+                ns=figures_of(times[name]),
+                ratio=own / float(np.median(times[name])),
+                missed=int(np.sum(answers[:, 3] == 0.0)),
+                deviation=figures_of(np.abs(answers[:, 3] / exact[:, 3] - 1.0)),
+                residual_m=figures_of(left),
+                judge="geomphys" if isinstance(judge, Loop) else judge.name,
+            )
+        )
+    return DepthFigures(name=pairs.name, pairs=loop.count, engines=tuple(rows))
+
+
+def _times(engines: dict[str, Callable[[int, int], None]], count: int, repeats: int) -> dict[str, Floats]:
+    """Ns a pair of each block, by engine; the first round is not counted."""
+    blocks = [(first, min(first + BLOCK, count)) for first in range(0, count, BLOCK)]
+    best = {name: np.full(len(blocks), np.inf) for name in engines}
+    for turn in range(repeats + 1):
+        for k, (first, last) in enumerate(blocks):
+            for name, run in engines.items():
+                start = time.perf_counter_ns()
+                run(first, last)
+                ns = (time.perf_counter_ns() - start) / (last - first)
+                if turn > 0:
+                    best[name][k] = min(best[name][k], ns)
+    return best

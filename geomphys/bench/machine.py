@@ -1,0 +1,90 @@
+"""What a benchmark ran on, and what compiling costs there."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+
+from geomphys.errors import GeomphysError
+from geomphys.kernel import are_compiled
+
+PACKAGES = ("numpy", "numba", "llvmlite", "mujoco", "coal", "python-fcl")
+"""Whose versions bear on the figures; those that are not installed are left out."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Machine:
+    """The machine and the software of a run."""
+
+    processor: str
+    cores: int  # that this process may use
+    memory_gib: float
+    system: str
+    python: str
+    versions: dict[str, str]
+    load: tuple[float, float, float]  # average number of busy processes over 1, 5 and 15 minutes, when it was asked
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether others are at work on it, so that absolute times are too long."""
+        return self.load[0] > 0.75 * self.cores
+
+
+def describe_machine() -> Machine:
+    """Return what is known of this machine."""
+    versions = {}
+    for name in PACKAGES:
+        try:
+            versions[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    pages, size = os.sysconf("SC_PHYS_PAGES"), os.sysconf("SC_PAGE_SIZE")
+    return Machine(
+        processor=_processor(),
+        cores=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+        memory_gib=round(pages * size / 2**30, 1),
+        system=f"{platform.system()} {platform.release()} {platform.machine()}",
+        python=platform.python_version(),
+        versions=versions,
+        load=os.getloadavg(),
+    )
+
+
+def _processor() -> str:
+    """Name of the processor; of its architecture where the system does not tell."""
+    listed = Path("/proc/cpuinfo")
+    if listed.is_file():
+        for line in listed.read_text(encoding="utf-8", errors="replace").splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    return platform.processor() or platform.machine()
+
+
+def kernels_are_compiled() -> bool:
+    """Whether the compiled frame step is in the cache already."""
+    return are_compiled()
+
+
+def compile_seconds() -> float:
+    """Seconds until the first frame of a process that finds no compiled kernels: in a process and a cache of its own.
+
+    Raises
+    ------
+    GeomphysError
+        The process failed.
+    """
+    code = "from geomphys.bench.scaling import warm_up; print(warm_up())"
+    with tempfile.TemporaryDirectory(prefix="geomphys-bench-") as folder:
+        environment = {**os.environ, "XDG_CACHE_HOME": folder}
+        done = subprocess.run(
+            [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
+        )
+    if done.returncode != 0:
+        raise GeomphysError(f"compiling in a process of its own failed: {done.stderr.strip().splitlines()[-1:]}")
+    return float(done.stdout)

@@ -1,0 +1,187 @@
+"""Frames of an experiment through the step, again and again, and through a peer in between."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.bench.experiments import Experiment
+from geomphys.bench.figures import ExperimentFigures, PeerFrames, Stage, figures_of
+from geomphys.block import FRAMES, Block
+from geomphys.config import Config
+from geomphys.foresight import Track
+from geomphys.pipeline import Pipeline
+from geomphys.results import Frame, FrameResult
+from geomphys.world.scene import DRIVEN, World
+
+Floats = NDArray[np.float64]
+
+WARM = 1
+"""Frames at the start that count neither here nor there: an engine sets up what it keeps from frame to frame."""
+
+
+class PeerFrame(NamedTuple):
+    """A frame of a peer."""
+
+    ns: float
+    steps: int
+    residual: float  # m
+
+
+class Peer(Protocol):
+    """Another engine with the same scene in it, following the same recording."""
+
+    name: str
+    warnings: int
+
+    def frame(self, result: FrameResult) -> PeerFrame:
+        """Go on to the frame's time with the recorded poses of `result` as the target."""
+
+
+PeerMaker = Callable[[World, FrameResult], Peer]
+Collector = Callable[[World, FrameResult], None]
+
+
+class TimedPipeline(Pipeline):
+    """A pipeline that knows how long its calls of the compiled step took by the wall clock."""
+
+    wall_ns = 0
+
+    def run(self, track: Track, first: int, last: int, block: Block, hasty: bool = False) -> int:
+        """Step as `Pipeline` does."""
+        start = time.perf_counter_ns()
+        count = super().run(track, first, last, block, hasty)
+        self.wall_ns += time.perf_counter_ns() - start
+        return count
+
+
+class _Pass:
+    """What one pass over the frames gave."""
+
+    def __init__(self) -> None:
+        self.times: list[tuple[int, ...]] = []
+        self.counts: list[tuple[int, ...]] = []
+        self.peer: list[PeerFrame] = []
+        self.contacts = 0
+        self.recorded = 0.0
+        self.residual: list[float] = []
+        self.names: tuple[str, ...] = ()
+        self.call_ns = self.result_ns = 0.0
+        self.engine, self.warnings = "", 0
+
+
+def measure(
+    experiment: Experiment,
+    config: Config,
+    repeats: int,
+    peer: PeerMaker | None = None,
+    collect: Collector | None = None,
+) -> ExperimentFigures:
+    """Times of an experiment.
+
+    Every frame is run `repeats` times, each time from the start with a fresh pipeline; as its results are the same to
+    the bit, its time is the smallest of them, which is the one least disturbed by others on the machine. A peer runs
+    the same frames in turn with the step, a block of 64 after a block, and its times are taken likewise.
+
+    Parameters
+    ----------
+    peer
+        Makes the peer from the world and the first frame; None: none.
+    collect
+        Called with every frame's result in the first pass.
+
+    Raises
+    ------
+    GeomphysError
+        From the pipeline.
+    """
+    passes = [_run(experiment, config, peer, collect if k == 0 else None) for k in range(repeats)]
+    last = passes[-1]
+    times = np.min([np.array(p.times, dtype=np.float64) for p in passes], axis=0)[WARM:]
+    counts = np.array(last.counts, dtype=np.float64)
+    step = figures_of(times[:, last.names.index("step")])
+    stages = [
+        Stage(name=name, ns=figures_of(times[:, k]), count=float(np.mean(counts[:, k])))
+        for k, name in enumerate(last.names)
+        if name.startswith("step")
+    ]
+    if len(experiment.decode_ns):
+        stages.insert(0, Stage(name="decode", ns=figures_of(experiment.decode_ns), count=1.0))
+    scene, frames = experiment.world.scene, experiment.frames
+    span = (frames[-1].time_ns - frames[0].time_ns) * 1e-9
+    return ExperimentFigures(
+        name=experiment.name,
+        scene=experiment.world.file.scene.name,
+        frames=len(frames),
+        hertz=(len(frames) - 1) / span if span > 0 else 0.0,
+        trees=len(scene.trees.role),
+        pieces=len(scene.pieces.kind),
+        vertices=len(scene.pieces.vertices),
+        driven_pieces=int(np.sum(scene.bodies.role[scene.pieces.body] == DRIVEN)),
+        step=step,
+        stages=tuple(stages),
+        call_ns=min(p.call_ns for p in passes),
+        result_ns=min(p.result_ns for p in passes),
+        contacts=last.contacts / len(frames),
+        recorded_m=last.recorded,
+        residual_m=figures_of(np.array(last.residual)),
+        peers=() if peer is None else (_peer_figures(passes, step.median, step.p99),),
+    )
+
+
+def _peer_figures(passes: Sequence[_Pass], median: float, p99: float) -> PeerFrames:
+    """Figures of a peer's frames beside our median and 99th percentile [ns]."""
+    ns = figures_of(np.min([[f.ns for f in p.peer] for p in passes], axis=0))
+    last = passes[-1]
+    return PeerFrames(
+        engine=last.engine,
+        ns=ns,
+        steps_a_frame=float(np.mean([f.steps for f in last.peer])),
+        residual_m=figures_of(np.array([f.residual for f in last.peer])),
+        warnings=last.warnings,
+        ratio_median=median / ns.median,
+        ratio_p99=p99 / ns.p99,
+    )
+
+
+def _run(experiment: Experiment, config: Config, make_peer: PeerMaker | None, collect: Collector | None) -> _Pass:
+    """One pass over the frames."""
+    done, peer = _Pass(), None
+    pipeline = TimedPipeline(experiment.world, config)
+    for chunk in pipeline.chunks(_batches(experiment.frames)):
+        start = time.perf_counter_ns()
+        results = [pipeline.result(chunk, row, 0) for row in range(len(chunk.frames))]
+        done.result_ns += time.perf_counter_ns() - start
+        for result in results:
+            _note(done, result)
+            if collect is not None:
+                collect(experiment.world, result)
+        if make_peer is not None:
+            if peer is None:
+                peer = make_peer(experiment.world, results[0])
+                results = results[WARM:]
+            done.peer += [peer.frame(result) for result in results]
+    if peer is not None:
+        done.engine, done.warnings = peer.name, peer.warnings
+    done.call_ns = pipeline.wall_ns / len(experiment.frames)
+    done.result_ns /= len(experiment.frames)
+    return done
+
+
+def _note(done: _Pass, result: FrameResult) -> None:
+    """Add a frame's times and figures to those of its pass."""
+    done.names = tuple(name for name, _, _ in result.timing)
+    done.times.append(tuple(ns for _, ns, _ in result.timing))
+    done.counts.append(tuple(count for _, _, count in result.timing))
+    done.contacts += result.metrics.contacts
+    done.recorded = max(done.recorded, result.metrics.recorded_penetration_m)
+    done.residual.append(result.metrics.residual_penetration_m)
+
+
+def _batches(frames: Sequence[Frame]) -> Iterator[tuple[list[Frame], int]]:
+    for first in range(0, len(frames), FRAMES):
+        yield list(frames[first : first + FRAMES]), 0

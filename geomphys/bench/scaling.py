@@ -1,0 +1,158 @@
+"""Made-up worlds of growing size: how the frame time goes with fixed objects, hands, and pieces of an object."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.bench.experiments import Experiment
+from geomphys.bench.figures import Curve
+from geomphys.bench.measure import PeerMaker, measure
+from geomphys.config import Config
+from geomphys.load import load_world
+from geomphys.machine import make_machine
+from geomphys.results import Frame
+from geomphys.transforms import apply, matrix_from_pose
+from geomphys.world.scene import World
+
+Floats = NDArray[np.float64]
+
+FRAMES = 256
+HERTZ = 60.0
+SINK = 0.01  # m the recorded hand goes into the table
+RADIUS, TURNS = 0.05, 2.0  # m; the circle a hand slides on
+SIDE = 0.8  # m of the table before each hand
+ROOM = (12.0, 12.0, 3.0)  # m
+OBJECTS = (20, 60, 200, 600, 2000)
+HANDS = (1, 2, 4, 8)
+PIECES = (1, 3, 10, 50, 200)
+
+
+def warm_up() -> float:
+    """Seconds until the first frames of a small world are done: the kernels' loading or compiling."""
+    with tempfile.TemporaryDirectory(prefix="geomphys-bench-") as folder:
+        start = time.perf_counter()
+        world = room_of_objects(Path(folder), 2, ball=True)
+        measure(slide("warm-up", world, 8), Config(), 1)
+        return time.perf_counter() - start
+
+
+def curves(config: Config, repeats: int, peer: PeerMaker | None, tell: Callable[[], None]) -> Iterator[Curve]:
+    """Measure the three curves; `tell` is called after each point."""
+    families: tuple[tuple[str, str, tuple[int, ...], Callable[[Path, int], World]], ...] = (
+        ("fixed objects spread over a room", "objects", OBJECTS, room_of_objects),
+        ("hands on a table", "hands", HANDS, table_of_hands),
+        ("pieces of the object under the hand", "pieces", PIECES, block_of_pieces),
+    )
+    for name, variable, sizes, make in families:
+        points = []
+        for size in sizes:
+            with tempfile.TemporaryDirectory(prefix="geomphys-bench-") as folder:
+                world = make(Path(folder), size)
+                points.append(measure(slide(f"{size} {variable}", world, FRAMES), config, repeats, peer))
+            tell()
+        growth = points[-1].step.median / points[0].step.median
+        yield Curve(name=name, variable=variable, sizes=sizes, points=tuple(points), growth=growth)
+
+
+def room_of_objects(folder: Path, count: int, ball: bool = False) -> World:
+    """A table under a hand, and boxes up to `count` objects anywhere in a room but within half a metre of the hand."""
+    random = np.random.default_rng(0)
+    tables = [_box("table", (SIDE, SIDE, 0.1), (0.0, 0.0, -0.05))]
+    while len(tables) < count:
+        place = random.uniform(-0.5, 0.5, 3) * ROOM
+        if np.linalg.norm(place) > 0.5 + SIDE:
+            tables.append(_box(f"box_{len(tables)}", tuple(random.uniform(0.05, 0.2, 3)), tuple(place)))
+    if ball:
+        tables.append(
+            '[[object]]\nname = "ball"\nclass = "simulated"\nsphere = 0.02\n'
+            f"position = [{0.4 * SIDE}, {0.4 * SIDE}, 0.020005]\ndensity = 600.0\n"
+            'material = "wood"\n'
+        )
+    return _load(folder, 1, tables)
+
+
+def table_of_hands(folder: Path, count: int) -> World:
+    """Hands in a row, each over its own part of one table."""
+    return _load(folder, count, [_box("table", (SIDE, SIDE * count, 0.1), (0.0, 0.5 * SIDE * (count - 1), -0.05))])
+
+
+def block_of_pieces(folder: Path, count: int) -> World:
+    """A hand over a block of `count` columns that make up one object, a table that is a grid of convex pieces."""
+    rows = max(divisor for divisor in range(1, math.isqrt(count) + 1) if count % divisor == 0)
+    x, y = SIDE / (count // rows), SIDE / rows
+    shapes = "".join(
+        f'<collision><origin xyz="{(i + 0.5) * x - 0.5 * SIDE} {(j + 0.5) * y - 0.5 * SIDE} -0.05"/>'
+        f'<geometry><box size="{x} {y} 0.1"/></geometry></collision>'
+        for i in range(count // rows)
+        for j in range(rows)
+    )
+    (folder / "block.urdf").write_text(f'<robot name="block"><link name="top">{shapes}</link></robot>')
+    return _load(folder, 1, ['[[object]]\nname = "block"\nclass = "fixed"\nurdf = "block.urdf"\nmaterial = "wood"\n'])
+
+
+def slide(name: str, world: World, count: int) -> Experiment:
+    """Every hand of a world of this module goes in circles, its lowest point `SINK` below the table's top."""
+    machine = make_machine(world.scene)
+    owner = world.scene.bodies.tree
+    lowest = min(
+        float(np.min(apply(matrix_from_pose(machine.recorded[body]), corners)[:, 2]))
+        for body, (corners, _) in enumerate(world.collision_triangles)
+        if owner[body] < world.avatar_count and len(corners)
+    )
+    frames = []
+    for k in range(count):
+        angle = 2.0 * math.pi * TURNS * k / FRAMES
+        roots = world.scene.trees.rest.copy()
+        for hand in range(world.avatar_count):
+            roots[hand, 0] += RADIUS * math.cos(angle)
+            roots[hand, 1] += RADIUS * math.sin(angle) + SIDE * hand
+            roots[hand, 2] -= lowest + SINK
+        angles = np.full(len(world.dof_names), 0.1 + 0.05 * math.sin(angle))
+        frames.append(Frame(index=k, time_ns=round(k * 1e9 / HERTZ), roots=roots, angles=angles, held=False))
+    return Experiment(name=name, world=world, frames=frames, decode_ns=np.zeros(0))
+
+
+def _box(name: str, size: tuple[float, ...], place: tuple[float, ...]) -> str:
+    """A fixed box in a scene file."""
+    return (
+        f'[[object]]\nname = "{name}"\nclass = "fixed"\nbox = {[float(v) for v in size]}\n'
+        f'position = {[float(v) for v in place]}\nmaterial = "wood"\n'
+    )
+
+
+def _load(folder: Path, hands: int, tables: list[str]) -> World:
+    """A world of hands and objects, by way of its files in `folder`."""
+    (folder / "hand.urdf").write_text(_hand())
+    avatars = [
+        f'[[avatar]]\nname = "hand_{k}"\nurdf = "hand.urdf"\nmode = "rigid"\nmaterial = "human"\nmass = 0.4\n'
+        f'root = {{ topic = "/wrist_{k}" }}\njoints = {{ topic = "/glove_{k}" }}\n'
+        for k in range(hands)
+    ]
+    scene = folder / "scene.toml"
+    scene.write_text("\n".join(['[scene]\nname = "made up"\n', *avatars, *tables]))
+    return load_world(scene)
+
+
+def _hand() -> str:
+    """A URDF: a palm and five fingers of three phalanges, each a cylinder with a ball at its end; 31 primitives."""
+    links = ['<link name="palm"><collision><geometry><box size="0.09 0.09 0.025"/></geometry></collision></link>']
+    for finger in range(5):
+        parent, x, y = "palm", 0.045 if finger else 0.0, 0.045 if not finger else 0.044 - 0.02 * finger
+        for phalanx, length in enumerate((0.045, 0.025, 0.02)):
+            name = f"f{finger}_{phalanx}"
+            links.append(
+                f'<link name="{name}"><collision><origin xyz="{length / 2} 0 0" rpy="0 {math.pi / 2} 0"/><geometry>'
+                f'<cylinder radius="0.008" length="{length}"/></geometry></collision><collision><origin xyz="{length} 0 0"/>'
+                f'<geometry><sphere radius="0.008"/></geometry></collision></link><joint name="{name}" type="revolute">'
+                f'<parent link="{parent}"/><child link="{name}"/><origin xyz="{x} {y} 0" rpy="0 0 {0 if finger else 1}"/>'
+                '<axis xyz="0 1 0"/><limit lower="-0.3" upper="1.6" effort="1" velocity="10"/></joint>'
+            )
+            parent, x, y = name, length, 0.0
+    return f'<robot name="hand">{"".join(links)}</robot>'

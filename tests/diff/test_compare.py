@@ -1,0 +1,199 @@
+"""Two outputs compared: with themselves, with a table raised by a millimetre, and with parts of themselves."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import geomphys
+from geomphys.output_log import open_output
+from geomphys.provenance import provenance_of
+from geomphys.sinks.mcap_sink import McapSink
+from tests.cli.press import SCENE
+from tests.made import RAISED_M, Results
+
+
+def poses(path: Path, name: str) -> np.ndarray:
+    """(n, 7) poses of a body that moves."""
+    return np.array([f.tf.values[f.tf.names.index(name)] for f in open_output(path).frames(["/tf"])])
+
+
+@pytest.mark.parametrize("made", ["pressed", "landed"])
+def test_an_output_is_the_same_as_itself(made: str, request: pytest.FixtureRequest) -> None:
+    results: Results = request.getfixturevalue(made)
+    difference = geomphys.compare_outputs(results.out, results.out)
+    assert difference.equal
+    assert difference.frames.compared == difference.frames.a == difference.frames.b > 50
+    assert difference.parameters == {}
+    assert difference.attachments == ()
+    assert difference.peaks == ()
+    for name, channel in difference.as_dict()["channels"].items():
+        assert channel["equal"], name
+        assert channel["first_frame"] is None
+        assert channel.get("max_m", 0.0) == channel.get("max_rad", 0.0) == 0.0
+        assert not channel.get("gained")
+        assert not channel.get("lost")
+
+
+def test_a_sphere_on_a_table_raised_by_a_millimetre_is_a_millimetre_higher(pressed: Results) -> None:
+    difference = geomphys.compare_outputs(pressed.out, pressed.raised)
+    found = difference.as_dict()
+    assert not found["equal"]
+    motion = found["channels"]["/tf"]
+    assert set(motion["bodies"]) == {"finger", "table"}
+    assert motion["bodies"]["table"]["max_m"] == pytest.approx(RAISED_M, rel=1e-9)
+    assert found["channels"]["/contacts"]["max_m"] == pytest.approx(RAISED_M, rel=0.1)
+    assert motion["max_rad"] == 0.0
+    assert found["channels"]["/recorded/tf"]["equal"]
+    assert set(found["parameters"]) == {"scene_sha256", "world_sha256"}
+    assert difference.attachments == ("raised.toml", "scene.toml")
+    (pair,) = found["channels"]["/contacts"]["pairs"]
+    assert pair == "finger | table"
+    away = np.linalg.norm(poses(pressed.out, "finger")[:, :3] - poses(pressed.raised, "finger")[:, :3], axis=1)
+    assert away[len(away) // 2] == pytest.approx(RAISED_M, rel=1e-3)  # deepest; where it leaves the table it is more
+    finger = motion["bodies"]["finger"]
+    assert finger["max_m"] == away.max()
+    assert finger["rms_m"] == pytest.approx(np.sqrt(np.mean(away**2)))
+    assert finger["first_frame"] == np.flatnonzero(away)[0]
+    assert finger["worst_frame"] == away.argmax()
+    assert finger["frames"] == np.count_nonzero(away)
+    assert difference.peaks[0].value == away.max()
+
+
+def test_a_recorded_hand_on_a_table_raised_by_a_millimetre(landed: Results) -> None:
+    found = geomphys.compare_outputs(landed.out, landed.raised).as_dict()
+    bodies = found["channels"]["/tf"]["bodies"]
+    moved = {name for name, body in bodies.items() if body["max_m"] > 0}
+    assert {"table", "palm", "index_distal"} <= moved
+    assert not moved & {"ball", "vase", "floor"}
+    assert bodies["palm"]["max_m"] == pytest.approx(RAISED_M, rel=0.1)
+    touched = {name for pair in found["channels"]["/contacts"]["pairs"] for name in pair.split(" | ")}
+    assert "table" in touched
+    assert all(name.startswith("hand/") for name in touched - {"table"})
+    assert found["channels"]["/joint_states"]["equal"]
+
+
+def test_swapping_swaps_gained_and_lost(landed: Results) -> None:
+    one = geomphys.compare_outputs(landed.out, landed.raised).as_dict()["channels"]
+    other = geomphys.compare_outputs(landed.raised, landed.out).as_dict()["channels"]
+    for channel in ("/contacts", "/penetration"):
+        assert one[channel]["gained"] == other[channel]["lost"]
+        assert one[channel]["lost"] == other[channel]["gained"]
+        assert one[channel]["max_m"] == other[channel]["max_m"]
+    assert one["/penetration"]["gained"] > 0
+    assert one["/tf"]["rms_m"] == other["/tf"]["rms_m"]
+
+
+def test_gained_and_lost_are_those_of_the_frames_as_sets(landed: Results) -> None:
+    def pairs(path: Path) -> list[set[frozenset[str]]]:
+        frames = open_output(path).frames(["/penetration"])
+        return [{frozenset((row.body_a, row.body_b)) for row in frame.penetrations} for frame in frames]
+
+    channel = geomphys.compare_outputs(landed.out, landed.raised).as_dict()["channels"]["/penetration"]
+    a, b = pairs(landed.out), pairs(landed.raised)
+    assert channel["gained"] == sum(len(y - x) for x, y in zip(a, b, strict=True))
+    assert channel["lost"] == sum(len(x - y) for x, y in zip(a, b, strict=True))
+
+
+def test_a_tolerance_above_the_difference_makes_them_the_same(pressed: Results) -> None:
+    loose = geomphys.compare_outputs(pressed.out, pressed.raised, tolerance_m=2 * RAISED_M, tolerance_rad=1e-6)
+    assert loose.equal
+    assert loose.channels["/tf"].whole_m is not None
+    assert loose.channels["/tf"].whole_m.max > 0
+    assert not geomphys.compare_outputs(pressed.out, pressed.raised, tolerance_m=0.5 * RAISED_M).equal
+
+
+def test_only_the_channels_asked_for(pressed: Results) -> None:
+    difference = geomphys.compare_outputs(pressed.out, pressed.raised, channels=["/recorded/tf"])
+    assert list(difference.channels) == ["/recorded/tf"]
+    assert difference.equal
+
+
+def test_frames_are_matched_by_time(pressed: Results, tmp_path: Path) -> None:
+    part = tmp_path / "part.mcap"
+    geomphys.run(pressed.log, pressed.scene, out=part, config=geomphys.Config(start=0.5))
+    difference = geomphys.compare_outputs(pressed.out, part, channels=["/recorded/tf"])
+    frames = difference.frames
+    assert not difference.equal
+    assert (frames.only_a, frames.only_b, frames.first_only_a) == (60 - frames.b, 0, 0)
+    assert frames.compared == frames.b == 30
+    assert difference.channels["/recorded/tf"].equal
+    assert geomphys.compare_outputs(part, pressed.out, channels=["/recorded/tf"]).frames.only_b == 30
+
+
+def test_what_stands_still_is_compared_though_the_first_frames_differ(pressed: Results, tmp_path: Path) -> None:
+    part = tmp_path / "part.mcap"
+    geomphys.run(pressed.log, pressed.raised_scene, out=part, config=geomphys.Config(start=0.5))
+    bodies = geomphys.compare_outputs(pressed.out, part).as_dict()["channels"]["/tf"]["bodies"]
+    assert bodies["table"]["max_m"] == pytest.approx(RAISED_M, rel=1e-9)
+
+
+def test_bodies_in_one_alone(pressed: Results, tmp_path: Path) -> None:
+    scene, out = tmp_path / "more.toml", tmp_path / "more.mcap"
+    scene.write_text(
+        SCENE + '\n[[object]]\nname = "far"\nclass = "fixed"\nsphere = 0.1\nposition = [9, 9, 9]\nmaterial = "wood"\n'
+    )
+    geomphys.run(pressed.log, scene, out=out)
+    difference = geomphys.compare_outputs(pressed.out, out)
+    assert not difference.equal
+    assert difference.channels["/tf"].only_b == ("far",)
+    assert difference.as_dict()["channels"]["/tf"]["first_frame"] == 0
+
+
+def test_parameters_are_causes_not_results(pressed: Results, tmp_path: Path) -> None:
+    other = tmp_path / "other.mcap"
+    geomphys.run(pressed.log, pressed.scene, out=other, config=geomphys.Config(seed=3))
+    difference = geomphys.compare_outputs(pressed.out, other)
+    assert difference.equal
+    assert difference.as_dict()["parameters"] == {"seed": {"a": "0", "b": "3"}}
+
+
+def test_the_record_is_fit_for_json(landed: Results) -> None:
+    found = geomphys.compare_outputs(landed.out, landed.raised).as_dict()
+    assert json.loads(json.dumps(found)) == found
+
+
+@pytest.mark.parametrize("bad", [{"tolerance_m": -1.0}, {"tolerance_rad": float("nan")}, {"channels": ["/timing"]}])
+def test_wrong_parameters(pressed: Results, bad: dict[str, object]) -> None:
+    with pytest.raises(geomphys.ConfigError):
+        geomphys.compare_outputs(pressed.out, pressed.out, **bad)  # type: ignore[arg-type]
+
+
+def test_what_is_no_output(pressed: Results) -> None:
+    with pytest.raises(geomphys.LogError, match="no output"):
+        geomphys.compare_outputs(pressed.out, pressed.log)
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow_with_the_length(pressed: Results, tmp_path: Path) -> None:
+    """An hour's output is compared and counted in little more memory than a quarter of one."""
+
+    def most_memory(hours: float) -> float:
+        out = tmp_path / f"{hours}.mcap"
+        write_repeated(pressed, out, int(hours * 3600 * 10))
+        code = (
+            "import resource, sys, geomphys; geomphys.compare_outputs(sys.argv[1], sys.argv[1]); "
+            "geomphys.statistics_of([sys.argv[1]]); print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+        )
+        words = [sys.executable, "-c", code, str(out)]
+        return int(subprocess.run(words, capture_output=True, text=True, check=True).stdout) / 1024
+
+    assert most_memory(1.0) < most_memory(0.25) + 16.0  # MiB
+
+
+def write_repeated(results: Results, out: Path, frames: int) -> None:
+    """Write an output of that many frames at 10 Hz: those of the replay again and again."""
+    world, config = geomphys.load_world(results.scene), geomphys.Config()
+    one = list(geomphys.replay(results.log, world))
+    with McapSink(out) as sink:
+        sink.open(world, config, provenance_of(results.log, world, config))
+        for index in range(frames):
+            result = one[index % len(one)]
+            frame = dataclasses.replace(result.frame, index=index, time_ns=10**9 + index * 10**8)
+            sink.write(dataclasses.replace(result, frame=frame))
