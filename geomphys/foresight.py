@@ -24,6 +24,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 BACK = (2, 4, 8, 16, 32, 48)  # frames before the wedge from which a drift is tried
+PACES = (1.0, 0.6, 0.35)  # shares of the fastest drift that are tried
 AFTER = 6  # frames after it that must be free too
 MOTION_SHARE = 2.0  # a change of the offset is no jump up to this many times the recorded motion of the frame ...
 SLACK = 1e-3  # ... and this, m, beyond what the coupling relaxes
@@ -36,7 +37,7 @@ class Track:
     roots: Floats  # (N, T, 7)
     angles: Floats  # (N, Q)
     dts: Floats  # (N,) s before each frame
-    drifts: Floats  # (N, T, 3) unit direction in which a tree steps aside, 0: none
+    drifts: Floats  # (N, T, 3) direction in which a tree steps aside, its length the pace; 0: none
     block: Block
     before: State  # of the machine ahead of the first frame
 
@@ -199,7 +200,8 @@ def find_drift(runner: Runner, whole: Track, wedge: Wedge, touch: NDArray[np.boo
     while episode > 0 and touch[episode - 1]:
         episode -= 1
     starts = sorted({max(wedge.row - back, episode) for back in BACK if episode < wedge.row}, reverse=True)
-    fan = np.vstack([directions(), wedge.jump / np.linalg.norm(wedge.jump)])
+    ways = np.vstack([directions(), wedge.jump / np.linalg.norm(wedge.jump)])
+    fan = np.vstack([pace * ways for pace in PACES])
     last = min(wedge.row + 1 + AFTER, len(whole))
     limit = 0.5 * float(np.linalg.norm(wedge.jump))
     best: tuple[float, float] = (limit, math.inf)

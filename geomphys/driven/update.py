@@ -46,7 +46,7 @@ class DrivenState(NamedTuple):
     angles: Floats  # (Q,) recorded angles of the last step
     frames: Floats  # (P, 12) pieces at the end of the last step
     posture: PostureState
-    drift: Floats  # (T, 3) unit direction in which a tree is to step aside; 0: none
+    drift: Floats  # (T, 3) direction in which a tree is to step aside, its length the pace; 0: none
 
 
 class DrivenRoom(NamedTuple):
