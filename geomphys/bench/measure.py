@@ -36,7 +36,10 @@ class Peer(Protocol):
     """Another engine with the same scene in it, following the same recording."""
 
     name: str
-    warnings: int
+
+    @property
+    def warnings(self) -> int:
+        """How often it warned so far."""
 
     def frame(self, result: FrameResult) -> PeerFrame:
         """Go on to the frame's time with the recorded poses of `result` as the target."""

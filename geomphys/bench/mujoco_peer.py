@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from geomphys.bench.measure import PeerFrame
 from geomphys.bench.mujoco_scene import TIMESTEP, body_name, build_model, load_mujoco, mocap_name
 from geomphys.results import FrameResult
+from geomphys.transforms import compose, invert, matrix_from_pose, pose_from_matrix
 from geomphys.world.scene import DRIVEN, FIXED, JOINT_FIXED, SIMULATED, World
 
 Floats = NDArray[np.float64]
@@ -40,7 +41,11 @@ class MujocoPeer:
         carried = np.flatnonzero((bodies.role == FIXED) & (trees.moving[bodies.tree] == 1))
         self._targets: Ints = np.concatenate([roots, carried]).astype(np.int64)
         self._mocaps = self._rows(self.model.body_mocapid, [mocap_name(int(b)) for b in self._targets])
-        self._jointed = np.flatnonzero((bodies.role == DRIVEN) & (bodies.joint != JOINT_FIXED))
+        jointed = (bodies.role == DRIVEN) & (bodies.joint != JOINT_FIXED)
+        self._jointed = np.flatnonzero(jointed & (trees.chains[bodies.tree] == 1))
+        self._placed = np.flatnonzero(jointed & (trees.chains[bodies.tree] == 0))
+        self._parents = bodies.parent[self._placed]
+        self._links = np.array([self.model.body(body_name(int(b))).id for b in self._placed], dtype=np.int64)
         self._dofs, self._multiplier = bodies.dof[self._jointed], bodies.multiplier[self._jointed]
         self._offset = bodies.offset[self._jointed]
         self._servos = np.array([self.model.actuator(body_name(int(b))).id for b in self._jointed], dtype=np.int64)
@@ -66,10 +71,18 @@ class MujocoPeer:
         return np.array([column[self.model.body(name).id] for name in names], dtype=np.int64)
 
     def _aim(self, result: FrameResult) -> None:
-        """Set targets of roots, moving fixed links and joints."""
+        """Set targets of roots, moving fixed links and joints; put the links of hands in rigid mode in their places."""
         poses = result.recorded[self._targets]
         self.data.mocap_pos[self._mocaps] = poses[:, :3]
         self.data.mocap_quat[self._mocaps] = np.roll(poses[:, 3:], 1, axis=1)
+        places = pose_from_matrix(
+            compose(
+                invert(matrix_from_pose(result.recorded[self._parents])),
+                matrix_from_pose(result.recorded[self._placed]),
+            )
+        )
+        self.model.body_pos[self._links] = places[:, :3]
+        self.model.body_quat[self._links] = np.roll(places[:, 3:], 1, axis=1)
         self.data.ctrl[self._servos] = self._multiplier * result.frame.angles[self._dofs] + self._offset
 
     def _begin(self, world: World, first: FrameResult) -> None:

@@ -62,9 +62,10 @@ def build_model(world: World, poses: Floats) -> Any:
     Spheres, capsules, boxes and cylinders are the primitives of that name, hulls are meshes, of which MuJoCo takes the
     convex hull. Fixed objects are geoms of the world, those with a topic mocap bodies; simulated ones are free bodies
     with the same mass and inertia. A driven tree is free and its root welded to a mocap body that goes where the root
-    was recorded; position servos hold its joints at the recorded angles. Links of an avatar in rigid mode do not
-    collide with each other; in chains mode they do but for the pairs the world leaves out. MuJoCo has no restitution
-    and combines friction by geom: a geom has that of its material against itself.
+    was recorded. In rigid mode its links are parts of one body, which the peer puts where they were recorded; in
+    chains mode position servos hold its joints at the recorded angles, and its links collide but for the pairs the
+    world leaves out. MuJoCo has no restitution and combines friction by geom: a geom has that of its material against
+    itself.
 
     Parameters
     ----------
@@ -118,7 +119,8 @@ def _add_tree(mujoco: Any, spec: Any, world: World, poses: Floats, tree: int, ma
             origin = pose_from_matrix(matrix_from_frame(bodies.origin[body]))
             parent = made[int(bodies.parent[body])]
             owner = parent.add_body(name=body_name(body), pos=origin[:3], quat=_wxyz(origin[3:]))
-            _add_joint(mujoco, spec, owner, world, body)
+            if scene.trees.chains[tree] == 1:
+                _add_joint(mujoco, spec, owner, world, body)
         made[body] = owner
         least = LIGHTEST * float(scene.trees.mass[tree]) if role == DRIVEN else 0.0
         owner.explicitinertial = True
