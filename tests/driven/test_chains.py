@@ -1,0 +1,204 @@
+"""Chains: fingers bend instead of sinking in; limits, uninvolved links and forward kinematics hold."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yourdfpy
+
+from geomphys.transforms import compose, matrix_from_pose, pose_from_matrix
+from tests.driven.logs import Run, Thing, assert_free, chatter, play
+from tests.world.models import joint, link, urdf
+
+BONE = '<origin xyz="0 0 -0.03"/><geometry><{}/></geometry>'
+BOX = BONE.format('box size="0.02 0.02 0.05"')
+ROD = BONE.format('cylinder radius="0.01" length="0.05"')
+CURL = '<axis xyz="0 1 0"/><limit lower="{}" upper="{}" effort="1" velocity="1"/>'
+TABLE = Thing(name="table", shape=("box", 2, 2, 0.1), at=(0, 0, -0.05))
+
+
+def finger(
+    name: str, y: float, bone: str = BOX, limits: tuple[float, float] = (-1.5, 1.7), mimic: str = ""
+) -> list[str]:
+    """Three bones hanging down from the palm, bent about y."""
+    inside = CURL.format(*limits)
+    return [
+        *(link(f"{name}{k}", bone) for k in (1, 2, 3)),
+        joint(f"{name}j1", "palm", f"{name}1", inside=inside, xyz=f"0.05 {y} -0.02"),
+        joint(f"{name}j2", f"{name}1", f"{name}2", inside=inside, xyz="0 0 -0.06"),
+        joint(f"{name}j3", f"{name}2", f"{name}3", inside=inside + mimic, xyz="0 0 -0.06"),
+    ]
+
+
+def hand(folder: Path, fingers: list[list[str]], chains: list[str], tail: str = "") -> str:
+    """Scene text of a hand whose palm hangs at 0.15 m over the table."""
+    palm = link("palm", '<geometry><box size="0.1 0.12 0.03"/></geometry>')
+    urdf(folder / "hand.urdf", palm, *[e for f in fingers for e in f])
+    table = "".join(f'[[avatar.chain]]\nname="{c}"\nbase="palm"\ntip="{c}3"\n' for c in chains)
+    return (
+        '[[avatar]]\nname="hand"\nurdf="hand.urdf"\nmode="chains"\nmaterial="human"\njoints={topic="/angles"}\n'
+        'root={topic="/palm"}\n' + tail + table
+    )
+
+
+def check_kinematics(run: Run, folder: Path) -> None:
+    """Written poses are the forward kinematics of the written angles, by yourdfpy."""
+    robot = yourdfpy.URDF.load(str(folder / "hand.urdf"), load_meshes=False, build_scene_graph=True)
+    root = run.body("hand/palm")
+    for angles, poses in zip(run.angles[::7], run.corrected[::7], strict=True):
+        robot.update_cfg(dict.fromkeys(run.world.dof_names, 1.0))  # it passes over changes of less than 1e-8
+        robot.update_cfg(dict(zip(run.world.dof_names, angles, strict=True)))
+        for name in robot.link_map:
+            expected = pose_from_matrix(compose(matrix_from_pose(poses[root]), robot.get_transform(name, "palm")))
+            found = poses[run.body(f"hand/{name}")]
+            assert np.abs(expected[:3] - found[:3]).max() <= 1e-9
+            assert min(np.abs(expected[3:] - found[3:]).max(), np.abs(expected[3:] + found[3:]).max()) <= 1e-9
+
+
+def check_limits(run: Run) -> None:
+    """Within the limits, or where it was recorded beyond them no farther out."""
+    lower, upper = run.world.scene.dofs.lower, run.world.scene.dofs.upper
+    assert (run.angles >= np.minimum(lower, run.recorded_angles) - 1e-12).all()
+    assert (run.angles <= np.maximum(upper, run.recorded_angles) + 1e-12).all()
+
+
+def check_no_jump(run: Run) -> None:
+    """An angle's offset changes by no more than twice the recorded change, what the spring relaxes, and 0.03 rad."""
+    bend = run.angles - run.recorded_angles
+    relaxed = (1 - np.exp(-50 / 60)) * np.abs(bend)[:-1]
+    assert (np.abs(np.diff(bend, axis=0)) <= 2 * np.abs(np.diff(run.recorded_angles, axis=0)) + relaxed + 0.03).all()
+
+
+def names(*fingers: str) -> list[str]:
+    return [f"{f}j{k}" for f in fingers for k in (1, 2, 3)]
+
+
+def columns(run: Run, *fingers: str) -> list[int]:
+    """Columns of the angles of some fingers, in the order of `names`."""
+    return [run.world.dof_names.index(name) for name in names(*fingers)]
+
+
+def palm(n: int, height: np.ndarray | float) -> np.ndarray:
+    rows = np.zeros((n, 3))
+    rows[:, 2] = height
+    return rows
+
+
+@pytest.mark.parametrize("bone", [BOX, ROD], ids=["box", "cylinder"])
+def test_a_finger_pressed_on_a_table_bends_within_its_limits(tmp_path: Path, bone: str) -> None:
+    """One of two fingers meets the table; the other and the palm stay as recorded, to the bit."""
+    n = 160
+    t = np.linspace(0, 1, n)
+    touch = np.clip(4 * t, 0, 1) * np.clip(4 * (0.75 - t), 0, 1)
+    angles = np.zeros((n, 6))
+    angles[:, :3] = -0.4 + 0.4 * touch[:, None] * [1, 1, 1]  # straightens down into the table
+    angles[:, 3:] = -0.7 + 0.1 * np.sin(6 * t)[:, None]
+    scene = hand(tmp_path, [finger("a", -0.04, bone), finger("b", 0.04, bone)], ["a", "b"])
+    run = play(
+        tmp_path, [TABLE], avatars=scene, roots={"/palm": palm(n, 0.175)}, angles={"/angles": (names("a", "b"), angles)}
+    )
+    assert run.figures("recorded_penetration_m").max() > 0.005
+    assert_free(run, every=3)
+    check_limits(run)
+    check_kinematics(run, tmp_path)
+    for name in ("hand/palm", "hand/b1", "hand/b2", "hand/b3"):
+        assert run.path(name).tobytes() == run.recorded[:, run.body(name)].tobytes()
+    assert run.angles[:, columns(run, "b")].tobytes() == angles[:, 3:].tobytes()
+    assert run.corrected[-5:].tobytes() == run.recorded[-5:].tobytes()
+    check_no_jump(run)
+
+
+def test_still_input_gives_a_still_finger(tmp_path: Path) -> None:
+    n = 80
+    angles = (
+        np.tile([-0.1, -0.1, -0.1], (n, 1)) * np.clip(np.arange(n) / 20, 0, 1)[:, None]
+        - 0.3 * np.clip(1 - np.arange(n) / 20, 0, 1)[:, None]
+    )
+    scene = hand(tmp_path, [finger("a", 0.0)], ["a"])
+    run = play(
+        tmp_path, [TABLE], avatars=scene, roots={"/palm": palm(n, 0.17)}, angles={"/angles": (names("a"), angles)}
+    )
+    assert run.figures("correction_m")[-1] > 0.002
+    assert np.abs(np.diff(run.corrected[40:, :, :3], axis=0)).max() <= 1e-4
+    assert np.abs(np.diff(run.angles[60:], axis=0)).max() <= 1e-4
+    assert_free(run, every=4)
+
+
+def test_what_fingers_cannot_do_the_root_does(tmp_path: Path) -> None:
+    """The palm itself is pressed into the table: no finger can help."""
+    n = 80
+    height = np.concatenate([np.linspace(0.3, 0.0, 30), np.full(20, 0.0), np.linspace(0.0, 0.3, 30)])
+    angles = np.tile([0.2, 0.2, 0.2], (n, 1))
+    scene = hand(tmp_path, [finger("a", 0.0)], ["a"])
+    run = play(
+        tmp_path, [TABLE], avatars=scene, roots={"/palm": palm(n, height)}, angles={"/angles": (names("a"), angles)}
+    )
+    assert_free(run)
+    check_limits(run)
+    check_kinematics(run, tmp_path)
+    assert run.path("hand/palm")[:, 2].min() >= 0.015 - 1e-5
+
+
+def test_angles_recorded_beyond_limits_are_kept_and_never_pushed_farther(tmp_path: Path) -> None:
+    n = 120
+    angles = np.tile([-0.9, 0.1, 0.1], (n, 1))
+    angles[:, 1] += 0.3 * np.sin(np.linspace(0, 6, n))
+    height = 0.3 - 0.16 * np.clip(np.minimum(np.arange(n) - 20, 90 - np.arange(n)) / 20, 0, 1)
+    scene = hand(tmp_path, [finger("a", 0.0, limits=(-0.8, 0.2))], ["a"])
+    run = play(
+        tmp_path, [TABLE], avatars=scene, roots={"/palm": palm(n, height)}, angles={"/angles": (names("a"), angles)}
+    )
+    assert run.angles[:20].tobytes() == angles[:20].tobytes()
+    assert (run.figures("flags").astype(int) & 8).all()
+    assert run.touched().any()
+    check_limits(run)
+    assert_free(run, every=3)
+
+
+def test_fingers_of_one_hand_keep_clear_of_each_other(tmp_path: Path) -> None:
+    """Two fingers swing across each other's way."""
+    n = 140
+    swing = '<axis xyz="1 0 0"/><limit lower="-1.5" upper="1.5" effort="1" velocity="1"/>'
+    parts = []
+    for name, y in (("a", -0.04), ("b", 0.04)):
+        parts.append([
+            *(link(f"{name}{k}", ROD) for k in (1, 2, 3)),
+            *(
+                joint(f"{name}j{k}", "palm" if k == 1 else f"{name}{k - 1}", f"{name}{k}", inside=swing,
+                      xyz=f"0.05 {y} -0.03" if k == 1 else "0 0 -0.06")
+                for k in (1, 2, 3)
+            ),
+        ])  # fmt: skip
+    cross = 0.35 * np.sin(np.linspace(0, np.pi, n)) ** 2
+    angles = np.column_stack([cross, cross, 0.5 * cross, -cross, -cross, -0.5 * cross])
+    scene = hand(tmp_path, parts, ["a", "b"])
+    run = play(
+        tmp_path, [], avatars=scene, roots={"/palm": palm(n, 0.5)}, angles={"/angles": (names("a", "b"), angles)}
+    )
+    assert run.figures("recorded_penetration_m").max() > 0.005
+    assert_free(run, every=2)
+    check_limits(run)
+    check_kinematics(run, tmp_path)
+    assert run.path("hand/palm").tobytes() == run.recorded[:, run.body("hand/palm")].tobytes()
+    check_no_jump(run)
+    a, b = run.angles[:, columns(run, "a")], run.angles[:, columns(run, "b")]
+    assert np.abs(a + b).max() <= 0.03  # about half each
+    assert run.corrected[-3:].tobytes() == run.recorded[-3:].tobytes()
+    assert chatter(run.path("hand/a3")[:, :3]) <= 5e-3
+
+
+def test_a_mimic_joint_follows_its_master(tmp_path: Path) -> None:
+    n = 100
+    bend = -0.3 + 0.4 * np.sin(np.linspace(0, np.pi, n))
+    angles = np.column_stack([bend, bend])
+    scene = hand(tmp_path, [finger("a", 0.0, mimic='<mimic joint="aj2" multiplier="0.7" offset="-0.05"/>')], ["a"])
+    run = play(
+        tmp_path, [TABLE], avatars=scene, roots={"/palm": palm(n, 0.17)}, angles={"/angles": (["aj1", "aj2"], angles)}
+    )
+    assert run.world.dof_names == ("aj1", "aj2")
+    assert run.touched().any()
+    assert_free(run, every=2)
+    check_limits(run)
+    check_kinematics(run, tmp_path)

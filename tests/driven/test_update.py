@@ -1,0 +1,93 @@
+"""The driven loop: starts inside, wedged places, flags."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from geomphys.config import Config
+from geomphys.results import FLAG_NOT_CONVERGED, FLAG_STARTED_INSIDE
+from tests.driven.logs import FREE, Thing, assert_free, line, play
+
+CUBE = ("box", 0.1, 0.1, 0.1)
+TABLE = Thing(name="table", shape=("box", 2, 2, 0.1), at=(0, 0, -0.05))
+
+
+def still(*pose: float, frames: int = 20) -> np.ndarray:
+    return np.tile(np.array(pose, float), (frames, 1))
+
+
+def test_a_start_inside_is_freed_the_shortest_way_and_flagged(tmp_path: Path) -> None:
+    turn = Rotation.from_euler("xyz", [0.3, 0.2, 0.1])
+    low = np.abs(turn.as_matrix()[2]).sum() * 0.05  # the lowest corner's depth under the centre
+    run = play(
+        tmp_path, [TABLE, Thing(name="cube", shape=CUBE, role="driven", path=still(0.1, 0.2, 0.02, *turn.as_quat()))]
+    )
+    flags = run.figures("flags").astype(int)
+    assert flags[0] & FLAG_STARTED_INSIDE
+    assert not (flags[1:] & FLAG_STARTED_INSIDE).any()
+    assert run.offset("cube")[:, 2] == pytest.approx(low - 0.02, abs=5e-6)
+    assert np.abs(run.offset("cube")[:, :2]).max() <= 1e-9
+    assert "starts inside" in run.results[0].messages[0][1]
+    assert_free(run)
+
+
+def test_a_free_start_is_not_flagged(tmp_path: Path) -> None:
+    run = play(tmp_path, [TABLE, Thing(name="cube", shape=CUBE, role="driven", path=still(0, 0, 0.2))])
+    assert not run.figures("flags").any()
+    assert not any(r.messages for r in run.results)
+
+
+def test_a_start_between_two_walls_too_near_is_freed_along_them(tmp_path: Path) -> None:
+    """The normals cancel; the way out is up, 6 cm, where the walls end."""
+    walls = [Thing(name=n, shape=("box", 0.1, 1, 0.4), at=(x, 0, -0.2)) for n, x in (("left", -0.09), ("right", 0.09))]
+    path = still(0.0, 0.0, -0.01)
+    run = play(tmp_path, [*walls, Thing(name="cube", shape=CUBE, role="driven", path=path)])
+    assert np.linalg.norm(run.offset("cube")[0]) <= 1.1 * 0.06
+    assert run.figures("fallbacks")[0] >= 1
+    assert_free(run)
+
+
+def test_recorded_inside_a_closed_box_it_holds_its_last_place(tmp_path: Path) -> None:
+    """Six walls with no room inside: the hand stays outside, and is the recording again once that is outside."""
+    h, t = 0.15, 0.02
+    walls = [
+        Thing(
+            name=f"w{axis}{sign}",
+            shape=("box", *np.where(np.arange(3) == axis, t, 2 * h)),
+            at=np.eye(3)[axis] * sign * h,
+        )
+        for axis in range(3)
+        for sign in (-1, 1)
+    ]
+    path = np.vstack([line((0.5, 0.01, 0), (0.0, 0.0, 0), (0.5, 0, 0), frames=[20, 20]), still(0.5, 0, 0, frames=60)])
+    run = play(tmp_path, [*walls, Thing(name="cube", shape=CUBE, role="driven", path=path)])
+    assert run.path("cube")[:, 0].min() >= h + t / 2 + 0.05 - FREE
+    assert run.path("cube")[-1].tobytes() == run.recorded[-1, run.body("cube")].tobytes()
+    assert_free(run)
+
+
+def test_one_round_is_enough_for_one_plane_and_is_reported_if_not(tmp_path: Path) -> None:
+    path = line((0, 0, 0.2), (0, 0, 0.0), frames=[20])
+    run = play(
+        tmp_path, [TABLE, Thing(name="cube", shape=CUBE, role="driven", path=path)], config=Config(max_iterations=1)
+    )
+    flagged = run.figures("flags").astype(int) & FLAG_NOT_CONVERGED
+    over = run.residual > FREE
+    assert not (over & (flagged == 0)).any()
+
+
+def test_a_rigid_coupling_returns_at_once(tmp_path: Path) -> None:
+    urdf = tmp_path / "ball.urdf"
+    urdf.write_text(
+        '<robot name="m"><link name="ball"><collision><geometry><sphere radius="0.05"/></geometry></collision></link></robot>'
+    )
+    avatar = '[[avatar]]\nname="hand"\nurdf="ball.urdf"\nmaterial="human"\ncoupling="rigid"\nroot={topic="/wrist"}\n'
+    path = np.vstack([line((0, 0, 0.2), (0, 0, 0.02), frames=[10]), still(0, 0, 0.02), still(0, 0, 0.2)])
+    run = play(tmp_path, [TABLE], avatars=avatar, roots={"/wrist": path})
+    assert run.offset("hand/ball")[20, 2] == pytest.approx(0.03, abs=5e-6)
+    assert run.corrected[31:].tobytes() == run.recorded[31:].tobytes()
+    assert_free(run)
