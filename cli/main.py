@@ -33,6 +33,7 @@ COMMANDS = {
     "view": "Open a result in the rerun viewer.",
     "snapshot": "Make a picture of one frame, without a screen.",
     "decompose": "Cut meshes into convex pieces.",
+    "bench": "Measure frame times, stage by stage, and those of other engines.",
     "schema": "Print the JSON Schema of the scene file.",
     "completion": "Print the completion script of a shell.",
 }

@@ -21,8 +21,9 @@ from geomphys.world.scene import BOX, CAPSULE, CYLINDER, SPHERE, Pieces, World
 
 Floats = NDArray[np.float64]
 
-CORNERS = (8, 12, 20, 30, 60, 120, 250)  # of random hulls
-PAIRS = 32  # random ones of each number of corners
+CORNERS = (8, 20, 60, 250)  # of random hulls
+SHALLOW = 0.05  # share of the depth that is left to pairs that only graze each other, as most do in a replay
+PAIRS = 24  # random ones of each number of corners
 MET_PAIRS = 256  # most that are kept of an experiment
 BLOCK = 16  # pairs timed together
 EVERY = 5  # frames between two from which pairs are taken
@@ -36,11 +37,13 @@ class Pairs(NamedTuple):
     frames: Floats  # (2 N, 12) world_from_piece
 
 
-def random_pairs(seed: int = 0) -> list[Pairs]:
-    """Overlapping pairs of random hulls of 2 to 10 cm, a set for each number of corners."""
+def random_pairs(seed: int = 0, corner_counts: Sequence[int] = CORNERS) -> list[Pairs]:
+    """Overlapping pairs of random hulls of 2 to 10 cm: for each number of corners a set deep in each other, and the same
+    pairs drawn apart along their normals until they graze.
+    """
     random = np.random.default_rng(seed)
     sets = []
-    for corners in CORNERS:
+    for corners in corner_counts:
         shapes: list[Shape] = []
         frames = []
         for _ in range(PAIRS):
@@ -54,7 +57,11 @@ def random_pairs(seed: int = 0) -> list[Pairs]:
             place = direction / np.linalg.norm(direction) * random.uniform(0.3, 0.9) * np.sum(np.min(sizes, axis=1))
             frames.append(np.concatenate([turns[0].ravel(), place]))
             frames.append(np.concatenate([turns[1].ravel(), np.zeros(3)]))
-        sets.append(_overlapping(f"random hulls, {corners} corners", shapes, np.array(frames)))
+        deep = _overlapping(f"{corners} corners, deep", shapes, np.array(frames))
+        grazing = deep.frames.copy()
+        exact = Loop(deep).all(deep.frames)
+        grazing[::2, 9:] -= (1.0 - SHALLOW) * exact[:, 3:] * exact[:, :3]
+        sets += [deep, Pairs(f"{corners} corners, shallow", deep.pieces, grazing)]
     return sets
 
 
@@ -121,8 +128,10 @@ def _arranged(name: str, shapes: Sequence[Shape], frames: Floats) -> Pairs:
 
 def _overlapping(name: str, shapes: Sequence[Shape], frames: Floats) -> Pairs:
     """Those of the pairs that overlap."""
-    depth = -Loop(_arranged(name, shapes, frames)).all(frames)[:, 3]
-    keep = np.repeat(depth > 1e-6, 2)
+    pairs = _arranged(name, shapes, frames)
+    keep = np.repeat(Loop(pairs).all(frames)[:, 3] < -1e-6, 2)
+    if keep.all():
+        return pairs
     return _arranged(name, [s for s, kept in zip(shapes, keep, strict=True) if kept], frames[keep])
 
 

@@ -68,20 +68,21 @@ class _Pass:
     def __init__(self) -> None:
         self.times: list[tuple[int, ...]] = []
         self.counts: list[tuple[int, ...]] = []
-        self.peer: list[PeerFrame] = []
+        self.peers: list[list[PeerFrame]] = []
         self.contacts = 0
         self.recorded = 0.0
         self.residual: list[float] = []
         self.names: tuple[str, ...] = ()
         self.call_ns = self.result_ns = 0.0
-        self.engine, self.warnings = "", 0
+        self.engines: list[str] = []
+        self.warnings: list[int] = []
 
 
 def measure(
     experiment: Experiment,
     config: Config,
     repeats: int,
-    peer: PeerMaker | None = None,
+    peers: Sequence[PeerMaker] = (),
     collect: Collector | None = None,
 ) -> ExperimentFigures:
     """Times of an experiment.
@@ -92,8 +93,8 @@ def measure(
 
     Parameters
     ----------
-    peer
-        Makes the peer from the world and the first frame; None: none.
+    peers
+        Make the peers from the world and the first frame.
     collect
         Called with every frame's result in the first pass.
 
@@ -102,7 +103,7 @@ def measure(
     GeomphysError
         From the pipeline.
     """
-    passes = [_run(experiment, config, peer, collect if k == 0 else None) for k in range(repeats)]
+    passes = [_run(experiment, config, peers, collect if k == 0 else None) for k in range(repeats)]
     last = passes[-1]
     times = np.min([np.array(p.times, dtype=np.float64) for p in passes], axis=0)[WARM:]
     counts = np.array(last.counts, dtype=np.float64)
@@ -132,28 +133,29 @@ def measure(
         contacts=last.contacts / len(frames),
         recorded_m=last.recorded,
         residual_m=figures_of(np.array(last.residual)),
-        peers=() if peer is None else (_peer_figures(passes, step.median, step.p99),),
+        peers=tuple(_peer_figures(passes, k, step.median, step.p99) for k in range(len(peers))),
     )
 
 
-def _peer_figures(passes: Sequence[_Pass], median: float, p99: float) -> PeerFrames:
-    """Figures of a peer's frames beside our median and 99th percentile [ns]."""
-    ns = figures_of(np.min([[f.ns for f in p.peer] for p in passes], axis=0))
+def _peer_figures(passes: Sequence[_Pass], k: int, median: float, p99: float) -> PeerFrames:
+    """Figures of the k-th peer's frames beside our median and 99th percentile [ns]."""
+    ns = figures_of(np.min([[f.ns for f in p.peers[k]] for p in passes], axis=0))
     last = passes[-1]
     return PeerFrames(
-        engine=last.engine,
+        engine=last.engines[k],
         ns=ns,
-        steps_a_frame=float(np.mean([f.steps for f in last.peer])),
-        residual_m=figures_of(np.array([f.residual for f in last.peer])),
-        warnings=last.warnings,
+        steps_a_frame=float(np.mean([f.steps for f in last.peers[k]])),
+        residual_m=figures_of(np.array([f.residual for f in last.peers[k]])),
+        warnings=last.warnings[k],
         ratio_median=median / ns.median,
         ratio_p99=p99 / ns.p99,
     )
 
 
-def _run(experiment: Experiment, config: Config, make_peer: PeerMaker | None, collect: Collector | None) -> _Pass:
+def _run(experiment: Experiment, config: Config, makers: Sequence[PeerMaker], collect: Collector | None) -> _Pass:
     """One pass over the frames."""
-    done, peer = _Pass(), None
+    done = _Pass()
+    peers: list[Peer] = []
     pipeline = TimedPipeline(experiment.world, config)
     for chunk in pipeline.chunks(_batches(experiment.frames)):
         start = time.perf_counter_ns()
@@ -163,13 +165,13 @@ def _run(experiment: Experiment, config: Config, make_peer: PeerMaker | None, co
             _note(done, result)
             if collect is not None:
                 collect(experiment.world, result)
-        if make_peer is not None:
-            if peer is None:
-                peer = make_peer(experiment.world, results[0])
-                results = results[WARM:]
-            done.peer += [peer.frame(result) for result in results]
-    if peer is not None:
-        done.engine, done.warnings = peer.name, peer.warnings
+        if not peers:
+            peers = [make(experiment.world, results[0]) for make in makers]
+            done.peers = [[] for _ in peers]
+            results = results[WARM:]
+        for frames, peer in zip(done.peers, peers, strict=True):
+            frames += [peer.frame(result) for result in results]
+    done.engines, done.warnings = [peer.name for peer in peers], [peer.warnings for peer in peers]
     done.call_ns = pipeline.wall_ns / len(experiment.frames)
     done.result_ns /= len(experiment.frames)
     return done

@@ -21,7 +21,8 @@ class MujocoPeer:
     """The world of a replay in MuJoCo, from the first frame on.
 
     A frame's time is that of the one call that takes the steps of 2 ms up to the frame's time, with warm starts, the
-    default solver and one thread; setting the targets and measuring what is left are not in it.
+    default solver and one thread. A hand is one rigid body, which costs MuJoCo least, or `jointed`. Setting the targets
+    and measuring what is left are not in the time.
 
     Raises
     ------
@@ -29,10 +30,10 @@ class MujocoPeer:
         MuJoCo is not installed.
     """
 
-    def __init__(self, world: World, first: FrameResult) -> None:
+    def __init__(self, world: World, first: FrameResult, jointed: bool) -> None:
         self._mujoco = load_mujoco()
-        self.name = f"mujoco {self._mujoco.__version__}"
-        self.model = build_model(world, first.recorded)
+        self.name = f"mujoco {self._mujoco.__version__}, {'jointed' if jointed else 'rigid'}"
+        self.model = build_model(world, first.recorded, jointed)
         self.data = self._mujoco.MjData(self.model)
         self._start_ns = first.frame.time_ns
         self._steps = 0
@@ -41,9 +42,9 @@ class MujocoPeer:
         carried = np.flatnonzero((bodies.role == FIXED) & (trees.moving[bodies.tree] == 1))
         self._targets: Ints = np.concatenate([roots, carried]).astype(np.int64)
         self._mocaps = self._rows(self.model.body_mocapid, [mocap_name(int(b)) for b in self._targets])
-        jointed = (bodies.role == DRIVEN) & (bodies.joint != JOINT_FIXED)
-        self._jointed = np.flatnonzero(jointed & (trees.chains[bodies.tree] == 1))
-        self._placed = np.flatnonzero(jointed & (trees.chains[bodies.tree] == 0))
+        links: Ints = np.flatnonzero((bodies.role == DRIVEN) & (bodies.joint != JOINT_FIXED))
+        self._jointed: Ints = links if jointed else links[:0]
+        self._placed: Ints = links[:0] if jointed else links
         self._parents = bodies.parent[self._placed]
         self._links = np.array([self.model.body(body_name(int(b))).id for b in self._placed], dtype=np.int64)
         self._dofs, self._multiplier = bodies.dof[self._jointed], bodies.multiplier[self._jointed]
@@ -51,6 +52,16 @@ class MujocoPeer:
         self._servos = np.array([self.model.actuator(body_name(int(b))).id for b in self._jointed], dtype=np.int64)
         self._is_driven = self._geoms_of_driven_bodies(world)
         self._begin(world, first)
+
+    @classmethod
+    def rigid(cls, world: World, first: FrameResult) -> MujocoPeer:
+        """The peer with hands of one body."""
+        return cls(world, first, jointed=False)
+
+    @classmethod
+    def jointed(cls, world: World, first: FrameResult) -> MujocoPeer:
+        """The peer with servos in the hands' joints."""
+        return cls(world, first, jointed=True)
 
     @property
     def warnings(self) -> int:
@@ -71,7 +82,7 @@ class MujocoPeer:
         return np.array([column[self.model.body(name).id] for name in names], dtype=np.int64)
 
     def _aim(self, result: FrameResult) -> None:
-        """Set targets of roots, moving fixed links and joints; put the links of hands in rigid mode in their places."""
+        """Set targets of roots, moving fixed links and joints; put the links of rigid hands in place."""
         poses = result.recorded[self._targets]
         self.data.mocap_pos[self._mocaps] = poses[:, :3]
         self.data.mocap_quat[self._mocaps] = np.roll(poses[:, 3:], 1, axis=1)

@@ -56,21 +56,23 @@ def mocap_name(body: int) -> str:
     return f"m{body}"
 
 
-def build_model(world: World, poses: Floats) -> Any:
+def build_model(world: World, poses: Floats, jointed: bool) -> Any:
     """A compiled MuJoCo model of a world.
 
     Spheres, capsules, boxes and cylinders are the primitives of that name, hulls are meshes, of which MuJoCo takes the
     convex hull. Fixed objects are geoms of the world, those with a topic mocap bodies; simulated ones are free bodies
     with the same mass and inertia. A driven tree is free and its root welded to a mocap body that goes where the root
-    was recorded. In rigid mode its links are parts of one body, which the peer puts where they were recorded; in
-    chains mode position servos hold its joints at the recorded angles, and its links collide but for the pairs the
-    world leaves out. MuJoCo has no restitution and combines friction by geom: a geom has that of its material against
+    was recorded. Its links are parts of one body, which the peer puts where they were recorded; or it is `jointed`, and
+    position servos hold its joints at the recorded angles. In chains mode, links collide but for the pairs the world
+    leaves out. MuJoCo has no restitution and combines friction by geom: a geom has that of its material against
     itself.
 
     Parameters
     ----------
     poses
         (B, 7) of all bodies at the start.
+    jointed
+        Whether driven trees have joints.
 
     Raises
     ------
@@ -86,14 +88,16 @@ def build_model(world: World, poses: Floats) -> Any:
     spec.memory = 1 << 28
     bodies: dict[int, Any] = {}
     for tree in range(len(world.scene.trees.role)):
-        _add_tree(mujoco, spec, world, poses, tree, bodies)
+        _add_tree(mujoco, spec, world, poses, tree, jointed, bodies)
     _exclude(spec, world)
     model = spec.compile()
     _tune_servos(mujoco, model)
     return model
 
 
-def _add_tree(mujoco: Any, spec: Any, world: World, poses: Floats, tree: int, made: dict[int, Any]) -> None:
+def _add_tree(
+    mujoco: Any, spec: Any, world: World, poses: Floats, tree: int, jointed: bool, made: dict[int, Any]
+) -> None:
     """Add a tree's bodies, geoms, joints, servos and welds."""
     scene = world.scene
     bodies, role, bits = scene.bodies, int(scene.trees.role[tree]), _collision_bits(world, tree)
@@ -119,7 +123,7 @@ def _add_tree(mujoco: Any, spec: Any, world: World, poses: Floats, tree: int, ma
             origin = pose_from_matrix(matrix_from_frame(bodies.origin[body]))
             parent = made[int(bodies.parent[body])]
             owner = parent.add_body(name=body_name(body), pos=origin[:3], quat=_wxyz(origin[3:]))
-            if scene.trees.chains[tree] == 1:
+            if jointed:
                 _add_joint(mujoco, spec, owner, world, body)
         made[body] = owner
         least = LIGHTEST * float(scene.trees.mass[tree]) if role == DRIVEN else 0.0

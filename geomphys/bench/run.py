@@ -63,7 +63,7 @@ def run_bench(
     if not present:
         wanted = found[0]
         raise InputError(f"{wanted.log}: no such recording; name the folder that holds recordings/ and assets/")
-    peer = _mujoco() if peers else None
+    engines = _mujoco() if peers else ()
     parts = len(present) + (1 if depths else 0) + (len(OBJECTS) + len(HANDS) + len(PIECES) if scaling else 0)
     done = 0
 
@@ -80,7 +80,10 @@ def run_bench(
     met = []
     for place in present:
         pairs = MetPairs(place.name)
-        experiments.append(measure(load_experiment(place, config), config, repeats, peer, pairs if depths else None))
+        experiment = load_experiment(place, config)
+        bends = bool(experiment.world.scene.trees.chains.any())  # nothing of one body could yield as it does
+        fitting = engines[1:] if bends else engines
+        experiments.append(measure(experiment, config, repeats, fitting, pairs if depths else None))
         met.append(pairs.pairs())
         tell()
     compared: list[DepthFigures] = []
@@ -88,7 +91,7 @@ def run_bench(
         sets = [*random_pairs(config.seed), *(pairs for pairs in met if pairs is not None)]
         compared = [compare_depths(pairs, repeats, peers) for pairs in sets]
         tell()
-    grown: list[Curve] = list(curves(config, repeats, peer, tell)) if scaling else []
+    grown: list[Curve] = list(curves(config, repeats, engines[:1], tell)) if scaling else []
     return Report(
         machine=machine,
         kernels_were_cached=were_cached,
@@ -102,10 +105,10 @@ def run_bench(
     )
 
 
-def _mujoco() -> PeerMaker:
-    """The peer of whole frames; raises ConfigError if it is not installed."""
+def _mujoco() -> tuple[PeerMaker, PeerMaker]:
+    """The peers of whole frames, with rigid and with jointed hands; raises ConfigError if it is not installed."""
     from geomphys.bench.mujoco_peer import MujocoPeer
     from geomphys.bench.mujoco_scene import load_mujoco
 
     load_mujoco()
-    return MujocoPeer
+    return MujocoPeer.rigid, MujocoPeer.jointed

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +43,7 @@ def warm_up() -> float:
         return time.perf_counter() - start
 
 
-def curves(config: Config, repeats: int, peer: PeerMaker | None, tell: Callable[[], None]) -> Iterator[Curve]:
+def curves(config: Config, repeats: int, peers: Sequence[PeerMaker], tell: Callable[[], None]) -> Iterator[Curve]:
     """Measure the three curves; `tell` is called after each point."""
     families: tuple[tuple[str, str, tuple[int, ...], Callable[[Path, int], World]], ...] = (
         ("fixed objects spread over a room", "objects", OBJECTS, room_of_objects),
@@ -55,7 +55,7 @@ def curves(config: Config, repeats: int, peer: PeerMaker | None, tell: Callable[
         for size in sizes:
             with tempfile.TemporaryDirectory(prefix="geomphys-bench-") as folder:
                 world = make(Path(folder), size)
-                points.append(measure(slide(f"{size} {variable}", world, FRAMES), config, repeats, peer))
+                points.append(measure(slide(f"{size} {variable}", world, FRAMES), config, repeats, peers))
             tell()
         growth = points[-1].step.median / points[0].step.median
         yield Curve(name=name, variable=variable, sizes=sizes, points=tuple(points), growth=growth)

@@ -1,0 +1,84 @@
+"""``geomphys bench``: how long frames take, stage by stage, and how long they take elsewhere."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from .command import command, current_terminal
+from .options import json_option
+from .progress import progress_bar
+
+
+@command(
+    "bench",
+    examples="""
+    geomphys bench
+    geomphys bench --peers
+    geomphys bench --peers --only gallery --only door --no-depths --no-scaling --json
+    geomphys bench --peers --markdown > results.md
+    """,
+)
+@click.argument("folder", required=False, type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.option("--only", multiple=True, metavar="NAME", help="Only this experiment; may be given several times.")
+@click.option("--peers", is_flag=True, help="The same input through MuJoCo, coal and FCL, in turn (extra: bench).")
+@click.option("--depths/--no-depths", default=True, help="Penetration depths of pairs. Default: with them.")
+@click.option("--scaling/--no-scaling", default=True, help="Made-up scenes of growing size. Default: with them.")
+@click.option("--compile", "compiling", is_flag=True, help="Also compile from nothing, in a process of its own.")
+@click.option(
+    "--repeats",
+    type=click.IntRange(min=1),
+    default=3,
+    show_default=True,
+    metavar="N",
+    help="How often each frame is run; its smallest time counts.",
+)
+@json_option
+@click.option("--markdown", is_flag=True, help="Print the tables as Markdown.")
+def bench(
+    folder: Path | None,
+    only: tuple[str, ...],
+    peers: bool,
+    depths: bool,
+    scaling: bool,
+    compiling: bool,
+    repeats: int,
+    as_json: bool,
+    markdown: bool,
+) -> None:
+    """Measure frame times of the recorded experiments in FOLDER, which holds `recordings` and `assets`.
+
+    FOLDER is the checkout if it is left out. Real recordings are measured too where $GEOMPHYS_SHARED, or the folder
+    `shared` beside FOLDER, has them. Times are without decoding and without writing; compiling is told apart.
+    """
+    if as_json and markdown:
+        raise click.UsageError("choose one of --json and --markdown")
+
+    from geomphys.bench.run import run_bench
+
+    terminal = current_terminal()
+    with progress_bar(terminal, "bench", unit="parts", every=1) as bar:
+        report = run_bench(
+            folder,
+            only=only,
+            peers=peers,
+            depths=depths,
+            scaling=scaling,
+            compiling=compiling,
+            repeats=repeats,
+            progress=bar,
+        )
+    if as_json:
+        terminal.json(report.as_dict())
+    else:
+        from .show_bench import show_bench
+
+        show_bench(terminal, report, markdown=markdown)
+    if report.missing:
+        terminal.note(f"Not measured, as their files are not there: {', '.join(report.missing)}")
+    if report.machine.is_busy:
+        terminal.warning(
+            f"the machine was busy (load {report.machine.load[0]:.1f} on {report.machine.cores} cores): "
+            "times are too long, ratios of one run hold"
+        )

@@ -1,0 +1,211 @@
+"""A benchmark as tables: for a terminal, or as Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from .terminal import fields, heading
+
+if TYPE_CHECKING:
+    from geomphys.bench.figures import Curve, DepthFigures, ExperimentFigures, Report
+
+    from .terminal import Terminal
+
+US = 1e-3
+MM = 1e3
+
+FRAME_COLUMNS = (
+    *("experiment", "frames", "Hz", "driven / all pieces", "median", "p95", "p99", "max", "call", "take", "contacts"),
+    *("recorded mm", "left mm"),
+)
+PEER_COLUMNS = (
+    *("experiment", "engine", "median", "its median", "ratio", "p99", "its p99", "ratio", "its steps"),
+    *("left mm (worst)", "its left mm (p95)", "(worst)", "its warnings"),
+)
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A table of text: the first column is names, the others figures."""
+
+    title: str
+    note: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def show_bench(terminal: Terminal, report: Report, *, markdown: bool) -> None:
+    """Print the machine, then every table."""
+    facts = machine_facts(report)
+    if markdown:
+        lines = [f"- {label}: {text}" for label, (text,) in facts]
+        lines += [line for sheet in sheets(report) for line in as_markdown(sheet)]
+        terminal.result("\n".join(lines))
+        return
+    from rich.table import Table
+    from rich.text import Text
+
+    terminal.result(fields(facts), "")
+    for sheet in sheets(report):
+        table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+        for k, column in enumerate(sheet.columns):
+            table.add_column(column, justify="left" if k == 0 else "right", no_wrap=True)
+        for row in sheet.rows:
+            table.add_row(*(Text(cell) for cell in row))
+        terminal.result(heading(sheet.title), *([sheet.note] if sheet.note else []), table, "")
+
+
+def as_markdown(sheet: Sheet) -> list[str]:
+    """Return the lines of a sheet."""
+    rule = ["---", *["---:"] * (len(sheet.columns) - 1)]
+    rows = [sheet.columns, rule, *sheet.rows]
+    table = ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
+    return ["", f"### {sheet.title}", "", *([sheet.note, ""] if sheet.note else []), *table]
+
+
+def machine_facts(report: Report) -> list[tuple[str, list[str]]]:
+    """Return what it ran on, and what compiling cost."""
+    machine = report.machine
+    versions = ", ".join(f"{name} {version}" for name, version in machine.versions.items())
+    load = f"load {machine.load[0]:.1f}"
+    first = "loading the kernels" if report.kernels_were_cached else "compiling the kernels"
+    compiling = "" if report.compile_s is None else f"; {report.compile_s:.1f} s in a process with an empty cache"
+    return [
+        ("Machine", [f"{machine.processor}, {machine.cores} cores, {machine.memory_gib:.1f} GiB, {load}"]),
+        ("System", [f"{machine.system}, Python {machine.python}"]),
+        ("Packages", [versions]),
+        ("First frame", [f"after {report.ready_s:.1f} s, of {first}{compiling}; not in the times below"]),
+        ("Times", [f"smallest of {report.repeats} runs of each frame, one thread"]),
+    ]
+
+
+def sheets(report: Report) -> list[Sheet]:
+    """Return the tables of a report, those that have rows."""
+    peers = any(experiment.peers for experiment in report.experiments)
+    found = [_frames(report.experiments), _stages(report.experiments)]
+    if peers:
+        found.insert(1, _peers(report.experiments))
+    if report.depths:
+        found.append(_depths(report.depths))
+    found += [_curve(curve) for curve in report.curves]
+    return found
+
+
+def _frames(experiments: Sequence[ExperimentFigures]) -> Sheet:
+    """Frame times."""
+    rows = [
+        (
+            e.name,
+            f"{e.frames:,}",
+            f"{e.hertz:.0f}",
+            f"{e.driven_pieces} / {e.pieces}",
+            *_times(e.step.median, e.step.p95, e.step.p99, e.step.max, e.call_ns, e.result_ns),
+            f"{e.contacts:.2f}",
+            f"{e.recorded_m * MM:.2f}",
+            f"{e.residual_m.max * MM:.2g}",
+        )
+        for e in experiments
+    ]
+    return Sheet(
+        "Frames",
+        "`step`: everything between a decoded frame and its result, µs. `call`: wall time of the compiled calls a frame, "
+        "foresight included. `take`: making a frame's result object.",
+        FRAME_COLUMNS,
+        tuple(rows),
+    )
+
+
+def _peers(experiments: Sequence[ExperimentFigures]) -> Sheet:
+    """Frame times beside those of other engines."""
+    rows = [
+        (
+            e.name,
+            p.engine,
+            *_times(e.step.median, p.ns.median),
+            f"{p.ratio_median:.2f}",
+            *_times(e.step.p99, p.ns.p99),
+            f"{p.ratio_p99:.2f}",
+            f"{p.steps_a_frame:.1f}",
+            f"{e.residual_m.max * MM:.2g}",
+            f"{p.residual_m.p95 * MM:.2g}",
+            f"{p.residual_m.max * MM:.2g}",
+            str(p.warnings),
+        )
+        for e in experiments
+        for p in e.peers
+    ]
+    return Sheet(
+        "Frames beside a physics engine",
+        "The same pieces, recording and frame rate, in turn in one process; µs. There the hand is welded to the tracked "
+        "pose, in one piece (rigid) or with servos in its joints (jointed), and steps are 2 ms. Left: deepest overlap of "
+        "the hand on the final poses of a frame.",
+        PEER_COLUMNS,
+        tuple(rows),
+    )
+
+
+def _stages(experiments: Sequence[ExperimentFigures]) -> Sheet:
+    """Times of the stages."""
+    rows = [
+        (
+            f"{e.name}: {s.name}" if s is e.stages[0] else f"  {s.name}",
+            *_times(s.ns.median, s.ns.p95, s.ns.p99, s.ns.mean),
+            f"{s.count:.2f}",
+        )
+        for e in experiments
+        for s in e.stages
+    ]
+    note = "µs a frame; count: moving bodies, overlapping pairs of bodies, rounds, impacts, contacts, a frame."
+    return Sheet("Stages", note, ("stage", "median", "p95", "p99", "mean", "count"), tuple(rows))
+
+
+def _depths(depths: Sequence[DepthFigures]) -> Sheet:
+    """Penetration depths of pairs."""
+    rows = [
+        (
+            f"{d.name} ({d.pairs})" if engine is d.engines[0] else "",
+            engine.engine,
+            f"{engine.ns.median * US:.2f}",
+            f"{engine.ratio:.2f}",
+            f"{engine.deviation.median:.1e}",
+            f"{engine.deviation.p95:.1e}",
+            f"{engine.deviation.max:.1e}",
+            f"{engine.residual_m.p95 * MM:.1e}",
+            f"{engine.residual_m.max * MM:.1e}",
+            str(engine.missed),
+        )
+        for d in depths
+        for engine in d.engines
+    ]
+    return Sheet(
+        "Penetration depth of a pair",
+        "`loop`: compiled, as in a frame; `call`: one call from Python a pair, as the others. µs; the ratio is loop over "
+        "engine. Deviation of the depth is relative to ours; left: overlap after moving by depth and normal, ours judged "
+        "by coal where it is there.",
+        ("pairs", "engine", "µs", "ratio", "deviation median", "p95", "max", "left mm (p95)", "max", "missed"),
+        tuple(rows),
+    )
+
+
+def _curve(curve: Curve) -> Sheet:
+    """A scaling curve."""
+    first = curve.points[0]
+    peers = [p.peers[0] for p in curve.points if p.peers]
+    rows = []
+    for k, (size, point) in enumerate(zip(curve.sizes, curve.points, strict=True)):
+        cells = (*_times(point.step.median, point.step.p99), f"{point.step.median / first.step.median:.2f}")
+        if peers:
+            cells += (*_times(peers[k].ns.median), f"{peers[k].ns.median / peers[0].ns.median:.2f}")
+            cells += (f"{peers[k].ratio_median:.2f}",)
+        rows.append((f"{size:,}", f"{point.pieces:,}", *cells))
+    columns: tuple[str, ...] = (curve.variable, "pieces", "median", "p99", "growth")
+    if peers:
+        columns += ("its median", "its growth", "ratio")
+    return Sheet(f"Scaling: {curve.name}", "µs a frame, a hand sliding 1 cm deep over a table.", columns, tuple(rows))
+
+
+def _times(*ns: float) -> tuple[str, ...]:
+    """Return times in µs."""
+    return tuple(f"{value * US:,.0f}" if value >= 1e5 else f"{value * US:.1f}" for value in ns)

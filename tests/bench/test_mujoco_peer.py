@@ -1,0 +1,87 @@
+"""MuJoCo gets the same world: the same pieces and masses, and a hand that follows where nothing is in its way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from geomphys.bench.experiments import Experiment
+from geomphys.bench.measure import measure
+from geomphys.bench.scaling import room_of_objects, slide
+from geomphys.config import Config
+from geomphys.pipeline import Pipeline
+from geomphys.results import FrameResult
+from geomphys.world.scene import DRIVEN, World
+
+mujoco = pytest.importorskip("mujoco")
+
+from geomphys.bench.mujoco_peer import MujocoPeer  # noqa: E402
+from geomphys.bench.mujoco_scene import body_name  # noqa: E402
+
+FRAMES = 40
+HIGH = 0.5  # m above the table: nothing to touch
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> World:
+    return room_of_objects(tmp_path_factory.mktemp("room"), 3, ball=True)
+
+
+def results(experiment: Experiment) -> list[FrameResult]:
+    pipeline = Pipeline(experiment.world, Config())
+    batches = iter([(list(experiment.frames), 0)])
+    return [pipeline.result(chunk, row, 0) for chunk in pipeline.chunks(batches) for row in range(len(chunk.frames))]
+
+
+def lifted(experiment: Experiment) -> Experiment:
+    frames = []
+    for frame in experiment.frames:
+        roots = frame.roots.copy()
+        roots[0, 2] += HIGH
+        frames.append(replace(frame, roots=roots))
+    return replace(experiment, frames=frames)
+
+
+@pytest.mark.parametrize("jointed", [False, True])
+def test_the_model_holds_the_same_pieces_and_masses(world: World, jointed: bool) -> None:
+    model = MujocoPeer(world, results(slide("x", world, 1))[0], jointed).model
+    assert model.ngeom == len(world.scene.pieces.kind)
+    assert model.nu == (len(world.dof_names) if jointed else 0)
+    ball = world.body_names.index("ball")
+    assert model.body(body_name(ball)).mass[0] == pytest.approx(world.scene.bodies.mass[ball], rel=1e-12)
+    driven = np.flatnonzero(world.scene.bodies.role == DRIVEN)
+    weight = sum(model.body(body_name(int(body))).mass[0] for body in driven)
+    assert weight == pytest.approx(world.scene.trees.mass[0], rel=0.02)  # massless links have some
+
+
+@pytest.mark.parametrize("jointed", [False, True])
+def test_a_hand_in_the_air_follows_and_a_pressed_one_does_not_get_through(world: World, jointed: bool) -> None:
+    in_air = results(lifted(slide("x", world, FRAMES)))
+    peer = MujocoPeer(world, in_air[0], jointed)
+    frames = [peer.frame(result) for result in in_air[1:]]
+    assert max(frame.residual for frame in frames) == 0.0
+    assert sum(frame.steps for frame in frames) == round((FRAMES - 1) / 60.0 / 0.002)
+    for body in np.flatnonzero(world.scene.bodies.role == DRIVEN):
+        place = peer.data.body(body_name(int(body))).xpos
+        assert np.linalg.norm(place - in_air[-1].recorded[body, :3]) < 0.01, world.body_names[body]
+    pressed = results(slide("x", world, FRAMES))
+    peer = MujocoPeer(world, pressed[0], jointed)
+    last = [peer.frame(result) for result in pressed[1:]][-1]
+    assert 0.0 < last.residual < pressed[-1].metrics.recorded_penetration_m
+    assert peer.warnings == 0
+
+
+def test_ratios_are_of_the_same_frames(world: World) -> None:
+    figures = measure(slide("x", world, FRAMES), Config(), 1, (MujocoPeer.rigid, MujocoPeer.jointed))
+    assert [peer.engine.split(", ")[1] for peer in figures.peers] == ["rigid", "jointed"]
+    assert all(peer.ns.count == figures.step.count for peer in figures.peers)
+
+
+def test_without_mujoco_the_extra_is_named(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    from geomphys.errors import ConfigError
+
+    monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
+    with pytest.raises(ConfigError, match=r"geomphys\[bench\]"):
+        MujocoPeer(world, results(slide("x", world, 1))[0], jointed=False)
