@@ -41,7 +41,7 @@ def play_to_impact(player: Player, rate: float = 60.0, frames: int = 200) -> Non
     raise AssertionError("nothing met")
 
 
-@pytest.mark.parametrize(("a", "b"), itertools.combinations_with_replacement(BUILT_IN, 2))
+@pytest.mark.parametrize(("a", "b"), list(itertools.combinations_with_replacement(BUILT_IN, 2)))
 def test_a_dropped_ball_rebounds_to_the_square_of_restitution(a: str, b: str) -> None:
     height = 0.8
     player = Player([Thing(shape=Sphere(0.04), at=(0, 0, 0.04 + height), material=a), floor(b)])
