@@ -45,7 +45,8 @@ def shift_driven(scene: Scene, m: Machine, roots: Floats) -> None:
                 m.corrected[body, k] = m.recorded[body, k]
             if scene.trees.role[tree] == DRIVEN:
                 for k in range(3):
-                    m.corrected[body, k] += m.driven.offset[tree, k]
+                    if m.driven.offset[tree, k] != 0.0:  # -0.0 + 0.0 would be 0.0
+                        m.corrected[body, k] += m.driven.offset[tree, k]
     if m.room.joints.any[0] == 1:
         pose_avatars(scene, m.room.origins, roots, m.room.chains.angles, m.driven.offset, m.corrected)
 

@@ -87,7 +87,8 @@ def pose_avatars(scene: Scene, origins: Floats, roots: Floats, angles: Floats, o
         pose_tree(scene, origins, tree, roots, angles, poses)
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
             for k in range(3):
-                poses[body, k] += offsets[tree, k]
+                if offsets[tree, k] != 0.0:  # -0.0 + 0.0 would be 0.0
+                    poses[body, k] += offsets[tree, k]
 
 
 @kernel
