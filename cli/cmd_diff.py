@@ -75,7 +75,8 @@ def diff(
     """Compare the outputs A and B, channel by channel and body by body; frames are matched by their times.
 
     Parameters, scenes and versions that differ are listed; they do not make the outputs different. With a tolerance,
-    counts, flags, impulses and messages are listed and do not count either. /timing is never compared.
+    pairs in contact gained and lost, counts, flags, impulses and messages are listed and do not count either. /timing is
+    never compared.
 
     The exit code is 0 if they are the same, 1 if they differ, 2 if they cannot be compared.
     """

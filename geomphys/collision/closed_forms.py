@@ -9,8 +9,13 @@ from __future__ import annotations
 import math
 from typing import TypeAlias
 
+import numpy as np
+
 from geomphys.kernel import kernel
 from geomphys.vec3 import Vec, add_scaled, cross, dot, norm, perpendicular, scale, sub
+
+PARALLEL = 1e-28
+"""Square of the sine below which two axes are parallel to rounding."""
 
 Answer: TypeAlias = tuple[float, Vec, Vec]
 
@@ -19,39 +24,51 @@ Answer: TypeAlias = tuple[float, Vec, Vec]
 def segments(p: Vec, u: Vec, h: float, r: float, q: Vec, v: Vec, k: float, s: float) -> Answer:
     """Balls and capsules A and B: centres p and q, unit axes u and v, half lengths h and k, radii r and s.
 
-    The closest points of two segments; on parallel ones the middle of the part they share. Where the axes cross, the
-    way out is along the normal of both.
+    Two segments are closest where their lines are, if that lies within both: there the normal is that of both axes,
+    also where they cross. Otherwise an end of one of them takes part; parallel ones meet in the middle of what they
+    share.
     """
-    w = sub(p, q)
-    c = dot(u, v)
-    along_u, along_v = dot(u, w), dot(v, w)
-    slant = 1.0 - c * c
-    if slant > 1e-14 and h > 0.0 and k > 0.0:
-        x = min(max((c * along_v - along_u) / slant, -h), h)
+    w = sub(q, p)
+    c = cross(u, v)
+    cc = dot(c, c)
+    if cc > PARALLEL and h > 0.0 and k > 0.0:
+        x, y = dot(cross(w, v), c) / cc, dot(cross(w, u), c) / cc
+        if abs(x) <= h and abs(y) <= k:
+            n = scale(c, (-1.0 if dot(c, w) > 0.0 else 1.0) / math.sqrt(cc))
+            return -dot(n, w) - r - s, n, add_scaled(add_scaled(p, u, x), n, -r)
+    x, y = 0.0, 0.0
+    if cc <= PARALLEL and h > 0.0 and k > 0.0:
+        middle = dot(u, w)
+        x = 0.5 * (max(-h, min(middle - k, h)) + min(h, max(middle + k, -h)))
+        y = min(max(dot(v, sub(add_scaled(p, u, x), q)), -k), k)
     else:
-        # B's segment on A's axis reaches from -along_u - k to -along_u + k: the middle of what both cover
-        x = 0.5 * (max(-h, min(-along_u - k, h)) + min(h, max(-along_u + k, -h)))
-    y = min(max(along_v + c * x, -k), k)
-    x = min(max(c * y - along_u, -h), h) if slant > 1e-14 or k == 0.0 else x
-    a, b = add_scaled(p, u, x), add_scaled(q, v, y)
-    d = sub(a, b)
+        best = np.inf
+        for end in range(4):
+            if end < 2:
+                i = h if end == 0 else -h
+                j = min(max(dot(v, sub(add_scaled(p, u, i), q)), -k), k)
+            else:
+                j = k if end == 2 else -k
+                i = min(max(dot(u, sub(add_scaled(q, v, j), p)), -h), h)
+            d = sub(add_scaled(p, u, i), add_scaled(q, v, j))
+            if dot(d, d) < best:
+                best = dot(d, d)
+                x, y = i, j
+    a = add_scaled(p, u, x)
+    d = sub(a, add_scaled(q, v, y))
     free_u, free_v = abs(x) < h, abs(y) < k
-    if free_u and free_v and slant > 1e-14:
-        n = cross(u, v)
-        n = scale(n, (1.0 if dot(n, d) >= 0.0 else -1.0) / norm(n))
-    else:
-        if free_u:
-            d = add_scaled(d, u, -dot(u, d))
-        if free_v:
-            d = add_scaled(d, v, -dot(v, d))
-        length = norm(d)
-        if length > 0.0:
-            n = scale(d, 1.0 / length)
-        elif free_u or k == 0.0:
-            n = perpendicular(u)
-        else:
-            n = perpendicular(v)
-    return dot(n, sub(a, b)) - r - s, n, add_scaled(a, n, -r)
+    length = norm(d)
+    if length == 0.0:
+        # an end of one lies on the other: out towards the middle of its own segment
+        d = sub(scale(u, -x), scale(v, -y))
+    if free_u:
+        d = add_scaled(d, u, -dot(u, d))
+    if free_v:
+        d = add_scaled(d, v, -dot(v, d))
+    reach = norm(d)
+    n = scale(d, 1.0 / reach) if reach > 0.0 else perpendicular(u if h > 0.0 else v)
+    distance = dot(n, sub(a, add_scaled(q, v, y)))
+    return distance - r - s, n, add_scaled(a, n, -r)
 
 
 @kernel

@@ -145,14 +145,14 @@ def first_tetrahedron(a: Core, b: Core, rot: Rot, t: Vec, count: int, room: Room
 
 
 @kernel
-def outline(room: Room, face: int, new: int, faces: int, size: float) -> int:
+def outline(room: Room, face: int, new: int, faces: int, eps: float) -> int:
     """Take away the faces that see corner `new`, from `face` on, and join their outline to it.
 
-    The outline is met counter-clockwise, so each new face stands beside the one before. Returns the number of faces,
+    A face sees the corner if that lies more than `eps` [m] above its plane. The outline is met counter-clockwise, so
+    each new face stands beside the one before. Returns the number of faces,
     -1 if the outline does not close or there is no more room.
     """
     w = vec_at(room.points, 6 * new)
-    eps = 1e-15 * size
     set_int(room.faces, 8 * face + STATE, GONE)
     for k in range(3):
         set_int(room.stack, k, int_at(room.faces, 8 * face + 5 - k))
@@ -239,7 +239,9 @@ def blend(room: Room, i: int, j: int, k: int, x: float, y: float, z: float) -> V
 
 
 @outlined
-def expand(a: Core, b: Core, rot: Rot, t: Vec, size: float, count: int, room: Room) -> tuple[bool, float, Vec, Vec]:
+def expand(
+    a: Core, b: Core, rot: Rot, t: Vec, size: float, eps: float, count: int, room: Room
+) -> tuple[bool, float, Vec, Vec]:
     """Penetration depth of the cores A and B in A's frame, from the simplex of `count` points that `closest` left.
 
     `rot`, `t` are the pose of B, `size` the length of M's coordinates.
@@ -303,14 +305,12 @@ def expand(a: Core, b: Core, rot: Rot, t: Vec, size: float, count: int, room: Ro
             break
         set_pair(room.points, used, w, p)
         start = faces
-        faces = outline(room, f, used, faces, size)
+        faces = outline(room, f, used, faces, eps)
         used += 1
         if faces < 0:
             return False, best, outward, p
         for g in range(start, faces):
             distance = float_at(room.planes, 4 * g + 3)
-            if distance < -1e-13 * size - abs(low):
-                return False, best, outward, p
             if distance <= best and waiting < MAX_FACES:
                 push(room, waiting, g, distance)
                 waiting += 1

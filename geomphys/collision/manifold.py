@@ -27,8 +27,10 @@ RIM = 16
 """Corners that stand for a cylinder's cap."""
 STEEP = 0.1
 """Faces whose normal has less than this along the contact normal are not lain on."""
-SKEW = 0.02
+SKEW = 0.005
 """Sine of the angle from which on two lines cross at a point instead of lying along each other."""
+TILT = 0.01
+"""... and from which on a capsule stands on its end instead of lying on its side."""
 
 
 class Faces(NamedTuple):
@@ -101,17 +103,19 @@ def face_towards(faces: Faces, p: int, d: Vec) -> int:
 def feature(shapes: Shapes, faces: Faces, p: int, d: Vec, out: int) -> tuple[int, Vec]:
     """What piece `p` turns towards direction `d` (unit, world): writes its corners in the world to `out`.
 
-    Returns their number (1 a point, 2 a line, more a face, counter-clockwise seen from outside) and a face's normal.
+    Returns their number (2 a line, more a face, counter-clockwise seen from outside; 1 a point, which is not written)
+    and a face's normal.
     """
     kind = int_at(shapes.kind, p)
     rot, at = rotation_of(shapes, p), position_of(shapes, p)
     axis = (rot[2], rot[5], rot[8])
     x, y, _ = vec_at(shapes.size, 3 * p)
     if kind == SPHERE:
-        set_vec(out, 0, add_scaled(at, d, x))
         return 1, d
     if kind == CAPSULE:
         low = add_scaled(at, d, x)
+        if abs(dot(axis, d)) > TILT:
+            return 1, d
         set_vec(out, 0, add_scaled(low, axis, y))
         set_vec(out, 1, add_scaled(low, axis, -y))
         return 2, d
@@ -173,11 +177,11 @@ def touching(
     from_a, from_b = room.polygons + 2 * block, room.polygons + 3 * block
     set_vec(out_a, 0, pa)
     set_vec(out_b, 0, pb)
-    if int_at(shapes.kind, a) == SPHERE or int_at(shapes.kind, b) == SPHERE:
-        return 1
-    # the feature that is clipped is A's, unless B's is a line and A's is not
     count, face = feature(shapes, faces, a, neg(n), mine)
     others, other_face = feature(shapes, faces, b, n, theirs)
+    if count == 1 or others == 1:
+        return 1
+    # the feature that is clipped is A's, unless B's is a line and A's is not
     d = n
     swapped = others < count and others <= 2
     if swapped:

@@ -113,7 +113,13 @@ def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, room: Room)
     size = float_at(shapes.reach, a) + float_at(shapes.reach, b) + norm(centre_a) + norm(centre_b) + norm(t)
     state, s, n, p, count = closest(core_a, core_b, rot, t, size, limit + radius, start, room.simplex)
     if state == OVERLAP:
-        exact, depth, outward, p = expand(core_a, core_b, rot, t, size, count, room)
+        exact, depth, outward = False, 0.0, n
+        for attempt in range(3):
+            # faces that see a corner by less than rounding count as seen in one attempt and not in another
+            eps = size * (1e-15 if attempt == 0 else (-1e-14 if attempt == 1 else 1e-12))
+            exact, depth, outward, p = expand(core_a, core_b, rot, t, size, eps, count, room)
+            if exact:
+                break
         if not exact and core_a.kind != CYLINDER and core_b.kind != CYLINDER:
             depth, outward, p = exhaustive(core_a, core_b, rot, t, size, room)
         s, n = -depth, neg(outward)

@@ -13,8 +13,9 @@ from geomphys.output_log import OutputFrame
 class Tolerance:
     """Up to where a difference counts as none.
 
-    With both at zero everything has to be equal. With one above zero only lengths, angles and what is there at all are
-    judged: counts, flags, impulses and texts are reported and do not decide.
+    With both at zero everything has to be equal. With one above zero only lengths, angles, and whether frames, bodies
+    and joints are there at all are judged: pairs gained and lost, counts, flags, impulses and texts are reported and do
+    not decide. (Which of two frames is the first to touch is a matter of the last bit.)
     """
 
     m: float = 0.0

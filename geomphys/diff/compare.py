@@ -53,7 +53,7 @@ def compare_outputs(
         Output logs.
     tolerance_m, tolerance_rad : float
         Up to where lengths [m] and angles [rad] count as equal. With both 0 everything has to be equal, bit for bit;
-        with one above 0 counts, flags, impulses and texts are reported but do not decide.
+        see `Tolerance` for what decides with one above 0.
     channels : collection of str
         Which of `CHANNELS` to compare.
     progress : callable, optional

@@ -19,8 +19,7 @@ Pair = tuple[str, str]
 class ContactChannel:
     """``/contacts`` as a set of pairs of bodies; of pairs in both, how far points and depths are apart.
 
-    The distance of two sets of points is the largest distance of a point to the nearest of the other set. A pair gained
-    or lost with no depth above the tolerance does not decide.
+    The distance of two sets of points is the largest distance of a point to the nearest of the other set.
     """
 
     def __init__(self, tolerance: Tolerance) -> None:
@@ -42,9 +41,7 @@ class ContactChannel:
         for pair in sorted(one.keys() | other.keys()):
             in_a, in_b = one.get(pair), other.get(pair)
             if in_a is None or in_b is None:
-                deepest = max(row.depth for row in (in_a or in_b or ()))
-                decides = self._tolerance.exact or deepest > self._tolerance.m
-                self._sets.add(pair, gained=in_a is None, frame=a.index, decides=decides)
+                self._sets.add(pair, gained=in_a is None, frame=a.index)
                 self.changed += 1
                 continue
             apart = max(apart_points(in_a, in_b), abs(max(r.depth for r in in_a) - max(r.depth for r in in_b)))
@@ -58,11 +55,9 @@ class ContactChannel:
     def result(self) -> ChannelDifference:
         """See `Channel.result`."""
         metres, impulses = self._metres.whole(), self._impulses.whole()
-        first = earliest(
-            metres.first_frame,
-            self._sets.first,
-            impulses.first_frame if self._tolerance.exact else None,
-        )
+        first = metres.first_frame
+        if self._tolerance.exact:
+            first = earliest(first, self._sets.first, impulses.first_frame)
         return ChannelDifference(
             channel="/contacts",
             kind="pairs",
@@ -94,9 +89,7 @@ class PenetrationChannel:
         for pair in sorted(one.keys() | other.keys()):
             in_a, in_b = one.get(pair), other.get(pair)
             if in_a is None or in_b is None:
-                depth = (in_a or in_b or (np.zeros(3), 0.0))[1]
-                decides = self._tolerance.exact or depth > self._tolerance.m
-                self._sets.add(pair, gained=in_a is None, frame=a.index, decides=decides)
+                self._sets.add(pair, gained=in_a is None, frame=a.index)
                 continue
             apart = max(float(np.linalg.norm(in_a[0] - in_b[0])), abs(in_a[1] - in_b[1]))
             self._metres.add(self._metres.rows([_name(*pair)]), np.array([apart]), a.index)
@@ -106,7 +99,7 @@ class PenetrationChannel:
     def result(self) -> ChannelDifference:
         """See `Channel.result`."""
         metres = self._metres.whole()
-        first = earliest(metres.first_frame, self._sets.first)
+        first = earliest(metres.first_frame, self._sets.first if self._tolerance.exact else None)
         return ChannelDifference(
             channel="/penetration",
             kind="pairs",
@@ -193,14 +186,13 @@ class PairSets:
     def __init__(self) -> None:
         self._pairs: dict[Pair, Sets] = {}
         self.first: int | None = None
-        """First frame of one that decides."""
+        """First frame of any."""
 
-    def add(self, pair: Pair, *, gained: bool, frame: int, decides: bool) -> None:
+    def add(self, pair: Pair, *, gained: bool, frame: int) -> None:
         """Count a pair that stands in one output alone."""
         old = self._pairs.get(pair, Sets(first_frame=frame))
         self._pairs[pair] = Sets(gained=old.gained + gained, lost=old.lost + (not gained), first_frame=old.first_frame)
-        if decides and self.first is None:
-            self.first = frame
+        self.first = frame if self.first is None else self.first
 
     def each(self) -> dict[str, Sets]:
         """Name of a pair -> its counts."""

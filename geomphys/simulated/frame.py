@@ -23,6 +23,7 @@ from geomphys.simulated.state import (
     BASE,
     CHANGED,
     EVENTS,
+    GRASP,
     GRAVITY,
     INERTIA,
     ISLAND,
@@ -127,6 +128,7 @@ def begin(sim: int, start: int, end: int) -> None:
         for m in range(4):
             for i in range(4):
                 set_float(slot_at(sim, k, m), SUM_N + i, 0.0)
+            set_float(slot_at(sim, k, m), GRASP, 0.0)
 
 
 @kernel

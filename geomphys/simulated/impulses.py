@@ -26,6 +26,7 @@ from geomphys.simulated.state import (
     BINORMAL,
     FRICTION,
     GOAL,
+    GRIP,
     LIMIT,
     MASS_N,
     MASS_T,
@@ -156,6 +157,8 @@ def collide(sim: int, velocity: int, elastic: float) -> None:
 def settle(sim: int, velocity: int, sweeps: int, precision: float) -> int:
     """Solve all rows whose `ROW_ON` is 1 together: v_n >= `GOAL`, impulses only push, friction within its cone.
 
+    What a driven body grips with (`GRIP`) counts for the cone.
+
     Projected sweeps over the rows (Gauss-Seidel) from the impulses they hold, which must be in the velocities already.
     Done when no sweep changes a velocity by more than `precision` [m/s]; returns the number of sweeps made.
     """
@@ -166,7 +169,7 @@ def settle(sim: int, velocity: int, sweeps: int, precision: float) -> int:
             if int_at(owner(sim, k), ROW_ON) == 1:
                 r = row(sim, k)
                 most = max(most, push_more(sim, velocity, k))
-                cap = float_at(r, FRICTION) * float_at(r, PUSH)
+                cap = float_at(r, FRICTION) * (float_at(r, PUSH) + float_at(r, GRIP))
                 if cap > 0.0 or float_at(r, RUB) != 0.0 or float_at(r, RUB + 1) != 0.0:
                     most = max(most, rub_more(sim, velocity, k, cap))
         if most <= precision:

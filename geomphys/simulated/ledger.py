@@ -11,6 +11,7 @@ from geomphys.simulated.state import (
     AT_DRIVEN_IMPULSE,
     BINORMAL,
     FORCE,
+    GRASP,
     LIGHTNESS,
     MOMENTUM,
     N_ROWS,
@@ -90,6 +91,9 @@ def commit(sim: int) -> None:
         j = impulse_of(r)
         give(sim, k, j, 1.0, SPEED, MOMENTUM)
         note(sim, k, normal, add_scaled(j, vec_at(r, NORMAL), -normal))
+        if int_at(kind_of(sim, int_at(owner(sim, k), ROW_B)), ROLE) == DRIVEN:
+            slot = slot_at(sim, int_at(owner(sim, k), ROW_PAIR), int_at(owner(sim, k), ROW_SLOT))
+            set_float(slot, GRASP, float_at(slot, GRASP) + normal)
         set_vec(r, PUSH, (0.0, 0.0, 0.0))
 
 
@@ -102,8 +106,9 @@ def drop_rows(sim: int, t: float) -> None:
         if has_changed(sim, int_at(o, ROW_A)):
             slot = slot_at(sim, int_at(o, ROW_PAIR), int_at(o, ROW_SLOT))
             elapsed = t - float_at(r, SINCE)
-            if elapsed > 0.0 and float_at(slot, FORCE) > 0.0:
-                note(sim, k, elapsed * float_at(slot, FORCE), scale(vec_at(slot, FORCE + 1), elapsed))
+            rub = vec_at(slot, FORCE + 1)
+            if elapsed > 0.0 and (float_at(slot, FORCE) > 0.0 or rub != (0.0, 0.0, 0.0)):
+                note(sim, k, elapsed * float_at(slot, FORCE), scale(rub, elapsed))
             continue
         if kept < k:
             for i in range(ROW_COLUMNS):

@@ -27,6 +27,7 @@ from geomphys.simulated.state import (
     FORCE,
     FRICTION,
     GOAL,
+    GRIP,
     INVERSE,
     LIGHTNESS,
     LIMIT,
@@ -182,6 +183,7 @@ def add_row(sim: int, pair: int, count: int, t: float, n: Vec, x: Vec, clearance
     set_float(r, RESTITUTION, float_at(kept, PAIR_RESTITUTION))
     set_float(r, SINCE, t)
     set_float(r, LIMIT, math.inf)
+    set_float(r, GRIP, 0.0)
     fill_masses(a, b, r)
     set_int(o, ROW_PAIR, pair)
     set_int(o, ROW_A, int_at(p, BODY_A))

@@ -20,6 +20,7 @@ from geomphys.simulated.motion import load_velocities, plan, refresh
 from geomphys.simulated.points import normal_speed, push, speed_at
 from geomphys.simulated.state import (
     AT_COUNT,
+    AT_DT,
     AT_GAP,
     AT_HEFT,
     AT_SHOVE,
@@ -32,9 +33,12 @@ from geomphys.simulated.state import (
     CLEARANCE,
     FORCE,
     GOAL,
+    GRASP,
     GRAVITY,
+    GRIP,
     HELD,
     ISLAND,
+    LIGHTNESS,
     LIMIT,
     MOVES,
     N_PAIRS,
@@ -68,6 +72,7 @@ from geomphys.simulated.state import (
     slot_at,
     velocity_of,
 )
+from geomphys.simulated.wishes import reload
 from geomphys.vec3 import add_scaled, dot, norm, quat_from_rotation_vector, quat_mul, quat_unit, scale
 
 SWEEPS = 100  # at most; what is left then is small, and the next step goes on from there
@@ -77,6 +82,7 @@ APPROACH = 1e-10  # m/s: touching points that approach no faster need not be sto
 SLOW_PART = 0.25  # of the threshold: points near but not touching that approach no faster are held, not left to collide
 WEIGHT_TIME = 0.01  # s: more than twice the longest step
 MOST_YIELDS = 4
+GRIPPED = 1e-4  # m/s: a point that a driven body pressed and that does not part faster is gripped
 SHOVES = 200
 
 
@@ -90,7 +96,11 @@ def set_limits(sim: int) -> None:
     for k in range(how_many(sim, N_ROWS)):
         o, r = owner(sim, k), row(sim, k)
         a, b = int_at(o, ROW_A), int_at(o, ROW_B)
-        if has_changed(sim, a) and int_at(kind_of(sim, b), MOVES) == 1 and not is_simulated(sim, b):
+        if not has_changed(sim, a) or is_simulated(sim, b) or int_at(kind_of(sim, b), MOVES) == 0:
+            continue
+        if float_at(motion_of(sim, b), LIGHTNESS) > 0.0:
+            set_float(r, LIMIT, math.inf)  # it gives way
+        else:
             v = norm(speed_at(entry(sim, AT_VELOCITY), r, a, b))
             heft = float_at(entry(sim, AT_HEFT), int_at(kind_of(sim, a), ISLAND))
             set_float(r, LIMIT, 4.0 * heft * (v + WEIGHT_TIME * knob(sim, AT_WEIGHT)))
@@ -120,8 +130,11 @@ def yield_squeezed(sim: int) -> bool:
 
 
 @kernel
-def stop_slow_approach(sim: int) -> None:
-    """Take the approach out of all touching points of changed bodies at once, with ε = 0."""
+def stop_slow_approach(sim: int, t: float, wishes: bool) -> None:
+    """Take the approach out of all touching points of changed bodies at once, with ε = 0.
+
+    `wishes` says that driven bodies are as they want to move at time `t`, not on their paths.
+    """
     least = 0.0
     for k in range(how_many(sim, N_ROWS)):
         o, r = owner(sim, k), row(sim, k)
@@ -140,7 +153,7 @@ def stop_slow_approach(sim: int) -> None:
         if not yield_squeezed(sim):
             break
         clear_rows(sim)
-        load_velocities(sim)
+        reload(sim, t, wishes)
     commit(sim)
 
 
@@ -163,6 +176,8 @@ def choose_held(sim: int, h: float) -> float:
             if clearance <= knob(sim, AT_TOUCH) or v > -SLOW_PART * knob(sim, AT_THRESHOLD):
                 fastest = max(fastest, norm(speed))
                 set_float(r, GOAL, min(0.0, -2.0 * max(0.0, clearance - knob(sim, AT_GAP)) / h - v))
+                slot = slot_at(sim, int_at(o, ROW_PAIR), int_at(o, ROW_SLOT))
+                set_float(r, GRIP, h / knob(sim, AT_DT) * float_at(slot, GRASP) if abs(v) < GRIPPED else 0.0)
                 set_int(o, ROW_ON, 1)
                 set_int(pair_at(sim, int_at(o, ROW_PAIR)), HELD, 1)
     return fastest
@@ -181,7 +196,7 @@ def begin_with_old_force(sim: int, k: int, h: float) -> bool:
     set_float(r, PUSH, min(float_at(r, LIMIT), h * float_at(slot, FORCE)))
     set_float(r, RUB, h * dot(f, vec_at(r, TANGENT)))
     set_float(r, RUB + 1, h * dot(f, vec_at(r, BINORMAL)))
-    if float_at(r, PUSH) == 0.0:
+    if float_at(r, PUSH) == 0.0 and float_at(r, RUB) == 0.0 and float_at(r, RUB + 1) == 0.0:
         return False
     push(sim, entry(sim, AT_VELOCITY), r, a, b, 0, float_at(r, PUSH))
     push(sim, entry(sim, AT_VELOCITY), r, a, b, 1, float_at(r, RUB))

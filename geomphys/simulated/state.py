@@ -77,7 +77,8 @@ FRICTION = 42
 RESTITUTION = 43
 SINCE = 44  # s of the frame: since when the point's forces act
 LIMIT = 45  # N s: largest normal impulse; infinite unless b follows a path and might squeeze a against something
-ROW_COLUMNS = 46
+GRIP = 46  # N s: normal impulse beside `PUSH` that friction may count on
+ROW_COLUMNS = 47
 
 # Columns of `row_of`
 ROW_PAIR, ROW_A, ROW_B, ROW_SLOT, ROW_ON = range(5)
@@ -107,7 +108,8 @@ SUM_N = 7  # N s: normal impulse of the frame
 SUM_T = 8  # N s, 3: friction impulse of the frame
 STAMP = 11  # 1: the slot holds a point
 DEPTH = 12  # m: minus the clearance when last looked at
-SLOT_SIZE = 13
+GRASP = 13  # N s: what a driven body pressed in this frame
+SLOT_SIZE = 14
 KEPT_COLUMNS = SLOTS + 4 * SLOT_SIZE
 
 # `counts`

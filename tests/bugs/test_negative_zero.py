@@ -5,13 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from tests.driven.logs import Thing, play
 from tests.world.models import joint, link, urdf
 
 
-@pytest.mark.xfail(strict=True, reason="shift_driven and pose_avatars add an offset of 0.0, and -0.0 + 0.0 is 0.0")
 def test_a_recorded_minus_zero_stays(tmp_path: Path) -> None:
     urdf(
         tmp_path / "hand.urdf",

@@ -1,0 +1,59 @@
+"""The record of a batch on disk."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from geomphys.batch.manifest import Entry, Manifest
+from geomphys.errors import OutputError
+
+ENTRY = Entry(
+    log="/logs/a.mcap",
+    out="a.mcap",
+    version="1",
+    scene_sha256="s",
+    world_sha256="w",
+    parameters={"seed": 0, "rate": None},
+)
+
+
+def test_what_is_saved_is_loaded(tmp_path: Path) -> None:
+    manifest = Manifest(tmp_path, {"b.mcap": replace(ENTRY, out="b.mcap", error="ö"), "a.mcap": ENTRY})
+    manifest.save()
+    assert Manifest.load(tmp_path).entries == manifest.entries
+    assert [path.name for path in tmp_path.iterdir()] == ["manifest.json"]
+    assert Manifest.load(tmp_path / "nowhere").entries == {}
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"format": 1, "logs": [{"log": "a"}]}', '{"format": 9, "logs": []}'])
+def test_what_is_no_manifest_is_said(tmp_path: Path, text: str) -> None:
+    (tmp_path / "manifest.json").write_text(text)
+    with pytest.raises(OutputError, match=r"manifest\.json"):
+        Manifest.load(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"status": "failed"}, {"status": "pending"}, {"version": "2"}, {"world_sha256": "x"}, {"scene_sha256": "x"},
+        {"parameters": {"seed": 1, "rate": None}}, {"rrd": "a.rrd"}, {"input_sha256": "other"},
+    ],
+)  # fmt: skip
+def test_only_the_same_input_scene_parameters_and_version_count_as_done(change: dict[str, object]) -> None:
+    done = replace(ENTRY, status="done", input_sha256="i")
+    assert done.is_made_from(ENTRY, "i")
+    assert not replace(done, **change).is_made_from(ENTRY, "i")  # type: ignore[arg-type]
+
+
+def test_outputs_that_were_touched_are_not_whole(tmp_path: Path) -> None:
+    (tmp_path / "a.mcap").write_bytes(b"result")
+    entry = replace(ENTRY, out_sha256=hashlib.sha256(b"result").hexdigest())
+    assert entry.outputs_are_whole(tmp_path)
+    (tmp_path / "a.mcap").write_bytes(b"resulT")
+    assert not entry.outputs_are_whole(tmp_path)
+    (tmp_path / "a.mcap").unlink()
+    assert not entry.outputs_are_whole(tmp_path)

@@ -1,0 +1,205 @@
+"""Batches from end to end: the bytes of single replays, whatever runs them, dies on the way, or was there before."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import geomphys
+from geomphys.batch.manifest import Entry, Manifest
+from tests.cli.press import SCENE, write_log
+
+LONG = 15_000
+"""Frames of a log that takes some seconds."""
+
+
+class Case:
+    """Logs, a scene, and a folder for the outputs."""
+
+    def __init__(self, folder: Path, **frames: int) -> None:
+        self.logs, self.scene, self.out = folder / "logs", folder / "scene.toml", folder / "out"
+        self.logs.mkdir()
+        self.scene.write_text(SCENE)
+        for name, count in frames.items():
+            write_log(self.logs / f"{name}.mcap", frames=count)
+
+    def run(self, **options: object) -> geomphys.BatchReport:
+        """The batch, without stage times."""
+        options = {"jobs": 1, "timing": False, **options}
+        return geomphys.run_batch([self.logs], self.scene, self.out, **options)  # type: ignore[arg-type]
+
+    def check(self, *names: str, config: geomphys.Config | None = None) -> None:
+        """Compare outputs with those of single replays; nothing else lies in the folder."""
+        for name in names:
+            alone = self.scene.parent / f"{name}_alone.mcap"
+            geomphys.run(self.logs / f"{name}.mcap", self.scene, out=alone, timing=False, config=config, force=True)
+            assert (self.out / f"{name}.mcap").read_bytes() == alone.read_bytes(), name
+        assert {path.name for path in self.out.iterdir()} == {*(f"{name}.mcap" for name in names), "manifest.json"}
+
+
+def test_outputs_are_those_of_single_replays_and_a_broken_log_stops_nothing(tmp_path: Path) -> None:
+    case = Case(tmp_path, a=60, c=90)
+    (case.logs / "b.mcap").write_bytes(b"no log")
+    ended: list[Entry] = []
+    counts: list[tuple[int, int | None]] = []
+    config = geomphys.Config(seed=5)
+    report = case.run(
+        jobs=2, config=config, ended=ended.append, progress=lambda done, total: counts.append((done, total))
+    )
+    case.check("a", "c", config=config)
+    assert [entry.status for entry in report.entries] == ["done", "failed", "done"]
+    broken = report.entries[1]
+    assert "b.mcap" in (broken.error or "")
+    assert broken.traceback is None
+    assert len(ended) == 3
+    assert counts == [(0, 3), (1, 3), (2, 3), (3, 3)]
+    manifest = json.loads((case.out / "manifest.json").read_text())
+    assert [entry["out"] for entry in manifest["logs"]] == ["a.mcap", "b.mcap", "c.mcap"]
+    first = manifest["logs"][0]
+    assert first["metrics"]["frames"] == 60
+    assert first["metrics"]["out"] == str(case.out / "a.mcap")
+    assert first["parameters"]["seed"] == 5
+    assert all(len(first[f"{what}_sha256"]) == 64 for what in ("input", "scene", "world", "out"))
+
+
+def test_resume_replays_only_what_is_not_the_same_any_more(tmp_path: Path) -> None:
+    case = Case(tmp_path, a=60, b=70, c=80)
+    case.run()
+
+    def replayed(**options: object) -> set[str]:
+        done: list[Entry] = []
+        case.run(resume=True, ended=done.append, **options)
+        return {entry.out for entry in done}
+
+    assert replayed() == set()
+    write_log(case.logs / "a.mcap", frames=61)
+    (case.out / "b.mcap").write_bytes(b"spoilt")
+    assert replayed() == {"a.mcap", "b.mcap"}
+    case.check("a", "b", "c")
+    assert replayed(config=geomphys.Config(seed=1)) == {"a.mcap", "b.mcap", "c.mcap"}
+    case.scene.write_text(SCENE.replace("0.4", "0.5"))
+    assert replayed(config=geomphys.Config(seed=1)) == {"a.mcap", "b.mcap", "c.mcap"}
+    write_log(case.logs / "d.mcap")
+    assert replayed(config=geomphys.Config(seed=1)) == {"d.mcap"}
+
+
+def test_a_failure_can_stop_the_batch(tmp_path: Path) -> None:
+    case = Case(tmp_path, b=60)
+    (case.logs / "a.mcap").write_bytes(b"no log")
+    report = case.run(keep_going=False)
+    assert [entry.status for entry in report.entries] == ["failed", "pending"]
+    assert [entry.status for entry in case.run(resume=True).entries] == ["failed", "done"]
+
+
+def test_outputs_that_are_there_are_not_replaced_unasked(tmp_path: Path) -> None:
+    case = Case(tmp_path, a=60)
+    case.out.mkdir()
+    (case.out / "a.mcap").write_bytes(b"precious")
+    for options in ({}, {"resume": True}):
+        with pytest.raises(geomphys.OutputError, match=r"a\.mcap: exists"):
+            case.run(**options)
+    assert (case.out / "a.mcap").read_bytes() == b"precious"
+    case.run(force=True)
+    case.check("a")
+
+
+def test_a_log_is_never_an_output(tmp_path: Path) -> None:
+    case = Case(tmp_path, a=60)
+    with pytest.raises(geomphys.OutputError, match="cannot be an output"):
+        geomphys.run_batch([case.logs / "a.mcap"], case.scene, case.logs, force=True)
+
+
+def test_a_folder_takes_one_batch_at_a_time(tmp_path: Path) -> None:
+    import fcntl
+
+    case = Case(tmp_path, a=60)
+    case.out.mkdir()
+    lock = os.open(case.out, os.O_RDONLY)
+    fcntl.flock(lock, fcntl.LOCK_EX)
+    with pytest.raises(geomphys.OutputError, match="another batch"):
+        case.run()
+    os.close(lock)
+
+
+def begin(case: Case, *words: str) -> subprocess.Popen[str]:
+    """Begin the batch in a process of its own, and wait until its first log is done."""
+    command = [
+        sys.executable,
+        "-m",
+        "geomphys_cli",
+        "batch",
+        str(case.logs),
+        "-s",
+        str(case.scene),
+        "-O",
+        str(case.out),
+    ]
+    process = subprocess.Popen(
+        [*command, "--jobs", "1", "--no-timing", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    end = time.monotonic() + 240
+    while not any(entry.status == "done" for entry in Manifest.load(case.out).entries.values()):
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    return process
+
+
+def children(pid: int) -> list[int]:
+    """Processes that a process has begun."""
+    return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+@pytest.mark.slow
+def test_a_batch_that_is_killed_resumes_to_the_same_files(tmp_path: Path) -> None:
+    case = Case(tmp_path, a=60, b=LONG, c=70)
+    process = begin(case)
+    workers = children(process.pid)
+    assert workers
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    end = time.monotonic() + 10
+    while any(Path(f"/proc/{pid}/cmdline").exists() and Path(f"/proc/{pid}/cmdline").read_bytes() for pid in workers):
+        assert time.monotonic() < end, "a worker outlives the batch"
+        time.sleep(0.05)
+    statuses = [entry.status for _, entry in sorted(Manifest.load(case.out).entries.items())]
+    assert statuses == ["done", "pending", "pending"]
+    report = case.run(resume=True, jobs=2)
+    assert report.kept == ("a.mcap",)
+    assert report.count("done") == 3
+    case.check("a", "b", "c")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_batch_that_is_stopped_leaves_finished_parts(tmp_path: Path, number: signal.Signals, code: int) -> None:
+    case = Case(tmp_path, a=60, b=LONG)
+    process = begin(case)
+    time.sleep(0.5)
+    process.send_signal(number)
+    output, error = process.communicate(timeout=60)
+    assert (process.returncode, output) == (code, "")
+    assert "Traceback" not in error
+    assert {path.name for path in case.out.iterdir()} == {"a.mcap", "b.partial.mcap", "manifest.json"}
+    assert case.run(resume=True).count("done") == 2
+    case.check("a", "b")
+
+
+@pytest.mark.slow
+def test_a_process_that_dies_is_replaced(tmp_path: Path) -> None:
+    case = Case(tmp_path, a=60, b=LONG, c=70)
+    process = begin(case)
+    for pid in children(process.pid):
+        if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes():
+            os.kill(pid, signal.SIGKILL)
+    output, error = process.communicate(timeout=120)
+    assert process.returncode == 0, error
+    assert "3 done" in output
+    case.check("a", "b", "c")
