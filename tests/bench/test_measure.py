@@ -64,6 +64,7 @@ def test_peers_run_every_frame_in_turn_and_the_smallest_time_counts(hand: World)
     assert peer.ns == figures_of(1e6 * np.arange(1.0, FRAMES))
     assert (peer.engine, peer.steps_a_frame, peer.residual_m.max) == ("fake 1.0", 3.0, 1e-3)
     assert peer.ratio_median == figures.step.median / peer.ns.median
+    assert peer.ratio_call == figures.call_ns / peer.ns.mean
     assert peer.ratio_p99 == figures.step.p99 / peer.ns.p99
 
 

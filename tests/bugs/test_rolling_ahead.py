@@ -16,7 +16,9 @@ CENTRE = 1.95  # m, x of the ball before it is pushed
 def pushed(root: Path) -> list[geomphys.FrameResult]:
     """The last part of the gallery, where the hand pushes the ball."""
     config = geomphys.Config(start=54.5, end=57.0)
-    return list(geomphys.replay(root / "recordings/gallery_hand.mcap", root / "assets/scenes/gallery.toml", config=config))
+    return list(
+        geomphys.replay(root / "recordings/gallery_hand.mcap", root / "assets/scenes/gallery.toml", config=config)
+    )
 
 
 def test_the_hand_pushes_the_ball_instead_of_staying_behind(pushed: list[geomphys.FrameResult]) -> None:
