@@ -58,6 +58,7 @@ class PeerFrames:
     warnings: int  # that the engine gave: unstable, out of memory
     ratio_median: float  # ours over its
     ratio_p99: float
+    ratio_call: float  # our mean wall time, trials of foresight included, over its mean
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -149,6 +149,7 @@ def _peer_figures(passes: Sequence[_Pass], k: int, median: float, p99: float) ->
         warnings=last.warnings[k],
         ratio_median=median / ns.median,
         ratio_p99=p99 / ns.p99,
+        ratio_call=min(p.call_ns for p in passes) / ns.mean,
     )
 
 
