@@ -80,11 +80,13 @@ def test_stages_add_up_to_the_step(hand: World) -> None:
 
 
 def test_the_made_up_hands_are_as_deep_as_said_and_end_up_free(tmp_path: Path) -> None:
-    world = table_of_hands(tmp_path, 3)
-    figures = measure(slide("hands", world, 8), Config(), 1)
-    assert figures.recorded_m >= SINK
-    assert figures.residual_m.max <= 1e-5
-    assert figures.contacts >= 3
+    one = measure(slide("hand", table_of_hands(tmp_path, 1), 8), Config(), 1)
+    three = measure(slide("hands", table_of_hands(tmp_path, 3), 8), Config(), 1)
+    for figures in (one, three):
+        assert figures.recorded_m >= SINK
+        assert figures.residual_m.max <= 1e-5
+        assert figures.contacts > 0
+    assert three.contacts == 3 * one.contacts
 
 
 def test_made_up_worlds_have_the_size_they_are_asked(tmp_path: Path) -> None:
