@@ -11,7 +11,7 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -136,19 +136,17 @@ def run_on_cluster(jobs: Sequence[Job], address: str, control: Control) -> Gener
     with client:
         futures = {client.submit(run_job, job, pure=False, priority=-index): index for index, job in enumerate(jobs)}
         try:
-            yield from _as_they_end(futures, as_completed, address, control)
+            yield from _as_they_end(futures, cast(Any, as_completed)(futures, loop=client.loop), address, control)
         except BaseException:
             control.stop()
             client.cancel(list(futures))
             raise
 
 
-def _as_they_end(
-    futures: dict[Any, int], as_completed: Callable[..., Any], address: str, control: Control
-) -> Iterator[Finished]:
+def _as_they_end(futures: dict[Any, int], ended: Iterable[Any], address: str, control: Control) -> Iterator[Finished]:
     """What Dask's futures come to; no more is begun once `control` says so."""
     stopped = False
-    for future in as_completed(futures):
+    for future in ended:
         if future.cancelled():
             if not stopped:
                 raise ClusterError(f"{address}: the Dask scheduler was lost; start it again and add --resume")

@@ -249,8 +249,10 @@ def _own(folder: Path) -> Iterator[Path]:
             raise OutputError(f"{folder}: cannot be written to ({problem.strerror})") from problem
         try:
             yield running
-        finally:
+        except BaseException:
             if {path.name for path in running.iterdir()} <= {STOP}:  # else workers elsewhere have still to see it
                 shutil.rmtree(running)
+            raise
+        shutil.rmtree(running)
     finally:
         os.close(lock)
