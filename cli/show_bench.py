@@ -112,7 +112,7 @@ def _frames(experiments: Sequence[ExperimentFigures]) -> Sheet:
     ]
     return Sheet(
         "Frames",
-        "`step`: everything between a decoded frame and its result, µs. `call`: wall time of the compiled calls a frame, "
+        "`step`: everything between a decoded frame and its result, µs. `call`: processor time of the compiled calls a frame, mean, "
         "foresight included. `take`: making a frame's result object.",
         FRAME_COLUMNS,
         tuple(rows),
@@ -143,7 +143,7 @@ def _peers(experiments: Sequence[ExperimentFigures]) -> Sheet:
         "Frames beside a physics engine",
         "The same pieces, recording and frame rate, in turn in one process; µs. There the hand is welded to the tracked "
         "pose, in one piece (rigid) or with servos in its joints (jointed), and steps are 2 ms. Left: deepest overlap of "
-        "the hand on the final poses of a frame. Ratio of call: mean wall time, foresight included, over its mean.",
+        "the hand on the final poses of a frame. Ratio of call: mean processor time, foresight included, over its mean.",
         PEER_COLUMNS,
         tuple(rows),
     )
