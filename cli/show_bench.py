@@ -112,7 +112,7 @@ def _frames(experiments: Sequence[ExperimentFigures]) -> Sheet:
     ]
     return Sheet(
         "Frames",
-        "`step`: everything between a decoded frame and its result, µs. `call`: processor time of the compiled calls a frame, mean, "
+        "`step`: everything between a decoded frame and its result, µs. `call`: mean processor time of the compiled calls, "
         "foresight included. `take`: making a frame's result object.",
         FRAME_COLUMNS,
         tuple(rows),
