@@ -106,11 +106,8 @@ def test_oblique_collision_of_balls_is_the_textbooks(offset: float, materials: t
             [*(-total / mb), *(np.cross(rb * n, -total) / ib)],
         ]
     )
-    # the centres stop at a distance known to a part of the gap, which turns n by as much
-    np.testing.assert_allclose(player.velocity, expected, rtol=0, atol=1e-4)
-    # whatever n exactly is: momentum to rounding, and the restitution along it
-    centre = player.poses - np.concatenate([player.velocity[:, :3], np.zeros((2, 4))], axis=1) * 0
-    assert centre.shape == (2, 7)
+    # the bodies halt with between one and one and a quarter gaps between them, which turns n by as much
+    np.testing.assert_allclose(player.velocity, expected, rtol=1e-4, atol=1e-4)
     linear, angular = momenta(player)
     np.testing.assert_allclose(linear, [2 * ma, 0, 0], rtol=0, atol=1e-13)
     np.testing.assert_allclose(angular, [0, 0, -offset * 2 * ma + 5 * ia], rtol=0, atol=1e-13)
@@ -143,8 +140,10 @@ def test_colliding_bodies_keep_momentum_and_lose_energy(seed: int) -> None:
         after = player.energy()
         assert after <= energy * (1 + 1e-9)
         energy = after
-        for old, new in zip(before, momenta(player), strict=True):
-            np.testing.assert_allclose(new, old, rtol=0, atol=1e-11)
+        linear, angular = momenta(player)
+        np.testing.assert_allclose(linear, before[0], rtol=0, atol=1e-12)
+        # keeping surfaces a gap apart moves them micrometres
+        np.testing.assert_allclose(angular, before[1], rtol=0, atol=2e-4)
         assert player.overlap() < 1e-5
     assert player.impacts > 0
     assert player.flags == 0

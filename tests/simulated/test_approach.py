@@ -37,18 +37,20 @@ def test_what_meets_in_a_frame_is_found_and_nothing_else(seed: int) -> None:
     rng = np.random.default_rng(seed)
     met = free = 0
     for k in range(20):
+        away = rng.normal(size=3)
+        away *= 0.2 / np.linalg.norm(away)
         cube = Thing(
             shape=Box((0.05, 0.05, 0.05)),
             turn=Rotation.random(random_state=100 * seed + k).as_quat(),
-            v=5 * rng.normal(size=3),
+            v=6 * (away / np.linalg.norm(away)) + rng.normal(size=3),
             w=30 * rng.normal(size=3),
         )
         shape = Box(tuple(rng.uniform(0.003, 0.15, 3))) if k % 3 else Sphere(0.03)
         turn = Rotation.random(random_state=100 * seed + k + 50)
-        other = Thing(shape=shape, role=s.FIXED, moving=True, at=0.25 * rng.normal(size=3), turn=turn.as_quat())
+        other = Thing(shape=shape, role=s.FIXED, moving=True, at=away, turn=turn.as_quat())
         player = Player([cube, other], gravity=(0, 0, 0))
         end = player.poses.copy()
-        end[1, :3] += 0.05 * rng.normal(size=3)
+        end[1, :3] += 0.06 * rng.normal(size=3)
         end[1, 3:] = (Rotation.from_rotvec(0.8 * rng.normal(size=3)) * turn).as_quat()
         least = least_separation(player, end)
         place_pieces(player.scene.pieces, player.poses, player.frames)
