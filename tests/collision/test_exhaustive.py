@@ -27,7 +27,7 @@ def both_depths(pieces: Pieces, frames: Floats, scratch: Scratch) -> tuple[bool,
     state, _, _, _, count = closest(a, b, rot, t, size, np.inf, (0.1, 0.2, 0.3), room.simplex)
     if state != OVERLAP:
         return False, 0.0, 0.0, 0.0
-    exact, grown, n, _ = expand(a, b, rot, t, size, count, room)
+    exact, grown, n, _ = expand(a, b, rot, t, size, 1e-15 * size, count, room)
     tried, m, _ = exhaustive(a, b, rot, t, size, room)
     return exact, grown, tried, n[0] * m[0] + n[1] * m[1] + n[2] * m[2]
 
