@@ -30,12 +30,15 @@ from geomphys.simulated.state import (
     BODY_B,
     DISTANCE,
     LENGTH,
+    N_LOOKS,
+    N_SPANS,
     PIECE_A,
     PIECE_B,
     PULL,
     RATE,
     SEEN,
     SPEED,
+    count_one,
     entry,
     kept_at,
     motion_of,
@@ -64,6 +67,7 @@ def look(sim: int, pair: int, t: float) -> tuple[float, Vec, Vec, Vec]:
 
     Beyond `LOOK_FAR` the separation is only a lower bound, that along the normal, and the points are void.
     """
+    count_one(sim, N_LOOKS)
     place_pair(sim, pair, t)
     p, kept = pair_at(sim, pair), kept_at(sim, pair)
     found = separate(shapes_at(sim), int_at(p, PIECE_A), int_at(p, PIECE_B), LOOK_FAR, vec_at(kept, AXIS), room_at(sim))
@@ -140,6 +144,7 @@ def span(sim: int, pair: int, n: Vec, f0: float, t0: float, t1: float, enough: f
     p = pair_at(sim, pair)
     a, b = motion_of(sim, int_at(p, BODY_A)), motion_of(sim, int_at(p, BODY_B))
     arm_a, arm_b = float_at(entry(sim, AT_ARM), int_at(p, PIECE_A)), float_at(entry(sim, AT_ARM), int_at(p, PIECE_B))
+    count_one(sim, N_SPANS)
     place_pair(sim, pair, t1)
     h = t1 - t0
     pull = abs(dot(n, sub(vec_at(a, PULL), vec_at(b, PULL))))

@@ -12,13 +12,9 @@ from geomphys.simulated.motion import refresh
 from geomphys.simulated.sleep import REST_TIME, note_rest
 from geomphys.simulated.state import (
     AT_COUNT,
-    AT_DT,
-    AT_PATH_COUNT,
-    AT_PATHS,
     AT_RECOIL,
     AT_TOLD,
     AT_TREE_COUNT,
-    AT_VELOCITY,
     AWAKE,
     BASE,
     CHANGED,
@@ -37,7 +33,6 @@ from geomphys.simulated.state import (
     PRINCIPAL,
     PULL,
     QUIET,
-    RATE,
     SET_ASIDE,
     SPEED,
     SPIN,
@@ -46,24 +41,22 @@ from geomphys.simulated.state import (
     TORQUE,
     TURN,
     YIELDED,
+    end_of,
     entry,
     free_body,
     how_many,
     kind_of,
-    knob,
     motion_of,
     pair_at,
     set_how_many,
     slot_at,
+    start_of,
     velocity_of,
 )
 from geomphys.vec3 import (
     add,
-    quat_conjugate,
     quat_mul,
     quat_rotate,
-    rotation_vector,
-    scale,
     sub,
 )
 
@@ -71,26 +64,12 @@ QUARANTINED = 64
 
 
 @kernel
-def set_path(sim: int, body: int, start: int, end: int) -> None:
-    """Motion of a body that follows its path: straight and turning evenly from pose row `start` to `end`."""
-    m, v = motion_of(sim, body), velocity_of(entry(sim, AT_VELOCITY), body)
-    set_float(m, BASE, 0.0)
-    set_vec(m, POINT, vec_at(start, 0))
-    set_quat(m, TURN, quat_at(start, 3))
-    set_vec(m, SPEED, scale(sub(vec_at(end, 0), vec_at(start, 0)), 1.0 / knob(sim, AT_DT)))
-    turn = rotation_vector(quat_mul(quat_at(end, 3), quat_conjugate(quat_at(start, 3))))
-    set_vec(m, RATE, scale(turn, 1.0 / knob(sim, AT_DT)))
-    set_vec(v, 0, vec_at(m, SPEED))
-    set_vec(v, 3, vec_at(m, RATE))
-
-
-@kernel
-def set_free(sim: int, body: int, start: int) -> None:
-    """Motion of a simulated body at the frame's start, from its pose row and the velocity told.
+def set_free(sim: int, body: int) -> None:
+    """Motion of a simulated body at the frame's start, from its pose and the velocity told.
 
     The angular momentum is kept from the frame before unless the caller changed the angular velocity meanwhile.
     """
-    m, told = motion_of(sim, body), velocity_of(entry(sim, AT_TOLD), body)
+    m, told, start = motion_of(sim, body), velocity_of(entry(sim, AT_TOLD), body), start_of(sim, body)
     q = quat_at(start, 3)
     set_float(m, BASE, 0.0)
     set_vec(m, POINT, add(vec_at(start, 0), quat_rotate(q, vec_at(m, OFFSET))))
@@ -110,14 +89,10 @@ def set_free(sim: int, body: int, start: int) -> None:
 
 
 @kernel
-def begin(sim: int, start: int, end: int) -> None:
-    """Set up the motions of all bodies that move, and clear the sums of the frame before."""
+def begin(sim: int) -> None:
+    """Set up the motions of simulated bodies, and clear the sums of the frame before."""
     for s in range(entry(sim, AT_COUNT)):
-        body = free_body(sim, s)
-        set_free(sim, body, start + 56 * body)
-    for k in range(entry(sim, AT_PATH_COUNT)):
-        body = int_at(entry(sim, AT_PATHS), k)
-        set_path(sim, body, start + 56 * body, end + 56 * body)
+        set_free(sim, free_body(sim, s))
     for i in range(3 * entry(sim, AT_TREE_COUNT)):
         set_float(entry(sim, AT_RECOIL), i, 0.0)
     set_how_many(sim, N_ROWS, 0)
@@ -148,13 +123,13 @@ def mark_all(sim: int) -> None:
 
 
 @kernel
-def put_back(sim: int, body: int, start: int) -> None:
+def put_back(sim: int, body: int) -> None:
     """Put a simulated body back to its pose at the frame's start, at rest; the pose it had is set aside."""
     m = motion_of(sim, body)
     set_vec(m, SET_ASIDE, vec_at(m, POINT))
     set_quat(m, SET_ASIDE + 3, quat_at(m, TURN))
-    q = quat_at(start, 3)
-    set_vec(m, POINT, add(vec_at(start, 0), quat_rotate(q, vec_at(m, OFFSET))))
+    q = quat_at(start_of(sim, body), 3)
+    set_vec(m, POINT, add(vec_at(start_of(sim, body), 0), quat_rotate(q, vec_at(m, OFFSET))))
     set_quat(m, TURN, q)
     set_vec(m, SPEED, (0.0, 0.0, 0.0))
     set_vec(m, MOMENTUM, (0.0, 0.0, 0.0))
@@ -180,7 +155,7 @@ def is_finite(row: int, first: int, count: int) -> bool:
 
 
 @kernel
-def finish(sim: int, start: int, end: int) -> int:
+def finish(sim: int) -> int:
     """Write the end poses and velocities of the simulated bodies.
 
     One that is not finite goes back to where it was, at rest; returns `QUARANTINED` if there is one, else 0.
@@ -189,7 +164,7 @@ def finish(sim: int, start: int, end: int) -> int:
     for s in range(entry(sim, AT_COUNT)):
         body = free_body(sim, s)
         m, told = motion_of(sim, body), velocity_of(entry(sim, AT_TOLD), body)
-        pose, before = end + 56 * body, start + 56 * body
+        pose, before = end_of(sim, body), start_of(sim, body)
         q = quat_at(m, TURN)
         set_vec(pose, 0, sub(vec_at(m, POINT), quat_rotate(q, vec_at(m, OFFSET))))
         set_quat(pose, 3, q)

@@ -9,12 +9,14 @@ from geomphys.memory import address, set_float, set_int
 from geomphys.simulated.cells import set_vec
 from geomphys.simulated.state import (
     AT_ARM,
+    AT_BALLS,
     AT_BODY_BOXES,
     AT_BOXES,
     AT_COUNT,
     AT_COUNTS,
     AT_DRIVEN_IMPULSE,
     AT_DT,
+    AT_END,
     AT_FACES,
     AT_FOUND,
     AT_FRAMES,
@@ -25,6 +27,7 @@ from geomphys.simulated.state import (
     AT_KEPT,
     AT_KINDS,
     AT_LOCAL,
+    AT_LOCAL_BOXES,
     AT_MATERIAL_COUNT,
     AT_MATERIALS,
     AT_MOTION,
@@ -45,6 +48,7 @@ from geomphys.simulated.state import (
     AT_ROWS,
     AT_SHAPES,
     AT_SHOVE,
+    AT_START,
     AT_STILL,
     AT_STILL_COUNT,
     AT_STILL_LOW,
@@ -82,6 +86,8 @@ def header_of_state(state: SimulatedState) -> int:
     set_int(sim, AT_ARM, address(state.arm))
     set_int(sim, AT_BOXES, address(state.boxes))
     set_int(sim, AT_BODY_BOXES, address(state.body_boxes))
+    set_int(sim, AT_LOCAL_BOXES, address(state.local_boxes))
+    set_int(sim, AT_BALLS, address(state.balls))
     set_int(sim, AT_MATERIALS, address(state.materials))
     set_int(sim, AT_MATERIAL_COUNT, state.materials.shape[1])
     set_int(sim, AT_OLD_PAIRS, address(state.old_pairs))
@@ -103,11 +109,13 @@ def header_of_state(state: SimulatedState) -> int:
 
 @inlined
 def header_of(
-    pieces: Pieces, state: SimulatedState, frames: Floats, told: Floats, driven_impulse: Floats, dt: float, gap: float,
-    scratch: Scratch,
+    pieces: Pieces, state: SimulatedState, start: Floats, end: Floats, told: Floats, driven_impulse: Floats,
+    frames: Floats, dt: float, gap: float, scratch: Scratch,
 ) -> int:  # fmt: skip
     """Fill the header for a frame; returns its address, good for as long as all the arrays are."""
     sim = header_of_state(state)
+    set_int(sim, AT_START, address(start))
+    set_int(sim, AT_END, address(end))
     set_int(sim, AT_TOLD, address(told))
     set_int(sim, AT_DRIVEN_IMPULSE, address(driven_impulse))
     set_int(sim, AT_LOCAL, address(pieces.local))

@@ -31,6 +31,7 @@ from geomphys.simulated.state import (
     MASS_N,
     MASS_T,
     N_ROWS,
+    N_SWEEPS,
     PUSH,
     RESTITUTION,
     ROW_A,
@@ -38,6 +39,7 @@ from geomphys.simulated.state import (
     ROW_ON,
     RUB,
     TANGENT,
+    count_one,
     how_many,
     owner,
     row,
@@ -164,6 +166,7 @@ def settle(sim: int, velocity: int, sweeps: int, precision: float) -> int:
     """
     count = how_many(sim, N_ROWS)
     for sweep in range(sweeps):
+        count_one(sim, N_SWEEPS)
         most = 0.0
         for k in range(count):
             if int_at(owner(sim, k), ROW_ON) == 1:

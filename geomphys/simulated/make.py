@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from geomphys.collision.support import place_pieces
+from geomphys.collision.sweep import local_boxes
 from geomphys.simulated.state import (
     ARM,
     FIRST,
@@ -32,7 +35,7 @@ from geomphys.simulated.state import (
     WISH_ARM,
     SimulatedState,
 )
-from geomphys.world.scene import BOX, CAPSULE, CYLINDER, DRIVEN, SIMULATED, SPHERE, Floats, Ints, Scene
+from geomphys.world.scene import DRIVEN, HULL, SIMULATED, SPHERE, Floats, Ints, Scene
 
 WIDE = 4.0  # a still body wider along x than this many median widths is looked at each time
 MOST_PAIRS = 4096
@@ -52,30 +55,41 @@ def piece_arms(scene: Scene, motion: Floats) -> Floats:
     return arms
 
 
-def piece_boxes(scene: Scene, poses: Floats) -> Floats:
-    """(P, 6) low and high corner of every piece's box with the bodies at `poses` (B, 7) [m]."""
+def piece_local_boxes(scene: Scene) -> Floats:
+    """(P, 7) centre and half extents of every piece's box in its own frame, and radius of a ball about its centre [m]."""
     pieces = scene.pieces
-    frames = np.zeros((len(pieces.kind), 12))
-    place_pieces(pieces, poses, frames)
-    boxes = np.zeros((len(pieces.kind), 6))
-    for i, (kind, size) in enumerate(zip(pieces.kind, pieces.size, strict=True)):
-        turn, at = frames[i, :9].reshape(3, 3), frames[i, 9:]
-        if kind == SPHERE:
-            low, high = -size[0] * np.ones(3), size[0] * np.ones(3)
-        elif kind == CAPSULE:
-            high = size[0] + size[1] * np.abs(turn[:, 2])
-            low = -high
-        elif kind == CYLINDER:
-            high = size[0] * np.sqrt(np.maximum(0.0, 1.0 - turn[:, 2] ** 2)) + size[1] * np.abs(turn[:, 2])
-            low = -high
-        elif kind == BOX:
-            high = np.abs(turn) @ size
-            low = -high
+    centre, half = local_boxes(pieces)
+    boxes = np.zeros((len(pieces.kind), 7))
+    boxes[:, :3], boxes[:, 3:6] = centre, half
+    for i, kind in enumerate(pieces.kind):
+        if kind == HULL:
+            corners = pieces.vertices[pieces.vertex_start[i] : pieces.vertex_start[i + 1]]
+            boxes[i, 6] = np.linalg.norm(corners - centre[i], axis=1).max()
         else:
-            corners = pieces.vertices[pieces.vertex_start[i] : pieces.vertex_start[i + 1]] @ turn.T
-            low, high = corners.min(axis=0), corners.max(axis=0)
-        boxes[i, :3], boxes[i, 3:] = at + low, at + high
+            boxes[i, 6] = pieces.reach[i]
     return boxes
+
+
+def piece_boxes(scene: Scene, poses: Floats, local: Floats) -> Floats:
+    """(P, 6) low and high corner of every piece's box with the bodies at `poses` (B, 7) [m]."""
+    frames = np.zeros((len(local), 12))
+    place_pieces(scene.pieces, poses, frames)
+    turn = frames[:, :9].reshape(-1, 3, 3)
+    centre = frames[:, 9:] + np.einsum("pij,pj->pi", turn, local[:, :3])
+    half = np.minimum(np.einsum("pij,pj->pi", np.abs(turn), local[:, 3:6]), local[:, 6:])
+    return np.concatenate([centre - half, centre + half], axis=1)
+
+
+def body_balls(scene: Scene, local: Floats) -> Floats:
+    """(B, 4) centre in the body frame and radius of a ball that holds each body [m]."""
+    pieces, balls = scene.pieces, np.zeros((len(scene.bodies.role), 4))
+    for body, (first, last) in enumerate(itertools.pairwise(scene.bodies.piece_start)):
+        if first < last:
+            turn = pieces.local[first:last, :9].reshape(-1, 3, 3)
+            centres = pieces.local[first:last, 9:] + np.einsum("pij,pj->pi", turn, local[first:last, :3])
+            balls[body, :3] = 0.5 * (centres.min(axis=0) + centres.max(axis=0))
+            balls[body, 3] = (np.linalg.norm(centres - balls[body, :3], axis=1) + local[first:last, 6]).max()
+    return balls
 
 
 def body_boxes(scene: Scene, boxes: Floats) -> Floats:
@@ -124,7 +138,8 @@ def make_simulated_state(
     motion, kinds = body_rows(scene)
     motion[:, POINT : POINT + 3], motion[:, TURN : TURN + 4] = poses[:, :3], poses[:, 3:]
     bodies, trees = len(kinds), len(scene.trees.role)
-    arms, boxes = piece_arms(scene, motion), piece_boxes(scene, poses)
+    local = piece_local_boxes(scene)
+    arms, boxes = piece_arms(scene, motion), piece_boxes(scene, poses, local)
     np.maximum.at(motion[:, ARM], scene.pieces.body, arms)
     hulls = body_boxes(scene, boxes)
     free = np.flatnonzero(scene.bodies.role == SIMULATED)
@@ -144,6 +159,8 @@ def make_simulated_state(
         others=np.concatenate([np.flatnonzero(moves), still[~narrow]]),
         arm=arms,
         boxes=boxes,
+        local_boxes=local,
+        balls=body_balls(scene, local),
         body_boxes=hulls,
         materials=np.ascontiguousarray(np.stack([scene.materials.restitution, scene.materials.friction])),
         gravity=scene.gravity.copy(),

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import math
+
 from geomphys.kernel import kernel
 from geomphys.memory import float_at, int_at, set_float, set_int
-from geomphys.simulated.cells import set_vec, vec_at
-from geomphys.simulated.extent import extent
-from geomphys.simulated.motion import place_piece, point_at
+from geomphys.simulated.cells import quat_at, rot_at, set_quat, set_vec, vec_at
+from geomphys.simulated.motion import point_at, turn_at
 from geomphys.simulated.state import (
     ARM,
     AT_ARM,
+    AT_BALLS,
     AT_BODY_BOXES,
     AT_BOXES,
     AT_COUNT,
     AT_DT,
+    AT_EXTENT,
     AT_FOUND,
     AT_HEFT,
     AT_KEPT,
+    AT_LOCAL,
+    AT_LOCAL_BOXES,
     AT_MATERIAL_COUNT,
     AT_MATERIALS,
     AT_OLD_KEPT,
@@ -25,11 +30,15 @@ from geomphys.simulated.state import (
     AT_OTHERS,
     AT_PAIR_ROOM,
     AT_PAIRS,
+    AT_PATH_COUNT,
+    AT_PATHS,
     AT_STILL,
     AT_STILL_COUNT,
     AT_STILL_LOW,
+    AT_VELOCITY,
     AT_WEIGHT,
     AT_WIDEST,
+    BASE,
     BODY_A,
     BODY_B,
     EVENTS,
@@ -44,12 +53,14 @@ from geomphys.simulated.state import (
     N_LOST,
     N_OLD,
     N_PAIRS,
+    OFFSET,
     PAIR_COLUMNS,
     PAIR_FRICTION,
     PAIR_RESTITUTION,
     PIECE_A,
     PIECE_B,
     PLACE,
+    POINT,
     POINTS,
     PULL,
     RANGE,
@@ -57,8 +68,10 @@ from geomphys.simulated.state import (
     SEEN,
     SPEED,
     SPIN,
+    TURN,
     TURNED,
     YIELDED,
+    end_of,
     entry,
     free_body,
     has_changed,
@@ -70,21 +83,67 @@ from geomphys.simulated.state import (
     motion_of,
     pair_at,
     set_how_many,
-    shapes_at,
+    start_of,
+    velocity_of,
 )
-from geomphys.vec3 import norm, sub
+from geomphys.vec3 import (
+    Rot,
+    Vec,
+    add,
+    norm,
+    quat_conjugate,
+    quat_mul,
+    quat_rotate,
+    rot_from_quat,
+    rot_mul,
+    rotate,
+    rotation_vector,
+    scale,
+    sub,
+)
 
 ROOM = 2e-3  # m: how much farther than expected a body may go before pairs are looked for again
 
 
 @kernel
-def box_piece(sim: int, piece: int, grow: float, join: bool) -> None:
-    """Box of a piece where its frame puts it, grown by so much, and joined with the box it had."""
-    box = entry(sim, AT_BOXES) + 48 * piece
+def piece_box(sim: int, piece: int) -> int:
+    """Row of `boxes`."""
+    return entry(sim, AT_BOXES) + 48 * piece
+
+
+@kernel
+def body_box(sim: int, body: int) -> int:
+    """Row of `body_boxes`."""
+    return entry(sim, AT_BODY_BOXES) + 48 * body
+
+
+@kernel
+def set_path(sim: int, body: int) -> None:
+    """Motion of a body that follows its path: straight and turning evenly from its pose at the start to the end's."""
+    m, v = motion_of(sim, body), velocity_of(entry(sim, AT_VELOCITY), body)
+    start, end = start_of(sim, body), end_of(sim, body)
+    rate = 1.0 / knob(sim, AT_DT)
+    set_float(m, BASE, 0.0)
+    set_vec(m, POINT, vec_at(start, 0))
+    set_quat(m, TURN, quat_at(start, 3))
+    set_vec(m, SPEED, scale(sub(vec_at(end, 0), vec_at(start, 0)), rate))
+    turn = rotation_vector(quat_mul(quat_at(end, 3), quat_conjugate(quat_at(start, 3))))
+    set_vec(m, RATE, scale(turn, rate))
+    set_vec(v, 0, vec_at(m, SPEED))
+    set_vec(v, 3, vec_at(m, RATE))
+
+
+@kernel
+def box_piece(sim: int, piece: int, p: Vec, r: Rot, grow: float, join: bool) -> None:
+    """Box of a piece with its body at position p, rotation r, grown by so much, and joined with the box it had."""
+    box, own, local = piece_box(sim, piece), entry(sim, AT_LOCAL_BOXES) + 56 * piece, entry(sim, AT_LOCAL) + 96 * piece
+    m = rot_mul(r, rot_at(local, 0))
+    c = add(p, add(rotate(r, vec_at(local, 9)), rotate(m, vec_at(own, 0))))
+    h, radius = vec_at(own, 3), float_at(own, 6)
     for i in range(3):
-        n = (1.0 if i == 0 else 0.0, 1.0 if i == 1 else 0.0, 1.0 if i == 2 else 0.0)
-        high = extent(shapes_at(sim), piece, n) + grow
-        low = -extent(shapes_at(sim), piece, (-n[0], -n[1], -n[2])) - grow
+        reach = abs(m[3 * i]) * h[0] + abs(m[3 * i + 1]) * h[1] + abs(m[3 * i + 2]) * h[2]
+        reach = min(reach, radius) + grow
+        low, high = c[i] - reach, c[i] + reach
         if join:
             low, high = min(low, float_at(box, i)), max(high, float_at(box, 3 + i))
         set_float(box, i, low)
@@ -94,12 +153,12 @@ def box_piece(sim: int, piece: int, grow: float, join: bool) -> None:
 @kernel
 def box_body(sim: int, body: int) -> None:
     """Box of a body, from those of its pieces; an empty body's lies nowhere."""
-    box, kind = entry(sim, AT_BODY_BOXES) + 48 * body, kind_of(sim, body)
+    box, kind = body_box(sim, body), kind_of(sim, body)
     for i in range(3):
-        low, high = float("inf"), float("-inf")
+        low, high = math.inf, -math.inf
         for piece in range(int_at(kind, FIRST), int_at(kind, LAST)):
-            low = min(low, float_at(entry(sim, AT_BOXES) + 48 * piece, i))
-            high = max(high, float_at(entry(sim, AT_BOXES) + 48 * piece, 3 + i))
+            low = min(low, float_at(piece_box(sim, piece), i))
+            high = max(high, float_at(piece_box(sim, piece), 3 + i))
         set_float(box, i, low)
         set_float(box, 3 + i, high)
 
@@ -114,16 +173,37 @@ def apart(a: int, b: int) -> bool:
 
 
 @kernel
+def passes_by(sim: int, body: int) -> bool:
+    """Whether a body that follows its path is nowhere near what simulated bodies can reach in the frame."""
+    ball, start, end = entry(sim, AT_BALLS) + 32 * body, start_of(sim, body), end_of(sim, body)
+    a = add(vec_at(start, 0), quat_rotate(quat_at(start, 3), vec_at(ball, 0)))
+    b = add(vec_at(end, 0), quat_rotate(quat_at(end, 3), vec_at(ball, 0)))
+    # on the way it leaves the straight line by less than turning moves its middle
+    reach = float_at(ball, 3) + 2.0 * norm(vec_at(ball, 0))
+    for i in range(3):
+        if min(a[i], b[i]) - reach > float_at(sim, AT_EXTENT + 3 + i):
+            return True
+        if max(a[i], b[i]) + reach < float_at(sim, AT_EXTENT + i):
+            return True
+    return False
+
+
+@kernel
 def box_path(sim: int, body: int) -> None:
-    """Box of a body that follows its path, and of its pieces, through the whole frame."""
-    kind, m = kind_of(sim, body), motion_of(sim, body)
+    """Motion and boxes of a body that follows its path through the frame; none if it passes by."""
+    kind, box = kind_of(sim, body), body_box(sim, body)
+    if passes_by(sim, body):
+        set_vec(box, 0, (math.inf, math.inf, math.inf))
+        set_vec(box, 3, (-math.inf, -math.inf, -math.inf))
+        return
+    set_path(sim, body)
+    m, start, end = motion_of(sim, body), start_of(sim, body), end_of(sim, body)
     angle = knob(sim, AT_DT) * norm(vec_at(m, RATE))
+    r0, r1 = rot_from_quat(quat_at(start, 3)), rot_from_quat(quat_at(end, 3))
     for piece in range(int_at(kind, FIRST), int_at(kind, LAST)):
         bulge = float_at(entry(sim, AT_ARM), piece) * min(2.0, 0.125 * angle * angle)
-        place_piece(sim, body, piece, 0.0)
-        box_piece(sim, piece, bulge, False)
-        place_piece(sim, body, piece, knob(sim, AT_DT))
-        box_piece(sim, piece, bulge, True)
+        box_piece(sim, piece, vec_at(start, 0), r0, bulge, False)
+        box_piece(sim, piece, vec_at(end, 0), r1, bulge, True)
     box_body(sim, body)
 
 
@@ -157,10 +237,28 @@ def box_free(sim: int, body: int, t: float) -> None:
     set_float(m, RANGE, reach)
     set_float(m, TURNED, 0.0)
     set_vec(m, HOME, point_at(m, t))
+    r = rot_from_quat(turn_at(m, t))
+    p = sub(point_at(m, t), rotate(r, vec_at(m, OFFSET)))
     for piece in range(int_at(kind, FIRST), int_at(kind, LAST)):
-        place_piece(sim, body, piece, t)
-        box_piece(sim, piece, reach, False)
+        box_piece(sim, piece, p, r, reach, False)
     box_body(sim, body)
+
+
+@kernel
+def box_all(sim: int, t: float) -> None:
+    """Boxes of all bodies that move, from time `t` to the frame's end."""
+    for i in range(3):
+        set_float(sim, AT_EXTENT + i, math.inf)
+        set_float(sim, AT_EXTENT + 3 + i, -math.inf)
+    for s in range(entry(sim, AT_COUNT)):
+        body = free_body(sim, s)
+        box_free(sim, body, t)
+        box = body_box(sim, body)
+        for i in range(3):
+            set_float(sim, AT_EXTENT + i, min(float_at(sim, AT_EXTENT + i), float_at(box, i)))
+            set_float(sim, AT_EXTENT + 3 + i, max(float_at(sim, AT_EXTENT + 3 + i), float_at(box, 3 + i)))
+    for k in range(entry(sim, AT_PATH_COUNT)):
+        box_path(sim, int_at(entry(sim, AT_PATHS), k))
 
 
 @kernel
@@ -177,7 +275,7 @@ def insert(sim: int, count: int, body: int) -> int:
 @kernel
 def near_bodies(sim: int, a: int) -> int:
     """Bodies whose boxes meet that of simulated body a, simulated ones below it left out; sorted, in `found`."""
-    box = entry(sim, AT_BODY_BOXES) + 48 * a
+    box = body_box(sim, a)
     low, high = float_at(box, 0), float_at(box, 3)
     count = 0
     first, last = 0, entry(sim, AT_STILL_COUNT)
@@ -190,11 +288,11 @@ def near_bodies(sim: int, a: int) -> int:
     for k in range(first, entry(sim, AT_STILL_COUNT)):
         if float_at(entry(sim, AT_STILL_LOW), k) > high:
             break
-        if not apart(box, entry(sim, AT_BODY_BOXES) + 48 * int_at(entry(sim, AT_STILL), k)):
+        if not apart(box, body_box(sim, int_at(entry(sim, AT_STILL), k))):
             count = insert(sim, count, int_at(entry(sim, AT_STILL), k))
     for k in range(entry(sim, AT_OTHER_COUNT)):
         b = int_at(entry(sim, AT_OTHERS), k)
-        if not (is_simulated(sim, b) and b <= a) and not apart(box, entry(sim, AT_BODY_BOXES) + 48 * b):
+        if not (is_simulated(sim, b) and b <= a) and not apart(box, body_box(sim, b)):
             count = insert(sim, count, b)
     return count
 
@@ -265,23 +363,22 @@ def set_pairs_aside(sim: int) -> None:
 def find_pairs(sim: int, t: float) -> None:
     """List the pairs of pieces, one of a simulated body, that may meet between time `t` and the frame's end.
 
-    Boxes of bodies that follow their paths must hold them (`box_path`). Pairs come sorted by (piece a, piece b).
+    Pairs come sorted by (piece a, piece b).
     """
     set_pairs_aside(sim)
-    for s in range(entry(sim, AT_COUNT)):
-        box_free(sim, free_body(sim, s), t)
+    box_all(sim, t)
     old = 0
     for s in range(entry(sim, AT_COUNT)):
         a = free_body(sim, s)
         count = near_bodies(sim, a)
         for i in range(int_at(kind_of(sim, a), FIRST), int_at(kind_of(sim, a), LAST)):
-            box = entry(sim, AT_BOXES) + 48 * i
+            box = piece_box(sim, i)
             for f in range(count):
                 b = int_at(entry(sim, AT_FOUND), f)
-                if apart(box, entry(sim, AT_BODY_BOXES) + 48 * b):
+                if apart(box, body_box(sim, b)):
                     continue
                 for j in range(int_at(kind_of(sim, b), FIRST), int_at(kind_of(sim, b), LAST)):
-                    if not apart(box, entry(sim, AT_BOXES) + 48 * j):
+                    if not apart(box, piece_box(sim, j)):
                         old = add_pair(sim, i, j, a, b, old)
     label_islands(sim)
 

@@ -114,6 +114,7 @@ KEPT_COLUMNS = SLOTS + 4 * SLOT_SIZE
 
 # `counts`
 N_PAIRS, N_OLD, N_ROWS, N_HEAP, N_LOST = range(5)
+N_LOOKS, N_SPANS, N_SWEEPS = range(5, 8)  # work done so far: narrow phases, spans of time, sweeps of the solver
 
 
 class SimulatedState(NamedTuple):
@@ -128,6 +129,8 @@ class SimulatedState(NamedTuple):
     arm: Floats  # (P,) m: no surface point that turning moves is farther from its body's reference point
     boxes: Floats  # (P, 6) low and high corner of what a piece sweeps
     body_boxes: Floats  # (B, 6)
+    local_boxes: Floats  # (P, 7) centre and half extents of a piece's box in its own frame, radius of a ball about it
+    balls: Floats  # (B, 4) centre in the body frame and radius of a ball that holds the body
     materials: Floats  # (2, K, K) restitution and friction
     gravity: Floats  # (3,)
     motion: Floats  # (B, MOTION_COLUMNS)
@@ -159,17 +162,19 @@ AT_OTHER_COUNT, AT_ARM, AT_BOXES, AT_BODY_BOXES, AT_MATERIALS, AT_MATERIAL_COUNT
 )
 AT_PAIR_ROOM, AT_ROW_ROOM, AT_SHOVE, AT_HEFT, AT_RECOIL, AT_TREE_COUNT, AT_HEAP, AT_FOUND = range(24, 32)
 AT_POINTS, AT_OLD_SLOTS, AT_TOLD, AT_DRIVEN_IMPULSE, AT_LOCAL, AT_FRAMES = range(32, 38)
-AT_SHAPES = 38  # 9: `Shapes`
-AT_FACES = 47  # 4: `Faces`
-AT_ROOM = 51  # 7: `Room`
-GRAVITY = 58  # m/s², 3
-AT_WEIGHT = 61  # m/s²: |gravity|
-AT_GAP = 62  # m: clearance kept
-AT_TOUCH = 63  # m: clearance that counts as touching
-AT_THRESHOLD = 64  # m/s: slower approaches are resting contact
-AT_DT = 65  # s: the frame
-AT_WIDEST = 66
-HEADER = 67
+AT_LOCAL_BOXES, AT_BALLS, AT_START, AT_END = range(38, 42)
+AT_SHAPES = 42  # 9: `Shapes`
+AT_FACES = 51  # 4: `Faces`
+AT_ROOM = 55  # 7: `Room`
+GRAVITY = 62  # m/s², 3
+AT_WEIGHT = 65  # m/s²: |gravity|
+AT_GAP = 66  # m: clearance kept
+AT_TOUCH = 67  # m: clearance that counts as touching
+AT_THRESHOLD = 68  # m/s: slower approaches are resting contact
+AT_DT = 69  # s: the frame
+AT_WIDEST = 70
+AT_EXTENT = 71  # m, 6: box of all that simulated bodies can reach in the frame
+HEADER = 77
 
 
 @kernel
@@ -260,6 +265,18 @@ def velocity_of(velocity: int, body: int) -> int:
 
 
 @kernel
+def start_of(sim: int, body: int) -> int:
+    """Pose of a body at the frame's start."""
+    return int_at(sim, AT_START) + 56 * body
+
+
+@kernel
+def end_of(sim: int, body: int) -> int:
+    """Pose of a body at the frame's end."""
+    return int_at(sim, AT_END) + 56 * body
+
+
+@kernel
 def is_simulated(sim: int, body: int) -> bool:
     """Whether a body is simulated."""
     return int_at(kind_of(sim, body), ROLE) == SIMULATED
@@ -293,3 +310,9 @@ def how_many(sim: int, what: int) -> int:
 def set_how_many(sim: int, what: int, n: int) -> None:
     """Write an entry of `counts`."""
     set_int(int_at(sim, AT_COUNTS), what, n)
+
+
+@kernel
+def count_one(sim: int, what: int) -> None:
+    """Add one to an entry of `counts`."""
+    set_how_many(sim, what, how_many(sim, what) + 1)

@@ -11,7 +11,7 @@ import math
 
 from geomphys.collision.scratch import Scratch
 from geomphys.kernel import kernel
-from geomphys.memory import address, float_at, int_at, set_float, set_int
+from geomphys.memory import float_at, int_at, set_float, set_int
 from geomphys.simulated.approach import first_touch
 from geomphys.simulated.cells import vec_at
 from geomphys.simulated.collisions import resolve
@@ -20,7 +20,7 @@ from geomphys.simulated.header import header_of
 from geomphys.simulated.impact_queue import empty_queue, put, take_out
 from geomphys.simulated.ledger import drop_rows
 from geomphys.simulated.motion import move_bases
-from geomphys.simulated.pairs import any_beyond_range, box_path, find_pairs
+from geomphys.simulated.pairs import any_beyond_range, find_pairs
 from geomphys.simulated.points import add_rows
 from geomphys.simulated.resting import hold, push_apart
 from geomphys.simulated.sleep import wake
@@ -30,8 +30,6 @@ from geomphys.simulated.state import (
     AT_DT,
     AT_GAP,
     AT_HEAP,
-    AT_PATH_COUNT,
-    AT_PATHS,
     AT_THRESHOLD,
     AT_TOUCH,
     AT_WEIGHT,
@@ -242,7 +240,7 @@ def play(sim: int, max_impacts: int) -> tuple[int, int, float]:
 
 
 @kernel
-def part_at_end(sim: int, start: int, bounded: bool) -> None:
+def part_at_end(sim: int, bounded: bool) -> None:
     """Free bodies that were left overlapping what follows its path: out of it if they can be, else back to the start.
 
     Something squeezed has no place where it is; where it stood at the frame's start the driven bodies left it room.
@@ -266,7 +264,7 @@ def part_at_end(sim: int, start: int, bounded: bool) -> None:
     for s in range(entry(sim, AT_COUNT)):
         body = free_body(sim, s)
         if int_at(kind_of(sim, int_at(kind_of(sim, body), ISLAND)), ISLAND_AWAKE) == 2:
-            put_back(sim, body, start + 56 * body)
+            put_back(sim, body)
     if lay_rows(sim, dt) < before:
         for s in range(entry(sim, AT_COUNT)):
             body = free_body(sim, s)
@@ -275,28 +273,26 @@ def part_at_end(sim: int, start: int, bounded: bool) -> None:
 
 
 @kernel
-def play_frame(sim: int, start: int, end: int, max_impacts: int) -> tuple[int, int]:
-    """`simulate`, on addresses: `start` and `end` are those of the poses."""
+def play_frame(sim: int, max_impacts: int) -> tuple[int, int]:
+    """`simulate`, on addresses."""
     weight = norm(vec_at(sim, GRAVITY))
     set_float(sim, AT_WEIGHT, weight)
     set_float(sim, AT_TOUCH, TOUCH * knob(sim, AT_GAP))
     set_float(sim, AT_THRESHOLD, max(LEAST_THRESHOLD, 2.0 * weight * STEP))
-    begin(sim, start, end)
-    for k in range(entry(sim, AT_PATH_COUNT)):
-        box_path(sim, int_at(entry(sim, AT_PATHS), k))
+    begin(sim)
     find_pairs(sim, 0.0)
     impacts, flags = 0, 0
     if wake(sim, True) and how_many(sim, N_LOST) == 0:
         impacts, flags, t = play(sim, max_impacts)
         mark_all(sim)
         drop_rows(sim, t)
-        part_at_end(sim, start, flags != 0)
+        part_at_end(sim, flags != 0)
     if how_many(sim, N_LOST) > 0:
         # some pairs or contact points were left out: nothing may move past them
         flags |= IMPACT_BOUND
         for s in range(entry(sim, AT_COUNT)):
-            put_back(sim, free_body(sim, s), start + 56 * free_body(sim, s))
-    return impacts, flags | finish(sim, start, end)
+            put_back(sim, free_body(sim, s))
+    return impacts, flags | finish(sim)
 
 
 @kernel
@@ -346,5 +342,5 @@ def simulate(
     """
     if len(state.free) == 0:
         return 0, 0
-    sim = header_of(pieces, state, frames, velocity, driven_impulse, dt, gap, scratch)
-    return play_frame(sim, address(start), address(end), max_impacts)
+    sim = header_of(pieces, state, start, end, velocity, driven_impulse, frames, dt, gap, scratch)
+    return play_frame(sim, max_impacts)
