@@ -239,7 +239,19 @@ def _draw(log: OutputLog, curves: _Curves, panels: list[str], scale: str) -> Fig
         seconds = (log.end_ns - log.start_ns) / 1e9
         title = f"{log.path.stem}: {curves.frames:,} frames in {seconds:,.1f} s"
         figure.suptitle(title, x=0.012, horizontalalignment="left", fontsize=9.0, fontweight="bold")
+        _freeze(figure)
     return figure
+
+
+def _freeze(figure: Figure) -> None:
+    """Lay the panels out once and round their places: the solver of the layout varies in the last bits from run to run,
+    and the names of an SVG's parts are hashes of such numbers.
+    """
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    for axis in figure.axes:
+        x, y, width, height = axis.get_position().bounds
+        axis.set_position((round(x, 6), round(y, 6), round(width, 6), round(height, 6)))
 
 
 def _draw_times(axis: Axes, curves: _Curves, scale: str) -> None:

@@ -16,11 +16,15 @@ from tests.made import Results
 
 @pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf"])
 def test_the_same_output_gives_the_same_picture(landed: Results, tmp_path: Path, suffix: str) -> None:
-    one, other = tmp_path / f"one{suffix}", tmp_path / f"other{suffix}"
-    geomphys.plot_output(landed.out, one)
-    geomphys.plot_output(landed.out, other)
-    assert one.read_bytes() == other.read_bytes()
-    assert one.stat().st_size > 5000
+    pictures = set()
+    for number in range(6 if suffix == ".svg" else 2):  # the layout of panels varies in the last bits, now and then
+        other_places_in_memory = [object() for _ in range(1000 * number)]
+        path = tmp_path / f"{number}{suffix}"
+        geomphys.plot_output(landed.out, path)
+        pictures.add(path.read_bytes())
+        assert path.stat().st_size > 5000
+        del other_places_in_memory
+    assert len(pictures) == 1
 
 
 def test_a_png_is_as_wide_as_a_column_of_print(landed: Results, tmp_path: Path) -> None:
