@@ -1,27 +1,19 @@
-"""Which pairs of pieces may meet in a frame: culling by boxes that hold everything a body can reach meanwhile."""
+"""Which pairs of pieces may meet in a frame."""
 
 from __future__ import annotations
 
-import math
-
 from geomphys.kernel import kernel
 from geomphys.memory import float_at, int_at, set_float, set_int
-from geomphys.simulated.cells import quat_at, rot_at, set_quat, set_vec, vec_at
-from geomphys.simulated.motion import point_at, turn_at
+from geomphys.simulated.boxes import apart, body_box, box_all, piece_box, reach_ahead
+from geomphys.simulated.cells import vec_at
+from geomphys.simulated.motion import point_at
 from geomphys.simulated.state import (
     ARM,
-    AT_ARM,
-    AT_BALLS,
-    AT_BODY_BOXES,
-    AT_BOXES,
     AT_COUNT,
     AT_DT,
-    AT_EXTENT,
     AT_FOUND,
     AT_HEFT,
     AT_KEPT,
-    AT_LOCAL,
-    AT_LOCAL_BOXES,
     AT_MATERIAL_COUNT,
     AT_MATERIALS,
     AT_OLD_KEPT,
@@ -30,15 +22,10 @@ from geomphys.simulated.state import (
     AT_OTHERS,
     AT_PAIR_ROOM,
     AT_PAIRS,
-    AT_PATH_COUNT,
-    AT_PATHS,
     AT_STILL,
     AT_STILL_COUNT,
     AT_STILL_LOW,
-    AT_VELOCITY,
-    AT_WEIGHT,
     AT_WIDEST,
-    BASE,
     BODY_A,
     BODY_B,
     EVENTS,
@@ -53,25 +40,17 @@ from geomphys.simulated.state import (
     N_LOST,
     N_OLD,
     N_PAIRS,
-    OFFSET,
     PAIR_COLUMNS,
     PAIR_FRICTION,
     PAIR_RESTITUTION,
     PIECE_A,
     PIECE_B,
     PLACE,
-    POINT,
     POINTS,
-    PULL,
     RANGE,
-    RATE,
     SEEN,
-    SPEED,
-    SPIN,
-    TURN,
     TURNED,
     YIELDED,
-    end_of,
     entry,
     free_body,
     has_changed,
@@ -83,137 +62,11 @@ from geomphys.simulated.state import (
     motion_of,
     pair_at,
     set_how_many,
-    start_of,
-    velocity_of,
 )
 from geomphys.vec3 import (
-    Rot,
-    Vec,
-    add,
     norm,
-    quat_conjugate,
-    quat_mul,
-    quat_rotate,
-    rot_from_quat,
-    rot_mul,
-    rotate,
-    rotation_vector,
-    scale,
     sub,
 )
-
-ROOM = 2e-3  # m: how much farther than expected a body may go before pairs are looked for again
-
-
-@kernel
-def piece_box(sim: int, piece: int) -> int:
-    """Row of `boxes`."""
-    return entry(sim, AT_BOXES) + 48 * piece
-
-
-@kernel
-def body_box(sim: int, body: int) -> int:
-    """Row of `body_boxes`."""
-    return entry(sim, AT_BODY_BOXES) + 48 * body
-
-
-@kernel
-def set_path(sim: int, body: int) -> None:
-    """Motion of a body that follows its path: straight and turning evenly from its pose at the start to the end's."""
-    m, v = motion_of(sim, body), velocity_of(entry(sim, AT_VELOCITY), body)
-    start, end = start_of(sim, body), end_of(sim, body)
-    rate = 1.0 / knob(sim, AT_DT)
-    set_float(m, BASE, 0.0)
-    set_vec(m, POINT, vec_at(start, 0))
-    set_quat(m, TURN, quat_at(start, 3))
-    set_vec(m, SPEED, scale(sub(vec_at(end, 0), vec_at(start, 0)), rate))
-    turn = rotation_vector(quat_mul(quat_at(end, 3), quat_conjugate(quat_at(start, 3))))
-    set_vec(m, RATE, scale(turn, rate))
-    set_vec(v, 0, vec_at(m, SPEED))
-    set_vec(v, 3, vec_at(m, RATE))
-
-
-@kernel
-def box_piece(sim: int, piece: int, p: Vec, r: Rot, grow: float, join: bool) -> None:
-    """Box of a piece with its body at position p, rotation r, grown by so much, and joined with the box it had."""
-    box, own, local = piece_box(sim, piece), entry(sim, AT_LOCAL_BOXES) + 56 * piece, entry(sim, AT_LOCAL) + 96 * piece
-    m = rot_mul(r, rot_at(local, 0))
-    c = add(p, add(rotate(r, vec_at(local, 9)), rotate(m, vec_at(own, 0))))
-    h, radius = vec_at(own, 3), float_at(own, 6)
-    for i in range(3):
-        reach = abs(m[3 * i]) * h[0] + abs(m[3 * i + 1]) * h[1] + abs(m[3 * i + 2]) * h[2]
-        reach = min(reach, radius) + grow
-        low, high = c[i] - reach, c[i] + reach
-        if join:
-            low, high = min(low, float_at(box, i)), max(high, float_at(box, 3 + i))
-        set_float(box, i, low)
-        set_float(box, 3 + i, high)
-
-
-@kernel
-def box_body(sim: int, body: int) -> None:
-    """Box of a body, from those of its pieces; an empty body's lies nowhere."""
-    box, kind = body_box(sim, body), kind_of(sim, body)
-    for i in range(3):
-        low, high = math.inf, -math.inf
-        for piece in range(int_at(kind, FIRST), int_at(kind, LAST)):
-            low = min(low, float_at(piece_box(sim, piece), i))
-            high = max(high, float_at(piece_box(sim, piece), 3 + i))
-        set_float(box, i, low)
-        set_float(box, 3 + i, high)
-
-
-@kernel
-def apart(a: int, b: int) -> bool:
-    """Whether two boxes have nothing in common."""
-    for i in range(3):  # noqa: SIM110
-        if float_at(a, i) > float_at(b, 3 + i) or float_at(b, i) > float_at(a, 3 + i):
-            return True
-    return False
-
-
-@kernel
-def passes_by(sim: int, body: int) -> bool:
-    """Whether a body that follows its path is nowhere near what simulated bodies can reach in the frame."""
-    ball, start, end = entry(sim, AT_BALLS) + 32 * body, start_of(sim, body), end_of(sim, body)
-    a = add(vec_at(start, 0), quat_rotate(quat_at(start, 3), vec_at(ball, 0)))
-    b = add(vec_at(end, 0), quat_rotate(quat_at(end, 3), vec_at(ball, 0)))
-    # on the way it leaves the straight line by less than turning moves its middle
-    reach = float_at(ball, 3) + 2.0 * norm(vec_at(ball, 0))
-    for i in range(3):
-        if min(a[i], b[i]) - reach > float_at(sim, AT_EXTENT + 3 + i):
-            return True
-        if max(a[i], b[i]) + reach < float_at(sim, AT_EXTENT + i):
-            return True
-    return False
-
-
-@kernel
-def box_path(sim: int, body: int) -> None:
-    """Motion and boxes of a body that follows its path through the frame; none if it passes by."""
-    kind, box = kind_of(sim, body), body_box(sim, body)
-    if passes_by(sim, body):
-        set_vec(box, 0, (math.inf, math.inf, math.inf))
-        set_vec(box, 3, (-math.inf, -math.inf, -math.inf))
-        return
-    set_path(sim, body)
-    m, start, end = motion_of(sim, body), start_of(sim, body), end_of(sim, body)
-    angle = knob(sim, AT_DT) * norm(vec_at(m, RATE))
-    r0, r1 = rot_from_quat(quat_at(start, 3)), rot_from_quat(quat_at(end, 3))
-    for piece in range(int_at(kind, FIRST), int_at(kind, LAST)):
-        bulge = float_at(entry(sim, AT_ARM), piece) * min(2.0, 0.125 * angle * angle)
-        box_piece(sim, piece, vec_at(start, 0), r0, bulge, False)
-        box_piece(sim, piece, vec_at(end, 0), r1, bulge, True)
-    box_body(sim, body)
-
-
-@kernel
-def reach_ahead(sim: int, body: int, left: float) -> float:
-    """How far any point of a simulated body may get in `left` seconds as it moves now [m]."""
-    m = motion_of(sim, body)
-    pull = max(norm(vec_at(m, PULL)), knob(sim, AT_WEIGHT))
-    turn = min(2.0, 2.0 * left * norm(vec_at(m, SPIN)))
-    return left * norm(vec_at(m, SPEED)) + 0.5 * left * left * pull + turn * float_at(m, ARM)
 
 
 @kernel
@@ -227,38 +80,6 @@ def any_beyond_range(sim: int, t: float) -> bool:
             if gone + reach_ahead(sim, body, knob(sim, AT_DT) - t) > float_at(m, RANGE):
                 return True
     return False
-
-
-@kernel
-def box_free(sim: int, body: int, t: float) -> None:
-    """Box of a simulated body, and of its pieces, from time `t` to the frame's end; notes the range it is for."""
-    m, kind = motion_of(sim, body), kind_of(sim, body)
-    reach = reach_ahead(sim, body, knob(sim, AT_DT) - t) + ROOM
-    set_float(m, RANGE, reach)
-    set_float(m, TURNED, 0.0)
-    set_vec(m, HOME, point_at(m, t))
-    r = rot_from_quat(turn_at(m, t))
-    p = sub(point_at(m, t), rotate(r, vec_at(m, OFFSET)))
-    for piece in range(int_at(kind, FIRST), int_at(kind, LAST)):
-        box_piece(sim, piece, p, r, reach, False)
-    box_body(sim, body)
-
-
-@kernel
-def box_all(sim: int, t: float) -> None:
-    """Boxes of all bodies that move, from time `t` to the frame's end."""
-    for i in range(3):
-        set_float(sim, AT_EXTENT + i, math.inf)
-        set_float(sim, AT_EXTENT + 3 + i, -math.inf)
-    for s in range(entry(sim, AT_COUNT)):
-        body = free_body(sim, s)
-        box_free(sim, body, t)
-        box = body_box(sim, body)
-        for i in range(3):
-            set_float(sim, AT_EXTENT + i, min(float_at(sim, AT_EXTENT + i), float_at(box, i)))
-            set_float(sim, AT_EXTENT + 3 + i, max(float_at(sim, AT_EXTENT + 3 + i), float_at(box, 3 + i)))
-    for k in range(entry(sim, AT_PATH_COUNT)):
-        box_path(sim, int_at(entry(sim, AT_PATHS), k))
 
 
 @kernel
