@@ -56,8 +56,6 @@ KNOWN_FAILURES = {
     "test_a_process_that_dies_is_replaced": "a file of the run is left behind",
     "test_a_recorded_hand_on_a_table_raised_by_a_millimetre": "bodies that did not move are named too",
     "test_the_same_output_gives_the_same_picture": "ids in SVG differ between two runs",
-    "test_twins": "the exhaustive search has a new signature",
-    "test_distances_are_certified_and_agree_with_coal": "cylinders: the tolerance is under discussion",
     "test_losing_remembered_directions_costs_no_answer": "names of a record's fields have changed",
     "test_pairs_of_fixed_things_are_not_looked_at": "names of a record's fields have changed",
     "test_no_overlap_is_missed_and_none_invented": "names of a record's fields have changed",

@@ -24,6 +24,8 @@ GONE = 0
 SURFACE = 1
 FLAT = 2  # of the surface, but without area: its plane says nothing, its points lie on the edges of others
 STATE = 6
+FEW = 24
+"""Corners from which on each new one is compared with all others."""
 
 
 @kernel
@@ -249,7 +251,7 @@ def expand(
     Returns
     -------
     exact
-        Whether the bounds met: to 1e-12 of the depth, 1e-7 where a cylinder takes part.
+        Whether the bounds met: to rounding, or 1e-7 of the depth and 1e-11 of the size where a cylinder takes part.
     depth
         M's extent along the normal [m]: the smallest upper bound found.
     outward
@@ -257,7 +259,10 @@ def expand(
     point
         Of A, deepest in B.
     """
-    tight = 1e-7 if a.kind == CYLINDER or b.kind == CYLINDER else 1e-12
+    curved = a.kind == CYLINDER or b.kind == CYLINDER
+    tight = 1e-7 if curved else 1e-12
+    floor = size * (1e-11 if curved else 2e-15)
+    loose, loosest = 1e-6, 1e-11 * size
     best, outward = np.inf, (0.0, 0.0, 1.0)
     if not first_tetrahedron(a, b, rot, t, count, room):
         return False, best, outward, vec_at(room.points, 3)
@@ -282,6 +287,7 @@ def expand(
     join(room, 2, 1, 3, 1)
     faces, used = 4, 4
     at_a, at_b = 0, 0
+    nearest, lowest = 0, np.inf
     while waiting > 0:
         f = pop(room, waiting)
         waiting -= 1
@@ -294,13 +300,20 @@ def expand(
         known = False
         for k in range(3):
             known |= w == vec_at(room.points, 6 * int_at(room.faces, 8 * f + k))
-        slack = tight * abs(high) + 2e-15 * size
+        slack = tight * abs(min(high, best)) + floor
         if (known or high - low <= slack) and high <= best + slack:
-            return True, high, n, foot(room, n, f, faces)
+            return high - lowest <= loose * abs(high) + loosest, high, n, foot(room, n, f, faces)
         if known or low >= best - slack:
-            return True, best, outward, foot(room, outward, f, faces)
+            return best - lowest <= loose * abs(best) + loosest, best, outward, foot(room, outward, f, faces)
         if high < best:
-            best, outward = high, n
+            best, outward, nearest = high, n, f
+        if curved and used >= FEW:
+            for i in range(used):
+                known |= w == vec_at(room.points, 6 * i)
+            if known:
+                # a corner that is there already: rounding has bent the surface, and this face is as good as it gets
+                lowest = min(lowest, low)
+                continue
         if used == MAX_CORNERS:
             break
         set_pair(room.points, used, w, p)
@@ -314,4 +327,9 @@ def expand(
             if distance <= best and waiting < MAX_FACES:
                 push(room, waiting, g, distance)
                 waiting += 1
-    return False, best, outward, foot(room, outward, 0, faces)
+    return (
+        waiting == 0 and best - lowest <= loose * abs(best) + loosest,
+        best,
+        outward,
+        foot(room, outward, nearest, faces),
+    )

@@ -128,7 +128,7 @@ def deepest_point(a: Core, b: Core, rot: Rot, t: Vec, n: Vec, size: float, room:
         p = corner_of(a, i)
         for j in range(corners_of(b)):
             u = sub(p, add(t, rotate(rot, corner_of(b, j))))
-            if dot(n, u) >= level - 1e-12 * size and used < 24:
+            if dot(n, u) >= level - 1e-12 * size and used < 64:
                 set_pair(room.points, used, sub(u, ground), p)
                 used += 1
     best = np.inf

@@ -17,7 +17,6 @@ from geomphys.collision.support import Core, support
 from geomphys.kernel import kernel
 from geomphys.memory import set_float
 from geomphys.vec3 import Rot, Vec, add_scaled, cross, dot, neg, rotate, rotate_back, scale, sub
-from geomphys.world.scene import CYLINDER
 
 Weights: TypeAlias = tuple[float, float, float, float]
 
@@ -27,6 +26,8 @@ OVERLAP = 2
 
 ROUNDING = 4e-16
 """Share of the coordinates' size that the arithmetic may be off."""
+TIGHT = 1e-12
+"""Share of the distance that is left between its bounds."""
 ROUNDS = 128
 
 
@@ -156,7 +157,6 @@ def closest(
         Points of the simplex that holds the origin (OVERLAP); they are rows (point of M, point of A) of the array at
         address `simplex`.
     """
-    tight = 1e-12 if a.kind != CYLINDER and b.kind != CYLINDER else 1e-10
     zero = (0.0, 0.0, 0.0)
     floor = ROUNDING * size
     at_a, at_b = 0, 0
@@ -179,7 +179,7 @@ def closest(
             normal = scale(v, 1.0 / length)
             if gap > limit:
                 return FAR, gap, normal, p, 0
-        if count > 0 and length - bound <= tight * length + floor:
+        if count > 0 and length - bound <= TIGHT * length + floor:
             break
         if count == 0:
             w0, a0 = w, p
