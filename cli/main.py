@@ -22,6 +22,7 @@ EXIT_USAGE = 2
 EXIT_INTERRUPTED = 130
 
 COMMANDS = {
+    "init": "Write a first scene file for a log.",
     "replay": "Replay a log in a scene and write the corrected motion.",
     "batch": "Replay many logs, by several processes or a cluster.",
     "diff": "Tell what two results differ in.",

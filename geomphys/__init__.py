@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from geomphys.config import Config
     from geomphys.diff.compare import compare_outputs
     from geomphys.diff.report import OutputDifference
+    from geomphys.draft import SceneDraft, draft_scene
     from geomphys.errors import (
         ClusterError,
         ConfigError,
@@ -57,6 +58,7 @@ _HOME = {
     "OutputError": "errors",
     "Penetrations": "results",
     "Scene": "world.scene",
+    "SceneDraft": "draft",
     "SceneError": "errors",
     "Statistics": "stats",
     "Summarizer": "summary",
@@ -64,6 +66,7 @@ _HOME = {
     "World": "world.scene",
     "audit_output": "audit",
     "compare_outputs": "diff.compare",
+    "draft_scene": "draft",
     "load_world": "load",
     "plot_output": "plots",
     "replay": "pipeline",
@@ -92,6 +95,7 @@ __all__ = [
     "OutputError",
     "Penetrations",
     "Scene",
+    "SceneDraft",
     "SceneError",
     "Statistics",
     "Summarizer",
@@ -100,6 +104,7 @@ __all__ = [
     "__version__",
     "audit_output",
     "compare_outputs",
+    "draft_scene",
     "load_world",
     "plot_output",
     "replay",

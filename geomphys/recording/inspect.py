@@ -9,14 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from geomphys.errors import LogError
-from geomphys.recording.channels import Content, Joints, kind_of, make_reader
+from geomphys.recording.channels import Content, Joints, Pose, kind_of, make_reader
 from geomphys.recording.check import CheckReport, check_log
 from geomphys.recording.decoders import BadMessageError
-from geomphys.recording.naming import add_names
+from geomphys.recording.naming import KEPT, add_names
 from geomphys.recording.reader import LogChannel, LogReader, RawMessage, open_log
 from geomphys.recording.streams import VALUE_LIMIT, good_pose
 
 __all__ = ["CheckReport", "LogInfo", "TopicInfo", "check_log", "inspect_log"]
+
+Corner = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,8 @@ class TopicInfo:
     joints: tuple[str, ...]  # named in the messages, sorted
     frames: tuple[str, ...]  # child frames of transforms, sorted
     sides: tuple[str, ...]  # of gloves
+    ranges: dict[str, tuple[float, float]]  # joint -> least and largest good value, as recorded
+    boxes: dict[str, tuple[Corner, Corner]]  # child frame ("" without one) -> box of its good positions, m
     bad_samples: int  # not finite, or without a unit quaternion
     bad_messages: int  # cannot be decoded
     problem: str  # why the channel's schema cannot be read; "" if it can
@@ -116,6 +120,8 @@ class _Survey:
     joints: set[str] = field(default_factory=set)
     frames: set[str] = field(default_factory=set)
     sides: set[str] = field(default_factory=set)
+    ranges: dict[str, tuple[float, float]] = field(default_factory=dict)
+    boxes: dict[str, tuple[Corner, Corner]] = field(default_factory=dict)
     bad_samples: int = 0
     bad_messages: int = 0
     problem: str = ""
@@ -146,10 +152,30 @@ class _Survey:
             add_names(self.joints, content.names)
             if content.side:
                 add_names(self.sides, [content.side])
-            self.bad_samples += sum(not abs(v) < VALUE_LIMIT for v in content.values)
+            for name, value in zip(content.names, content.values, strict=False):
+                self._take_value(name, value)
         else:
             add_names(self.frames, [p.child for p in content if p.child])
-            self.bad_samples += sum(good_pose(p.value) is None for p in content)
+            for pose in content:
+                self._take_pose(pose)
+
+    def _take_value(self, name: str, value: float) -> None:
+        if not abs(value) < VALUE_LIMIT:
+            self.bad_samples += 1
+            return
+        least, most = self.ranges.get(name, (value, value))
+        if name in self.ranges or len(self.ranges) < KEPT:
+            self.ranges[name] = (min(least, value), max(most, value))
+
+    def _take_pose(self, pose: Pose) -> None:
+        if good_pose(pose.value) is None:
+            self.bad_samples += 1
+            return
+        x, y, z = pose.value[:3]
+        (a, b, c), (d, e, f) = self.boxes.get(pose.child, ((x, y, z), (x, y, z)))
+        if pose.child in self.boxes or len(self.boxes) < KEPT:
+            low, high = (min(a, x), min(b, y), min(c, z)), (max(d, x), max(e, y), max(f, z))
+            self.boxes[pose.child] = (low, high)
 
     def info(self) -> TopicInfo:
         """Sum up."""
@@ -168,6 +194,8 @@ class _Survey:
             joints=tuple(sorted(self.joints)),
             frames=tuple(sorted(self.frames)),
             sides=tuple(sorted(self.sides)),
+            ranges=dict(sorted(self.ranges.items())),
+            boxes=dict(sorted(self.boxes.items())),
             bad_samples=self.bad_samples,
             bad_messages=self.bad_messages,
             problem=self.problem,
