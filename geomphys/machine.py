@@ -11,12 +11,13 @@ from geomphys.collision.detect import Axes, make_axes, make_near
 from geomphys.collision.global_depth import GlobalDepths, make_global_depths
 from geomphys.collision.penetration import Scratch, make_scratch
 from geomphys.collision.sweep import Boxes, make_boxes
-from geomphys.driven.chains import make_chain_room
+from geomphys.driven.ccd import make_ccd_room
 from geomphys.driven.escape import make_rescue
 from geomphys.driven.least_distance import make_least_distance
 from geomphys.driven.overlap import make_places
 from geomphys.driven.posture import make_joints
-from geomphys.driven.update import DrivenRoom, DrivenState, make_driven_state
+from geomphys.driven.rows import make_chain_room
+from geomphys.driven.state import DrivenRoom, DrivenState, make_driven_state
 from geomphys.packed import pack
 from geomphys.simulated.make import make_simulated_state
 from geomphys.simulated.state import SimulatedState
@@ -106,8 +107,8 @@ class Machine(NamedTuple):
         )  # fmt: skip
 
 
-def make_machine(scene: Scene) -> Machine:
-    """Everything a replay of `scene` needs, at rest."""
+def make_machine(scene: Scene, seed: int = 0) -> Machine:
+    """Everything a replay of `scene` needs, at rest; `seed` is that of the order in which chains are dealt with."""
     trees, bodies, pieces = len(scene.trees.role), len(scene.bodies.role), len(scene.pieces.kind)
     dofs, origins = len(scene.dofs.lower), joint_origins(scene)
     near, places, packed = make_near(NEAR_PAIRS), make_places(scene, NEAR_PAIRS), pack(scene)
@@ -116,11 +117,12 @@ def make_machine(scene: Scene) -> Machine:
         pose_tree(packed, origins, tree, scene.trees.rest, np.zeros(dofs), poses)
         for frames in (places.base, places.frames, places.moved):
             place_tree(packed, tree, poses, frames)
-    unknowns = 3 * trees + dofs
+    unknowns, joints = 3 * trees + dofs, make_joints(scene, poses)
     room = DrivenRoom(
-        origins, make_joints(scene, poses), np.zeros(bodies, np.int64), places, make_chain_room(scene, unknowns, MET), near,
-        make_least_distance(unknowns, PLANES), make_rescue(make_near(NEAR_PAIRS)), np.zeros(pieces), np.zeros(bodies),
-        np.zeros(dofs), np.zeros(dofs), np.zeros((trees, 7)), np.zeros(dofs), np.zeros((bodies, 7)),
+        origins, joints, np.zeros(bodies, np.int64), places, make_chain_room(scene, unknowns, MET),
+        make_ccd_room(scene, joints), near, make_least_distance(unknowns, PLANES),
+        make_rescue(make_near(NEAR_PAIRS)), np.zeros(pieces), np.zeros(bodies), np.zeros(dofs), np.zeros(dofs),
+        np.zeros((trees, 7)), np.zeros(dofs), np.zeros((bodies, 7)), np.array([seed]),
     )  # fmt: skip
     return Machine(
         poses, poses.copy(), make_driven_state(scene), room, make_global_depths(NEAR_PAIRS),

@@ -49,7 +49,7 @@ class Pipeline:
 
     def __init__(self, world: World, config: Config) -> None:
         self.world = world
-        self.machine = make_machine(world.scene)
+        self.machine = make_machine(world.scene, config.seed)
         self.knobs = Knobs(config.gap, config.max_iterations, config.max_impacts)
         self.blocks = [self._make_block() for _ in range(3)]
         self._packed = pack(world.scene), pack(self.machine)

@@ -71,10 +71,10 @@ def make_joints(scene: Scene, poses: Floats) -> Joints:
 
 @kernel
 def take_posture(joints: Joints, recorded: Floats, bend: Floats, angles: Floats) -> None:
-    """Angles (Q,) = recorded + bend where a joint yields; the recorded number itself where it has no offset."""
+    """Angles (Q,) = recorded + bend of the avatars with chains; the recorded number itself where it has no offset."""
     for q in range(len(recorded)):
         angles[q] = recorded[q]
-        if joints.yields[q] == 1 and bend[q] != 0.0:
+        if joints.held[q] == 1 and bend[q] != 0.0:
             angles[q] = recorded[q] + bend[q]
 
 
@@ -115,12 +115,13 @@ def joint_effect(scene: Scene, poses: Floats, joint: int, point: Vec, n: Vec) ->
 
 @kernel
 def add_effects(
-    scene: Scene, joints: Joints, yields: Ints, poses: Floats, body: int, point: Vec, n: Vec, sign: float, column: Ints,
+    scene: Scene, yields: Ints, lever: Floats, poses: Floats, body: int, point: Vec, n: Vec, sign: float, column: Ints,
     unknowns: int, row: Floats,
 ) -> int:  # fmt: skip
     """Add to `row` how a point of `body` moves along n with each joint above it that `yields` (Q,), in scaled unknowns.
 
-    `column` (Q,) numbers the unknowns; joints met for the first time are given the next one. Returns their number.
+    `lever` (Q,) [m] scales them. `column` (Q,) numbers the unknowns; joints met for the first time are given the next
+    one. Returns their number.
     """
     joint = body
     while joint >= 0:
@@ -129,7 +130,7 @@ def add_effects(
             if column[q] < 0:
                 column[q] = unknowns
                 unknowns += 1
-            row[column[q]] += sign * joint_effect(scene, poses, joint, point, n) / joints.lever[q]
+            row[column[q]] += sign * joint_effect(scene, poses, joint, point, n) / lever[q]
         joint = scene.bodies.parent[joint]
     return unknowns
 

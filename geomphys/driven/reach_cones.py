@@ -17,7 +17,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.driven.posture import Joints, lower_bend, upper_bend
+from geomphys.driven.posture import lower_bend, upper_bend
 from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import Vec, add, add_scaled, cross, dot, norm, perpendicular, rotate, scale, sub, unit
 from geomphys.world.kinematics import frame_rotation, joint_value
@@ -176,25 +176,20 @@ def cone_effect(scene: Scene, cone: int, angles: Floats, place: int, d: Vec, inw
 
 
 @kernel
-def cone_row(
-    scene: Scene, joints: Joints, cone: int, angles: Floats, column: Ints, unknowns: int, row: Floats
-) -> tuple[float, int]:
-    """Add ∂g/∂q of the yielding joints of a cone to `row`, in scaled unknowns as `add_effects` does.
+def cone_row(scene: Scene, lever: Floats, cone: int, angles: Floats, column: Ints, row: Floats) -> float:
+    """Add ∂g/∂q of those joints of a cone that are unknowns to `row`, scaled as `add_effects` does.
 
-    `column` (Q,) numbers the unknowns, joints met for the first time are given the next one. Returns (g [rad], the
-    number of unknowns); the limb stays in its cone to first order if row · Δx >= cone_bound - g.
+    `column` (Q,) numbers the unknowns, -1: none. Returns g [rad]; the limb stays in its cone to first order if
+    row · Δx >= cone_bound - g.
     """
     start = scene.cones.direction_start
     d = limb_direction(scene, cone, angles)
     g, _, inward = signed_angle(scene.cones.directions, start[cone], start[cone + 1], d)
     for place in range(scene.cones.joint_start[cone], scene.cones.joint_start[cone + 1]):
         q = scene.bodies.dof[scene.cones.joints[place]]
-        if joints.yields[q] == 1:
-            if column[q] < 0:
-                column[q] = unknowns
-                unknowns += 1
-            row[column[q]] += cone_effect(scene, cone, angles, place, d, inward) / joints.lever[q]
-    return g, unknowns
+        if column[q] >= 0:
+            row[column[q]] += cone_effect(scene, cone, angles, place, d, inward) / lever[q]
+    return g
 
 
 @kernel

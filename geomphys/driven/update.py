@@ -14,15 +14,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import Axes, Near
+from geomphys.collision.detect import Axes
 from geomphys.collision.penetration import Scratch
 from geomphys.collision.sweep import Boxes, update_boxes
-from geomphys.driven.chains import FREE, ChainRoom, bend_chains, is_chained, place_posture
+from geomphys.driven.chain_step import brake_joints, pull_joints, yield_chains
+from geomphys.driven.chains import place_posture
 from geomphys.driven.coupling import relax
-from geomphys.driven.escape import Rescue
-from geomphys.driven.least_distance import LeastDistance
-from geomphys.driven.overlap import INTERPOLATED, LEAST_DISTANCE, Places, eliminate_overlap, place_at, row_of
-from geomphys.driven.posture import Joints, PostureState, lower_bend, upper_bend
+from geomphys.driven.overlap import Places, eliminate_overlap, place_at, row_of
+from geomphys.driven.rows import is_chained
+from geomphys.driven.state import DrivenRoom, DrivenState
 from geomphys.driven.steps import is_recorded, measure_flex, measure_stir, recording_between, steps_needed
 from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import dot, norm, sub, unit
@@ -30,43 +30,9 @@ from geomphys.world.kinematics import place_tree
 from geomphys.world.scene import DRIVEN, Scene
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 DRIFT = 1.2  # times its recorded motion, and
 DRIFT_SLACK = 8e-4  # m: how far a tree steps aside in a step
-
-
-class DrivenState(NamedTuple):
-    """What the driven loop carries from frame to frame."""
-
-    started: Ints  # (1,) 0 before the first frame
-    offset: Floats  # (T, 3) m, of each tree from its recorded pose
-    speed: Floats  # (T, 3) m/s, of the offset
-    roots: Floats  # (T, 7) recorded root poses of the last step
-    angles: Floats  # (Q,) recorded angles of the last step
-    frames: Floats  # (P, 12) pieces at the end of the last step
-    posture: PostureState
-    drift: Floats  # (T, 3) direction in which a tree is to step aside, its length the pace; 0: none
-
-
-class DrivenRoom(NamedTuple):
-    """Fixed facts and scratch of the driven loop."""
-
-    origins: Floats  # (B, 7) joint origins
-    joints: Joints
-    nothing: Ints  # (B,) zeros: no body is ignored
-    places: Places
-    chains: ChainRoom
-    near: Near
-    problem: LeastDistance
-    rescue: Rescue
-    stir: Floats  # (P,) m, how far the step moves each piece
-    flex: Floats  # (B,) m, how far the joints above a body move it
-    before: Floats  # (Q,) angles at the end of the last step
-    after: Floats  # (Q,) angles the coupling asks for
-    roots: Floats  # (T, 7) recorded root poses of a step
-    angles: Floats  # (Q,)
-    poses: Floats  # (B, 7) recorded poses of a step
 
 
 class Outcome(NamedTuple):
@@ -76,15 +42,6 @@ class Outcome(NamedTuple):
     method: int  # as in results.METHODS
     rescues: int  # searches for a way out
     converged: bool
-
-
-def make_driven_state(scene: Scene) -> DrivenState:
-    """The state before the first frame."""
-    trees, pieces, dofs = len(scene.trees.role), len(scene.pieces.kind), len(scene.dofs.lower)
-    return DrivenState(
-        np.zeros(1, np.int64), np.zeros((trees, 3)), np.zeros((trees, 3)), np.zeros((trees, 7)), np.zeros(dofs),
-        np.zeros((pieces, 12)), PostureState(np.zeros(dofs), np.zeros(dofs)), np.zeros((trees, 3)),
-    )  # fmt: skip
 
 
 @kernel
@@ -107,28 +64,6 @@ def _pull(scene: Scene, state: DrivenState, p: Places, roots: Floats, dt: float)
                 trees.damping[tree],
                 dt,
             )
-
-
-@kernel
-def _pull_joints(scene: Scene, state: DrivenState, room: DrivenRoom, angles: Floats, dt: float) -> None:
-    """Goal and present offset of every joint of an avatar with chains from the angle recorded now, within the joint's limits."""
-    trees, posture, chains = scene.trees, state.posture, room.chains
-    for q in range(len(angles)):
-        room.before[q], room.after[q] = state.angles[q], angles[q]
-        if room.joints.held[q] == 0:
-            continue
-        tree = scene.dofs.tree[q]
-        chains.goal[q] = chains.current[q] = 0.0
-        if state.started[0] == 1:
-            chains.current[q] = posture.bend[q] + (state.angles[q] - angles[q])
-            goal, posture.speed[q] = relax(
-                posture.bend[q], posture.speed[q], trees.mass[tree], trees.stiffness[tree], trees.damping[tree], dt
-            )
-            lower, upper = lower_bend(scene, angles, q), upper_bend(scene, angles, q)
-            chains.goal[q] = min(max(goal, lower), upper)
-            chains.current[q] = min(max(chains.current[q], lower), upper)
-        room.before[q] = state.angles[q] + posture.bend[q]
-        room.after[q] = angles[q] + chains.goal[q]
 
 
 @outlined
@@ -175,21 +110,10 @@ def _brake(state: DrivenState, p: Places, tree: int) -> None:
 
 
 @kernel
-def _brake_joints(state: DrivenState, room: DrivenRoom) -> None:
-    """The same for the joints; their offsets are remembered."""
-    for q in range(len(room.joints.yields)):
-        if room.joints.held[q] == 0:
-            continue
-        push = room.chains.trial[q] - room.chains.goal[q]
-        if push * state.posture.speed[q] < 0.0:
-            state.posture.speed[q] = 0.0
-        state.posture.bend[q] = room.chains.trial[q]
-
-
-@kernel
 def _remember(scene: Scene, state: DrivenState, p: Places, roots: Floats, angles: Floats) -> None:
     """What the next step starts from."""
     state.started[0] = 1
+    state.steps[0] += 1
     for tree in range(len(scene.trees.role)):
         if not is_recorded(scene, tree):
             continue
@@ -206,38 +130,6 @@ def _remember(scene: Scene, state: DrivenState, p: Places, roots: Floats, angles
         state.angles[i] = angles[i]
 
 
-@kernel
-def _bend(
-    scene: Scene,
-    room: DrivenRoom,
-    boxes: Boxes,
-    roots: Floats,
-    angles: Floats,
-    gap: float,
-    axes: Axes,
-    scratch: Scratch,
-) -> tuple[int, int, bool]:
-    """Chains yield, then roots too, then all joints; else the last posture is held: (passes, method, whether free)."""
-    p, chains, joints, passes = room.places, room.chains, room.joints, 0
-    for attempt in range(3):
-        yields = joints.held if attempt == 2 else joints.yields
-        status, more = bend_chains(
-            scene, room.origins, joints, chains, p, boxes, room.near, room.problem, roots, angles, gap, yields, attempt > 0, axes,
-            scratch,
-        )  # fmt: skip
-        passes += more
-        if status == FREE:
-            for tree in range(len(p.column)):
-                if is_chained(scene, tree):
-                    for i in range(3):
-                        p.current[tree, i] = p.trial[tree, i]
-            return passes, 0 if passes == 1 else LEAST_DISTANCE, attempt == 0
-    for q in range(len(chains.trial)):
-        chains.trial[q] = chains.current[q]
-    place_posture(scene, room.origins, room.joints, roots, angles, chains.trial, p.current, chains, p, boxes)
-    return passes, INTERPOLATED, False
-
-
 @outlined
 def _advance(
     scene: Scene, state: DrivenState, room: DrivenRoom, boxes: Boxes, roots: Floats, angles: Floats, poses: Floats, dt: float,
@@ -246,7 +138,7 @@ def _advance(
     """One step: trees placed at `poses` and carried over; they go as near to their goals as they can."""
     p, chained = room.places, room.joints.any[0] == 1
     _pull(scene, state, p, roots, dt)
-    _pull_joints(scene, state, room, angles, dt)
+    pull_joints(scene, state, room, angles, dt)
     _place_trees(scene, room, boxes, roots, angles, poses)
     if state.started[0] == 1:
         measure_stir(scene, room.joints, state.frames, p, room.stir)
@@ -258,9 +150,9 @@ def _advance(
         if scene.trees.role[tree] == DRIVEN:
             _brake(state, p, tree)
     if chained:
-        passes, how, free = _bend(scene, room, boxes, roots, angles, gap, axes, scratch)
+        passes, how, free = yield_chains(scene, state, room, boxes, roots, angles, gap, axes, scratch)
         count, method = count + passes, max(method, how)
-        _brake_joints(state, room)
+        brake_joints(state, room)
         if not free:
             for tree in range(len(scene.trees.role)):
                 for i in range(3):
@@ -300,7 +192,7 @@ def update_driven(
     steps = 1
     if state.started[0] == 1:
         _pull(scene, state, p, roots, 0.0)
-        _pull_joints(scene, state, room, angles, 0.0)
+        pull_joints(scene, state, room, angles, 0.0)
         _place_trees(scene, room, boxes, roots, angles, recorded)
         measure_stir(scene, room.joints, state.frames, p, room.stir)
         measure_flex(scene, room.joints, room.before, room.after, room.flex)
