@@ -41,7 +41,9 @@ from geomphys.world.scene import Scene
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-PASSES = 14  # of measuring and solving
+PASSES = 24  # of measuring and solving
+STALLED = 0.7  # times the move of the pass before: a longer one is followed by smaller shares of the way
+LEAST_SHARE = 0.125
 SETTLED = 1e-6  # m: a pass that moves nothing farther ends the search
 LONGEST = 0.5  # m of scaled unknowns: a solution farther from the goal is none
 HALVINGS = 10  # of the way from a held posture towards the goal
@@ -97,11 +99,11 @@ def _meet(scene: Scene, joints: Joints, near: Near, room: ChainRoom, gap: float,
 @outlined
 def _solve(
     scene: Scene, room: ChainRoom, p: Places, recorded: Floats, offsets: Floats, problem: LeastDistance, unknowns: int,
-    rows: int,
+    rows: int, share: float,
 ) -> tuple[bool, float]:  # fmt: skip
-    """The nearest posture to the goal within the rows and the joints' limits, into `trial` and `offsets`.
+    """Go a `share` of the way to the nearest posture to the goal within the rows and the joints' limits.
 
-    Returns whether there is one and how far [m] an unknown moved.
+    `trial` and `offsets` are brought there. Returns whether there is such a posture and how far [m] an unknown moved.
     """
     for _ in range(unknowns + 1):
         for j in range(unknowns):
@@ -119,7 +121,10 @@ def _solve(
         rows = more
     longest = 0.0
     for j in range(unknowns):
-        longest = max(longest, abs(problem.x[j] - unknown_now(room, offsets, j)))
+        now = unknown_now(room, offsets, j)
+        if share < 1.0:
+            problem.x[j] = now + share * (problem.x[j] - now)
+        longest = max(longest, abs(problem.x[j] - now))
     if longest > LONGEST:
         return False, longest
     for q in range(len(room.trial)):
@@ -175,13 +180,14 @@ def bend_chains(
     for q in range(len(room.trial)):
         room.trial[q] = room.current[q]
     place_posture(scene, origins, joints, roots, recorded, room.trial, p.trial, room, p, boxes)
+    share, last = 1.0, math.inf
     for count in range(PASSES):
         call_in_joints(scene, joints, room, p, p.trial, problem, what == EVERYTHING, axes, scratch)
         unknowns, rows, possible = add_pairs(scene, room, p.trial, problem, gap, with_root)
         if not possible:
             return STUCK, count + 1
         rows = add_cones(scene, room, recorded, p.trial, problem, unknowns, rows)
-        solved, moved = _solve(scene, room, p, recorded, p.trial, problem, unknowns, rows)
+        solved, moved = _solve(scene, room, p, recorded, p.trial, problem, unknowns, rows, share)
         if not solved:
             return STUCK, count + 1
         place_posture(scene, origins, joints, roots, recorded, room.trial, p.trial, room, p, boxes)
@@ -190,6 +196,9 @@ def bend_chains(
         settled = moved < SETTLED or (count >= 6 and smallest == math.inf) or count >= 10
         if smallest >= 0.0 and settled and cones_hold(scene, recorded, room.angles):
             return FREE, count + 2
+        if count > 1 and moved > STALLED * last:  # to and fro between two points of a pair, say
+            share = max(0.5 * share, LEAST_SHARE)
+        last = moved
     return STUCK, PASSES
 
 
