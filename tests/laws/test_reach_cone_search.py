@@ -85,6 +85,7 @@ def cones(draw, widest=2.9):
     jitter = np.array(draw(st.lists(st.floats(-0.3, 0.3), min_size=count, max_size=count)))
     polar = np.array(draw(st.lists(st.floats(0.15, widest), min_size=count, max_size=count)))
     azimuths = 2 * np.pi * (np.arange(count) + jitter) / count
+    assume(np.all(np.diff(azimuths, append=azimuths[0] + 2 * np.pi) < 3.1))  # else the centre is not inside
     centre = draw(directions)
     corners = star(centre, azimuths, polar)
     assume(np.all(angle_between(corners, np.roll(corners, -1, axis=0)) < 3.1))
