@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+from defusedxml import ElementTree
 
 from geomphys.errors import InputError, ViewerError
 from geomphys.output_log import OutputLog, open_output
@@ -95,11 +96,22 @@ def counts_from_1970(output: OutputLog) -> bool:
 def _convert(path: Path, recording: Path) -> None:
     """Write an output log as a rerun recording, with a layout made for it."""
     output = open_output(path)
+    things = _objects(output.descriptions())
     places: list[np.ndarray] = []
     for number, poses in enumerate(output.sample(64)):
+        own = [name not in things for name in poses.names]
         if number > 0:  # the first frame has the fixed objects too
-            places.append(poses.values[:, :3])
+            places.append(poses.values[own if any(own) else slice(None), :3])
     points = np.concatenate(places) if places else np.zeros((0, 3))
+    if len(points):  # what hangs on the origins of links reaches further than these
+        margin = 0.04 + 0.1 * float(np.linalg.norm(np.ptp(points, axis=0)))
+        points = np.concatenate([points - margin, points + margin])
     stream = RerunStream(recording, path.stem, path.stem)
     stream.send_output_log(path, counts_from_1970(output))
     stream.finish(output.metadata, mcap_blueprint(choose_eye(points, np.zeros((0, 3, 3))), output.joint_topics))
+
+
+def _objects(descriptions: dict[str, str]) -> set[str]:
+    """Frames of the objects without a URDF of their own, which may roll far away."""
+    texts = [text for topic, text in descriptions.items() if topic.strip("/").startswith("objects")]
+    return {link.get("name", "") for text in texts for link in ElementTree.fromstring(text).iter("link")}

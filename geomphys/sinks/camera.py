@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,10 +10,21 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-_DISTANCE = 2.3  # of the radius of what is looked at
+_DISTANCE = 1.9  # of the radius of what is looked at
 _AZIMUTHS = np.radians(np.arange(-60, 300, 15))
 _ELEVATIONS = np.radians([28.0, 45.0, 15.0, 65.0])  # best liked first
 _RAYS = 4_000_000  # pairs of a ray and a triangle that are tried at most
+
+
+_NEAR = 0.15  # of that radius: what is this near to a contact does not count as hiding it
+_CLEAR = 0.7  # of that radius: how far the eye likes to stay from what stands still
+
+
+class Moment(NamedTuple):
+    """A frame in which something touches, world frame, m."""
+
+    points: Floats  # (k, 3) contact points
+    triangles: Floats  # (m, 3, 3) of what moves and may hide them
 
 
 class Eye(NamedTuple):
@@ -22,8 +34,8 @@ class Eye(NamedTuple):
     target: Floats  # (3,)
 
 
-def choose_eye(points: Floats, triangles: Floats) -> Eye:
-    """The direction from which most of the points are seen.
+def choose_eye(points: Floats, triangles: Floats, moments: Sequence[Moment] = ()) -> Eye:
+    """The direction from which most of the points are seen, and the contacts of most of the moments.
 
     Parameters
     ----------
@@ -31,6 +43,7 @@ def choose_eye(points: Floats, triangles: Floats) -> Eye:
         Where things moved; n may be 0.
     triangles : (m, 3, 3) m
         What stands still and may hide them.
+    moments : sequence of Moment
     """
     if len(points) == 0:
         points = triangles.reshape(-1, 3) if len(triangles) else np.zeros((1, 3))
@@ -38,7 +51,7 @@ def choose_eye(points: Floats, triangles: Floats) -> Eye:
     target = (low + high) / 2
     radius = max(float(np.linalg.norm(high - low)) / 2, 0.1) + 0.02
     candidates = [
-        (np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)]), 0.04 * rank + 0.01 * turn)
+        (np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)]), 0.04 * rank + 0.003 * turn)
         for rank, e in enumerate(_ELEVATIONS)
         for turn, a in enumerate(_AZIMUTHS)
     ]
@@ -49,16 +62,27 @@ def choose_eye(points: Floats, triangles: Floats) -> Eye:
         sample = sample[:: max(1, len(sample) * len(triangles) * len(eyes) // _RAYS)]
         triangles = triangles[:: max(1, len(sample) * len(triangles) * len(eyes) // _RAYS)]
     seen = np.array([_share_seen(eye, sample, triangles) for eye in eyes])
+    if len(triangles):  # not right before a wall
+        around = _CLEAR * radius * np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]) - _CLEAR * radius
+        seen -= [0.5 * (1.0 - _share_seen(eye, eye + around, triangles, 0.0)) for eye in eyes]
+    if moments:
+        near = _NEAR * radius
+        shown = [[_share_seen(eye, m.points, m.triangles, near) for m in moments] for eye in eyes]
+        seen = (seen + np.mean(shown, axis=1)) / 2
     best = int(np.argmax(seen - dislike))
     return Eye(eyes[best], target)
 
 
-def _share_seen(eye: Floats, points: Floats, triangles: Floats) -> float:
-    """Share of points that no triangle hides from the eye (Möller and Trumbore's test for each pair)."""
+def _share_seen(eye: Floats, points: Floats, triangles: Floats, near: float | None = None) -> float:
+    """Share of points that no triangle hides from the eye (Möller and Trumbore's test for each pair).
+
+    What is nearer to a point than `near` (m; None: a thirtieth of the way) does not hide it.
+    """
     if len(triangles) == 0:
         return 1.0
     a, ab, ac = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     rays = points - eye
+    end = 0.97 if near is None else 1.0 - near / np.linalg.norm(rays, axis=1)[:, None]
     p = np.cross(rays[:, None], ac[None])
     determinant = np.einsum("ntk,tk->nt", p, ab)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -68,5 +92,5 @@ def _share_seen(eye: Floats, points: Floats, triangles: Floats) -> float:
         q = np.cross(from_a, ab)
         v = rays @ q.T * inverse
         t = np.einsum("tk,tk->t", ac, q)[None] * inverse
-        hit = (np.abs(determinant) > 1e-15) & (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0) & (t < 0.97)
+        hit = (np.abs(determinant) > 1e-15) & (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0) & (t < end)
     return 1.0 - float(hit.any(axis=1).mean())

@@ -14,7 +14,7 @@ CORRECTED: Colour = (120, 178, 214, 255)
 """A link moved from where it was recorded."""
 TOUCHING: Colour = (242, 142, 43, 255)
 """A link in contact."""
-GHOST: Colour = (214, 60, 110, 90)
+GHOST: Colour = (220, 40, 100, 80)
 """The recorded pose of a link that was moved."""
 HIDDEN: Colour = (0, 0, 0, 0)
 CONTACT: Colour = (200, 30, 30, 255)
@@ -22,9 +22,9 @@ DEPTH: Colour = (130, 60, 190, 255)
 """Vectors of global penetration depth."""
 
 _MATERIALS: dict[str, Colour] = {
-    "wood": (186, 150, 108, 255),
+    "wood": (205, 194, 176, 255),
     "human": FREE,
-    "metal": (150, 160, 174, 255),
+    "metal": (160, 170, 184, 255),
 }
 _OTHERS: tuple[Colour, ...] = (
     (143, 170, 129, 255),
@@ -41,7 +41,7 @@ _LOOSE: tuple[Colour, ...] = (
     (60, 150, 150, 255),
 )
 """Things that move by themselves stand out from what stands still."""
-_SHADES = (1.0, 0.86, 1.14, 0.93, 1.07)
+_SHADES = (1.0, 0.90, 1.10, 0.95, 1.05)
 
 
 def of_material(name: str) -> Colour:

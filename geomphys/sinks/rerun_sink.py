@@ -18,11 +18,10 @@ from geomphys.results import FrameResult
 from geomphys.sinks import colours, series
 from geomphys.sinks.base import ContextManaged, OutputFile
 from geomphys.sinks.blueprint import CONTACTS, DEPTHS, LINES, LOG, PLOTS, RECORDED, SCENE, SHOWN, blueprint
-from geomphys.sinks.camera import choose_eye
 from geomphys.sinks.finite import check_finite
 from geomphys.sinks.rerun_stream import UNIX_FROM, RerunStream, Times
 from geomphys.sinks.shading import shaded
-from geomphys.transforms import rotation_from_quaternion
+from geomphys.sinks.sightings import Sightings
 from geomphys.world.scene import DRIVEN, FIXED, World
 
 if TYPE_CHECKING:
@@ -34,8 +33,9 @@ BATCH = 1000
 """Frames that are kept before they are sent."""
 STAGE_DEPTH = 2
 """Parts of the names of the stages that are plotted."""
-EYE_FRAMES = 1000
-"""Frames at most that the point of view is chosen from."""
+
+HEADROOM = 1.4
+"""The axis of the stage times ends at this much above the 99th percentile."""
 
 _FREE, _CORRECTED, _TOUCHING = range(3)
 _LEVELS = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
@@ -79,7 +79,6 @@ class RerunSink(ContextManaged):
         self._world, self._provenance = world, provenance
         bodies = world.scene.bodies
         self._is_moving = (bodies.role != FIXED) | (world.scene.trees.moving[bodies.tree] != 0)
-        self._is_active = self._is_moving & (bodies.role != FIXED)
         self._moving = np.flatnonzero(self._is_moving)
         self._drawn_driven = [b for b in np.flatnonzero(bodies.role == DRIVEN) if len(world.triangles[b][1])]
         self._names = [tuple(name.split("/")) for name in world.body_names]
@@ -89,8 +88,10 @@ class RerunSink(ContextManaged):
         self._still: Floats | None = None  # (B, 7) poses of the first frame
         self._unix = True
         self._sent = self._first_ns = 0
-        self._visited: list[Floats] = []
-        self._stride = 1
+        self._first_frame = 0
+        self._logged = False
+        self._stages_us = 0.0  # where their axis ends
+        self._sightings = Sightings(world)
         self._plotted: set[str] = set()
         self._send_shapes()
 
@@ -148,7 +149,7 @@ class RerunSink(ContextManaged):
         recorded = np.stack([result.recorded for result in results])
         if self._still is None:
             self._still = corrected[0]
-            self._first_ns = results[0].frame.time_ns
+            self._first_ns, self._first_frame = results[0].frame.time_ns, results[0].frame.index
             self._unix = self._first_ns >= UNIX_FROM
             self._send_still(corrected[0])
         frames = np.array([r.frame.index for r in results])
@@ -158,7 +159,7 @@ class RerunSink(ContextManaged):
         self._send_contacts(times, results)
         self._send_plots(times, results)
         self._send_log(times, results)
-        self._visit(corrected)
+        self._sightings.add(results)
         self._last = results[-1]
         self._sent += len(results)
 
@@ -221,6 +222,9 @@ class RerunSink(ContextManaged):
         plots = {name: (every, values) for name, values in series.figures(results).items()}
         if self._timing:
             stages = series.stage_times(results, STAGE_DEPTH)
+            if "step" in stages:
+                usual = float(np.percentile(stages["step"][1], 99))
+                self._stages_us = max(self._stages_us, HEADROOM * usual)
             plots |= {f"stages_us/{name}": values for name, values in stages.items()}
         for name, (rows, values) in plots.items():
             path = PLOTS + tuple(name.split("/"))
@@ -234,34 +238,22 @@ class RerunSink(ContextManaged):
 
         lines = [(row, _LEVELS[level], text) for row, r in enumerate(results) for level, text in r.messages]
         if lines:
+            self._logged = True
             rows, levels, texts = zip(*lines, strict=True)
             self._stream.send(LOG, times, np.array(rows), rr.TextLog.columns(text=texts, level=levels))
 
-    def _visit(self, corrected: Floats) -> None:
-        """Remember where driven and simulated bodies were, evenly over the recording, in bounded memory."""
-        self._visited.extend(corrected[:: self._stride, self._is_active])
-        while len(self._visited) > EYE_FRAMES:
-            self._visited = self._visited[::2]
-            self._stride *= 2
-
     def _view(self) -> Blueprint:
         """The layout, seen from a place that suits the whole recording."""
-        bodies = np.flatnonzero(self._is_active)
-        shapes = [self._world.triangles[body][0] for body in bodies]
-        corners = [np.stack([s.min(axis=0), s.max(axis=0)]) if len(s) else np.zeros((2, 3)) for s in shapes]
-        poses = np.array(self._visited).reshape(-1, len(bodies), 7)
-        rotations = rotation_from_quaternion(poses[..., 3:])
-        active = [poses[:, i, :3] + rotations[:, i] @ c for i, box in enumerate(corners) for c in box]
-        triangles = [np.zeros((0, 3, 3))]
-        if self._still is not None:
-            for body in np.flatnonzero(~self._is_moving):
-                vertices, faces = self._world.collision_triangles[body]
-                rotation = rotation_from_quaternion(self._still[body, 3:])
-                triangles.append((vertices @ rotation.T + self._still[body, :3])[faces])
-        eye = choose_eye(np.concatenate([np.zeros((0, 3)), *active]), np.concatenate(triangles))
         elapsed = self._last.frame.time_ns - self._first_ns if self._last is not None else 0
         rate = 1e9 * (self._sent - 1) / elapsed if elapsed > 0 else 60.0
-        return blueprint(eye, rate=rate, timing=self._timing)
+        last = self._last.frame.index if self._last is not None else 0
+        return blueprint(
+            self._sightings.eye(),
+            rate=rate,
+            frames=(self._first_frame, last),
+            stages_us=self._stages_us,
+            log=self._logged,
+        )
 
 
 def _transforms(poses: Floats) -> Any:

@@ -84,9 +84,9 @@ def figures(results: Sequence[FrameResult]) -> dict[str, Floats]:
     return {
         "penetration_mm/recorded": 1e3 * np.array([m.recorded_penetration_m for m in metrics]),
         "penetration_mm/global": 1e3 * np.array(deepest),
-        "penetration_mm/residual": 1e3 * np.array([m.residual_penetration_m for m in metrics]),
-        "correction/largest_mm": 1e3 * np.array([m.correction_m for m in metrics]),
-        "correction/largest_degrees": np.degrees([m.correction_rad for m in metrics]),
+        "penetration_mm/remaining": 1e3 * np.array([m.residual_penetration_m for m in metrics]),
+        "correction/mm": 1e3 * np.array([m.correction_m for m in metrics]),
+        "correction/degrees": np.degrees([m.correction_rad for m in metrics]),
         "contacts/contacts": np.array([m.contacts for m in metrics], float),
         "contacts/impacts": np.array([m.impacts for m in metrics], float),
     }

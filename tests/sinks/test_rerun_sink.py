@@ -135,12 +135,12 @@ def test_contacts_are_drawn_while_they_last(out: Path, results: list[FrameResult
     ("plot", "figure"),
     [
         ("penetration_mm/recorded", lambda r: 1e3 * r.metrics.recorded_penetration_m),
-        ("penetration_mm/residual", lambda r: 1e3 * r.metrics.residual_penetration_m),
+        ("penetration_mm/remaining", lambda r: 1e3 * r.metrics.residual_penetration_m),
         (
             "penetration_mm/global",
             lambda r: 1e3 * max(map(float, np.linalg.norm(r.penetrations.pd, axis=1)), default=0),
         ),
-        ("correction/largest_mm", lambda r: 1e3 * r.metrics.correction_m),
+        ("correction/mm", lambda r: 1e3 * r.metrics.correction_m),
         ("contacts/contacts", lambda r: r.metrics.contacts),
         ("stages_us/step", lambda r: 20.0),
         ("stages_us/step.overlap", lambda r: 9.0),
