@@ -122,7 +122,8 @@ def make_machine(scene: Scene, seed: int = 0) -> Machine:
         origins, joints, np.zeros(bodies, np.int64), places, make_chain_room(scene, unknowns, MET),
         make_ccd_room(scene, joints), near, make_least_distance(unknowns, PLANES),
         make_rescue(make_near(NEAR_PAIRS)), np.zeros(pieces), np.zeros(bodies), np.zeros(dofs), np.zeros(dofs),
-        np.zeros((trees, 7)), np.zeros(dofs), np.zeros((bodies, 7)), np.array([seed]),
+        np.zeros((trees, 7)), np.zeros(dofs), np.zeros((bodies, 7)),
+        np.zeros((trees, 3)), np.array([seed]),
     )  # fmt: skip
     return Machine(
         poses, poses.copy(), make_driven_state(scene), room, make_global_depths(NEAR_PAIRS),

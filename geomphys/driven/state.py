@@ -53,6 +53,7 @@ class DrivenRoom(NamedTuple):
     roots: Floats  # (T, 7) recorded root poses of a step
     angles: Floats  # (Q,)
     poses: Floats  # (B, 7) recorded poses of a step
+    ahead: Floats  # (T, 3) where trees would be that are to slow down
     seed: Ints  # (1,) of the order in which chains are dealt with
 
 

@@ -21,6 +21,7 @@ from geomphys.driven.chain_step import brake_joints, pull_joints, yield_chains
 from geomphys.driven.chains import place_posture
 from geomphys.driven.coupling import relax
 from geomphys.driven.overlap import Places, eliminate_overlap, place_at, row_of
+from geomphys.driven.pace import is_too_fast, slow_down
 from geomphys.driven.rows import is_chained
 from geomphys.driven.state import DrivenRoom, DrivenState
 from geomphys.driven.steps import is_recorded, measure_flex, measure_stir, recording_between, steps_needed
@@ -149,6 +150,9 @@ def _advance(
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
             _brake(state, p, tree)
+    if state.started[0] == 1 and is_too_fast(scene, state, p, dt):
+        more, searches = slow_down(scene, state, room, boxes, roots, dt, gap, rounds, axes, scratch)
+        count, rescues = count + more, rescues + searches
     if chained:
         passes, how, free = yield_chains(scene, state, room, boxes, roots, angles, gap, axes, scratch)
         count, method = count + passes, max(method, how)
