@@ -28,7 +28,7 @@ from geomphys.interplay import predict_simulated, shift_driven, simulate_bodies,
 from geomphys.kernel import kernel, outlined
 from geomphys.machine import Knobs, Machine
 from geomphys.results import FLAG_NOT_CONVERGED, FLAG_STARTED_INSIDE
-from geomphys.simulated.touches import write_touches
+from geomphys.simulated.touches import deepest_overlap, deepest_overlap_at_start, write_touches
 from geomphys.timing import cycles
 from geomphys.world.kinematics import place_tree, pose_tree
 from geomphys.world.scene import DRIVEN, SIMULATED, Scene
@@ -68,7 +68,7 @@ def measure_recorded(scene: Scene, m: Machine) -> float:
 
 
 @outlined
-def find_contacts(scene: Scene, m: Machine, gap: float, block: Block, frame: int) -> float:
+def find_contacts(scene: Scene, m: Machine, gap: float, first: bool, block: Block, frame: int) -> float:
     """Contacts of the final poses, written to `block`; returns the deepest overlap that is left [m]."""
     places, near = m.room.places, m.room.near
     for tree in range(len(scene.trees.role)):
@@ -80,6 +80,11 @@ def find_contacts(scene: Scene, m: Machine, gap: float, block: Block, frame: int
         scene, places.frames, near, m.driven.offset, m.points_a, m.points_b, block, frame, m.scratch
     )
     if len(m.simulated.free) > 0:
+        if first:
+            left = deepest_overlap_at_start(scene.pieces, m.simulated, places.frames, m.scratch)
+        else:
+            left = deepest_overlap(scene.pieces, m.simulated, places.frames, m.scratch)
+        deepest = max(deepest, left)
         block.contact_end[frame + 1] = write_touches(
             m.simulated, m.corrected, block.contact_bodies, block.contact_values, block.contact_end[frame + 1]
         )
@@ -135,7 +140,7 @@ def step(
         yield_to_simulated(scene, m, roots, knobs)
     t4 = cycles()
     write_depths(block, frame, m.depths, done.method)
-    lengths[RESIDUAL] = find_contacts(scene, m, knobs.gap, block, frame)
+    lengths[RESIDUAL] = find_contacts(scene, m, knobs.gap, first, block, frame)
     measure_correction(scene, m, lengths)
     t5 = cycles()
     for k in range(len(block.moving)):

@@ -19,6 +19,7 @@ from geomphys.simulated.state import (
     BASE,
     CHANGED,
     EVENTS,
+    FRESH,
     GRASP,
     GRAVITY,
     INERTIA,
@@ -81,9 +82,11 @@ def set_free(sim: int, body: int) -> None:
     if spin != vec_at(m, TOLD) or spin == (0.0, 0.0, 0.0):
         set_vec(m, MOMENTUM, angular_momentum(quat_mul(q, quat_at(m, PRINCIPAL)), vec_at(m, INERTIA), spin))
     refresh(m)
-    still = spin == (0.0, 0.0, 0.0) and vec_at(told, 0) == (0.0, 0.0, 0.0)
+    same = True
     for i in range(7):
-        still = still and float_at(start, i) == float_at(m, LAST_POSE + i)
+        same = same and float_at(start, i) == float_at(m, LAST_POSE + i)
+    set_int(kind_of(sim, body), FRESH, 0 if same else 1)
+    still = same and spin == (0.0, 0.0, 0.0) and vec_at(told, 0) == (0.0, 0.0, 0.0)
     if not still and float_at(m, QUIET) >= REST_TIME:
         set_float(m, QUIET, 0.0)
 
@@ -101,7 +104,7 @@ def begin(sim: int) -> None:
         set_int(pair_at(sim, k), EVENTS, 0)
         set_int(pair_at(sim, k), YIELDED, 0)
         for m in range(4):
-            for i in range(4):
+            for i in range(7):
                 set_float(slot_at(sim, k, m), SUM_N + i, 0.0)
             set_float(slot_at(sim, k, m), GRASP, 0.0)
 

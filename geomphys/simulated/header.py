@@ -17,6 +17,7 @@ from geomphys.simulated.state import (
     AT_DRIVEN_IMPULSE,
     AT_DT,
     AT_END,
+    AT_ENERGY,
     AT_FACES,
     AT_FOUND,
     AT_FRAMES,
@@ -96,6 +97,7 @@ def header_of_state(state: SimulatedState) -> int:
     set_int(sim, AT_ROW_ROOM, len(state.rows))
     set_int(sim, AT_SHOVE, address(state.shove))
     set_int(sim, AT_HEFT, address(state.heft))
+    set_int(sim, AT_ENERGY, address(state.energy))
     set_int(sim, AT_RECOIL, address(state.recoil))
     set_int(sim, AT_TREE_COUNT, len(state.recoil))
     set_int(sim, AT_HEAP, address(state.heap))

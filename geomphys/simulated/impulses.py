@@ -161,14 +161,16 @@ def settle(sim: int, velocity: int, sweeps: int, precision: float) -> int:
 
     What a driven body grips with (`GRIP`) counts for the cone.
 
-    Projected sweeps over the rows (Gauss-Seidel) from the impulses they hold, which must be in the velocities already.
+    Projected sweeps over the rows (Gauss-Seidel), to and fro so that forces travel up and down a stack, from the
+    impulses they hold, which must be in the velocities already.
     Done when no sweep changes a velocity by more than `precision` [m/s]; returns the number of sweeps made.
     """
     count = how_many(sim, N_ROWS)
     for sweep in range(sweeps):
         count_one(sim, N_SWEEPS)
         most = 0.0
-        for k in range(count):
+        for i in range(count):
+            k = i if sweep & 1 == 0 else count - 1 - i
             if int_at(owner(sim, k), ROW_ON) == 1:
                 r = row(sim, k)
                 most = max(most, push_more(sim, velocity, k))

@@ -29,6 +29,7 @@ from geomphys.simulated.state import (
     SPEED,
     SUM_N,
     SUM_T,
+    SUM_V,
     TANGENT,
     TREE,
     entry,
@@ -74,6 +75,7 @@ def note(sim: int, k: int, normal: float, friction: Vec) -> None:
     slot = slot_at(sim, int_at(o, ROW_PAIR), int_at(o, ROW_SLOT))
     set_float(slot, SUM_N, float_at(slot, SUM_N) + normal)
     add_vec(slot, SUM_T, friction, 1.0)
+    add_vec(slot, SUM_V, vec_at(r, NORMAL), normal)
     kind = kind_of(sim, int_at(o, ROW_B))
     if int_at(kind, ROLE) == DRIVEN:
         j = add_scaled(friction, vec_at(r, NORMAL), normal)

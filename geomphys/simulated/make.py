@@ -176,6 +176,7 @@ def make_simulated_state(
         velocity=np.zeros((bodies, 6)),
         shove=np.zeros((bodies, 6)),
         heft=np.zeros(bodies),
+        energy=np.zeros((bodies, 4)),
         recoil=np.zeros((trees, 3)),
         heap=np.zeros(pairs, np.int64),
         found=np.zeros(bodies, np.int64),

@@ -55,7 +55,9 @@ from geomphys.simulated.state import (
     STAMP,
     SUM_N,
     SUM_T,
+    SUM_V,
     TANGENT,
+    TOUCHED,
     TURN,
     TURN_A,
     TURN_B,
@@ -64,6 +66,7 @@ from geomphys.simulated.state import (
     has_yielded,
     how_many,
     kept_at,
+    kind_of,
     motion_of,
     owner,
     pair_at,
@@ -135,7 +138,7 @@ def open_slot(sim: int, slot: int, old: int, x: Vec, clearance: float) -> None:
     for i in range(SLOT_SIZE):
         set_float(slot, i, float_at(entry(sim, AT_OLD_SLOTS), old * SLOT_SIZE + i) if old >= 0 else 0.0)
     if old >= 0:
-        for i in range(4):
+        for i in range(7):
             set_float(entry(sim, AT_OLD_SLOTS), old * SLOT_SIZE + SUM_N + i, 0.0)
     set_vec(slot, LOCAL, x)
     set_float(slot, STAMP, 1.0)
@@ -149,6 +152,7 @@ def hand_over_sums(sim: int, pair: int) -> None:
     for m in range(4):
         set_float(first, SUM_N, float_at(first, SUM_N) + float_at(entry(sim, AT_OLD_SLOTS), m * SLOT_SIZE + SUM_N))
         add_vec(first, SUM_T, vec_at(entry(sim, AT_OLD_SLOTS), m * SLOT_SIZE + SUM_T), 1.0)
+        add_vec(first, SUM_V, vec_at(entry(sim, AT_OLD_SLOTS), m * SLOT_SIZE + SUM_V), 1.0)
 
 
 @kernel
@@ -185,6 +189,8 @@ def add_row(sim: int, pair: int, count: int, t: float, n: Vec, x: Vec, clearance
     set_float(r, LIMIT, math.inf)
     set_float(r, GRIP, 0.0)
     fill_masses(a, b, r)
+    set_int(kind_of(sim, int_at(p, BODY_A)), TOUCHED, 1)
+    set_int(kind_of(sim, int_at(p, BODY_B)), TOUCHED, 1)
     set_int(o, ROW_PAIR, pair)
     set_int(o, ROW_A, int_at(p, BODY_A))
     set_int(o, ROW_B, int_at(p, BODY_B))

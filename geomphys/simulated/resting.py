@@ -40,6 +40,7 @@ from geomphys.simulated.state import (
     ISLAND,
     LIGHTNESS,
     LIMIT,
+    MASS_N,
     MOVES,
     N_PAIRS,
     N_ROWS,
@@ -75,15 +76,18 @@ from geomphys.simulated.state import (
 from geomphys.simulated.wishes import reload
 from geomphys.vec3 import add_scaled, dot, norm, quat_from_rotation_vector, quat_mul, quat_unit, scale
 
-SWEEPS = 100  # at most; what is left then is small, and the next step goes on from there
+SWEEPS = 400  # at most; what is left then is small, and the next step goes on from there
+FEW_SWEEPS = 60  # after a halt within the step
 STILL = 1e-11  # m/s: the solving ends when no sweep changes a velocity by more ...
 STILL_PART = 1e-7  # ... or by more than this share of the fastest motion at a contact point
-APPROACH = 1e-10  # m/s: touching points that approach no faster need not be stopped
+APPROACH = 2e-4  # m/s: touching points that approach no faster are stopped in the course of the step
+FAINT = 5e-3  # m/s: points that part no faster are held as if they did not part
 SLOW_PART = 0.25  # of the threshold: points near but not touching that approach no faster are held, not left to collide
 WEIGHT_TIME = 0.01  # s: more than twice the longest step
 MOST_YIELDS = 4
 GRIPPED = 1e-4  # m/s: a point that a driven body pressed and that does not part faster is gripped
 SHOVES = 200
+GIVE = 0.02  # where there is no room: share by which rows give in to what pushes back, so that overlap is shared out
 
 
 @kernel
@@ -175,7 +179,8 @@ def choose_held(sim: int, h: float) -> float:
             v, clearance = dot(speed, vec_at(r, NORMAL)), float_at(r, CLEARANCE)
             if clearance <= knob(sim, AT_TOUCH) or v > -SLOW_PART * knob(sim, AT_THRESHOLD):
                 fastest = max(fastest, norm(speed))
-                set_float(r, GOAL, min(0.0, -2.0 * max(0.0, clearance - knob(sim, AT_GAP)) / h - v))
+                parting = v if v > FAINT else 0.0
+                set_float(r, GOAL, -2.0 * max(0.0, clearance - knob(sim, AT_GAP)) / h - parting)
                 slot = slot_at(sim, int_at(o, ROW_PAIR), int_at(o, ROW_SLOT))
                 set_float(r, GRIP, h / knob(sim, AT_DT) * float_at(slot, GRASP) if abs(v) < GRIPPED else 0.0)
                 set_int(o, ROW_ON, 1)
@@ -228,7 +233,7 @@ def fall(sim: int, h: float) -> None:
 
 
 @kernel
-def hold(sim: int, h: float) -> None:
+def hold(sim: int, h: float, sweeps: int) -> None:
     """Contact forces on the changed bodies for the next `h` seconds, and their motions under them.
 
     Points that touch or approach slowly are held; what comes in faster is left to collide. `velocity` of the state
@@ -245,7 +250,7 @@ def hold(sim: int, h: float) -> None:
                 known = begin_with_old_force(sim, k, h) or known
         if not known:
             settle_normals(sim, entry(sim, AT_VELOCITY), SWEEPS, STILL)
-        settle(sim, entry(sim, AT_VELOCITY), SWEEPS, max(STILL, STILL_PART * fastest))
+        settle(sim, entry(sim, AT_VELOCITY), sweeps, max(STILL, STILL_PART * fastest))
         if not yield_squeezed(sim):
             break
         clear_rows(sim)
@@ -259,6 +264,31 @@ def hold(sim: int, h: float) -> None:
 
 
 @kernel
+def sweep_apart(sim: int, give: float) -> bool:
+    """Sweeps over the rows of `push_apart`, from the start. Returns whether they settled.
+
+    With `give` above 0 a row's goal is lower by that share of what its own impulse alone would move it.
+    """
+    gap, count = knob(sim, AT_GAP), how_many(sim, N_ROWS)
+    for s in range(entry(sim, AT_COUNT)):
+        for i in range(6):
+            set_float(velocity_of(entry(sim, AT_SHOVE), free_body(sim, s)), i, 0.0)
+    for k in range(count):
+        set_float(row(sim, k), PUSH, 0.0)
+    for _ in range(SHOVES):
+        most = 0.0
+        for k in range(count):
+            r = row(sim, k)
+            if int_at(owner(sim, k), ROW_ON) == 1:
+                back = give * float_at(r, MASS_N) * float_at(r, PUSH)
+                set_float(r, GOAL, gap - float_at(r, CLEARANCE) - back)
+                most = max(most, push_more(sim, entry(sim, AT_SHOVE), k))
+        if most <= 1e-3 * gap:
+            return True
+    return False
+
+
+@kernel
 def push_apart(sim: int) -> float:
     """Move changed bodies, the lightest most, so that no row stays below the gap kept; velocities are left alone.
 
@@ -266,22 +296,13 @@ def push_apart(sim: int) -> float:
     there was at the start. Clearances of the rows are brought up to date to first order; returns the least of them [m].
     """
     count = how_many(sim, N_ROWS)
-    for s in range(entry(sim, AT_COUNT)):
-        for i in range(6):
-            set_float(velocity_of(entry(sim, AT_SHOVE), free_body(sim, s)), i, 0.0)
     for k in range(count):
         o, r = owner(sim, k), row(sim, k)
         on = has_changed(sim, int_at(o, ROW_A)) and not has_yielded(sim, int_at(o, ROW_PAIR))
         set_int(o, ROW_ON, 1 if on else 0)
-        set_float(r, GOAL, knob(sim, AT_GAP) - float_at(r, CLEARANCE))
         set_float(r, LIMIT, math.inf)
-    for _ in range(SHOVES):
-        most = 0.0
-        for k in range(count):
-            if int_at(owner(sim, k), ROW_ON) == 1:
-                most = max(most, push_more(sim, entry(sim, AT_SHOVE), k))
-        if most <= 1e-3 * knob(sim, AT_GAP):
-            break
+    if not sweep_apart(sim, 0.0):
+        sweep_apart(sim, GIVE)
     least = math.inf
     for k in range(count):
         o, r = owner(sim, k), row(sim, k)

@@ -15,6 +15,7 @@ from geomphys.simulated.state import (
     AT_DT,
     AT_TOLD,
     AWAKE,
+    AXIS,
     BEND,
     BODY_A,
     BODY_B,
@@ -33,11 +34,13 @@ from geomphys.simulated.state import (
     SPIN,
     SUM_N,
     SUM_T,
+    SUM_V,
     TORQUE,
     entry,
     free_body,
     how_many,
     is_simulated,
+    kept_at,
     kind_of,
     knob,
     motion_of,
@@ -138,3 +141,4 @@ def sum_sleeping_forces(sim: int) -> None:
                 slot = slot_at(sim, k, m)
                 set_float(slot, SUM_N, dt * float_at(slot, FORCE))
                 set_vec(slot, SUM_T, scale(vec_at(slot, FORCE + 1), dt))
+                set_vec(slot, SUM_V, scale(vec_at(kept_at(sim, k), AXIS), dt * float_at(slot, FORCE)))

@@ -57,7 +57,9 @@ CHANGED = 6  # 1: has changed course at this moment
 MOVES = 7  # 1: may move
 AWAKE = 8  # 0: rests, and nothing that moves is near
 ISLAND_AWAKE = 9  # the same of the island that bears this body's name
-KIND_COLUMNS = 10
+FRESH = 10  # 1: stands where the caller put it, not where the frame before left it
+TOUCHED = 11  # 1: has had contact points in this step
+KIND_COLUMNS = 12
 
 # Columns of `rows`, one row a contact point that is being solved
 NORMAL = 0  # 3: unit, out of b into a
@@ -106,10 +108,11 @@ LOCAL = 0  # m, 3: the point relative to the reference point of a, in a's frame
 FORCE = 3  # N, 4: normal force and friction force (3, world) of the last step
 SUM_N = 7  # N s: normal impulse of the frame
 SUM_T = 8  # N s, 3: friction impulse of the frame
-STAMP = 11  # 1: the slot holds a point
-DEPTH = 12  # m: minus the clearance when last looked at
-GRASP = 13  # N s: what a driven body pressed in this frame
-SLOT_SIZE = 14
+SUM_V = 11  # N s, 3: normal impulses of the frame as vectors
+STAMP = 14  # 1: the slot holds a point
+DEPTH = 15  # m: minus the clearance when last looked at
+GRASP = 16  # N s: what a driven body pressed in this frame
+SLOT_SIZE = 17
 KEPT_COLUMNS = SLOTS + 4 * SLOT_SIZE
 
 # `counts`
@@ -145,6 +148,7 @@ class SimulatedState(NamedTuple):
     velocity: Floats  # (B, 6) work: velocities while contact points are solved
     shove: Floats  # (B, 6) work: small displacements
     heft: Floats  # (B,) kg, work: mass of the island with this label
+    energy: Floats  # (B, 4) J, work: see `geomphys.simulated.energy`
     recoil: Floats  # (T, 3) m/s: velocity that the impulses of this frame gave to driven trees
     heap: Ints  # (N,) the queue of impacts
     found: Ints  # (B,) work
@@ -174,7 +178,8 @@ AT_THRESHOLD = 68  # m/s: slower approaches are resting contact
 AT_DT = 69  # s: the frame
 AT_WIDEST = 70
 AT_EXTENT = 71  # m, 6: box of all that simulated bodies can reach in the frame
-HEADER = 77
+AT_ENERGY = 77
+HEADER = 78
 
 
 @kernel

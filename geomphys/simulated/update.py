@@ -12,9 +12,10 @@ import math
 from geomphys.collision.scratch import Scratch
 from geomphys.kernel import kernel
 from geomphys.memory import float_at, int_at, set_float, set_int
-from geomphys.simulated.approach import first_touch
+from geomphys.simulated.approach import first_touch, look
 from geomphys.simulated.cells import vec_at
 from geomphys.simulated.collisions import resolve
+from geomphys.simulated.energy import note_energies, take_excess
 from geomphys.simulated.frame import QUARANTINED, begin, finish, mark, mark_all, put_back, undo_put_back
 from geomphys.simulated.header import header_of
 from geomphys.simulated.impact_queue import empty_queue, put, take_out
@@ -22,7 +23,7 @@ from geomphys.simulated.ledger import drop_rows
 from geomphys.simulated.motion import move_bases
 from geomphys.simulated.pairs import any_beyond_range, find_pairs
 from geomphys.simulated.points import add_rows
-from geomphys.simulated.resting import hold, push_apart
+from geomphys.simulated.resting import FEW_SWEEPS, SWEEPS, hold, push_apart
 from geomphys.simulated.sleep import wake
 from geomphys.simulated.state import (
     AT_ARM,
@@ -135,9 +136,9 @@ def queue_pairs(sim: int, t: float, t1: float) -> None:
             target, slack = gap, 0.25 * gap
             if int_at(p, HELD) == 1:
                 # contact forces keep it: only what they miss counts
-                target, slack = -gap, 0.5 * gap
-                if float_at(kept_at(sim, k), SEEN) == t:
-                    target = min(target, float_at(kept_at(sim, k), DISTANCE) - gap)
+                if float_at(kept_at(sim, k), SEEN) != t:
+                    look(sim, k, t)
+                target, slack = min(0.0, float_at(kept_at(sim, k), DISTANCE)) - gap, 0.5 * gap
             due = first_touch(sim, k, t, t1, target, slack)
         if due < t1:
             put(sim, k, due)
@@ -184,15 +185,17 @@ def advance(sim: int, t0: float, t1: float, room: int, most_halts: int) -> tuple
     t = t0
     mark_all(sim)
     empty_queue(sim)
+    note_energies(sim)
     while True:
         move_bases(sim, t)
         part(sim, t)
         done, full = resolve(sim, t, room - impacts)
         impacts += done
         bound = bound or full
-        hold(sim, t1 - t)
+        hold(sim, t1 - t, SWEEPS if halts == 0 else FEW_SWEEPS)
         if any_beyond_range(sim, t):
             look_again(sim, t)
+            note_energies(sim)  # islands are no longer what they were
             continue
         queue_pairs(sim, t, t1)
         if how_many(sim, N_HEAP) == 0:
@@ -208,6 +211,7 @@ def advance(sim: int, t0: float, t1: float, room: int, most_halts: int) -> tuple
             return impacts, halts, True
     mark_all(sim)
     move_bases(sim, t1)
+    take_excess(sim)
     return impacts, halts, bound
 
 

@@ -61,7 +61,7 @@ class Template:
         """The message with `values` (count,) as its doubles and `stamp` for its times."""
         message = self._data.copy()
         message[self._doubles] = values.view(np.uint8).ravel()
-        if stamp:
+        if stamp and len(self._stamps):
             message[self._stamps] = np.frombuffer(stamp, np.uint8)
         return message.tobytes()
 
@@ -113,8 +113,10 @@ class StampedTemplate:
         template = self._templates.get(length)
         if template is None:
             example = _longest(length - 2)
-            mark = entry(1, example.SerializeToString()) if length > 2 else b""
-            template = self._templates[length] = Template(self._build(example), self._count, mark)
+            data = self._build(example)
+            # a list of no entries has no times either
+            mark = entry(1, example.SerializeToString()) if length > 2 and data else b""
+            template = self._templates[length] = Template(data, self._count, mark)
         return template
 
 

@@ -106,6 +106,34 @@ def test_a_stack_of_three_boxes_stays_for_a_minute(above: float) -> None:
     assert player.overlap() == 0.0
 
 
+@pytest.mark.parametrize("top", [1.0, 20.0])
+def test_a_tower_of_ten_boxes_stands(top: float) -> None:
+    boxes = [
+        Thing(shape=Box((0.1, 0.1, 0.05)), at=(0, 0, 0.05 + 0.1 * k), mass=top if k == 9 else 1.0) for k in range(10)
+    ]
+    player = Player([*boxes, floor()])
+    start, energy = player.poses.copy(), player.energy()
+    # surfaces that touched are moved a gap apart, which lifts the topmost by ten gaps
+    lift = 1.5 * 10 * player.gap * GRAVITY * (9.0 + top)
+    for _ in range(120):
+        player.step(1 / 60)
+        assert player.energy() <= energy + lift
+    assert np.abs(player.poses[:, :3] - start[:, :3]).max() < 2e-4
+    assert player.overlap() < 1e-5
+
+
+def test_a_coin_that_spins_and_settles_never_gains_energy() -> None:
+    turn = Rotation.from_rotvec([np.pi / 2 - 0.1, 0, 0]).as_quat()
+    coin = Thing(shape=Cylinder(0.05, 0.003), at=(0, 0, 0.052), turn=turn, w=(0, 0, 25), material="metal")
+    player = Player([coin, floor("metal")])
+    energy = player.energy()
+    for _ in range(180):
+        player.step(1 / 60)
+        assert player.energy() <= energy + 1e-12
+        energy = player.energy()
+        assert player.overlap() < 1e-5
+
+
 def test_a_box_on_one_that_is_slid_away_falls() -> None:
     """A stack is no glue: pushed beyond its support a box tips over."""
     player = Player(
