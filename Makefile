@@ -2,7 +2,8 @@
 # make test    all tests
 # make check   format, lint, types, documents
 # make bench   frame times per stage
-# make format  put the code and the list of modules in ARCHITECTURE.md into shape
+# make figures the experiments' pictures and frame times: assets/docs/figures.md
+# make format  put the code, the list of modules in ARCHITECTURE.md and assets/docs/cli.md into shape
 # make clean   remove what the others made
 #
 # Another Python than python3:  make demo PYTHON=python3.12
@@ -14,7 +15,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 MESHES := $(shell find assets -type f 2>/dev/null)
 
 .DELETE_ON_ERROR:
-.PHONY: demo test check bench format clean
+.PHONY: demo test check bench figures format clean
 
 demo: $(VENV)/.runtime out/gallery_hand.mcap
 	@echo
@@ -38,10 +39,14 @@ check: $(VENV)/.test
 bench: $(VENV)/.bench
 	$(BIN)/geomphys bench
 
+figures: $(VENV)/.runtime
+	$(BIN)/python assets/make_figures.py
+
 format: $(VENV)/.test
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 	$(BIN)/python tests/house/listing.py
+	$(BIN)/python tests/house/reference.py
 
 clean:
 	rm -rf $(VENV) out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

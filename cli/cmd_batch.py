@@ -153,20 +153,17 @@ def _residual_mm(entry: Entry) -> float:
 
 def _show(terminal: Terminal, report: BatchReport) -> None:
     """Print a line a log, and the sums."""
-    from rich.table import Table
     from rich.text import Text
 
-    from .terminal import printable
+    from .terminal import printable, table_in
 
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
-    table.add_column("output", overflow="fold")
-    table.add_column("", no_wrap=True)
-    for name in ("frames", "recorded", "left", "moved by"):
-        table.add_column(name, justify="right", no_wrap=True)
+    rows: list[list[str | Text]] = []
     for entry in report.entries:
         status = "as it was" if entry.out in report.kept else entry.status
         style = {"done": "green", "failed": "bold red"}.get(entry.status, "yellow")
-        table.add_row(printable(entry.out), Text(status, style=style), *_figures(entry))
+        rows.append([printable(entry.out), Text(status, style=style), *_figures(entry)])
+    columns = ["output", "status", "frames", "recorded", "left", "moved by"]
+    table = table_in(terminal.width, columns, rows, least=("frames", "moved by"), left="status")
     terminal.result(table, "", Text("; ".join(_sums(report))))
 
 

@@ -10,7 +10,7 @@ import click
 from .command import command, current_terminal
 from .options import INPUT_FILE, json_option
 from .progress import progress_bar
-from .terminal import counted, fields, heading
+from .terminal import counted, fields, heading, table_in
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -73,7 +73,7 @@ def _show(terminal: Terminal, statistics: Statistics) -> None:
     several = len(statistics.outputs) > 1
     for output in (*statistics.outputs, *([statistics.all] if several else [])):
         name = f"all {len(statistics.outputs)}" if output is statistics.all else Path(output.name).name
-        terminal.result(heading(name), fields(_facts(output)), _table(output), "")
+        terminal.result(heading(name), fields(_facts(output)), _table(output, terminal.width), "")
 
 
 def _facts(output: OutputStatistics) -> list[tuple[str, list[str]]]:
@@ -94,20 +94,16 @@ def _facts(output: OutputStatistics) -> list[tuple[str, list[str]]]:
     return [*rows, ("Notes", notes)] if notes else rows
 
 
-def _table(output: OutputStatistics) -> Table:
+def _table(output: OutputStatistics, width: int) -> Table:
     """Return a line for each series that has values."""
-    from rich.table import Table
-
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
-    table.add_column("", overflow="fold")
-    for name in ("frames", "median", "p90", "p95", "p99", "largest", "unit"):
-        table.add_column(name, justify="left" if name == "unit" else "right", no_wrap=True)
-    for key, (label, unit, factor) in ROWS.items():
-        if output.values[key].max > 0:
-            table.add_row(label, *_cells(output.values[key], factor), unit)
-    for name, times in output.stages.items():
-        table.add_row(name, *_cells(times, 1e-3), "µs")
-    return table
+    rows = [
+        [label, *_cells(output.values[key], factor), unit]
+        for key, (label, unit, factor) in ROWS.items()
+        if output.values[key].max > 0
+    ]
+    rows += [[name, *_cells(times, 1e-3), "µs"] for name, times in output.stages.items()]
+    columns = ["", "frames", "median", "p90", "p95", "p99", "largest", "unit"]
+    return table_in(width, columns, rows, least=("frames", "p90", "p99"), left="unit")
 
 
 def _cells(values: Distribution, factor: float) -> list[str]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .terminal import fields, heading
+from .terminal import fields, heading, table_in
 
 if TYPE_CHECKING:
     from geomphys.bench.figures import Curve, DepthFigures, ExperimentFigures, Report
@@ -46,16 +46,9 @@ def show_bench(terminal: Terminal, report: Report, *, markdown: bool) -> None:
         lines += [line for sheet in sheets(report) for line in as_markdown(sheet)]
         click.echo("\n".join(lines))
         return
-    from rich.table import Table
-    from rich.text import Text
-
     terminal.result(fields(facts), "")
     for sheet in sheets(report):
-        table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
-        for k, column in enumerate(sheet.columns):
-            table.add_column(column, justify="left" if k == 0 else "right", no_wrap=True)
-        for row in sheet.rows:
-            table.add_row(*(Text(cell) for cell in row))
+        table = table_in(terminal.width, sheet.columns, sheet.rows, least=sheet.columns[:3:-1])
         terminal.result(heading(sheet.title), *([sheet.note] if sheet.note else []), table, "")
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .terminal import counted, fields, heading, printable
+from .terminal import counted, fields, heading, printable, table_in
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -50,7 +50,7 @@ def show_difference(terminal: Terminal, difference: OutputDifference) -> None:
     limit = None if terminal.verbose else PARTS_SHOWN
     for name, channel in difference.channels.items():
         if not (channel.equal and _silent(channel)):
-            terminal.result("", heading(name, _since(channel)), _table(channel, limit))
+            terminal.result("", heading(name, _since(channel)), _table(channel, limit, terminal.width))
 
 
 def _silent(channel: ChannelDifference) -> bool:
@@ -66,29 +66,22 @@ def _since(channel: ChannelDifference) -> str:
     return "" if channel.first_frame is None else f"  from frame {channel.first_frame:,} on"
 
 
-def _table(channel: ChannelDifference, limit: int | None) -> Table:
+def _table(channel: ChannelDifference, limit: int | None, width: int) -> Table:
     """Return a line for each part that differs."""
-    from rich.table import Table
-
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
-    table.add_column(channel.kind, overflow="fold")
     headers = _headers(channel)
-    for header in headers:
-        table.add_column(header, justify="right", no_wrap=True)
     parts = sorted((part for part in channel.parts() if _weight(channel, part) > 0), key=lambda p: -_weight(channel, p))
-    rows: dict[tuple[str, ...], list[str]] = {}
+    lines: dict[tuple[str, ...], list[str]] = {}
     for part in parts:
         cells = _cells(channel, part)
-        rows.setdefault(tuple(cells.get(header, "") for header in headers), []).append(part)
-    for texts, names in list(rows.items())[:limit]:
-        table.add_row(_named(names, whole=limit is None), *texts)
+        lines.setdefault(tuple(cells.get(header, "") for header in headers), []).append(part)
+    rows = [[_named(names, whole=limit is None), *texts] for texts, names in list(lines.items())[:limit]]
     for side, alone in (("a", channel.only_a), ("b", channel.only_b)):
         if alone:
-            table.add_row(f"only in {side}: {printable(', '.join(alone))}")
-    if limit is not None and len(rows) > limit:
-        hidden = sum(len(names) for names in list(rows.values())[limit:])
-        table.add_row(f"and {hidden} more, with -v")
-    return table
+            rows.append([f"only in {side}: {printable(', '.join(alone))}"])
+    if limit is not None and len(lines) > limit:
+        hidden = sum(len(names) for names in list(lines.values())[limit:])
+        rows.append([f"and {hidden} more, with -v"])
+    return table_in(width, [channel.kind, *headers], rows, least=("frames", "worst frame", "RMS turn", "RMS"))
 
 
 def _named(names: list[str], *, whole: bool) -> str:

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 NAMES_SHOWN = 6
 """Names of a list that are shown unless more is asked for."""
 
+NARROW = 90
+"""Columns below which topics are listed one below the other instead of in a table."""
+
 FROM_1990 = 631_152_000
 """s; a clock that shows less does not count from 1970."""
 
@@ -38,11 +41,30 @@ def show_log(terminal: Terminal, log: LogInfo) -> None:
         rows.append(("Metadata", sorted(log.metadata)))
     if log.damage:
         rows.append(("Damage", [log.damage]))
-    terminal.result(heading(Path(log.path).name), fields(rows), "", _topics(log.topics))
+    narrow = terminal.width < NARROW
+    terminal.result(heading(Path(log.path).name), fields(rows), "", _list_of(log) if narrow else _topics(log.topics))
     found = [(topic.topic, list(_found(topic, terminal.verbose))) for topic in log.topics]
     details = fields([row for row in found if row[1]])
     if details.row_count:
         terminal.result("", details)
+
+
+def _list_of(log: LogInfo) -> Text:
+    """Return the topics one below the other."""
+    from rich.text import Text
+
+    parts = []
+    for topic in log.topics:
+        figures = [counted(topic.messages, "message")]
+        if topic.rate_hz is not None:
+            figures.append(f"{topic.rate_hz:,.1f} Hz")
+        if topic.longest_gap_s is not None:
+            figures.append(f"longest gap {topic.longest_gap_s:.3g} s")
+        what = f"{topic.schema or 'no schema'}, {topic.encoding}"
+        style = "" if topic.kind else "dim"
+        parts.append(Text(printable(topic.topic), style=f"{style} bold".strip()))
+        parts += [Text(f"  {printable(line)}", style=style) for line in (what, ", ".join(figures))]
+    return Text("\n").join(parts)
 
 
 def _topics(topics: Iterable[TopicInfo]) -> Table:

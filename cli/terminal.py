@@ -77,6 +77,45 @@ def fields(rows: Iterable[tuple[str, Sequence[str | Text]]], colours: dict[str, 
     return table
 
 
+NAME_WIDTH = 18
+"""Columns that the names in a table keep, however narrow the terminal."""
+
+
+def table_in(
+    width: int, columns: Sequence[str], rows: Sequence[Sequence[str | Text]], least: Sequence[str] = (), left: str = ""
+) -> Table:
+    """Return a table without lines: names on the left, folded if need be, figures on the right, never cut.
+
+    Where it is wider than `width`, the columns named in `least` are left out, the first ones first, and a last line
+    says so. `left` is the heading of a column that is justified left.
+    """
+    from rich.table import Table
+    from rich.text import Text
+
+    cells = [[str(cell) for cell in row] for row in (columns, *rows)]
+    widths = [max((len(row[k]) for row in cells if k < len(row)), default=0) + 2 for k in range(len(columns))]
+    room = width - min(widths[0], NAME_WIDTH + 2)
+    gone: list[str] = []
+    for column in (*least, ""):
+        if sum(w for w, name in zip(widths[1:], columns[1:], strict=True) if name not in gone) <= room or not column:
+            break
+        if column in columns:
+            gone.append(column)
+    kept = [k for k, name in enumerate(columns) if name not in gone or k == 0]
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    for k in kept:
+        if k == 0:
+            table.add_column(columns[k], overflow="fold", min_width=min(widths[0] - 2, NAME_WIDTH))
+        else:
+            table.add_column(columns[k], justify="left" if columns[k] == left else "right", no_wrap=True)
+    for row in rows:
+        table.add_row(*(row[k] if isinstance(row[k], Text) else Text(str(row[k])) for k in kept if k < len(row)))
+    if gone:
+        table.caption = Text(f"no room for {', '.join(gone)}: see a wider terminal or --json", style="dim")
+        table.caption_justify = "left"
+    return table
+
+
 @dataclass
 class Terminal:
     """How much is said, and in which colours."""
@@ -84,6 +123,11 @@ class Terminal:
     quiet: bool = False
     verbose: bool = False
     no_color: bool = False
+
+    @property
+    def width(self) -> int:
+        """Columns that results may take."""
+        return self.console(sys.stdout).width
 
     def result(self, *renderables: RenderableType) -> None:
         """Print results, texts or tables, to stdout."""

@@ -29,6 +29,8 @@ PAUSE = 0.2
 """s; between two pictures."""
 PATIENCE = 60.0
 """s; after which a viewer that has not settled is given up."""
+WINDOW_PATIENCE = 15.0
+"""s; how long the window around a scene that has settled may go on changing."""
 
 
 def take_snapshot(
@@ -151,20 +153,32 @@ def _check_frame(client: ViewerClient, result: Path, frame: int) -> None:
 
 
 def _settled_picture(client: ViewerClient, result: Path, whole: bool) -> bytes:
-    """The picture after `SETTLED` equal ones in a row; raises ViewerError if the scene is not drawn whole."""
-    end = time.monotonic() + PATIENCE
+    """The picture once the scene is drawn; raises ViewerError if it is not, or not whole.
+
+    The window around it may go on refining: of a long recording the viewer does so for minutes.
+    """
+    scenes = [view for view in client.get_state().views if view.view_class == "3D"]
+    if not scenes:
+        raise ViewerError(f"{result}: the rerun viewer shows no scene of it")
+    picture, settled = _settled(client, scenes[0].view_id, PATIENCE)
+    if not settled:
+        raise ViewerError(f"{result}: the rerun viewer's picture did not settle in {PATIENCE:.0f} s")
+    shown = [view for view in client.get_state().views if view.view_class == "3D"]
+    errors = [report.summary for view in shown[:1] for report in view.reports if report.severity == "error"]
+    if errors:
+        raise ViewerError(f"{result}: the rerun viewer cannot draw all of the scene: {errors[0]}")
+    return _settled(client, None, WINDOW_PATIENCE)[0] if whole else picture
+
+
+def _settled(client: ViewerClient, view: Any, patience: float) -> tuple[bytes, bool]:
+    """The last picture of a view (None: the window), and whether it was the last of `SETTLED` equal ones in a row."""
+    end = time.monotonic() + patience
     last, equal = b"", 0
     while equal < SETTLED:
         if time.monotonic() > end:
-            raise ViewerError(f"{result}: the rerun viewer's picture did not settle in {PATIENCE:.0f} s")
-        scenes = [view for view in client.get_state().views if view.view_class == "3D"]
-        if not scenes:
-            raise ViewerError(f"{result}: the rerun viewer shows no scene of it")
-        picture = client.take_screenshot(None if whole else scenes[0].view_id, max_size=None)
+            return last, False
+        picture = client.take_screenshot(view, max_size=None)
         equal = equal + 1 if picture == last else 1
         last = picture
         time.sleep(PAUSE)
-    errors = [report.summary for report in scenes[0].reports if report.severity == "error"]
-    if errors:
-        raise ViewerError(f"{result}: the rerun viewer cannot draw all of the scene: {errors[0]}")
-    return last
+    return last, True

@@ -78,3 +78,20 @@ def test_colours_only_where_they_are_wanted() -> None:
     assert "\x1b[1;31m" in on_a_terminal("replay", "nowhere.mcap")
     assert "\x1b" not in on_a_terminal("replay", "nowhere.mcap", NO_COLOR="1")
     assert "\x1b" not in on_a_terminal("--no-color", "replay", "nowhere.mcap")
+
+
+@pytest.mark.parametrize("width", [40, 60, 200])
+def test_a_table_never_cuts_a_figure_and_says_what_it_leaves_out(width: int) -> None:
+    from geomphys_cli.terminal import table_in
+    from rich.console import Console
+
+    rows = [["a_rather_long_name_of_a_thing", "12,345", "0.123", "9,876"], ["b", "1", "2", "3"]]
+    console = Console(width=width, color_system=None)
+    with console.capture() as captured:
+        console.print(table_in(width, ["thing", "frames", "median", "largest"], rows, least=("frames", "median")))
+    text = captured.get()
+    assert "…" not in text
+    assert max(map(len, text.splitlines())) <= width
+    assert "9,876" in text
+    assert ("12,345" in text) == (width != 40)
+    assert ("no room for frames" in text) == (width == 40)

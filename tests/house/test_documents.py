@@ -8,11 +8,14 @@ import tomllib
 
 import pytest
 
+from geomphys.world.scene_file import parse_scene
 from tests.house.listing import DOCUMENT, LIST, listing
+from tests.house.reference import REFERENCE, reference
 from tests.house.sources import ROOT, files
 from tests.house.test_help import parses
 
-TEXTS = sorted(ROOT.glob("*.md"))
+DOCS = ROOT / "assets" / "docs"
+TEXTS = [*sorted(ROOT.glob("*.md")), *sorted(DOCS.glob("*.md"))]
 
 
 def code_lines(text: str) -> list[str]:
@@ -38,7 +41,8 @@ def test_architecture_lists_every_module_as_it_describes_itself() -> None:
 def test_paths_and_links_of_the_documents_exist(path) -> None:
     text = path.read_text()
     links = [link for link in re.findall(r"\]\(([^)#\s]+)\)", text) if not link.startswith(("http://", "https://"))]
-    missing = [p for p in [*links, *quoted_paths(text)] if not any(ROOT.glob(p.rstrip("/")))]
+    missing = [link for link in links if not (path.parent / link).exists()]
+    missing += [quoted for quoted in quoted_paths(text) if not any(ROOT.glob(quoted.rstrip("/")))]
     assert not missing
 
 
@@ -52,6 +56,38 @@ def test_commands_of_the_documents_are_valid(path) -> None:
             parses(words[1:stop])
         elif words and words[0] == "make":
             assert {word for word in words[1:stop] if "=" not in word} <= targets, line
+
+
+@pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.name)
+def test_paths_in_commands_of_the_documents_exist(path) -> None:
+    tops = ("recordings/", "assets/")
+    named = {word for line in code_lines(path.read_text()) for word in shlex.split(line, comments=True)}
+    inside = [word for word in named if word.startswith(tops) and len(word) > len("recordings/")]
+    assert not [word for word in inside if not any(ROOT.glob(word))]
+
+
+@pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.name)
+def test_scenes_in_the_documents_are_valid(path) -> None:
+    for text in re.findall(r"```toml\n(.*?)```", path.read_text(), flags=re.DOTALL):
+        if "[[" in text:
+            parse_scene(text, path)
+
+
+def test_the_reference_of_the_command_line_is_fresh() -> None:
+    assert REFERENCE.read_text() == reference(), "run: python tests/house/reference.py"
+
+
+def test_every_page_is_linked_from_the_readme_and_every_picture_is_shown() -> None:
+    readme = (ROOT / "README.md").read_text()
+    assert not [page.name for page in DOCS.glob("*.md") if f"(assets/docs/{page.name})" not in readme]
+    shown = "".join(path.read_text() for path in TEXTS)
+    assert not [p.name for p in (DOCS / "pictures").iterdir() if f"pictures/{p.name})" not in shown]
+
+
+def test_pictures_are_small() -> None:
+    sizes = [path.stat().st_size for path in (DOCS / "pictures").iterdir()]
+    assert max(sizes) < 150_000
+    assert sum(sizes) < 1_500_000
 
 
 def test_readme_shows_commands() -> None:
