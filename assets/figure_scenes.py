@@ -31,8 +31,8 @@ class Experiment:
 
 
 PAPER = (
-    "The paper that the method comes from reports 30 to 60 frames a second on a 1.7 GHz Xeon of 2004, that is 17 to "
-    "33 ms a frame. Twenty years of processors lie between its times and these, so the heights of the curves say little; their shapes do."
+    "The paper that the method comes from reports 30 to 60 frames a second on a 1.7 GHz Xeon of 2004, that is 17 to 33 ms a "
+    "frame. Twenty years of processors lie between its times and these, so the heights of the curves say little; their shapes do."
 )
 
 EXPERIMENTS = (
