@@ -166,8 +166,8 @@ def penetrations_of(block: Block, frame: int) -> Penetrations:
     return Penetrations(bodies[:, 0], bodies[:, 1], values[:, :3], numbers[:, 0], values[:, 3], numbers[:, 1])
 
 
-def metrics_of(block: Block, frame: int, held: bool, flags: int) -> Metrics:
-    """A frame's figures; `flags` are added to its own."""
+def metrics_of(block: Block, frame: int, held: bool, flags: int, motion: Floats) -> Metrics:
+    """A frame's figures; `flags` are added to its own, `motion` (4,) are its speeds and jerks."""
     lengths, numbers = block.lengths[frame], block.numbers[frame]
     return Metrics(
         contacts=int(block.contact_end[frame + 1] - block.contact_end[frame]),
@@ -180,6 +180,10 @@ def metrics_of(block: Block, frame: int, held: bool, flags: int) -> Metrics:
         correction_rad=float(lengths[TURN]),
         held=held,
         flags=int(numbers[FLAGS]) | flags,
+        recorded_speed_m_s=float(motion[0]),
+        correction_speed_m_s=float(motion[1]),
+        recorded_jerk_m_s3=float(motion[2]),
+        correction_jerk_m_s3=float(motion[3]),
     )
 
 

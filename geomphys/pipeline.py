@@ -18,6 +18,7 @@ from geomphys.events import Message, Narrator
 from geomphys.foresight import Track, step_aside
 from geomphys.load import load_world
 from geomphys.machine import NEAR_PAIRS, Knobs, make_machine
+from geomphys.motion import MotionMeter
 from geomphys.packed import pack
 from geomphys.provenance import provenance_of
 from geomphys.recording.frames import FrameSource
@@ -25,7 +26,7 @@ from geomphys.results import Frame, FrameResult
 from geomphys.sinks.base import Sink
 from geomphys.step import WHOLE, run_block
 from geomphys.timing import STAGES, ns_per_cycle
-from geomphys.world.scene import Scene, World
+from geomphys.world.scene import DRIVEN, Scene, World
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -38,6 +39,7 @@ class Chunk:
     frames: list[Frame]
     track: Track
     decode_ns: int  # a frame
+    motion: Floats  # (n, 4) speeds and jerks, as in `Metrics`; taken when the results are final
     is_last: bool = False
 
 
@@ -56,6 +58,7 @@ class Pipeline:
         self._packed_blocks = {id(block): pack(block) for block in self.blocks}
         self._last_ns: int | None = None
         self._narrator = Narrator()
+        self._meter = MotionMeter()
 
     def _make_block(self) -> Block:
         scene = self.world.scene
@@ -88,14 +91,16 @@ class Pipeline:
                 )
                 track = self._track(frames, block)
                 count = self.run(track, 0, len(frames), block)
-                chunk = Chunk(frames[:count], track.cut(count), decode_ns)
+                chunk = Chunk(frames[:count], track.cut(count), decode_ns, np.zeros((count, 4)))
                 frames = frames[count:]
                 self._last_ns = chunk.frames[-1].time_ns
                 step_aside(self, None if before is None else before.track, chunk.track, self.blocks[2])
                 if before is not None:
+                    self._measure_motion(before)
                     yield before
                 before = chunk
         if before is not None:
+            self._measure_motion(before)
             before.is_last = True
             yield before
 
@@ -115,6 +120,14 @@ class Pipeline:
         """The scene."""
         return self.world.scene
 
+    def _measure_motion(self, chunk: Chunk) -> None:
+        block, count = chunk.track.block, len(chunk.frames)
+        driven = self.world.scene.bodies.role[block.moving] == DRIVEN
+        recorded, corrected = (poses[:count, driven, :3] for poses in (block.recorded, block.corrected))
+        times = np.array([frame.time_ns for frame in chunk.frames], dtype=np.int64)
+        rates = np.hstack(self._meter.add(times, np.stack([recorded, corrected - recorded], axis=1)))
+        chunk.motion[...] = np.nan_to_num(rates, nan=0.0)
+
     def result(self, chunk: Chunk, row: int, encode_ns: int, messages: tuple[Message, ...] = ()) -> FrameResult:
         """The result of a frame of a chunk; `encode_ns` is what the sinks took for the frame before."""
         block, frame, scale = chunk.track.block, chunk.frames[row], ns_per_cycle()
@@ -122,7 +135,7 @@ class Pipeline:
         stages += [
             (name, int(block.cycles[row, k] * scale), int(block.counts[row, k])) for k, name in enumerate(STAGES)
         ]
-        metrics = metrics_of(block, row, frame.held, frame.flags)
+        metrics = metrics_of(block, row, frame.held, frame.flags, chunk.motion[row])
         return FrameResult(
             frame=frame,
             recorded=poses_of(block, block.recorded[row]),

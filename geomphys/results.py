@@ -73,6 +73,10 @@ class Metrics(NamedTuple):
     correction_rad: float  # largest angle of a body from how it was recorded
     held: bool
     flags: int
+    recorded_speed_m_s: float  # of the driven body that has the largest, since the frame before; 0 in the first
+    correction_speed_m_s: float  # the same of the distance from where bodies were recorded
+    recorded_jerk_m_s3: float  # third derivatives over the last four frames; 0 in the first three
+    correction_jerk_m_s3: float
 
 
 @dataclass(frozen=True, slots=True)

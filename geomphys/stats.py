@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections import deque
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.errors import LogError
+from geomphys.motion import MotionMeter
 from geomphys.output_log import OutputFrame, open_output
 from geomphys.quantiles import Quantiles
 from geomphys.summary import FLAG_NAMES, RESIDUAL_LIMIT_M
@@ -23,9 +23,6 @@ Ints = NDArray[np.int64]
 
 EXACT = 1 << 17
 """Values of a series that are kept as they are; percentiles of longer ones are right to 0.25 %."""
-
-LONGEST_STEP_S = 0.2
-"""s; across longer gaps between frames no speed and no jerk is taken."""
 
 _METRICS = (
     "recorded_penetration_m",
@@ -133,11 +130,10 @@ def statistics_of(
 
 
 class _Motion:
-    """Speeds and jerks of the driven bodies from one frame to the next, by divided differences."""
+    """Speeds and jerks of the driven bodies from one frame to the next."""
 
     def __init__(self) -> None:
-        self._times: deque[float] = deque(maxlen=4)
-        self._places: deque[Floats] = deque(maxlen=4)  # (3, n, 3): recorded, corrected, corrected - recorded
+        self._meter = MotionMeter()
         self._layout: tuple[tuple[str, ...], tuple[str, ...], Ints] | None = None
 
     def add(self, frame: OutputFrame) -> dict[str, float]:
@@ -148,37 +144,10 @@ class _Motion:
             self._layout = (*names, np.array(rows, np.int64))
         recorded, corrected = frame.recorded.values[:, :3], frame.tf.values[self._layout[2], :3]
         places = np.stack([recorded, corrected, corrected - recorded])
-        time = frame.time_ns / 1e9
-        if self._times and not (
-            self._times[-1] < time <= self._times[-1] + LONGEST_STEP_S and self._places[-1].shape == places.shape
-        ):
-            self._times.clear()
-            self._places.clear()
-        self._times.append(time)
-        self._places.append(places)
-        found: dict[str, float] = {}
-        if places.shape[1] == 0:
-            return found
-        if len(self._times) > 1:
-            speeds = (self._places[-1] - self._places[-2]) / (self._times[-1] - self._times[-2])
-            found |= zip((f"{name}_speed_m_s" for name in _MOTIONS), _largest(speeds), strict=True)
-        if len(self._times) == 4:
-            jerks = 6.0 * _divided_difference(list(self._times), list(self._places))
-            found |= zip((f"{name}_jerk_m_s3" for name in _MOTIONS), _largest(jerks), strict=True)
-        return found
-
-
-def _divided_difference(times: list[float], places: list[Floats]) -> Floats:
-    """Newton's divided difference of all the points; times the factorial of its order it is a derivative."""
-    for order in range(1, len(times)):
-        places = [(b - a) / (times[k + order] - times[k]) for k, (a, b) in enumerate(pairwise(places))]
-    return places[0]
-
-
-def _largest(vectors: Floats) -> list[float]:
-    """Of (3, n, 3) the largest length of each of the three."""
-    found: list[float] = np.sqrt(np.einsum("knj,knj->kn", vectors, vectors).max(axis=1)).tolist()
-    return found
+        speeds, jerks = self._meter.add(np.array([frame.time_ns], np.int64), places[None])
+        found = dict(zip((f"{name}_speed_m_s" for name in _MOTIONS), speeds[0].tolist(), strict=True))
+        found |= zip((f"{name}_jerk_m_s3" for name in _MOTIONS), jerks[0].tolist(), strict=True)
+        return {name: value for name, value in found.items() if not math.isnan(value)}
 
 
 @dataclass

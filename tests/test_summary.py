@@ -35,7 +35,9 @@ def result(
         angles=np.zeros(0),
         contacts=NO_CONTACTS,
         penetrations=Penetrations(pairs, 0 * pairs + 1, np.zeros((len(pairs), 3)), pairs, depths, pairs),
-        metrics=Metrics(contacts, recorded, residual, 1, 2, 3, 2.0 * recorded, recorded, index % 2 == 1, flags),
+        metrics=Metrics(
+            contacts, recorded, residual, 1, 2, 3, 2.0 * recorded, recorded, index % 2 == 1, flags, 0.4, 0.2, 3.0, 2.0
+        ),
         timing=(("step", 1000 + round(1e6 * recorded), 1), ("step.overlap", 5, 1), ("encode", 7, 1)),
         messages=messages,
     )

@@ -241,6 +241,10 @@ class FrameMessages:
         message.correction_rad = figures.correction_rad
         message.held = figures.held
         message.flags = figures.flags
+        message.recorded_speed_m_s = figures.recorded_speed_m_s
+        message.correction_speed_m_s = figures.correction_speed_m_s
+        message.recorded_jerk_m_s3 = figures.recorded_jerk_m_s3
+        message.correction_jerk_m_s3 = figures.correction_jerk_m_s3
         body: bytes = message.SerializeToString()
         return head + body
 

@@ -27,7 +27,7 @@ LAYERS = (
     "driven simulated",
     "provenance",
     "proto",
-    "block",
+    "block motion",
     "machine",
     "interplay",
     "step",

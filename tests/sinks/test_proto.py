@@ -15,7 +15,8 @@ PROMISED = {
     "PairPenetration": "body_a body_b pd convex_pairs largest method",
     "FrameMetrics": (
         "timestamp frame contacts recorded_penetration_m residual_penetration_m iterations impacts fallbacks "
-        "correction_m correction_rad held flags"
+        "correction_m correction_rad held flags "
+        "recorded_speed_m_s correction_speed_m_s recorded_jerk_m_s3 correction_jerk_m_s3"
     ),
     "Timing": "timestamp frame stages",
     "Stage": "name ns count",

@@ -1,0 +1,64 @@
+"""Quality of motion: speeds and jerks of bodies from one frame to the next, frame by frame or many at once."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+LONGEST_STEP_S = 0.2
+"""s; across longer gaps between frames no speed and no jerk is taken."""
+
+ORDER = 3  # of the highest derivative
+
+
+class MotionMeter:
+    """Speeds and jerks of points by Newton's divided differences over the last frames.
+
+    A derivative of order n is n! times the divided difference of the n + 1 last places, which need not be evenly spaced
+    in time.
+    """
+
+    def __init__(self) -> None:
+        self._times = np.zeros(0, np.int64)
+        self._places = np.zeros((0, 0, 0, 3))
+
+    def add(self, times: Ints, places: Floats) -> tuple[Floats, Floats]:
+        """Take n frames.
+
+        Parameters
+        ----------
+        times
+            (n,) ns.
+        places
+            (n, k, b, 3) m: k kinds of places of b bodies. Another k or b than before begins anew.
+
+        Returns
+        -------
+        tuple
+            (speeds (n, k) [m/s], jerks (n, k) [m/s³]) of the body that has the largest; NaN where there are too few frames
+            without a gap (or no body).
+        """
+        if self._places.shape[1:] != places.shape[1:]:
+            self._times, self._places = times[:0], places[:0]
+        known = len(self._times)
+        times, places = np.concatenate([self._times, times]), np.concatenate([self._places, places])
+        self._times, self._places = times[-ORDER:], places[-ORDER:]
+        steps = np.diff(times, prepend=times[:1]) * 1e-9
+        fine = (steps > 0.0) & (steps <= LONGEST_STEP_S)
+        speeds, whole = np.full(places.shape[:2], np.nan), fine
+        jerks, differences, factor = speeds.copy(), places, 1.0
+        for order in range(1, ORDER + 1):
+            span = (times[order:] - times[:-order]) * 1e-9
+            with np.errstate(divide="ignore", invalid="ignore"):  # frames at one time: no derivative there
+                differences = np.diff(differences, axis=0) / span[:, None, None, None]
+            factor *= order
+            found = speeds if order == 1 else jerks
+            if order in (1, ORDER) and places.shape[2]:
+                rows = np.flatnonzero(whole[order:])
+                vectors = differences[rows]
+                found[rows + order] = factor * np.sqrt(np.einsum("nkbj,nkbj->nkb", vectors, vectors).max(axis=2))
+            whole = whole & np.concatenate([[False] * order, fine[:-order]]) if len(times) > order else whole
+        return speeds[known:], jerks[known:]
