@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .command import StopAtFrame, command, current_terminal
-from .options import INPUT, config_of, config_options, force_option, json_option, scene_option, written_options
+from .options import (
+    INPUT,
+    OUTPUT_FOLDER,
+    config_of,
+    config_options,
+    force_option,
+    json_option,
+    scene_option,
+    written_options,
+)
 from .progress import progress_bar
 from .terminal import counted
 
@@ -42,7 +51,7 @@ MM = 1000.0
     "--output-folder",
     "-O",
     "folder",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=OUTPUT_FOLDER,
     required=True,
     metavar="DIR",
     help="Folder of the results: NAME.mcap for each log, and manifest.json.",

@@ -14,9 +14,39 @@ if TYPE_CHECKING:
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-INPUT = click.Path(exists=True, readable=True, path_type=Path)
-INPUT_FILE = click.Path(exists=True, dir_okay=False, readable=True, path_type=Path)
-OUTPUT_FILE = click.Path(dir_okay=False, path_type=Path)
+
+class Place(click.Path):
+    """A local path, or a URL: one that is read must exist, as `click.Path` demands of paths."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return what stands for the path or URL; wrong usage where it is not there."""
+        if "://" not in str(value):
+            return super().convert(value, param, ctx)
+        from geomphys.errors import InputError
+        from geomphys.remote import is_remote, place
+
+        try:
+            found = place(value)
+            if not is_remote(found):
+                return super().convert(str(found), param, ctx)
+            if self.exists and not found.exists():
+                self.fail(f"{found}: there is no such file", param, ctx)
+            if not self.exists and not found.lists:
+                self.fail(
+                    f"{found}: a web server takes no files; write to a local path or a store such as s3://", param, ctx
+                )
+        except InputError as problem:
+            self.fail(str(problem), param, ctx)
+        except OSError as problem:
+            self.fail(f"{value}: cannot be reached ({problem.strerror})", param, ctx)
+        return found
+
+
+INPUT = Place(exists=True, readable=True, path_type=Path)
+INPUT_FILE = Place(exists=True, dir_okay=False, readable=True, path_type=Path)
+LOCAL_FILE = click.Path(exists=True, dir_okay=False, readable=True, path_type=Path)
+OUTPUT_FILE = Place(dir_okay=False, path_type=Path)
+OUTPUT_FOLDER = Place(file_okay=False, path_type=Path)
 SECONDS = click.FloatRange(min=0.0)
 
 
@@ -96,9 +126,9 @@ def check_output(path: Path | None, *, force: bool, inputs: tuple[Path, ...] = (
     if path is None:
         return
     for given in inputs:
-        if path.exists() and path.samefile(given):
+        if path == given or (path.exists() and given.exists() and path.samefile(given)):
             raise click.UsageError(f"{path}: is an input and cannot be the output too")
-    if not path.parent.is_dir():
+    if isinstance(path, Path) and not path.parent.is_dir():
         raise click.UsageError(f"{path}: there is no folder {path.parent}; make it first")
     if path.exists() and not force:
         raise click.UsageError(f"{path}: exists; choose another name or add --force")
@@ -118,10 +148,10 @@ def naming_partials(*outputs: Path | None) -> Iterator[None]:
         raise
 
 
-def _state(path: Path) -> tuple[int, int] | None:
+def _state(path: Path) -> tuple[int, int, int] | None:
     """Return what changes when a file is replaced; None if there is none."""
     try:
         status = path.stat()
     except FileNotFoundError:
         return None
-    return status.st_ino, status.st_mtime_ns
+    return status.st_ino, status.st_size, status.st_mtime_ns

@@ -118,7 +118,9 @@ def _times(summary: Summary) -> Iterator[str]:
 
 def _written(path: str) -> str:
     """Return a file and its size."""
-    size = Path(path).stat().st_size
+    from geomphys.remote import place
+
+    size = place(path).stat().st_size
     return f"{path} ({size / 1e6:,.1f} MB)"
 
 

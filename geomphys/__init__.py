@@ -13,8 +13,11 @@ if TYPE_CHECKING:
     __version__: str
     from geomphys.audit import AuditReport, audit_output
     from geomphys.batch.run import BatchReport, run_batch
+    from geomphys.bench.run import run_bench
     from geomphys.config import Config
     from geomphys.diff.compare import compare_outputs
+    from geomphys.diff.overlay import write_overlay
+    from geomphys.diff.page import write_page
     from geomphys.diff.report import OutputDifference
     from geomphys.draft import SceneDraft, draft_scene
     from geomphys.errors import (
@@ -28,34 +31,46 @@ if TYPE_CHECKING:
         ModelError,
         OutputError,
         SceneError,
+        ViewerError,
     )
     from geomphys.load import load_world
+    from geomphys.output_log import OutputLog, open_output
+    from geomphys.piece_files import DecomposedMesh, decompose_file, write_pieces
     from geomphys.pipeline import replay
     from geomphys.plots import plot_output
+    from geomphys.recording.check import CheckReport, check_log
+    from geomphys.recording.inspect import LogInfo, inspect_log
     from geomphys.results import Contacts, Frame, FrameResult, Metrics, Penetrations
     from geomphys.runner import run
+    from geomphys.snapshot import take_snapshot
     from geomphys.stats import Statistics, statistics_of
     from geomphys.summary import Summarizer, Summary
+    from geomphys.view import view_result
     from geomphys.world.scene import Scene, World
+    from geomphys.world.scene_file import scene_json_schema
 
 _HOME = {
     "AuditReport": "audit",
     "BatchReport": "batch.run",
+    "CheckReport": "recording.check",
     "ClusterError": "errors",
     "Config": "config",
     "ConfigError": "errors",
     "Contacts": "results",
     "DamagedLogError": "errors",
+    "DecomposedMesh": "piece_files",
     "Frame": "results",
     "FrameResult": "results",
     "GeomphysError": "errors",
     "InputError": "errors",
     "LogError": "errors",
+    "LogInfo": "recording.inspect",
     "MeshError": "errors",
     "Metrics": "results",
     "ModelError": "errors",
     "OutputDifference": "diff.report",
     "OutputError": "errors",
+    "OutputLog": "output_log",
     "Penetrations": "results",
     "Scene": "world.scene",
     "SceneDraft": "draft",
@@ -63,36 +78,52 @@ _HOME = {
     "Statistics": "stats",
     "Summarizer": "summary",
     "Summary": "summary",
+    "ViewerError": "errors",
     "World": "world.scene",
     "audit_output": "audit",
+    "check_log": "recording.check",
     "compare_outputs": "diff.compare",
+    "decompose_file": "piece_files",
     "draft_scene": "draft",
+    "inspect_log": "recording.inspect",
     "load_world": "load",
+    "open_output": "output_log",
     "plot_output": "plots",
     "replay": "pipeline",
     "run": "runner",
     "run_batch": "batch.run",
+    "run_bench": "bench.run",
+    "scene_json_schema": "world.scene_file",
     "statistics_of": "stats",
+    "take_snapshot": "snapshot",
+    "view_result": "view",
+    "write_overlay": "diff.overlay",
+    "write_page": "diff.page",
+    "write_pieces": "piece_files",
 }
 
 __all__ = [
     "AuditReport",
     "BatchReport",
+    "CheckReport",
     "ClusterError",
     "Config",
     "ConfigError",
     "Contacts",
     "DamagedLogError",
+    "DecomposedMesh",
     "Frame",
     "FrameResult",
     "GeomphysError",
     "InputError",
     "LogError",
+    "LogInfo",
     "MeshError",
     "Metrics",
     "ModelError",
     "OutputDifference",
     "OutputError",
+    "OutputLog",
     "Penetrations",
     "Scene",
     "SceneDraft",
@@ -100,17 +131,29 @@ __all__ = [
     "Statistics",
     "Summarizer",
     "Summary",
+    "ViewerError",
     "World",
     "__version__",
     "audit_output",
+    "check_log",
     "compare_outputs",
+    "decompose_file",
     "draft_scene",
+    "inspect_log",
     "load_world",
+    "open_output",
     "plot_output",
     "replay",
     "run",
     "run_batch",
+    "run_bench",
+    "scene_json_schema",
     "statistics_of",
+    "take_snapshot",
+    "view_result",
+    "write_overlay",
+    "write_page",
+    "write_pieces",
 ]
 
 

@@ -21,6 +21,7 @@ from geomphys.errors import LogError
 from geomphys.output_log import OutputFrame, open_output
 from geomphys.output_world import world_of_output
 from geomphys.provenance import sha256_of_world
+from geomphys.remote import place
 from geomphys.transforms import rotation_from_quaternion
 from geomphys.world.scene import FIXED, SIMULATED, World
 
@@ -107,8 +108,8 @@ def audit_output(
     SceneError, ModelError, MeshError
         The scene's files are gone or have changed; `scene` names others.
     """
-    log = open_output(Path(output))
-    world = world_of_output(log, None if scene is None else Path(scene))
+    log = open_output(output)
+    world = world_of_output(log, None if scene is None else place(scene))
     auditor = _Auditor(world, log.path, recorded)
     frames = overlapping = broken = dropped = 0
     kept: list[Overlap] = []

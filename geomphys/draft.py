@@ -24,6 +24,7 @@ from geomphys.recording.matching import (
     side_of,
 )
 from geomphys.recording.plan import is_static
+from geomphys.remote import place
 from geomphys.world.chains import suggested_chains
 from geomphys.world.meshes import load_mesh, require_closed
 from geomphys.world.scene_file import parse_scene
@@ -86,7 +87,7 @@ def draft_scene(
     ModelError, MeshError
         A URDF or one of its meshes is wrong.
     """
-    info = inspect_log(Path(log), recover=recover)
+    info = inspect_log(place(log), recover=recover)
     poses, joints = _poses(info), [t for t in info.topics if t.kind in ("joints", "glove") and _sayable(t.topic)]
     if not poses and not joints:
         found = ", ".join(f"{t.topic} ({t.schema or 'no schema'})" for t in info.topics[:6]) or "no topics at all"

@@ -9,6 +9,7 @@ import numpy as np
 
 from geomphys.collision.penetration import make_scratch, separation
 from geomphys.errors import ConfigError
+from geomphys.remote import place
 from geomphys.transforms import compose, frame_from_matrix, matrix_from_frame
 from geomphys.world.assembly import assemble, exclude
 from geomphys.world.decomposition import Progress
@@ -43,7 +44,7 @@ def load_world(path: Path | str, *, mode: str | None = None, seed: int = 0, prog
     """
     if mode not in (None, "rigid", "chains"):
         raise ConfigError(f"mode = {mode!r}: expected rigid or chains")
-    path = Path(path)
+    path = place(path)
     world = assemble(load_scene_file(path), path, mode=mode, seed=seed, progress=progress)
     return exclude(world, zero_pose_overlaps(world))
 

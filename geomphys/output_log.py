@@ -7,14 +7,13 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
-import zstandard
 from google.protobuf.message import DecodeError
 from mcap.exceptions import McapError
-from mcap.reader import McapReader, make_reader
-from mcap.records import Message
+from mcap.opcode import Opcode
+from mcap.reader import SeekingReader
 from numpy.typing import NDArray
 
 from geomphys.errors import DamagedLogError, LogError
@@ -36,11 +35,27 @@ from geomphys.output_decoders import (
     decode_timing,
 )
 from geomphys.provenance import IDENTITY, RECORD
+from geomphys.recording.records import (
+    CHUNK_LIMIT,
+    HEAD,
+    MESSAGE,
+    BadRecordError,
+    read_chunk_head,
+    unpack_chunk,
+    walk,
+)
+from geomphys.remote import place
 
 CHANNELS = ("/tf", "/recorded/tf", "joint_states", "/contacts", "/penetration", "/metrics", "/timing", "/log")
 """What `OutputLog.frames` can read; ``joint_states`` stands for those of every avatar."""
 
-_DAMAGE = (McapError, DecodeError, struct.error, zstandard.ZstdError, ValueError, EOFError, KeyError, RuntimeError)
+RECORD_LIMIT = 256 * 2**20
+"""Bytes; a longer record, an attached file say, is not read."""
+
+_DAMAGE = (
+    BadRecordError, McapError, DecodeError, struct.error, ValueError, EOFError, KeyError, IndexError, RuntimeError,
+    OverflowError, MemoryError,
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +76,14 @@ class OutputFrame:
     metrics: dict[str, float] = field(default_factory=dict)
     timing: tuple[StageRow, ...] = ()
     log: tuple[LogRow, ...] = ()
+
+
+class OutputMessage(NamedTuple):
+    """A message of an output."""
+
+    sequence: int
+    log_time: int  # ns
+    data: bytes
 
 
 @dataclass(frozen=True)
@@ -135,9 +158,8 @@ class OutputLog:
     def descriptions(self) -> dict[str, str]:
         """Topic -> URDF text of every robot description."""
         topics = [topic for topic in self.topics if topic.endswith("/robot_description")]
-        with self._reading() as (_, reader):
-            messages = reader.iter_messages(topics=topics, log_time_order=False)
-            return {channel.topic: decode_string(message.data) for _, channel, message in messages}
+        with self._reading() as (stream, reader):
+            return {topic: decode_string(m.data) for topic, m in self._messages(stream, reader, topics)}
 
     def frames(self, channels: Collection[str] = CHANNELS) -> Iterator[OutputFrame]:
         """The frames in order.
@@ -161,30 +183,30 @@ class OutputLog:
         if "joint_states" in channels:
             wanted.update(self.joint_topics)
         decoder = _FrameDecoder(frozenset(channels))
-        pending: list[tuple[str, Message]] = []
-        with self._reading() as (_, reader):
-            for _, channel, message in reader.iter_messages(topics=sorted(wanted), log_time_order=False):
-                if channel.topic == "/tf" and pending:  # every frame begins with /tf
+        pending: list[tuple[str, OutputMessage]] = []
+        with self._reading() as (stream, reader):
+            for topic, message in self._messages(stream, reader, wanted):
+                if topic == "/tf" and pending:  # every frame begins with /tf
                     yield decoder.decode(pending)
                     pending = []
-                pending.append((channel.topic, message))
+                pending.append((topic, message))
             if pending:
                 yield decoder.decode(pending)
 
     def sample(self, count: int) -> Iterator[Poses]:
         """Corrected poses of up to `count` frames, spread evenly over the time of the recording."""
         decoder = TransformsDecoder()
-        with self._reading() as (_, reader):
+        with self._reading() as (stream, reader):
             for time in np.linspace(self.start_ns, self.end_ns, count).astype(np.int64).tolist():
-                for _, _, message in reader.iter_messages(topics=["/tf"], starting_at=time):
+                for _, message in self._messages(stream, reader, ["/tf"], starting_at=time):
                     yield decoder.decode(message.data, message.log_time)
                     break
 
     def time_of(self, frame: int) -> int:
         """Time [ns] of the frame of that number; raises LogError if there is none."""
         last = None
-        with self._reading() as (_, reader):
-            for _, _, message in reader.iter_messages(topics=["/metrics"], log_time_order=False):
+        with self._reading() as (stream, reader):
+            for _, message in self._messages(stream, reader, ["/metrics"]):
                 last = int(decode_metrics(message.data)["frame"])
                 if last == frame:
                     return message.log_time
@@ -194,8 +216,8 @@ class OutputLog:
         """Columns (n,) of all metrics by name, and ``time_ns`` (int64): one row a frame."""
         rows: list[dict[str, float]] = []
         times: list[int] = []
-        with self._reading() as (_, reader):
-            for _, _, message in reader.iter_messages(topics=["/metrics"], log_time_order=False):
+        with self._reading() as (stream, reader):
+            for _, message in self._messages(stream, reader, ["/metrics"]):
                 rows.append(decode_metrics(message.data))
                 times.append(message.log_time)
         columns = {name: np.array([row[name] for row in rows], np.float64) for name in METRICS}
@@ -205,9 +227,8 @@ class OutputLog:
         """Stage name -> times, in the order in which stages first appear; empty if the file has none."""
         found: dict[str, tuple[list[int], list[int], list[int]]] = {}
         if "/timing" in self.topics:
-            with self._reading() as (_, reader):
-                messages = reader.iter_messages(topics=["/timing"], log_time_order=False)
-                for row, (_, _, message) in enumerate(messages):
+            with self._reading() as (stream, reader):
+                for row, (_, message) in enumerate(self._messages(stream, reader, ["/timing"])):
                     for name, ns, count in decode_timing(message.data):
                         rows, times, counts = found.setdefault(name, ([], [], []))
                         rows.append(row)
@@ -217,12 +238,39 @@ class OutputLog:
             name: StageSeries(*(np.array(column, np.int64) for column in columns)) for name, columns in found.items()
         }
 
+    @staticmethod
+    def _messages(
+        stream: BinaryIO, reader: SeekingReader, topics: Collection[str], starting_at: int = 0
+    ) -> Iterator[tuple[str, OutputMessage]]:
+        """Topic and message, in the order of the file, of the chunks that hold any of the topics."""
+        summary = reader.get_summary()
+        if summary is None:
+            raise BadRecordError("it has no summary")
+        wanted = {number: channel.topic for number, channel in summary.channels.items() if channel.topic in topics}
+        for chunk in sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset):
+            if chunk.message_end_time < starting_at or wanted.keys().isdisjoint(chunk.message_index_offsets):
+                continue
+            stream.seek(chunk.chunk_start_offset)
+            _, length = HEAD.unpack(stream.read(HEAD.size))
+            if length > CHUNK_LIMIT:
+                raise BadRecordError(f"a chunk of {length} bytes is longer than the limit of {CHUNK_LIMIT}")
+            body = stream.read(length)
+            head = read_chunk_head(body, length)
+            data, trouble = unpack_chunk(head, body[head.head_length : head.head_length + head.data_length])
+            if trouble:
+                raise BadRecordError(f"the chunk at byte {chunk.chunk_start_offset} {trouble}")
+            for opcode, begin, end in walk(data):
+                if opcode == Opcode.MESSAGE:
+                    number, sequence, time, _ = MESSAGE.unpack_from(data, begin)
+                    if number in wanted and time >= starting_at:
+                        yield wanted[number], OutputMessage(sequence, time, data[begin + MESSAGE.size : end])
+
     @contextmanager
-    def _reading(self) -> Iterator[tuple[BinaryIO, McapReader]]:
+    def _reading(self) -> Iterator[tuple[BinaryIO, SeekingReader]]:
         """The file and a reader of it; what goes wrong in there is a LogError."""
         try:
             with self.path.open("rb") as stream:
-                yield stream, make_reader(stream)
+                yield stream, SeekingReader(stream, record_size_limit=RECORD_LIMIT)
         except OSError as problem:
             raise LogError(f"{self.path}: cannot be read ({problem.strerror})") from problem
         except _DAMAGE as problem:
@@ -233,7 +281,7 @@ class OutputLog:
 
 def open_output(path: Path | str) -> OutputLog:
     """Open an output log; raises LogError if it is none, DamagedLogError if it is damaged."""
-    return OutputLog(Path(path))
+    return OutputLog(place(path))
 
 
 class _FrameDecoder:
@@ -244,7 +292,7 @@ class _FrameDecoder:
         self._transforms = {"/tf": TransformsDecoder(), "/recorded/tf": TransformsDecoder()}
         self._joints: dict[str, JointStateDecoder] = {}
 
-    def decode(self, messages: list[tuple[str, Message]]) -> OutputFrame:
+    def decode(self, messages: list[tuple[str, OutputMessage]]) -> OutputFrame:
         poses = {"/tf": _NO_POSES, "/recorded/tf": _NO_POSES}
         joints: dict[str, JointValues] = {}
         contacts: tuple[ContactRow, ...] = ()

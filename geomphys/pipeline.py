@@ -22,6 +22,7 @@ from geomphys.motion import MotionMeter
 from geomphys.packed import pack
 from geomphys.provenance import provenance_of
 from geomphys.recording.frames import FrameSource
+from geomphys.remote import place
 from geomphys.results import Frame, FrameResult
 from geomphys.sinks.base import Sink
 from geomphys.step import WHOLE, run_block
@@ -186,13 +187,13 @@ def replay(
         A sink cannot write.
     """
     config = config or Config()
-    world = scene if isinstance(scene, World) else load_world(Path(scene), mode=config.mode, seed=config.seed)
+    world = scene if isinstance(scene, World) else load_world(scene, mode=config.mode, seed=config.seed)
     opened: list[Sink] = []
     complete = False
     try:
-        with FrameSource(Path(log), world, config) as source:
+        with FrameSource(place(log), world, config) as source:
             if sinks:
-                provenance = provenance_of(Path(log), world, config)
+                provenance = provenance_of(place(log), world, config)
                 for sink in sinks:
                     sink.open(world, config, provenance)
                     opened.append(sink)

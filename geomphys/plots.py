@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from geomphys.errors import ConfigError, LogError
 from geomphys.output_log import OutputFrame, OutputLog, open_output
+from geomphys.remote import place
 from geomphys.sinks.base import OutputFile
 
 if TYPE_CHECKING:
@@ -106,7 +107,7 @@ def plot_output(
     OutputError
         The picture exists without `force`, or cannot be written.
     """
-    out, log = Path(out), open_output(Path(output))
+    out, log = place(out), open_output(output)
     if unknown := set(panels) - set(PANELS) or not panels:
         raise ConfigError(f"panel = {unknown}: choose among {', '.join(PANELS)}")
     if scale not in ("auto", "linear", "log"):

@@ -11,12 +11,14 @@ import hashlib
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 
 from geomphys import __version__
 from geomphys.config import Config
 from geomphys.errors import LogError, SceneError
+from geomphys.remote import open_whole
 from geomphys.world.scene import Scene, World
 
 RECORD = "geomphys"
@@ -72,8 +74,8 @@ def provenance_of(log: Path, world: World, config: Config) -> Provenance:
 
 def sha256_of_file(path: Path) -> str:
     """SHA-256 of a file's bytes; OSError if it cannot be read."""
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+    with open_whole(path) as stream:
+        return hashlib.file_digest(cast(Any, stream), "sha256").hexdigest()
 
 
 def sha256_of_log(path: Path) -> str:

@@ -13,6 +13,7 @@ from geomphys.kernel import are_compiled
 from geomphys.load import load_world
 from geomphys.pipeline import replay
 from geomphys.provenance import Provenance
+from geomphys.remote import place
 from geomphys.results import FrameResult
 from geomphys.sinks.base import Sink
 from geomphys.summary import Summarizer, Summary
@@ -68,10 +69,10 @@ def run(
     OutputError
         An output exists without `force`, is an input, or cannot be written.
     """
-    log, config = Path(log), config or Config()
-    out, rrd = (None if path is None else Path(path) for path in (out, rrd))
+    log, config = place(log), config or Config()
+    out, rrd = (None if path is None else place(path) for path in (out, rrd))
     _check_distinct(log, out, rrd)
-    world = scene if isinstance(scene, World) else load_world(Path(scene), mode=config.mode, seed=config.seed)
+    world = scene if isinstance(scene, World) else load_world(scene, mode=config.mode, seed=config.seed)
     summarizer = Summarizer(world.body_names)
     sinks = _sinks(log, out, rrd, timing=timing, force=force, copy_input=copy_input)
     if begin is not None:

@@ -106,7 +106,7 @@ def statistics_of(
     """
     if not outputs:
         raise ValueError("statistics of no output at all")
-    logs = [open_output(Path(path)) for path in outputs]
+    logs = [open_output(path) for path in outputs]
     total, done = sum(log.frame_count for log in logs), 0
     together = _Series()
     found: list[OutputStatistics] = []

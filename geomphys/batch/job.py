@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import shutil
+import tempfile
 import time
 import traceback
 import uuid
@@ -19,6 +19,7 @@ from geomphys.errors import GeomphysError, OutputError, SceneError
 from geomphys.load import load_world
 from geomphys.output_log import open_output
 from geomphys.provenance import sha256_of_file, sha256_of_world
+from geomphys.remote import is_remote, move
 from geomphys.runner import run
 from geomphys.world.scene import World
 
@@ -27,6 +28,8 @@ STOP = "stop"
 
 LOOK_EVERY_S = 0.2
 """s; between two looks for `STOP`."""
+LOOK_FAR_EVERY_S = 5.0
+"""s; likewise, where it lies behind a URL."""
 
 Status = Literal["done", "failed", "interrupted"]
 
@@ -45,7 +48,7 @@ class Job:
     timing: bool
     copy_input: bool
     running: Path
-    """Folder on the outputs' file system for what is not complete."""
+    """Folder on the outputs' file system for what is not complete; behind a URL only for `STOP`."""
     version: str = __version__
 
 
@@ -82,9 +85,12 @@ def run_job(job: Job) -> Outcome:
         raise GeomphysError(
             f"this worker has geomphys {__version__}, the batch was begun by {job.version}; install the same version"
         )
-    place = job.running / f"{job.out.stem}.{uuid.uuid4().hex}"
+    if is_remote(job.running):
+        place = Path(tempfile.mkdtemp(prefix="geomphys-"))
+    else:
+        place = job.running / f"{job.out.stem}.{uuid.uuid4().hex}"
     try:
-        place.mkdir()
+        place.mkdir(exist_ok=True)
         outcome = _replay(job, place)
         if outcome.status == "done":
             _publish(job, place)
@@ -147,7 +153,7 @@ def _publish(job: Job, place: Path) -> None:
     for target in (job.out, job.rrd):
         if target is not None:
             try:
-                os.replace(place / target.name, target)
+                move(place / target.name, target)
             except OSError as problem:
                 raise OutputError(f"{target}: cannot be written ({problem.strerror or problem})") from problem
             _partial(target).unlink(missing_ok=True)
@@ -156,7 +162,7 @@ def _publish(job: Job, place: Path) -> None:
 def _keep_partials(job: Job, place: Path) -> None:
     for target in (job.out, job.rrd):
         if target is not None and (place / _partial(target).name).is_file():
-            os.replace(place / _partial(target).name, _partial(target))
+            move(place / _partial(target).name, _partial(target))
 
 
 def _partial(path: Path) -> Path:
@@ -173,6 +179,6 @@ class _Stopping:
     def __call__(self, done: int, total: int | None) -> None:
         now = time.monotonic()
         if now >= self._next:
-            self._next = now + LOOK_EVERY_S
+            self._next = now + (LOOK_FAR_EVERY_S if is_remote(self._sign) else LOOK_EVERY_S)
             if self._sign.exists():
                 raise _StopAskedError

@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from geomphys.errors import OutputError
 from geomphys.provenance import sha256_of_file
+from geomphys.remote import is_remote
 
 FILE = "manifest.json"
 FORMAT = 1
@@ -104,6 +105,12 @@ class Manifest:
 
     def save(self) -> None:
         """Write the file beside its name and rename it; raises OutputError if the folder refuses."""
+        if is_remote(self.path):
+            try:
+                self.path.write_bytes((json.dumps(self.as_dict(), indent=1, ensure_ascii=False) + "\n").encode())
+            except OSError as problem:
+                raise OutputError(f"{self.path}: cannot be written ({problem.strerror or problem})") from problem
+            return
         beside = self.path.with_name(f".{FILE}.tmp")
         try:
             with beside.open("w", encoding="utf-8") as stream:

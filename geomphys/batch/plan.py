@@ -6,9 +6,11 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from typing import cast
 
 from geomphys.errors import LogError, OutputError
 from geomphys.recording.bag import METADATA
+from geomphys.remote import RemotePath, is_remote, place
 
 PARTIAL = ".partial.mcap"
 
@@ -27,7 +29,7 @@ def plan_logs(inputs: Sequence[Path | str], folder: Path | str) -> tuple[Planned
     A file gives ``STEM``, a ROS 2 bag (a folder with metadata.yaml) the folder's name. Of any other folder all
     ``*.mcap`` files and bags in it and below it are taken, and their outputs keep their place below it:
     ``DIR/monday/take1.mcap`` becomes ``monday/take1``. Hidden files, ``*.partial.mcap`` and what lies in the batch's own
-    `folder` are left out. A log named twice is replayed once.
+    `folder` are left out. A log named twice is replayed once. Files and folders may be URLs.
 
     Raises
     ------
@@ -37,8 +39,8 @@ def plan_logs(inputs: Sequence[Path | str], folder: Path | str) -> tuple[Planned
         Two different logs would have the same output.
     """
     found: dict[str, Path] = {}
-    own = Path(folder).resolve()
-    for given in map(Path, inputs):
+    own = place(folder).resolve()
+    for given in map(place, inputs):
         for name, log in _logs_of(given, own):
             log = log.resolve()
             other = found.setdefault(name, log)
@@ -69,14 +71,17 @@ def _logs_of(given: Path, own: Path) -> Iterator[tuple[str, Path]]:
         if not logs:
             raise LogError(f"{given}: holds neither an MCAP file nor a ROS 2 bag")
         for log in logs:
-            place = log.relative_to(given)
-            yield (place if log.is_dir() else place.with_suffix("")).as_posix(), log
+            within = log.relative_to(given)
+            yield (within if log.is_dir() else within.with_suffix("")).as_posix(), log
 
 
 def _below(folder: Path, own: Path) -> Iterator[Path]:
     """MCAP files and bags in a folder and its subfolders."""
-    for place, folders, files in os.walk(folder):
-        here = Path(place)
+    if is_remote(folder):
+        yield from _below_url(folder, own)
+        return
+    for directory, folders, files in os.walk(folder):
+        here = Path(directory)
         if here.resolve() == own and here != folder:
             folders.clear()
             continue
@@ -86,5 +91,23 @@ def _below(folder: Path, own: Path) -> Iterator[Path]:
             continue
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         for name in files:
-            if name.endswith(".mcap") and not name.endswith(PARTIAL) and not name.startswith("."):
+            if _is_log(name):
                 yield here / name
+
+
+def _is_log(name: str) -> bool:
+    return name.endswith(".mcap") and not name.endswith(PARTIAL) and not name.startswith(".")
+
+
+def _below_url(folder: RemotePath, own: Path) -> Iterator[Path]:
+    """The same of a folder behind a URL."""
+    files = folder.files()
+    bags = {file.parent for file in files if file.name == METADATA} - {folder}
+    yield from (
+        cast(Path, bag) for bag in bags if not any(bag != other and bag.is_relative_to(other) for other in bags)
+    )
+    for file in files:
+        hidden = any(part.startswith(".") for part in file.relative_to(folder).parts)
+        inside = any(file.is_relative_to(bag) for bag in bags) or (own != folder and file.is_relative_to(own))
+        if _is_log(file.name) and not hidden and not inside:
+            yield cast(Path, file)

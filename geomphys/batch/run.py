@@ -22,6 +22,7 @@ from geomphys.config import Config
 from geomphys.errors import LogError, OutputError
 from geomphys.load import load_world
 from geomphys.provenance import sha256_of_file, sha256_of_log, sha256_of_world
+from geomphys.remote import is_remote, place
 
 RUNNING = ".running"
 """Folder in the batch's folder for what is not complete."""
@@ -74,7 +75,7 @@ def run_batch(
     scene : Path or str
         The scene file.
     folder : Path or str
-        Where the outputs go; made if it is not there.
+        Where the outputs go; made if it is not there. Like logs and scene it may be a URL; see `geomphys.remote`.
     config : Config, optional
         All parameters; None: the defaults.
     rrd : bool
@@ -110,7 +111,7 @@ def run_batch(
     ClusterError
         The Dask scheduler cannot be reached.
     """
-    folder, scene, config = Path(folder).resolve(), Path(scene).resolve(), config or Config()
+    folder, scene, config = place(folder).resolve(), place(scene).resolve(), config or Config()
     planned = plan_logs(logs, folder)
     check_outputs(planned, folder, rrd=rrd, resume=resume, force=force)
     world_sha256 = sha256_of_world(load_world(scene, mode=config.mode, seed=config.seed))
@@ -135,7 +136,7 @@ def run_batch(
         manifest.save()
         tasks = [
             Job(
-                log=Path(entry.log),
+                log=place(entry.log),
                 scene=scene,
                 world_sha256=world_sha256,
                 out=_placed(folder / entry.out),
@@ -178,6 +179,8 @@ def check_outputs(planned: Sequence[PlannedLog], folder: Path, *, rrd: bool, res
 
     With `resume` those that the folder's manifest names may.
     """
+    if is_remote(folder) and not folder.lists:
+        raise OutputError(f"{folder}: a web server takes no files; choose a local folder or a store such as s3://")
     claimed = set(Manifest.load(folder).entries) if resume else set[str]()
     inputs = {plan.log for plan in planned}
     for plan in planned:
@@ -207,7 +210,7 @@ def _is_good(entry: Entry | None, asked: Entry, folder: Path) -> bool:
     if entry is None or entry.status != "done":
         return False
     try:
-        return entry.is_made_from(asked, sha256_of_log(Path(asked.log))) and entry.outputs_are_whole(folder)
+        return entry.is_made_from(asked, sha256_of_log(place(asked.log))) and entry.outputs_are_whole(folder)
     except OSError as problem:
         raise LogError(f"{problem.filename}: cannot be read ({problem.strerror})") from problem
 
@@ -228,8 +231,18 @@ def _placed(out: Path) -> Path:
 
 @contextmanager
 def _own(folder: Path) -> Iterator[Path]:
-    """Make the folder, keep other batches out of it, and yield an empty folder in it for what is not complete."""
+    """Make the folder, keep other batches out of it, and yield an empty folder in it for what is not complete.
+
+    Nothing keeps two batches apart that work in one folder behind a URL.
+    """
     running = folder / RUNNING
+    if is_remote(folder):
+        try:
+            (running / STOP).unlink(missing_ok=True)
+        except OSError as problem:
+            raise OutputError(f"{folder}: cannot be written to ({problem.strerror})") from problem
+        yield running
+        return
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = os.open(folder, os.O_RDONLY)

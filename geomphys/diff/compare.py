@@ -72,7 +72,7 @@ def compare_outputs(
     unknown = set(channels) - set(CHANNELS)
     if unknown or not channels:
         raise ConfigError(f"channel = {', '.join(sorted(unknown))}: choose among {', '.join(CHANNELS)}")
-    one, other = open_output(Path(a)), open_output(Path(b))
+    one, other = open_output(a), open_output(b)
     wanted = [name for name in CHANNELS if name in channels]
     first_a, first_b = _first(one, wanted), _first(other, wanted)
     compared: dict[str, Channel] = {}

@@ -62,7 +62,7 @@ def write_overlay(difference: OutputDifference, out: Path, *, scene: Path | None
     """
     import rerun as rr
 
-    a, b = open_output(Path(difference.a)), open_output(Path(difference.b))
+    a, b = open_output(difference.a), open_output(difference.b)
     world = world_of_output(a, scene)
     output = OutputFile(out, force=True)
     identity = hashlib.sha256(repr([sorted(log.metadata.items()) for log in (a, b)]).encode()).hexdigest()

@@ -141,7 +141,7 @@ def _pictures(difference: OutputDifference, scene: Path | None) -> Iterator[str]
     if not difference.peaks:
         return
     yield "<h2>Where they differ most</h2>"
-    log = open_output(Path(difference.a))
+    log = open_output(difference.a)
     try:
         world = world_of_output(log, scene)
     except InputError as problem:
@@ -149,7 +149,7 @@ def _pictures(difference: OutputDifference, scene: Path | None) -> Iterator[str]
             raise
         yield f'<p class="soft">No pictures: {escape(str(problem))}</p>'
         return
-    still = (first_poses(log), first_poses(open_output(Path(difference.b))))
+    still = (first_poses(log), first_poses(open_output(difference.b)))
     yield '<p class="soft"><span class="key" style="background:#4a87c7;margin-left:0"></span>a'
     yield '<span class="key" style="background:#ed8229"></span>b, where it differs</p><div class="pictures">'
     for picture in pictures_of(world, difference.peaks, *still):

@@ -39,6 +39,13 @@ def log_files(path: Path, *, recover: bool = False) -> LogFiles:
     DamagedLogError
         metadata.yaml or a part is missing and `recover` is off.
     """
+    try:
+        return _log_files(path, recover)
+    except OSError as problem:
+        raise LogError(f"{path}: cannot be read ({problem.strerror})") from problem
+
+
+def _log_files(path: Path, recover: bool) -> LogFiles:
     if path.is_file():
         return LogFiles((path,))
     if not path.exists():

@@ -176,7 +176,7 @@ def _ros2(channel: LogChannel, schema_name: str) -> Decoder:
 
 def _from_definition(name: str, definition: bytes) -> Decoder | None:
     """Decoder of a ros2msg definition; None if it cannot be read."""
-    from mcap_ros2._vendor.rosidl_adapter.parser import InvalidSpecification
+    from mcap_ros2._vendor.rosidl_adapter.parser import InvalidSpecification, InvalidValue
     from mcap_ros2.decoder import DecoderFactory
 
     schema = Schema(id=1, name=name, encoding="ros2msg", data=definition)
@@ -184,7 +184,7 @@ def _from_definition(name: str, definition: bytes) -> Decoder | None:
     try:
         with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
             decoder: Decoder | None = DecoderFactory().decoder_for("cdr", schema)
-    except (*PAYLOAD_ERRORS, NameError, AssertionError, InvalidSpecification):
+    except (*PAYLOAD_ERRORS, NameError, AssertionError, InvalidSpecification, InvalidValue):
         return None
     return decoder
 

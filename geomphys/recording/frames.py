@@ -56,7 +56,7 @@ class FrameSource:
 
     def __init__(self, log: Path, world: World, config: Config) -> None:
         self.world, self.config = world, config
-        self.reader: LogReader = open_log(Path(log), recover=config.recover)
+        self.reader: LogReader = open_log(log, recover=config.recover)
         self.plan: Plan = make_plan(self.reader, world, config)
         if self.plan.problems:
             more = len(self.plan.problems) - 1

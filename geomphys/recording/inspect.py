@@ -72,7 +72,8 @@ def inspect_log(path: Path, *, recover: bool = False) -> LogInfo:
     Parameters
     ----------
     path : Path
-        An MCAP file or a ROS 2 bag directory.
+        An MCAP file or a ROS 2 bag directory, or the URL of one; of a log behind a URL only the topics that are understood
+        are read, of the others its indexes tell.
     recover : bool
         Tell of a damaged log what is intact, instead of raising DamagedLogError.
 
@@ -85,7 +86,7 @@ def inspect_log(path: Path, *, recover: bool = False) -> LogInfo:
     """
     with open_log(path, recover=recover) as reader:
         surveys = {key: _Survey(channel) for key, channel in reader.channels.items()}
-        for raw in reader.read():
+        for raw in reader.read({key for key, survey in surveys.items() if survey.is_needed}):
             surveys[raw.key].take(raw)
         topics = sorted((s.info() for s in surveys.values()), key=lambda t: (t.topic, t.schema))
         return _info(reader, tuple(topics))
@@ -136,6 +137,11 @@ class _Survey:
             except LogError as problem:
                 self.problem = str(problem)
 
+    @property
+    def is_needed(self) -> bool:
+        """Whether the messages tell what is not known yet."""
+        return self.read is not None or self.channel.longest_gap_ns is None
+
     def take(self, raw: RawMessage) -> None:
         """Take in a message."""
         if self.latest is not None:
@@ -180,6 +186,7 @@ class _Survey:
     def info(self) -> TopicInfo:
         """Sum up."""
         c, kind = self.channel, kind_of(self.channel)
+        gap = self.longest_gap if self.is_needed else (c.longest_gap_ns or 0)
         span = (c.last_ns - c.first_ns) / 1e9
         return TopicInfo(
             topic=c.topic,
@@ -190,7 +197,7 @@ class _Survey:
             first_ns=c.first_ns if c.messages else None,
             last_ns=c.last_ns if c.messages else None,
             rate_hz=(c.messages - 1) / span if span > 0 else None,
-            longest_gap_s=self.longest_gap / 1e9 if c.messages > 1 else None,
+            longest_gap_s=gap / 1e9 if c.messages > 1 else None,
             joints=tuple(sorted(self.joints)),
             frames=tuple(sorted(self.frames)),
             sides=tuple(sorted(self.sides)),

@@ -7,10 +7,10 @@ of a topic, and the parts of a bag, stay apart.
 
 from __future__ import annotations
 
-import hashlib
 import struct
 from collections import deque
 from collections.abc import Container, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -31,11 +31,13 @@ from geomphys.recording.records import (
     unpack_chunk,
     walk,
 )
-from geomphys.recording.scan import FileScan, Span, scan_file
+from geomphys.recording.scan import TIME_LIMIT, FileScan, Span, scan_file
+from geomphys.recording.summary import scan_summary
+from geomphys.remote import RemotePath, is_remote, place
 
 PENDING_LIMIT = 256 * 2**20
 """Bytes of messages that are held to bring them into the order of their times."""
-_Pending = tuple[int, int, int, int, bytes]  # log time, place in the file, channel, publish time, data
+_Pending = tuple[int, int, int, int, bytes, int]  # log time, place in the file, channel, publish time, data, sequence
 TOLD = 3  # damaged places that are told one by one
 
 
@@ -52,6 +54,8 @@ class LogChannel:
     messages: int
     first_ns: int  # log time of the earliest message; 0 if there is none
     last_ns: int
+    metadata: tuple[tuple[str, str], ...] = ()
+    longest_gap_ns: int | None = None  # None where only the messages tell
 
 
 class RawMessage(NamedTuple):
@@ -61,6 +65,7 @@ class RawMessage(NamedTuple):
     log_time: int
     publish_time: int
     data: bytes
+    sequence: int = 0
 
 
 @dataclass(frozen=True)
@@ -73,7 +78,7 @@ class Damage:
 
 
 class LogReader:
-    """A log opened for reading; made by `open_log`. A context manager; holds no file open between calls."""
+    """A log opened for reading; made by `open_log`. A context manager; holds no local file open between calls."""
 
     def __init__(self, path: Path, *, recover: bool = False) -> None:
         """Scan the log; see `open_log`."""
@@ -81,6 +86,8 @@ class LogReader:
         parts = log_files(path, recover=recover)
         self.files = parts.files
         self.size = 0
+        self._recover = recover
+        self._streams: dict[RemotePath, BinaryIO] = {}  # of files behind URLs
         self._scans: list[FileScan] = []
         for file in self.files:
             self._scans.append(self._scan(file))
@@ -107,7 +114,9 @@ class LogReader:
         self.close()
 
     def close(self) -> None:
-        """End the use of the reader. It holds no file open between calls, so there is nothing to undo."""
+        """End the use of the reader."""
+        while self._streams:
+            self._streams.popitem()[1].close()
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -145,9 +154,9 @@ class LogReader:
         spans = [(n, span) for n, scan in enumerate(self._scans) for span in scan.spans]
         if file_order:
             for number, span in spans:
-                for log_time, _, key, publish_time, data in self._load(number, span, 0, keys):
+                for log_time, _, key, publish_time, data, sequence in self._load(number, span, 0, keys):
                     if keys is None or key in keys:
-                        yield RawMessage(key, log_time, publish_time, data)
+                        yield RawMessage(key, log_time, publish_time, data, sequence)
             return
         waiting = deque(sorted(enumerate(spans), key=lambda item: item[1][1].first))
         pending: deque[_Pending] = deque()
@@ -163,10 +172,10 @@ class LogReader:
                 pending = deque(sorted([*pending, *loaded]))
             until = waiting[0][1][1].first if waiting else None
             while pending and (until is None or size >= PENDING_LIMIT or pending[0][0] < until):
-                log_time, _, key, publish_time, data = pending.popleft()
+                log_time, _, key, publish_time, data, sequence = pending.popleft()
                 size -= len(data)
                 if keys is None or key in keys:
-                    yield RawMessage(key, log_time, publish_time, data)
+                    yield RawMessage(key, log_time, publish_time, data, sequence)
 
     def _load(self, number: int, span: Span, order: int, keys: Container[int] | None) -> list[_Pending]:
         """Messages of a span, each with its place in the order of the file."""
@@ -175,17 +184,32 @@ class LogReader:
         if not wanted:
             return []
         try:
-            with file.open("rb") as stream:
+            with self._opened(file) as stream:
                 stream.seek(span.offset)
                 messages = (self._of_chunk if span.chunk else self._of_run)(stream, span, wanted)
-                return [(t, order | k, base | c, p, data) for k, (c, t, p, data) in enumerate(messages)]
+                return [(t, order | k, base | c, p, data, n) for k, (c, t, p, data, n) in enumerate(messages)]
         except OSError as problem:
             raise LogError(f"{file}: cannot be read any more ({problem.strerror})") from problem
         except (BadRecordError, ValueError, struct.error) as problem:
-            raise LogError(f"{file}: changed while it was read") from problem
+            if self._scans[number].verified:
+                raise LogError(f"{file}: changed while it was read") from problem
+            raise DamagedLogError(
+                f"{file}: is damaged: the chunk at byte {span.offset} {problem}; --recover replays what is intact"
+            ) from problem
+
+    @contextmanager
+    def _opened(self, file: Path) -> Iterator[BinaryIO]:
+        """A file to read from; one behind a URL stays open until the reader is closed."""
+        if not is_remote(file):
+            with file.open("rb") as stream:
+                yield stream
+            return
+        if file not in self._streams:
+            self._streams[file] = file.open("rb")
+        yield self._streams[file]
 
     @staticmethod
-    def _of_chunk(stream: BinaryIO, span: Span, wanted: set[int]) -> Iterator[tuple[int, int, int, bytes]]:
+    def _of_chunk(stream: BinaryIO, span: Span, wanted: set[int]) -> Iterator[tuple[int, int, int, bytes, int]]:
         """Messages of a chunk; the stream stands at its beginning."""
         beginning = stream.read(min(span.length, 9 + CHUNK.size + 80))
         if len(beginning) < 9:
@@ -195,19 +219,25 @@ class LogReader:
             raise BadRecordError("the chunk is not what it was")
         start = 9 + head.head_length
         stream.seek(span.offset + start)
-        unpacked, _ = unpack_chunk(head._replace(crc=0), stream.read(min(head.data_length, span.length - start)))
+        if span.verified:
+            head = head._replace(crc=0)
+        unpacked, trouble = unpack_chunk(head, stream.read(min(head.data_length, span.length - start)))
+        if trouble and not span.verified:
+            raise BadRecordError(trouble)
         if len(unpacked) < span.usable:
             raise BadRecordError("the chunk is not what it was")
         message, unpack, window = int(Opcode.MESSAGE), MESSAGE.unpack_from, span.window
         for opcode, begin, end in walk(unpacked, 0, span.usable):
             if opcode != message:
                 continue
-            channel, _, log_time, publish_time = unpack(unpacked, begin)
+            channel, sequence, log_time, publish_time = unpack(unpacked, begin)
+            if not span.verified and (end - begin < MESSAGE.size or log_time > TIME_LIMIT):
+                raise BadRecordError("holds a message that cannot be")
             if channel in wanted and (window is None or window[0] <= log_time <= window[1]):
-                yield channel, log_time, publish_time, unpacked[begin + 22 : end]
+                yield channel, log_time, publish_time, unpacked[begin + 22 : end], sequence
 
     @staticmethod
-    def _of_run(stream: BinaryIO, span: Span, wanted: set[int]) -> Iterator[tuple[int, int, int, bytes]]:
+    def _of_run(stream: BinaryIO, span: Span, wanted: set[int]) -> Iterator[tuple[int, int, int, bytes, int]]:
         """Messages that stand outside of chunks."""
         read, seek = stream.read, stream.seek
         at, stop = span.offset, span.offset + span.length
@@ -217,17 +247,17 @@ class LogReader:
             if len(head) < 9 + MESSAGE.size:
                 raise BadRecordError("the file is shorter than it was")
             _, length = HEAD.unpack_from(head, 0)
-            channel, _, log_time, publish_time = MESSAGE.unpack_from(head, 9)
+            channel, sequence, log_time, publish_time = MESSAGE.unpack_from(head, 9)
             if not MESSAGE.size <= length <= CHUNK_LIMIT:
                 raise BadRecordError("the record is not what it was")
             if channel in wanted:
-                yield channel, log_time, publish_time, read(length - MESSAGE.size)
+                yield channel, log_time, publish_time, read(length - MESSAGE.size), sequence
             at += 9 + length
 
     def _scan(self, file: Path) -> FileScan:
         """Scan one file. Raises LogError if it is no MCAP at all."""
         try:
-            with file.open("rb") as stream:
+            with self._opened(file) as stream:
                 size = stream.seek(0, 2)
                 stream.seek(0)
                 start = stream.read(16)
@@ -235,6 +265,10 @@ class LogReader:
                     raise LogError(f"{file}: is empty")
                 if start[: len(MAGIC)] != MAGIC[: len(start)]:
                     raise LogError(f"{file}: is not an MCAP file{_other_format(start)}")
+                if is_remote(file) and not self._recover:
+                    found = scan_summary(stream, size, file.ranges)
+                    if found is not None:
+                        return found
                 return scan_file(stream, size)
         except OSError as problem:
             raise LogError(f"{file}: cannot be read ({problem.strerror})") from problem
@@ -256,6 +290,8 @@ class LogReader:
                 count.messages if count else 0,
                 count.first if count else 0,
                 count.last if count else 0,
+                tuple(sorted(channel.metadata.items())),
+                count.longest_gap if count else None,
             )
 
     def _damage(self, missing: tuple[str, ...]) -> Damage | None:
@@ -290,13 +326,15 @@ def _other_format(start: bytes) -> str:
     return ""
 
 
-def open_log(path: Path, *, recover: bool = False) -> LogReader:
+def open_log(path: Path | str, *, recover: bool = False) -> LogReader:
     """Open a log and scan it once.
 
     Parameters
     ----------
-    path : Path
-        An .mcap file or a ROS 2 bag directory (metadata.yaml and one or more .mcap).
+    path : Path or str
+        An .mcap file or a ROS 2 bag directory (metadata.yaml and one or more .mcap), or the URL of one. A file behind a
+        URL is opened by its summary alone where it has one, so that only what is asked for is read; its chunks are then
+        checked when they are read, and damage is raised there.
     recover : bool
         Accept a damaged log: what can be read is read, `LogReader.damage` says what is lost.
 
@@ -311,20 +349,4 @@ def open_log(path: Path, *, recover: bool = False) -> LogReader:
     DamagedLogError
         Cut off or corrupt and `recover` is off; the text says how many messages and seconds are intact.
     """
-    return LogReader(Path(path), recover=recover)
-
-
-def log_sha256(path: Path) -> str:
-    """SHA-256 in hexadecimal of a log's bytes; of a bag directory, over its .mcap files in order.
-
-    Raises LogError if it cannot be read.
-    """
-    digest = hashlib.sha256()
-    for file in log_files(Path(path), recover=True).files:
-        try:
-            with file.open("rb") as stream:
-                while block := stream.read(2**20):
-                    digest.update(block)
-        except OSError as problem:
-            raise LogError(f"{file}: cannot be read ({problem.strerror})") from problem
-    return digest.hexdigest()
+    return LogReader(place(path), recover=recover)

@@ -12,7 +12,7 @@ import re
 import struct
 import zlib
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 import lz4.frame
 import zstandard
@@ -173,7 +173,7 @@ def _unlz4(data: bytes, size: int) -> tuple[bytes, str]:
 _CANDIDATE = re.compile(rb"[\x01-\x0f](?=[\s\S]{4}\x00{4})")
 
 
-def find_record(file: io.BufferedIOBase, start: int, size: int) -> int | None:
+def find_record(file: BinaryIO, start: int, size: int) -> int | None:
     """Where good records begin again at or after `start`: a chunk whose lengths agree, or `CHAIN` records in a row.
 
     Reads the file once, in growing blocks. None if nothing is found before its end.
@@ -194,7 +194,7 @@ def find_record(file: io.BufferedIOBase, start: int, size: int) -> int | None:
     return None
 
 
-def _plausible(file: io.BufferedIOBase, at: int, size: int) -> bool:
+def _plausible(file: BinaryIO, at: int, size: int) -> bool:
     """Whether `CHAIN` records in order, or fewer up to the closing magic, begin here."""
     for _ in range(CHAIN):
         file.seek(at)

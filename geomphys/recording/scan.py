@@ -7,10 +7,9 @@ a user gets says how much is intact, and `recover` replays just that.
 
 from __future__ import annotations
 
-import io
 import zlib
 from dataclasses import dataclass, field
-from typing import NamedTuple, cast
+from typing import BinaryIO, NamedTuple, cast
 
 from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata, Schema, Statistics
@@ -50,6 +49,7 @@ class Span(NamedTuple):
     channels: frozenset[int]
     first: int  # earliest and latest log time of its messages
     last: int
+    verified: bool = True  # whether its bytes were read and checked
 
 
 class Loss(NamedTuple):
@@ -67,6 +67,7 @@ class ChannelCount:
     messages: int = 0
     first: int = TIME_LIMIT
     last: int = -1
+    longest_gap: int | None = None  # ns between messages in order of time, where indexes tell
 
 
 @dataclass
@@ -81,6 +82,7 @@ class FileScan:
     losses: list[Loss] = field(default_factory=list)
     metadata: list[Metadata] = field(default_factory=list)
     profile: str = ""
+    verified: bool = True  # whether all of the file was read and checked
 
     @property
     def messages(self) -> int:
@@ -88,7 +90,7 @@ class FileScan:
         return sum(c.messages for i, c in self.counts.items() if i in self.channels)
 
 
-def scan_file(file: io.BufferedIOBase, size: int) -> FileScan:
+def scan_file(file: BinaryIO, size: int) -> FileScan:
     """Scan a file that begins with the magic bytes. Damage is listed, never raised."""
     return _Scanner(file, size).run()
 
@@ -116,7 +118,7 @@ class _Seen:
 class _Scanner:
     """State of a scan."""
 
-    def __init__(self, file: io.BufferedIOBase, size: int) -> None:
+    def __init__(self, file: BinaryIO, size: int) -> None:
         self.file, self.size = file, size
         self.found = FileScan(size)
         self.statistics: Statistics | None = None

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-import os
+import shutil
+import tempfile
+import weakref
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol
@@ -10,6 +12,7 @@ from typing import Protocol
 from geomphys.config import Config
 from geomphys.errors import OutputError
 from geomphys.provenance import Provenance
+from geomphys.remote import RemotePath, is_remote, move
 from geomphys.results import FrameResult
 from geomphys.world.scene import World
 
@@ -47,7 +50,8 @@ class OutputFile:
     """A file that appears under its name only when it is complete.
 
     It is written beside its target under a hidden name; `publish` renames it to the target, or, if it is not
-    complete, to ``STEM.partial.SUFFIX``.
+    complete, to ``STEM.partial.SUFFIX``. A file behind a URL is written in the system's temporary folder, and `publish`
+    sends it as a whole.
 
     Parameters
     ----------
@@ -58,21 +62,27 @@ class OutputFile:
     """
 
     def __init__(self, path: Path, force: bool = False) -> None:
+        self.path = path
+        self.partial = path.with_name(f"{path.stem}.partial{path.suffix}")
+        if is_remote(path):
+            self._check_remote(path, force)
+            folder = tempfile.mkdtemp(prefix="geomphys-")
+            weakref.finalize(self, shutil.rmtree, folder, True)
+            self.temporary = Path(folder, f"result{path.suffix}")
+            return
         if not force and path.exists():
             raise OutputError(f"{path}: exists already; choose another name or use --force to replace it")
         if path.is_dir():
             raise OutputError(f"{path}: is a folder; name a file in it")
         if not path.parent.is_dir():
             raise OutputError(f"{path}: the folder {path.parent} does not exist; make it first")
-        self.path = path
-        self.partial = path.with_name(f"{path.stem}.partial{path.suffix}")
         self.temporary = path.with_name(f".{path.name}.tmp")
 
     def publish(self, complete: bool) -> Path:
         """Give the file its name; returns it. Raises OutputError if the folder refuses."""
         target = self.path if complete else self.partial
         try:
-            os.replace(self.temporary, target)
+            move(self.temporary, target)
         except OSError as problem:
             raise self.error(problem) from problem
         return target
@@ -80,6 +90,17 @@ class OutputFile:
     def discard(self) -> None:
         """Remove the file if it was begun."""
         self.temporary.unlink(missing_ok=True)
+
+    @staticmethod
+    def _check_remote(path: RemotePath, force: bool) -> None:
+        """Raise OutputError if a file cannot go to this URL."""
+        if not path.lists:
+            raise OutputError(f"{path}: a web server takes no files; write to a local path or to a store such as s3://")
+        try:
+            if path.exists() and not force:
+                raise OutputError(f"{path}: exists already; choose another name or use --force to replace it")
+        except OSError as problem:
+            raise OutputError(f"{path}: cannot be written ({problem.strerror})") from problem
 
     def error(self, problem: OSError) -> OutputError:
         """What to raise for a foreign error of the file system."""

@@ -13,6 +13,8 @@ from tests.house.sources import imports, modules, tree
 
 LAYERS = (
     "errors",
+    "remote_stream",
+    "remote",
     "cache memory outlining",
     "kernel packed",
     "vec3",

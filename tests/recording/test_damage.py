@@ -41,7 +41,7 @@ def some_items(count: int = 100) -> list[Item]:
 
 def messages(path: Path, *, recover: bool = False) -> list[tuple]:
     reader = open_log(path, recover=recover)
-    return [(reader.channels[m.key].topic, *m[1:]) for m in reader.read()]
+    return [(reader.channels[m.key].topic, *m[1:4]) for m in reader.read()]
 
 
 def record_ends(content: bytes, whole: list[bytes]) -> dict[bytes, int]:

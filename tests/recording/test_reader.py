@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import tracemalloc
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from mcap.reader import NonSeekingReader
 from mcap.writer import CompressionType
 
 from geomphys.errors import DamagedLogError, LogError
-from geomphys.recording.reader import PENDING_LIMIT, log_sha256, open_log
+from geomphys.recording.reader import PENDING_LIMIT, open_log
 from tests.recording.log_files import Item, S, joints, pose, write_log
 
 LAYOUTS = [
@@ -45,7 +44,7 @@ def test_messages_are_those_of_the_library_in_the_order_of_their_log_times(tmp_p
     path = write_log(tmp_path / "log.mcap", some_items(), **layout, metadata={"source": {"by": "me"}})
     expected = sorted(library_messages(path), key=lambda m: m[1])
     with open_log(path) as reader:
-        got = [(reader.channels[m.key].topic, *m[1:]) for m in reader.read()]
+        got = [(reader.channels[m.key].topic, *m[1:4]) for m in reader.read()]
         assert got == expected
         assert reader.messages == len(expected) == 120
         assert (reader.start_ns, reader.end_ns) == (expected[0][1], expected[-1][1])
@@ -53,7 +52,7 @@ def test_messages_are_those_of_the_library_in_the_order_of_their_log_times(tmp_p
         assert reader.damage is None
         assert dict(reader.metadata) == {"source": {"by": "me"}}
         wrist = {c.key for c in reader.of_topic("/wrist")}
-        assert [m[1:] for m in reader.read(wrist)] == [m[1:] for m in expected if m[0] == "/wrist"]
+        assert [m[1:4] for m in reader.read(wrist)] == [m[1:] for m in expected if m[0] == "/wrist"]
         keys = set(reader.channels)
         for k, _ in enumerate(reader.read(keys)):
             if k == 4:
@@ -64,7 +63,7 @@ def test_messages_are_those_of_the_library_in_the_order_of_their_log_times(tmp_p
 def test_the_real_recordings_are_read_as_the_library_reads_them(shared_dir):
     for path in sorted((shared_dir / "recordings").glob("*.mcap"))[::4]:
         reader = open_log(path)
-        got = [(reader.channels[m.key].topic, *m[1:]) for m in reader.read()]
+        got = [(reader.channels[m.key].topic, *m[1:4]) for m in reader.read()]
         assert got == sorted(library_messages(path), key=lambda m: m[1])
 
 
@@ -126,12 +125,9 @@ def test_a_bag_is_its_parts_in_the_order_of_its_metadata(tmp_path):
     reader = open_log(bag)
     assert [f.name for f in reader.files] == ["bag_10.mcap", "bag_9.mcap"]
     whole = open_log(write_log(tmp_path / "one.mcap", some_items()))
-    assert [m[1:] for m in reader.read()] == [m[1:] for m in whole.read()]
+    assert [m[1:4] for m in reader.read()] == [m[1:4] for m in whole.read()]
     assert len(reader.channels) == 4
     assert len(reader.of_topic("/wrist")) == 2
-    single = write_bag(tmp_path / "single", {"only_0.mcap": some_items()})
-    assert log_sha256(single) == log_sha256(single / "only_0.mcap")
-    assert log_sha256(single) == hashlib.sha256((single / "only_0.mcap").read_bytes()).hexdigest()
 
 
 def test_older_bags_name_their_parts_with_the_folders_name(tmp_path):

