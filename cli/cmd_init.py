@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from .command import command, current_terminal
-from .options import INPUT, LOCAL_FILE, check_output, force_option, json_option
+from .options import INPUT, check_output, force_option, json_option, urdf_option
 
 
 @command(
@@ -19,9 +19,7 @@ from .options import INPUT, LOCAL_FILE, check_output, force_option, json_option
     """,
 )
 @click.argument("log", type=INPUT)
-@click.option(
-    "--urdf", "urdfs", type=LOCAL_FILE, required=True, multiple=True, metavar="URDF", help="An avatar; one option each."
-)
+@urdf_option
 @click.option(
     "--output",
     "-o",

@@ -67,10 +67,10 @@ def replay(
     recorded, bit for bit.
     """
     terminal = current_terminal()
-    for path in (out, rrd):
-        check_output(path, force=force, inputs=(log, scene))
     if out is not None and out == rrd:
         raise click.UsageError(f"{out}: -o and --rrd need different names")
+    check_output(out, force=force, inputs=(log, scene), not_as=".rrd")
+    check_output(rrd, force=force, inputs=(log, scene), not_as=".mcap")
     config = config_of(options)
 
     import geomphys

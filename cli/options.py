@@ -61,8 +61,40 @@ def _together(*options: Callable[[Any], Any]) -> Callable[[F], F]:
     return decorate
 
 
+class _NeededOption(click.Option):
+    """A required option; where it is missing, the error tells how to come by it."""
+
+    def __init__(self, *args: Any, missing: str, **settings: Any) -> None:
+        super().__init__(*args, required=True, **settings)
+        self.missing = missing
+
+    def process_value(self, ctx: click.Context, value: Any) -> Any:
+        """Take the value; raises UsageError without one."""
+        try:
+            return super().process_value(ctx, value)
+        except click.MissingParameter as error:
+            raise click.UsageError(self.missing, ctx) from error
+
+
 scene_option = click.option(
-    "--scene", "-s", type=INPUT_FILE, required=True, metavar="SCENE", help="The scene file (TOML)."
+    "--scene",
+    "-s",
+    cls=_NeededOption,
+    missing="no scene: name its file with --scene; geomphys init LOG --urdf URDF writes a first one",
+    type=INPUT_FILE,
+    metavar="SCENE",
+    help="The scene file (TOML).",
+)
+
+urdf_option = click.option(
+    "--urdf",
+    "urdfs",
+    cls=_NeededOption,
+    missing="no avatar: name the URDF of the recorded hand or body with --urdf",
+    type=LOCAL_FILE,
+    multiple=True,
+    metavar="URDF",
+    help="An avatar; one option each.",
 )
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON, numbers in SI units.")
@@ -121,10 +153,17 @@ def config_of(options: dict[str, Any]) -> Config:
     return Config(**{name: options.pop(name) for name in names})
 
 
-def check_output(path: Path | None, *, force: bool, inputs: tuple[Path, ...] = ()) -> None:
-    """Refuse, as wrong usage, an output that exists (without `force`), has no folder, or is an input."""
+def check_output(path: Path | None, *, force: bool, inputs: tuple[Path, ...] = (), not_as: str = "") -> None:
+    """Refuse, as wrong usage, an output that exists (without `force`), has no folder, or is an input.
+
+    `not_as` is the ending of an output of another kind, which would be taken for one.
+    """
     if path is None:
         return
+    if not_as and path.suffix.lower() == not_as:
+        raise click.UsageError(
+            f"{path}: ends in {not_as}, but that is not what is written there; choose another ending"
+        )
     for given in inputs:
         if path == given or (path.exists() and given.exists() and path.samefile(given)):
             raise click.UsageError(f"{path}: is an input and cannot be the output too")

@@ -28,7 +28,7 @@ FLAG_TEXTS = {
     "impact_bound": "where the simulated loop ended at its bound",
     "quarantined": "where a body was put back to its last good state",
     "blocked": "held back by something in between",
-    "started_inside": "the first, began inside something",
+    "started_inside": "began inside something",
 }
 
 

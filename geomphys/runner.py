@@ -88,7 +88,13 @@ def run(
             summarizer.add(result)
     elapsed = time.perf_counter() - start
     if summarizer.frames == 0:
-        raise LogError(f"{log}: gave no frame in the scene {world.path}; `geomphys check` tells why")
+        cut = [
+            f"{name} = {value:g} s"
+            for name, value in (("start", config.start), ("end", config.end))
+            if value is not None
+        ]
+        why = f"with {' and '.join(cut)} nothing is left of it" if cut else "`geomphys check` tells why"
+        raise LogError(f"{log}: gave no frame in the scene {world.path}; {why}")
     return summarizer.summary(log=log, scene=world.path, out=out, rrd=rrd, elapsed_s=elapsed)
 
 

@@ -40,6 +40,7 @@ def view_result(path: Path, *, web: bool = False) -> None:
     ViewerError
         There is no screen, or the viewer failed.
     """
+    _check_result(path)
     if not web and sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise ViewerError("there is no screen here; use --web, or geomphys snapshot for a picture of a frame")
     with viewer_file(path) as recording:
@@ -75,16 +76,22 @@ def viewer_file(path: Path) -> Iterator[Path]:
 
     Raises InputError if the file is no result.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such file; name a .rrd or .mcap that geomphys replay wrote")
+    _check_result(path)
     if path.suffix == ".rrd":
         yield path
-    elif path.suffix == ".mcap":
+    else:
         with tempfile.TemporaryDirectory(prefix="geomphys-") as folder:
             recording = Path(folder) / f"{path.stem}.rrd"
             _convert(path, recording)
             yield recording
-    else:
+
+
+def _check_result(path: Path) -> None:
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such file; name a .rrd or .mcap that geomphys replay wrote")
+    if path.suffix == ".mcap":
+        open_output(path)
+    elif path.suffix != ".rrd":
         raise InputError(f"{path}: is neither a rerun recording (.rrd) nor an output log (.mcap)")
 
 

@@ -7,6 +7,7 @@ what a replay will meet.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,9 @@ from geomphys.recording.plan import JointInput, Plan, make_plan
 from geomphys.recording.reader import open_log
 from geomphys.recording.report import RecordingReport
 from geomphys.world.scene import World
+
+HUGE = 100.0
+"""m; a thing longer than this is probably in millimetres."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +104,7 @@ def check_log(log: Path, world: World, config: Config | None = None) -> CheckRep
         log=str(log),
         scene=str(world.path),
         errors=tuple(errors),
-        warnings=recording.warnings if recording is not None else (),
+        warnings=(*(recording.warnings if recording is not None else ()), *_size_warnings(world)),
         clock=_clock(plan),
         poses=tuple(_poses(plan, world)),
         joints=mapped,
@@ -134,6 +138,18 @@ def _recorded(source: JointInput, names: set[str]) -> list[tuple[str, int]]:
     """Recorded joints of a topic that feed a tree, in the order of its angles."""
     found = [(n, c) for n, c in source.recorded_names().items() if n in names]
     return sorted(found, key=lambda item: item[1])
+
+
+def _size_warnings(world: World) -> Iterator[str]:
+    """Meshes so large that they are probably in millimetres."""
+    for body, (vertices, _) in enumerate(world.triangles):
+        size = float((vertices.max(axis=0) - vertices.min(axis=0)).max()) if len(vertices) else 0.0
+        tree = world.tree_names[world.scene.bodies.tree[body]]
+        table = next((t for t in world.file.object if t.name == tree and t.mesh is not None), None)
+        avatar = tree in world.tree_names[: world.avatar_count]
+        if (table is not None or avatar) and size > HUGE:
+            what = "scale = 0.001" if table is not None else "scale the mesh in its URDF by 0.001"
+            yield f"{world.body_names[body]} is {size:.4g} m long; metres are expected: if it is in millimetres, {what}"
 
 
 def _clock(plan: Plan) -> str | None:

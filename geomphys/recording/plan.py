@@ -205,7 +205,9 @@ def _understood(
     if not fitting:
         c = channels[0]
         what = f"{plain(c.schema_name) or 'no schema'}, {plain(c.encoding)}"
+        others = sorted({o.topic for o in reader.channels.values() if _what(o) in wanted})
         known = "is not understood" if kind_of(c) is None else f"does not hold {holds}"
+        known += f"; {listed(others)} {'does' if len(others) == 1 else 'do'}" if others else ""
         plan.problems.append(f"{reader.path}: topic {topic!r} for {user} ({what}) {known}")
         return ()
     fitting = tuple(c for c in fitting if _what(c) == _what(fitting[0]))

@@ -323,7 +323,9 @@ def _other_format(start: bytes) -> str:
         return " but an SQLite file, perhaps a ROS 2 bag of that storage; convert it with `ros2 bag convert`"
     if start.startswith((b"\x28\xb5\x2f\xfd", b"\x1f\x8b", b"\x04\x22\x4d\x18")):
         return " but a packed file; unpack it first"
-    return ""
+    if start.lstrip()[:1] in (b"<", b"[", b"#", b"{"):
+        return " but a text; expected a recording: an .mcap file or a ROS 2 bag folder"
+    return "; expected a recording: an .mcap file or a ROS 2 bag folder"
 
 
 def open_log(path: Path | str, *, recover: bool = False) -> LogReader:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from geomphys.recording.frames import FrameSource, Run
 
 TOLD = 8  # names told in a warning
+FAR = 50.0  # m from the origin from which positions are probably millimetres
 
 
 @dataclass(frozen=True)
@@ -202,8 +203,16 @@ def _warnings(source: FrameSource, run: Run, report: RecordingReport) -> Iterato
 
 
 def _unit_warnings(source: FrameSource, run: Run) -> Iterator[str]:
-    """Angles that look as if they were in the other unit."""
+    """Positions and angles that look as if they were in another unit."""
     world = source.world
+    for pose in source.plan.poses:
+        facts = source.known.streams.get((pose.topic, pose.child))
+        distance = max(map(abs, facts.value[:3])) if facts is not None and facts.value is not None else 0.0
+        if distance > FAR:
+            yield (
+                f"topic {pose.topic}: begins {distance:.4g} m from the origin; metres are expected: if these are "
+                "millimetres, convert the log"
+            )
     most = np.maximum(np.abs(run.least), np.abs(run.most))
     for route in run.joints:
         i = route.input
@@ -213,7 +222,10 @@ def _unit_warnings(source: FrameSource, run: Run) -> Iterator[str]:
         if i.degrees:
             largest = math.degrees(max(most[c] for c in columns))
             if i.source.unit == "deg" and 0 < largest <= math.pi:
-                yield f"topic {i.topic}: read as degrees, but no angle is above {largest:.3g}; are these radians?"
+                yield (
+                    f"topic {i.topic}: read as degrees, but no angle is above {largest:.3g}; are these radians? "
+                    'then say unit = "rad"'
+                )
             continue
         driven = world.scene.trees.role[i.source.tree] == DRIVEN
         large = [c for c in columns if most[c] > 2 * math.pi and (driven or math.isfinite(run.upper[c]))]

@@ -224,7 +224,12 @@ def _bytes(path: Path, name: str) -> bytes:
         raise MeshError(f"{name}: not a mesh file that is read here, expected a name that ends in one of {kinds}")
     try:
         if not path.is_file():
-            raise MeshError(f"{name}: no such file" if not path.exists() else f"{name}: is not a file")
+            missing = (
+                "no such file; paths are relative to the file that names the mesh"
+                if not path.exists()
+                else "is not a file"
+            )
+            raise MeshError(f"{name}: {missing}")
         if path.stat().st_size > LARGEST_FILE:
             raise MeshError(f"{name}: is larger than {LARGEST_FILE // 2**20} MiB: simplify the mesh")
         data = path.read_bytes()

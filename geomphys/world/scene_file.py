@@ -330,6 +330,8 @@ def _read(path: Path) -> str:
         raise SceneError(f"{path}: cannot be read: {error.strerror}") from error
     if len(data) > LARGEST_FILE:
         raise SceneError(f"{path}: is larger than {LARGEST_FILE // 2**20} MiB, too large for a scene file")
+    if data.startswith(b"\x89MCAP"):
+        raise SceneError(f"{path}: is an MCAP log, expected a scene file (TOML); were log and scene swapped?")
     try:
         return data.decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
