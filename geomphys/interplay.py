@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.detect import find_near, near_pairs_of_trees
-from geomphys.collision.sweep import update_boxes
+from geomphys.collision.sweep import apart, update_boxes
 from geomphys.driven.overlap import place_at
 from geomphys.driven.posture import pose_avatars
 from geomphys.driven.steps import is_recorded
@@ -18,6 +20,7 @@ from geomphys.vec3 import (
     add,
     add_scaled,
     dot,
+    norm,
     quat_conjugate,
     quat_from_rotation_vector,
     quat_mul,
@@ -32,6 +35,11 @@ from geomphys.world.scene import DRIVEN, SIMULATED, Scene
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+TURN = 1.0 / 240.0  # s: where they may meet, driven and simulated bodies take turns at least so often
+MOST_TURNS = 16  # in a frame
+NEAR = 1e-3  # m: bodies that come no nearer do not meet
+LEAST_MOTION = 5e-4  # m: of both in a frame together; slower, one turn a frame will do
 
 
 @outlined
@@ -121,11 +129,53 @@ def predict_simulated(scene: Scene, m: Machine, dt: float) -> None:
             place_simulated(scene, m, tree, m.corrected)
 
 
-@outlined
-def simulate_bodies(scene: Scene, m: Machine, dt: float, knobs: Knobs) -> tuple[int, int]:
-    """Move the simulated bodies through the frame; what hits a driven tree changes its offset's speed.
+@kernel
+def recorded_motion(scene: Scene, m: Machine, tree: int) -> float:
+    """How far the recording moves a driven tree in this frame, at most over its bodies [m]."""
+    most = 0.0
+    for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+        way = sub(position_of(m.recorded, body), position_of(m.start, body))
+        off = (m.driven.offset[tree, 0], m.driven.offset[tree, 1], m.driven.offset[tree, 2])
+        most = max(most, norm(add(way, off)))
+    return most
 
-    Returns the impacts and the flags of `simulate`.
+
+@outlined
+def turns_of(scene: Scene, m: Machine, dt: float) -> int:
+    """In how many parts of a frame driven and simulated bodies take turns.
+
+    A driven body stands still for the rest of its part once a simulated one is in its way, however fast that is pushed
+    off. Where they may meet, parts are no longer than `TURN`, so that what comes of it does not hang on the frame rate.
+    """
+    most = math.ceil(dt / TURN - 1e-9)
+    if most <= 1:
+        return 1
+    for tree in range(len(scene.trees.role)):
+        if scene.trees.role[tree] != DRIVEN:
+            continue
+        moved = recorded_motion(scene, m, tree)
+        off = (m.driven.offset[tree, 0], m.driven.offset[tree, 1], m.driven.offset[tree, 2])
+        for other in range(len(scene.trees.role)):
+            if scene.trees.role[other] != SIMULATED:
+                continue
+            body = scene.trees.body_start[other]
+            speed = norm((m.velocity[body, 0], m.velocity[body, 1], m.velocity[body, 2]))
+            if moved + dt * speed < LEAST_MOTION:
+                continue
+            reach = moved + dt * speed + norm(off) + NEAR
+            for link in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+                if not apart(
+                    m.boxes.body_low, m.boxes.body_high, m.boxes.body_low, m.boxes.body_high, link, body, reach
+                ):
+                    return min(most, MOST_TURNS)
+    return 1
+
+
+@outlined
+def simulate_bodies(scene: Scene, m: Machine, dt: float, knobs: Knobs, done: int, goes_on: bool) -> tuple[int, int]:
+    """Move the simulated bodies through the frame, or a part of it; what hits a driven tree changes its offset's speed.
+
+    `done` are the impacts of the frame's parts so far, if it `goes_on`. Returns the impacts and the flags of `simulate`.
     """
     if len(m.simulated.free) == 0 or dt <= 0.0:
         return 0, 0
@@ -135,8 +185,8 @@ def simulate_bodies(scene: Scene, m: Machine, dt: float, knobs: Knobs) -> tuple[
             m.impulse[tree, i] = 0.0
     p = m.room.places
     impacts, flags = simulate(
-        scene.pieces, m.simulated, m.start, m.corrected, m.velocity, m.impulse, p.moved, dt, knobs.max_impacts, knobs.gap,
-        m.scratch,
+        scene.pieces, m.simulated, m.start, m.corrected, m.velocity, m.impulse, p.moved, dt,
+        knobs.max_impacts - done, knobs.gap, goes_on, m.scratch,
     )  # fmt: skip
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:

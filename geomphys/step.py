@@ -22,9 +22,9 @@ from geomphys.block import (
 from geomphys.collision.detect import find_near
 from geomphys.collision.global_depth import global_depths
 from geomphys.collision.sweep import update_boxes
-from geomphys.driven.steps import is_recorded
-from geomphys.driven.update import update_driven
-from geomphys.interplay import predict_simulated, shift_driven, simulate_bodies, yield_to_simulated
+from geomphys.driven.steps import is_recorded, recording_between
+from geomphys.driven.update import Outcome, update_driven
+from geomphys.interplay import predict_simulated, shift_driven, simulate_bodies, turns_of, yield_to_simulated
 from geomphys.kernel import kernel, outlined
 from geomphys.machine import Knobs, Machine
 from geomphys.results import FLAG_NOT_CONVERGED, FLAG_STARTED_INSIDE
@@ -109,6 +109,27 @@ def measure_correction(scene: Scene, m: Machine, lengths: Floats) -> None:
 
 
 @kernel
+def keep_poses(scene: Scene, m: Machine) -> None:
+    """Poses of what moves, at the start of a frame or a part of one."""
+    for body in range(len(m.start)):
+        if scene.trees.moving[scene.bodies.tree[body]] == 1:
+            for k in range(7):
+                m.start[body, k] = m.corrected[body, k]
+
+
+@outlined
+def drive(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float, first: bool, knobs: Knobs) -> Outcome:
+    """The driven loop's turn: driven bodies go on to the roots (T, 7) and angles (Q,) recorded `dt` [s] later."""
+    if not first:
+        predict_simulated(scene, m, dt)
+    done = update_driven(
+        scene, m.driven, m.room, m.boxes, roots, angles, m.recorded, dt, knobs.gap, knobs.rounds, m.axes, m.scratch
+    )
+    shift_driven(scene, m, roots)
+    return done
+
+
+@kernel
 def step(
     scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float, knobs: Knobs, block: Block, frame: int
 ) -> None:
@@ -119,25 +140,40 @@ def step(
     lengths, numbers, clock = block.lengths[frame], block.numbers[frame], block.cycles[frame]
     first = m.driven.started[0] == 0
     t0 = cycles()
-    for body in range(len(m.start)):
-        if scene.trees.moving[scene.bodies.tree[body]] == 1:
-            for k in range(7):
-                m.start[body, k] = m.corrected[body, k]
+    keep_poses(scene, m)
     place_recording(scene, m, roots, angles)
     t1 = cycles()
     lengths[RECORDED] = measure_recorded(scene, m)
     t2 = cycles()
-    if not first:
-        predict_simulated(scene, m, dt)
-    done = update_driven(
-        scene, m.driven, m.room, m.boxes, roots, angles, m.recorded, dt, knobs.gap, knobs.rounds, m.axes, m.scratch
-    )
-    shift_driven(scene, m, roots)
-    t3 = cycles()
-    impacts, flags = 0, 0
-    if not first and len(m.simulated.free) > 0:
-        impacts, flags = simulate_bodies(scene, m, dt, knobs)
-        yield_to_simulated(scene, m, roots, knobs)
+    parts = 1 if first else turns_of(scene, m, dt)
+    impacts, flags, simulating = 0, 0, 0
+    done = Outcome(0, 0, 0, True)
+    for part in range(parts):
+        last = part == parts - 1
+        if part > 0:
+            keep_poses(scene, m)
+        if last and parts > 1:
+            place_recording(scene, m, roots, angles)
+        if last:
+            more = drive(scene, m, roots, angles, dt / parts, first, knobs)
+        else:
+            recording_between(
+                scene, m.room.origins, m.driven.roots, m.driven.angles, roots, angles, 1.0 / (parts - part), m.roots,
+                m.angles, m.recorded,
+            )  # fmt: skip
+            more = drive(scene, m, m.roots, m.angles, dt / parts, first, knobs)
+        done = Outcome(
+            done.rounds + more.rounds,
+            max(done.method, more.method),
+            done.rescues + more.rescues,
+            done.converged and more.converged,
+        )
+        t3 = cycles()
+        if not first and len(m.simulated.free) > 0:
+            now, flagged = simulate_bodies(scene, m, dt / parts, knobs, impacts, part > 0)
+            impacts, flags = impacts + now, flags | flagged
+            yield_to_simulated(scene, m, roots if last else m.roots, knobs)
+        simulating += cycles() - t3
     t4 = cycles()
     write_depths(block, frame, m.depths, done.method)
     lengths[RESIDUAL] = find_contacts(scene, m, knobs.gap, first, block, frame)
@@ -159,8 +195,8 @@ def step(
         numbers[FLAGS] |= FLAG_NOT_CONVERGED
     if first and lengths[RECORDED] > 0.0:
         numbers[FLAGS] |= FLAG_STARTED_INSIDE
-    clock[KINEMATICS], clock[RECORDED_DEPTH], clock[OVERLAP] = t1 - t0, t2 - t1, t3 - t2
-    clock[IMPULSES], clock[CONTACTS], clock[WHOLE] = t4 - t3, t5 - t4, t5 - t0
+    clock[KINEMATICS], clock[RECORDED_DEPTH], clock[OVERLAP] = t1 - t0, t2 - t1, t4 - t2 - simulating
+    clock[IMPULSES], clock[CONTACTS], clock[WHOLE] = simulating, t5 - t4, t5 - t0
     counts = block.counts[frame]
     counts[KINEMATICS], counts[RECORDED_DEPTH], counts[OVERLAP] = len(block.moving), m.depths.filled[0], done.rounds
     counts[IMPULSES], counts[WHOLE] = impacts, 1

@@ -92,8 +92,8 @@ def set_free(sim: int, body: int) -> None:
 
 
 @kernel
-def begin(sim: int) -> None:
-    """Set up the motions of simulated bodies, and clear the sums of the frame before."""
+def begin(sim: int, goes_on: bool) -> None:
+    """Set up the motions of simulated bodies, and clear the sums of the frame before, unless it `goes_on`."""
     for s in range(entry(sim, AT_COUNT)):
         set_free(sim, free_body(sim, s))
     for i in range(3 * entry(sim, AT_TREE_COUNT)):
@@ -104,8 +104,9 @@ def begin(sim: int) -> None:
         set_int(pair_at(sim, k), EVENTS, 0)
         set_int(pair_at(sim, k), YIELDED, 0)
         for m in range(4):
-            for i in range(7):
-                set_float(slot_at(sim, k, m), SUM_N + i, 0.0)
+            if not goes_on:
+                for i in range(7):
+                    set_float(slot_at(sim, k, m), SUM_N + i, 0.0)
             set_float(slot_at(sim, k, m), GRASP, 0.0)
 
 

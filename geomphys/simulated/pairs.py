@@ -49,6 +49,9 @@ from geomphys.simulated.state import (
     POINTS,
     RANGE,
     SEEN,
+    SLOT_SIZE,
+    SLOTS,
+    SUM_N,
     TURNED,
     YIELDED,
     entry,
@@ -139,29 +142,58 @@ def new_pair(sim: int, k: int, i: int, j: int, a: int, b: int) -> None:
 
 
 @kernel
+def old_pair(sim: int, old: int) -> int:
+    """Row of `old_pairs`."""
+    return entry(sim, AT_OLD_PAIRS) + 8 * PAIR_COLUMNS * old
+
+
+@kernel
+def append_old(sim: int, old: int) -> None:
+    """Append a pair of the old list, with what is remembered of it."""
+    k = how_many(sim, N_PAIRS)
+    set_how_many(sim, N_PAIRS, k + 1)
+    for c in range(PAIR_COLUMNS):
+        set_int(pair_at(sim, k), c, int_at(old_pair(sim, old), c))
+    for c in range(KEPT_COLUMNS):
+        set_float(kept_at(sim, k), c, float_at(entry(sim, AT_OLD_KEPT) + 8 * KEPT_COLUMNS * old, c))
+
+
+@kernel
+def skip_old(sim: int, old: int) -> int:
+    """Go past a pair of the old list that is no longer near; what pushed in this frame stays. Returns the next one."""
+    kept = entry(sim, AT_OLD_KEPT) + 8 * KEPT_COLUMNS * old
+    pushed = False
+    for m in range(4):
+        pushed = pushed or float_at(kept, SLOTS + m * SLOT_SIZE + SUM_N) > 0.0
+    if pushed and how_many(sim, N_PAIRS) < entry(sim, AT_PAIR_ROOM):
+        append_old(sim, old)
+        set_float(kept_at(sim, how_many(sim, N_PAIRS) - 1), SEEN, -1.0)
+        set_int(pair_at(sim, how_many(sim, N_PAIRS) - 1), PLACE, -1)
+    return old + 1
+
+
+@kernel
 def add_pair(sim: int, i: int, j: int, a: int, b: int, old: int) -> int:
     """Append a pair of pieces, with what is remembered of it; `old` is how far the old list is through.
 
     Returns how far it is after.
     """
+    count = how_many(sim, N_OLD)
+    while old < count:
+        p = old_pair(sim, old)
+        if int_at(p, PIECE_A) > i or (int_at(p, PIECE_A) == i and int_at(p, PIECE_B) >= j):
+            break
+        old = skip_old(sim, old)
     k = how_many(sim, N_PAIRS)
     if k == entry(sim, AT_PAIR_ROOM):
         set_how_many(sim, N_LOST, how_many(sim, N_LOST) + 1)
         return old
-    set_how_many(sim, N_PAIRS, k + 1)
-    count = how_many(sim, N_OLD)
-    while old < count:
-        p = entry(sim, AT_OLD_PAIRS) + 8 * PAIR_COLUMNS * old
-        if int_at(p, PIECE_A) > i or (int_at(p, PIECE_A) == i and int_at(p, PIECE_B) >= j):
-            break
-        old += 1
-    p = entry(sim, AT_OLD_PAIRS) + 8 * PAIR_COLUMNS * old
+    p = old_pair(sim, old)
     if old < count and int_at(p, PIECE_A) == i and int_at(p, PIECE_B) == j:
-        for c in range(PAIR_COLUMNS):
-            set_int(pair_at(sim, k), c, int_at(p, c))
-        for c in range(KEPT_COLUMNS):
-            set_float(kept_at(sim, k), c, float_at(entry(sim, AT_OLD_KEPT) + 8 * KEPT_COLUMNS * old, c))
+        append_old(sim, old)
+        old += 1
     else:
+        set_how_many(sim, N_PAIRS, k + 1)
         new_pair(sim, k, i, j, a, b)
     set_float(kept_at(sim, k), SEEN, -1.0)
     set_int(pair_at(sim, k), PLACE, -1)
@@ -184,7 +216,7 @@ def set_pairs_aside(sim: int) -> None:
 def find_pairs(sim: int, t: float) -> None:
     """List the pairs of pieces, one of a simulated body, that may meet between time `t` and the frame's end.
 
-    Pairs come sorted by (piece a, piece b).
+    Pairs come sorted by (piece a, piece b). One that has pushed in this frame stays on the list.
     """
     set_pairs_aside(sim)
     box_all(sim, t)
@@ -201,6 +233,8 @@ def find_pairs(sim: int, t: float) -> None:
                 for j in range(int_at(kind_of(sim, b), FIRST), int_at(kind_of(sim, b), LAST)):
                     if not apart(box, piece_box(sim, j)):
                         old = add_pair(sim, i, j, a, b, old)
+    while old < how_many(sim, N_OLD):
+        old = skip_old(sim, old)
     label_islands(sim)
 
 

@@ -48,6 +48,7 @@ from geomphys.simulated.state import (
     POINT,
     PULL,
     PUSH,
+    ROLE,
     ROW_A,
     ROW_B,
     ROW_ON,
@@ -57,6 +58,7 @@ from geomphys.simulated.state import (
     TANGENT,
     TORQUE,
     TURN,
+    WEDGED,
     YIELDED,
     entry,
     free_body,
@@ -75,6 +77,7 @@ from geomphys.simulated.state import (
 )
 from geomphys.simulated.wishes import reload
 from geomphys.vec3 import add_scaled, dot, norm, quat_from_rotation_vector, quat_mul, quat_unit, scale
+from geomphys.world.scene import DRIVEN
 
 SWEEPS = 400  # at most; what is left then is small, and the next step goes on from there
 FEW_SWEEPS = 60  # after a halt within the step
@@ -87,6 +90,8 @@ WEIGHT_TIME = 0.01  # s: more than twice the longest step
 MOST_YIELDS = 4
 GRIPPED = 1e-4  # m/s: a point that a driven body pressed and that does not part faster is gripped
 SHOVES = 200
+SETTLED = 1e-3  # of the gap kept: the moving apart ends when no sweep changes a distance by more
+WEDGE = 3.0  # gaps: what is left overlapping by more had no room
 GIVE = 0.02  # where there is no room: share by which rows give in to what pushes back, so that overlap is shared out
 
 
@@ -283,9 +288,49 @@ def sweep_apart(sim: int, give: float) -> bool:
                 back = give * float_at(r, MASS_N) * float_at(r, PUSH)
                 set_float(r, GOAL, gap - float_at(r, CLEARANCE) - back)
                 most = max(most, push_more(sim, entry(sim, AT_SHOVE), k))
-        if most <= 1e-3 * gap:
+        if most <= SETTLED * gap:
             return True
     return False
+
+
+@kernel
+def is_wedged(sim: int) -> bool:
+    """Mark the islands that the last sweeps left with an overlap. Returns whether there are any."""
+    found = False
+    for s in range(entry(sim, AT_COUNT)):
+        set_int(kind_of(sim, free_body(sim, s)), WEDGED, 0)
+    for k in range(how_many(sim, N_ROWS)):
+        o, r = owner(sim, k), row(sim, k)
+        if int_at(o, ROW_ON) == 1:
+            moved = normal_speed(entry(sim, AT_SHOVE), r, int_at(o, ROW_A), int_at(o, ROW_B))
+            if float_at(r, CLEARANCE) + moved < -WEDGE * knob(sim, AT_GAP):
+                set_int(kind_of(sim, int_at(kind_of(sim, int_at(o, ROW_A)), ISLAND)), WEDGED, 1)
+                found = True
+    return found
+
+
+@kernel
+def let_driven_through(sim: int) -> bool:
+    """Let go of driven bodies that press on wedged islands: it is they who give way at the frame's end.
+
+    Returns whether there were any.
+    """
+    found = False
+    for k in range(how_many(sim, N_ROWS)):
+        o = owner(sim, k)
+        island = int_at(kind_of(sim, int_at(o, ROW_A)), ISLAND)
+        presses = int_at(o, ROW_ON) == 1 and float_at(row(sim, k), PUSH) > 0.0
+        if (
+            presses
+            and int_at(kind_of(sim, island), WEDGED) == 1
+            and int_at(kind_of(sim, int_at(o, ROW_B)), ROLE) == DRIVEN
+        ):
+            set_int(pair_at(sim, int_at(o, ROW_PAIR)), YIELDED, 1)
+            found = True
+    for k in range(how_many(sim, N_ROWS)):
+        if has_yielded(sim, int_at(owner(sim, k), ROW_PAIR)):
+            set_int(owner(sim, k), ROW_ON, 0)
+    return found
 
 
 @kernel
@@ -303,6 +348,8 @@ def push_apart(sim: int) -> float:
         set_float(r, LIMIT, math.inf)
     if not sweep_apart(sim, 0.0):
         sweep_apart(sim, GIVE)
+        if is_wedged(sim) and let_driven_through(sim) and not sweep_apart(sim, 0.0):
+            sweep_apart(sim, GIVE)
     least = math.inf
     for k in range(count):
         o, r = owner(sim, k), row(sim, k)

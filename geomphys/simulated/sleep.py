@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from geomphys.kernel import kernel
 from geomphys.memory import float_at, int_at, set_float, set_int
-from geomphys.simulated.cells import set_vec, vec_at
+from geomphys.simulated.cells import add_vec, set_vec, vec_at
 from geomphys.simulated.state import (
     ARM,
     AT_COUNT,
@@ -48,7 +48,7 @@ from geomphys.simulated.state import (
     slot_at,
     velocity_of,
 )
-from geomphys.vec3 import norm, scale
+from geomphys.vec3 import norm
 from geomphys.world.scene import DRIVEN
 
 REST_TIME = 0.2  # s
@@ -139,6 +139,6 @@ def sum_sleeping_forces(sim: int) -> None:
         if int_at(kind_of(sim, int_at(pair_at(sim, k), BODY_A)), AWAKE) == 0:
             for m in range(int_at(pair_at(sim, k), POINTS)):
                 slot = slot_at(sim, k, m)
-                set_float(slot, SUM_N, dt * float_at(slot, FORCE))
-                set_vec(slot, SUM_T, scale(vec_at(slot, FORCE + 1), dt))
-                set_vec(slot, SUM_V, scale(vec_at(kept_at(sim, k), AXIS), dt * float_at(slot, FORCE)))
+                set_float(slot, SUM_N, float_at(slot, SUM_N) + dt * float_at(slot, FORCE))
+                add_vec(slot, SUM_T, vec_at(slot, FORCE + 1), dt)
+                add_vec(slot, SUM_V, vec_at(kept_at(sim, k), AXIS), dt * float_at(slot, FORCE))

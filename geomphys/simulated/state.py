@@ -59,7 +59,8 @@ AWAKE = 8  # 0: rests, and nothing that moves is near
 ISLAND_AWAKE = 9  # the same of the island that bears this body's name
 FRESH = 10  # 1: stands where the caller put it, not where the frame before left it
 TOUCHED = 11  # 1: has had contact points in this step
-KIND_COLUMNS = 12
+WEDGED = 12  # 1: the island that bears this body's name has no room for what touches it
+KIND_COLUMNS = 13
 
 # Columns of `rows`, one row a contact point that is being solved
 NORMAL = 0  # 3: unit, out of b into a

@@ -277,13 +277,13 @@ def part_at_end(sim: int, bounded: bool) -> None:
 
 
 @kernel
-def play_frame(sim: int, max_impacts: int) -> tuple[int, int]:
+def play_frame(sim: int, max_impacts: int, goes_on: bool) -> tuple[int, int]:
     """`simulate`, on addresses."""
     weight = norm(vec_at(sim, GRAVITY))
     set_float(sim, AT_WEIGHT, weight)
     set_float(sim, AT_TOUCH, TOUCH * knob(sim, AT_GAP))
     set_float(sim, AT_THRESHOLD, max(LEAST_THRESHOLD, 2.0 * weight * STEP))
-    begin(sim)
+    begin(sim, goes_on)
     find_pairs(sim, 0.0)
     impacts, flags = 0, 0
     if wake(sim, True) and how_many(sim, N_LOST) == 0:
@@ -311,9 +311,10 @@ def simulate(
     dt: float,
     max_impacts: int,
     gap: float,
+    goes_on: bool,
     scratch: Scratch,
 ) -> tuple[int, int]:
-    """Move the simulated bodies through one frame.
+    """Move the simulated bodies through one frame, or a part of one.
 
     Parameters
     ----------
@@ -336,6 +337,8 @@ def simulate(
         Collisions resolved in the frame at most; beyond, approaching bodies are only stopped.
     gap
         m; clearance kept between surfaces in contact.
+    goes_on
+        Whether this is a further part of the frame: the impulses of its contacts are added to those so far.
     scratch
         Work space of the narrow phase.
 
@@ -347,4 +350,4 @@ def simulate(
     if len(state.free) == 0:
         return 0, 0
     sim = header_of(pieces, state, start, end, velocity, driven_impulse, frames, dt, gap, scratch)
-    return play_frame(sim, max_impacts)
+    return play_frame(sim, max_impacts, goes_on)

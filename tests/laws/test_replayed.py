@@ -322,3 +322,86 @@ def test_what_starts_inside_is_told_and_comes_out(tmp_path: Path) -> None:
     run = play(tmp_path, [thing("a", box=(0.1, 0.1, 0.1), position=(0, 0, 0.04)), floor()], 0.2)
     assert run.results[0].metrics.residual_penetration_m == pytest.approx(0.01, rel=1e-6)
     assert run.overlap == 0.0
+
+
+def slab(**more: object) -> str:
+    """A driven wall that follows `/slab`; its face towards +x is 1 cm from its middle."""
+    return thing("slab", "driven", box=(0.02, 0.6, 0.6), topic="/slab", mass=0.4, material="human", **more)
+
+
+def test_a_driven_slab_pushes_a_ball_the_same_at_every_frame_rate(tmp_path: Path) -> None:
+    ends = {}
+    for rate in (30, 60, 120, 240):
+        things = [thing("ball", sphere=0.05, position=(0, 0, 0.05), density=600.0), floor(), slab()]
+        run = play(
+            tmp_path / str(rate), things, 2.0, rate, paths={"/slab": lambda t: (0.3 * t - 0.12, 0, 0.35, *UPRIGHT)}
+        )
+        assert run.overlap <= FREE
+        ends[rate] = run.path("ball")[-1, 0]
+        assert ends[rate] >= 0.3 * 2.0 - 0.12 + 0.06 - FREE
+    for rate in (30, 60, 120):
+        assert ends[rate] == pytest.approx(ends[240], rel=0.01)
+
+
+@pytest.mark.parametrize("rate", [30, 240])
+def test_what_a_slab_gives_a_ball_is_in_the_contacts(tmp_path: Path, rate: int) -> None:
+    things = [thing("ball", sphere=0.05, position=(0, 0.1, 0), density=600.0), slab()]
+    run = play(
+        tmp_path,
+        things,
+        0.5,
+        rate,
+        gravity=SPACE,
+        paths={"/slab": lambda t: (0.3 * t - 0.12, 0, 0, *turned(0, 0, 0.3))},
+    )
+    given = sum(
+        (r.contacts.normal * r.contacts.normal_impulse[:, None]).sum(axis=0)
+        for r in run.results
+        if len(r.contacts.depth)
+    )
+    rubbed = sum(r.contacts.tangential_impulse.sum() for r in run.results)
+    got = run.mass("ball") * run.velocity("ball", -2)
+    assert np.linalg.norm(got) > 0.05
+    n = np.array([np.cos(0.3), np.sin(0.3), 0])
+    assert got @ n == pytest.approx(given @ n, rel=1e-9)
+    assert np.linalg.norm(got - given) <= rubbed + 1e-12
+
+
+@pytest.mark.parametrize("rate", [30, 60])
+def test_a_ball_that_is_squeezed_against_a_wall_stays_in_the_room_and_the_slab_is_held(
+    tmp_path: Path, rate: int
+) -> None:
+    wall = thing("wall", "fixed", box=(0.02, 1, 1), position=(0.3, 0, 0.5))
+    things = [thing("ball", sphere=0.05, position=(0, 0.01, 0.05), density=600.0), floor(), wall, slab()]
+    run = play(
+        tmp_path, things, 2.0, rate, paths={"/slab": lambda t: (0.5 * np.sin(np.pi * t / 2) - 0.15, 0, 0.31, *UPRIGHT)}
+    )
+    p, v = run.path("ball"), np.linalg.norm(np.diff(run.path("ball")[:, :3], axis=0), axis=1) * rate
+    assert p[:, 0].max() <= 0.24 + FREE
+    assert p[:, 2].min() >= 0.05 - FREE
+    assert (p[:, 0] - run.path("slab")[:, 0]).min() >= 0.06 - FREE
+    assert v.max() < 3.0
+    assert run.overlap <= FREE
+
+
+def test_many_balls_that_fall_into_a_box_come_to_rest_in_it(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    walls = [
+        thing(f"wall{k}", "fixed", box=box, position=place)
+        for k, (box, place) in enumerate(
+            [((0.02, 0.3, 0.4), (x, 0, 0.2)) for x in (-0.13, 0.13)]
+            + [((0.3, 0.02, 0.4), (0, y, 0.2)) for y in (-0.13, 0.13)]
+        )
+    ]
+    balls = [
+        thing(f"b{k}", sphere=0.025, position=(*rng.uniform(-0.09, 0.09, 2), 0.05 + 0.06 * k), density=600.0)
+        for k in range(24)
+    ]
+    run = play(tmp_path, [*balls, *walls, floor()], 3.0, 30)
+    for k in range(24):
+        p = run.path(f"b{k}")
+        assert np.abs(p[:, :2]).max() <= 0.12 - 0.025 + FREE
+        assert p[:, 2].min() >= 0.025 - FREE
+        assert np.linalg.norm(p[-1, :3] - p[-2, :3]) * 30 < 0.2
+    assert run.overlap <= FREE
+    assert run.flags == 0

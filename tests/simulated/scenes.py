@@ -172,7 +172,7 @@ class Player:
         self.driven_impulse[:] = 0.0
         impacts, flags = simulate(
             self.scene.pieces, self.state, self.poses, end, self.velocity, self.driven_impulse, self.frames, dt, max_impacts,
-            self.gap, self.scratch,
+            self.gap, False, self.scratch,
         )  # fmt: skip
         self.poses, self.time = end, self.time + dt
         self.impacts += impacts

@@ -27,7 +27,7 @@ def test_a_blocked_hand_pushes_the_ball_with_its_wish_and_is_pushed_back() -> No
     impulse = np.zeros((2, 3))
     simulate(
         player.scene.pieces, player.state, player.poses, end, player.velocity, impulse, player.frames, 1 / 60, 200,
-        player.gap, player.scratch,
+        player.gap, False, player.scratch,
     )  # fmt: skip
     j = 1.3 * 0.6 / (1 / 0.2 + 1 / 0.4)
     assert player.velocity[0, 0] == pytest.approx(j / 0.2, rel=1e-12)
@@ -131,7 +131,7 @@ def test_two_driven_slabs_hold_a_ball_by_friction_if_they_press_enough(squeeze: 
         player.velocity[1, 0], player.velocity[2, 0] = squeeze, -squeeze
         simulate(
             player.scene.pieces, player.state, player.poses, end, player.velocity, impulse, player.frames, 1 / rate,
-            200, player.gap, player.scratch,
+            200, player.gap, False, player.scratch,
         )  # fmt: skip
         player.poses = end
     assert (player.poses[0, 2] > -0.01) == holds
