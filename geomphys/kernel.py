@@ -16,12 +16,13 @@ import sys
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import TypeVar, cast
 
 import numba
 
 from geomphys.cache import user_folder
-from geomphys.outlining import follow
+from geomphys.compiling.entries import Kernel
+from geomphys.compiling.keys import Store
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -41,31 +42,27 @@ def cache_folder() -> Path:
 
 def are_compiled() -> bool:
     """Whether the machine code of the frame step is in the cache: if not, the first frame waits for the compiler."""
-    return any(cache_folder().rglob("step.run_block-*.nbi"))
+    return any(cache_folder().glob("geomphys.step.run_block.*.entry"))
 
 
 def kernel(function: F) -> F:
-    """Compile `function` with numba on its first call and keep the machine code in `cache_folder`."""
-    return _compiled(function)
+    """Compile `function` when it is first called, and into each kernel that calls it."""
+    return cast(F, Kernel(function, _store(), outlined=False, inlined=False))
 
 
 def outlined(function: F) -> F:
-    """Compile `function` once; its callers jump to it: for long ones at the bottom of many others."""
-    return _compiled(function, out=True)
+    """Compile `function` once; its callers jump to it: for long ones at the bottom of many others.
+
+    What it returns must be annotated: None, bool, int, float, or a tuple or NamedTuple of them.
+    """
+    return cast(F, Kernel(function, _store(), outlined=True, inlined=False))
 
 
 def inlined(function: F) -> F:
     """Compile `function` into each of its callers: for short ones that take many arrays and hand on a few numbers."""
-    return _compiled(function, into=True)
+    return cast(F, Kernel(function, _store(), outlined=False, inlined=True))
 
 
-def _compiled(function: F, into: bool = False, out: bool = False) -> F:
-    config = cast(Any, numba.config)
-    before = config.CACHE_DIR
-    config.CACHE_DIR = str(cache_folder())
-    try:
-        compiled = cast(Any, numba).njit(cache=True, error_model="numpy", _nrt=False, forceinline=into)(function)
-    finally:
-        config.CACHE_DIR = before
-    follow(compiled, cache_folder(), out)
-    return cast(F, compiled)
+@lru_cache(maxsize=1)
+def _store() -> Store:
+    return Store(cache_folder())
