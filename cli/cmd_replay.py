@@ -20,7 +20,7 @@ from .options import (
     scene_option,
     written_options,
 )
-from .progress import progress_bar
+from .progress import ProgressBars
 
 EXIT_THRESHOLD = 4
 
@@ -78,13 +78,17 @@ def replay(
 
     terminal.detail(f"kernels: {cache_folder()}")
 
-    def tell_of_compilation() -> None:
+    if first := not are_compiled():
         terminal.note(f"Compiling the kernels, once per machine and version (about {COMPILE_SECONDS} s)…")
 
-    with StopAtFrame() as stop, progress_bar(terminal, log.name) as bar, naming_partials(out, rrd):
+    with StopAtFrame() as stop, ProgressBars(terminal) as bars, naming_partials(out, rrd):
+
+        def compiling(done: int, known: int) -> None:
+            bars.show("kernels", done, known, unit="jobs")
+            stop.at_frame()
 
         def progress(done: int, total: int | None) -> None:
-            bar(done, total)
+            bars.show(log.name, done, total)
             stop.at_frame()
 
         summary = geomphys.run(
@@ -96,7 +100,7 @@ def replay(
             timing=not no_timing,
             force=force,
             copy_input=copy_input,
-            begin=None if are_compiled() else tell_of_compilation,
+            compiling=compiling if first else None,
             progress=progress,
         )
     if as_json:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
@@ -65,3 +65,28 @@ def progress_bar(terminal: Terminal, title: str, unit: str = "frames", every: in
                 bar.update(task, completed=done, total=total)
 
         yield report
+
+
+class ProgressBars:
+    """One bar after the other, as the work goes on; a context manager that takes the last one away."""
+
+    def __init__(self, terminal: Terminal) -> None:
+        self._terminal = terminal
+        self._shown = ExitStack()
+        self._title: str | None = None
+        self._report: Report | None = None
+
+    def __enter__(self) -> ProgressBars:
+        """Show nothing yet."""
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Take the bar away."""
+        self._shown.close()
+
+    def show(self, title: str, done: int, total: int | None, unit: str = "frames") -> None:
+        """Move the bar of this title; it takes the place of the one before."""
+        if self._report is None or title != self._title:
+            self._shown.close()
+            self._title, self._report = title, self._shown.enter_context(progress_bar(self._terminal, title, unit))
+        self._report(done, total)

@@ -1,23 +1,26 @@
-"""The decorator of every compiled kernel, and where the machine code is kept.
+"""The decorators of every compiled kernel, and where the machine code is kept.
 
 Kernels are numba functions without ``fastmath`` (results must not depend on the machine's vector width) whose machine
-code is cached on disk. numba looks only at the file a function stands in when it decides whether its cache is fresh,
-so a change in a callee of another module would go unseen; the cache folder is therefore named after the sources of
-the whole package and the versions of numba and Python.
+code is cached on disk; `geomphys.compiling` makes it. The cache folder is named after the sources that bear on it, the
+versions of numba and Python, and the processor: it depends on nothing else, so that two installations of the same
+version share it.
 
 Kernels never allocate: they are compiled without numba's memory management, which also spares the counting of
-references at every access to an array.
+references at every access to an array. What they return is annotated; they do not call themselves.
 """
 
 from __future__ import annotations
 
 import hashlib
+import re
 import sys
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import TypeVar, cast
 
+import llvmlite
+import llvmlite.binding
 import numba
 
 from geomphys.cache import user_folder
@@ -27,17 +30,38 @@ from geomphys.compiling.keys import Store
 F = TypeVar("F", bound=Callable[..., object])
 
 
+COMPILED = re.compile(rb"^@(kernel|outlined|inlined)$|^(from|import) (numba|llvmlite)\b", re.MULTILINE)
+"""Found in modules that have a say in the machine code; those they import have one too."""
+
+IMPORTED = re.compile(rb"^from (geomphys\.[\w.]+) import", re.MULTILINE)
+
+
 @lru_cache(maxsize=1)
 def cache_folder() -> Path:
     """Folder of the machine code of this version of the package, made on first use: see `geomphys.cache`."""
+    settings = [getattr(numba.config, name) for name in ("OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "ENABLE_AVX")]
+    processor = llvmlite.binding.get_host_cpu_name(), llvmlite.binding.get_host_cpu_features().flatten()
+    digest = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__} {sys.version} {settings} {processor}".encode())
+    for name, text in _sources_of_machine_code():
+        digest.update(name.encode() + b"\0" + text + b"\0")
+    return user_folder(f"kernels-{digest.hexdigest()[:16]}")
+
+
+def _sources_of_machine_code() -> list[tuple[str, bytes]]:
+    """Names and texts of the modules with kernels and of all they import, sorted."""
     package = Path(__file__).parent
-    digest = hashlib.sha256(f"{numba.__version__} {sys.version}".encode())
-    for source in sorted(package.rglob("*.py")):
-        text = source.read_bytes()
-        if b"geomphys.kernel" in text or b"numba" in text:
-            digest.update(source.relative_to(package).as_posix().encode() + b"\0" + text)
-    name = f"kernels-{digest.hexdigest()[:16]}"
-    return user_folder(name)
+    texts = {}
+    for path in package.rglob("*.py"):
+        parts = path.relative_to(package.parent).with_suffix("").parts
+        texts[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path.read_bytes()
+    found: set[str] = set()
+    waiting = [name for name, text in texts.items() if COMPILED.search(text)]
+    while waiting:
+        name = waiting.pop()
+        if name in texts and name not in found:
+            found.add(name)
+            waiting.extend(match.decode() for match in IMPORTED.findall(texts[name]))
+    return [(name, texts[name]) for name in sorted(found)]
 
 
 def are_compiled() -> bool:

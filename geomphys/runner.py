@@ -7,14 +7,13 @@ from collections.abc import Callable, Generator
 from contextlib import closing
 from pathlib import Path
 
+from geomphys.compiling.crew import telling
 from geomphys.config import Config
 from geomphys.errors import LogError, OutputError
 from geomphys.kernel import are_compiled
 from geomphys.load import load_world
 from geomphys.pipeline import replay
-from geomphys.provenance import Provenance
 from geomphys.remote import place
-from geomphys.results import FrameResult
 from geomphys.sinks.base import Sink
 from geomphys.summary import Summarizer, Summary
 from geomphys.world.scene import World
@@ -30,7 +29,7 @@ def run(
     timing: bool = True,
     force: bool = False,
     copy_input: bool = False,
-    begin: Callable[[], None] | None = None,
+    compiling: Callable[[int, int], None] | None = None,
     progress: Callable[[int, int | None], None] | None = None,
 ) -> Summary:
     """Replay a log to its end, write what is asked for, and return its figures.
@@ -51,8 +50,9 @@ def run(
         Whether outputs that exist are replaced.
     copy_input : bool
         Whether `out` also holds the channels of the log.
-    begin : callable, optional
-        Called once, when log and scene are found good and the first frame is about to be computed.
+    compiling : callable, optional
+        Called while kernels are compiled, with how many jobs are done and how many are known of so far. What it raises
+        ends the replay.
     progress : callable, optional
         Called after each frame with the frames done and their number if it is known. What it raises ends the replay at
         that frame; the outputs are then closed as partial.
@@ -72,21 +72,20 @@ def run(
     log, config = place(log), config or Config()
     out, rrd = (None if path is None else place(path) for path in (out, rrd))
     _check_distinct(log, out, rrd)
-    world = scene if isinstance(scene, World) else load_world(scene, mode=config.mode, seed=config.seed)
-    summarizer = Summarizer(world.body_names)
-    sinks = _sinks(log, out, rrd, timing=timing, force=force, copy_input=copy_input)
-    if begin is not None:
-        sinks.append(_Beginning(begin))
-    start = time.perf_counter()
-    results = replay(log, world, config=config, sinks=sinks, progress=progress)
-    assert isinstance(results, Generator)
-    compiled = are_compiled()
-    with closing(results):
-        for result in results:
-            if not compiled:
-                start, compiled = time.perf_counter(), True
-            summarizer.add(result)
-    elapsed = time.perf_counter() - start
+    with telling(compiling):
+        world = scene if isinstance(scene, World) else load_world(scene, mode=config.mode, seed=config.seed)
+        summarizer = Summarizer(world.body_names)
+        sinks = _sinks(log, out, rrd, timing=timing, force=force, copy_input=copy_input)
+        start = time.perf_counter()
+        results = replay(log, world, config=config, sinks=sinks, progress=progress)
+        assert isinstance(results, Generator)
+        compiled = are_compiled()
+        with closing(results):
+            for result in results:
+                if not compiled:
+                    start, compiled = time.perf_counter(), True
+                summarizer.add(result)
+        elapsed = time.perf_counter() - start
     if summarizer.frames == 0:
         cut = [
             f"{name} = {value:g} s"
@@ -119,20 +118,3 @@ def _sinks(log: Path, out: Path | None, rrd: Path | None, *, timing: bool, force
 
         sinks.append(RerunSink(rrd, force=force))
     return sinks
-
-
-class _Beginning:
-    """A sink that only tells when the first frame is about to come."""
-
-    def __init__(self, begin: Callable[[], None]) -> None:
-        self._begin = begin
-
-    def open(self, world: World, config: Config, provenance: Provenance) -> None:
-        """Tell."""
-        self._begin()
-
-    def write(self, result: FrameResult) -> None:
-        """Take a frame, and do nothing with it."""
-
-    def close(self, complete: bool) -> None:
-        """End."""

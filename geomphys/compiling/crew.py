@@ -32,13 +32,17 @@ _listeners: list[Tell] = []
 
 
 @contextmanager
-def telling(listener: Tell) -> Iterator[None]:
-    """Within the block, `listener` is told how many kernels are compiled, and how many are known to be needed."""
-    _listeners.append(listener)
+def telling(listener: Tell | None) -> Iterator[None]:
+    """Within the block, `listener` is told how many jobs of compiling are done, and how many are known of.
+
+    What it raises ends the compiling; what is done by then is kept.
+    """
+    before = list(_listeners)
+    _listeners[:] = before if listener is None else [listener]
     try:
         yield
     finally:
-        _listeners.remove(listener)
+        _listeners[:] = before
 
 
 def compile_all(root: Key) -> dict[str, Unit]:
@@ -63,11 +67,11 @@ def _size(part: Part) -> int:
 
 
 class _Crew:
-    """This process and its helpers."""
+    """The process and its helpers."""
 
     def __init__(self) -> None:
         self._helpers: list[Helper] = []
-        self._done = self._known = 0  # in the runs before
+        self._done = 0  # in the run before
 
     def run(self, jobs: Sequence[Job], follow: Callable[[Part | Unit], list[Job]]) -> dict[str, Part | Unit]:
         """Do jobs, and those that follow from their products; returns the products."""
@@ -83,11 +87,12 @@ class _Crew:
                 board.finish(job, job.make())
         finally:
             board.close()
+        self._done += len(board.done)
         return board.done
 
     def _tell(self, done: int, known: int) -> None:
         for listener in _listeners:
-            listener(done, known)
+            listener(self._done + done, self._done + known)
 
     def _engage(self, helper: Helper, board: Board) -> None:
         threading.Thread(target=_work, args=(board, helper), daemon=True).start()

@@ -42,7 +42,8 @@ class Helper:
 
     def do(self, job: Job) -> bool:
         """Have a job done; False if that did not work."""
-        assert self._process is not None and self._process.stdin is not None
+        assert self._process is not None
+        assert self._process.stdin is not None
         try:
             pickle.dump(job, self._process.stdin)
             self._process.stdin.flush()

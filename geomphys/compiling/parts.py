@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import llvmlite.binding as llvm
-from numba.core import cgutils, compiler
+from numba.core import compiler
 from numba.core.codegen import JITCodeLibrary
 from numba.core.funcdesc import FunctionDescriptor
 from numba.core.runtime import rtsys

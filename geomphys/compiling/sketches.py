@@ -76,7 +76,7 @@ class Sketched(CPUDispatcher):  # type: ignore[misc]
         return self._callees[tuple(sigutils.normalize_signature(sig)[0])]
 
     def callee(self, kinds: tuple[Any, ...]) -> Callee:
-        """This kernel for callers."""
+        """What callers refer to."""
         if kinds not in self._callees:
             self._callees[kinds] = callee = Callee(self.key(kinds), self.describe(kinds))
             self.targetctx.insert_user_function(callee, callee.description)
@@ -95,7 +95,7 @@ class Sketched(CPUDispatcher):  # type: ignore[misc]
     # what is made of it
 
     def find_part(self, kinds: tuple[Any, ...]) -> Part | None:
-        """This kernel in the language of LLVM, if it was sketched before."""
+        """The kernel in the language of LLVM, if it was sketched before."""
         if kinds not in self._parts:
             found = self.store.load(f"{symbol_of(self.key(kinds))}.part")
             if found is None:
@@ -104,7 +104,7 @@ class Sketched(CPUDispatcher):  # type: ignore[misc]
         return self._parts[kinds]
 
     def part(self, kinds: tuple[Any, ...]) -> Part:
-        """This kernel in the language of LLVM.
+        """The kernel in the language of LLVM, sketched now if it was not.
 
         Raises
         ------
