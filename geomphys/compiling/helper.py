@@ -5,6 +5,7 @@ It is asked for one job after the other through its standard input, and leaves w
 
 from __future__ import annotations
 
+import gc
 import os
 import pickle
 import signal
@@ -84,5 +85,6 @@ def serve(requests: Any, answers: Any) -> None:
 
 
 if __name__ == "__main__":
+    gc.disable()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, at whose end the requests end
     serve(sys.stdin.buffer, sys.stdout.buffer)
