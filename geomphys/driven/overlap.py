@@ -29,6 +29,7 @@ from geomphys.world.scene import DRIVEN, Scene
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+REACH = 2.3  # times the way to the goal: what a tree may go in a round and the rounds after (√5 at most, begun free)
 STEP_DONE = 1e-7  # m: a round that moves nothing farther ends the loop
 ROW_TOLERANCE = 1e-10  # m: how far a plane may stay violated
 FAR = 10.0  # times the depth: a solution farther away is none (nearly opposite normals)
@@ -51,6 +52,7 @@ class Places(NamedTuple):
     base: Floats  # (P, 12) world_from_piece as recorded
     frames: Floats  # (P, 12) at `current`
     moved: Floats  # (P, 12) at `trial`
+    origin: Floats  # (T, 3) where trees were when pairs within their reach were looked for
     chosen: Ints  # (n,) 1 for pairs of `Near` whose plane is in the problem
     found: Ints  # (T,) scratch
     hasty: Ints  # (1,) 1: a trial, that ends where a way out would have to be searched for
@@ -63,7 +65,7 @@ def make_places(scene: Scene, size: int) -> Places:
     base, frames, moved = (np.zeros((pieces, 12)) for _ in range(3))
     return Places(
         goal, current, trial, np.zeros(trees), np.zeros(trees), np.full(trees, -1), base, frames, moved,
-        np.zeros(size, np.int64), np.zeros(trees, np.int64), np.zeros(1, np.int64),
+        np.zeros((trees, 3)), np.zeros(size, np.int64), np.zeros(trees, np.int64), np.zeros(1, np.int64),
     )  # fmt: skip
 
 
@@ -257,9 +259,44 @@ def _accept(scene: Scene, p: Places) -> None:
 
 
 @outlined
+def find_reachable(
+    scene: Scene, p: Places, boxes: Boxes, near: Near, stirred: bool, gap: float, axes: Axes, scratch: Scratch
+) -> None:
+    """All pairs that trees may meet on their way from `current` to `goal`, or that `p.stir` has moved through, if `stirred`."""
+    for tree in range(len(p.reach)):
+        p.reach[tree] = p.stir[tree] if stirred else 0.0
+        for i in range(3):
+            p.origin[tree, i] = p.current[tree, i]
+        if scene.trees.role[tree] == DRIVEN:
+            p.reach[tree] += REACH * _distance(p.goal, p.current, tree)
+            update_boxes(scene, p.frames, boxes, tree)
+    find_near(scene, p.frames, boxes, p.reach, 2.0 * gap, near, p.found, axes, scratch)
+
+
+@kernel
+def _measure_again(scene: Scene, p: Places, near: Near, gap: float, axes: Axes, scratch: Scratch) -> bool:
+    """Bring the pairs of `find_reachable` up to date; False if a tree may get out of what was looked at there."""
+    for tree in range(len(p.reach)):
+        if scene.trees.role[tree] == DRIVEN:
+            left = p.reach[tree] - _distance(p.current, p.origin, tree)
+            if 2.0 * _distance(p.goal, p.current, tree) > left:
+                return False
+    for k in range(near.filled[0]):
+        limit = 2.0 * gap
+        for tree in (near.tree_a[k], near.tree_b[k]):
+            if scene.trees.role[tree] == DRIVEN:
+                limit += 2.0 * _distance(p.goal, p.current, tree)
+        s, n, pa, pb = pair_separation(scene.pieces, p.frames, near.a[k], near.b[k], limit, axes, scratch)
+        near.separation[k] = s
+        for i in range(3):
+            near.normal[k, i], near.point_a[k, i], near.point_b[k, i] = n[i], pa[i], pb[i]
+    return True
+
+
+@outlined
 def eliminate_overlap(
-    scene: Scene, p: Places, boxes: Boxes, near: Near, ignored: Ints, problem: LeastDistance, gap: float, rounds: int,
-    rescue: Rescue, axes: Axes, scratch: Scratch,
+    scene: Scene, p: Places, boxes: Boxes, near: Near, known: bool, ignored: Ints, problem: LeastDistance, gap: float,
+    rounds: int, rescue: Rescue, axes: Axes, scratch: Scratch,
 ) -> tuple[int, int, int, bool]:  # fmt: skip
     """Move all driven trees from `current` as near to `goal` as they come without overlap and without passing through.
 
@@ -269,6 +306,8 @@ def eliminate_overlap(
         The scene, where its trees are (`frames` placed at `current`), and their boxes.
     near, problem, rescue, axes, scratch
         Room for the near pairs, the least-distance problem, the search for a way out and the narrow phase.
+    known
+        Whether `find_reachable` has filled `near` already.
     ignored
         (B,) 1 for bodies that may overlap for now (chains see to them).
     gap
@@ -281,14 +320,11 @@ def eliminate_overlap(
     tuple
         (rounds taken, method as in `results.METHODS`, searches for a way out, whether the bound was not hit).
     """
-    method, rescues = GLOBAL, 0
+    method, rescues, again = GLOBAL, 0, False
     for count in range(rounds):
-        for tree in range(len(p.reach)):
-            p.reach[tree] = p.stir[tree] if count == 0 else 0.0
-            if scene.trees.role[tree] == DRIVEN:
-                p.reach[tree] += 2.0 * _distance(p.goal, p.current, tree)
-                update_boxes(scene, p.frames, boxes, tree)
-        find_near(scene, p.frames, boxes, p.reach, 2.0 * gap, near, p.found, axes, scratch)
+        if not known and not (again and _measure_again(scene, p, near, gap, axes, scratch)):
+            find_reachable(scene, p, boxes, near, count == 0, gap, axes, scratch)
+        known, again = False, True
         status, longest, active = _nearest_free(scene, p, near, ignored, problem, gap, axes, scratch)
         if active > 1:
             method = max(method, LEAST_DISTANCE)
@@ -307,4 +343,5 @@ def eliminate_overlap(
         if p.hasty[0] == 1:
             return count + 1, method, rescues, False
         escape(scene, p.base, p.current, p.frames, boxes, near, ignored, gap, rescue, p.found, axes, scratch)
+        again = False
     return rounds, method, rescues, False

@@ -95,7 +95,7 @@ def slow_down(
                 p.goal[tree, i] = p.current[tree, i]
             place_at(scene, p.base, p.current, tree, p.frames)
     rounds_taken, _, rescues, _ = eliminate_overlap(
-        scene, p, boxes, room.near, room.joints.bends, room.problem, gap, rounds, room.rescue, axes, scratch
+        scene, p, boxes, room.near, False, room.joints.bends, room.problem, gap, rounds, room.rescue, axes, scratch
     )  # fmt: skip
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] != DRIVEN:
@@ -117,6 +117,6 @@ def slow_down(
             state.speed[tree, i] *= low
         p.stir[tree] = 0.0
     more, _, again, _ = eliminate_overlap(
-        scene, p, boxes, room.near, room.joints.bends, room.problem, gap, rounds, room.rescue, axes, scratch
+        scene, p, boxes, room.near, False, room.joints.bends, room.problem, gap, rounds, room.rescue, axes, scratch
     )  # fmt: skip
     return rounds_taken + more, rescues + again

@@ -7,9 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import Axes, Near, find_near
-from geomphys.collision.penetration import Scratch
-from geomphys.collision.sweep import Boxes
+from geomphys.collision.detect import Near
 from geomphys.driven.overlap import Places
 from geomphys.driven.posture import Joints
 from geomphys.kernel import kernel, outlined
@@ -82,25 +80,8 @@ def measure_flex(scene: Scene, joints: Joints, before: Floats, after: Floats, fl
 
 
 @outlined
-def steps_needed(
-    scene: Scene,
-    p: Places,
-    near: Near,
-    stir: Floats,
-    flex: Floats,
-    boxes: Boxes,
-    gap: float,
-    axes: Axes,
-    scratch: Scratch,
-) -> int:
-    """Into how many steps the frame must be cut; trees are placed (`p.frames`) where the frame takes them."""
-    widest = 0.0
-    for tree in range(len(p.reach)):
-        p.reach[tree] = p.stir[tree]
-        widest = max(widest, p.stir[tree])
-    if widest == 0.0:
-        return 1
-    find_near(scene, p.frames, boxes, p.reach, gap, near, p.found, axes, scratch)
+def steps_needed(scene: Scene, near: Near, stir: Floats, flex: Floats) -> int:
+    """Into how many steps the frame must be cut, from the pairs near where it takes the trees in one (`find_reachable`)."""
     steps = 1.0
     for k in range(near.filled[0]):
         a, b = near.a[k], near.b[k]

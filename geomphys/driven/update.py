@@ -20,7 +20,7 @@ from geomphys.collision.sweep import Boxes, update_boxes
 from geomphys.driven.chain_step import brake_joints, pull_joints, yield_chains
 from geomphys.driven.chains import place_posture
 from geomphys.driven.coupling import relax
-from geomphys.driven.overlap import Places, eliminate_overlap, place_at, row_of
+from geomphys.driven.overlap import Places, eliminate_overlap, find_reachable, place_at, row_of
 from geomphys.driven.pace import is_too_fast, slow_down
 from geomphys.driven.rows import is_chained
 from geomphys.driven.state import DrivenRoom, DrivenState
@@ -131,21 +131,47 @@ def _remember(scene: Scene, state: DrivenState, p: Places, roots: Floats, angles
         state.angles[i] = angles[i]
 
 
+@kernel
+def _keep_speeds(state: DrivenState, room: DrivenRoom, keep: bool) -> None:
+    """Keep the speeds of all offsets, or go back to those that were kept: the frame is done in steps after all."""
+    for tree in range(len(state.speed)):
+        for i in range(3):
+            if keep:
+                room.ahead[tree, i] = state.speed[tree, i]
+            else:
+                state.speed[tree, i] = room.ahead[tree, i]
+    for q in range(len(room.angles)):
+        if keep:
+            room.angles[q] = state.posture.speed[q]
+        else:
+            state.posture.speed[q] = room.angles[q]
+
+
 @outlined
-def _advance(
+def _begin_step(
     scene: Scene, state: DrivenState, room: DrivenRoom, boxes: Boxes, roots: Floats, angles: Floats, poses: Floats, dt: float,
-    gap: float, rounds: int, axes: Axes, scratch: Scratch,
-) -> Outcome:  # fmt: skip
-    """One step: trees placed at `poses` and carried over; they go as near to their goals as they can."""
-    p, chained = room.places, room.joints.any[0] == 1
+    gap: float, axes: Axes, scratch: Scratch,
+) -> None:  # fmt: skip
+    """Goals of a step, trees placed at `poses` and carried over, and the pairs they may meet on the way."""
+    p = room.places
     _pull(scene, state, p, roots, dt)
     pull_joints(scene, state, room, angles, dt)
     _place_trees(scene, room, boxes, roots, angles, poses)
     if state.started[0] == 1:
         measure_stir(scene, room.joints, state.frames, p, room.stir)
         _drift(scene, state, p, roots)
+    find_reachable(scene, p, boxes, room.near, True, gap, axes, scratch)
+
+
+@outlined
+def _end_step(
+    scene: Scene, state: DrivenState, room: DrivenRoom, boxes: Boxes, roots: Floats, angles: Floats, dt: float, gap: float,
+    rounds: int, axes: Axes, scratch: Scratch,
+) -> Outcome:  # fmt: skip
+    """The trees go as near to their goals as they can."""
+    p, chained = room.places, room.joints.any[0] == 1
     count, method, rescues, converged = eliminate_overlap(
-        scene, p, boxes, room.near, room.joints.bends, room.problem, gap, rounds, room.rescue, axes, scratch
+        scene, p, boxes, room.near, True, room.joints.bends, room.problem, gap, rounds, room.rescue, axes, scratch
     )  # fmt: skip
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
@@ -162,7 +188,7 @@ def _advance(
                 for i in range(3):
                     p.goal[tree, i] = p.current[tree, i]
             more, how, searches, ok = eliminate_overlap(
-                scene, p, boxes, room.near, room.nothing, room.problem, gap, rounds, room.rescue, axes, scratch
+                scene, p, boxes, room.near, False, room.nothing, room.problem, gap, rounds, room.rescue, axes, scratch
             )  # fmt: skip
             count, method, rescues, converged = count + more, max(method, how), rescues + searches, converged and ok
     _remember(scene, state, p, roots, angles)
@@ -192,27 +218,26 @@ def update_driven(
     axes, scratch
         For the narrow phase.
     """
-    p = room.places
     steps = 1
+    _keep_speeds(state, room, True)
+    _begin_step(scene, state, room, boxes, roots, angles, recorded, dt, gap, axes, scratch)
     if state.started[0] == 1:
-        _pull(scene, state, p, roots, 0.0)
-        pull_joints(scene, state, room, angles, 0.0)
-        _place_trees(scene, room, boxes, roots, angles, recorded)
-        measure_stir(scene, room.joints, state.frames, p, room.stir)
         measure_flex(scene, room.joints, room.before, room.after, room.flex)
-        steps = steps_needed(scene, p, room.near, room.stir, room.flex, boxes, gap, axes, scratch)
+        steps = steps_needed(scene, room.near, room.stir, room.flex)
+    if steps == 1:
+        return _end_step(scene, state, room, boxes, roots, angles, dt, gap, rounds, axes, scratch)
+    _keep_speeds(state, room, False)
     count, method, rescues, converged = 0, 0, 0, True
     for step in range(steps):
+        recording_between(
+            scene, room.origins, state.roots, state.angles, roots, angles, 1.0 / (steps - step), room.roots, room.angles,
+            room.poses,
+        )  # fmt: skip
+        r, q, poses = room.roots, room.angles, room.poses
         if step == steps - 1:
-            done = _advance(scene, state, room, boxes, roots, angles, recorded, dt / steps, gap, rounds, axes, scratch)
-        else:
-            recording_between(
-                scene, room.origins, state.roots, state.angles, roots, angles, 1.0 / (steps - step), room.roots, room.angles,
-                room.poses,
-            )  # fmt: skip
-            done = _advance(
-                scene, state, room, boxes, room.roots, room.angles, room.poses, dt / steps, gap, rounds, axes, scratch
-            )  # fmt: skip
+            r, q, poses = roots, angles, recorded
+        _begin_step(scene, state, room, boxes, r, q, poses, dt / steps, gap, axes, scratch)
+        done = _end_step(scene, state, room, boxes, r, q, dt / steps, gap, rounds, axes, scratch)
         count, rescues = count + done.rounds, rescues + done.rescues
         method, converged = max(method, done.method), converged and done.converged
     return Outcome(count, method, rescues, converged)
@@ -239,7 +264,7 @@ def give_way(
         for i in range(3):
             p.goal[tree, i] = p.current[tree, i]
     taken, _, _, _ = eliminate_overlap(
-        scene, p, boxes, room.near, room.nothing, room.problem, gap, rounds, room.rescue, axes, scratch
+        scene, p, boxes, room.near, False, room.nothing, room.problem, gap, rounds, room.rescue, axes, scratch
     )  # fmt: skip
     _remember(scene, state, p, state.roots, state.angles)
     return taken
