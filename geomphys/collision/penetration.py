@@ -100,19 +100,15 @@ def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, room: Room)
     origin = position_of(shapes, a)
     rot = rot_transposed_mul(world, rotation_of(shapes, b))
     t = rotate_back(world, sub(position_of(shapes, b), origin))
-    start = (0.0, 0.0, 0.0)
     if dot(axis, axis) > 0.0:
         d = rotate_back(world, axis)
         w, p, _, _ = difference(core_a, core_b, rot, t, neg(d), 0, 0)
         s = dot(w, d) - radius
         if s > limit:
             return s, axis, add(origin, rotate(world, p))
-        if dot(w, d) > 0.0:  # the cores are apart: their distance does not depend on where its search begins
-            start = d
     centre_a, centre_b = vec_at(shapes.centre, 3 * a), vec_at(shapes.centre, 3 * b)
-    if start == (0.0, 0.0, 0.0):
-        start = sub(sub(centre_a, t), rotate(rot, centre_b))
-    if start == (0.0, 0.0, 0.0):
+    start = sub(sub(centre_a, t), rotate(rot, centre_b))
+    if dot(start, start) == 0.0:
         start = (0.0, 0.0, 1.0)
     size = float_at(shapes.reach, a) + float_at(shapes.reach, b) + norm(centre_a) + norm(centre_b) + norm(t)
     state, s, n, p, count = closest(core_a, core_b, rot, t, size, limit + radius, start, room.simplex)
