@@ -65,6 +65,10 @@ class Helper:
         if self._process is not None:
             self._process.kill()
             self._process.wait()
+            for pipe in (self._process.stdin, self._process.stdout):
+                with suppress(OSError):  # what was written last has no reader any more
+                    if pipe is not None:
+                        pipe.close()
 
 
 def serve(requests: Any, answers: Any) -> None:
