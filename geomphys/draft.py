@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from geomphys.draft_height import lowest_link
 from geomphys.draft_text import AvatarDraft, Others, scene_text
 from geomphys.errors import LogError, MeshError, OutputError
 from geomphys.recording.inspect import LogInfo, TopicInfo, inspect_log
@@ -103,7 +104,20 @@ def draft_scene(
         poses=tuple(p for p in poses if p.name not in {a.root.name for a in avatars if a.root is not None}),
         joints=tuple(t.topic for t in joints if t.topic not in {a.joints_topic for a in avatars}),
     )
-    text = scene_text(info, avatars, others)
+    heights = [
+        lowest_link(
+            place(log),
+            load_skeleton(Path(urdf)),
+            avatar.root.name,
+            f"{avatar.joints_topic}#{avatar.side}" if avatar.side else avatar.joints_topic,
+            {m.recorded: m.joint for m in avatar.matches if m.how != "guess"},
+            avatar.unit.unit == "deg",
+            recover=recover,
+        )
+        for urdf, avatar in zip(urdfs, avatars, strict=True)
+        if avatar.root is not None and not avatar.tall
+    ]
+    text = scene_text(info, avatars, others, min((h for h in heights if h is not None), default=0.0))
     parse_scene(text, Path(folder) / "scene.toml")
     return SceneDraft(text, info, tuple(avatars), others)
 

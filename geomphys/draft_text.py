@@ -45,12 +45,12 @@ class Others:
     joints: tuple[str, ...]
 
 
-def scene_text(log: LogInfo, avatars: Sequence[AvatarDraft], others: Others) -> str:
-    """TOML of a scene in which these avatars follow a log."""
+def scene_text(log: LogInfo, avatars: Sequence[AvatarDraft], others: Others, lowest: float) -> str:
+    """TOML of a scene in which these avatars follow a log; `lowest` is how low [m] the links of hands come."""
     lines = [*_head(log, avatars)]
     for avatar in avatars:
         lines += ["", *_avatar(avatar)]
-    lines += ["", *_example(avatars), "", *_tracked(others)]
+    lines += ["", *_example(avatars, lowest), "", *_tracked(others)]
     return "\n".join(lines).rstrip("\n") + "\n"
 
 
@@ -169,7 +169,7 @@ def _joints(avatar: AvatarDraft) -> Iterator[str]:
         yield f"# {_quoted(match.recorded)} = {_quoted(match.joint)}"
 
 
-def _example(avatars: Sequence[AvatarDraft]) -> Iterator[str]:
+def _example(avatars: Sequence[AvatarDraft], lowest: float) -> Iterator[str]:
     """A thing to run into: a floor for a body, a table for hands."""
     roots = [a.root for a in avatars if a.root is not None]
     low = [min((r.low[i] for r in roots), default=0.0) for i in range(3)]
@@ -179,8 +179,8 @@ def _example(avatars: Sequence[AvatarDraft]) -> Iterator[str]:
         name, size, z, why = "floor", [10.0, 10.0, 0.1], -0.05, "its top is at z = 0"
     else:
         size = [round(min(b - a, 10.0) + 0.8, 1) for a, b in zip(low[:2], high[:2], strict=True)] + [0.05]
-        z = round(low[2] - 0.025, 3) + 0.0
-        name, why = "table", "its top is where the recorded root was lowest"
+        z = round(lowest - 0.025, 3) + 0.0
+        name, why = "table", "its top is where the recorded links came lowest"
     yield "# CHECK: an example of an object; put your own things here. class: fixed, simulated or driven;"
     yield "# shape: box, sphere, cylinder, capsule, mesh or urdf (`geomphys schema` lists every key)."
     yield "[[object]]"

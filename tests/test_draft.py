@@ -56,7 +56,9 @@ def test_names_as_they_are_in_radians(tmp_path, hand):
     (avatar,) = tables["avatar"]
     assert (avatar["urdf"], avatar["root"]["topic"]) == ("../models/hand.urdf", "/tracker/wrist")
     assert avatar["joints"] == {"topic": "/glove", "unit": "rad"}
-    assert tables["object"][0]["position"] == [0.1, 0.0, 0.775]  # its top is where the wrist was lowest
+    assert tables["object"][0]["position"][:2] == [0.1, 0.0]
+    lowest = min(0.8 + k / 100 - 0.05 * math.sin(wave(k)) for k in range(20))  # the fingertip's link, bent down
+    assert tables["object"][0]["position"][2] == pytest.approx(lowest - 0.025, abs=1e-3)  # the table's top
     assert {j.joint for j in report.joints} == {"index_mcp_flex", "index_pip_flex"}
     assert not report.warnings
     assert '# topic = "/mug"' in draft.text
@@ -73,6 +75,7 @@ def test_degrees_and_other_spellings_are_found_and_renamed(tmp_path, hand):
     (avatar,) = tables["avatar"]
     assert avatar["root"]["topic"] == "/tf#palm"
     assert avatar["joints"]["unit"] == "deg"
+    assert tables["object"][0]["position"][2] == pytest.approx(1 - 0.05 * math.sin(wave(5)) - 0.025, abs=1e-3)
     assert avatar["joints"]["rename"] == {"IndexMCPStretch": "index_mcp_flex", "IndexPIPStretch": "index_pip_flex"}
     assert not report.warnings
 
