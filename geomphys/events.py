@@ -38,6 +38,9 @@ class Narrator:
         told = [text for flag, text in _TEXTS.items() if begun & flag]
         if metrics.fallbacks:
             told.append(
-                ("warning", "a body was wedged: the normals of its overlaps cancel, a way out was searched for")
+                (
+                    "warning",
+                    "a body was wedged: its overlaps leave no way out; it was put where it is free, or its posture held",
+                )
             )
         return tuple(told)

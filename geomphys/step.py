@@ -27,7 +27,7 @@ from geomphys.driven.update import Outcome, update_driven
 from geomphys.interplay import predict_simulated, shift_driven, simulate_bodies, turns_of, yield_to_simulated
 from geomphys.kernel import kernel, outlined
 from geomphys.machine import Knobs, Machine
-from geomphys.results import FLAG_NOT_CONVERGED, FLAG_STARTED_INSIDE
+from geomphys.results import FLAG_BLOCKED, FLAG_NOT_CONVERGED, FLAG_STARTED_INSIDE
 from geomphys.simulated.touches import deepest_overlap, deepest_overlap_at_start, write_touches
 from geomphys.timing import cycles
 from geomphys.world.kinematics import place_tree, pose_tree
@@ -37,6 +37,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CONTACT_GAPS = 3.0  # surfaces nearer than this many gaps are in contact
+BLOCKED_FROM = 1e-4  # m: what touches something this far from its recorded place, that is free, is blocked
 
 KINEMATICS, RECORDED_DEPTH, OVERLAP, IMPULSES, CONTACTS, WHOLE = range(6)
 
@@ -193,6 +194,9 @@ def step(
     )
     if not done.converged:
         numbers[FLAGS] |= FLAG_NOT_CONVERGED
+    touches = block.contact_end[frame + 1] > block.contact_end[frame]
+    if lengths[RECORDED] == 0.0 and touches and lengths[CORRECTION] > BLOCKED_FROM:
+        numbers[FLAGS] |= FLAG_BLOCKED
     if first and lengths[RECORDED] > 0.0:
         numbers[FLAGS] |= FLAG_STARTED_INSIDE
     clock[KINEMATICS], clock[RECORDED_DEPTH], clock[OVERLAP] = t1 - t0, t2 - t1, t4 - t2 - simulating

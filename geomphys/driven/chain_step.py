@@ -100,7 +100,10 @@ def yield_chains(
     scene: Scene, state: DrivenState, room: DrivenRoom, boxes: Boxes, roots: Floats, angles: Floats, gap: float, axes: Axes,
     scratch: Scratch,
 ) -> tuple[int, int, bool]:  # fmt: skip
-    """Chains yield, then roots too, then all joints; else a posture is held: (passes, method, whether chains sufficed)."""
+    """Chains yield, then roots too, then all joints; else a posture is held: (passes, method, whether chains sufficed).
+
+    The method is INTERPOLATED where one is held.
+    """
     p, chains, passes, status = room.places, room.chains, 0, FREE
     for attempt in range(4):
         if attempt == 1:

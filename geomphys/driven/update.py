@@ -20,7 +20,7 @@ from geomphys.collision.sweep import Boxes, update_boxes
 from geomphys.driven.chain_step import brake_joints, pull_joints, yield_chains
 from geomphys.driven.chains import place_posture
 from geomphys.driven.coupling import relax
-from geomphys.driven.overlap import Places, eliminate_overlap, find_reachable, place_at, row_of
+from geomphys.driven.overlap import INTERPOLATED, Places, eliminate_overlap, find_reachable, place_at, row_of
 from geomphys.driven.pace import is_too_fast, slow_down
 from geomphys.driven.rows import is_chained
 from geomphys.driven.state import DrivenRoom, DrivenState
@@ -41,7 +41,7 @@ class Outcome(NamedTuple):
 
     rounds: int
     method: int  # as in results.METHODS
-    rescues: int  # searches for a way out
+    rescues: int  # searches for a way out, and postures held
     converged: bool
 
 
@@ -182,6 +182,7 @@ def _end_step(
     if chained:
         passes, how, free = yield_chains(scene, state, room, boxes, roots, angles, gap, axes, scratch)
         count, method = count + passes, max(method, how)
+        rescues += 1 if how == INTERPOLATED else 0
         brake_joints(state, room)
         if not free:
             for tree in range(len(scene.trees.role)):

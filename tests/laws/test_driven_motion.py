@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from geomphys.results import FLAG_BLOCKED
 from tests.driven.logs import FREE, GAP, Run, Thing, assert_free, chatter, line, play, wander
 from tests.world.models import joint, link, urdf
 
@@ -208,3 +209,31 @@ def test_what_slides_round_a_post_does_not_whip_round_it(tmp_path: Path) -> None
     assert (beside_the_springs_way(run, "ball") <= 2 * motion + 2e-3).all()
     assert_free(run, every=3)
     assert run.path("ball")[-3:].tobytes() == run.recorded[-3:, run.body("ball")].tobytes()
+
+
+def test_a_body_behind_a_wall_says_that_it_is_blocked(tmp_path: Path) -> None:
+    """Recorded into a closed box and out again: it waits outside, says so while its recorded place is free, and rejoins."""
+    n = 150
+    x = np.interp(np.arange(n), [0, 30, 80, 110], [-0.6, 0.0, 0.0, -0.6])
+    path = np.column_stack([x, np.zeros(n), np.zeros(n)])
+    walls = [
+        Thing(
+            name=f"wall{axis}{sign}",
+            shape=("box", *np.where(np.arange(3) == axis, 0.005, 0.4)),
+            at=0.2 * sign * np.eye(3)[axis],
+        )
+        for axis in range(3)
+        for sign in (-1, 1)
+    ]
+    run = play(tmp_path, [*walls, Thing(name="cube", shape=("box", 0.1, 0.1, 0.1), role="driven", path=path)])
+    blocked = (run.figures("flags").astype(int) & FLAG_BLOCKED) != 0
+    free = run.figures("recorded_penetration_m") == 0.0
+    inside = x > -0.1
+    assert blocked[inside & free].all()
+    assert (inside & free).sum() > 50
+    assert not blocked[x < -0.26].any()
+    assert run.path("cube")[:, 0].max() <= -0.25
+    assert np.abs(np.diff(run.path("cube")[35:75], axis=0)).max() <= 1e-9
+    assert run.path("cube")[-5:].tobytes() == run.recorded[-5:, run.body("cube")].tobytes()
+    told = [text for result in run.results for level, text in result.messages if level == "info"]
+    assert told == ["something stands between a body and its recorded place"]
