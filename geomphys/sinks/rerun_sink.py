@@ -230,7 +230,9 @@ class RerunSink(ContextManaged):
             path = PLOTS + tuple(name.split("/"))
             if name not in self._plotted:
                 self._plotted.add(name)
-                self._stream.log_static(path, rr.SeriesLines(names=path[-1], widths=1.5, colors=LINES.get(name)))
+                self._stream.log_static(
+                    path, rr.SeriesLines(names=path[-1].removeprefix("step."), widths=1.5, colors=LINES.get(name))
+                )
             self._stream.send(path, times, rows, rr.Scalars.columns(scalars=values))
 
     def _send_log(self, times: Times, results: Sequence[FrameResult]) -> None:
