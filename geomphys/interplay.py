@@ -96,7 +96,9 @@ def _meets_driven(scene: Scene, m: Machine, tree: int) -> bool:
     for other in range(len(scene.trees.role)):
         if scene.trees.role[other] == DRIVEN:
             update_boxes(scene, m.room.places.frames, m.boxes, other)
-            near_pairs_of_trees(scene, m.room.places.frames, m.boxes, other, tree, 0.0, near, m.axes, m.scratch)
+            near_pairs_of_trees(
+                scene, m.room.places.frames, m.boxes, other, tree, 0.0, math.inf, near, m.axes, m.scratch
+            )
     for k in range(near.filled[0]):  # noqa: SIM110 - a kernel cannot take a generator
         if near.separation[k] < 0.0:
             return True
@@ -204,7 +206,7 @@ def simulate_bodies(scene: Scene, m: Machine, dt: float, knobs: Knobs, done: int
 def yield_to_simulated(scene: Scene, m: Machine, roots: Floats, knobs: Knobs) -> int:
     """Where a simulated body ended inside a driven one, the driven one gives way. Returns the rounds this took."""
     p, near = m.room.places, m.room.near
-    find_near(scene, p.frames, m.boxes, m.still, 0.0, near, p.found, m.axes, m.scratch)
+    find_near(scene, p.frames, m.boxes, m.still, 0.0, math.inf, near, p.found, m.axes, m.scratch)
     for k in range(near.filled[0]):
         if near.separation[k] < 0.0 and scene.trees.role[near.tree_b[k]] == SIMULATED:
             rounds = give_way(scene, m.driven, m.room, m.boxes, knobs.gap, knobs.rounds, m.axes, m.scratch)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -59,7 +61,7 @@ def measure_recorded(scene: Scene, m: Machine) -> float:
     other driven ones.
     """
     near = m.room.near
-    find_near(scene, m.room.places.base, m.boxes, m.still, 0.0, near, m.room.places.found, m.axes, m.scratch)
+    find_near(scene, m.room.places.base, m.boxes, m.still, 0.0, math.inf, near, m.room.places.found, m.axes, m.scratch)
     global_depths(scene.pieces, near, m.depths)
     deepest = 0.0
     for k in range(near.filled[0]):
@@ -76,7 +78,7 @@ def find_contacts(scene: Scene, m: Machine, gap: float, first: bool, block: Bloc
         if scene.trees.role[tree] == DRIVEN:
             update_boxes(scene, places.frames, m.boxes, tree)
     room = CONTACT_GAPS * gap
-    find_near(scene, places.frames, m.boxes, m.still, room, near, places.found, m.axes, m.scratch)
+    find_near(scene, places.frames, m.boxes, m.still, room, math.inf, near, places.found, m.axes, m.scratch)
     deepest = write_contacts(
         scene, places.frames, near, m.driven.offset, m.points_a, m.points_b, block, frame, m.scratch
     )

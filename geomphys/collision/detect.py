@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from geomphys.collision.extent import gap_along
 from geomphys.collision.penetration import Scratch, separation
+from geomphys.collision.support import shapes_of
 from geomphys.collision.sweep import Boxes, apart, near_trees
 from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import Vec
@@ -15,6 +18,8 @@ from geomphys.world.scene import DRIVEN, Pieces, Scene
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+NOWHERE = (0.0, 0.0, 0.0)  # witness points of a pair that is not measured
 
 
 class Near(NamedTuple):
@@ -30,6 +35,7 @@ class Near(NamedTuple):
     normal: Floats  # (n, 3) unit, out of b into a
     point_a: Floats  # (n, 3) witness points, world
     point_b: Floats  # (n, 3)
+    exact: Ints  # (n,) 0: `separation` is a lower bound, along `normal`, and the points are void
 
 
 class Axes(NamedTuple):
@@ -44,7 +50,7 @@ def make_near(size: int) -> Near:
     a, b, tree_a, tree_b = (np.zeros(size, np.int64) for _ in range(4))
     normal, point_a, point_b = (np.zeros((size, 3)) for _ in range(3))
     filled, lost = np.zeros(1, np.int64), np.zeros(1, np.int64)
-    return Near(filled, lost, a, b, tree_a, tree_b, np.zeros(size), normal, point_a, point_b)
+    return Near(filled, lost, a, b, tree_a, tree_b, np.zeros(size), normal, point_a, point_b, np.ones(size, np.int64))
 
 
 def make_axes(size: int = 1 << 14) -> Axes:
@@ -68,6 +74,43 @@ def pair_separation(
     return s, n, pa, pb
 
 
+@outlined
+def pair_bound(pieces: Pieces, frames: Floats, a: int, b: int, axes: Axes) -> tuple[float, Vec]:
+    """A lower bound of the separation of pieces a and b [m] and the direction along which they are that far apart.
+
+    The direction is the one remembered for the pair; -inf and zeros without one.
+    """
+    key = a * len(pieces.kind) + b
+    slot = (key * 2654435761) & (len(axes.key) - 1)
+    if axes.key[slot] != key:
+        return -math.inf, (0.0, 0.0, 0.0)
+    n = (axes.axis[slot, 0], axes.axis[slot, 1], axes.axis[slot, 2])
+    return gap_along(shapes_of(pieces, frames), a, b, n), n
+
+
+@kernel
+def measure_pair(
+    pieces: Pieces, frames: Floats, near: Near, k: int, limit: float, axes: Axes, scratch: Scratch
+) -> None:
+    """Bring the pair in row k of `near` up to date, exactly if it is within `limit` [m]."""
+    s, n, pa, pb = pair_separation(pieces, frames, near.a[k], near.b[k], limit, axes, scratch)
+    near.separation[k], near.exact[k] = s, 1
+    for i in range(3):
+        near.normal[k, i], near.point_a[k, i], near.point_b[k, i] = n[i], pa[i], pb[i]
+
+
+@kernel
+def bound_pair(pieces: Pieces, frames: Floats, near: Near, k: int, enough: float, axes: Axes) -> bool:
+    """Let a bound stand in for the separation of the pair in row k, if it is `enough` [m]; returns whether it is."""
+    s, n = pair_bound(pieces, frames, near.a[k], near.b[k], axes)
+    if s < enough:
+        return False
+    near.separation[k], near.exact[k] = s, 0
+    for i in range(3):
+        near.normal[k, i] = n[i]
+    return True
+
+
 @kernel
 def append_pair(near: Near, a: int, b: int, tree_a: int, tree_b: int, s: float, n: Vec, pa: Vec, pb: Vec) -> None:
     """Add a pair to `near`; counts it as lost where there is no room."""
@@ -77,16 +120,17 @@ def append_pair(near: Near, a: int, b: int, tree_a: int, tree_b: int, s: float, 
         return
     near.filled[0] = k + 1
     near.a[k], near.b[k], near.tree_a[k], near.tree_b[k], near.separation[k] = a, b, tree_a, tree_b, s
+    near.exact[k] = 1
     for i in range(3):
         near.normal[k, i], near.point_a[k, i], near.point_b[k, i] = n[i], pa[i], pb[i]
 
 
 @outlined
 def near_bodies(
-    scene: Scene, frames: Floats, boxes: Boxes, body_a: int, body_b: int, limit: float, near: Near, axes: Axes,
+    scene: Scene, frames: Floats, boxes: Boxes, body_a: int, body_b: int, limit: float, enough: float, near: Near, axes: Axes,
     scratch: Scratch,
 ) -> None:  # fmt: skip
-    """Append the pairs of pieces of two bodies that are within `limit` [m]."""
+    """Append the pairs of pieces of two bodies that are within `limit` [m], or cannot be told at once to be beyond."""
     tree_a, tree_b = scene.bodies.tree[body_a], scene.bodies.tree[body_b]
     for a in range(scene.bodies.piece_start[body_a], scene.bodies.piece_start[body_a + 1]):
         if apart(boxes.piece_low, boxes.piece_high, boxes.body_low, boxes.body_high, a, body_b, limit):
@@ -94,6 +138,14 @@ def near_bodies(
         for b in range(scene.bodies.piece_start[body_b], scene.bodies.piece_start[body_b + 1]):
             if apart(boxes.piece_low, boxes.piece_high, boxes.piece_low, boxes.piece_high, a, b, limit):
                 continue
+            if enough < math.inf:
+                bound, along = pair_bound(scene.pieces, frames, a, b, axes)
+                if bound > limit:
+                    continue
+                if bound >= enough:
+                    append_pair(near, a, b, tree_a, tree_b, bound, along, NOWHERE, NOWHERE)
+                    near.exact[near.filled[0] - 1] = 0
+                    continue
             s, n, pa, pb = pair_separation(scene.pieces, frames, a, b, limit, axes, scratch)
             if s <= limit:
                 append_pair(near, a, b, tree_a, tree_b, s, n, pa, pb)
@@ -101,8 +153,8 @@ def near_bodies(
 
 @kernel
 def near_pairs_of_trees(
-    scene: Scene, frames: Floats, boxes: Boxes, tree_a: int, tree_b: int, limit: float, near: Near, axes: Axes,
-    scratch: Scratch,
+    scene: Scene, frames: Floats, boxes: Boxes, tree_a: int, tree_b: int, limit: float, enough: float, near: Near,
+    axes: Axes, scratch: Scratch,
 ) -> None:  # fmt: skip
     """Append the pairs of pieces of two trees that are within `limit` [m]."""
     for body_a in range(scene.trees.body_start[tree_a], scene.trees.body_start[tree_a + 1]):
@@ -110,12 +162,20 @@ def near_pairs_of_trees(
             continue
         for body_b in range(scene.trees.body_start[tree_b], scene.trees.body_start[tree_b + 1]):
             if not apart(boxes.body_low, boxes.body_high, boxes.body_low, boxes.body_high, body_a, body_b, limit):
-                near_bodies(scene, frames, boxes, body_a, body_b, limit, near, axes, scratch)
+                near_bodies(scene, frames, boxes, body_a, body_b, limit, enough, near, axes, scratch)
 
 
 @kernel
 def near_pairs_within_tree(
-    scene: Scene, frames: Floats, boxes: Boxes, tree: int, limit: float, near: Near, axes: Axes, scratch: Scratch
+    scene: Scene,
+    frames: Floats,
+    boxes: Boxes,
+    tree: int,
+    limit: float,
+    enough: float,
+    near: Near,
+    axes: Axes,
+    scratch: Scratch,
 ) -> None:
     """Append the pairs of pieces of links of one avatar that may collide and are within `limit` [m]."""
     last = scene.trees.body_start[tree + 1]
@@ -124,13 +184,13 @@ def near_pairs_within_tree(
             if scene.excluded[body_a, body_b] == 0 and not apart(
                 boxes.body_low, boxes.body_high, boxes.body_low, boxes.body_high, body_a, body_b, limit
             ):
-                near_bodies(scene, frames, boxes, body_a, body_b, limit, near, axes, scratch)
+                near_bodies(scene, frames, boxes, body_a, body_b, limit, enough, near, axes, scratch)
 
 
 @outlined
 def find_near(
-    scene: Scene, frames: Floats, boxes: Boxes, reach: Floats, room: float, near: Near, found: Ints, axes: Axes,
-    scratch: Scratch,
+    scene: Scene, frames: Floats, boxes: Boxes, reach: Floats, room: float, enough: float, near: Near, found: Ints,
+    axes: Axes, scratch: Scratch,
 ) -> None:  # fmt: skip
     """All pairs of pieces with a driven one among them that may meet.
 
@@ -142,6 +202,9 @@ def find_near(
         (T,) m; how far the pieces of each tree may move before the answer is used.
     room
         m; pairs farther apart than the reach of both and `room` are left out.
+    enough
+        m; pairs that a remembered direction shows to be this far apart are not measured: `separation` and `normal` are that
+        bound and direction, `exact` is 0. inf: all are measured.
     near
         The pairs replace what it held; `lost` counts what found no room.
     found
@@ -163,6 +226,6 @@ def find_near(
                 continue
             limit = reach[tree] + reach[other] + room
             if not apart(boxes.tree_low, boxes.tree_high, boxes.tree_low, boxes.tree_high, tree, other, limit):
-                near_pairs_of_trees(scene, frames, boxes, tree, other, limit, near, axes, scratch)
+                near_pairs_of_trees(scene, frames, boxes, tree, other, limit, enough, near, axes, scratch)
         if scene.trees.chains[tree] == 1 and scene.trees.self_collision[tree] == 1:
-            near_pairs_within_tree(scene, frames, boxes, tree, 2.0 * reach[tree] + room, near, axes, scratch)
+            near_pairs_within_tree(scene, frames, boxes, tree, 2.0 * reach[tree] + room, enough, near, axes, scratch)

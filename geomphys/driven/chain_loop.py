@@ -246,7 +246,7 @@ def free_chains(
     whole, least, patience = False, math.inf, PATIENCE
     for count in range(ROUNDS + 1):
         place_posture(scene, origins, joints, roots, recorded, room.trial, p.trial, room, p, boxes)
-        find_near(scene, p.frames, boxes, p.reach, gap, near, p.found, axes, scratch)
+        find_near(scene, p.frames, boxes, p.reach, gap, math.inf, near, p.found, axes, scratch)
         left = overlap_left(scene, joints, ccd, near, gap)
         if left == 0.0:
             return FREE, count + 1
@@ -263,7 +263,7 @@ def free_chains(
                 )  # fmt: skip
                 if went != NOTHING:
                     place_posture(scene, origins, joints, roots, recorded, room.trial, p.trial, room, p, boxes)
-                    find_near(scene, p.frames, boxes, p.reach, gap, near, p.found, axes, scratch)
+                    find_near(scene, p.frames, boxes, p.reach, gap, math.inf, near, p.found, axes, scratch)
                 if went != ARRIVED:
                     break
     return STUCK, count + 1

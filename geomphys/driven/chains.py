@@ -174,7 +174,7 @@ def bend_chains(
     with_root = what != CHAINS
     _begin(scene, room.goal, room, p)
     place_posture(scene, origins, joints, roots, recorded, room.trial, p.trial, room, p, boxes)
-    find_near(scene, p.frames, boxes, p.reach, gap, near, p.found, axes, scratch)
+    find_near(scene, p.frames, boxes, p.reach, gap, math.inf, near, p.found, axes, scratch)
     if _meet(scene, joints, near, room, gap, with_root) == math.inf:
         return FREE, 1
     for q in range(len(room.trial)):
@@ -191,7 +191,7 @@ def bend_chains(
         if not solved:
             return STUCK, count + 1
         place_posture(scene, origins, joints, roots, recorded, room.trial, p.trial, room, p, boxes)
-        find_near(scene, p.frames, boxes, p.reach, gap, near, p.found, axes, scratch)
+        find_near(scene, p.frames, boxes, p.reach, gap, math.inf, near, p.found, axes, scratch)
         smallest = _meet(scene, joints, near, room, gap, with_root)
         settled = moved < SETTLED or (count >= 6 and smallest == math.inf) or count >= 10
         if smallest >= 0.0 and settled and cones_hold(scene, recorded, room.angles):
@@ -235,7 +235,7 @@ def _is_free(
 ) -> bool:  # fmt: skip
     """Place the posture being tried; whether no link overlaps and no limb is out of its cone."""
     place_posture(scene, origins, joints, roots, recorded, room.trial, p.trial, room, p, boxes)
-    find_near(scene, p.frames, boxes, p.reach, gap, near, p.found, axes, scratch)
+    find_near(scene, p.frames, boxes, p.reach, gap, math.inf, near, p.found, axes, scratch)
     for k in range(near.filled[0]):
         body_a, body_b = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
         if near.separation[k] < 0.0 and _may_part(scene, joints, body_a, body_b, False):

@@ -65,7 +65,7 @@ def _deepest(
     room.filled[0] = 0
     for k in range(near_trees(boxes, tree, 0.0, found)):
         if not apart(boxes.tree_low, boxes.tree_high, boxes.tree_low, boxes.tree_high, tree, found[k], 0.0):
-            near_pairs_of_trees(scene, frames, boxes, tree, found[k], 0.0, room, axes, scratch)
+            near_pairs_of_trees(scene, frames, boxes, tree, found[k], 0.0, math.inf, room, axes, scratch)
     depth, normal = 0.0, (0.0, 0.0, 0.0)
     for k in range(room.filled[0]):
         body_a, body_b = scene.pieces.body[room.a[k]], scene.pieces.body[room.b[k]]

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import Axes, Near, find_near, pair_separation
+from geomphys.collision.detect import Axes, Near, bound_pair, find_near, measure_pair, pair_separation
 from geomphys.collision.penetration import Scratch
 from geomphys.collision.sweep import Boxes, update_boxes
 from geomphys.driven.escape import Rescue, escape
@@ -30,6 +30,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 REACH = 2.3  # times the way to the goal: what a tree may go in a round and the rounds after (√5 at most, begun free)
+CLEAR = 10.0  # gaps: pairs known to be this far apart are measured only if they turn out to be in the way
 STEP_DONE = 1e-7  # m: a round that moves nothing farther ends the loop
 ROW_TOLERANCE = 1e-10  # m: how far a plane may stay violated
 FAR = 10.0  # times the depth: a solution farther away is none (nearly opposite normals)
@@ -154,6 +155,12 @@ def _way_is_free(
 
 
 @kernel
+def limit_of(p: Places, near: Near, k: int, gap: float) -> float:
+    """How near [m] the pair k had to be to be among those of `find_reachable`."""
+    return p.reach[near.tree_a[k]] + p.reach[near.tree_b[k]] + 2.0 * gap
+
+
+@kernel
 def _first_obstacle(scene: Scene, p: Places, near: Near, gap: float, axes: Axes, scratch: Scratch) -> int:
     """Of the pairs without a plane that stand between `current` and `trial`, the one that is met first; -1: none."""
     first, deepest, found = math.inf, 0.0, -1
@@ -165,6 +172,12 @@ def _first_obstacle(scene: Scene, p: Places, near: Near, gap: float, axes: Axes,
         s, along = near.separation[k], dot(n, step)
         if s + along >= 0.5 * gap:
             continue
+        if near.exact[k] == 0:
+            measure_pair(scene.pieces, p.frames, near, k, limit_of(p, near, k, gap), axes, scratch)
+            n = (near.normal[k, 0], near.normal[k, 1], near.normal[k, 2])
+            s, along = near.separation[k], dot(n, step)
+            if s + along >= 0.5 * gap:
+                continue
         there, m, _, _ = pair_separation(scene.pieces, p.moved, near.a[k], near.b[k], norm(step) + gap, axes, scratch)
         if there >= 0.5 * gap:
             if s + there > norm(step) or there - dot(m, step) >= 0.0:
@@ -270,7 +283,7 @@ def find_reachable(
         if scene.trees.role[tree] == DRIVEN:
             p.reach[tree] += REACH * _distance(p.goal, p.current, tree)
             update_boxes(scene, p.frames, boxes, tree)
-    find_near(scene, p.frames, boxes, p.reach, 2.0 * gap, near, p.found, axes, scratch)
+    find_near(scene, p.frames, boxes, p.reach, 2.0 * gap, CLEAR * gap, near, p.found, axes, scratch)
 
 
 @kernel
@@ -286,10 +299,8 @@ def _measure_again(scene: Scene, p: Places, near: Near, gap: float, axes: Axes, 
         for tree in (near.tree_a[k], near.tree_b[k]):
             if scene.trees.role[tree] == DRIVEN:
                 limit += 2.0 * _distance(p.goal, p.current, tree)
-        s, n, pa, pb = pair_separation(scene.pieces, p.frames, near.a[k], near.b[k], limit, axes, scratch)
-        near.separation[k] = s
-        for i in range(3):
-            near.normal[k, i], near.point_a[k, i], near.point_b[k, i] = n[i], pa[i], pb[i]
+        if not bound_pair(scene.pieces, p.frames, near, k, CLEAR * gap, axes):
+            measure_pair(scene.pieces, p.frames, near, k, limit, axes, scratch)
     return True
 
 

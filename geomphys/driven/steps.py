@@ -7,8 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import Near
-from geomphys.driven.overlap import Places
+from geomphys.collision.detect import Axes, Near, measure_pair
+from geomphys.collision.penetration import Scratch
+from geomphys.driven.overlap import Places, limit_of
 from geomphys.driven.posture import Joints
 from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import add_scaled, slerp, sub
@@ -80,7 +81,9 @@ def measure_flex(scene: Scene, joints: Joints, before: Floats, after: Floats, fl
 
 
 @outlined
-def steps_needed(scene: Scene, near: Near, stir: Floats, flex: Floats) -> int:
+def steps_needed(
+    scene: Scene, p: Places, near: Near, stir: Floats, flex: Floats, gap: float, axes: Axes, scratch: Scratch
+) -> int:
     """Into how many steps the frame must be cut, from the pairs near where it takes the trees in one (`find_reachable`)."""
     steps = 1.0
     for k in range(near.filled[0]):
@@ -89,7 +92,11 @@ def steps_needed(scene: Scene, near: Near, stir: Floats, flex: Floats) -> int:
         if near.tree_a[k] == near.tree_b[k]:
             change = min(change, flex[scene.pieces.body[a]] + flex[scene.pieces.body[b]])
         thickness = 0.5 * (scene.pieces.thickness[a] + scene.pieces.thickness[b])
-        if near.separation[k] <= change and change > STEP_OF_THICKNESS * thickness:
+        if near.separation[k] > change or change <= STEP_OF_THICKNESS * thickness:
+            continue
+        if near.exact[k] == 0:
+            measure_pair(scene.pieces, p.frames, near, k, limit_of(p, near, k, gap), axes, scratch)
+        if near.separation[k] <= change:
             steps = max(steps, math.ceil(change / (STEP_OF_THICKNESS * max(thickness, 1e-5))))
     return int(min(steps, float(MOST_STEPS)))
 

@@ -15,11 +15,11 @@ from __future__ import annotations
 
 import math
 
+from geomphys.collision.extent import extent
 from geomphys.collision.penetration import separate
 from geomphys.kernel import kernel
 from geomphys.memory import float_at, int_at, set_float
 from geomphys.simulated.cells import set_vec, vec_at
-from geomphys.simulated.extent import extent
 from geomphys.simulated.motion import place_piece, point_at, turned_by
 from geomphys.simulated.state import (
     AT_ARM,

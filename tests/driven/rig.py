@@ -85,7 +85,16 @@ class Rig:
         p = self.packs
         self.places.reach[:] = 0.0
         find_near(
-            p.scene, self.places.frames, p.boxes, self.places.reach, 0.02, p.near, self.places.found, p.axes, p.scratch
+            p.scene,
+            self.places.frames,
+            p.boxes,
+            self.places.reach,
+            0.02,
+            np.inf,
+            p.near,
+            self.places.found,
+            p.axes,
+            p.scratch,
         )
         return float(self.near.separation[: self.near.filled[0]].min(initial=0.02))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from geomphys.collision.support import Shapes, core_of, position_of, radius_of, rotation_of, support
 from geomphys.kernel import kernel
-from geomphys.vec3 import Vec, dot, rotate_back
+from geomphys.vec3 import Vec, dot, neg, rotate_back
 
 
 @kernel
@@ -13,3 +13,9 @@ def extent(shapes: Shapes, piece: int, n: Vec) -> float:
     d = rotate_back(rotation_of(shapes, piece), n)
     x, _ = support(core_of(shapes, piece), d, 0)
     return dot(n, position_of(shapes, piece)) + dot(d, x) + radius_of(shapes, piece)
+
+
+@kernel
+def gap_along(shapes: Shapes, a: int, b: int, n: Vec) -> float:
+    """How far apart two pieces are along a direction [m]: never more than their distance; `n` is unit, out of b into a."""
+    return -extent(shapes, a, neg(n)) - extent(shapes, b, n)
