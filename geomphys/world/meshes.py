@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.errors import MeshError
+from geomphys.world.gltf_file import gltf_claims
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -250,6 +251,13 @@ def _parsed(data: bytes, path: Path, name: str) -> tuple[Floats, Ints]:
             raise MeshError(f"{name}: has {count} triangles, at most {LARGEST_MESH} are read: simplify it")
     if suffix == "dae":
         _refuse_entities(data, name)
+    if suffix in ("gltf", "glb"):
+        try:
+            wrong = gltf_claims(data, suffix, 3 * LARGEST_MESH)
+        except (*_PARSER_ERRORS, RecursionError) as error:
+            raise MeshError(f"{name}: is not a readable .{suffix} mesh ({type(error).__name__})") from None
+        if wrong:
+            raise MeshError(f"{name}: {wrong}")
     faults: tuple[type[Exception], ...] = _PARSER_ERRORS
     if suffix == "dae":
         try:
