@@ -1,5 +1,5 @@
 # make demo    a recorded hand, put on the table it sank into: out/gallery_hand.mcap and .rrd
-# make test    all tests
+# make test    the tests but the slow ones; make test-all: all of them
 # make check   format, lint, types, documents
 # make bench   frame times per stage
 # make figures the experiments' pictures and frame times: assets/docs/figures.md
@@ -15,7 +15,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 MESHES := $(shell find assets -type f 2>/dev/null)
 
 .DELETE_ON_ERROR:
-.PHONY: demo test check bench figures format clean
+.PHONY: demo test test-all check bench figures format clean
 
 demo: $(VENV)/.runtime out/gallery_hand.mcap
 	@echo
@@ -29,6 +29,9 @@ out/gallery_hand.mcap: recordings/gallery_hand.mcap $(MESHES) $(VENV)/.runtime
 
 test: $(VENV)/.test
 	$(BIN)/python -m pytest
+
+test-all: $(VENV)/.test
+	$(BIN)/python -m pytest -m ""
 
 check: $(VENV)/.test
 	$(BIN)/ruff format --check .

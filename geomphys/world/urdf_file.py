@@ -13,7 +13,7 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.errors import MeshError, ModelError
+from geomphys.errors import InputError, MeshError, ModelError
 
 Floats = NDArray[np.float64]
 
@@ -289,9 +289,11 @@ def _element(path: Path, link: str, element: Any) -> tuple[Shape, Floats]:
         scale = np.broadcast_to(np.float64(1.0) if geometry.mesh.scale is None else geometry.mesh.scale, 3)
         if np.any(scale == 0):
             raise ModelError(f"{path}: {where}: a mesh has a scale of 0")
-        shape = MeshShape(
-            mesh_file(geometry.mesh.filename, path.parent), (float(scale[0]), float(scale[1]), float(scale[2]))
-        )
+        try:
+            file = mesh_file(geometry.mesh.filename, path.parent)
+        except InputError as error:
+            raise MeshError(f"{path}: {where}: {error}") from None
+        shape = MeshShape(file, (float(scale[0]), float(scale[1]), float(scale[2])))
     return shape, matrix
 
 

@@ -1,0 +1,82 @@
+"""Replays that are killed, forked from one process that has loaded everything: ``python faults.py LOG SCENE FOLDER TIMES SEED``.
+
+Prints a JSON line for each: the signal, the exit code, what was said, what lies in the folder.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import resource
+import signal
+import sys
+import time
+from pathlib import Path
+
+from geomphys_cli.main import run
+
+
+class Child:
+    """A forked replay whose stderr is kept; files it writes can be limited to some bytes."""
+
+    def __init__(self, words: list[str], limit: int | None = None) -> None:
+        self._reading, writing = os.pipe()
+        self.pid = os.fork()
+        if self.pid:
+            os.close(writing)
+            return
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        os.dup2(writing, 2)
+        if limit is not None:
+            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+        code = 99
+        try:
+            code = run(words)
+        finally:
+            sys.stderr.flush()
+            os._exit(code)
+
+    def end(self) -> tuple[int, str]:
+        """Wait; exit code (negative: the signal that killed it) and what was said."""
+        with open(self._reading) as stream:
+            said = stream.read()
+        return os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1]), said
+
+
+def main() -> None:
+    """Kill `TIMES` replays at random moments, then run some against a full disk."""
+    log, scene, folder, times, seed = sys.argv[1:]
+    chance, out = random.Random(int(seed)), Path(folder, "out.mcap")
+    kept = Path(folder, "kept")
+    kept.mkdir()
+    words = ["replay", log, "-s", scene, "-o", str(out), "--no-timing", "--quiet"]
+    assert run(words) == 0  # loads all that the children need
+    out.unlink()
+    begin = time.monotonic()
+    assert Child(words).end() == (0, "")
+    whole = time.monotonic() - begin
+    jobs: list[tuple[int | None, int | None]] = [
+        (chance.choice((signal.SIGKILL, signal.SIGTERM, signal.SIGINT)), None) for _ in range(int(times))
+    ]
+    jobs += [(None, size) for size in (0, 1, 4096, 60_000)]
+    for number, limit in jobs:
+        for path in Path(folder).glob("*out*"):
+            path.unlink()
+        child = Child(words, limit)
+        if number is not None:
+            time.sleep(chance.uniform(0.0, 1.1 * whole))
+            os.kill(child.pid, number)
+        code, said = child.end()
+        left = {path.name: path.stat().st_size for path in Path(folder).glob("*out*")}
+        fate = {"signal": number, "limit": limit, "code": code, "said": said, "left": left}
+        sys.stdout.write(json.dumps(fate) + "\n")
+        sys.stdout.flush()
+        for name in ("out.mcap", "out.partial.mcap"):
+            if name in left:
+                Path(folder, name).rename(kept / f"{len(list(kept.iterdir()))}.{name}")
+
+
+if __name__ == "__main__":
+    main()
