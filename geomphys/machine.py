@@ -12,11 +12,11 @@ from geomphys.collision.global_depth import GlobalDepths, make_global_depths
 from geomphys.collision.penetration import Scratch, make_scratch
 from geomphys.collision.sweep import Boxes, make_boxes
 from geomphys.driven.ccd import make_ccd_room
+from geomphys.driven.chain_room import make_chain_room
 from geomphys.driven.escape import make_rescue
 from geomphys.driven.least_distance import make_least_distance
 from geomphys.driven.overlap import make_places
 from geomphys.driven.posture import make_joints
-from geomphys.driven.rows import make_chain_room
 from geomphys.driven.state import DrivenRoom, DrivenState, make_driven_state
 from geomphys.packed import pack
 from geomphys.simulated.make import make_simulated_state

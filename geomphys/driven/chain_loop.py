@@ -23,10 +23,10 @@ from geomphys.collision.manifold import manifold
 from geomphys.collision.penetration import Scratch
 from geomphys.collision.sweep import Boxes
 from geomphys.driven.ccd import CcdRoom, descend, moves, point_in
+from geomphys.driven.chain_room import ChainRoom
 from geomphys.driven.chains import FREE, STUCK, place_posture
 from geomphys.driven.overlap import Places
 from geomphys.driven.posture import Joints
-from geomphys.driven.rows import ChainRoom
 from geomphys.driven.shift import lies_along, shift_link
 from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import Vec, add, add_scaled, dot, norm, quat_rotate, scale, sub, unit

@@ -9,11 +9,11 @@ from geomphys.collision.detect import Axes
 from geomphys.collision.penetration import Scratch
 from geomphys.collision.sweep import Boxes
 from geomphys.driven.chain_loop import free_chains
+from geomphys.driven.chain_room import is_chained
 from geomphys.driven.chains import CHAINS, EVERYTHING, FREE, WITH_ROOT, bend_chains, fit_to_cones, hold_posture
 from geomphys.driven.coupling import relax
 from geomphys.driven.overlap import INTERPOLATED, LEAST_DISTANCE
 from geomphys.driven.posture import lower_bend, upper_bend
-from geomphys.driven.rows import is_chained
 from geomphys.driven.state import DrivenRoom, DrivenState
 from geomphys.kernel import kernel, outlined
 from geomphys.world.scene import Scene

@@ -20,18 +20,17 @@ from numpy.typing import NDArray
 from geomphys.collision.detect import Axes, Near, find_near
 from geomphys.collision.penetration import Scratch
 from geomphys.collision.sweep import Boxes, update_boxes
+from geomphys.driven.chain_room import ChainRoom, is_chained
 from geomphys.driven.least_distance import SOLVED, LeastDistance, solve_least_distance
 from geomphys.driven.overlap import Places, place_at
 from geomphys.driven.posture import ROOT_WEIGHT, Joints, lower_bend, take_posture, upper_bend
 from geomphys.driven.reach_cones import fit_angles
 from geomphys.driven.rows import (
-    ChainRoom,
     add_cones,
     add_limits,
     add_pairs,
     call_in_joints,
     cones_hold,
-    is_chained,
     unknown_now,
 )
 from geomphys.kernel import kernel, outlined
@@ -92,6 +91,7 @@ def _meet(scene: Scene, joints: Joints, near: Near, room: ChainRoom, gap: float,
             known = known or (room.a[i] == near.a[k] and room.b[i] == near.b[k])
         if not known and room.filled[0] < len(room.a):
             room.a[room.filled[0]], room.b[room.filled[0]] = near.a[k], near.b[k]
+            room.spots[room.filled[0]] = 0
             room.filled[0] += 1
     return smallest
 
@@ -183,7 +183,7 @@ def bend_chains(
     share, last = 1.0, math.inf
     for count in range(PASSES):
         call_in_joints(scene, joints, room, p, p.trial, problem, what == EVERYTHING, axes, scratch)
-        unknowns, rows, possible = add_pairs(scene, room, p.trial, problem, gap, with_root)
+        unknowns, rows, possible = add_pairs(scene, room, p.trial, problem, gap, with_root, count > 1)
         if not possible:
             return STUCK, count + 1
         rows = add_cones(scene, room, recorded, p.trial, problem, unknowns, rows)
@@ -196,7 +196,7 @@ def bend_chains(
         settled = moved < SETTLED or (count >= 6 and smallest == math.inf) or count >= 10
         if smallest >= 0.0 and settled and cones_hold(scene, recorded, room.angles):
             return FREE, count + 2
-        if count > 1 and moved > STALLED * last:  # to and fro between two points of a pair, say
+        if count > 4 and moved > STALLED * last:  # to and fro between two points of a pair, say
             share = max(0.5 * share, LEAST_SHARE)
         last = moved
     return STUCK, PASSES

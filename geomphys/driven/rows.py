@@ -15,20 +15,21 @@ chains' hold on the pair, the lighter those yield: without a step from nothing o
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.detect import Axes, pair_separation
 from geomphys.collision.penetration import Scratch
+from geomphys.driven.ccd import point_in, point_on
+from geomphys.driven.chain_room import PAST, ChainRoom, is_chained
 from geomphys.driven.least_distance import LeastDistance
 from geomphys.driven.overlap import Places
 from geomphys.driven.posture import ROOT_WEIGHT, Joints, add_effects, lower_bend, upper_bend
 from geomphys.driven.reach_cones import cone_angle, cone_bound, cone_row
 from geomphys.kernel import kernel, outlined
-from geomphys.vec3 import Vec
-from geomphys.world.scene import DRIVEN, Scene
+from geomphys.vec3 import Vec, add, dot, norm, sub
+from geomphys.world.scene import Scene
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -37,49 +38,8 @@ LOOK = 0.02  # m: a pair that is farther apart than this needs no row
 WEAK = 1e-3  # a row shorter than this cannot be met by the joints
 HOLD = 0.4  # m of clearance per m of scaled motion: chains with less on a pair call in other joints
 HEAVIEST = 1e3  # a joint called in that is this many times less willing than one of a chain does not yield
+SPOT = 1e-3  # m: nearer than this is the same spot
 CONE_MARGIN = 1e-7  # rad that a limb is kept inside its cone's bound
-
-
-class ChainRoom(NamedTuple):
-    """Scratch of the search for a posture; T trees, Q joints, n pairs."""
-
-    goal: Floats  # (Q,) offsets the coupling asks for
-    current: Floats  # (Q,) offsets at the start
-    trial: Floats  # (Q,) offsets being tried
-    angles: Floats  # (Q,) recorded + trial
-    spare: Floats  # (Q,)
-    poses: Floats  # (B, 7) forward kinematics of `angles`, roots as recorded
-    yields: Ints  # (Q,) 1 for joints that are unknowns where a pair depends on them
-    lever: Floats  # (Q,) m per rad, their scale
-    column: Ints  # (Q,) unknown of each joint, -1: none
-    root_column: Ints  # (T,) first of the root's three unknowns, -1: none
-    joint_of: Ints  # (unknowns,) joint of an unknown, or -1 - (3 tree + axis)
-    filled: Ints  # (1,) pairs met so far
-    a: Ints  # (n,) their pieces
-    b: Ints  # (n,)
-    hold: Floats  # (n,) m of clearance per m of scaled motion of chains; only of links of one tree
-    separation: Floats  # (n,) m, of the pairs as measured last
-    normal: Floats  # (n, 3)
-    point_a: Floats  # (n, 3) m
-    point_b: Floats  # (n, 3) m
-
-
-def make_chain_room(scene: Scene, unknowns: int, pairs: int) -> ChainRoom:
-    """Room for a scene."""
-    dofs, trees, bodies = len(scene.dofs.lower), len(scene.trees.role), len(scene.bodies.role)
-    goal, current, trial, angles, spare = (np.zeros(dofs) for _ in range(5))
-    normal, point_a, point_b = (np.zeros((pairs, 3)) for _ in range(3))
-    return ChainRoom(
-        goal, current, trial, angles, spare, np.zeros((bodies, 7)), np.zeros(dofs, np.int64), np.zeros(dofs),
-        np.full(dofs, -1), np.full(trees, -1), np.zeros(unknowns, np.int64), np.zeros(1, np.int64),
-        np.zeros(pairs, np.int64), np.zeros(pairs, np.int64), np.zeros(pairs), np.zeros(pairs), normal, point_a, point_b,
-    )  # fmt: skip
-
-
-@kernel
-def is_chained(scene: Scene, tree: int) -> bool:
-    """Whether the tree is an avatar in chains mode."""
-    return scene.trees.role[tree] == DRIVEN and scene.trees.chains[tree] == 1
 
 
 @kernel
@@ -96,13 +56,60 @@ def _vec(rows: Floats, i: int) -> Vec:
 
 
 @kernel
-def _measure(scene: Scene, p: Places, room: ChainRoom, axes: Axes, scratch: Scratch) -> None:
+def _on_link(scene: Scene, room: ChainRoom, offsets: Floats, body: int, point: Vec) -> Vec:
+    """A point of the world in the frame of a link of an avatar with chains; the point itself on other bodies."""
+    tree = scene.bodies.tree[body]
+    if not is_chained(scene, tree):
+        return point
+    return point_in(room.poses, body, sub(point, _vec(offsets, tree)))
+
+
+@kernel
+def _in_world(scene: Scene, room: ChainRoom, offsets: Floats, body: int, point: Vec) -> Vec:
+    """Where a point of `_on_link` is now."""
+    tree = scene.bodies.tree[body]
+    if not is_chained(scene, tree):
+        return point
+    return add(point_on(room.poses, body, point), _vec(offsets, tree))
+
+
+@kernel
+def _set(rows: Floats, i: int, v: Vec) -> None:
+    rows[i, 0], rows[i, 1], rows[i, 2] = v
+
+
+@kernel
+def _remember(scene: Scene, room: ChainRoom, offsets: Floats, i: int) -> None:
+    """Keep where the pair i is nearest now, in place of what was kept of the same spot, else of the oldest."""
+    a = _on_link(scene, room, offsets, scene.pieces.body[room.a[i]], _vec(room.point_a, i))
+    b = _on_link(scene, room, offsets, scene.pieces.body[room.b[i]], _vec(room.point_b, i))
+    kept = min(room.spots[i], PAST)
+    place = room.spots[i] % PAST
+    for m in range(kept):
+        k = PAST * i + m
+        if norm(sub(_vec(room.past_a, k), a)) < SPOT and norm(sub(_vec(room.past_b, k), b)) < SPOT:
+            place = m
+            break
+    else:
+        room.spots[i] += 1
+    room.newest[i] = place
+    k = PAST * i + place
+    _set(room.past_normal, k, _vec(room.normal, i))
+    _set(room.past_a, k, a)
+    _set(room.past_b, k, b)
+
+
+@kernel
+def _measure(scene: Scene, p: Places, room: ChainRoom, offsets: Floats, axes: Axes, scratch: Scratch) -> None:
     """Separation, normal and points of all pairs met, in `p.frames`."""
     for i in range(room.filled[0]):
         s, n, pa, pb = pair_separation(scene.pieces, p.frames, room.a[i], room.b[i], LOOK, axes, scratch)
         room.separation[i] = s
-        for k in range(3):
-            room.normal[i, k], room.point_a[i, k], room.point_b[i, k] = n[k], pa[k], pb[k]
+        _set(room.normal, i, n)
+        _set(room.point_a, i, pa)
+        _set(room.point_b, i, pb)
+        if s <= LOOK:
+            _remember(scene, room, offsets, i)
 
 
 @kernel
@@ -152,7 +159,7 @@ def call_in_joints(
     axes: Axes, scratch: Scratch,
 ) -> None:  # fmt: skip
     """Measure the pairs met, and let the joints of chains yield and those between links that chains hardly hold; or all."""
-    _measure(scene, p, room, axes, scratch)
+    _measure(scene, p, room, offsets, axes, scratch)
     let_yield(joints, room, everything)
     if everything:
         return
@@ -226,11 +233,46 @@ def _finish_row(
     return True
 
 
+@kernel
+def _add_pair(
+    scene: Scene, room: ChainRoom, offsets: Floats, problem: LeastDistance, i: int, n: Vec, pa: Vec, pb: Vec, lacks: float,
+    with_root: bool, unknowns: int, rows: int,
+) -> tuple[int, int]:  # fmt: skip
+    """A row for the pair i and one of its normals and pairs of points: (unknowns, rows; as before if none has a hold on it)."""
+    row = problem.rows[rows]
+    for j in range(len(row)):
+        row[j] = 0.0
+    body_a, body_b = scene.pieces.body[room.a[i]], scene.pieces.body[room.b[i]]
+    unknowns = _add_side(scene, room, offsets, body_a, pa, n, 1.0, with_root, unknowns, row)
+    unknowns = _add_side(scene, room, offsets, body_b, pb, n, -1.0, with_root, unknowns, row)
+    met = _finish_row(room, offsets, problem, rows, unknowns, lacks)
+    return unknowns, rows + 1 if met else rows
+
+
+@kernel
+def _add_past(
+    scene: Scene, room: ChainRoom, offsets: Floats, problem: LeastDistance, i: int, gap: float, with_root: bool,
+    unknowns: int, rows: int,
+) -> tuple[int, int]:  # fmt: skip
+    """Rows for where the pair i was nearest in the passes before: a face on another is else nearest at its corners in turn."""
+    for m in range(min(room.spots[i], PAST)):
+        if m == room.newest[i] or rows == len(problem.bounds):
+            continue
+        k = PAST * i + m
+        pa = _in_world(scene, room, offsets, scene.pieces.body[room.a[i]], _vec(room.past_a, k))
+        pb = _in_world(scene, room, offsets, scene.pieces.body[room.b[i]], _vec(room.past_b, k))
+        n = _vec(room.past_normal, k)
+        unknowns, rows = _add_pair(
+            scene, room, offsets, problem, i, n, pa, pb, gap - dot(n, sub(pa, pb)), with_root, unknowns, rows
+        )  # fmt: skip
+    return unknowns, rows
+
+
 @outlined
 def add_pairs(
-    scene: Scene, room: ChainRoom, offsets: Floats, problem: LeastDistance, gap: float, with_root: bool
+    scene: Scene, room: ChainRoom, offsets: Floats, problem: LeastDistance, gap: float, with_root: bool, past: bool
 ) -> tuple[int, int, bool]:
-    """Rows of all pairs met, as measured: (unknowns, rows, whether each can be met)."""
+    """Rows of all pairs met, as measured now and, with `past`, in passes before: (unknowns, rows, whether each can be met)."""
     for q in range(len(room.column)):
         room.column[q] = -1
     for tree in range(len(room.root_column)):
@@ -242,20 +284,13 @@ def add_pairs(
         s, n = room.separation[i], _vec(room.normal, i)
         if s > LOOK:
             continue
-        row = problem.rows[rows]
-        for j in range(len(row)):
-            row[j] = 0.0
-        body_a, body_b = scene.pieces.body[room.a[i]], scene.pieces.body[room.b[i]]
-        unknowns = _add_side(
-            scene, room, offsets, body_a, _vec(room.point_a, i), n, 1.0, with_root, unknowns, row
+        before = rows
+        unknowns, rows = _add_pair(
+            scene, room, offsets, problem, i, n, _vec(room.point_a, i), _vec(room.point_b, i), gap - s, with_root, unknowns, rows
         )  # fmt: skip
-        unknowns = _add_side(
-            scene, room, offsets, body_b, _vec(room.point_b, i), n, -1.0, with_root, unknowns, row
-        )  # fmt: skip
-        if _finish_row(room, offsets, problem, rows, unknowns, gap - s):
-            rows += 1
-        else:
-            possible = possible and s >= 0.0
+        possible = possible and (rows > before or s >= 0.0)
+        if past:
+            unknowns, rows = _add_past(scene, room, offsets, problem, i, gap, with_root, unknowns, rows)
     return unknowns, rows, possible
 
 

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from geomphys.collision.detect import Near
 from geomphys.driven.ccd import CcdRoom
+from geomphys.driven.chain_room import ChainRoom
 from geomphys.driven.escape import Rescue
 from geomphys.driven.least_distance import LeastDistance
 from geomphys.driven.overlap import Places
 from geomphys.driven.posture import Joints, PostureState
-from geomphys.driven.rows import ChainRoom
 from geomphys.world.scene import Scene
 
 Floats = NDArray[np.float64]

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from geomphys.collision.detect import Axes
 from geomphys.collision.penetration import Scratch
 from geomphys.collision.sweep import Boxes, update_boxes
+from geomphys.driven.chain_room import is_chained
 from geomphys.driven.chain_step import brake_joints, pull_joints, yield_chains
 from geomphys.driven.chains import place_posture
 from geomphys.driven.coupling import relax
 from geomphys.driven.overlap import INTERPOLATED, Places, eliminate_overlap, find_reachable, place_at, row_of
 from geomphys.driven.pace import is_too_fast, slow_down
-from geomphys.driven.rows import is_chained
 from geomphys.driven.state import DrivenRoom, DrivenState
 from geomphys.driven.steps import is_recorded, measure_flex, measure_stir, recording_between, steps_needed
 from geomphys.kernel import kernel, outlined
