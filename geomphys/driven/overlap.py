@@ -50,6 +50,7 @@ class Places(NamedTuple):
     reach: Floats  # (T,) how far its pieces may move in this round
     stir: Floats  # (T,) how far its pieces have just been moved by turning and bending; 0 after the first round
     column: Ints  # (T,) its first unknown, -1 if it is not in the problem
+    group: Ints  # (T,) the first of the driven trees that it may meet in this round, -1: not driven
     base: Floats  # (P, 12) world_from_piece as recorded
     frames: Floats  # (P, 12) at `current`
     moved: Floats  # (P, 12) at `trial`
@@ -65,7 +66,7 @@ def make_places(scene: Scene, size: int) -> Places:
     goal, current, trial = (np.zeros((trees, 3)) for _ in range(3))
     base, frames, moved = (np.zeros((pieces, 12)) for _ in range(3))
     return Places(
-        goal, current, trial, np.zeros(trees), np.zeros(trees), np.full(trees, -1), base, frames, moved,
+        goal, current, trial, np.zeros(trees), np.zeros(trees), np.full(trees, -1), np.full(trees, -1), base, frames, moved,
         np.zeros((trees, 3)), np.zeros(size, np.int64), np.zeros(trees, np.int64), np.zeros(1, np.int64),
     )  # fmt: skip
 
@@ -161,11 +162,11 @@ def limit_of(p: Places, near: Near, k: int, gap: float) -> float:
 
 
 @kernel
-def _first_obstacle(scene: Scene, p: Places, near: Near, gap: float, axes: Axes, scratch: Scratch) -> int:
+def _first_obstacle(scene: Scene, p: Places, near: Near, group: int, gap: float, axes: Axes, scratch: Scratch) -> int:
     """Of the pairs without a plane that stand between `current` and `trial`, the one that is met first; -1: none."""
     first, deepest, found = math.inf, 0.0, -1
     for k in range(near.filled[0]):
-        if p.chosen[k] == 1:
+        if p.group[near.tree_a[k]] != group or p.chosen[k] == 1:
             continue
         step = _relative_step(p, near.tree_a[k], near.tree_b[k])
         n = (near.normal[k, 0], near.normal[k, 1], near.normal[k, 2])
@@ -192,12 +193,29 @@ def _first_obstacle(scene: Scene, p: Places, near: Near, gap: float, axes: Axes,
 
 
 @kernel
-def _number_unknowns(scene: Scene, p: Places, near: Near) -> int:
-    """Give each driven tree with a near pair its three unknowns; the others go to their goals."""
+def _find_groups(scene: Scene, p: Places, near: Near) -> None:
+    """Label driven trees that may meet, directly or by others in between, with the first of them; others do not interact."""
+    for tree in range(len(p.group)):
+        p.group[tree] = tree if scene.trees.role[tree] == DRIVEN else -1
+    changed = True
+    while changed:
+        changed = False
+        for k in range(near.filled[0]):
+            a, b = p.group[near.tree_a[k]], p.group[near.tree_b[k]]
+            if a >= 0 and b >= 0 and a != b:
+                p.group[near.tree_a[k]] = p.group[near.tree_b[k]] = min(a, b)
+                changed = True
+
+
+@kernel
+def _number_unknowns(scene: Scene, p: Places, near: Near, group: int) -> int:
+    """Give each driven tree of a group with a near pair its three unknowns; the others go to their goals."""
     for tree in range(len(p.column)):
         p.column[tree] = -1
     unknowns = 0
     for k in range(near.filled[0]):
+        if p.group[near.tree_a[k]] != group:
+            continue
         for tree in (near.tree_a[k], near.tree_b[k]):
             if scene.trees.role[tree] == DRIVEN and p.column[tree] < 0:
                 p.column[tree] = unknowns
@@ -206,11 +224,11 @@ def _number_unknowns(scene: Scene, p: Places, near: Near) -> int:
 
 
 @kernel
-def _set_trial(scene: Scene, p: Places, problem: LeastDistance) -> float:
-    """Read the solution into `trial` and place the pieces there; returns the longest move."""
+def _set_trial(scene: Scene, p: Places, problem: LeastDistance, group: int) -> float:
+    """Read a group's solution into `trial` and place the pieces there; returns the longest move."""
     longest = 0.0
     for tree in range(len(p.column)):
-        if scene.trees.role[tree] != DRIVEN:
+        if p.group[tree] != group:
             continue
         for i in range(3):
             p.trial[tree, i] = problem.x[p.column[tree] + i] if p.column[tree] >= 0 else p.goal[tree, i]
@@ -227,13 +245,16 @@ def _concerns(scene: Scene, near: Near, ignored: Ints, k: int) -> bool:
 
 
 @outlined
-def _nearest_free(
-    scene: Scene, p: Places, near: Near, ignored: Ints, problem: LeastDistance, gap: float, axes: Axes, scratch: Scratch
-) -> tuple[int, float, int]:
-    """One round: planes until the way is free. Returns (SOLVED or not, longest move, planes that hold)."""
-    unknowns = _number_unknowns(scene, p, near)
+def _nearest_free_of(
+    scene: Scene, p: Places, near: Near, ignored: Ints, problem: LeastDistance, group: int, gap: float, axes: Axes,
+    scratch: Scratch,
+) -> tuple[int, float, int]:  # fmt: skip
+    """Planes until the way of a group of trees is free: (SOLVED or not, longest move, planes that hold)."""
+    unknowns = _number_unknowns(scene, p, near, group)
     rows, deepest = 0, 0.0
     for k in range(near.filled[0]):
+        if p.group[near.tree_a[k]] != group:
+            continue
         p.chosen[k] = 0 if _concerns(scene, near, ignored, k) else 1
         if p.chosen[k] == 0 and near.separation[k] < 0.0 and rows < len(problem.bounds):
             _add_plane(p, near, k, problem, unknowns, rows, gap)
@@ -241,7 +262,7 @@ def _nearest_free(
             deepest = max(deepest, -near.separation[k])
     pull = 0.0
     for tree in range(len(p.column)):
-        if scene.trees.role[tree] == DRIVEN:
+        if p.group[tree] == group:
             pull = max(pull, _distance(p.goal, p.current, tree))
     while True:
         for tree in range(len(p.column)):
@@ -249,16 +270,34 @@ def _nearest_free(
                 for i in range(3):
                     problem.x[p.column[tree] + i] = p.goal[tree, i]
         status, active = solve_least_distance(problem, unknowns, rows, ROW_TOLERANCE)
-        longest = _set_trial(scene, p, problem)
+        longest = _set_trial(scene, p, problem, group)
         if status != SOLVED or longest > 2.0 * pull + FAR * deepest + 10.0 * gap:
             return 1, 0.0, active
-        k = _first_obstacle(scene, p, near, gap, axes, scratch)
+        k = _first_obstacle(scene, p, near, group, gap, axes, scratch)
         if k < 0:
             return SOLVED, longest, active
         if rows == len(problem.bounds):
             return 1, 0.0, active
         _add_plane(p, near, k, problem, unknowns, rows, gap)
         rows += 1
+
+
+@kernel
+def _nearest_free(
+    scene: Scene, p: Places, near: Near, ignored: Ints, problem: LeastDistance, gap: float, axes: Axes, scratch: Scratch
+) -> tuple[int, float, int]:
+    """One round, group by group: (SOLVED or not, longest move, most planes that hold in a group)."""
+    _find_groups(scene, p, near)
+    longest, most = 0.0, 0
+    for tree in range(len(p.group)):
+        if p.group[tree] == tree:
+            status, moved, active = _nearest_free_of(
+                scene, p, near, ignored, problem, tree, gap, axes, scratch
+            )  # fmt: skip
+            longest, most = max(longest, moved), max(most, active)
+            if status != SOLVED:
+                return status, 0.0, most
+    return SOLVED, longest, most
 
 
 @kernel

@@ -262,9 +262,11 @@ def _add_past(
         pa = _in_world(scene, room, offsets, scene.pieces.body[room.a[i]], _vec(room.past_a, k))
         pb = _in_world(scene, room, offsets, scene.pieces.body[room.b[i]], _vec(room.past_b, k))
         n = _vec(room.past_normal, k)
-        unknowns, rows = _add_pair(
-            scene, room, offsets, problem, i, n, pa, pb, gap - dot(n, sub(pa, pb)), with_root, unknowns, rows
-        )  # fmt: skip
+        s = dot(n, sub(pa, pb))
+        if s >= room.separation[i] - 0.5 * gap:  # else the surface is round, and its normal no longer there
+            unknowns, rows = _add_pair(
+                scene, room, offsets, problem, i, n, pa, pb, gap - s, with_root, unknowns, rows
+            )  # fmt: skip
     return unknowns, rows
 
 
