@@ -139,7 +139,7 @@ def searched_depth(pair: Pair, starts: int = 8) -> float:
         values = pair.overlap(trial)
         k = np.argmin(values, axis=1)
         found = values[np.arange(starts), k]
-        better = found < depth
+        better = found < depth * (1 - 1e-13)  # steps on rounding alone would never end
         depth = np.where(better, found, depth)
         best = np.where(better[:, None], trial[np.arange(starts), k], best)
         step = np.where(better, step * 1.5, step * 0.5)
