@@ -129,7 +129,9 @@ def searched_depth(pair: Pair, starts: int = 8) -> float:
     depth = np.sort(values)[:starts]
     step = np.full(starts, 0.05)
     angle = np.arange(8) * np.pi / 4
-    while np.any(step > 1e-8):
+    for _ in range(2000):  # along the valley between two faces the way down is endless and gains nothing
+        if np.all(step <= 1e-8):
+            break
         u = np.cross(best, np.where(np.abs(best[:, :1]) < 0.7, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
         u /= np.linalg.norm(u, axis=1, keepdims=True)
         v = np.cross(best, u)
