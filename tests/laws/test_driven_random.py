@@ -47,10 +47,10 @@ def test_random_scenes_are_free_in_every_frame(tmp_path: Path, seed: int) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(100, 150))
+@pytest.mark.parametrize("seed", range(100, 300))
 def test_many_random_scenes_are_free_in_every_frame(tmp_path: Path, seed: int) -> None:
-    run = play(tmp_path, random_scene(seed, 200, driven=1 + seed % 4))
-    assert len(run.results) == 200
+    run = play(tmp_path, random_scene(seed, 50, driven=1 + seed % 4))
+    assert len(run.results) == 50
     assert_free(run, every=4)
 
 
