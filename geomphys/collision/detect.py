@@ -59,12 +59,18 @@ def make_axes(size: int = 1 << 14) -> Axes:
 
 
 @kernel
+def _slot_of(pieces: Pieces, a: int, b: int, axes: Axes) -> tuple[int, int]:
+    """(key of a pair, where its direction is remembered if that place holds the key)."""
+    key = a * len(pieces.kind) + b
+    return key, (key * 2654435761) & (len(axes.key) - 1)
+
+
+@kernel
 def pair_separation(
     pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axes: Axes, scratch: Scratch
 ) -> tuple[float, Vec, Vec, Vec]:
     """`separation` of pieces a and b, begun at the direction remembered for the pair."""
-    key = a * len(pieces.kind) + b
-    slot = (key * 2654435761) & (len(axes.key) - 1)
+    key, slot = _slot_of(pieces, a, b, axes)
     start = (0.0, 0.0, 0.0)
     if axes.key[slot] == key:
         start = (axes.axis[slot, 0], axes.axis[slot, 1], axes.axis[slot, 2])
@@ -80,8 +86,7 @@ def pair_bound(pieces: Pieces, frames: Floats, a: int, b: int, axes: Axes) -> tu
 
     The direction is the one remembered for the pair; -inf and zeros without one.
     """
-    key = a * len(pieces.kind) + b
-    slot = (key * 2654435761) & (len(axes.key) - 1)
+    key, slot = _slot_of(pieces, a, b, axes)
     if axes.key[slot] != key:
         return -math.inf, (0.0, 0.0, 0.0)
     n = (axes.axis[slot, 0], axes.axis[slot, 1], axes.axis[slot, 2])

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.driven.posture import Joints, lower_bend, upper_bend
+from geomphys.driven.posture import Joints, lower_bend, upper_bend, world_axis
 from geomphys.driven.reach_cones import fit_angles
 from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import Vec, add, add_scaled, cross, dot, norm, quat_from_rotation_vector, quat_rotate, scale, sub
@@ -120,13 +120,6 @@ def helps(scene: Scene, joints: Joints, ccd: CcdRoom, joint: int, link: int, sti
     if scene.bodies.joint[joint] == JOINT_FIXED or q < 0 or joints.yields[q] == 0:
         return False
     return (whole or scene.dofs.chain[q] == ccd.owner[link]) and not moves(scene, q, still)
-
-
-@kernel
-def world_axis(scene: Scene, poses: Floats, joint: int) -> Vec:
-    """Axis of the joint above body `joint`, world frame."""
-    axis = (scene.bodies.axis[joint, 0], scene.bodies.axis[joint, 1], scene.bodies.axis[joint, 2])
-    return quat_rotate(orientation_of(poses, joint), axis)
 
 
 @kernel

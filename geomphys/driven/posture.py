@@ -8,7 +8,6 @@ move.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -104,10 +103,16 @@ def upper_bend(scene: Scene, recorded: Floats, q: int) -> float:
 
 
 @kernel
+def world_axis(scene: Scene, poses: Floats, joint: int) -> Vec:
+    """Axis of the joint above body `joint`, world frame."""
+    axis = (scene.bodies.axis[joint, 0], scene.bodies.axis[joint, 1], scene.bodies.axis[joint, 2])
+    return quat_rotate(orientation_of(poses, joint), axis)
+
+
+@kernel
 def joint_effect(scene: Scene, poses: Floats, joint: int, point: Vec, n: Vec) -> float:
     """How fast a point beyond the joint above body `joint` moves along n per unit of the joint's degree of freedom."""
-    axis = (scene.bodies.axis[joint, 0], scene.bodies.axis[joint, 1], scene.bodies.axis[joint, 2])
-    axis = quat_rotate(orientation_of(poses, joint), axis)
+    axis = world_axis(scene, poses, joint)
     if scene.bodies.joint[joint] == JOINT_PRISMATIC:
         return scene.bodies.multiplier[joint] * dot(axis, n)
     return scene.bodies.multiplier[joint] * dot(cross(axis, sub(point, position_of(poses, joint))), n)
@@ -133,12 +138,3 @@ def add_effects(
             row[column[q]] += sign * joint_effect(scene, poses, joint, point, n) / lever[q]
         joint = scene.bodies.parent[joint]
     return unknowns
-
-
-@kernel
-def turn_between(a: Floats, b: Floats, body: int) -> float:
-    """Angle [rad] between the orientations of a body in two sets of poses."""
-    square = 0.0
-    for k in range(3, 7):
-        square += (a[body, k] - b[body, k]) ** 2
-    return 4.0 * math.asin(min(1.0, 0.5 * math.sqrt(square)))

@@ -24,7 +24,7 @@ from geomphys.collision.penetration import Scratch
 from geomphys.driven.ccd import point_in, point_on
 from geomphys.driven.chain_room import PAST, ChainRoom, is_chained
 from geomphys.driven.least_distance import LeastDistance
-from geomphys.driven.overlap import Places
+from geomphys.driven.overlap import Places, row_of
 from geomphys.driven.posture import ROOT_WEIGHT, Joints, add_effects, lower_bend, upper_bend
 from geomphys.driven.reach_cones import cone_angle, cone_bound, cone_row
 from geomphys.kernel import kernel, outlined
@@ -51,17 +51,12 @@ def let_yield(joints: Joints, room: ChainRoom, everything: bool) -> None:
 
 
 @kernel
-def _vec(rows: Floats, i: int) -> Vec:
-    return (rows[i, 0], rows[i, 1], rows[i, 2])
-
-
-@kernel
 def _on_link(scene: Scene, room: ChainRoom, offsets: Floats, body: int, point: Vec) -> Vec:
     """A point of the world in the frame of a link of an avatar with chains; the point itself on other bodies."""
     tree = scene.bodies.tree[body]
     if not is_chained(scene, tree):
         return point
-    return point_in(room.poses, body, sub(point, _vec(offsets, tree)))
+    return point_in(room.poses, body, sub(point, row_of(offsets, tree)))
 
 
 @kernel
@@ -70,7 +65,7 @@ def _in_world(scene: Scene, room: ChainRoom, offsets: Floats, body: int, point: 
     tree = scene.bodies.tree[body]
     if not is_chained(scene, tree):
         return point
-    return add(point_on(room.poses, body, point), _vec(offsets, tree))
+    return add(point_on(room.poses, body, point), row_of(offsets, tree))
 
 
 @kernel
@@ -81,20 +76,20 @@ def _set(rows: Floats, i: int, v: Vec) -> None:
 @kernel
 def _remember(scene: Scene, room: ChainRoom, offsets: Floats, i: int) -> None:
     """Keep where the pair i is nearest now, in place of what was kept of the same spot, else of the oldest."""
-    a = _on_link(scene, room, offsets, scene.pieces.body[room.a[i]], _vec(room.point_a, i))
-    b = _on_link(scene, room, offsets, scene.pieces.body[room.b[i]], _vec(room.point_b, i))
+    a = _on_link(scene, room, offsets, scene.pieces.body[room.a[i]], row_of(room.point_a, i))
+    b = _on_link(scene, room, offsets, scene.pieces.body[room.b[i]], row_of(room.point_b, i))
     kept = min(room.spots[i], PAST)
     place = room.spots[i] % PAST
     for m in range(kept):
         k = PAST * i + m
-        if norm(sub(_vec(room.past_a, k), a)) < SPOT and norm(sub(_vec(room.past_b, k), b)) < SPOT:
+        if norm(sub(row_of(room.past_a, k), a)) < SPOT and norm(sub(row_of(room.past_b, k), b)) < SPOT:
             place = m
             break
     else:
         room.spots[i] += 1
     room.newest[i] = place
     k = PAST * i + place
-    _set(room.past_normal, k, _vec(room.normal, i))
+    _set(room.past_normal, k, row_of(room.normal, i))
     _set(room.past_a, k, a)
     _set(room.past_b, k, b)
 
@@ -122,10 +117,10 @@ def _hold(scene: Scene, room: ChainRoom, offsets: Floats, i: int, problem: Least
         row[j] = 0.0
     for side in range(2):
         body = scene.pieces.body[room.a[i] if side == 0 else room.b[i]]
-        point, tree = _vec(room.point_a if side == 0 else room.point_b, i), scene.bodies.tree[body]
+        point, tree = row_of(room.point_a if side == 0 else room.point_b, i), scene.bodies.tree[body]
         at = (point[0] - offsets[tree, 0], point[1] - offsets[tree, 1], point[2] - offsets[tree, 2])
         unknowns = add_effects(
-            scene, room.yields, room.lever, room.poses, body, at, _vec(room.normal, i), 1.0 - 2.0 * side, room.column,
+            scene, room.yields, room.lever, room.poses, body, at, row_of(room.normal, i), 1.0 - 2.0 * side, room.column,
             unknowns, row,
         )  # fmt: skip
     square = 0.0
@@ -259,9 +254,9 @@ def _add_past(
         if m == room.newest[i] or rows == len(problem.bounds):
             continue
         k = PAST * i + m
-        pa = _in_world(scene, room, offsets, scene.pieces.body[room.a[i]], _vec(room.past_a, k))
-        pb = _in_world(scene, room, offsets, scene.pieces.body[room.b[i]], _vec(room.past_b, k))
-        n = _vec(room.past_normal, k)
+        pa = _in_world(scene, room, offsets, scene.pieces.body[room.a[i]], row_of(room.past_a, k))
+        pb = _in_world(scene, room, offsets, scene.pieces.body[room.b[i]], row_of(room.past_b, k))
+        n = row_of(room.past_normal, k)
         s = dot(n, sub(pa, pb))
         if s >= room.separation[i] - 0.5 * gap:  # else the surface is round, and its normal no longer there
             unknowns, rows = _add_pair(
@@ -283,12 +278,13 @@ def add_pairs(
     for i in range(room.filled[0]):
         if rows == len(problem.bounds):
             return unknowns, rows, False
-        s, n = room.separation[i], _vec(room.normal, i)
+        s, n = room.separation[i], row_of(room.normal, i)
         if s > LOOK:
             continue
         before = rows
         unknowns, rows = _add_pair(
-            scene, room, offsets, problem, i, n, _vec(room.point_a, i), _vec(room.point_b, i), gap - s, with_root, unknowns, rows
+            scene, room, offsets, problem, i, n, row_of(room.point_a, i), row_of(room.point_b, i), gap - s, with_root, unknowns,
+            rows,
         )  # fmt: skip
         possible = possible and (rows > before or s >= 0.0)
         if past:

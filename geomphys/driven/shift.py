@@ -14,8 +14,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.driven.ccd import CcdRoom, helps, pose_way, set_bend, world_axis
-from geomphys.driven.posture import Joints
+from geomphys.driven.ccd import CcdRoom, helps, pose_way, set_bend
+from geomphys.driven.posture import Joints, world_axis
 from geomphys.driven.reach_cones import cone_angle, cone_bound
 from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +24,17 @@ def avatar(folder: Path, parts: list[str], rest: str) -> str:
     )
 
 
-def still_root(n: int) -> np.ndarray:
-    return np.zeros((n, 3))
+def pose(folder: Path, scene: str, joints: list[str], angles: np.ndarray, things: Sequence[Thing] = ()) -> Run:
+    """Replay recorded angles (n, Q) of an avatar whose root stands still, and which overlaps something on the way."""
+    run = play(
+        folder,
+        list(things),
+        avatars=scene,
+        roots={"/root": np.zeros((len(angles), 3))},
+        angles={"/angles": (joints, angles)},
+    )
+    assert run.figures("recorded_penetration_m").max() > 0.01
+    return run
 
 
 def arm(folder: Path) -> str:
@@ -62,14 +72,7 @@ def test_a_limb_pushed_by_a_wall_stays_in_its_cone(tmp_path: Path, sweep: float)
     x = np.sign(sweep) * (0.45 - 0.42 * np.clip(3 * np.minimum(t, 1 - t), 0, 1))
     path = np.column_stack([x, np.zeros(n), np.full(n, 0.3)])
     wall = Thing(name="wall", shape=("box", 0.02, 0.3, 0.5), path=path)
-    run = play(
-        tmp_path,
-        [wall],
-        avatars=arm(tmp_path),
-        roots={"/root": still_root(n)},
-        angles={"/angles": (["sy", "sx", "sz", "elbow"], angles)},
-    )
-    assert run.figures("recorded_penetration_m").max() > 0.01
+    run = pose(tmp_path, arm(tmp_path), ["sy", "sx", "sz", "elbow"], angles, [wall])
     assert np.abs(run.angles - run.recorded_angles).max() > 0.05
     assert_free(run, every=3)
     order = [("sy", "sx", "sz", "elbow").index(name) for name in run.world.dof_names]
@@ -96,14 +99,7 @@ def test_the_back_yields_where_a_hip_cannot(tmp_path: Path) -> None:
     ]
     scene = avatar(tmp_path, parts, '[[avatar.chain]]\nname="leg"\nbase="pelvis"\ntip="shin"\n')
     bend = 0.9 * np.sin(np.linspace(0, np.pi, n)) ** 2
-    run = play(
-        tmp_path,
-        [],
-        avatars=scene,
-        roots={"/root": still_root(n)},
-        angles={"/angles": (["spine", "hip", "knee"], np.column_stack([bend, 0.0 * bend, 0.0 * bend]))},
-    )
-    assert run.figures("recorded_penetration_m").max() > 0.01
+    run = pose(tmp_path, scene, ["spine", "hip", "knee"], np.column_stack([bend, 0.0 * bend, 0.0 * bend]))
     assert_free(run, every=2)
     names = list(run.world.dof_names)
     offset = run.angles - run.recorded_angles
@@ -130,14 +126,7 @@ def test_a_limb_that_can_yield_leaves_the_back_alone(tmp_path: Path) -> None:
     ]
     scene = avatar(tmp_path, parts, '[[avatar.chain]]\nname="arm"\nbase="chest"\ntip="hand"\n')
     reach = 0.7 * np.sin(np.linspace(0, np.pi, n)) ** 2
-    run = play(
-        tmp_path,
-        [],
-        avatars=scene,
-        roots={"/root": still_root(n)},
-        angles={"/angles": (["spine", "swing", "elbow"], np.column_stack([0.1 * reach, reach, 0.6 * reach]))},
-    )
-    assert run.figures("recorded_penetration_m").max() > 0.01
+    run = pose(tmp_path, scene, ["spine", "swing", "elbow"], np.column_stack([0.1 * reach, reach, 0.6 * reach]))
     assert_free(run, every=2)
     spine = list(run.world.dof_names).index("spine")
     assert run.angles[:, spine].tobytes() == run.recorded_angles[:, spine].tobytes()
@@ -154,14 +143,7 @@ def test_limbs_that_cannot_come_free_are_held(tmp_path: Path) -> None:
     ]
     chains = "".join(f'[[avatar.chain]]\nname="{c}"\nbase="palm"\ntip="{c}"\n' for c in "ab")
     close = 0.5 * np.sin(np.minimum(np.linspace(0, 1.5 * np.pi, n), np.pi)) ** 2
-    run = play(
-        tmp_path,
-        [],
-        avatars=avatar(tmp_path, parts, chains),
-        roots={"/root": still_root(n)},
-        angles={"/angles": (["ja", "jb"], np.column_stack([close, -close]))},
-    )
-    assert run.figures("recorded_penetration_m").max() > 0.01
+    run = pose(tmp_path, avatar(tmp_path, parts, chains), ["ja", "jb"], np.column_stack([close, -close]))
     assert_free(run, every=1)
     held = run.figures("fallbacks") > 0
     assert held.any()
