@@ -30,7 +30,7 @@ class Part:
     bitcode: bytes
 
 
-class _Description(FunctionDescriptor):  # type: ignore[misc]
+class _Description(FunctionDescriptor):  # type: ignore[misc]  # numba is untyped
     __slots__ = ()
 
     @property
@@ -60,7 +60,7 @@ def describe(key: Key, returns: Any, arguments: tuple[str, ...], inline: bool = 
     )
 
 
-class _Sketch(JITCodeLibrary):  # type: ignore[misc]
+class _Sketch(JITCodeLibrary):  # type: ignore[misc]  # numba is untyped
     """Takes the code numba makes of one kernel, and does nothing with it yet."""
 
     def __init__(self, codegen: Any, name: str) -> None:

@@ -34,7 +34,7 @@ class Callee:
         self.signature = typing.signature(description.restype, *description.argtypes)
 
 
-class Sketched(CPUDispatcher):  # type: ignore[misc]
+class Sketched(CPUDispatcher):  # type: ignore[misc]  # numba is untyped
     """A function for numba to compile; what is made of it is kept in `store`.
 
     A kernel is compiled into the kernels that call it, unless it is `outlined`: those are units of machine code of
