@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.extent import gap_along
-from geomphys.collision.penetration import Scratch, separation
+from geomphys.collision.penetration import Scratch, clearance, separation
 from geomphys.collision.support import shapes_of
 from geomphys.collision.sweep import Boxes, apart, near_trees
 from geomphys.kernel import kernel, outlined
@@ -78,6 +78,22 @@ def pair_separation(
     axes.key[slot] = key
     axes.axis[slot, 0], axes.axis[slot, 1], axes.axis[slot, 2] = n
     return s, n, pa, pb
+
+
+@kernel
+def pair_clearance(
+    pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axes: Axes, scratch: Scratch
+) -> tuple[float, Vec]:
+    """(distance of pieces a and b [m], normal), exact within `limit`; (-inf, void) if they overlap."""
+    key, slot = _slot_of(pieces, a, b, axes)
+    start = (0.0, 0.0, 0.0)
+    if axes.key[slot] == key:
+        start = (axes.axis[slot, 0], axes.axis[slot, 1], axes.axis[slot, 2])
+    s, n, _, _ = clearance(pieces, frames, a, b, limit, start, scratch)
+    if s > 0.0:
+        axes.key[slot] = key
+        axes.axis[slot, 0], axes.axis[slot, 1], axes.axis[slot, 2] = n
+    return s, n
 
 
 @outlined

@@ -14,7 +14,7 @@ import numpy as np
 
 from geomphys.collision.gjk import difference, set_pair
 from geomphys.collision.scratch import MAX_CORNERS, MAX_FACES, Room
-from geomphys.collision.support import Core, vec_at
+from geomphys.collision.support import UNKNOWN, Core, vec_at
 from geomphys.kernel import kernel, outlined
 from geomphys.memory import float_at, int_at, set_float, set_int
 from geomphys.vec3 import Rot, Vec, add_scaled, cross, dot, norm, perpendicular, scale, sub
@@ -127,7 +127,7 @@ def first_tetrahedron(a: Core, b: Core, rot: Rot, t: Vec, count: int, room: Room
                 d = scale(n, sign)
             if dot(d, d) == 0.0:
                 return False
-            w, p, _, _ = difference(a, b, rot, t, d, 0, 0)
+            w, p, _, _ = difference(a, b, rot, t, d, UNKNOWN, UNKNOWN)
             off = sub(w, o)
             side = off if count == 1 else cross(e, off)
             size = dot(side, side) if count < 3 else abs(dot(n, off))
@@ -286,7 +286,7 @@ def expand(
     join(room, 1, 2, 2, 0)
     join(room, 2, 1, 3, 1)
     faces, used = 4, 4
-    at_a, at_b = 0, 0
+    at_a, at_b = UNKNOWN, UNKNOWN
     nearest, lowest = 0, np.inf
     while waiting > 0:
         f = pop(room, waiting)

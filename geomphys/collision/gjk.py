@@ -13,7 +13,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from geomphys.collision.support import Core, support
+from geomphys.collision.support import UNKNOWN, Core, support
 from geomphys.kernel import kernel
 from geomphys.memory import set_float
 from geomphys.vec3 import Rot, Vec, add_scaled, cross, dot, neg, rotate, rotate_back, scale, sub
@@ -159,7 +159,7 @@ def closest(
     """
     zero = (0.0, 0.0, 0.0)
     floor = ROUNDING * size
-    at_a, at_b = 0, 0
+    at_a, at_b = UNKNOWN, UNKNOWN
     w0, w1, w2, w3 = zero, zero, zero, zero
     a0, a1, a2, a3 = zero, zero, zero, zero
     l0, l1, l2 = 1.0, 0.0, 0.0

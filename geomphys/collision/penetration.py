@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TypeAlias
 
 from geomphys.collision.closed_forms import Answer, ball_box, ball_cylinder, segments
@@ -9,7 +10,7 @@ from geomphys.collision.epa import expand
 from geomphys.collision.exhaustive import exhaustive
 from geomphys.collision.gjk import OVERLAP, closest, difference
 from geomphys.collision.scratch import Room, Scratch, make_scratch, room_of
-from geomphys.collision.support import Shapes, core_of, position_of, radius_of, rotation_of, shapes_of, vec_at
+from geomphys.collision.support import UNKNOWN, Shapes, core_of, position_of, radius_of, rotation_of, shapes_of, vec_at
 from geomphys.kernel import inlined, kernel, outlined
 from geomphys.memory import float_at, int_at
 from geomphys.vec3 import (
@@ -26,7 +27,7 @@ from geomphys.vec3 import (
 )
 from geomphys.world.scene import BOX, CAPSULE, CYLINDER, SPHERE, Floats, Pieces
 
-__all__ = ["Scratch", "Separation", "make_scratch", "separation"]
+__all__ = ["Scratch", "Separation", "clearance", "make_scratch", "separation"]
 
 Separation: TypeAlias = tuple[float, Vec, Vec, Vec]
 
@@ -54,26 +55,35 @@ def separation(pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axi
     pa, pb
         Points on the surfaces of A and B, world frame, pa - pb = s n; void beyond `limit`.
     """
-    return separate(shapes_of(pieces, frames), a, b, limit, axis, room_of(scratch))
+    return separate(shapes_of(pieces, frames), a, b, limit, axis, True, room_of(scratch))
+
+
+@inlined
+def clearance(pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axis: Vec, scratch: Scratch) -> Separation:
+    """`separation` for whom an overlap's depth is of no interest: s is -inf then, the rest void."""
+    return separate(shapes_of(pieces, frames), a, b, limit, axis, False, room_of(scratch))
 
 
 @outlined
-def separate(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, room: Room) -> Separation:
-    """`separation`, on addresses; the kind of A does not stand above that of B in what it calls."""
+def separate(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, depths: bool, room: Room) -> Separation:
+    """`separation` or, without `depths`, `clearance`, on addresses.
+
+    The kind of A does not stand above that of B in what it calls.
+    """
     kind_a, kind_b = int_at(shapes.kind, a), int_at(shapes.kind, b)
     if kind_a > kind_b or (kind_a == kind_b and a > b):
-        s, n, pa = ordered(shapes, b, a, limit, neg(axis), room)
+        s, n, pa = ordered(shapes, b, a, limit, neg(axis), depths, room)
         return s, neg(n), add_scaled(pa, n, -s), pa
-    s, n, pa = ordered(shapes, a, b, limit, axis, room)
+    s, n, pa = ordered(shapes, a, b, limit, axis, depths, room)
     return s, n, pa, add_scaled(pa, n, -s)
 
 
 @kernel
-def ordered(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, room: Room) -> Answer:
+def ordered(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, depths: bool, room: Room) -> Answer:
     """Separation, normal and point of A, by formula where there is one."""
     kind_a, kind_b = int_at(shapes.kind, a), int_at(shapes.kind, b)
     if kind_b > CYLINDER or (kind_a > SPHERE and kind_b > CAPSULE):
-        return general(shapes, a, b, limit, axis, room)
+        return general(shapes, a, b, limit, axis, depths, room)
     pa, pb = position_of(shapes, a), position_of(shapes, b)
     r, h, _ = vec_at(shapes.size, 3 * a)
     size = vec_at(shapes.size, 3 * b)
@@ -91,7 +101,7 @@ def ordered(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, room: Room)
 
 
 @kernel
-def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, room: Room) -> Answer:
+def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, depths: bool, room: Room) -> Answer:
     """`ordered` by descent over the Minkowski difference of the cores, in A's frame."""
     core_a, core_b = core_of(shapes, a), core_of(shapes, b)
     radius_a = radius_of(shapes, a)
@@ -102,7 +112,7 @@ def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, room: Room)
     t = rotate_back(world, sub(position_of(shapes, b), origin))
     if dot(axis, axis) > 0.0:
         d = rotate_back(world, axis)
-        w, p, _, _ = difference(core_a, core_b, rot, t, neg(d), 0, 0)
+        w, p, _, _ = difference(core_a, core_b, rot, t, neg(d), UNKNOWN, UNKNOWN)
         s = dot(w, d) - radius
         if s > limit:
             return s, axis, add(origin, rotate(world, p))
@@ -113,6 +123,8 @@ def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, room: Room)
     size = float_at(shapes.reach, a) + float_at(shapes.reach, b) + norm(centre_a) + norm(centre_b) + norm(t)
     state, s, n, p, count = closest(core_a, core_b, rot, t, size, limit + radius, start, room.simplex)
     if state == OVERLAP:
+        if not depths:
+            return -math.inf, axis, origin
         exact, depth, outward = False, 0.0, n
         for attempt in range(3):
             # faces that see a corner by less than rounding count as seen in one attempt and not in another

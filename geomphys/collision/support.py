@@ -13,10 +13,11 @@ import numpy as np
 from geomphys.kernel import inlined, kernel
 from geomphys.memory import address, float_at, int_at
 from geomphys.vec3 import Quat, Rot, Vec, dot, quat_unit, rot_from_quat, rot_mul, rotate
+from geomphys.world.cells import cell_of
 from geomphys.world.scene import CAPSULE, CYLINDER, HULL, Floats, Pieces
 
-CLIMB = 24
-"""Hulls of more corners are climbed over their edges, smaller ones searched from end to end (measured cut-over)."""
+UNKNOWN = -1
+"""For a corner to begin climbing at: begin where the direction's cell says."""
 
 
 class Shapes(NamedTuple):
@@ -30,6 +31,8 @@ class Shapes(NamedTuple):
     vertices: int
     neighbour_start: int
     neighbours: int
+    cell_start: int
+    cells: int
     frames: int
 
 
@@ -41,6 +44,7 @@ class Core(NamedTuple):
     vertices: int
     neighbour_start: int  # per corner, into `neighbours`
     neighbours: int
+    cells: int  # 0: it is small, and searched from end to end
     x: float  # m: box half extents; cylinder radius and half height; capsule half height as the third
     y: float
     z: float
@@ -100,6 +104,8 @@ def shapes_of(pieces: Pieces, frames: Floats) -> Shapes:
         address(pieces.vertices),
         address(pieces.neighbour_start),
         address(pieces.neighbours),
+        address(pieces.cell_start),
+        address(pieces.cells),
         address(frames),
     )
 
@@ -122,6 +128,7 @@ def position_of(shapes: Shapes, p: int) -> Vec:
 def core_of(shapes: Shapes, p: int) -> Core:
     """Core of a piece."""
     kind, first = int_at(shapes.kind, p), int_at(shapes.vertex_start, p)
+    cells = int_at(shapes.cell_start, p)
     x, y, z = vec_at(shapes.size, 3 * p)
     if kind <= CAPSULE:
         x, y, z = 0.0, 0.0, y
@@ -131,6 +138,7 @@ def core_of(shapes: Shapes, p: int) -> Core:
         shapes.vertices + 24 * first,
         shapes.neighbour_start + 8 * first,
         shapes.neighbours,
+        shapes.cells + 8 * cells if cells >= 0 else 0,
         x,
         y,
         z,
@@ -145,7 +153,10 @@ def radius_of(shapes: Shapes, p: int) -> float:
 
 @kernel
 def support(core: Core, d: Vec, hint: int) -> tuple[Vec, int]:
-    """A point of the core farthest in direction `d` (not zero), piece frame, and the corner to begin at next time."""
+    """A point of the core farthest in direction `d` (not zero), piece frame, and the corner to begin at next time.
+
+    `hint` is what an earlier call for this core gave, or UNKNOWN.
+    """
     if core.kind == HULL:
         best = farthest_corner(core, d, hint)
         return vec_at(core.vertices, 3 * best), best
@@ -164,11 +175,11 @@ def support(core: Core, d: Vec, hint: int) -> tuple[Vec, int]:
 
 @kernel
 def farthest_corner(core: Core, d: Vec, hint: int) -> int:
-    """Corner of a hull farthest in direction `d`; `hint` is the corner to begin climbing at.
+    """Corner of a hull farthest in direction `d`; `hint` is the corner to begin climbing at, or UNKNOWN.
 
     Climbing ends at a corner none of whose neighbours is farther, which on a convex surface is the farthest of all.
     """
-    if core.corners <= CLIMB:
+    if core.cells == 0:
         best = 0
         reach = -np.inf
         for i in range(core.corners):
@@ -177,7 +188,7 @@ def farthest_corner(core: Core, d: Vec, hint: int) -> int:
                 reach = x
                 best = i
         return best
-    best = hint
+    best = hint if hint >= 0 else int_at(core.cells, cell_of(d))
     reach = dot(vec_at(core.vertices, 3 * best), d)
     while True:
         at = best

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import Axes, Near, bound_pair, find_near, measure_pair, pair_separation
+from geomphys.collision.detect import Axes, Near, bound_pair, find_near, measure_pair, pair_clearance
 from geomphys.collision.penetration import Scratch
 from geomphys.collision.sweep import Boxes, update_boxes
 from geomphys.driven.escape import Rescue, escape
@@ -149,7 +149,7 @@ def _way_is_free(
             break
         for i in range(3):
             p.moved[a, 9 + i] = p.frames[a, 9 + i] + share * step[i]
-        clear = pair_separation(scene.pieces, p.moved, a, b, length, axes, scratch)[0]
+        clear, _ = pair_clearance(scene.pieces, p.moved, a, b, length, axes, scratch)
     p.moved[a, 9], p.moved[a, 10], p.moved[a, 11] = keep
     p.moved[b, 9], p.moved[b, 10], p.moved[b, 11] = keep_b
     return free
@@ -179,16 +179,18 @@ def _first_obstacle(scene: Scene, p: Places, near: Near, group: int, gap: float,
             s, along = near.separation[k], dot(n, step)
             if s + along >= 0.5 * gap:
                 continue
-        there, m, _, _ = pair_separation(scene.pieces, p.moved, near.a[k], near.b[k], norm(step) + gap, axes, scratch)
+        moment = max(s - gap, 0.0) / max(-along, 1e-300)
+        depth = gap - s - along
+        if moment > first + 1e-12 or (moment >= first - 1e-12 and depth <= deepest):
+            continue
+        enough = max(norm(step) - s, 0.5 * gap)
+        there, m = pair_clearance(scene.pieces, p.moved, near.a[k], near.b[k], enough, axes, scratch)
         if there >= 0.5 * gap:
             if s + there > norm(step) or there - dot(m, step) >= 0.0:
                 continue
             if _way_is_free(scene, p, near, k, step, gap, axes, scratch):
                 continue
-        moment = max(s - gap, 0.0) / max(-along, 1e-300)
-        depth = gap - s - along
-        if moment < first - 1e-12 or (moment <= first + 1e-12 and depth > deepest):
-            first, deepest, found = moment, depth, k
+        first, deepest, found = moment, depth, k
     return found
 
 

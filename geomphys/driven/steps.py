@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.detect import Axes, Near, measure_pair
+from geomphys.collision.extent import gap_along
 from geomphys.collision.penetration import Scratch
+from geomphys.collision.support import shapes_of
 from geomphys.driven.overlap import Places, limit_of
 from geomphys.driven.posture import Joints
 from geomphys.kernel import kernel, outlined
@@ -19,7 +21,8 @@ from geomphys.world.scene import DRIVEN, SIMULATED, Scene
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-STEP_OF_THICKNESS = 0.25  # a pair may turn or bend by this share of its mean thickness in one step
+STEP_OF_THICKNESS = 0.25  # a pair may turn or bend by this share of its mean thickness in one step,
+SAME_SIDE = 1.0  # or by this one, if it ends on the side of each other where it began
 MOST_STEPS = 64
 
 
@@ -82,9 +85,13 @@ def measure_flex(scene: Scene, joints: Joints, before: Floats, after: Floats, fl
 
 @outlined
 def steps_needed(
-    scene: Scene, p: Places, near: Near, stir: Floats, flex: Floats, gap: float, axes: Axes, scratch: Scratch
-) -> int:
-    """Into how many steps the frame must be cut, from the pairs near where it takes the trees in one (`find_reachable`)."""
+    scene: Scene, p: Places, before: Floats, near: Near, stir: Floats, flex: Floats, gap: float, axes: Axes, scratch: Scratch
+) -> int:  # fmt: skip
+    """Into how many steps the frame must be cut, from the pairs near where it takes the trees in one (`find_reachable`).
+
+    `before` are the pieces' frames (P, 12) at the end of the last frame. A pair that was apart then along the normal that
+    it has now, or along which it is about to be parted, has not passed through each other.
+    """
     steps = 1.0
     for k in range(near.filled[0]):
         a, b = near.a[k], near.b[k]
@@ -96,7 +103,10 @@ def steps_needed(
             continue
         if near.exact[k] == 0:
             measure_pair(scene.pieces, p.frames, near, k, limit_of(p, near, k, gap), axes, scratch)
-        if near.separation[k] <= change:
+        if near.separation[k] > change:
+            continue
+        n = (near.normal[k, 0], near.normal[k, 1], near.normal[k, 2])
+        if change > SAME_SIDE * thickness or gap_along(shapes_of(scene.pieces, before), a, b, n) < 0.0:
             steps = max(steps, math.ceil(change / (STEP_OF_THICKNESS * max(thickness, 1e-5))))
     return int(min(steps, float(MOST_STEPS)))
 

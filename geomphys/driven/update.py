@@ -224,7 +224,7 @@ def update_driven(
     _begin_step(scene, state, room, boxes, roots, angles, recorded, dt, gap, axes, scratch)
     if state.started[0] == 1:
         measure_flex(scene, room.joints, room.before, room.after, room.flex)
-        steps = steps_needed(scene, room.places, room.near, room.stir, room.flex, gap, axes, scratch)
+        steps = steps_needed(scene, room.places, state.frames, room.near, room.stir, room.flex, gap, axes, scratch)
     if steps == 1:
         return _end_step(scene, state, room, boxes, roots, angles, dt, gap, rounds, axes, scratch)
     _keep_speeds(state, room, False)

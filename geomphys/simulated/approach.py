@@ -70,7 +70,9 @@ def look(sim: int, pair: int, t: float) -> tuple[float, Vec, Vec, Vec]:
     count_one(sim, N_LOOKS)
     place_pair(sim, pair, t)
     p, kept = pair_at(sim, pair), kept_at(sim, pair)
-    found = separate(shapes_at(sim), int_at(p, PIECE_A), int_at(p, PIECE_B), LOOK_FAR, vec_at(kept, AXIS), room_at(sim))
+    found = separate(
+        shapes_at(sim), int_at(p, PIECE_A), int_at(p, PIECE_B), LOOK_FAR, vec_at(kept, AXIS), True, room_at(sim)
+    )
     set_vec(kept, AXIS, found[1])
     set_float(kept, DISTANCE, found[0])
     set_float(kept, SEEN, t)

@@ -127,7 +127,9 @@ def header_of(
     s = shapes_of(pieces, frames)
     set_ints(sim, AT_SHAPES, s.kind, s.size, s.centre, s.reach)
     set_ints(sim, AT_SHAPES + 4, s.vertex_start, s.vertices, s.neighbour_start, s.neighbours)
-    set_int(sim, AT_SHAPES + 8, s.frames)
+    set_int(sim, AT_SHAPES + 8, s.cell_start)
+    set_int(sim, AT_SHAPES + 9, s.cells)
+    set_int(sim, AT_SHAPES + 10, s.frames)
     set_ints(
         sim, AT_FACES, address(pieces.face_start), address(pieces.planes), address(pieces.loop_start),
         address(pieces.loops),

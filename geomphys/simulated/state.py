@@ -168,19 +168,19 @@ AT_OTHER_COUNT, AT_ARM, AT_BOXES, AT_BODY_BOXES, AT_MATERIALS, AT_MATERIAL_COUNT
 AT_PAIR_ROOM, AT_ROW_ROOM, AT_SHOVE, AT_HEFT, AT_RECOIL, AT_TREE_COUNT, AT_HEAP, AT_FOUND = range(24, 32)
 AT_POINTS, AT_OLD_SLOTS, AT_TOLD, AT_DRIVEN_IMPULSE, AT_LOCAL, AT_FRAMES = range(32, 38)
 AT_LOCAL_BOXES, AT_BALLS, AT_START, AT_END = range(38, 42)
-AT_SHAPES = 42  # 9: `Shapes`
-AT_FACES = 51  # 4: `Faces`
-AT_ROOM = 55  # 7: `Room`
-GRAVITY = 62  # m/s², 3
-AT_WEIGHT = 65  # m/s²: |gravity|
-AT_GAP = 66  # m: clearance kept
-AT_TOUCH = 67  # m: clearance that counts as touching
-AT_THRESHOLD = 68  # m/s: slower approaches are resting contact
-AT_DT = 69  # s: the frame
-AT_WIDEST = 70
-AT_EXTENT = 71  # m, 6: box of all that simulated bodies can reach in the frame
-AT_ENERGY = 77
-HEADER = 78
+AT_SHAPES = 42  # 11: `Shapes`
+AT_FACES = 53  # 4: `Faces`
+AT_ROOM = 57  # 7: `Room`
+GRAVITY = 64  # m/s², 3
+AT_WEIGHT = 67  # m/s²: |gravity|
+AT_GAP = 68  # m: clearance kept
+AT_TOUCH = 69  # m: clearance that counts as touching
+AT_THRESHOLD = 70  # m/s: slower approaches are resting contact
+AT_DT = 71  # s: the frame
+AT_WIDEST = 72
+AT_EXTENT = 73  # m, 6: box of all that simulated bodies can reach in the frame
+AT_ENERGY = 79
+HEADER = 80
 
 
 @kernel
@@ -201,7 +201,8 @@ def shapes_at(sim: int) -> Shapes:
     i = AT_SHAPES
     return Shapes(
         int_at(sim, i), int_at(sim, i + 1), int_at(sim, i + 2), int_at(sim, i + 3), int_at(sim, i + 4),
-        int_at(sim, i + 5), int_at(sim, i + 6), int_at(sim, i + 7), int_at(sim, i + 8),
+        int_at(sim, i + 5), int_at(sim, i + 6), int_at(sim, i + 7), int_at(sim, i + 8), int_at(sim, i + 9),
+        int_at(sim, i + 10),
     )  # fmt: skip
 
 

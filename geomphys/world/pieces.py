@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.errors import MeshError
+from geomphys.world.cells import CELLS, farthest_in_cells
 from geomphys.world.hulls import Polytope, polytope
 from geomphys.world.scene import BOX, CAPSULE, CYLINDER, HULL, SPHERE, Floats, Ints, Pieces
 
@@ -93,6 +94,10 @@ class PlacedShape:
     body: int
 
 
+CLIMB = 24
+"""Hulls of more corners are climbed over their edges, smaller ones searched from end to end (measured cut-over)."""
+
+
 class _Row(NamedTuple):
     """What one piece adds to the arrays."""
 
@@ -102,6 +107,7 @@ class _Row(NamedTuple):
     reach: float
     thickness: float
     polytope: Polytope
+    cells: Ints | None = None
 
 
 def _box_polytope() -> Polytope:
@@ -165,7 +171,8 @@ def _row(shape: Shape, known: dict[bytes, _Row]) -> _Row:
         solid = polytope(points)
         reach = float(np.max(np.linalg.norm(solid.vertices - solid.centre, axis=1)))
         centre = (float(solid.centre[0]), float(solid.centre[1]), float(solid.centre[2]))
-        known[key] = _Row(HULL, _ORIGIN, centre, reach, solid.thickness, solid)
+        cells = farthest_in_cells(solid.vertices - solid.centre) if len(solid.vertices) > CLIMB else None
+        known[key] = _Row(HULL, _ORIGIN, centre, reach, solid.thickness, solid, cells)
     return known[key]
 
 
@@ -196,6 +203,7 @@ def build_pieces(placed: Sequence[PlacedShape]) -> Pieces:
     known: dict[bytes, _Row] = {}
     rows = [_row(p.shape, known) for p in placed]
     solids = [r.polytope for r in rows]
+    has_cells = np.array([r.cells is not None for r in rows], dtype=bool)
     local = np.empty((len(placed), 12))
     for k, p in enumerate(placed):
         local[k, :9] = p.local[:3, :3].reshape(9)
@@ -212,6 +220,8 @@ def build_pieces(placed: Sequence[PlacedShape]) -> Pieces:
         vertices=_stacked([s.vertices for s in solids], 3),
         neighbour_start=_starts(_joined([s.neighbour_count for s in solids])),
         neighbours=_joined([s.neighbours for s in solids]),
+        cell_start=np.where(has_cells, CELLS * (np.cumsum(has_cells) - 1), -1).astype(np.int64),
+        cells=_joined([r.cells for r in rows if r.cells is not None]),
         face_start=_starts([len(s.planes) for s in solids]),
         planes=_stacked([s.planes for s in solids], 4),
         loop_start=_starts(_joined([s.loop_count for s in solids])),

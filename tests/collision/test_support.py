@@ -29,7 +29,7 @@ SHAPES: list[Shape] = [
 def supports(pieces: Pieces, frames: Floats, directions: Floats, points: Floats) -> None:
     """Farthest points of piece 0, each search beginning where the last one ended."""
     core = core_of(shapes_of(pieces, frames), 0)
-    hint = 0
+    hint = -1
     for k in range(len(directions)):
         point, hint = support(core, (directions[k, 0], directions[k, 1], directions[k, 2]), hint)
         for i in range(3):
