@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 STEP_OF_THICKNESS = 0.25  # a pair may turn or bend by this share of its mean thickness in one step,
-SAME_SIDE = 1.0  # or by this one, if it ends on the side of each other where it began
+SAME_SIDE = 1.0  # or by this one, if they stay on the side of each other where they were
 MOST_STEPS = 64
 
 
@@ -83,14 +83,21 @@ def measure_flex(scene: Scene, joints: Joints, before: Floats, after: Floats, fl
                 flex[body] += change * joints.lever[q]
 
 
+@kernel
+def _kept_its_side(scene: Scene, before: Floats, near: Near, k: int, room: float) -> bool:
+    """Whether the pair k was apart, or all but `room` [m], along the normal that parts it now or is about to."""
+    n = (near.normal[k, 0], near.normal[k, 1], near.normal[k, 2])
+    return gap_along(shapes_of(scene.pieces, before), near.a[k], near.b[k], n) >= -room
+
+
 @outlined
 def steps_needed(
     scene: Scene, p: Places, before: Floats, near: Near, stir: Floats, flex: Floats, gap: float, axes: Axes, scratch: Scratch
 ) -> int:  # fmt: skip
     """Into how many steps the frame must be cut, from the pairs near where it takes the trees in one (`find_reachable`).
 
-    `before` are the pieces' frames (P, 12) at the end of the last frame. A pair that was apart then along the normal that
-    it has now, or along which it is about to be parted, has not passed through each other.
+    `before` are the pieces' frames (P, 12) at the end of the last frame. Two pieces that come to be on the side of each
+    other on which they were have not passed through each other.
     """
     steps = 1.0
     for k in range(near.filled[0]):
@@ -101,13 +108,16 @@ def steps_needed(
         thickness = 0.5 * (scene.pieces.thickness[a] + scene.pieces.thickness[b])
         if near.separation[k] > change or change <= STEP_OF_THICKNESS * thickness:
             continue
+        short = change <= SAME_SIDE * thickness
+        if short and _kept_its_side(scene, before, near, k, STEP_OF_THICKNESS * thickness):
+            continue
         if near.exact[k] == 0:
             measure_pair(scene.pieces, p.frames, near, k, limit_of(p, near, k, gap), axes, scratch)
-        if near.separation[k] > change:
-            continue
-        n = (near.normal[k, 0], near.normal[k, 1], near.normal[k, 2])
-        if change > SAME_SIDE * thickness or gap_along(shapes_of(scene.pieces, before), a, b, n) < 0.0:
-            steps = max(steps, math.ceil(change / (STEP_OF_THICKNESS * max(thickness, 1e-5))))
+            if near.separation[k] > change or (
+                short and _kept_its_side(scene, before, near, k, STEP_OF_THICKNESS * thickness)
+            ):
+                continue
+        steps = max(steps, math.ceil(change / (STEP_OF_THICKNESS * max(thickness, 1e-5))))
     return int(min(steps, float(MOST_STEPS)))
 
 
