@@ -1,6 +1,7 @@
 # make demo    a recorded hand, put on the table it sank into: out/gallery_hand.mcap and .rrd
 # make test    the tests but the slow ones; make test-all: all of them
 # make check   format, lint, types, documents
+# make fuzz    hostile bytes through every loader, for FUZZ_SECONDS of processor time (default 600): out/fuzz/
 # make bench   frame times per stage
 # make figures the experiments' pictures and frame times: assets/docs/figures.md
 # make format  put the code, the list of modules in ARCHITECTURE.md and assets/docs/cli.md into shape
@@ -15,7 +16,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 MESHES := $(shell find assets -type f 2>/dev/null)
 
 .DELETE_ON_ERROR:
-.PHONY: demo test test-all check bench figures format clean
+.PHONY: demo test test-all check fuzz bench figures format clean
 
 demo: $(VENV)/.runtime out/gallery_hand.mcap
 	@echo
@@ -38,6 +39,10 @@ check: $(VENV)/.test
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/python -m pytest tests/house
+
+FUZZ_SECONDS ?= 600
+fuzz: $(VENV)/.fuzz
+	$(BIN)/python -m tests.fuzz.run $(FUZZ_SECONDS)
 
 bench: $(VENV)/.bench
 	$(BIN)/geomphys bench
@@ -75,6 +80,10 @@ $(VENV)/.test: pyproject.toml $(VENV)/.venv
 	@echo "Installing geomphys and what its tests need into $(VENV) (some minutes the first time) …"
 	@$(PIP) install --editable '.[test]'
 	@touch $@ $(VENV)/.runtime
+
+$(VENV)/.fuzz: $(VENV)/.test
+	@$(PIP) install --editable '.[test,fuzz]'
+	@touch $@
 
 $(VENV)/.bench: pyproject.toml $(VENV)/.venv
 	@echo "Installing geomphys and its peers into $(VENV) (some minutes the first time) …"

@@ -20,7 +20,7 @@ _TEXTS = {
         "warning",
         "more impacts than max_impacts in a frame: what was beyond was stopped, not bounced",
     ),
-    FLAG_QUARANTINED: ("error", "a simulated body became non-finite and was put back to its last good state"),
+    FLAG_QUARANTINED: ("error", "a body became non-finite and was put back to its last good state"),
     FLAG_BLOCKED: ("info", "something stands between a body and its recorded place"),
 }
 

@@ -24,6 +24,7 @@ from geomphys.block import (
 from geomphys.collision.detect import find_near
 from geomphys.collision.global_depth import global_depths
 from geomphys.collision.sweep import update_boxes
+from geomphys.containment import contain_driven, keep_posture
 from geomphys.driven.steps import is_recorded, recording_between
 from geomphys.driven.update import Outcome, update_driven
 from geomphys.interplay import predict_simulated, shift_driven, simulate_bodies, turns_of, yield_to_simulated
@@ -118,6 +119,7 @@ def keep_poses(scene: Scene, m: Machine) -> None:
         if scene.trees.moving[scene.bodies.tree[body]] == 1:
             for k in range(7):
                 m.start[body, k] = m.corrected[body, k]
+    keep_posture(m)
 
 
 @outlined
@@ -171,11 +173,14 @@ def step(
             done.rescues + more.rescues,
             done.converged and more.converged,
         )
+        now_at, bent = (roots, angles) if last else (m.roots, m.angles)
+        flags |= contain_driven(scene, m, now_at, bent, first)
         t3 = cycles()
         if not first and len(m.simulated.free) > 0:
             now, flagged = simulate_bodies(scene, m, dt / parts, knobs, impacts, part > 0)
             impacts, flags = impacts + now, flags | flagged
-            yield_to_simulated(scene, m, roots if last else m.roots, knobs)
+            if yield_to_simulated(scene, m, now_at, knobs) > 0:
+                flags |= contain_driven(scene, m, now_at, bent, first)
         simulating += cycles() - t3
     t4 = cycles()
     write_depths(block, frame, m.depths, done.method)

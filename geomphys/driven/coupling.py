@@ -40,20 +40,23 @@ def relax(x: float, v: float, mass: float, stiffness: float, damping: float, dt:
         return 0.0, 0.0
     rate = 0.5 * damping / mass
     square = stiffness / mass - rate * rate
-    decay = math.exp(-rate * dt)
     if abs(square) * dt * dt < 1e-12:
+        decay = math.exp(-rate * dt)
         slope = v + rate * x
         x1 = (x + slope * dt) * decay
         v1 = (v - rate * slope * dt) * decay
-    else:
-        if square > 0.0:
-            omega = math.sqrt(square)
-            c, s = math.cos(omega * dt), math.sin(omega * dt) / omega
-        else:
-            omega = math.sqrt(-square)
-            c, s = math.cosh(omega * dt), math.sinh(omega * dt) / omega
+    elif square > 0.0:
+        decay, omega = math.exp(-rate * dt), math.sqrt(square)
+        c, s = math.cos(omega * dt), math.sin(omega * dt) / omega
         x1 = decay * (x * (c + rate * s) + v * s)
         v1 = decay * (v * (c - rate * s) - x * s * (stiffness / mass))
+    else:  # as a sum of two decays: cosh and sinh would overflow in a long gap
+        omega = math.sqrt(-square)
+        fast = rate + omega
+        slow = stiffness / mass / fast
+        a, b = math.exp(-slow * dt), math.exp(-fast * dt)
+        x1 = (x * (fast * a - slow * b) + v * (a - b)) / (2.0 * omega)
+        v1 = (v * (fast * b - slow * a) - x * (stiffness / mass) * (a - b)) / (2.0 * omega)
     if abs(x1) < REST_LENGTH and abs(v1) < REST_SPEED:
         return 0.0, 0.0
     return x1, v1

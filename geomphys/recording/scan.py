@@ -234,7 +234,7 @@ class _Scanner:
     def chunk(self, at: int, length: int, end: int) -> None:
         """Take in a chunk, of which the bytes before `end` are there. Raises BadRecordError if its head is wrong."""
         self.file.seek(at + 9)
-        beginning = self.file.read(min(CHUNK.size + 80, end - at - 9))
+        beginning = self.file.read(max(0, min(CHUNK.size + 80, end - at - 9)))
         head = read_chunk_head(beginning, length)
         if head.data_length > CHUNK_LIMIT:
             raise BadRecordError(f"a chunk of {head.data_length} bytes is longer than the limit of {CHUNK_LIMIT}")

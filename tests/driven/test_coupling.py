@@ -25,6 +25,18 @@ def test_follows_the_differential_equation(mass, stiffness, damping):
     assert relax(0.02, -0.3, mass, stiffness, damping, 0.05) == pytest.approx(truth, rel=1e-7, abs=1e-10)
 
 
+@pytest.mark.parametrize("damping", [80.0, 4000.0, 1e9])
+def test_a_strong_damper_in_a_long_gap_does_not_overflow(damping):
+    """The slower of two decays is left: x' = -x K / R, where R is large."""
+    for gap in (0.5, 10.0, 1e5):
+        x, v = relax(0.02, 0.0, 0.4, 1000.0, damping, gap)
+        rate = 0.5 * damping / 0.4
+        slow = 1000.0 / 0.4 / (rate + math.sqrt(rate * rate - 1000.0 / 0.4))
+        left = 0.02 * math.exp(-slow * gap)
+        assert x == pytest.approx(left, rel=1.0 if damping < 1000 else 1e-3, abs=2e-9)
+        assert v == pytest.approx(-slow * x, abs=2e-7)
+
+
 def test_frame_rate_does_not_matter():
     x, v = 0.01, 0.0
     for _ in range(24):

@@ -32,7 +32,7 @@ LAYERS = (
     "proto",
     "block motion",
     "machine",
-    "interplay",
+    "containment interplay",
     "step",
     "foresight",
     "sinks.base",

@@ -1,0 +1,160 @@
+"""What is fuzzed: bytes through every loader. Each may raise what `geomphys.errors` has, on one line, and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from mcap_protobuf.schema import build_file_descriptor_set
+
+from geomphys.config import Config
+from geomphys.errors import GeomphysError
+from geomphys.load import load_world
+from geomphys.output_log import open_output
+from geomphys.recording.channels import KINDS, make_reader
+from geomphys.recording.decoders import STANDARD_TYPES, BadMessageError
+from geomphys.recording.frames import FrameSource
+from geomphys.recording.inspect import inspect_log
+from geomphys.recording.reader import LogChannel
+from geomphys.stats import statistics_of
+from geomphys.world.meshes import SUFFIXES, load_mesh, require_closed, wound_outwards
+from geomphys.world.skeleton import load_skeleton
+from tests.recording.log_files import GLOVE_DEFINITION, GLOVE_TYPE, PROTOBUF, Tree, make_world
+
+WORLD = make_world(Tree(root="/wrist", topic="/glove", joints=("a", "b"), mimics=("b",)))
+_KINDS = sorted(KINDS)
+_DEFINITIONS = {**{name: text.encode() for name, text in STANDARD_TYPES.items()}, GLOVE_TYPE: GLOVE_DEFINITION.encode()}
+_DESCRIPTORS = {
+    kind.DESCRIPTOR.full_name: build_file_descriptor_set(kind).SerializeToString() for kind in PROTOBUF.values()
+}
+
+
+def said(error: Exception) -> None:
+    """What an error says is one line of some length that cannot steer a terminal."""
+    text = str(error)
+    assert text
+    assert text.isprintable(), repr(text)
+    assert len(text) < 4000, len(text)
+
+
+def log(data: bytes, folder: Path) -> None:
+    """An MCAP file: looked at, and replayed up to its frames."""
+    path = folder / "log.mcap"
+    path.write_bytes(data)
+    for recover in (False, True):
+        try:
+            inspect_log(path, recover=recover)
+        except GeomphysError as error:
+            said(error)
+        try:
+            with FrameSource(path, WORLD, Config(recover=recover)) as source:
+                frames = list(source)
+                assert source.report.frames == len(frames)
+        except GeomphysError as error:
+            said(error)
+
+
+def bag(data: bytes, folder: Path) -> None:
+    """The metadata.yaml of a bag."""
+    (folder / "metadata.yaml").write_bytes(data)
+    try:
+        inspect_log(folder, recover=True)
+    except GeomphysError as error:
+        said(error)
+
+
+def _channel(number: int, schema: bytes | None) -> LogChannel:
+    name, encoding = _KINDS[number % len(_KINDS)]
+    how = {"cdr": "ros2msg", "json": "jsonschema", "protobuf": "protobuf"}[encoding]
+    known = {"cdr": _DEFINITIONS, "json": {}, "protobuf": _DESCRIPTORS}[encoding].get(name, b"")
+    return LogChannel(0, "/t", name, how, known if schema is None else schema, encoding, 1, 0, 0)
+
+
+def message(data: bytes, folder: Path) -> None:
+    """A message; the first byte says of which kind."""
+    if data:
+        channel = _channel(data[0], None)
+        read = make_reader(channel, KINDS[channel.schema_name, channel.encoding])
+        with suppress(BadMessageError):
+            read(data[1:])
+
+
+def schema(data: bytes, folder: Path) -> None:
+    """A schema, and 256 bytes as a message of it; the first byte says of which kind."""
+    if data:
+        channel = _channel(data[0], data[1:])
+        try:
+            read = make_reader(channel, KINDS[channel.schema_name, channel.encoding])
+        except GeomphysError as error:
+            said(error)
+            return
+        with suppress(BadMessageError):
+            read(b"\0\1\0\0" + bytes(252))
+
+
+def result(data: bytes, folder: Path) -> None:
+    """An output, read back."""
+    path = folder / "result.mcap"
+    path.write_bytes(data)
+    try:
+        read = open_output(path)
+        read.attachments(), read.descriptions(), read.metrics(), read.timing()
+        assert all(frame.time_ns >= 0 for frame in read.frames())
+        statistics_of([path])
+    except GeomphysError as error:
+        said(error)
+
+
+def scene(data: bytes, folder: Path) -> None:
+    """A scene file beside a model and a mesh."""
+    path = folder / "scene.toml"
+    path.write_bytes(data)
+    for name, text in (("model.urdf", MODEL), ("cube.obj", CUBE)):
+        (folder / name).write_text(text)
+    try:
+        load_world(path)
+    except GeomphysError as error:
+        said(error)
+
+
+def urdf(data: bytes, folder: Path) -> None:
+    """A URDF beside a mesh."""
+    path = folder / "model.urdf"
+    path.write_bytes(data)
+    (folder / "cube.obj").write_text(CUBE)
+    try:
+        load_skeleton(path)
+    except GeomphysError as error:
+        said(error)
+
+
+def _mesh(suffix: str) -> Callable[[bytes, Path], None]:
+    def mesh(data: bytes, folder: Path) -> None:
+        path = folder / f"mesh.{suffix}"
+        path.write_bytes(data)
+        try:
+            loaded = load_mesh(path)
+            require_closed(loaded)
+            assert abs(wound_outwards(loaded).signed_volume) < 1e20
+            assert len(loaded.hull_vertices) >= 4
+        except GeomphysError as error:
+            said(error)
+
+    return mesh
+
+
+MODEL = """<robot name="m"><link name="a"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
+<link name="b"><collision><geometry><mesh filename="cube.obj" scale="0.1 0.1 0.1"/></geometry></collision></link>
+<joint name="j" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0 0 0.5"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>
+"""
+CUBE = "".join(f"v {x} {y} {z}\n" for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)) + "".join(
+    f"f {a} {b} {c}\nf {a} {c} {d}\n"
+    for a, b, c, d in ((1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4))
+)
+TARGETS: dict[str, Callable[[bytes, Path], None]] = {
+    "log": log, "bag": bag, "message": message, "schema": schema, "result": result, "scene": scene, "urdf": urdf,
+    **{suffix: _mesh(suffix) for suffix in SUFFIXES},
+}  # fmt: skip
+"""Name -> what is done with some bytes, in an empty folder."""
