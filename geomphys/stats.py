@@ -21,9 +21,6 @@ from geomphys.summary import FLAG_NAMES, RESIDUAL_LIMIT_M
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-EXACT = 1 << 17
-"""Values of a series that are kept as they are; percentiles of longer ones are right to 0.25 %."""
-
 _METRICS = (
     "recorded_penetration_m",
     "residual_penetration_m",
@@ -111,20 +108,22 @@ def statistics_of(
     together = _Series()
     found: list[OutputStatistics] = []
     for log in logs:
-        series = _Series()
+        series = _Series() if len(logs) > 1 else together
         motion = _Motion()
         for frame in log.frames(["/tf", "/recorded/tf", "/metrics", "/timing"]):
             moved = motion.add(frame)
             series.add(frame, moved)
-            together.add(frame, moved)
+            if series is not together:
+                together.add(frame, moved)
             done += 1
             if progress is not None:
                 progress(done, total)
         if series.frames == 0:
             raise LogError(f"{log.path}: holds no frame")
         duration = (log.end_ns - log.start_ns) / 1e9
-        together.duration_s += duration
         series.duration_s = duration
+        if series is not together:
+            together.duration_s += duration
         found.append(series.statistics(str(log.path), log.complete))
     return Statistics(outputs=tuple(found), all=together.statistics("all", all(o.complete for o in found)))
 
@@ -209,7 +208,7 @@ class _Series:
     @staticmethod
     def _take(series: dict[str, Quantiles], name: str, value: float) -> None:
         if name not in series:
-            series[name] = Quantiles(EXACT)
+            series[name] = Quantiles()
         series[name].add(value)
 
 

@@ -164,7 +164,7 @@ class McapSink(ContextManaged):
         put("/contacts", self._contacts.encode(contacts, head), time, frame)
         has_contacts = len(contacts.depth) > 0
         if has_contacts or self._had_contacts:
-            put("/contacts/points", self._points.encode(contacts, time), time, frame)
+            put("/contacts/points", self._points.encode(contacts, stamp), time, frame)
             put("/contacts/scene", self._arrows.encode(contacts, stamp), time, frame)
         self._had_contacts = has_contacts
         put("/penetration", self._figures.penetration(result.penetrations, head), time, frame)

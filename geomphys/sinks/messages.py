@@ -161,17 +161,14 @@ class ContactPointsMessage:
         message.pose.orientation.w = 1.0
         for column, name in enumerate(self.FIELDS):
             message.fields.add(name=name, offset=4 * column, type=PackedElementField.FLOAT32)
-        self._message = message
+        self._fixed: bytes = message.SerializeToString()
 
-    def encode(self, contacts: ContactArrays, time_ns: int) -> bytes:
-        """The message of a frame."""
+    def encode(self, contacts: ContactArrays, stamp: bytes) -> bytes:
+        """The message of a frame; `stamp` is a `stamp_field`."""
         rows = np.empty((len(contacts.depth), len(self.FIELDS)), np.dtype("<f4"))
         rows[:, :3], rows[:, 3], rows[:, 4:7] = contacts.point, contacts.depth, contacts.normal
         rows[:, 7], rows[:, 8] = contacts.body_a, contacts.body_b
-        self._message.timestamp.seconds, self._message.timestamp.nanos = divmod(time_ns, 1_000_000_000)
-        self._message.data = rows.tobytes()
-        data: bytes = self._message.SerializeToString()
-        return data
+        return stamp + self._fixed + (entry(6, rows.tobytes()) if len(rows) else b"")
 
 
 class ContactArrowsMessage:
@@ -200,21 +197,21 @@ class ContactArrowsMessage:
 
 
 class FrameMessages:
-    """The channels of figures: penetration depths, metrics, stage times and log lines."""
+    """The channels of figures: penetration depths, metrics, stage times and log lines.
+
+    A message that holds more than numbers is made anew each time: one that is filled again keeps the memory of all it
+    ever held.
+    """
 
     def __init__(self, names: Sequence[str]) -> None:
         self._names = names
-        self._penetration = PenetrationDepths()
         self._metrics = FrameMetrics()
-        self._timing = Timing()
-        self._log = Log(name="geomphys")
 
     def penetration(self, pairs: PenetrationArrays, head: bytes) -> bytes:
         """geomphys.PenetrationDepths."""
         if len(pairs.body_a) == 0:
             return head
-        message = self._penetration
-        message.Clear()
+        message = PenetrationDepths()
         columns = zip(*(column.tolist() for column in pairs), strict=True)
         for body_a, body_b, pd, convex_pairs, largest, method in columns:
             pair = message.pairs.add(
@@ -250,8 +247,7 @@ class FrameMessages:
 
     def timing(self, stages: Iterable[tuple[str, int, int]], head: bytes) -> bytes:
         """geomphys.Timing."""
-        message = self._timing
-        message.Clear()
+        message = Timing()
         for name, ns, count in stages:
             message.stages.add(name=name, ns=ns, count=count)
         body: bytes = message.SerializeToString()
@@ -259,7 +255,7 @@ class FrameMessages:
 
     def log(self, level: str, text: str, time_ns: int) -> bytes:
         """foxglove.Log; `level` is info, warning or error."""
-        message = self._log
+        message = Log(name="geomphys")
         message.timestamp.seconds, message.timestamp.nanos = divmod(time_ns, 1_000_000_000)
         message.level = _LEVELS[level]
         message.message = text

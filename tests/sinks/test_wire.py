@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import resource
+from pathlib import Path
+
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
@@ -15,6 +18,7 @@ from mcap_ros2.decoder import DecoderFactory
 
 from geomphys.proto.geomphys_pb2 import Contacts
 from geomphys.results import Contacts as ContactArrays
+from geomphys.results import Penetrations
 from geomphys.sinks.arrows import ARROW_BASE, ARROW_SCALE, arrow_orientations
 from geomphys.sinks.messages import (
     JOINT_STATE_DEFINITION,
@@ -22,6 +26,7 @@ from geomphys.sinks.messages import (
     ContactArrowsMessage,
     ContactPointsMessage,
     ContactsMessage,
+    FrameMessages,
     JointStateMessage,
     TransformsMessage,
     head_of,
@@ -110,7 +115,7 @@ def test_contacts_decode_to_what_went_in(pairs: list[tuple[int, int]]) -> None:
 
 def test_contact_points_are_packed_as_their_fields_say() -> None:
     some = contacts([(0, 1), (2, 3)])
-    message = PointCloud.FromString(ContactPointsMessage().encode(some, 7_000_000_001))
+    message = PointCloud.FromString(ContactPointsMessage().encode(some, stamp_field(7_000_000_001)))
     assert message.timestamp.ToNanoseconds() == 7_000_000_001
     assert message.frame_id == "world"
     layout = np.dtype(
@@ -125,6 +130,35 @@ def test_contact_points_are_packed_as_their_fields_say() -> None:
     assert np.allclose(np.stack([points[a] for a in "xyz"], 1), some.point, atol=1e-6)
     assert np.allclose(points["depth"], some.depth)
     assert points["body_b"].tolist() == [1, 3]
+    assert message.SerializeToString() == ContactPointsMessage().encode(some, stamp_field(7_000_000_001))
+    empty = ContactPointsMessage().encode(contacts([]), stamp_field(0))
+    assert PointCloud.FromString(empty).SerializeToString() == empty
+
+
+def test_encoding_many_frames_takes_no_more_memory_than_some() -> None:
+    some, figures, points = contacts([(0, 1), (2, 3)] * 4), FrameMessages(NAMES), ContactPointsMessage()
+    depths = Penetrations(
+        body_a=some.body_a, body_b=some.body_b, pd=some.point, convex_pairs=some.body_a, largest=some.depth,
+        method=np.zeros(8, np.int64),
+    )  # fmt: skip
+
+    def encode(frames: int) -> None:
+        for k in range(frames):
+            head = head_of(k, stamp_field(k))
+            points.encode(some, stamp_field(k))
+            figures.penetration(depths, head)
+            figures.timing([("step.some_stage", k, 1)] * 10, head)
+            figures.log("info", f"frame {k}", k)
+
+    encode(2_000)
+    before = resident_bytes()
+    encode(10_000)
+    assert resident_bytes() - before < 2 * 2**20
+
+
+def resident_bytes() -> int:
+    """What this process has in memory, also what no tracer of Python's sees."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
 
 
 def test_contact_arrows_stand_at_the_points_along_the_normals() -> None:
