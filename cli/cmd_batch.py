@@ -9,7 +9,7 @@ import click
 
 from .command import StopAtFrame, command, current_terminal
 from .options import (
-    INPUT,
+    INPUTS,
     OUTPUT_FOLDER,
     config_of,
     config_options,
@@ -45,7 +45,7 @@ MM = 1000.0
     geomphys batch /data/recordings -s /data/table.toml -O /data/corrected --scheduler tcp://10.0.0.5:8786
     """,
 )
-@click.argument("logs", type=INPUT, nargs=-1, required=True, metavar="LOG|DIR...")
+@click.argument("logs", type=INPUTS, nargs=-1, required=True, metavar="LOG|DIR...")
 @scene_option
 @click.option(
     "--output-folder",

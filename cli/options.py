@@ -18,6 +18,9 @@ F = TypeVar("F", bound=Callable[..., Any])
 class Place(click.Path):
     """A local path, or a URL: one that is read must exist, as `click.Path` demands of paths."""
 
+    unseen_suffix: str | None = None
+    """Ending of URLs that are not looked for."""
+
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return what stands for the path or URL; wrong usage where it is not there."""
         if "://" not in str(value):
@@ -29,7 +32,7 @@ class Place(click.Path):
             found = place(value)
             if not is_remote(found):
                 return super().convert(str(found), param, ctx)
-            if self.exists and not found.exists():
+            if self.exists and found.suffix != self.unseen_suffix and not found.exists():
                 self.fail(f"{found}: there is no such file", param, ctx)
             if not self.exists and not found.lists:
                 self.fail(
@@ -43,6 +46,8 @@ class Place(click.Path):
 
 
 INPUT = Place(exists=True, readable=True, path_type=Path)
+INPUTS = Place(exists=True, readable=True, path_type=Path)
+INPUTS.unseen_suffix = ".mcap"  # of many logs one that is missing stops none
 INPUT_FILE = Place(exists=True, dir_okay=False, readable=True, path_type=Path)
 LOCAL_FILE = click.Path(exists=True, dir_okay=False, readable=True, path_type=Path)
 OUTPUT_FILE = Place(dir_okay=False, path_type=Path)

@@ -13,8 +13,8 @@ EXACT = 1 << 14
 SMALLEST = 1e-12
 """Values up to this count as zero once values are binned."""
 
-WIDTH = 0.005
-"""Ratio by which a bin's edges differ: half of it bounds the relative error."""
+WIDTH = 0.0025
+"""Ratio by which a bin's edges differ: it bounds the relative error."""
 
 _BINS = math.ceil(math.log(1e24) / math.log1p(WIDTH)) + 1
 
@@ -22,8 +22,9 @@ _BINS = math.ceil(math.log(1e24) / math.log1p(WIDTH)) + 1
 class Quantiles:
     """A series of finite numbers >= 0, of which quantiles are asked.
 
-    The values themselves are kept up to `EXACT` of them (128 KiB, as much as the bins take); from then on they are counted in logarithmic bins from
-    1e-12 to 1e12. The same values in the same order give the same answers.
+    The values themselves are kept up to `EXACT` of them (128 KiB, about what the bins take); from then on they are
+    counted in logarithmic bins from 1e-12 to 1e12. A bin that holds a whole number stands for that, so that counts come
+    out exact. The same values in the same order give the same answers.
     """
 
     def __init__(self, exact: int = EXACT) -> None:
@@ -32,7 +33,7 @@ class Quantiles:
         self.total = 0.0
         self._exact = exact
         self._values = np.empty(min(exact, 1024))
-        self._bins: NDArray[np.int64] | None = None
+        self._bins: NDArray[np.uint32] | None = None
 
     def add(self, value: float) -> None:
         """Count one more value; raises ValueError for a negative or non-finite one."""
@@ -41,7 +42,7 @@ class Quantiles:
         if self._bins is not None:
             self._bins[_bin(value)] += 1
         elif self.count == self._exact:
-            self._bins = np.zeros(_BINS, dtype=np.int64)
+            self._bins = np.zeros(_BINS, dtype=np.uint32)
             for kept in self._values[: self.count]:
                 self._bins[_bin(float(kept))] += 1
             self._values = np.empty(0)
@@ -62,13 +63,20 @@ class Quantiles:
         if self._bins is None:
             return float(np.partition(self._values[: self.count], rank)[rank])
         index = int(np.searchsorted(np.cumsum(self._bins), rank, side="right"))
-        return 0.0 if index == 0 else min(SMALLEST * (1.0 + WIDTH) ** (index - 0.5), self.largest)
+        return 0.0 if index == 0 else min(_value(index), self.largest)
 
     def median(self) -> float:
         """Return the middle value; of an even number the mean of the two in the middle (the lower one once binned)."""
         if self._bins is not None or self.count == 0:
             return self.quantile(0.5)
         return float(np.median(self._values[: self.count]))
+
+
+def _value(index: int) -> float:
+    """What stands for the values of a bin: a whole number if one lies in it, else its middle."""
+    middle = SMALLEST * (1.0 + WIDTH) ** (index - 0.5)
+    whole = float(round(middle))
+    return whole if whole > 0.0 and _bin(whole) == index else middle
 
 
 def _bin(value: float) -> int:

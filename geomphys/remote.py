@@ -183,6 +183,10 @@ class RemotePath:
         """Itself: a URL has no links."""
         return self
 
+    def absolute(self) -> RemotePath:
+        """Itself: a URL is absolute."""
+        return self
+
     def is_relative_to(self, other: Path | RemotePath) -> bool:
         """Whether it is `other` or lies below it."""
         return isinstance(other, RemotePath) and f"{self.url}/".startswith(f"{other.url}/")

@@ -188,6 +188,18 @@ def test_what_is_wrong_with_a_url_is_one_line(
     assert name.format(url=web.url) in line
 
 
+def test_a_url_that_is_missing_stops_no_batch(files: Path, web: Web, capsys: pytest.CaptureFixture[str]) -> None:
+    urls = [f"{web.url}/press.mcap", f"{web.url}/missing.mcap"]
+    words = ["batch", *urls, "-s", str(files / "press.toml"), "-O", str(files / "out"), "-j", "1", "--json"]
+    for more in ([], ["--resume"]):
+        assert run([*words, *more]) == 3
+        entries = json.loads(capsys.readouterr().out)["entries"]
+        assert [entry["status"] for entry in entries] == ["failed", "done"]
+        assert urls[1] in entries[0]["error"]
+    words[1:3] = [f"{web.url}/folder"]
+    assert run(words) == 2
+
+
 def test_a_server_without_ranges_is_said(files: Path, web: Web, capsys: pytest.CaptureFixture[str]) -> None:
     web.ranges = False
     write_camera_log(files / "camera.mcap")

@@ -29,7 +29,8 @@ def plan_logs(inputs: Sequence[Path | str], folder: Path | str) -> tuple[Planned
     A file gives ``STEM``, a ROS 2 bag (a folder with metadata.yaml) the folder's name. Of any other folder all
     ``*.mcap`` files and bags in it and below it are taken, and their outputs keep their place below it:
     ``DIR/monday/take1.mcap`` becomes ``monday/take1``. Hidden files, ``*.partial.mcap`` and what lies in the batch's own
-    `folder` are left out. A log named twice is replayed once. Files and folders may be URLs.
+    `folder` are left out. A log named twice is replayed once. Files and folders may be URLs; whether a file
+    ``….mcap`` behind one is there is seen when it is replayed.
 
     Raises
     ------
@@ -60,7 +61,7 @@ def plan_logs(inputs: Sequence[Path | str], folder: Path | str) -> tuple[Planned
 
 def _logs_of(given: Path, own: Path) -> Iterator[tuple[str, Path]]:
     """Name and path of each log of one input."""
-    if given.is_file():
+    if (is_remote(given) and given.suffix == ".mcap") or given.is_file():
         yield given.stem, given
     elif not given.is_dir():
         raise LogError(f"{given}: there is no such log")

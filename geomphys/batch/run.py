@@ -19,7 +19,7 @@ from geomphys.batch.job import STOP, Job, Outcome
 from geomphys.batch.manifest import Entry, Manifest
 from geomphys.batch.plan import PlannedLog, plan_logs
 from geomphys.config import Config
-from geomphys.errors import LogError, OutputError
+from geomphys.errors import OutputError
 from geomphys.load import load_world
 from geomphys.provenance import sha256_of_file, sha256_of_log, sha256_of_world
 from geomphys.remote import is_remote, place
@@ -111,7 +111,7 @@ def run_batch(
     ClusterError
         The Dask scheduler cannot be reached.
     """
-    folder, scene, config = place(folder).resolve(), place(scene).resolve(), config or Config()
+    folder, scene, config = place(folder).resolve(), place(scene).absolute(), config or Config()
     planned = plan_logs(logs, folder)
     check_outputs(planned, folder, rrd=rrd, resume=resume, force=force)
     world_sha256 = sha256_of_world(load_world(scene, mode=config.mode, seed=config.seed))
@@ -206,13 +206,16 @@ def _processors() -> int:
 
 
 def _is_good(entry: Entry | None, asked: Entry, folder: Path) -> bool:
-    """Whether an entry of an earlier batch is what is asked for, and its outputs are whole."""
+    """Whether an entry of an earlier batch is what is asked for, and its outputs are whole.
+
+    What cannot be read is neither: the replay tells what is wrong with it.
+    """
     if entry is None or entry.status != "done":
         return False
     try:
         return entry.is_made_from(asked, sha256_of_log(place(asked.log))) and entry.outputs_are_whole(folder)
-    except OSError as problem:
-        raise LogError(f"{problem.filename}: cannot be read ({problem.strerror})") from problem
+    except OSError:
+        return False
 
 
 def _entry(asked: Entry, outcome: Outcome) -> Entry:

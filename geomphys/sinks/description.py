@@ -40,7 +40,7 @@ def descriptions(world: World) -> dict[str, str]:
         name = "objects"
         while name in world.tree_names:
             name += "_"
-        texts[f"/{name}/robot_description"] = urdf_of_objects(name, plain, world.path.resolve().parent, palette)
+        texts[f"/{name}/robot_description"] = urdf_of_objects(name, plain, world.path.absolute().parent, palette)
     return texts
 
 
@@ -63,7 +63,7 @@ def urdf_for_viewers(path: Path, frames: dict[str, str], colour: Colour) -> str:
             for element in joint.findall(end):
                 _rename(element, "link", frames)
     for mesh in tree.iter("mesh"):
-        mesh.set("filename", mesh_file(mesh.get("filename", ""), path.resolve().parent).resolve().as_uri())
+        mesh.set("filename", mesh_file(mesh.get("filename", ""), path.absolute().parent).resolve().as_uri())
     for visual in tree.iter("visual"):
         if visual.find("material") is None:
             visual.append(_material(colour))

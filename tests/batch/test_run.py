@@ -15,6 +15,7 @@ import pytest
 import geomphys
 from geomphys.batch.manifest import Entry, Manifest
 from tests.cli.press import SCENE, write_log
+from tests.world.models import cube, stl
 
 LONG = 15_000
 """Frames of a log that takes some seconds."""
@@ -88,6 +89,32 @@ def test_resume_replays_only_what_is_not_the_same_any_more(tmp_path: Path) -> No
     assert replayed(config=geomphys.Config(seed=1)) == {"a.mcap", "b.mcap", "c.mcap"}
     write_log(case.logs / "d.mcap")
     assert replayed(config=geomphys.Config(seed=1)) == {"d.mcap"}
+
+
+def test_a_log_that_is_gone_fails_alone_when_resumed(tmp_path: Path) -> None:
+    case = Case(tmp_path, a=60, b=70)
+    case.run()
+    far = "https://127.0.0.1:9/gone.mcap"
+    report = geomphys.run_batch([case.logs, far], case.scene, case.out, timing=False, jobs=1, resume=True)
+    assert [(entry.out, entry.status) for entry in report.entries] == [
+        ("a.mcap", "done"), ("b.mcap", "done"), ("gone.mcap", "failed")
+    ]  # fmt: skip
+    assert report.kept == ("a.mcap", "b.mcap")
+    assert far in (report.entries[2].error or "")
+
+
+def test_a_scene_that_is_a_link_gives_the_bytes_of_a_replay(tmp_path: Path) -> None:
+    case = Case(tmp_path, a=60)
+    (tmp_path / "elsewhere").mkdir()
+    mesh = '\n[[object]]\nname = "block"\nclass = "fixed"\nmesh = "cube.stl"\nposition = [3.0, 0.0, 0.0]\nmaterial = "wood"\n'
+    (tmp_path / "elsewhere" / "other.toml").write_text(SCENE + mesh)
+    stl(tmp_path / "cube.stl", *cube(0.1))
+    case.scene.unlink()
+    case.scene.symlink_to(tmp_path / "elsewhere" / "other.toml")
+    case.run()
+    case.check("a")
+    text = geomphys.open_output(case.out / "a.mcap").descriptions()["/objects/robot_description"]
+    assert (tmp_path / "cube.stl").as_uri() in text
 
 
 def test_a_failure_can_stop_the_batch(tmp_path: Path) -> None:
