@@ -29,6 +29,7 @@ FLAG_TEXTS = {
     "quarantined": "where a body was put back to its last good state",
     "blocked": "held back by something in between",
     "started_inside": "began inside something",
+    "wedged": "kept the turn of the last free place, for want of room",
 }
 
 

@@ -8,6 +8,7 @@ from geomphys.results import (
     FLAG_NOT_CONVERGED,
     FLAG_QUARANTINED,
     FLAG_STARTED_INSIDE,
+    FLAG_WEDGED,
     Metrics,
 )
 
@@ -21,6 +22,10 @@ _TEXTS = {
         "more impacts than max_impacts in a frame: what was beyond was stopped, not bounced",
     ),
     FLAG_QUARANTINED: ("error", "a body became non-finite and was put back to its last good state"),
+    FLAG_WEDGED: (
+        "warning",
+        "a body was wedged: it keeps the turn and shape of its last free place until there is room",
+    ),
     FLAG_BLOCKED: ("info", "something stands between a body and its recorded place"),
 }
 
@@ -36,7 +41,7 @@ class Narrator:
         begun = metrics.flags & ~self._flags
         self._flags = metrics.flags
         told = [text for flag, text in _TEXTS.items() if begun & flag]
-        if metrics.fallbacks:
+        if metrics.fallbacks and not metrics.flags & FLAG_WEDGED:
             told.append(
                 (
                     "warning",

@@ -16,8 +16,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.block import CORRECTION, FALLBACKS, RECORDED, Block
+from geomphys.block import CORRECTION, FALLBACKS, FLAGS, RECORDED, Block
 from geomphys.machine import Machine, State, restore
+from geomphys.results import FLAG_WEDGED
 from geomphys.world.scene import DRIVEN, Scene
 
 Floats = NDArray[np.float64]
@@ -114,7 +115,7 @@ def first_wedge(scene: Scene, block: Block, count: int, start: int, before: Floa
     """
     offsets = offsets_of(scene, block, count)
     for row in range(start, count):
-        if block.numbers[row, FALLBACKS] == 0:
+        if block.numbers[row, FALLBACKS] == 0 or block.numbers[row, FLAGS] & FLAG_WEDGED:
             continue
         last = offsets[row - 1] if row else before
         if last is None:

@@ -30,7 +30,7 @@ from geomphys.vec3 import (
     scale,
     sub,
 )
-from geomphys.world.kinematics import orientation_of, place_tree, position_of, set_pose
+from geomphys.world.kinematics import orientation_of, place_tree, pose_tree, position_of, set_pose
 from geomphys.world.scene import DRIVEN, SIMULATED, Scene
 
 Floats = NDArray[np.float64]
@@ -43,20 +43,27 @@ LEAST_MOTION = 5e-4  # m: of both in a frame together; slower, one turn a frame 
 
 
 @outlined
-def shift_driven(scene: Scene, m: Machine, roots: Floats) -> None:
-    """Corrected poses: the recorded ones, driven trees translated by their offset (none: bit for bit the same)."""
+def shift_driven(scene: Scene, m: Machine) -> None:
+    """Corrected poses: the recorded ones, driven trees translated by their offset (none: bit for bit the same).
+
+    Trees that are behind are as the last step left them, translated.
+    """
     for tree in range(len(scene.trees.role)):
         if not is_recorded(scene, tree):
             continue
+        behind = m.driven.lag.behind[tree] == 1
+        if behind:
+            pose_tree(scene, m.room.origins, tree, m.driven.roots, m.driven.angles, m.corrected)
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
             for k in range(7):
-                m.corrected[body, k] = m.recorded[body, k]
+                if not behind:
+                    m.corrected[body, k] = m.recorded[body, k]
             if scene.trees.role[tree] == DRIVEN:
                 for k in range(3):
                     if m.driven.offset[tree, k] != 0.0:  # -0.0 + 0.0 would be 0.0
                         m.corrected[body, k] += m.driven.offset[tree, k]
     if m.room.joints.any[0] == 1:
-        pose_avatars(scene, m.room.origins, roots, m.room.chains.angles, m.driven.offset, m.corrected)
+        pose_avatars(scene, m.room.origins, m.driven.roots, m.room.chains.angles, m.driven.offset, m.corrected)
 
 
 @kernel
@@ -203,13 +210,13 @@ def simulate_bodies(scene: Scene, m: Machine, dt: float, knobs: Knobs, done: int
 
 
 @outlined
-def yield_to_simulated(scene: Scene, m: Machine, roots: Floats, knobs: Knobs) -> int:
+def yield_to_simulated(scene: Scene, m: Machine, knobs: Knobs) -> int:
     """Where a simulated body ended inside a driven one, the driven one gives way. Returns the rounds this took."""
     p, near = m.room.places, m.room.near
     find_near(scene, p.frames, m.boxes, m.still, 0.0, math.inf, near, p.found, m.axes, m.scratch)
     for k in range(near.filled[0]):
         if near.separation[k] < 0.0 and scene.trees.role[near.tree_b[k]] == SIMULATED:
             rounds = give_way(scene, m.driven, m.room, m.boxes, knobs.gap, knobs.rounds, m.axes, m.scratch)
-            shift_driven(scene, m, roots)
+            shift_driven(scene, m)
             return rounds
     return 0

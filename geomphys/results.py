@@ -35,6 +35,7 @@ FLAG_IMPACT_BOUND = 32  # the simulated loop ended at its bound
 FLAG_QUARANTINED = 64  # a body became non-finite and was put back to its last good state
 FLAG_BLOCKED = 128  # something stands between the body and its recorded pose, which itself is free
 FLAG_STARTED_INSIDE = 256  # the first frame overlapped
+FLAG_WEDGED = 512  # a body has no room for its recorded turn or shape, and keeps those of its last free place
 
 
 class Contacts(NamedTuple):

@@ -30,7 +30,7 @@ from geomphys.driven.update import Outcome, update_driven
 from geomphys.interplay import predict_simulated, shift_driven, simulate_bodies, turns_of, yield_to_simulated
 from geomphys.kernel import kernel, outlined
 from geomphys.machine import Knobs, Machine
-from geomphys.results import FLAG_BLOCKED, FLAG_NOT_CONVERGED, FLAG_STARTED_INSIDE
+from geomphys.results import FLAG_BLOCKED, FLAG_NOT_CONVERGED, FLAG_STARTED_INSIDE, FLAG_WEDGED
 from geomphys.simulated.touches import deepest_overlap, deepest_overlap_at_start, write_touches
 from geomphys.timing import cycles
 from geomphys.world.kinematics import place_tree, pose_tree
@@ -130,7 +130,7 @@ def drive(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float, fi
     done = update_driven(
         scene, m.driven, m.room, m.boxes, roots, angles, m.recorded, dt, knobs.gap, knobs.rounds, m.axes, m.scratch
     )
-    shift_driven(scene, m, roots)
+    shift_driven(scene, m)
     return done
 
 
@@ -163,8 +163,8 @@ def step(
             more = drive(scene, m, roots, angles, dt / parts, first, knobs)
         else:
             recording_between(
-                scene, m.room.origins, m.driven.roots, m.driven.angles, roots, angles, 1.0 / (parts - part), m.roots,
-                m.angles, m.recorded,
+                scene, m.room.origins, m.driven.lag.roots, m.driven.lag.angles, roots, angles, 1.0 / (parts - part),
+                m.roots, m.angles, m.recorded,
             )  # fmt: skip
             more = drive(scene, m, m.roots, m.angles, dt / parts, first, knobs)
         done = Outcome(
@@ -179,7 +179,7 @@ def step(
         if not first and len(m.simulated.free) > 0:
             now, flagged = simulate_bodies(scene, m, dt / parts, knobs, impacts, part > 0)
             impacts, flags = impacts + now, flags | flagged
-            if yield_to_simulated(scene, m, now_at, knobs) > 0:
+            if yield_to_simulated(scene, m, knobs) > 0:
                 flags |= contain_driven(scene, m, now_at, bent, first)
         simulating += cycles() - t3
     t4 = cycles()
@@ -192,7 +192,11 @@ def step(
             block.recorded[frame, k, i] = m.recorded[block.moving[k], i]
             block.corrected[frame, k, i] = m.corrected[block.moving[k], i]
     for k in range(len(angles)):
-        block.angles[frame, k] = m.room.chains.angles[k] if m.room.joints.held[k] == 1 else angles[k]
+        block.angles[frame, k] = angles[k]
+        if m.room.joints.held[k] == 1:
+            block.angles[frame, k] = m.room.chains.angles[k]
+        elif m.driven.lag.behind[scene.dofs.tree[k]] == 1:
+            block.angles[frame, k] = m.driven.angles[k]
     numbers[ITERATIONS], numbers[IMPACTS], numbers[FALLBACKS], numbers[FLAGS] = (
         done.rounds,
         impacts,
@@ -201,6 +205,9 @@ def step(
     )
     if not done.converged:
         numbers[FLAGS] |= FLAG_NOT_CONVERGED
+    for tree in range(len(scene.trees.role)):
+        if m.room.places.held[tree] == 1 and m.room.places.escapes[0] == 0:
+            numbers[FLAGS] |= FLAG_WEDGED
     touches = block.contact_end[frame + 1] > block.contact_end[frame]
     if lengths[RECORDED] == 0.0 and touches and lengths[CORRECTION] > BLOCKED_FROM:
         numbers[FLAGS] |= FLAG_BLOCKED

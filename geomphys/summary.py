@@ -27,6 +27,7 @@ FLAG_NAMES = {
     results.FLAG_QUARANTINED: "quarantined",
     results.FLAG_BLOCKED: "blocked",
     results.FLAG_STARTED_INSIDE: "started_inside",
+    results.FLAG_WEDGED: "wedged",
 }
 """Name of each bit of `Metrics.flags`."""
 

@@ -26,6 +26,9 @@ Ints = NDArray[np.int64]
 FAN = 66  # directions spread over the sphere
 FARTHEST = 50.0  # m
 ROUNDS = 4  # of refinement about the best direction
+PASSED = 0.5  # of the mean thickness of two pieces: one that is deeper in the other on its way goes through it
+PITCH = 2e-4  # m: how finely a way is checked for that at least
+ASKED = 2  # value of `Places.asked`: trees are to be held, and the step is to be done again
 
 
 class Rescue(NamedTuple):
@@ -47,6 +50,55 @@ def make_rescue(near: Near) -> Rescue:
 
 
 @kernel
+def concerns(scene: Scene, near: Near, ignored: Ints, k: int) -> bool:
+    """Whether translation is to part the pair k: not links of one tree, nor ignored bodies."""
+    body_a, body_b = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
+    return near.tree_a[k] != near.tree_b[k] and ignored[body_a] == 0 and ignored[body_b] == 0
+
+
+@kernel
+def _has_joints(scene: Scene, tree: int) -> bool:
+    for q in range(len(scene.dofs.tree)):  # noqa: SIM110 - a kernel cannot take a generator
+        if scene.dofs.tree[q] == tree:
+            return True
+    return False
+
+
+@outlined
+def ask_to_hold(
+    scene: Scene, near: Near, ignored: Ints, group: Ints, wedged: int, jointed: bool, asked: Ints, held: Ints
+) -> bool:
+    """Ask that trees keep the turn of their last free place: those of a wedged group that overlap something.
+
+    Parameters
+    ----------
+    scene, near, ignored
+        As for `escape`.
+    group, wedged
+        (T,) group of every tree; the group that is wedged.
+    jointed
+        Whether trees with joints, too, are to be held.
+    asked, held
+        (1,) 0: none may be held; `ASKED` if there are some more to hold. (T,) 1 for those.
+
+    Returns
+    -------
+    bool
+        Whether there are.
+    """
+    if asked[0] == 0:
+        return False
+    for k in range(near.filled[0]):
+        if near.separation[k] >= 0.0 or not concerns(scene, near, ignored, k):
+            continue
+        for tree in (near.tree_a[k], near.tree_b[k]):
+            if group[tree] == wedged and held[tree] == 0 and (jointed or not _has_joints(scene, tree)):
+                held[tree] = 1
+                asked[0] = ASKED
+    return asked[0] == ASKED
+
+
+@kernel
 def _place(scene: Scene, base: Floats, offset: Vec, tree: int, frames: Floats) -> None:
     first = scene.bodies.piece_start[scene.trees.body_start[tree]]
     last = scene.bodies.piece_start[scene.trees.body_start[tree + 1]]
@@ -59,33 +111,59 @@ def _place(scene: Scene, base: Floats, offset: Vec, tree: int, frames: Floats) -
 def _deepest(
     scene: Scene, frames: Floats, boxes: Boxes, tree: int, ignored: Ints, room: Near, found: Ints, axes: Axes,
     scratch: Scratch,
-) -> tuple[float, Vec]:  # fmt: skip
-    """Deepest overlap [m] of `tree` with anything else and its normal, pointing out of the other."""
+) -> tuple[float, Vec, float]:  # fmt: skip
+    """Deepest overlap [m] of `tree` with anything else, its normal, pointing out of the other, and the largest share of the
+    mean thickness of two pieces that one is in the other.
+    """
     update_boxes(scene, frames, boxes, tree)
     room.filled[0] = 0
     for k in range(near_trees(boxes, tree, 0.0, found)):
         if not apart(boxes.tree_low, boxes.tree_high, boxes.tree_low, boxes.tree_high, tree, found[k], 0.0):
             near_pairs_of_trees(scene, frames, boxes, tree, found[k], 0.0, math.inf, room, axes, scratch)
-    depth, normal = 0.0, (0.0, 0.0, 0.0)
+    depth, normal, share, thickness = 0.0, (0.0, 0.0, 0.0), 0.0, scene.pieces.thickness
     for k in range(room.filled[0]):
-        body_a, body_b = scene.pieces.body[room.a[k]], scene.pieces.body[room.b[k]]
-        if -room.separation[k] > depth and ignored[body_a] == 0 and ignored[body_b] == 0:
+        if room.separation[k] >= 0.0 or not concerns(scene, room, ignored, k):
+            continue
+        mean = 0.5 * (thickness[room.a[k]] + thickness[room.b[k]])
+        share = max(share, -room.separation[k] / max(mean, 1e-6))
+        if -room.separation[k] > depth:
             depth = -room.separation[k]
             normal = (room.normal[k, 0], room.normal[k, 1], room.normal[k, 2])
-    return depth, normal
+    return depth, normal, share
+
+
+@kernel
+def _pitch(scene: Scene, tree: int) -> float:
+    """How finely [m] a way of the tree is looked at so that none of its pieces leaps through anything."""
+    thin = math.inf
+    for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+        for i in range(scene.bodies.piece_start[body], scene.bodies.piece_start[body + 1]):
+            thin = min(thin, scene.pieces.thickness[i])
+    return max(0.25 * thin, PITCH)
 
 
 @kernel
 def _way_out(
     scene: Scene, base: Floats, start: Vec, u: Vec, tree: int, frames: Floats, boxes: Boxes, shortest: float, depth: float,
-    gap: float, ignored: Ints, room: Near, found: Ints, axes: Axes, scratch: Scratch,
+    most: float, gap: float, ignored: Ints, room: Near, found: Ints, axes: Axes, scratch: Scratch,
 ) -> float:  # fmt: skip
-    """How far along u the tree must go to be free, if less than `shortest` (else inf); `depth` is what it must at least."""
+    """How far along u the tree must go to be free, if less than `shortest` and not through anything (else inf).
+
+    `depth` is what it must go at least; through something is what is in it by more than a share `most` of the thickness.
+    """
     way = depth
     while way < shortest:
         _place(scene, base, add_scaled(start, u, way), tree, frames)
-        d, n = _deepest(scene, frames, boxes, tree, ignored, room, found, axes, scratch)
+        d, n, share = _deepest(scene, frames, boxes, tree, ignored, room, found, axes, scratch)
+        if share > most:
+            return math.inf
         if d <= 0.0:
+            if most == math.inf:
+                return way
+            for k in range(1, math.ceil(way / _pitch(scene, tree))):
+                _place(scene, base, add_scaled(start, u, k * _pitch(scene, tree)), tree, frames)
+                if _deepest(scene, frames, boxes, tree, ignored, room, found, axes, scratch)[2] > most:
+                    return math.inf
             return way
         slope = dot(n, u)
         way += max(d, gap) if slope < 0.3 else max(min(d / slope, 3.0 * d), gap)
@@ -123,7 +201,7 @@ def _suggest(near: Near, tree: int, directions: Floats) -> int:
 @kernel
 def _escape_tree(
     scene: Scene, base: Floats, current: Floats, frames: Floats, boxes: Boxes, tree: int, near: Near, depth: float,
-    gap: float, ignored: Ints, rescue: Rescue, found: Ints, axes: Axes, scratch: Scratch,
+    most: float, gap: float, ignored: Ints, rescue: Rescue, found: Ints, axes: Axes, scratch: Scratch,
 ) -> bool:  # fmt: skip
     """Translate one tree out of everything by the shortest way found; True if it is free then."""
     start = (current[tree, 0], current[tree, 1], current[tree, 2])
@@ -132,8 +210,8 @@ def _escape_tree(
     for k in range(count - 1, -1, -1):
         u = (rescue.directions[k, 0], rescue.directions[k, 1], rescue.directions[k, 2])
         way = _way_out(
-            scene, base, start, u, tree, frames, boxes, min(shortest, FARTHEST), depth, gap, ignored, rescue.near, found, axes,
-            scratch,
+            scene, base, start, u, tree, frames, boxes, min(shortest, FARTHEST), depth, most, gap, ignored, rescue.near, found,
+            axes, scratch,
         )  # fmt: skip
         if way < shortest:
             shortest, best = way, u
@@ -150,7 +228,7 @@ def _escape_tree(
             angle = math.pi * k / 3.0
             u = unit(add_scaled(add_scaled(centre, side, spread * math.cos(angle)), other, spread * math.sin(angle)))
             way = _way_out(
-                scene, base, start, u, tree, frames, boxes, shortest, depth, gap, ignored, rescue.near, found, axes,
+                scene, base, start, u, tree, frames, boxes, shortest, depth, most, gap, ignored, rescue.near, found, axes,
             scratch,
             )  # fmt: skip
             if way < shortest:
@@ -167,7 +245,7 @@ def _escape_tree(
 @outlined
 def escape(
     scene: Scene, base: Floats, current: Floats, frames: Floats, boxes: Boxes, near: Near, ignored: Ints, gap: float,
-    rescue: Rescue, found: Ints, axes: Axes, scratch: Scratch,
+    around: bool, rescue: Rescue, found: Ints, axes: Axes, scratch: Scratch,
 ) -> bool:  # fmt: skip
     """Translate every driven tree that overlaps something out of it, one after the other.
 
@@ -183,6 +261,8 @@ def escape(
         (B,) 1 for bodies that may overlap.
     gap
         m; added to the way out.
+    around
+        No way may lead through anything.
     rescue, found, axes, scratch
         Directions and room.
 
@@ -195,9 +275,10 @@ def escape(
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] != DRIVEN:
             continue
-        depth, _ = _deepest(scene, frames, boxes, tree, ignored, rescue.near, found, axes, scratch)
+        depth, _, share = _deepest(scene, frames, boxes, tree, ignored, rescue.near, found, axes, scratch)
+        most = max(PASSED, 1.1 * share) if around else math.inf
         if depth > 0.0 and not _escape_tree(
-            scene, base, current, frames, boxes, tree, near, depth, gap, ignored, rescue, found, axes, scratch
+            scene, base, current, frames, boxes, tree, near, depth, most, gap, ignored, rescue, found, axes, scratch
         ):  # fmt: skip
             all_free = False
     return all_free

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from geomphys.collision.detect import Axes, Near, bound_pair, find_near, measure_pair, pair_clearance
 from geomphys.collision.penetration import Scratch
 from geomphys.collision.sweep import Boxes, update_boxes
-from geomphys.driven.escape import Rescue, escape
+from geomphys.driven.escape import Rescue, ask_to_hold, concerns, escape
 from geomphys.driven.least_distance import SOLVED, LeastDistance, solve_least_distance
 from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import Vec, dot, norm
@@ -58,6 +58,11 @@ class Places(NamedTuple):
     chosen: Ints  # (n,) 1 for pairs of `Near` whose plane is in the problem
     found: Ints  # (T,) scratch
     hasty: Ints  # (1,) 1: a trial, that ends where a way out would have to be searched for
+    begun: Ints  # (1,) 1: there is a last free place, and no way out may lead through anything
+    asked: Ints  # (1,) 1: wedged trees may be held; ASKED: some are to be, and the step is to be done again
+    wedged: Ints  # (1,) the group that has no free place
+    escapes: Ints  # (1,) searches for a way out in this frame
+    held: Ints  # (T,) 1: keeps the orientation and shape of its last free place
 
 
 def make_places(scene: Scene, size: int) -> Places:
@@ -65,9 +70,11 @@ def make_places(scene: Scene, size: int) -> Places:
     trees, pieces = len(scene.trees.role), len(scene.pieces.kind)
     goal, current, trial = (np.zeros((trees, 3)) for _ in range(3))
     base, frames, moved = (np.zeros((pieces, 12)) for _ in range(3))
+    hasty, begun, asked, wedged, escapes = (np.zeros(1, np.int64) for _ in range(5))
     return Places(
         goal, current, trial, np.zeros(trees), np.zeros(trees), np.full(trees, -1), np.full(trees, -1), base, frames, moved,
-        np.zeros((trees, 3)), np.zeros(size, np.int64), np.zeros(trees, np.int64), np.zeros(1, np.int64),
+        np.zeros((trees, 3)), np.zeros(size, np.int64), np.zeros(trees, np.int64), hasty, begun, asked, wedged, escapes,
+        np.zeros(trees, np.int64),
     )  # fmt: skip
 
 
@@ -97,12 +104,8 @@ def _distance(a: Floats, b: Floats, tree: int) -> float:
 @kernel
 def _relative_step(p: Places, tree_a: int, tree_b: int) -> Vec:
     """How far a moves against b from `current` to `trial`."""
-    a1, a0, b1, b0 = (
-        row_of(p.trial, tree_a),
-        row_of(p.current, tree_a),
-        row_of(p.trial, tree_b),
-        row_of(p.current, tree_b),
-    )
+    a1, a0 = row_of(p.trial, tree_a), row_of(p.current, tree_a)
+    b1, b0 = row_of(p.trial, tree_b), row_of(p.current, tree_b)
     return ((a1[0] - a0[0]) - (b1[0] - b0[0]), (a1[1] - a0[1]) - (b1[1] - b0[1]), (a1[2] - a0[2]) - (b1[2] - b0[2]))
 
 
@@ -239,13 +242,6 @@ def _set_trial(scene: Scene, p: Places, problem: LeastDistance, group: int) -> f
     return longest
 
 
-@kernel
-def _concerns(scene: Scene, near: Near, ignored: Ints, k: int) -> bool:
-    """Whether translation is to part the pair k: not links of one tree, nor ignored bodies."""
-    body_a, body_b = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
-    return near.tree_a[k] != near.tree_b[k] and ignored[body_a] == 0 and ignored[body_b] == 0
-
-
 @outlined
 def _nearest_free_of(
     scene: Scene, p: Places, near: Near, ignored: Ints, problem: LeastDistance, group: int, gap: float, axes: Axes,
@@ -257,7 +253,7 @@ def _nearest_free_of(
     for k in range(near.filled[0]):
         if p.group[near.tree_a[k]] != group:
             continue
-        p.chosen[k] = 0 if _concerns(scene, near, ignored, k) else 1
+        p.chosen[k] = 0 if concerns(scene, near, ignored, k) else 1
         if p.chosen[k] == 0 and near.separation[k] < 0.0 and rows < len(problem.bounds):
             _add_plane(p, near, k, problem, unknowns, rows, gap)
             rows += 1
@@ -293,11 +289,10 @@ def _nearest_free(
     longest, most = 0.0, 0
     for tree in range(len(p.group)):
         if p.group[tree] == tree:
-            status, moved, active = _nearest_free_of(
-                scene, p, near, ignored, problem, tree, gap, axes, scratch
-            )  # fmt: skip
+            status, moved, active = _nearest_free_of(scene, p, near, ignored, problem, tree, gap, axes, scratch)
             longest, most = max(longest, moved), max(most, active)
             if status != SOLVED:
+                p.wedged[0] = tree
                 return status, 0.0, most
     return SOLVED, longest, most
 
@@ -388,12 +383,20 @@ def eliminate_overlap(
         method = INTERPOLATED
         overlapped = False
         for k in range(near.filled[0]):
-            overlapped = overlapped or (near.separation[k] < 0.0 and _concerns(scene, near, ignored, k))
+            overlapped = overlapped or (near.separation[k] < 0.0 and concerns(scene, near, ignored, k))
         if not overlapped:
             return count + 1, method, rescues, True
         rescues += 1
         if p.hasty[0] == 1:
             return count + 1, method, rescues, False
-        escape(scene, p.base, p.current, p.frames, boxes, near, ignored, gap, rescue, p.found, axes, scratch)
+        if ask_to_hold(scene, near, ignored, p.group, p.wedged[0], False, p.asked, p.held):
+            return count + 1, method, rescues, True
+        p.escapes[0] += 1
+        if not escape(
+            scene, p.base, p.current, p.frames, boxes, near, ignored, gap, p.begun[0] == 1, rescue, p.found, axes, scratch
+        ):  # fmt: skip
+            if ask_to_hold(scene, near, ignored, p.group, p.wedged[0], True, p.asked, p.held):
+                return count + 1, method, rescues, True
+            escape(scene, p.base, p.current, p.frames, boxes, near, ignored, gap, False, rescue, p.found, axes, scratch)
         again = False
     return rounds, method, rescues, False

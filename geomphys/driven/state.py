@@ -11,6 +11,7 @@ from geomphys.collision.detect import Near
 from geomphys.driven.ccd import CcdRoom
 from geomphys.driven.chain_room import ChainRoom
 from geomphys.driven.escape import Rescue
+from geomphys.driven.hold import Lag, Wanted, make_lag
 from geomphys.driven.least_distance import LeastDistance
 from geomphys.driven.overlap import Places
 from geomphys.driven.posture import Joints, PostureState
@@ -27,11 +28,12 @@ class DrivenState(NamedTuple):
     steps: Ints  # (1,) made so far: chains are dealt with in an order drawn anew for each
     offset: Floats  # (T, 3) m, of each tree from its recorded pose
     speed: Floats  # (T, 3) m/s, of the offset
-    roots: Floats  # (T, 7) recorded root poses of the last step
-    angles: Floats  # (Q,) recorded angles of the last step
+    roots: Floats  # (T, 7) recorded root poses of the last step, but for the turn of trees that are behind
+    angles: Floats  # (Q,) angles of the last step, likewise
     frames: Floats  # (P, 12) pieces at the end of the last step
     posture: PostureState
     drift: Floats  # (T, 3) direction in which a tree is to step aside, its length the pace; 0: none
+    lag: Lag
 
 
 class DrivenRoom(NamedTuple):
@@ -55,6 +57,7 @@ class DrivenRoom(NamedTuple):
     poses: Floats  # (B, 7) recorded poses of a step
     ahead: Floats  # (T, 3) where trees would be that are to slow down
     seed: Ints  # (1,) of the order in which chains are dealt with
+    wanted: Wanted
 
 
 def make_driven_state(scene: Scene) -> DrivenState:
@@ -63,4 +66,5 @@ def make_driven_state(scene: Scene) -> DrivenState:
     return DrivenState(
         np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros((trees, 3)), np.zeros((trees, 3)), np.zeros((trees, 7)),
         np.zeros(dofs), np.zeros((pieces, 12)), PostureState(np.zeros(dofs), np.zeros(dofs)), np.zeros((trees, 3)),
+        make_lag(trees, dofs),
     )  # fmt: skip

@@ -23,7 +23,7 @@ Ints = NDArray[np.int64]
 
 STEP_OF_THICKNESS = 0.25  # a pair may turn or bend by this share of its mean thickness in one step,
 SAME_SIDE = 1.0  # or by this one, if they stay on the side of each other where they were
-MOST_STEPS = 8192
+MOST_STEPS = 8192  # in a frame
 
 
 @kernel
@@ -97,7 +97,7 @@ def steps_needed(
     """Into how many steps the frame must be cut, from the pairs near where it takes the trees in one (`find_reachable`).
 
     `before` are the pieces' frames (P, 12) at the end of the last frame. Two pieces that come to be on the side of each
-    other on which they were have not passed through each other.
+    other on which they were have not passed through each other. More than `MOST_STEPS` are too many.
     """
     steps = 1.0
     for k in range(near.filled[0]):
@@ -118,7 +118,7 @@ def steps_needed(
             ):
                 continue
         steps = max(steps, math.ceil(change / (STEP_OF_THICKNESS * max(thickness, 1e-5))))
-    return int(min(steps, float(MOST_STEPS)))
+    return int(min(steps, 2.0 * MOST_STEPS))
 
 
 @outlined

@@ -4,7 +4,8 @@ Trees are carried over from the last frame at their place in the world, joints o
 turned or bent since then (the hand's shape, a door on its hinge) may have moved into something: those overlaps are
 small, as a frame is cut into steps where they would not be small against the thickness of the pieces. Then every tree
 goes as near to where the coupling pulls as it can without meeting anything: first the roots, for the links that no
-chain moves; then the chains, for theirs; then the roots again, for what the chains could not solve.
+chain moves; then the chains, for theirs; then the roots again, for what the chains could not solve. A tree whose turn or shape
+leaves no free place is held (`hold.py`), and the step done again.
 """
 
 from __future__ import annotations
@@ -21,10 +22,12 @@ from geomphys.driven.chain_room import is_chained
 from geomphys.driven.chain_step import brake_joints, pull_joints, yield_chains
 from geomphys.driven.chains import place_posture
 from geomphys.driven.coupling import relax
+from geomphys.driven.escape import ASKED
+from geomphys.driven.hold import copy_recording, keep_turn, relax_lag, remember_lag
 from geomphys.driven.overlap import INTERPOLATED, Places, eliminate_overlap, find_reachable, place_at, row_of
 from geomphys.driven.pace import is_too_fast, slow_down
 from geomphys.driven.state import DrivenRoom, DrivenState
-from geomphys.driven.steps import is_recorded, measure_flex, measure_stir, recording_between, steps_needed
+from geomphys.driven.steps import MOST_STEPS, is_recorded, measure_flex, measure_stir, recording_between, steps_needed
 from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import dot, norm, sub, unit
 from geomphys.world.kinematics import place_tree
@@ -34,6 +37,7 @@ Floats = NDArray[np.float64]
 
 DRIFT = 1.2  # times its recorded motion, and
 DRIFT_SLACK = 8e-4  # m: how far a tree steps aside in a step
+STEPS_OF_A_WEDGE = 8  # into which a frame is cut where a tree is wedged
 
 
 class Outcome(NamedTuple):
@@ -133,18 +137,19 @@ def _remember(scene: Scene, state: DrivenState, p: Places, roots: Floats, angles
 
 @kernel
 def _keep_speeds(state: DrivenState, room: DrivenRoom, keep: bool) -> None:
-    """Keep the speeds of all offsets, or go back to those that were kept: the frame is done in steps after all."""
+    """Keep the speeds of all offsets, or go back to those that were kept: what followed is done again, in another way."""
+    wanted, posture = room.wanted, state.posture
     for tree in range(len(state.speed)):
         for i in range(3):
             if keep:
-                room.ahead[tree, i] = state.speed[tree, i]
+                wanted.speed[tree, i] = state.speed[tree, i]
             else:
-                state.speed[tree, i] = room.ahead[tree, i]
-    for q in range(len(room.angles)):
+                state.speed[tree, i] = wanted.speed[tree, i]
+    for q in range(len(posture.speed)):
         if keep:
-            room.angles[q] = state.posture.speed[q]
+            wanted.bend[q], wanted.bend_speed[q] = posture.bend[q], posture.speed[q]
         else:
-            state.posture.speed[q] = room.angles[q]
+            posture.bend[q], posture.speed[q] = wanted.bend[q], wanted.bend_speed[q]
 
 
 @outlined
@@ -168,7 +173,7 @@ def _end_step(
     scene: Scene, state: DrivenState, room: DrivenRoom, boxes: Boxes, roots: Floats, angles: Floats, dt: float, gap: float,
     rounds: int, axes: Axes, scratch: Scratch,
 ) -> Outcome:  # fmt: skip
-    """The trees go as near to their goals as they can."""
+    """The trees go as near to their goals as they can. If some are to be held (`Places.asked`) nothing is remembered."""
     p, chained = room.places, room.joints.any[0] == 1
     count, method, rescues, converged = eliminate_overlap(
         scene, p, boxes, room.near, True, room.joints.bends, room.problem, gap, rounds, room.rescue, axes, scratch
@@ -176,9 +181,11 @@ def _end_step(
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
             _brake(state, p, tree)
-    if state.started[0] == 1 and is_too_fast(scene, state, p, dt):
+    if p.asked[0] != ASKED and state.started[0] == 1 and is_too_fast(scene, state, p, dt):
         more, searches = slow_down(scene, state, room, boxes, roots, dt, gap, rounds, axes, scratch)
         count, rescues = count + more, rescues + searches
+    if p.asked[0] == ASKED:
+        return Outcome(count, method, rescues, converged)
     if chained:
         passes, how, free = yield_chains(scene, state, room, boxes, roots, angles, gap, axes, scratch)
         count, method = count + passes, max(method, how)
@@ -192,6 +199,8 @@ def _end_step(
                 scene, p, boxes, room.near, False, room.nothing, room.problem, gap, rounds, room.rescue, axes, scratch
             )  # fmt: skip
             count, method, rescues, converged = count + more, max(method, how), rescues + searches, converged and ok
+            if p.asked[0] == ASKED:
+                return Outcome(count, method, rescues, converged)
     _remember(scene, state, p, roots, angles)
     return Outcome(count, method, rescues, converged)
 
@@ -219,28 +228,52 @@ def update_driven(
     axes, scratch
         For the narrow phase.
     """
-    steps = 1
+    p, steps, trees = room.places, 1, len(scene.trees.role)
+    for tree in range(trees):
+        p.held[tree] = 0
+    p.begun[0] = p.asked[0] = state.started[0]
+    p.escapes[0] = 0
+    to_roots, to_angles, to_poses = roots, angles, recorded
+    if relax_lag(scene, room.origins, state.lag, room.wanted, roots, angles, recorded, dt):
+        to_roots, to_angles, to_poses = room.wanted.roots, room.wanted.angles, room.wanted.poses
     _keep_speeds(state, room, True)
-    _begin_step(scene, state, room, boxes, roots, angles, recorded, dt, gap, axes, scratch)
+    _begin_step(scene, state, room, boxes, to_roots, to_angles, to_poses, dt, gap, axes, scratch)
     if state.started[0] == 1:
         measure_flex(scene, room.joints, room.before, room.after, room.flex)
-        steps = steps_needed(scene, room.places, state.frames, room.near, room.stir, room.flex, gap, axes, scratch)
+        steps = steps_needed(scene, p, state.frames, room.near, room.stir, room.flex, gap, axes, scratch)
+    count, method, rescues, converged = 0, 0, 0, steps <= MOST_STEPS
     if steps == 1:
-        return _end_step(scene, state, room, boxes, roots, angles, dt, gap, rounds, axes, scratch)
+        done = _end_step(scene, state, room, boxes, to_roots, to_angles, dt, gap, rounds, axes, scratch)
+        if p.asked[0] != ASKED:
+            remember_lag(scene, state.lag, p.held, state.roots, state.angles, roots, angles)
+            return done
+        count, method, rescues, steps = done.rounds, done.method, done.rescues, STEPS_OF_A_WEDGE
+        p.asked[0] = 1
+        for tree in range(trees):
+            p.held[tree] = 0
     _keep_speeds(state, room, False)
-    count, method, rescues, converged = 0, 0, 0, True
+    steps = min(steps, MOST_STEPS)
     for step in range(steps):
-        recording_between(
-            scene, room.origins, state.roots, state.angles, roots, angles, 1.0 / (steps - step), room.roots, room.angles,
-            room.poses,
-        )  # fmt: skip
-        r, q, poses = room.roots, room.angles, room.poses
-        if step == steps - 1:
-            r, q, poses = roots, angles, recorded
-        _begin_step(scene, state, room, boxes, r, q, poses, dt / steps, gap, axes, scratch)
-        done = _end_step(scene, state, room, boxes, r, q, dt / steps, gap, rounds, axes, scratch)
-        count, rescues = count + done.rounds, rescues + done.rescues
-        method, converged = max(method, done.method), converged and done.converged
+        for again in range(trees + 1):
+            recording_between(
+                scene, room.origins, state.roots, state.angles, to_roots, to_angles, 1.0 / (steps - step), room.roots,
+                room.angles, room.poses,
+            )  # fmt: skip
+            if step == steps - 1:
+                copy_recording(to_roots, to_angles, to_poses, room.roots, room.angles, room.poses)
+            keep_turn(
+                scene, room.origins, p.held, state.roots, state.angles, room.roots, room.angles, room.poses
+            )  # fmt: skip
+            _keep_speeds(state, room, again == 0)
+            r, q, poses = room.roots, room.angles, room.poses
+            _begin_step(scene, state, room, boxes, r, q, poses, dt / steps, gap, axes, scratch)
+            done = _end_step(scene, state, room, boxes, r, q, dt / steps, gap, rounds, axes, scratch)
+            count, rescues = count + done.rounds, rescues + done.rescues
+            method, converged = max(method, done.method), converged and done.converged
+            if p.asked[0] != ASKED:
+                break
+            p.asked[0] = 1
+    remember_lag(scene, state.lag, p.held, state.roots, state.angles, roots, angles)
     return Outcome(count, method, rescues, converged)
 
 
@@ -260,6 +293,7 @@ def give_way(
     Parameters are those of `update_driven`. Returns the rounds taken.
     """
     p = room.places
+    p.asked[0] = 0
     for tree in range(len(scene.trees.role)):
         p.stir[tree] = 0.0
         for i in range(3):

@@ -1,0 +1,165 @@
+"""Trees that are held: the orientation and shape of the last free place, and the way back to the recorded ones.
+
+Translation alone cannot keep a body free that turns, or closes its fingers, where there is no room for that. It keeps
+the turn of its last free place then, while it still goes where its coupling pulls. What it is behind by is an offset like
+that of its position, and goes back by the same damped spring (6) as soon as there is room.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.driven.coupling import relax
+from geomphys.kernel import kernel, outlined
+from geomphys.vec3 import Vec, quat_conjugate, quat_from_rotation_vector, quat_mul, quat_unit, rotation_vector
+from geomphys.world.kinematics import orientation_of, pose_tree
+from geomphys.world.scene import DRIVEN, Scene
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class Lag(NamedTuple):
+    """By how much trees are behind the turn and the joints of their recording, carried from frame to frame."""
+
+    behind: Ints  # (T,) 1: it is behind; else what follows is zero
+    turn: Floats  # (T, 3) rad, rotation vector in the world from the recorded orientation to that of the root
+    turn_speed: Floats  # (T, 3) rad/s
+    shape: Floats  # (Q,) of each joint from its recorded angle
+    shape_speed: Floats  # (Q,)
+    roots: Floats  # (T, 7) recorded root poses of the last frame or part of one
+    angles: Floats  # (Q,) recorded angles then
+
+
+class Wanted(NamedTuple):
+    """What trees go for that are behind, and what a step is begun with: scratch."""
+
+    roots: Floats  # (T, 7)
+    angles: Floats  # (Q,)
+    poses: Floats  # (B, 7)
+    speed: Floats  # (T, 3) of offsets when the step began
+    bend: Floats  # (Q,) offsets of joints of chains then
+    bend_speed: Floats  # (Q,)
+
+
+def make_lag(trees: int, dofs: int) -> Lag:
+    """Nothing is behind."""
+    turn, turn_speed = np.zeros((trees, 3)), np.zeros((trees, 3))
+    shape, shape_speed, angles = (np.zeros(dofs) for _ in range(3))
+    return Lag(np.zeros(trees, np.int64), turn, turn_speed, shape, shape_speed, np.zeros((trees, 7)), angles)
+
+
+def make_wanted(trees: int, dofs: int, bodies: int) -> Wanted:
+    """Room for `Wanted`."""
+    angles, bend, bend_speed = (np.zeros(dofs) for _ in range(3))
+    return Wanted(np.zeros((trees, 7)), angles, np.zeros((bodies, 7)), np.zeros((trees, 3)), bend, bend_speed)
+
+
+@kernel
+def copy_recording(
+    roots: Floats, angles: Floats, poses: Floats, to_roots: Floats, to_angles: Floats, to_poses: Floats
+) -> None:
+    """Copy root poses (T, 7), angles (Q,) and poses (B, 7)."""
+    for tree in range(len(roots)):
+        for k in range(7):
+            to_roots[tree, k] = roots[tree, k]
+    for q in range(len(angles)):
+        to_angles[q] = angles[q]
+    for body in range(len(poses)):
+        for k in range(7):
+            to_poses[body, k] = poses[body, k]
+
+
+@kernel
+def _relax_turn(scene: Scene, lag: Lag, tree: int, dt: float) -> Vec:
+    """Bring the turn of a tree on by `dt`; returns it."""
+    trees = scene.trees
+    for i in range(3):
+        lag.turn[tree, i], lag.turn_speed[tree, i] = relax(
+            lag.turn[tree, i], lag.turn_speed[tree, i], trees.mass[tree], trees.stiffness[tree], trees.damping[tree], dt
+        )
+    return (lag.turn[tree, 0], lag.turn[tree, 1], lag.turn[tree, 2])
+
+
+@outlined
+def relax_lag(
+    scene: Scene, origins: Floats, lag: Lag, wanted: Wanted, roots: Floats, angles: Floats, poses: Floats, dt: float
+) -> bool:
+    """What trees go for in a frame: the recording `roots`, `angles`, `poses`, less what they are still behind by.
+
+    Written to `wanted`, but only if something is behind; returns whether.
+    """
+    some = False
+    for tree in range(len(lag.behind)):
+        some = some or lag.behind[tree] == 1
+    if not some:
+        return False
+    copy_recording(roots, angles, poses, wanted.roots, wanted.angles, wanted.poses)
+    trees, some = scene.trees, False
+    for tree in range(len(lag.behind)):
+        if lag.behind[tree] == 0:
+            continue
+        turn = _relax_turn(scene, lag, tree, dt)
+        behind = turn != (0.0, 0.0, 0.0)
+        if behind:
+            q = quat_unit(quat_mul(quat_from_rotation_vector(turn), orientation_of(roots, tree)))
+            for k in range(4):
+                wanted.roots[tree, 3 + k] = q[k]
+        for j in range(len(angles)):
+            if scene.dofs.tree[j] == tree:
+                lag.shape[j], lag.shape_speed[j] = relax(
+                    lag.shape[j], lag.shape_speed[j], trees.mass[tree], trees.stiffness[tree], trees.damping[tree], dt
+                )
+                if lag.shape[j] != 0.0:
+                    wanted.angles[j] = angles[j] + lag.shape[j]
+                    behind = True
+        lag.behind[tree] = 1 if behind else 0
+        if behind:
+            pose_tree(scene, origins, tree, wanted.roots, wanted.angles, wanted.poses)
+            some = True
+    return some
+
+
+@outlined
+def keep_turn(
+    scene: Scene, origins: Floats, held: Ints, last_roots: Floats, last_angles: Floats, roots: Floats, angles: Floats,
+    poses: Floats,
+) -> None:  # fmt: skip
+    """Give trees that are `held` (T,) the orientation and angles of the last step in what a step goes for."""
+    for tree in range(len(held)):
+        if held[tree] == 0:
+            continue
+        for k in range(3, 7):
+            roots[tree, k] = last_roots[tree, k]
+        for j in range(len(angles)):
+            if scene.dofs.tree[j] == tree:
+                angles[j] = last_angles[j]
+        pose_tree(scene, origins, tree, roots, angles, poses)
+
+
+@outlined
+def remember_lag(
+    scene: Scene, lag: Lag, held: Ints, now_roots: Floats, now_angles: Floats, roots: Floats, angles: Floats
+) -> None:
+    """What trees are behind by at a frame's end: those `held` (T,) are at `now_roots`, `now_angles`, and have no speed."""
+    for tree in range(len(held)):
+        for k in range(7):
+            lag.roots[tree, k] = roots[tree, k]
+        if scene.trees.role[tree] != DRIVEN or held[tree] == 0:
+            continue
+        turn = rotation_vector(quat_mul(orientation_of(now_roots, tree), quat_conjugate(orientation_of(roots, tree))))
+        if orientation_of(now_roots, tree) == orientation_of(roots, tree):
+            turn = (0.0, 0.0, 0.0)
+        lag.behind[tree] = 0 if turn == (0.0, 0.0, 0.0) else 1
+        for i in range(3):
+            lag.turn[tree, i], lag.turn_speed[tree, i] = turn[i], 0.0
+        for j in range(len(angles)):
+            if scene.dofs.tree[j] == tree:
+                lag.shape[j], lag.shape_speed[j] = now_angles[j] - angles[j], 0.0
+                if lag.shape[j] != 0.0:
+                    lag.behind[tree] = 1
+    for j in range(len(angles)):
+        lag.angles[j] = angles[j]
