@@ -35,17 +35,20 @@ class Narrator:
 
     def __init__(self) -> None:
         self._flags = 0
+        self._wedged = False
 
     def tell(self, metrics: Metrics) -> tuple[Message, ...]:
         """Messages of a frame."""
         begun = metrics.flags & ~self._flags
         self._flags = metrics.flags
         told = [text for flag, text in _TEXTS.items() if begun & flag]
-        if metrics.fallbacks and not metrics.flags & FLAG_WEDGED:
+        wedged = metrics.fallbacks > 0 and not metrics.flags & FLAG_WEDGED
+        if wedged and not self._wedged:
             told.append(
                 (
                     "warning",
                     "a body was wedged: its overlaps leave no way out; it was put where it is free, or its posture held",
                 )
             )
+        self._wedged = wedged
         return tuple(told)

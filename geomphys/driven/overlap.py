@@ -61,7 +61,7 @@ class Places(NamedTuple):
     begun: Ints  # (1,) 1: there is a last free place, and no way out may lead through anything
     asked: Ints  # (1,) 1: wedged trees may be held; ASKED: some are to be, and the step is to be done again
     wedged: Ints  # (1,) the group that has no free place
-    escapes: Ints  # (1,) searches for a way out in this frame
+    escapes: Ints  # (1,) ways out that were taken in this frame
     held: Ints  # (T,) 1: keeps the orientation and shape of its last free place
 
 
@@ -141,8 +141,7 @@ def _way_is_free(
     keep_b = (p.moved[b, 9], p.moved[b, 10], p.moved[b, 11])
     for i in range(3):
         p.moved[b, 9 + i] = p.frames[b, 9 + i]
-    share, clear = 0.0, near.separation[k]
-    free = False
+    share, clear, free = 0.0, near.separation[k], False
     for _ in range(64):
         if clear < 0.25 * gap:
             break
@@ -373,8 +372,7 @@ def eliminate_overlap(
             find_reachable(scene, p, boxes, near, count == 0, gap, axes, scratch)
         known, again = False, True
         status, longest, active = _nearest_free(scene, p, near, ignored, problem, gap, axes, scratch)
-        if active > 1:
-            method = max(method, LEAST_DISTANCE)
+        method = max(method, LEAST_DISTANCE if active > 1 else GLOBAL)
         if status == SOLVED:
             _accept(scene, p)
             if longest <= STEP_DONE or active == 0:
@@ -391,12 +389,12 @@ def eliminate_overlap(
             return count + 1, method, rescues, False
         if ask_to_hold(scene, near, ignored, p.group, p.wedged[0], False, p.asked, p.held):
             return count + 1, method, rescues, True
-        p.escapes[0] += 1
         if not escape(
             scene, p.base, p.current, p.frames, boxes, near, ignored, gap, p.begun[0] == 1, rescue, p.found, axes, scratch
         ):  # fmt: skip
             if ask_to_hold(scene, near, ignored, p.group, p.wedged[0], True, p.asked, p.held):
                 return count + 1, method, rescues, True
             escape(scene, p.base, p.current, p.frames, boxes, near, ignored, gap, False, rescue, p.found, axes, scratch)
+        p.escapes[0] += 1
         again = False
     return rounds, method, rescues, False

@@ -108,6 +108,36 @@ def test_a_fast_fixed_thing_does_not_pass_a_standing_driven_one(tmp_path: Path) 
     assert_free(run)
 
 
+THIN = {
+    "ball": ("sphere", 0.002),
+    "rod": ("capsule", 0.001, 0.3),
+    "plate": ("box", 0.0005, 0.1, 0.1),
+    "cube": CUBE,
+}
+
+
+@pytest.mark.parametrize("spin", [0.0, 9.0])
+@pytest.mark.parametrize("thick", [0.005, 0.0001])
+@pytest.mark.parametrize("shape", THIN.values(), ids=THIN)
+def test_a_thin_panel_at_speed_takes_a_thin_body_along(
+    tmp_path: Path, shape: tuple[str, float], thick: float, spin: float
+) -> None:
+    """20 m/s: the panel goes a third of a metre in a frame, hundreds of times what both are thick."""
+    x = np.concatenate([np.full(3, 0.5), 0.5 - np.arange(1, 5) / 3, np.full(4, -5 / 6), [0.5] * 90])
+    push = np.column_stack([x, 0 * x, 0 * x])
+    turns = Rotation.from_rotvec(np.outer(spin * np.arange(len(x)) / 60, [0.6, 0.3, 0.74])).as_quat()
+    path = np.hstack([np.zeros((len(x), 3)), turns])
+    things = [
+        Thing(name="panel", shape=("box", thick, 2, 2), path=push),
+        Thing(name="body", shape=shape, role="driven", path=path),
+    ]
+    run = play(tmp_path, things)
+    assert (run.path("body")[:, 0] <= x - thick / 2).all()
+    assert run.path("body")[6, 0] < -0.8
+    assert run.path("body")[-3:].tobytes() == run.recorded[-3:, run.body("body")].tobytes()
+    assert_free(run)
+
+
 def test_a_door_turns_into_a_hand(tmp_path: Path) -> None:
     urdf(
         tmp_path / "door.urdf",
