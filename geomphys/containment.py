@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.sweep import update_boxes
+from geomphys.driven.hold import drop_lag
 from geomphys.kernel import kernel, outlined
 from geomphys.machine import Machine
 from geomphys.results import FLAG_QUARANTINED
@@ -63,8 +64,11 @@ def _put_back(scene: Scene, m: Machine, tree: int, roots: Floats, angles: Floats
     for i in range(3):
         m.driven.offset[tree, i] = p.current[tree, i] = p.goal[tree, i] = m.corrected[root, i] - roots[tree, i]
         m.driven.speed[tree, i] = 0.0
+    drop_lag(scene, m.driven.lag, tree)
+    for k in range(7):
+        m.driven.roots[tree, k] = roots[tree, k]
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
-        posture.bend[q], posture.speed[q] = 0.0, 0.0
+        posture.bend[q], posture.speed[q], m.driven.angles[q] = 0.0, 0.0, angles[q]
         m.room.chains.angles[q] = angles[q]
         if m.room.joints.held[q] == 1 and not first:
             posture.bend[q] = m.posture[q] - angles[q]

@@ -56,14 +56,6 @@ def concerns(scene: Scene, near: Near, ignored: Ints, k: int) -> bool:
     return near.tree_a[k] != near.tree_b[k] and ignored[body_a] == 0 and ignored[body_b] == 0
 
 
-@kernel
-def _has_joints(scene: Scene, tree: int) -> bool:
-    for q in range(len(scene.dofs.tree)):  # noqa: SIM110 - a kernel cannot take a generator
-        if scene.dofs.tree[q] == tree:
-            return True
-    return False
-
-
 @outlined
 def ask_to_hold(
     scene: Scene, near: Near, ignored: Ints, group: Ints, wedged: int, jointed: bool, asked: Ints, held: Ints
@@ -92,7 +84,8 @@ def ask_to_hold(
         if near.separation[k] >= 0.0 or not concerns(scene, near, ignored, k):
             continue
         for tree in (near.tree_a[k], near.tree_b[k]):
-            if group[tree] == wedged and held[tree] == 0 and (jointed or not _has_joints(scene, tree)):
+            joints = scene.trees.dof_start[tree + 1] > scene.trees.dof_start[tree]
+            if group[tree] == wedged and held[tree] == 0 and (jointed or not joints):
                 held[tree] = 1
                 asked[0] = ASKED
     return asked[0] == ASKED

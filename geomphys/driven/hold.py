@@ -108,14 +108,13 @@ def relax_lag(
             q = quat_unit(quat_mul(quat_from_rotation_vector(turn), orientation_of(roots, tree)))
             for k in range(4):
                 wanted.roots[tree, 3 + k] = q[k]
-        for j in range(len(angles)):
-            if scene.dofs.tree[j] == tree:
-                lag.shape[j], lag.shape_speed[j] = relax(
-                    lag.shape[j], lag.shape_speed[j], trees.mass[tree], trees.stiffness[tree], trees.damping[tree], dt
-                )
-                if lag.shape[j] != 0.0:
-                    wanted.angles[j] = angles[j] + lag.shape[j]
-                    behind = True
+        for j in range(trees.dof_start[tree], trees.dof_start[tree + 1]):
+            lag.shape[j], lag.shape_speed[j] = relax(
+                lag.shape[j], lag.shape_speed[j], trees.mass[tree], trees.stiffness[tree], trees.damping[tree], dt
+            )
+            if lag.shape[j] != 0.0:
+                wanted.angles[j] = angles[j] + lag.shape[j]
+                behind = True
         lag.behind[tree] = 1 if behind else 0
         if behind:
             pose_tree(scene, origins, tree, wanted.roots, wanted.angles, wanted.poses)
@@ -134,10 +133,19 @@ def keep_turn(
             continue
         for k in range(3, 7):
             roots[tree, k] = last_roots[tree, k]
-        for j in range(len(angles)):
-            if scene.dofs.tree[j] == tree:
-                angles[j] = last_angles[j]
+        for j in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+            angles[j] = last_angles[j]
         pose_tree(scene, origins, tree, roots, angles, poses)
+
+
+@kernel
+def drop_lag(scene: Scene, lag: Lag, tree: int) -> None:
+    """The tree is no longer behind."""
+    lag.behind[tree] = 0
+    for i in range(3):
+        lag.turn[tree, i] = lag.turn_speed[tree, i] = 0.0
+    for j in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+        lag.shape[j] = lag.shape_speed[j] = 0.0
 
 
 @outlined
@@ -156,10 +164,9 @@ def remember_lag(
         lag.behind[tree] = 0 if turn == (0.0, 0.0, 0.0) else 1
         for i in range(3):
             lag.turn[tree, i], lag.turn_speed[tree, i] = turn[i], 0.0
-        for j in range(len(angles)):
-            if scene.dofs.tree[j] == tree:
-                lag.shape[j], lag.shape_speed[j] = now_angles[j] - angles[j], 0.0
-                if lag.shape[j] != 0.0:
-                    lag.behind[tree] = 1
+        for j in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+            lag.shape[j], lag.shape_speed[j] = now_angles[j] - angles[j], 0.0
+            if lag.shape[j] != 0.0:
+                lag.behind[tree] = 1
     for j in range(len(angles)):
         lag.angles[j] = angles[j]
