@@ -32,7 +32,7 @@ class Joints(NamedTuple):
     held: Ints  # (Q,) 1 for all joints of avatars with chains: they can be held where they are
     lever: Floats  # (Q,) m per rad (1 for prismatic joints)
     bends: Ints  # (B,) 1 for bodies that some yielding joint moves
-    any: Ints  # (1,) 1 if any joint yields
+    any: Ints  # (1,) 1 if some avatar is in chains mode, even one without joints
 
 
 class PostureState(NamedTuple):
@@ -45,7 +45,8 @@ class PostureState(NamedTuple):
 def make_joints(scene: Scene, poses: Floats) -> Joints:
     """Which joints yield, and their levers measured in `poses` (B, 7)."""
     dofs, bodies = len(scene.dofs.lower), len(scene.bodies.role)
-    held = (scene.trees.chains[scene.dofs.tree] == 1) & (scene.trees.role[scene.dofs.tree] == DRIVEN)
+    in_chains = (scene.trees.chains == 1) & (scene.trees.role == DRIVEN)
+    held = in_chains[scene.dofs.tree]
     yields, lever, bends = np.zeros(dofs, np.int64), np.full(dofs, SHORTEST_LEVER), np.zeros(bodies, np.int64)
     for q in range(dofs):
         yields[q] = int(scene.dofs.chain[q] >= 0 and scene.trees.chains[scene.dofs.tree[q]] == 1)
@@ -65,7 +66,7 @@ def make_joints(scene: Scene, poses: Floats) -> Joints:
                 elif first < last:
                     lever[q] = max(lever[q], float(np.linalg.norm(poses[body, :3] - poses[joint, :3])) + reach)
             joint = scene.bodies.parent[joint]
-    return Joints(yields, held.astype(np.int64), lever, bends, np.array([int(yields.any())]))
+    return Joints(yields, held.astype(np.int64), lever, bends, np.array([int(in_chains.any())]))
 
 
 @kernel

@@ -46,8 +46,14 @@ def suggested_chains(skeleton: Skeleton) -> list[tuple[int, ...]]:
     fork; a chain goes from the last fork above a tip (the root if there is none) down the way with the most moving
     joints. So a hand gets its fingers, each hanging on the palm, and a body its arms, legs and neck. Where just two
     limbs begin at the end of a longer one (a thumb and fingers at the end of an arm), the way goes on through the
-    longer of the two, and the other hangs off it.
+    longer of the two, and the other hangs off it. A tree without a limb has a chain for each branch with a joint: fingers of
+    one joint.
     """
+    return _branches(skeleton, 2) or _branches(skeleton, 1)
+
+
+def _branches(skeleton: Skeleton, least: int) -> list[tuple[int, ...]]:
+    """`suggested_chains`, if a limb leads through at least so many moving joints."""
     children = skeleton.children()
     reach = [0] * len(skeleton.links)  # moving joints on the longest way down from a link
     for link in reversed(range(len(skeleton.links))):
@@ -62,7 +68,7 @@ def suggested_chains(skeleton: Skeleton) -> list[tuple[int, ...]]:
             while children[links[-1]]:
                 below = children[links[-1]]
                 lengths = [reach[c] + _moves(skeleton, c) for c in below]
-                limbs = [length for length in lengths if length >= 2]
+                limbs = [length for length in lengths if length >= least]
                 if len(limbs) >= 3 or (len(limbs) == 2 and count <= max(limbs)):
                     todo.append(links[-1])
                     ended = True
@@ -70,7 +76,7 @@ def suggested_chains(skeleton: Skeleton) -> list[tuple[int, ...]]:
                 best = lengths.index(max(lengths))
                 links.append(below[best])
                 count += _moves(skeleton, below[best])
-            if not ended and count >= 2:
+            if not ended and count >= least:
                 chains.append(tuple(links))
     return chains
 

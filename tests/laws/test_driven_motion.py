@@ -237,3 +237,37 @@ def test_a_body_behind_a_wall_says_that_it_is_blocked(tmp_path: Path) -> None:
     assert run.path("cube")[-5:].tobytes() == run.recorded[-5:, run.body("cube")].tobytes()
     told = [text for result in run.results for level, text in result.messages if level == "info"]
     assert told == ["something stands between a body and its recorded place"]
+
+
+@pytest.mark.parametrize("fingers", [0, 1, 3])
+def test_a_hand_without_limbs_is_corrected_in_chains_mode_too(tmp_path: Path, fingers: int) -> None:
+    """A body without joints yields as in rigid mode, bit for bit; fingers of one joint bend."""
+    finger = '<origin xyz="0.03 0 0" rpy="0 1.5708 0"/><geometry><cylinder radius="0.008" length="0.05"/></geometry>'
+    parts = [link("palm", '<geometry><box size="0.08 0.1 0.03"/></geometry>')]
+    for k in range(fingers):
+        inside = '<axis xyz="0 1 0"/><limit lower="-1.5" upper="1.5" effort="1" velocity="1"/>'
+        parts += [
+            link(f"f{k}", finger),
+            joint(f"j{k}", "palm", f"f{k}", inside=inside, xyz=f"0.045 {0.03 * k - 0.03} 0"),
+        ]
+    urdf(tmp_path / "hand.urdf", *parts)
+    n, names = 100, [f"j{k}" for k in range(fingers)]
+    turn = Rotation.from_euler("zyx", [0.5, 0.2, 0.1]).as_quat()
+    t = np.linspace(0, 1, n)
+    path = np.column_stack([t - 0.5, 0.1 * t, 0.02 + 0.015 * np.cos(12 * t), np.tile(turn, (n, 1))])
+    angles = 0.35 * np.sin(np.outer(t, np.arange(12, 12 + 3 * fingers, 3)) + np.arange(fingers))
+    runs = {}
+    for mode in ("rigid", "chains"):
+        avatar = f'[[avatar]]\nname="h"\nurdf="hand.urdf"\nmode="{mode}"\nmaterial="human"\nroot={{topic="/w"}}\n'
+        avatar += 'joints={topic="/a"}\n' if fingers else ""
+        runs[mode] = play(
+            tmp_path, [TABLE], avatars=avatar, roots={"/w": path}, angles={"/a": (names, angles)} if fingers else None
+        )
+        assert_free(runs[mode])
+        assert runs[mode].figures("recorded_penetration_m").max() > 0.02
+    if fingers == 0:
+        assert runs["chains"].corrected.tobytes() == runs["rigid"].corrected.tobytes()
+    else:
+        assert np.abs(runs["chains"].angles - angles).max() > 0.05
+        lifted = [run.offset("h/palm")[:, 2].max() for run in (runs["chains"], runs["rigid"])]
+        assert lifted[0] < lifted[1]

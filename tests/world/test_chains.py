@@ -97,3 +97,11 @@ def test_real_models(shared_dir: Path) -> None:
         assert len({k for chain in chains for k in chain}) == sum(map(len, chains))  # they share nothing
     tips = {c[-1] for c in named(skeleton, chains)}
     assert tips == {"lfingers", "rfingers", "ltoes", "rtoes", "head"}
+
+
+def test_fingers_of_one_joint_are_chains_where_there_is_no_longer_limb(tmp_path: Path) -> None:
+    parts = [*row("palm", "a", 1), *row("palm", "b", 1), *row("palm", "tag", 1, "fixed")]
+    skeleton = load_skeleton(urdf(tmp_path / "a.urdf", link("palm"), *parts))
+    assert named(skeleton, suggested_chains(skeleton)) == [["a0"], ["b0"]]
+    skeleton = load_skeleton(urdf(tmp_path / "b.urdf", link("palm"), *parts, *row("palm", "c", 2)))
+    assert named(skeleton, suggested_chains(skeleton)) == [["c0", "c1"]]

@@ -1,0 +1,129 @@
+"""What happens between two corrected frames, by brute force: sampled at 1 kHz, and followed in steps as small as it takes.
+
+Two frames that are free do not tell whether the way between them was. A straight line from one to the other may cut an
+edge that the body went round, and that is no fault; but somewhere near it there must be a way that leads through nothing.
+`follow` looks for it: it takes the body along the line, in small steps, and keeps it out of everything by the least
+translation from where it just was. A body that has been put through something is held up there and does not arrive.
+"""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+from scipy.optimize import nnls
+from scipy.spatial.transform import Rotation, Slerp
+
+from geomphys.world.scene import DRIVEN
+from tests.driven.logs import Engine, Floats, Run
+
+CLEAR = 1e-6  # m, kept while following
+SHARE = 0.2  # of the mean thickness of two pieces: what is no deeper between frames cannot be on its way through
+
+
+def lines(rows: Floats, times: int) -> Floats:
+    """Poses (n, B, 7), and `times` - 1 between any two of them on straight lines: ((n - 1) * times + 1, B, 7)."""
+    n = len(rows)
+    t = np.arange((n - 1) * times + 1) / times
+    out = np.empty((len(t), *rows.shape[1:]))
+    for body in range(rows.shape[1]):
+        for k in range(3):
+            out[:, body, k] = np.interp(t, np.arange(n), rows[:, body, k])
+        out[:, body, 3:] = Slerp(np.arange(n), Rotation.from_quat(rows[:, body, 3:]))(t).as_quat()
+    return out
+
+
+def least_offset(normals: Floats, bounds: Floats) -> Floats | None:
+    """The shortest x (3,) with normals x >= bounds, None if there is none (Lawson and Hanson: least distance by NNLS)."""
+    if (bounds <= 0.0).all():
+        return np.zeros(3)
+    matrix, right = np.vstack([normals.T, bounds]), np.array([0.0, 0.0, 0.0, 1.0])
+    u, misfit = nnls(matrix, right)
+    if misfit < 1e-9:
+        return None
+    rest = matrix @ u - right
+    return np.asarray(-rest[:3] / rest[3])
+
+
+class Between:
+    """Brute force between the frames of a run."""
+
+    def __init__(self, run: Run) -> None:
+        self.run, self.engine = run, Engine(run.world)
+        scene = run.world.scene
+        self.pieces, self.body_tree, self.trees = scene.pieces, scene.bodies.tree, scene.trees
+        self.tree = scene.bodies.tree[scene.pieces.body]
+        self.a, self.b = np.array(self.engine.pairs).T
+        self.room = self.pieces.reach[self.a] + self.pieces.reach[self.b]
+        self.mean = 0.5 * (self.pieces.thickness[self.a] + self.pieces.thickness[self.b])
+
+    def _centres(self, frames: Floats) -> Floats:
+        return np.asarray(np.einsum("pij,pj->pi", frames[:, :3, :3], self.pieces.centre) + frames[:, :3, 3])
+
+    def deep(self, rate: float = 1000.0, share: float = SHARE) -> dict[int, float]:
+        """Frames after which, sampled at `rate` [Hz], a pair is deeper in each other than a share of its thickness: how
+        deep at most [m]."""
+        times = int(np.ceil(rate / 60.0))
+        found: dict[int, float] = {}
+        for k, poses in enumerate(lines(self.run.corrected, times)):
+            if k % times == 0:
+                continue
+            frames = self.engine.frames(poses)
+            centres = self._centres(frames)
+            for i in np.flatnonzero(np.linalg.norm(centres[self.a] - centres[self.b], axis=1) < self.room):
+                depth = -self.engine.gap(int(self.a[i]), int(self.b[i]), frames)
+                if depth > share * self.mean[i]:
+                    found[k // times] = max(found.get(k // times, 0.0), depth)
+        return found
+
+    def _planes(self, tree: int, offset: Floats, frames: Floats, reach: float) -> tuple[Floats, Floats]:
+        """Half-spaces for the offset of a tree, one for each piece within `reach` of one of its own."""
+        centres, rows, bounds = self._centres(frames), [np.zeros(3)], [0.0]
+        mine = (self.tree[self.a] == tree) != (self.tree[self.b] == tree)
+        near = np.linalg.norm(centres[self.a] - centres[self.b], axis=1) < self.room + reach
+        for i in np.flatnonzero(mine & near):
+            a, b = int(self.a[i]), int(self.b[i])
+            places = (
+                coal.Transform3s(np.ascontiguousarray(frames[k, :3, :3]), np.ascontiguousarray(frames[k, :3, 3]))
+                for k in (a, b)
+            )
+            result = coal.DistanceResult()
+            gap = coal.distance(
+                self.engine.shapes[a], next(places), self.engine.shapes[b], next(places), coal.DistanceRequest(), result
+            )
+            normal = np.array(result.normal) * (1.0 if self.tree[b] == tree else -1.0)  # coal's points from a to b
+            rows.append(normal)
+            bounds.append(CLEAR - gap + normal @ offset)
+        return np.array(rows), np.array(bounds)
+
+    def follow(self, frame: int, steps: int) -> float:
+        """How far [m] from its corrected place in frame + 1 a tree arrives that goes there from `frame` through nothing."""
+        driven = np.flatnonzero(self.trees.role == DRIVEN)
+        offsets = {int(tree): np.zeros(3) for tree in driven}
+        for poses in lines(self.run.corrected[frame : frame + 2], steps)[1:]:
+            for tree in offsets:
+                for _ in range(8):
+                    placed = poses.copy()
+                    for other, moved in offsets.items():
+                        placed[self.body_tree == other, :3] += moved
+                    reach = 3.0 * float(np.linalg.norm(offsets[tree])) + 0.01
+                    normals, bounds = self._planes(tree, offsets[tree], self.engine.frames(placed), reach)
+                    best = least_offset(normals, bounds)
+                    if best is None:
+                        return np.inf
+                    done = np.linalg.norm(best - offsets[tree]) < 1e-7
+                    offsets[tree] = best
+                    if done:
+                        break
+        return max(float(np.linalg.norm(offset)) for offset in offsets.values())
+
+    def tunnels(self) -> dict[int, float]:
+        """Frames from which something got to the next one through something: how far off it arrives if it may not [m]."""
+        found = {}
+        for frame in self.deep():
+            for steps in (64, 512, 4096):
+                off = self.follow(frame, steps)
+                if off <= 1e-4:
+                    break
+            else:
+                found[frame] = off
+        return found
