@@ -37,9 +37,10 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 TURN = 1.0 / 240.0  # s: where they may meet, driven and simulated bodies take turns at least so often
+SPARE = 0.01  # share of a turn by which one may be longer: times of messages are rounded
 MOST_TURNS = 16  # in a frame
 NEAR = 1e-3  # m: bodies that come no nearer do not meet
-LEAST_MOTION = 5e-4  # m: of both in a frame together; slower, one turn a frame will do
+LEAST_MOTION = 1e-9  # m: of both in a frame together; slower, one turn a frame will do
 
 
 @outlined
@@ -156,7 +157,7 @@ def turns_of(scene: Scene, m: Machine, dt: float) -> int:
     A driven body stands still for the rest of its part once a simulated one is in its way, however fast that is pushed
     off. Where they may meet, parts are no longer than `TURN`, so that what comes of it does not hang on the frame rate.
     """
-    most = math.ceil(dt / TURN - 1e-9)
+    most = math.ceil(dt / TURN - SPARE)
     if most <= 1:
         return 1
     for tree in range(len(scene.trees.role)):

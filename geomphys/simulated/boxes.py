@@ -17,10 +17,12 @@ from geomphys.simulated.state import (
     AT_COUNT,
     AT_DT,
     AT_EXTENT,
+    AT_FROM,
     AT_LOCAL,
     AT_LOCAL_BOXES,
     AT_PATH_COUNT,
     AT_PATHS,
+    AT_UNTIL,
     AT_VELOCITY,
     AT_WEIGHT,
     BASE,
@@ -149,20 +151,20 @@ def passes_by(sim: int, body: int) -> bool:
 
 @kernel
 def box_path(sim: int, body: int) -> None:
-    """Motion and boxes of a body that follows its path through the frame; none if it passes by."""
+    """Motion of a body that follows its path through the frame, and its boxes in the span; none if it passes by."""
     kind, box = kind_of(sim, body), body_box(sim, body)
     if passes_by(sim, body):
         set_vec(box, 0, (math.inf, math.inf, math.inf))
         set_vec(box, 3, (-math.inf, -math.inf, -math.inf))
         return
     set_path(sim, body)
-    m, start, end = motion_of(sim, body), start_of(sim, body), end_of(sim, body)
-    angle = knob(sim, AT_DT) * norm(vec_at(m, RATE))
-    r0, r1 = rot_from_quat(quat_at(start, 3)), rot_from_quat(quat_at(end, 3))
+    m, t0, t1 = motion_of(sim, body), knob(sim, AT_FROM), knob(sim, AT_UNTIL)
+    angle = (t1 - t0) * norm(vec_at(m, RATE))
+    r0, r1 = rot_from_quat(turn_at(m, t0)), rot_from_quat(turn_at(m, t1))
     for piece in range(int_at(kind, FIRST), int_at(kind, LAST)):
         bulge = float_at(entry(sim, AT_ARM), piece) * min(2.0, 0.125 * angle * angle)
-        box_piece(sim, piece, vec_at(start, 0), r0, bulge, False)
-        box_piece(sim, piece, vec_at(end, 0), r1, bulge, True)
+        box_piece(sim, piece, point_at(m, t0), r0, bulge, False)
+        box_piece(sim, piece, point_at(m, t1), r1, bulge, True)
     box_body(sim, body)
 
 
@@ -176,10 +178,10 @@ def reach_ahead(sim: int, body: int, left: float) -> float:
 
 
 @kernel
-def box_free(sim: int, body: int, t: float) -> None:
-    """Box of a simulated body, and of its pieces, from time `t` to the frame's end; notes the range it is for."""
-    m, kind = motion_of(sim, body), kind_of(sim, body)
-    reach = reach_ahead(sim, body, knob(sim, AT_DT) - t) + ROOM
+def box_free(sim: int, body: int) -> None:
+    """Box of a simulated body, and of its pieces, in the span looked at; notes the range it is for."""
+    m, kind, t = motion_of(sim, body), kind_of(sim, body), knob(sim, AT_FROM)
+    reach = reach_ahead(sim, body, knob(sim, AT_UNTIL) - t) + ROOM
     set_float(m, RANGE, reach)
     set_float(m, TURNED, 0.0)
     set_vec(m, HOME, point_at(m, t))
@@ -191,14 +193,14 @@ def box_free(sim: int, body: int, t: float) -> None:
 
 
 @kernel
-def box_all(sim: int, t: float) -> None:
-    """Boxes of all bodies that move, from time `t` to the frame's end."""
+def box_all(sim: int) -> None:
+    """Boxes of all bodies that move, in the span from `AT_FROM` to `AT_UNTIL`."""
     for i in range(3):
         set_float(sim, AT_EXTENT + i, math.inf)
         set_float(sim, AT_EXTENT + 3 + i, -math.inf)
     for s in range(entry(sim, AT_COUNT)):
         body = free_body(sim, s)
-        box_free(sim, body, t)
+        box_free(sim, body)
         box = body_box(sim, body)
         for i in range(3):
             set_float(sim, AT_EXTENT + i, min(float_at(sim, AT_EXTENT + i), float_at(box, i)))

@@ -10,8 +10,8 @@ from geomphys.simulated.motion import point_at
 from geomphys.simulated.state import (
     ARM,
     AT_COUNT,
-    AT_DT,
     AT_FOUND,
+    AT_FROM,
     AT_HEFT,
     AT_KEPT,
     AT_MATERIAL_COUNT,
@@ -25,6 +25,7 @@ from geomphys.simulated.state import (
     AT_STILL,
     AT_STILL_COUNT,
     AT_STILL_LOW,
+    AT_UNTIL,
     AT_WIDEST,
     BODY_A,
     BODY_B,
@@ -74,13 +75,13 @@ from geomphys.vec3 import (
 
 @kernel
 def any_beyond_range(sim: int, t: float) -> bool:
-    """Whether a changed body may leave, before the frame ends, the range its pairs were looked for in."""
+    """Whether a changed body may leave the range its pairs were looked for in before the time they are for ends."""
     for s in range(entry(sim, AT_COUNT)):
         body = free_body(sim, s)
         if has_changed(sim, body):
             m = motion_of(sim, body)
             gone = norm(sub(point_at(m, t), vec_at(m, HOME))) + min(2.0, float_at(m, TURNED)) * float_at(m, ARM)
-            if gone + reach_ahead(sim, body, knob(sim, AT_DT) - t) > float_at(m, RANGE):
+            if gone + reach_ahead(sim, body, knob(sim, AT_UNTIL) - t) > float_at(m, RANGE):
                 return True
     return False
 
@@ -213,13 +214,15 @@ def set_pairs_aside(sim: int) -> None:
 
 
 @kernel
-def find_pairs(sim: int, t: float) -> None:
-    """List the pairs of pieces, one of a simulated body, that may meet between time `t` and the frame's end.
+def find_pairs(sim: int, t: float, until: float) -> None:
+    """List the pairs of pieces, one of a simulated body, that may meet between times `t` and `until` of the frame.
 
     Pairs come sorted by (piece a, piece b). One that has pushed in this frame stays on the list.
     """
+    set_float(sim, AT_FROM, t)
+    set_float(sim, AT_UNTIL, until)
     set_pairs_aside(sim)
-    box_all(sim, t)
+    box_all(sim)
     old = 0
     for s in range(entry(sim, AT_COUNT)):
         a = free_body(sim, s)

@@ -90,7 +90,7 @@ ROW_INTS = 5
 # Columns of `pairs`, one row a pair of pieces: a of a simulated body, b of any other
 PIECE_A, PIECE_B, BODY_A, BODY_B = range(4)
 POINTS = 4  # contact points now
-EVENTS = 5  # times it met in this frame
+EVENTS = 5  # times it met in this step
 HELD = 6  # 1: some point of it is held by contact forces
 PLACE = 7  # where it stands in the queue, -1: nowhere
 HITS = 8  # collisions at this moment
@@ -180,7 +180,9 @@ AT_DT = 71  # s: the frame
 AT_WIDEST = 72
 AT_EXTENT = 73  # m, 6: box of all that simulated bodies can reach in the frame
 AT_ENERGY = 79
-HEADER = 80
+AT_FROM = 80  # s of the frame: the span that pairs are looked for in
+AT_UNTIL = 81
+HEADER = 82
 
 
 @kernel

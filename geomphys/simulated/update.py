@@ -1,8 +1,9 @@
 """One frame of the simulated loop: bodies move to their next impact, it is resolved, they move on.
 
-Within a frame time runs in steps of at most `STEP`, the same whatever the frame rate; contact forces are constant over
-a step. Within a step the queue holds when each pair is due to meet; the earliest is resolved, the bodies it concerns,
-and those that may touch them, get new forces and motions, and their pairs are put into the queue again.
+Within a frame time runs in steps of at most `STEP`, the same whatever the frame rate: contact forces are constant over
+a step, and which bodies may meet is looked for step by step. Within a step the queue holds when each pair is due to
+meet; the earliest is resolved, the bodies it concerns, and those that may touch them, get new forces and motions, and
+their pairs are put into the queue again.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from geomphys.simulated.state import (
     AT_HEAP,
     AT_THRESHOLD,
     AT_TOUCH,
+    AT_UNTIL,
     AT_WEIGHT,
     BASE,
     BODY_A,
@@ -41,6 +43,7 @@ from geomphys.simulated.state import (
     DISTANCE,
     DUE,
     EVENTS,
+    FRESH,
     GRAVITY,
     HELD,
     ISLAND,
@@ -51,6 +54,7 @@ from geomphys.simulated.state import (
     N_PAIRS,
     N_ROWS,
     PIECE_A,
+    ROLE,
     ROW_A,
     SEEN,
     SPIN,
@@ -71,15 +75,17 @@ from geomphys.simulated.state import (
     row,
 )
 from geomphys.vec3 import norm
-from geomphys.world.scene import Floats, Pieces
+from geomphys.world.scene import DRIVEN, Floats, Pieces
 
 STEP = 1.0 / 240.0  # s: contact forces are constant for no longer
+SPARE = 0.01  # share of a step by which one may be longer: times of messages are rounded
 TURN_A_STEP = 0.1  # rad: a body that may touch something turns no further in a step
 LEAST_STEP = 1e-6  # s
 LEAST_THRESHOLD = 1e-3  # m/s: also where there is no gravity, slower approaches do not bounce
 TOUCH = 5.0  # gaps: clearance that counts as touching
-MOST_MEETINGS = 40  # of a pair in a frame, if one follows its path: beyond, it is squeezed and let go
+MOST_MEETINGS = 40  # of a pair in a step, if one follows its path: beyond, it is squeezed and let go
 PARTINGS = 20
+MEETS_DRIVEN = 2.0  # gaps: a driven body stops a gap away, and is to be met before
 
 __all__ = ["IMPACT_BOUND", "QUARANTINED", "simulate"]
 
@@ -134,6 +140,8 @@ def queue_pairs(sim: int, t: float, t1: float) -> None:
             set_int(p, YIELDED, int_at(kind_of(sim, int_at(p, BODY_B)), MOVES))
         if not has_yielded(sim, k):
             target, slack = gap, 0.25 * gap
+            if int_at(kind_of(sim, int_at(p, BODY_B)), ROLE) == DRIVEN:
+                target = MEETS_DRIVEN * gap
             if int_at(p, HELD) == 1:
                 # contact forces keep it: only what they miss counts
                 if float_at(kept_at(sim, k), SEEN) != t:
@@ -162,12 +170,12 @@ def longest_step(sim: int, left: float) -> float:
 
 
 @kernel
-def look_again(sim: int, t: float) -> None:
-    """Look for pairs anew from time `t` of the frame on; all bodies then count as changed."""
+def look_again(sim: int, t: float, until: float) -> None:
+    """Look anew for pairs that may meet from time `t` of the frame `until` another; all bodies then count as changed."""
     mark_all(sim)
     move_bases(sim, t)
     drop_rows(sim, t)
-    find_pairs(sim, t)
+    find_pairs(sim, t, until)
     wake(sim, False)
     mark_all(sim)
     move_bases(sim, t)
@@ -194,7 +202,7 @@ def advance(sim: int, t0: float, t1: float, room: int, most_halts: int) -> tuple
         bound = bound or full
         hold(sim, t1 - t, SWEEPS if halts == 0 else FEW_SWEEPS)
         if any_beyond_range(sim, t):
-            look_again(sim, t)
+            look_again(sim, t, knob(sim, AT_UNTIL))
             note_energies(sim)  # islands are no longer what they were
             continue
         queue_pairs(sim, t, t1)
@@ -216,19 +224,34 @@ def advance(sim: int, t0: float, t1: float, room: int, most_halts: int) -> tuple
 
 
 @kernel
+def begin_step(sim: int, t: float, t1: float, steps: int) -> None:
+    """Begin the step of the frame from `t` to `t1` as if it were a frame of its own: pairs further ahead are none of it."""
+    if steps > 1:
+        look_again(sim, t, t1)
+    for k in range(how_many(sim, N_PAIRS)):
+        set_int(pair_at(sim, k), EVENTS, 0)
+    if t > 0.0:
+        for s in range(entry(sim, AT_COUNT)):
+            set_int(kind_of(sim, free_body(sim, s)), FRESH, 0)
+
+
+@kernel
 def play(sim: int, max_impacts: int) -> tuple[int, int, float]:
     """Move the simulated bodies through the frame.
 
     Returns the number of collisions, 0 or `IMPACT_BOUND`, and the time of the frame at which the bodies stand.
     """
     dt = knob(sim, AT_DT)
-    steps = max(1, math.ceil(dt / STEP - 1e-9))
+    steps = max(1, math.ceil(dt / STEP - SPARE))
     most_halts = 20 * steps + 4 * max_impacts
-    t, step, impacts, halts, flags = 0.0, 0, 0, 0, 0
+    t, step, looked, impacts, halts, flags = 0.0, 0, 0, 0, 0, 0
+    if how_many(sim, N_PAIRS) == 0:
+        steps = 1
     while step < steps and halts <= most_halts:
         t1 = dt * (step + 1) / steps
-        if how_many(sim, N_PAIRS) == 0:
-            step, t1 = steps - 1, dt
+        if looked == step:
+            looked += 1
+            begin_step(sim, t, t1, steps)
         short = longest_step(sim, t1 - t)
         if short < t1 - t:
             t1 = t + short
@@ -284,7 +307,7 @@ def play_frame(sim: int, max_impacts: int, goes_on: bool) -> tuple[int, int]:
     set_float(sim, AT_TOUCH, TOUCH * knob(sim, AT_GAP))
     set_float(sim, AT_THRESHOLD, max(LEAST_THRESHOLD, 2.0 * weight * STEP))
     begin(sim, goes_on)
-    find_pairs(sim, 0.0)
+    find_pairs(sim, 0.0, knob(sim, AT_DT))
     impacts, flags = 0, 0
     if wake(sim, True) and how_many(sim, N_LOST) == 0:
         impacts, flags, t = play(sim, max_impacts)
