@@ -23,7 +23,6 @@ from geomphys.simulated.state import (
     GRASP,
     GRAVITY,
     INERTIA,
-    ISLAND,
     LAST_POSE,
     MOMENTUM,
     N_LOST,
@@ -108,14 +107,6 @@ def begin(sim: int, goes_on: bool) -> None:
                 for i in range(7):
                     set_float(slot_at(sim, k, m), SUM_N + i, 0.0)
             set_float(slot_at(sim, k, m), GRASP, 0.0)
-
-
-@kernel
-def mark(sim: int, island: int) -> None:
-    """Let the bodies of an island count as changed, and no others."""
-    for s in range(entry(sim, AT_COUNT)):
-        kind = kind_of(sim, free_body(sim, s))
-        set_int(kind, CHANGED, 1 if int_at(kind, ISLAND) == island else 0)
 
 
 @kernel

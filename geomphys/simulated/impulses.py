@@ -19,15 +19,19 @@ from __future__ import annotations
 import math
 
 from geomphys.kernel import kernel
-from geomphys.memory import float_at, int_at, set_float
+from geomphys.memory import float_at, int_at, set_float, set_int
 from geomphys.simulated.cells import vec_at
 from geomphys.simulated.points import normal_speed, push, speed_at
 from geomphys.simulated.state import (
     BINORMAL,
+    DISTURBED,
     FRICTION,
     GOAL,
     GRIP,
+    INVERSE_T,
+    LIGHTNESS,
     LIMIT,
+    MASS_MOST,
     MASS_N,
     MASS_T,
     N_ROWS,
@@ -37,16 +41,20 @@ from geomphys.simulated.state import (
     ROW_A,
     ROW_B,
     ROW_ON,
+    ROW_VISIT,
     RUB,
     TANGENT,
     count_one,
     how_many,
+    kind_of,
+    motion_of,
     owner,
     row,
 )
 from geomphys.vec3 import dot
 
 SWEEPS = 300
+UNFELT = 0.1  # of the precision asked for: smaller changes of velocity do not call for another visit to a row
 PRECISION = 1e-13  # of the fastest approach: sweeps over the points of a collision end when none changes by more
 
 
@@ -84,20 +92,18 @@ def rub_more(sim: int, velocity: int, k: int, cap: float) -> float:
     r, o = row(sim, k), owner(sim, k)
     v = speed_at(velocity, r, int_at(o, ROW_A), int_at(o, ROW_B))
     vx, vy = dot(vec_at(r, TANGENT), v), dot(vec_at(r, BINORMAL), v)
-    k_tt, k_tb, k_bb = vec_at(r, MASS_T)
-    x0, y0 = float_at(r, RUB), float_at(r, RUB + 1)
+    i_tt, i_tb, i_bb = vec_at(r, INVERSE_T)
+    x0, y0, mass = float_at(r, RUB), float_at(r, RUB + 1), float_at(r, MASS_MOST)
     # what stops the sliding, if the cone allows it
-    inverse = 1.0 / (k_tt * k_bb - k_tb * k_tb)
-    x, y = x0 - inverse * (k_bb * vx - k_tb * vy), y0 - inverse * (k_tt * vy - k_tb * vx)
-    half = 0.5 * (k_tt - k_bb)
-    mass = 0.5 * (k_tt + k_bb) + math.sqrt(half * half + k_tb * k_tb)
+    x, y = x0 - i_tt * vx - i_tb * vy, y0 - i_tb * vx - i_bb * vy
     if x * x + y * y > cap * cap:
         # else against the sliding, on the cone
         x, y = x0 - vx / mass, y0 - vy / mass
         size = math.sqrt(x * x + y * y)
         if size > cap:
             x, y = x * cap / size, y * cap / size
-    rub(sim, velocity, k, x - x0, y - y0)
+    if x != x0 or y != y0:
+        rub(sim, velocity, k, x - x0, y - y0)
     return (abs(x - x0) + abs(y - y0)) * mass
 
 
@@ -156,6 +162,21 @@ def collide(sim: int, velocity: int, elastic: float) -> None:
 
 
 @kernel
+def disturb(sim: int, body: int, visit: int) -> None:
+    """Note that visit number `visit` to a row has changed a body's velocity, if anything can."""
+    if float_at(motion_of(sim, body), LIGHTNESS) > 0.0:
+        set_int(kind_of(sim, body), DISTURBED, visit)
+
+
+@kernel
+def is_disturbed(sim: int, o: int) -> bool:
+    """Whether the velocities of the bodies of row `o` of `row_of` have changed since it was visited."""
+    last = int_at(o, ROW_VISIT)
+    a, b = int_at(kind_of(sim, int_at(o, ROW_A)), DISTURBED), int_at(kind_of(sim, int_at(o, ROW_B)), DISTURBED)
+    return a >= last or b >= last
+
+
+@kernel
 def settle(sim: int, velocity: int, sweeps: int, precision: float) -> int:
     """Solve all rows whose `ROW_ON` is 1 together: v_n >= `GOAL`, impulses only push, friction within its cone.
 
@@ -163,20 +184,32 @@ def settle(sim: int, velocity: int, sweeps: int, precision: float) -> int:
 
     Projected sweeps over the rows (Gauss-Seidel), to and fro so that forces travel up and down a stack, from the
     impulses they hold, which must be in the velocities already.
-    Done when no sweep changes a velocity by more than `precision` [m/s]; returns the number of sweeps made.
+    Done when no sweep changes a velocity by more than `precision` [m/s]; returns the number of sweeps made. A row whose
+    bodies nothing has changed since is passed over.
     """
-    count = how_many(sim, N_ROWS)
+    count, visit = how_many(sim, N_ROWS), 0
+    for k in range(count):
+        set_int(owner(sim, k), ROW_VISIT, 0)
+        set_int(kind_of(sim, int_at(owner(sim, k), ROW_A)), DISTURBED, 0)
+        set_int(kind_of(sim, int_at(owner(sim, k), ROW_B)), DISTURBED, 0)
     for sweep in range(sweeps):
         count_one(sim, N_SWEEPS)
         most = 0.0
         for i in range(count):
             k = i if sweep & 1 == 0 else count - 1 - i
-            if int_at(owner(sim, k), ROW_ON) == 1:
+            o = owner(sim, k)
+            if int_at(o, ROW_ON) == 1 and is_disturbed(sim, o):
                 r = row(sim, k)
-                most = max(most, push_more(sim, velocity, k))
+                visit += 1
+                set_int(o, ROW_VISIT, visit)
+                change = push_more(sim, velocity, k)
                 cap = float_at(r, FRICTION) * (float_at(r, PUSH) + float_at(r, GRIP))
                 if cap > 0.0 or float_at(r, RUB) != 0.0 or float_at(r, RUB + 1) != 0.0:
-                    most = max(most, rub_more(sim, velocity, k, cap))
+                    change = max(change, rub_more(sim, velocity, k, cap))
+                if change > UNFELT * precision:
+                    disturb(sim, int_at(o, ROW_A), visit)
+                    disturb(sim, int_at(o, ROW_B), visit)
+                most = max(most, change)
         if most <= precision:
             return sweep + 1
     return sweeps

@@ -29,9 +29,11 @@ from geomphys.simulated.state import (
     GOAL,
     GRIP,
     INVERSE,
+    INVERSE_T,
     LIGHTNESS,
     LIMIT,
     LOCAL,
+    MASS_MOST,
     MASS_N,
     MASS_T,
     N_LOST,
@@ -79,7 +81,7 @@ from geomphys.simulated.state import (
 )
 from geomphys.vec3 import Vec, add, cross, dot, perpendicular, quat_conjugate, quat_rotate, rotate, scale, sub
 
-NEAR = 1e-4  # m: contact points with no more clearance take part in the solving
+NEAR = 4e-4  # m: contact points with no more clearance take part in the solving
 SAME = 4e-6  # m²: squared distance within which a point continues one of the step before
 
 
@@ -107,6 +109,16 @@ def fill_masses(a: int, b: int, r: int) -> None:
     set_float(r, MASS_T, light + dot(t, along_t))
     set_float(r, MASS_T + 1, dot(t, along_u))
     set_float(r, MASS_T + 2, light + dot(u, along_u))
+    invert_mass(r)
+
+
+@kernel
+def invert_mass(r: int) -> None:
+    """Note what follows from `MASS_T` of row `r`."""
+    k_tt, k_tb, k_bb = vec_at(r, MASS_T)
+    inverse, half = 1.0 / (k_tt * k_bb - k_tb * k_tb), 0.5 * (k_tt - k_bb)
+    set_vec(r, INVERSE_T, (inverse * k_bb, -inverse * k_tb, inverse * k_tt))
+    set_float(r, MASS_MOST, 0.5 * (k_tt + k_bb) + math.sqrt(half * half + k_tb * k_tb))
 
 
 @kernel

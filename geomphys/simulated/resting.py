@@ -82,10 +82,10 @@ from geomphys.world.scene import DRIVEN
 SWEEPS = 400  # at most; what is left then is small, and the next step goes on from there
 FEW_SWEEPS = 60  # after a halt within the step
 STILL = 1e-11  # m/s: the solving ends when no sweep changes a velocity by more ...
-STILL_PART = 1e-7  # ... or by more than this share of the fastest motion at a contact point
+STILL_PART = 1e-6  # ... or by more than this share of the fastest motion at a contact point
 APPROACH = 2e-4  # m/s: touching points that approach no faster are stopped in the course of the step
 FAINT = 5e-3  # m/s: points that part no faster are held as if they did not part
-SLOW_PART = 0.25  # of the threshold: points near but not touching that approach no faster are held, not left to collide
+SLOW_PART = 1.0  # of the threshold: points near but not touching that approach no faster are held, not left to collide
 WEIGHT_TIME = 0.01  # s: more than twice the longest step
 MOST_YIELDS = 4
 GRIPPED = 1e-4  # m/s: a point that a driven body pressed and that does not part faster is gripped

@@ -60,7 +60,8 @@ ISLAND_AWAKE = 9  # the same of the island that bears this body's name
 FRESH = 10  # 1: stands where the caller put it, not where the frame before left it
 TOUCHED = 11  # 1: has had contact points in this step
 WEDGED = 12  # 1: the island that bears this body's name has no room for what touches it
-KIND_COLUMNS = 13
+DISTURBED = 13  # number of the visit to a row that last changed its velocity while contact points were solved
+KIND_COLUMNS = 14
 
 # Columns of `rows`, one row a contact point that is being solved
 NORMAL = 0  # 3: unit, out of b into a
@@ -81,11 +82,13 @@ RESTITUTION = 43
 SINCE = 44  # s of the frame: since when the point's forces act
 LIMIT = 45  # N s: largest normal impulse; infinite unless b follows a path and might squeeze a against something
 GRIP = 46  # N s: normal impulse beside `PUSH` that friction may count on
-ROW_COLUMNS = 47
+INVERSE_T = 47  # kg, 3: inverse of the matrix `MASS_T`
+MASS_MOST = 50  # 1/kg: the larger of its eigenvalues
+ROW_COLUMNS = 51
 
 # Columns of `row_of`
-ROW_PAIR, ROW_A, ROW_B, ROW_SLOT, ROW_ON = range(5)
-ROW_INTS = 5
+ROW_PAIR, ROW_A, ROW_B, ROW_SLOT, ROW_ON, ROW_VISIT = range(6)
+ROW_INTS = 6
 
 # Columns of `pairs`, one row a pair of pieces: a of a simulated body, b of any other
 PIECE_A, PIECE_B, BODY_A, BODY_B = range(4)

@@ -17,7 +17,7 @@ from geomphys.simulated.approach import first_touch, look
 from geomphys.simulated.cells import vec_at
 from geomphys.simulated.collisions import resolve
 from geomphys.simulated.energy import note_energies, take_excess
-from geomphys.simulated.frame import QUARANTINED, begin, finish, mark, mark_all, put_back, undo_put_back
+from geomphys.simulated.frame import QUARANTINED, begin, finish, mark_all, put_back, undo_put_back
 from geomphys.simulated.header import header_of
 from geomphys.simulated.impact_queue import empty_queue, put, take_out
 from geomphys.simulated.ledger import drop_rows
@@ -26,7 +26,9 @@ from geomphys.simulated.pairs import any_beyond_range, find_pairs
 from geomphys.simulated.points import add_rows
 from geomphys.simulated.resting import FEW_SWEEPS, SWEEPS, hold, push_apart
 from geomphys.simulated.sleep import wake
+from geomphys.simulated.spread import concerns_changed, mark_meeting
 from geomphys.simulated.state import (
+    ARM,
     AT_ARM,
     AT_COUNT,
     AT_DT,
@@ -57,6 +59,7 @@ from geomphys.simulated.state import (
     ROLE,
     ROW_A,
     SEEN,
+    SPEED,
     SPIN,
     YIELDED,
     SimulatedState,
@@ -84,6 +87,8 @@ LEAST_STEP = 1e-6  # s
 LEAST_THRESHOLD = 1e-3  # m/s: also where there is no gravity, slower approaches do not bounce
 TOUCH = 5.0  # gaps: clearance that counts as touching
 MOST_MEETINGS = 40  # of a pair in a step, if one follows its path: beyond, it is squeezed and let go
+MISSED = 3.0  # gaps: by how much surfaces that contact forces hold may come nearer within a step if bodies are fast, ...
+SLOW = 0.05  # m/s: ... and by one if they are slow: lifting them off again takes more energy than they have
 PARTINGS = 20
 MEETS_DRIVEN = 2.0  # gaps: a driven body stops a gap away, and is to be met before
 
@@ -119,7 +124,7 @@ def part(sim: int, t: float) -> float:
             break
         near = push_apart(sim)
         for k in range(how_many(sim, N_PAIRS)):
-            if has_changed(sim, int_at(pair_at(sim, k), BODY_A)):
+            if concerns_changed(sim, k):
                 set_float(kept_at(sim, k), SEEN, -1.0)
         if least >= -3.0 * knob(sim, AT_GAP):
             return near
@@ -128,12 +133,22 @@ def part(sim: int, t: float) -> float:
 
 
 @kernel
+def missed(sim: int, pair: int) -> float:
+    """By how many gaps the surfaces of a pair that is held may come nearer within a step."""
+    for side in range(2):
+        m = motion_of(sim, int_at(pair_at(sim, pair), BODY_A + side))
+        if norm(vec_at(m, SPEED)) + norm(vec_at(m, SPIN)) * float_at(m, ARM) > SLOW:
+            return MISSED
+    return 1.0
+
+
+@kernel
 def queue_pairs(sim: int, t: float, t1: float) -> None:
     """Find when the pairs of changed bodies meet before `t1` and queue them."""
     gap = knob(sim, AT_GAP)
     for k in range(how_many(sim, N_PAIRS)):
         p = pair_at(sim, k)
-        if not has_changed(sim, int_at(p, BODY_A)):
+        if not concerns_changed(sim, k):
             continue
         due = math.inf
         if int_at(p, EVENTS) >= MOST_MEETINGS and not is_simulated(sim, int_at(p, BODY_B)):
@@ -146,7 +161,7 @@ def queue_pairs(sim: int, t: float, t1: float) -> None:
                 # contact forces keep it: only what they miss counts
                 if float_at(kept_at(sim, k), SEEN) != t:
                     look(sim, k, t)
-                target, slack = min(0.0, float_at(kept_at(sim, k), DISTANCE)) - gap, 0.5 * gap
+                target, slack = min(0.0, float_at(kept_at(sim, k), DISTANCE)) - missed(sim, k) * gap, 0.5 * gap
             due = first_touch(sim, k, t, t1, target, slack)
         if due < t1:
             put(sim, k, due)
@@ -211,7 +226,7 @@ def advance(sim: int, t0: float, t1: float, room: int, most_halts: int) -> tuple
         pair = int_at(entry(sim, AT_HEAP), 0)
         t = float_at(kept_at(sim, pair), DUE)
         set_int(pair_at(sim, pair), EVENTS, int_at(pair_at(sim, pair), EVENTS) + 1)
-        mark(sim, int_at(kind_of(sim, int_at(pair_at(sim, pair), BODY_A)), ISLAND))
+        mark_meeting(sim, pair, t)
         halts += 1
         if halts > most_halts:
             mark_all(sim)
@@ -243,7 +258,7 @@ def play(sim: int, max_impacts: int) -> tuple[int, int, float]:
     """
     dt = knob(sim, AT_DT)
     steps = max(1, math.ceil(dt / STEP - SPARE))
-    most_halts = 20 * steps + 4 * max_impacts
+    most_halts = 20 * steps + 2 * max_impacts
     t, step, looked, impacts, halts, flags = 0.0, 0, 0, 0, 0, 0
     if how_many(sim, N_PAIRS) == 0:
         steps = 1

@@ -11,6 +11,7 @@ from geomphys.kernel import kernel
 from geomphys.memory import float_at, int_at, set_float
 from geomphys.simulated.cells import add_vec, set_vec, vec_at
 from geomphys.simulated.motion import load_velocities, turn_at
+from geomphys.simulated.points import invert_mass
 from geomphys.simulated.state import (
     AT_RECOIL,
     AT_TOLD,
@@ -63,6 +64,7 @@ def lighten(sim: int, k: int, by: float) -> None:
     set_float(r, MASS_N, float_at(r, MASS_N) + by)
     set_float(r, MASS_T, float_at(r, MASS_T) + by)
     set_float(r, MASS_T + 2, float_at(r, MASS_T + 2) + by)
+    invert_mass(r)
 
 
 @kernel

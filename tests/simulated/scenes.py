@@ -161,7 +161,7 @@ class Player:
         self.driven_impulse = np.zeros((len(things), 3))
         self.targets: dict[int, Callable[[float], Sequence[float]]] = {}
 
-    def step(self, dt: float, max_impacts: int = 200) -> None:
+    def step(self, dt: float, max_impacts: int = 500) -> None:
         """One frame. Bodies in `targets` go to target(time) = (pose of 7)."""
         end = self.poses.copy()
         for body, target in self.targets.items():
