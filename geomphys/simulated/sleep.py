@@ -1,14 +1,17 @@
 """Bodies at rest that nothing moving is near are left out of the loop until that changes.
 
-An island sleeps when all its bodies have been at rest for `REST_TIME`: slower than `REST_SPEED` and not being
-accelerated, which is less than would be seen in an hour. Asleep, a body keeps its pose bit for bit.
+An island sleeps when all its bodies have been at rest for `REST_TIME`: no point of them has gone farther than
+`REST_WAY` from where it was, which is less than would be seen in an hour, whatever it trembles by. Asleep, a body keeps
+its pose bit for bit.
 """
 
 from __future__ import annotations
 
+import math
+
 from geomphys.kernel import kernel
 from geomphys.memory import float_at, int_at, set_float, set_int
-from geomphys.simulated.cells import add_vec, set_vec, vec_at
+from geomphys.simulated.cells import add_vec, quat_at, set_quat, set_vec, vec_at
 from geomphys.simulated.state import (
     ARM,
     AT_COUNT,
@@ -25,10 +28,12 @@ from geomphys.simulated.state import (
     MOMENTUM,
     MOVES,
     N_PAIRS,
+    POINT,
     POINTS,
     PULL,
     QUIET,
     RATE,
+    REST_POSE,
     ROLE,
     SPEED,
     SPIN,
@@ -36,6 +41,7 @@ from geomphys.simulated.state import (
     SUM_T,
     SUM_V,
     TORQUE,
+    TURN,
     entry,
     free_body,
     how_many,
@@ -48,12 +54,13 @@ from geomphys.simulated.state import (
     slot_at,
     velocity_of,
 )
-from geomphys.vec3 import norm
+from geomphys.vec3 import norm, sub
 from geomphys.world.scene import DRIVEN
 
-REST_TIME = 0.2  # s
-REST_SPEED = 1e-8  # m/s, of any point
-REST_PULL = 1e-5  # m/s²
+REST_TIME = 0.25  # s
+REST_WAY = 4e-9  # m
+REST_SPEED = 1e-6  # m/s, of any point
+REST_PULL = 1e-3  # m/s²
 
 
 @kernel
@@ -63,8 +70,17 @@ def note_rest(sim: int, m: int, told: int) -> None:
     `m` is its row of `motion`, `told` that of the velocities for the caller.
     """
     fastest = norm(vec_at(m, SPEED)) + norm(vec_at(m, SPIN)) * float_at(m, ARM)
-    quiet = fastest < REST_SPEED and norm(vec_at(m, PULL)) < REST_PULL
-    set_float(m, QUIET, float_at(m, QUIET) + knob(sim, AT_DT) if quiet else 0.0)
+    square = 0.0
+    for i in range(4):
+        change = float_at(m, TURN + i) - float_at(m, REST_POSE + 3 + i)
+        square += change * change
+    way = norm(sub(vec_at(m, POINT), vec_at(m, REST_POSE))) + 2.0 * math.sqrt(square) * float_at(m, ARM)
+    if way < REST_WAY and fastest < REST_SPEED and norm(vec_at(m, PULL)) < REST_PULL:
+        set_float(m, QUIET, float_at(m, QUIET) + knob(sim, AT_DT))
+    else:
+        set_float(m, QUIET, 0.0)
+        set_vec(m, REST_POSE, vec_at(m, POINT))
+        set_quat(m, REST_POSE + 3, quat_at(m, TURN))
     if float_at(m, QUIET) >= REST_TIME:
         set_vec(told, 0, (0.0, 0.0, 0.0))
         set_vec(told, 3, (0.0, 0.0, 0.0))

@@ -44,7 +44,8 @@ WISH_ARM = 60  # m, 3: centre of mass in the body frame of a driven body
 QUIET = 63  # s: how long it has been at rest
 SET_ASIDE = 64  # 7: a pose kept for later, reference point and orientation
 LAST_POSE = 71  # 7: pose last written for the caller
-MOTION_COLUMNS = 78
+REST_POSE = 78  # 7: reference point and orientation since when it has been at rest
+MOTION_COLUMNS = 85
 
 # Columns of `kinds`, one row a body
 ROLE = 0
