@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from geomphys.collision.detect import find_near, near_pairs_of_trees
 from geomphys.collision.sweep import apart, update_boxes
+from geomphys.driven.coupling import relax
 from geomphys.driven.overlap import place_at
 from geomphys.driven.posture import pose_avatars
 from geomphys.driven.steps import is_recorded
@@ -67,10 +68,21 @@ def shift_driven(scene: Scene, m: Machine) -> None:
         pose_avatars(scene, m.room.origins, m.driven.roots, m.room.chains.angles, m.driven.offset, m.corrected)
 
 
+@outlined
+def pull_freely(scene: Scene, m: Machine, dt: float) -> None:
+    """Note the couplings of driven trees as they are, and the speeds that (6) gives them in `dt` if nothing is met."""
+    trees = scene.trees
+    for tree in range(len(trees.role)):
+        for i in range(3):
+            x, v = m.driven.offset[tree, i], m.driven.speed[tree, i]
+            m.coupling[tree, i] = x
+            m.coupling[tree, 3 + i] = relax(x, v, trees.mass[tree], trees.stiffness[tree], trees.damping[tree], dt)[1]
+
+
 @kernel
 def want_velocities(scene: Scene, m: Machine, dt: float) -> None:
-    """Velocities of driven bodies at which they want to move, whatever holds them back."""
-    p, bodies = m.room.places, scene.bodies
+    """Velocities of driven bodies at which they want to move, whatever holds them back: as recorded, and as (6) pulls."""
+    bodies = scene.bodies
     for body in range(len(bodies.role)):
         if bodies.role[body] != DRIVEN:
             continue
@@ -81,8 +93,8 @@ def want_velocities(scene: Scene, m: Machine, dt: float) -> None:
         c1 = add(position_of(m.corrected, body), quat_rotate(q1, com))
         turn = rotation_vector(quat_mul(q1, quat_conjugate(q0)))
         for i in range(3):
-            held = p.goal[tree, i] - m.driven.offset[tree, i]
-            m.velocity[body, i] = (c1[i] - c0[i] + held) / dt
+            pulled = m.driven.offset[tree, i] - m.coupling[tree, i]
+            m.velocity[body, i] = (c1[i] - c0[i] - pulled) / dt + m.coupling[tree, 3 + i]
             m.velocity[body, 3 + i] = turn[i] / dt
 
 
@@ -181,6 +193,24 @@ def turns_of(scene: Scene, m: Machine, dt: float) -> int:
     return 1
 
 
+@kernel
+def push_back(scene: Scene, m: Machine, tree: int) -> None:
+    """Let the impulse that a driven tree got change the speed of its offset (6).
+
+    The driven loop has already taken from it what went against the bodies it met; that is not taken twice.
+    """
+    impulse = (m.impulse[tree, 0], m.impulse[tree, 1], m.impulse[tree, 2])
+    size = norm(impulse)
+    if size == 0.0:
+        return
+    speed = (m.driven.speed[tree, 0], m.driven.speed[tree, 1], m.driven.speed[tree, 2])
+    free = (m.coupling[tree, 3], m.coupling[tree, 4], m.coupling[tree, 5])
+    taken = max(0.0, -dot(sub(free, speed), impulse) / size)
+    back = 1.0 / scene.trees.mass[tree] - taken / size
+    for i in range(3):
+        m.driven.speed[tree, i] += back * impulse[i]
+
+
 @outlined
 def simulate_bodies(scene: Scene, m: Machine, dt: float, knobs: Knobs, done: int, goes_on: bool) -> tuple[int, int]:
     """Move the simulated bodies through the frame, or a part of it; what hits a driven tree changes its offset's speed.
@@ -193,15 +223,13 @@ def simulate_bodies(scene: Scene, m: Machine, dt: float, knobs: Knobs, done: int
     for tree in range(len(m.impulse)):
         for i in range(3):
             m.impulse[tree, i] = 0.0
-    p = m.room.places
     impacts, flags = simulate(
-        scene.pieces, m.simulated, m.start, m.corrected, m.velocity, m.impulse, p.moved, dt,
+        scene.pieces, m.simulated, m.start, m.corrected, m.velocity, m.impulse, m.room.places.moved, dt,
         knobs.max_impacts - done, knobs.gap, goes_on, m.scratch,
     )  # fmt: skip
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
-            for i in range(3):
-                m.driven.speed[tree, i] += m.impulse[tree, i] / scene.trees.mass[tree]
+            push_back(scene, m, tree)
         elif scene.trees.role[tree] == SIMULATED:
             body = scene.trees.body_start[tree]
             for k in range(7):
@@ -214,6 +242,9 @@ def simulate_bodies(scene: Scene, m: Machine, dt: float, knobs: Knobs, done: int
 def yield_to_simulated(scene: Scene, m: Machine, knobs: Knobs) -> int:
     """Where a simulated body ended inside a driven one, the driven one gives way. Returns the rounds this took."""
     p, near = m.room.places, m.room.near
+    for tree in range(len(scene.trees.role)):
+        if scene.trees.role[tree] == DRIVEN:
+            update_boxes(scene, p.frames, m.boxes, tree)
     find_near(scene, p.frames, m.boxes, m.still, 0.0, math.inf, near, p.found, m.axes, m.scratch)
     for k in range(near.filled[0]):
         if near.separation[k] < 0.0 and scene.trees.role[near.tree_b[k]] == SIMULATED:

@@ -27,7 +27,14 @@ from geomphys.collision.sweep import update_boxes
 from geomphys.containment import contain_driven, keep_posture
 from geomphys.driven.steps import is_recorded, recording_between
 from geomphys.driven.update import Outcome, update_driven
-from geomphys.interplay import predict_simulated, shift_driven, simulate_bodies, turns_of, yield_to_simulated
+from geomphys.interplay import (
+    predict_simulated,
+    pull_freely,
+    shift_driven,
+    simulate_bodies,
+    turns_of,
+    yield_to_simulated,
+)
 from geomphys.kernel import kernel, outlined
 from geomphys.machine import Knobs, Machine
 from geomphys.results import FLAG_BLOCKED, FLAG_NOT_CONVERGED, FLAG_STARTED_INSIDE, FLAG_WEDGED
@@ -127,6 +134,7 @@ def drive(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float, fi
     """The driven loop's turn: driven bodies go on to the roots (T, 7) and angles (Q,) recorded `dt` [s] later."""
     if not first:
         predict_simulated(scene, m, dt)
+    pull_freely(scene, m, dt)
     done = update_driven(
         scene, m.driven, m.room, m.boxes, roots, angles, m.recorded, dt, knobs.gap, knobs.rounds, m.axes, m.scratch
     )

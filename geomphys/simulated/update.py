@@ -87,7 +87,9 @@ LEAST_STEP = 1e-6  # s
 LEAST_THRESHOLD = 1e-3  # m/s: also where there is no gravity, slower approaches do not bounce
 TOUCH = 5.0  # gaps: clearance that counts as touching
 MOST_MEETINGS = 40  # of a pair in a step, if one follows its path: beyond, it is squeezed and let go
-MISSED = 3.0  # gaps: by how much surfaces that contact forces hold may come nearer within a step if bodies are fast, ...
+MISSED = (
+    3.0  # gaps: by how much surfaces that contact forces hold may come nearer within a step if bodies are fast, ...
+)
 SLOW = 0.05  # m/s: ... and by one if they are slow: lifting them off again takes more energy than they have
 PARTINGS = 20
 MEETS_DRIVEN = 2.0  # gaps: a driven body stops a gap away, and is to be met before
