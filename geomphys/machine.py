@@ -89,9 +89,7 @@ class Machine(NamedTuple):
     predicted: Floats  # (B, 7) poses of simulated bodies at the frame's end, by their velocity
     velocity: Floats  # (B, 6) m/s of the centre of mass and rad/s, world
     impulse: Floats  # (T, 3) N s that simulated bodies gave to driven trees
-    coupling: (
-        Floats  # (T, 6) of driven trees: offset [m] before their turn, and its speed [m/s] after it if nothing is met
-    )
+    coupling: Floats  # (T, 6) offset [m] of driven trees before their turn, and its speed [m/s] after a free one
     roots: Floats  # (T, 7) recorded root poses within a frame
     angles: Floats  # (Q,) recorded angles within a frame
     posture: Floats  # (Q,) angles at the frame's start

@@ -20,7 +20,7 @@ from geomphys.collision.penetration import separate
 from geomphys.kernel import kernel
 from geomphys.memory import float_at, int_at, set_float
 from geomphys.simulated.cells import set_vec, vec_at
-from geomphys.simulated.motion import place_piece, point_at, turned_by
+from geomphys.simulated.motion import fastest_turn, place_piece, point_at, turned_by
 from geomphys.simulated.state import (
     AT_ARM,
     AXIS,
@@ -29,13 +29,11 @@ from geomphys.simulated.state import (
     BODY_A,
     BODY_B,
     DISTANCE,
-    LENGTH,
     N_LOOKS,
     N_SPANS,
     PIECE_A,
     PIECE_B,
     PULL,
-    RATE,
     SEEN,
     SPEED,
     count_one,
@@ -77,12 +75,6 @@ def look(sim: int, pair: int, t: float) -> tuple[float, Vec, Vec, Vec]:
     set_float(kept, DISTANCE, found[0])
     set_float(kept, SEEN, t)
     return found
-
-
-@kernel
-def fastest_turn(m: int) -> float:
-    """Bound on the rate of turning over the step [rad/s]; `m` is a body's row of `motion`."""
-    return norm(vec_at(m, RATE)) + norm(vec_at(m, BEND)) * float_at(m, LENGTH)
 
 
 @kernel

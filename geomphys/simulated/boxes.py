@@ -6,8 +6,9 @@ import math
 
 from geomphys.kernel import kernel
 from geomphys.memory import float_at, int_at, set_float
-from geomphys.simulated.cells import quat_at, rot_at, set_quat, set_vec, vec_at
-from geomphys.simulated.motion import point_at, turn_at
+from geomphys.simulated.cells import quat_at, rot_at, set_vec, vec_at
+from geomphys.simulated.motion import fastest_turn, point_at, turn_at
+from geomphys.simulated.paths import set_path
 from geomphys.simulated.state import (
     ARM,
     AT_ARM,
@@ -23,20 +24,16 @@ from geomphys.simulated.state import (
     AT_PATH_COUNT,
     AT_PATHS,
     AT_UNTIL,
-    AT_VELOCITY,
     AT_WEIGHT,
-    BASE,
+    BEND,
     FIRST,
     HOME,
     LAST,
     OFFSET,
-    POINT,
     PULL,
     RANGE,
-    RATE,
     SPEED,
     SPIN,
-    TURN,
     TURNED,
     end_of,
     entry,
@@ -45,21 +42,16 @@ from geomphys.simulated.state import (
     knob,
     motion_of,
     start_of,
-    velocity_of,
 )
 from geomphys.vec3 import (
     Rot,
     Vec,
     add,
     norm,
-    quat_conjugate,
-    quat_mul,
     quat_rotate,
     rot_from_quat,
     rot_mul,
     rotate,
-    rotation_vector,
-    scale,
     sub,
 )
 
@@ -76,22 +68,6 @@ def piece_box(sim: int, piece: int) -> int:
 def body_box(sim: int, body: int) -> int:
     """Row of `body_boxes`."""
     return entry(sim, AT_BODY_BOXES) + 48 * body
-
-
-@kernel
-def set_path(sim: int, body: int) -> None:
-    """Motion of a body that follows its path: straight and turning evenly from its pose at the start to the end's."""
-    m, v = motion_of(sim, body), velocity_of(entry(sim, AT_VELOCITY), body)
-    start, end = start_of(sim, body), end_of(sim, body)
-    rate = 1.0 / knob(sim, AT_DT)
-    set_float(m, BASE, 0.0)
-    set_vec(m, POINT, vec_at(start, 0))
-    set_quat(m, TURN, quat_at(start, 3))
-    set_vec(m, SPEED, scale(sub(vec_at(end, 0), vec_at(start, 0)), rate))
-    turn = rotation_vector(quat_mul(quat_at(end, 3), quat_conjugate(quat_at(start, 3))))
-    set_vec(m, RATE, scale(turn, rate))
-    set_vec(v, 0, vec_at(m, SPEED))
-    set_vec(v, 3, vec_at(m, RATE))
 
 
 @kernel
@@ -139,8 +115,9 @@ def passes_by(sim: int, body: int) -> bool:
     ball, start, end = entry(sim, AT_BALLS) + 32 * body, start_of(sim, body), end_of(sim, body)
     a = add(vec_at(start, 0), quat_rotate(quat_at(start, 3), vec_at(ball, 0)))
     b = add(vec_at(end, 0), quat_rotate(quat_at(end, 3), vec_at(ball, 0)))
-    # on the way it leaves the straight line by less than turning moves its middle
-    reach = float_at(ball, 3) + 2.0 * norm(vec_at(ball, 0))
+    # on the way it leaves the straight line by less than its acceleration and the turning of its middle move it
+    m, dt = motion_of(sim, body), knob(sim, AT_DT)
+    reach = float_at(ball, 3) + 2.0 * norm(vec_at(ball, 0)) + 0.125 * dt * dt * norm(vec_at(m, PULL))
     for i in range(3):
         if min(a[i], b[i]) - reach > float_at(sim, AT_EXTENT + 3 + i):
             return True
@@ -159,10 +136,12 @@ def box_path(sim: int, body: int) -> None:
         return
     set_path(sim, body)
     m, t0, t1 = motion_of(sim, body), knob(sim, AT_FROM), knob(sim, AT_UNTIL)
-    angle = (t1 - t0) * norm(vec_at(m, RATE))
+    h = t1 - t0
+    angle, bend = h * fastest_turn(m), 0.25 * h * h * norm(vec_at(m, BEND))
+    aside = 0.125 * h * h * norm(vec_at(m, PULL))
     r0, r1 = rot_from_quat(turn_at(m, t0)), rot_from_quat(turn_at(m, t1))
     for piece in range(int_at(kind, FIRST), int_at(kind, LAST)):
-        bulge = float_at(entry(sim, AT_ARM), piece) * min(2.0, 0.125 * angle * angle)
+        bulge = float_at(entry(sim, AT_ARM), piece) * min(2.0, 0.125 * angle * angle + bend) + aside
         box_piece(sim, piece, point_at(m, t0), r0, bulge, False)
         box_piece(sim, piece, point_at(m, t1), r1, bulge, True)
     box_body(sim, body)

@@ -7,6 +7,7 @@ from geomphys.memory import float_at, int_at, set_int
 from geomphys.simulated.impulses import collide
 from geomphys.simulated.ledger import commit
 from geomphys.simulated.motion import load_velocities, refresh
+from geomphys.simulated.paths import load_paths
 from geomphys.simulated.points import normal_speed
 from geomphys.simulated.resting import set_limits, stop_slow_approach
 from geomphys.simulated.state import (
@@ -93,6 +94,7 @@ def resolve(sim: int, t: float, room: int) -> tuple[int, bool]:
         Number of collisions resolved; whether `room` was too little.
     """
     load_velocities(sim)
+    load_paths(sim, t)
     wishes = follow_wishes(sim, t)
     set_limits(sim)
     for k in range(how_many(sim, N_PAIRS)):

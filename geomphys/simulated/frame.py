@@ -9,6 +9,7 @@ from geomphys.memory import float_at, int_at, set_float, set_int
 from geomphys.simulated.cells import quat_at, set_quat, set_vec, vec_at
 from geomphys.simulated.integrate import angular_momentum
 from geomphys.simulated.motion import refresh
+from geomphys.simulated.paths import lay_courses
 from geomphys.simulated.sleep import REST_TIME, note_rest
 from geomphys.simulated.state import (
     AT_COUNT,
@@ -95,6 +96,7 @@ def begin(sim: int, goes_on: bool) -> None:
     """Set up the motions of simulated bodies, and clear the sums of the frame before, unless it `goes_on`."""
     for s in range(entry(sim, AT_COUNT)):
         set_free(sim, free_body(sim, s))
+    lay_courses(sim)
     for i in range(3 * entry(sim, AT_TREE_COUNT)):
         set_float(entry(sim, AT_RECOIL), i, 0.0)
     set_how_many(sim, N_ROWS, 0)

@@ -67,6 +67,12 @@ def turned_by(m: int, t: float) -> Vec:
 
 
 @kernel
+def fastest_turn(m: int) -> float:
+    """Bound on the rate of turning over the step [rad/s]; `m` is a body's row of `motion`."""
+    return norm(vec_at(m, RATE)) + norm(vec_at(m, BEND)) * float_at(m, LENGTH)
+
+
+@kernel
 def turn_at(m: int, t: float) -> Quat:
     """Orientation at time `t` of the frame."""
     q = quat_at(m, TURN)

@@ -17,6 +17,7 @@ from geomphys.simulated.cells import add_vec, quat_at, set_quat, set_vec, vec_at
 from geomphys.simulated.impulses import push_more, settle, settle_normals
 from geomphys.simulated.ledger import commit, give, impulse_of
 from geomphys.simulated.motion import load_velocities, plan, refresh
+from geomphys.simulated.paths import load_paths
 from geomphys.simulated.points import normal_speed, push, speed_at
 from geomphys.simulated.state import (
     AT_COUNT,
@@ -227,8 +228,12 @@ def keep_force(sim: int, k: int, h: float) -> None:
 
 
 @kernel
-def fall(sim: int, h: float) -> None:
-    """Let gravity act on the velocities and motions of changed bodies, nothing else."""
+def fall(sim: int, t: float, h: float) -> None:
+    """Let gravity act for `h` seconds on the velocities and motions of changed bodies, nothing else.
+
+    What follows its path gets the velocities it has then, at `t` + `h`.
+    """
+    load_paths(sim, t + h)
     for s in range(entry(sim, AT_COUNT)):
         body = free_body(sim, s)
         if has_changed(sim, body):
@@ -238,8 +243,8 @@ def fall(sim: int, h: float) -> None:
 
 
 @kernel
-def hold(sim: int, h: float, sweeps: int) -> None:
-    """Contact forces on the changed bodies for the next `h` seconds, and their motions under them.
+def hold(sim: int, t: float, h: float, sweeps: int) -> None:
+    """Contact forces on the changed bodies from time `t` of the frame for `h` seconds, and their motions under them.
 
     Points that touch or approach slowly are held; what comes in faster is left to collide. `velocity` of the state
     must hold the present velocities.
@@ -248,7 +253,7 @@ def hold(sim: int, h: float, sweeps: int) -> None:
     fastest = choose_held(sim, h)
     count = how_many(sim, N_ROWS)
     for _ in range(MOST_YIELDS):
-        fall(sim, h)
+        fall(sim, t, h)
         known = False
         for k in range(count):
             if int_at(owner(sim, k), ROW_ON) == 1:

@@ -93,6 +93,7 @@ def stirs(sim: int, body: int) -> bool:
         return False
     m = motion_of(sim, body)
     moving = norm(vec_at(m, SPEED)) > 0.0 or norm(vec_at(m, RATE)) > 0.0
+    moving = moving or norm(vec_at(m, PULL)) > 0.0 or norm(vec_at(m, BEND)) > 0.0
     if int_at(kind_of(sim, body), ROLE) == DRIVEN:
         told = velocity_of(entry(sim, AT_TOLD), body)
         moving = moving or norm(vec_at(told, 0)) > 0.0 or norm(vec_at(told, 3)) > 0.0

@@ -45,7 +45,10 @@ QUIET = 63  # s: how long it has been at rest
 SET_ASIDE = 64  # 7: a pose kept for later, reference point and orientation
 LAST_POSE = 71  # 7: pose last written for the caller
 REST_POSE = 78  # 7: reference point and orientation since when it has been at rest
-MOTION_COLUMNS = 85
+COURSE = 85  # m/s, rad/s, 6: mean velocities of a tracked thing in the frame before
+COURSE_CHANGE = 91  # m/s², rad/s², 6: how they had changed
+COURSE_TIME = 97  # s: how long that frame was
+MOTION_COLUMNS = 98
 
 # Columns of `kinds`, one row a body
 ROLE = 0

@@ -217,7 +217,7 @@ def advance(sim: int, t0: float, t1: float, room: int, most_halts: int) -> tuple
         done, full = resolve(sim, t, room - impacts)
         impacts += done
         bound = bound or full
-        hold(sim, t1 - t, SWEEPS if halts == 0 else FEW_SWEEPS)
+        hold(sim, t, t1 - t, SWEEPS if halts == 0 else FEW_SWEEPS)
         if any_beyond_range(sim, t):
             look_again(sim, t, knob(sim, AT_UNTIL))
             note_energies(sim)  # islands are no longer what they were

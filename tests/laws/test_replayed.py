@@ -12,7 +12,7 @@ import geomphys
 from geomphys.config import Config
 from geomphys.output_log import open_output
 from geomphys.results import FLAG_IMPACT_BOUND
-from tests.laws.replayed import GRAVITY, SPACE, UPRIGHT, Run, floor, play, thing, turned
+from tests.laws.replayed import GRAVITY, SPACE, Run, floor, play, thing, turned
 
 RESTITUTION = {
     ("wood", "wood"): 0.3,
@@ -233,44 +233,6 @@ def test_nothing_goes_through_a_thin_panel(
         np.testing.assert_allclose(run.velocity("a", -2), [-0.3 * speed, 0, 0], rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("rate", [30, 60, 240])
-def test_a_tracked_panel_strikes_with_its_own_velocity(tmp_path: Path, rate: int) -> None:
-    things = [
-        thing("ball", sphere=0.02, position=(0, 0, 0)),
-        thing("panel", "fixed", box=(0.005, 1, 1), topic="/panel"),
-    ]
-    run = play(tmp_path, things, 0.2, rate, gravity=SPACE, paths={"/panel": lambda t: (20 * t - 1, 0, 0, *UPRIGHT)})
-    assert run.velocity("ball", -2)[0] == pytest.approx(1.3 * 20, rel=1e-6)
-
-
-@pytest.mark.parametrize("rate", [30, 60, 240])
-def test_a_tracked_bat_that_turns_strikes_with_the_velocity_of_where_it_hits(tmp_path: Path, rate: int) -> None:
-    things = [
-        thing("ball", sphere=0.02, position=(0.3, 0.3, 0)),
-        thing("bat", "fixed", box=(1.0, 0.005, 1), topic="/bat"),
-    ]
-    run = play(
-        tmp_path, things, 0.3, rate, gravity=SPACE, paths={"/bat": lambda t: (0, 0, 0, *turned(0, 0, 10 * t - 1))}
-    )
-    arm = np.sqrt(0.18 - 0.0225**2)
-    angle = np.pi / 4 - np.arcsin(0.0225 / np.sqrt(0.18))
-    n = np.array([-np.sin(angle), np.cos(angle), 0])
-    assert run.velocity("ball", -2) @ n == pytest.approx(1.3 * 10 * arm, rel=1e-4)
-
-
-@pytest.mark.parametrize("shape", [{"sphere": 0.05}, {"box": (0.1, 0.1, 0.1)}])
-def test_a_tracked_panel_sweeps_what_stands_in_its_way_along(tmp_path: Path, shape: dict[str, object]) -> None:
-    things = [
-        thing("a", position=(0, 0, 0.05), **shape),
-        floor(),
-        thing("panel", "fixed", box=(0.02, 0.6, 0.6), topic="/panel"),
-    ]
-    run = play(tmp_path, things, 1.0, paths={"/panel": lambda t: (0.5 * t - 0.2, 0, 0.35, *UPRIGHT)})
-    room = run.path("a")[:, 0] - run.path("panel")[:, 0] - 0.06
-    assert -FREE <= room.min() <= room[-1] < 2e-5
-    assert run.velocity("a", -2)[0] == pytest.approx(0.5, rel=1e-4)
-
-
 def tumbling() -> list[str]:
     return [thing("a", box=(0.1, 0.06, 0.04), position=(0, 0, 0.5), orientation=turned(0.4, 0.3, 0.2)), floor()]
 
@@ -322,66 +284,6 @@ def test_what_starts_inside_is_told_and_comes_out(tmp_path: Path) -> None:
     run = play(tmp_path, [thing("a", box=(0.1, 0.1, 0.1), position=(0, 0, 0.04)), floor()], 0.2)
     assert run.results[0].metrics.residual_penetration_m == pytest.approx(0.01, rel=1e-6)
     assert run.overlap == 0.0
-
-
-def slab(**more: object) -> str:
-    """A driven wall that follows `/slab`; its face towards +x is 1 cm from its middle."""
-    return thing("slab", "driven", box=(0.02, 0.6, 0.6), topic="/slab", mass=0.4, material="human", **more)
-
-
-def test_a_driven_slab_pushes_a_ball_the_same_at_every_frame_rate(tmp_path: Path) -> None:
-    ends = {}
-    for rate in (30, 60, 120, 240):
-        things = [thing("ball", sphere=0.05, position=(0, 0, 0.05), density=600.0), floor(), slab()]
-        run = play(
-            tmp_path / str(rate), things, 2.0, rate, paths={"/slab": lambda t: (0.3 * t - 0.12, 0, 0.35, *UPRIGHT)}
-        )
-        assert run.overlap <= FREE
-        ends[rate] = run.path("ball")[-1, 0]
-        assert ends[rate] >= 0.3 * 2.0 - 0.12 + 0.06 - FREE
-    for rate in (30, 60, 120):
-        assert ends[rate] == pytest.approx(ends[240], rel=0.01)
-
-
-@pytest.mark.parametrize("rate", [30, 240])
-def test_what_a_slab_gives_a_ball_is_in_the_contacts(tmp_path: Path, rate: int) -> None:
-    things = [thing("ball", sphere=0.05, position=(0, 0.1, 0), density=600.0), slab()]
-    run = play(
-        tmp_path,
-        things,
-        0.5,
-        rate,
-        gravity=SPACE,
-        paths={"/slab": lambda t: (0.3 * t - 0.12, 0, 0, *turned(0, 0, 0.3))},
-    )
-    given = sum(
-        (r.contacts.normal * r.contacts.normal_impulse[:, None]).sum(axis=0)
-        for r in run.results
-        if len(r.contacts.depth)
-    )
-    rubbed = sum(r.contacts.tangential_impulse.sum() for r in run.results)
-    got = run.mass("ball") * run.velocity("ball", -2)
-    assert np.linalg.norm(got) > 0.05
-    n = np.array([np.cos(0.3), np.sin(0.3), 0])
-    assert got @ n == pytest.approx(given @ n, rel=1e-9)
-    assert np.linalg.norm(got - given) <= rubbed + 1e-12
-
-
-@pytest.mark.parametrize("rate", [30, 60])
-def test_a_ball_that_is_squeezed_against_a_wall_stays_in_the_room_and_the_slab_is_held(
-    tmp_path: Path, rate: int
-) -> None:
-    wall = thing("wall", "fixed", box=(0.02, 1, 1), position=(0.3, 0, 0.5))
-    things = [thing("ball", sphere=0.05, position=(0, 0.01, 0.05), density=600.0), floor(), wall, slab()]
-    run = play(
-        tmp_path, things, 2.0, rate, paths={"/slab": lambda t: (0.5 * np.sin(np.pi * t / 2) - 0.15, 0, 0.31, *UPRIGHT)}
-    )
-    p, v = run.path("ball"), np.linalg.norm(np.diff(run.path("ball")[:, :3], axis=0), axis=1) * rate
-    assert p[:, 0].max() <= 0.24 + FREE
-    assert p[:, 2].min() >= 0.05 - FREE
-    assert (p[:, 0] - run.path("slab")[:, 0]).min() >= 0.06 - FREE
-    assert v.max() < 3.0
-    assert run.overlap <= FREE
 
 
 def test_many_balls_that_fall_into_a_box_come_to_rest_in_it(tmp_path: Path) -> None:

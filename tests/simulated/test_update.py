@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -11,7 +13,7 @@ from geomphys.simulated.state import AWAKE
 from geomphys.simulated.touches import write_touches
 from geomphys.simulated.update import IMPACT_BOUND, QUARANTINED
 from geomphys.world import scene as s
-from geomphys.world.pieces import Box, Sphere
+from geomphys.world.pieces import Box, Capsule, Cylinder, Sphere
 from tests.simulated.scenes import GRAVITY, Player, Thing, floor, make_scene
 
 
@@ -46,6 +48,76 @@ def test_the_frame_rate_is_no_physical_parameter() -> None:
         ends.append(player.poses[:3].copy())
     for end in ends[1:]:
         np.testing.assert_allclose(end, ends[0], rtol=0, atol=2e-3)
+
+
+def heap_things() -> list[Thing]:
+    rng = np.random.default_rng(0)
+    return [
+        Thing(
+            shape=Box(tuple(rng.uniform(0.03, 0.08, 3))),
+            at=(*rng.uniform(-0.05, 0.05, 2), 0.15 + 0.2 * k),
+            turn=Rotation.random(random_state=k).as_quat(),
+            w=3 * rng.normal(size=3),
+        )
+        for k in range(4)
+    ] + [floor()]
+
+
+def wobbling_things() -> list[Thing]:
+    turn = Rotation.from_rotvec([np.pi / 2 - 0.1, 0, 0]).as_quat()
+    coin = Thing(shape=Cylinder(0.05, 0.003), at=(0, 0, 0.052), turn=turn, w=(0, 0, 25), material="metal")
+    return [coin, floor("metal")]
+
+
+@pytest.mark.parametrize("things", [heap_things, wobbling_things])
+def test_a_heap_and_a_wobbling_coin_do_not_know_the_frame_rate(things: Callable[[], list[Thing]]) -> None:
+    ends = []
+    for rate in (30, 60, 120, 240):
+        player = Player(things())
+        player.run(1.5, rate)
+        ends.append(player.poses.copy())
+    for end in ends[1:]:
+        np.testing.assert_allclose(end, ends[0], rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("room", [1e-6, 0.0, -1e-6])
+@pytest.mark.parametrize("shape", [Box((0.05, 0.05, 0.05)), Cylinder(0.05, 0.05)])
+def test_what_fits_exactly_into_a_slot_sleeps_there(shape: Box | Cylinder, room: float) -> None:
+    walls = [Thing(shape=Box((0.05, 0.25, 0.25)), role=s.FIXED, at=(x * (0.1 + room), 0, 0.25)) for x in (-1, 1)]
+    player = Player([Thing(shape=shape, at=(0, 0, 0.05)), floor(), *walls])
+    player.run(4.0)
+    assert player.state.kinds[0, AWAKE] == 0
+    assert np.abs(player.poses[0, :3] - [0, 0, 0.05]).max() < 1e-5
+
+
+def test_fifty_bodies_fall_into_a_box_and_come_to_rest_without_hitting_a_bound() -> None:
+    rng, side, things = np.random.default_rng(0), 0.25, []
+    for k in range(50):
+        shapes = (
+            Box(tuple(rng.uniform(0.02, 0.04, 3))),
+            Sphere(rng.uniform(0.02, 0.04)),
+            Cylinder(rng.uniform(0.02, 0.035), rng.uniform(0.015, 0.04)),
+            Capsule(rng.uniform(0.015, 0.03), rng.uniform(0.02, 0.04)),
+        )
+        at = (*rng.uniform(-side + 0.07, side - 0.07, 2), 0.1 + 0.09 * k)
+        turn = Rotation.random(random_state=k).as_quat()
+        things.append(Thing(shape=shapes[k % 4], at=at, turn=turn, material=("wood", "metal", "human")[k % 3]))
+    for axis in range(2):
+        for sign in (-1, 1):
+            at, half = [0.0, 0.0, 3.0], [side + 0.04, side + 0.04, 3.0]
+            at[axis], half[axis] = sign * (side + 0.02), 0.02
+            things.append(Thing(shape=Box(tuple(half)), role=s.FIXED, at=at))
+    player = Player([*things, floor()])
+    energy = player.energy()
+    for _ in range(240):
+        player.step(1 / 60)
+        assert player.energy() <= energy + 1e-9
+        energy = player.energy()
+    assert player.flags == 0
+    assert player.overlap() < 1e-5
+    # balls may go on to spin where they lie: a point has no friction against that
+    assert np.abs(player.velocity[:50, :3]).max() < 0.05
+    assert np.abs(player.poses[:50, :2]).max() < side
 
 
 def test_hitting_the_bound_is_told_and_makes_no_momentum() -> None:
