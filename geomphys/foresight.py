@@ -19,13 +19,15 @@ from numpy.typing import NDArray
 from geomphys.block import CORRECTION, FALLBACKS, FLAGS, RECORDED, Block
 from geomphys.machine import Machine, State, restore
 from geomphys.results import FLAG_WEDGED
+from geomphys.timing import cycles
 from geomphys.world.scene import DRIVEN, Scene
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 BACK = (2, 4, 8, 16, 32, 48)  # frames before the wedge from which a drift is tried
-PACES = (1.0, 0.6, 0.35)  # shares of the fastest drift that are tried
+PACES = (1.0, 0.6, 0.35)  # shares of the fastest drift that are tried: the first along all directions,
+REFINED = 6  # the others along this many of them, the best ones (along all if none of them came by)
 AFTER = 6  # frames after it that must be free too
 MOTION_SHARE = 2.0  # a change of the offset is no jump up to this many times the recorded motion of the frame ...
 SLACK = 1e-3  # ... and this, m, beyond what the coupling relaxes
@@ -41,11 +43,20 @@ class Track:
     drifts: Floats  # (N, T, 3) direction in which a tree steps aside, its length the pace; 0: none
     block: Block
     before: State  # of the machine ahead of the first frame
+    foresight: (
+        Ints  # (N, 2) what searching drifts for a frame in which a tree was wedged took: processor cycles, trials
+    )
 
     def cut(self, count: int) -> Track:
         """The first `count` frames."""
         return Track(
-            self.roots[:count], self.angles[:count], self.dts[:count], self.drifts[:count], self.block, self.before
+            self.roots[:count],
+            self.angles[:count],
+            self.dts[:count],
+            self.drifts[:count],
+            self.block,
+            self.before,
+            self.foresight[:count],
         )
 
     def __len__(self) -> int:
@@ -154,19 +165,22 @@ def step_aside(runner: Runner, before: Track | None, track: Track, spare: Block)
         if wedge is None:
             return
         row = wedge.row + 1
+        start = cycles()
         whole = track if before is None else joined(before, track)
         ahead_rows = len(whole) - len(track)
-        plan = find_drift(runner, whole, wedge._replace(row=wedge.row + ahead_rows), touched_in(before, track), spare)
-        if plan is None:
-            continue
-        whole.drifts[plan.first : plan.last, wedge.tree] = plan.direction
-        runner.machine.restore(whole.before)
-        if before is not None:
-            before.drifts[...] = whole.drifts[:ahead_rows]
-            runner.run(before, 0, ahead_rows, before.block)
-            restore(track.before, runner.machine.state())
-        track.drifts[...] = whole.drifts[ahead_rows:]
-        runner.run(track, 0, len(track), track.block)
+        plan, trials = find_drift(
+            runner, whole, wedge._replace(row=wedge.row + ahead_rows), touched_in(before, track), spare
+        )
+        if plan is not None:
+            whole.drifts[plan.first : plan.last, wedge.tree] = plan.direction
+            runner.machine.restore(whole.before)
+            if before is not None:
+                before.drifts[...] = whole.drifts[:ahead_rows]
+                runner.run(before, 0, ahead_rows, before.block)
+                restore(track.before, runner.machine.state())
+            track.drifts[...] = whole.drifts[ahead_rows:]
+            runner.run(track, 0, len(track), track.block)
+        track.foresight[wedge.row] += cycles() - start, trials
 
 
 def joined(before: Track, track: Track) -> Track:
@@ -178,6 +192,7 @@ def joined(before: Track, track: Track) -> Track:
         np.concatenate([before.drifts, track.drifts]),
         track.block,
         before.before,
+        np.concatenate([before.foresight, track.foresight]),
     )
 
 
@@ -195,39 +210,62 @@ class Plan(NamedTuple):
     direction: Floats
 
 
-def find_drift(runner: Runner, whole: Track, wedge: Wedge, touch: NDArray[np.bool_], spare: Block) -> Plan | None:
-    """The drift of least jump, then least correction, with which the wedged tree comes by; None if all jump as much."""
+def find_drift(
+    runner: Runner, whole: Track, wedge: Wedge, touch: NDArray[np.bool_], spare: Block
+) -> tuple[Plan | None, int]:
+    """The drift of least jump, then least correction, with which the wedged tree comes by; None if all jump as much.
+
+    The second value is how many were tried.
+    """
     episode = wedge.row
     while episode > 0 and touch[episode - 1]:
         episode -= 1
     starts = sorted({max(wedge.row - back, episode) for back in BACK if episode < wedge.row}, reverse=True)
-    ways = np.vstack([directions(), wedge.jump / np.linalg.norm(wedge.jump)])
-    fan = np.vstack([pace * ways for pace in PACES])
-    last = min(wedge.row + 1 + AFTER, len(whole))
-    limit = 0.5 * float(np.linalg.norm(wedge.jump))
-    best: tuple[float, float] = (limit, math.inf)
+    ways = [*directions(), wedge.jump / np.linalg.norm(wedge.jump)]
+    best: tuple[float, float] = (0.5 * float(np.linalg.norm(wedge.jump)), math.inf)
     plan: Plan | None = None
+    trials = 0
     for start in starts:
         runner.machine.restore(whole.before)
         done = 0
         while done < start:
             done += runner.run(whole, done, start, spare)
         state = runner.machine.state()
-        for direction in fan:
-            runner.machine.restore(state)
-            trial = Track(
-                whole.roots[start:last], whole.angles[start:last], whole.dts[start:last],
-                whole.drifts[start:last].copy(), spare, state,
-            )  # fmt: skip
-            trial.drifts[: wedge.row + 1 - start, wedge.tree] = direction
-            if runner.run(trial, 0, len(trial), spare, hasty=True) < len(trial):
-                continue
-            cost = cost_of(runner.scene, trial, wedge.tree, state)
-            if cost < best:
-                best, plan = cost, Plan(start, wedge.row + 1, direction)
+        chosen = ways
+        for pace in PACES:
+            found = []
+            for way in chosen:
+                trials += 1
+                cost = _try_drift(runner, whole, wedge, start, pace * way, spare, state)
+                if cost is None:
+                    continue
+                found.append((cost, way))
+                if cost < best:
+                    best, plan = cost, Plan(start, wedge.row + 1, pace * way)
+            if pace == PACES[0] and found:
+                chosen = [way for _, way in sorted(found, key=lambda pair: pair[0])[:REFINED]]
         if best[0] == 0.0:
             break
-    return plan
+    return plan, trials
+
+
+def _try_drift(
+    runner: Runner, whole: Track, wedge: Wedge, start: int, drift: Floats, spare: Block, state: State
+) -> tuple[float, float] | None:
+    """`cost_of` of a drift from row `start` to the wedge; None if the tree is wedged all the same.
+
+    `state` is the machine's at row `start`.
+    """
+    last = min(wedge.row + 1 + AFTER, len(whole))
+    runner.machine.restore(state)
+    trial = Track(
+        whole.roots[start:last], whole.angles[start:last], whole.dts[start:last], whole.drifts[start:last].copy(), spare,
+        state, whole.foresight[start:last],
+    )  # fmt: skip
+    trial.drifts[: wedge.row + 1 - start, wedge.tree] = drift
+    if runner.run(trial, 0, len(trial), spare, hasty=True) < len(trial):
+        return None
+    return cost_of(runner.scene, trial, wedge.tree, state)
 
 
 def cost_of(scene: Scene, trial: Track, tree: int, before: State) -> tuple[float, float]:

@@ -26,7 +26,7 @@ from geomphys.remote import place
 from geomphys.results import Frame, FrameResult
 from geomphys.sinks.base import Sink
 from geomphys.step import WHOLE, run_block
-from geomphys.timing import STAGES, ns_per_cycle
+from geomphys.timing import FORESIGHT, STAGES, ns_per_cycle
 from geomphys.world.scene import DRIVEN, Scene, World
 
 Floats = NDArray[np.float64]
@@ -114,6 +114,7 @@ class Pipeline:
             drifts=np.zeros((len(frames), len(self.world.scene.trees.role), 3)),
             block=block,
             before=self.machine.state(),
+            foresight=np.zeros((len(frames), 2), np.int64),
         )
 
     @property
@@ -132,10 +133,12 @@ class Pipeline:
     def result(self, chunk: Chunk, row: int, encode_ns: int, messages: tuple[Message, ...] = ()) -> FrameResult:
         """The result of a frame of a chunk; `encode_ns` is what the sinks took for the frame before."""
         block, frame, scale = chunk.track.block, chunk.frames[row], ns_per_cycle()
-        stages = [("decode", chunk.decode_ns, 1), ("step", int(block.cycles[row, WHOLE] * scale), 1)]
+        ahead, trials = chunk.track.foresight[row]
+        stages = [("decode", chunk.decode_ns, 1), ("step", int((block.cycles[row, WHOLE] + ahead) * scale), 1)]
         stages += [
             (name, int(block.cycles[row, k] * scale), int(block.counts[row, k])) for k, name in enumerate(STAGES)
         ]
+        stages.append((FORESIGHT, int(ahead * scale), int(trials)))
         metrics = metrics_of(block, row, frame.held, frame.flags, chunk.motion[row])
         return FrameResult(
             frame=frame,
