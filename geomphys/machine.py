@@ -128,7 +128,7 @@ def make_machine(scene: Scene, seed: int = 0) -> Machine:
         make_ccd_room(scene, joints), near, make_least_distance(unknowns, PLANES),
         make_rescue(make_near(NEAR_PAIRS)), np.zeros(pieces), np.zeros(bodies), np.zeros(dofs), np.zeros(dofs),
         np.zeros((trees, 7)), np.zeros(dofs), np.zeros((bodies, 7)),
-        np.zeros((trees, 3)), np.array([seed]), make_wanted(trees, dofs, bodies),
+        np.zeros((trees, 3)), np.ones(1), np.array([seed]), make_wanted(trees, dofs, bodies),
     )  # fmt: skip
     return Machine(
         poses, poses.copy(), make_driven_state(scene), room, make_global_depths(NEAR_PAIRS),

@@ -24,6 +24,11 @@ class ChainRoom(NamedTuple):
     trial: Floats  # (Q,) offsets being tried
     angles: Floats  # (Q,) recorded + trial
     spare: Floats  # (Q,)
+    swing: Floats  # (Q,) by how much the offset of a joint may change in the step without being a jump
+    low: Floats  # (Q,) bounds of the offsets in a search
+    high: Floats  # (Q,)
+    root_low: Floats  # (T, 3) m, and of those of the roots
+    root_high: Floats  # (T, 3) m
     poses: Floats  # (B, 7) forward kinematics of `angles`, roots as recorded
     yields: Ints  # (Q,) 1 for joints that are unknowns where a pair depends on them
     lever: Floats  # (Q,) m per rad, their scale
@@ -38,6 +43,7 @@ class ChainRoom(NamedTuple):
     normal: Floats  # (n, 3)
     point_a: Floats  # (n, 3) m
     point_b: Floats  # (n, 3) m
+    measured: Ints  # (n,) 1: `separation` and what follows it are of where the pieces are now
     spots: Ints  # (n,) different ones where a pair was nearest in this search
     newest: Ints  # (n,) which of them is the last
     past_normal: Floats  # (4 n, 3) of the last four spots
@@ -48,14 +54,16 @@ class ChainRoom(NamedTuple):
 def make_chain_room(scene: Scene, unknowns: int, pairs: int) -> ChainRoom:
     """Room for a scene."""
     dofs, trees, bodies = len(scene.dofs.lower), len(scene.trees.role), len(scene.bodies.role)
-    goal, current, trial, angles, spare = (np.zeros(dofs) for _ in range(5))
+    goal, current, trial, angles, spare, swing, low, high = (np.zeros(dofs) for _ in range(8))
+    root_low, root_high = np.zeros((trees, 3)), np.zeros((trees, 3))
     normal, point_a, point_b = (np.zeros((pairs, 3)) for _ in range(3))
     past_normal, past_a, past_b = (np.zeros((PAST * pairs, 3)) for _ in range(3))
     return ChainRoom(
-        goal, current, trial, angles, spare, np.zeros((bodies, 7)), np.zeros(dofs, np.int64), np.zeros(dofs),
-        np.full(dofs, -1), np.full(trees, -1), np.zeros(unknowns, np.int64), np.zeros(1, np.int64),
-        np.zeros(pairs, np.int64), np.zeros(pairs, np.int64), np.zeros(pairs), np.zeros(pairs), normal, point_a, point_b,
-        np.zeros(pairs, np.int64), np.zeros(pairs, np.int64), past_normal, past_a, past_b,
+        goal, current, trial, angles, spare, swing, low, high, root_low, root_high, np.zeros((bodies, 7)),
+        np.zeros(dofs, np.int64), np.zeros(dofs), np.full(dofs, -1), np.full(trees, -1), np.zeros(unknowns, np.int64),
+        np.zeros(1, np.int64), np.zeros(pairs, np.int64), np.zeros(pairs, np.int64), np.zeros(pairs), np.zeros(pairs), normal,
+        point_a, point_b, np.zeros(pairs, np.int64), np.zeros(pairs, np.int64), np.zeros(pairs, np.int64), past_normal, past_a,
+        past_b,
     )  # fmt: skip
 
 

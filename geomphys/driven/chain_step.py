@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,12 +15,17 @@ from geomphys.driven.chain_room import is_chained
 from geomphys.driven.chains import CHAINS, EVERYTHING, FREE, WITH_ROOT, bend_chains, fit_to_cones, hold_posture
 from geomphys.driven.coupling import relax
 from geomphys.driven.overlap import INTERPOLATED, LEAST_DISTANCE
+from geomphys.driven.pace import excused_change
 from geomphys.driven.posture import lower_bend, upper_bend
 from geomphys.driven.state import DrivenRoom, DrivenState
 from geomphys.kernel import kernel, outlined
 from geomphys.world.scene import Scene
 
 Floats = NDArray[np.float64]
+
+PACED = 2  # attempts to come free without a jump
+SWING_SHARE = 1.9  # times the recorded change of an angle, and
+SWING = 0.028  # rad, or m along the axis of a prismatic joint: more than this in a frame is a jump
 
 
 @kernel
@@ -42,6 +49,7 @@ def pull_joints(scene: Scene, state: DrivenState, room: DrivenRoom, angles: Floa
             lower, upper = lower_bend(scene, angles, q), upper_bend(scene, angles, q)
             chains.goal[q] = min(max(goal, lower), upper)
             chains.current[q] = min(max(chains.current[q], lower), upper)
+            chains.swing[q] = SWING_SHARE * abs(angles[q] - state.angles[q]) + SWING * room.share[0]
         room.before[q] = state.angles[q] + posture.bend[q]
     fit_to_cones(scene, room.joints, chains, angles, chains.goal)
     fit_to_cones(scene, room.joints, chains, angles, chains.current)
@@ -60,6 +68,32 @@ def brake_joints(state: DrivenState, room: DrivenRoom) -> None:
         if push * state.posture.speed[q] < 0.0:
             state.posture.speed[q] = 0.0
         state.posture.bend[q] = room.chains.trial[q]
+
+
+@kernel
+def _bound_offsets(scene: Scene, state: DrivenState, room: DrivenRoom, angles: Floats, dt: float, paced: bool) -> None:
+    """Bounds of the search: the joints' limits and, if `paced`, how fast offsets of joints and roots may change.
+
+    What the spring takes back of a joint's offset is no jump.
+    """
+    p, chains = room.places, room.chains
+    for q in range(len(angles)):
+        if room.joints.held[q] == 0:
+            continue
+        low, high = lower_bend(scene, angles, q), upper_bend(scene, angles, q)
+        if paced:
+            low = min(max(low, state.posture.bend[q] - chains.swing[q]), chains.goal[q])
+            high = max(min(high, state.posture.bend[q] + chains.swing[q]), chains.goal[q])
+        chains.low[q], chains.high[q] = low, high
+    for tree in range(len(scene.trees.role)):
+        if not is_chained(scene, tree):
+            continue
+        far = math.inf
+        if paced:
+            far = excused_change(scene, state, p, tree, dt)[0] / math.sqrt(3.0)
+        for i in range(3):
+            chains.root_low[tree, i] = min(state.offset[tree, i] - far, p.current[tree, i])
+            chains.root_high[tree, i] = max(state.offset[tree, i] + far, p.current[tree, i])
 
 
 @kernel
@@ -97,19 +131,26 @@ def _descend(
 
 @outlined
 def yield_chains(
-    scene: Scene, state: DrivenState, room: DrivenRoom, boxes: Boxes, roots: Floats, angles: Floats, gap: float, axes: Axes,
-    scratch: Scratch,
+    scene: Scene, state: DrivenState, room: DrivenRoom, boxes: Boxes, roots: Floats, angles: Floats, dt: float, gap: float,
+    axes: Axes, scratch: Scratch,
 ) -> tuple[int, int, bool]:  # fmt: skip
-    """Chains yield, then roots too, then all joints; else a posture is held: (passes, method, whether chains sufficed).
+    """Chains yield, then roots too, as far as that is no jump; else chains, roots too, all joints, however far.
 
-    The method is INTERPOLATED where one is held.
+    What none of it frees is held in its last posture.
+
+    Returns
+    -------
+    tuple
+        (passes, method, INTERPOLATED where a posture is held, whether chains sufficed).
     """
     p, chains, passes, status = room.places, room.chains, 0, FREE
-    for attempt in range(4):
-        if attempt == 1:
+    for attempt in range(0 if state.started[0] == 1 else PACED, PACED + 4):
+        if attempt in (0, PACED):
+            _bound_offsets(scene, state, room, angles, dt, attempt < PACED)
+        if attempt == PACED + 1:
             status, more = _descend(scene, state, room, boxes, roots, angles, gap, axes, scratch)
         else:
-            what = CHAINS if attempt == 0 else (WITH_ROOT if attempt == 2 else EVERYTHING)
+            what = CHAINS if attempt in (0, PACED) else (EVERYTHING if attempt == PACED + 3 else WITH_ROOT)
             status, more = _search(scene, room, boxes, roots, angles, gap, what, axes, scratch)
         passes += more
         if status == FREE:
@@ -117,7 +158,7 @@ def yield_chains(
                 if is_chained(scene, tree):
                     for i in range(3):
                         p.current[tree, i] = p.trial[tree, i]
-            return passes, 0 if passes == 1 else LEAST_DISTANCE, attempt < 2
+            return passes, 0 if passes == 1 else LEAST_DISTANCE, attempt in (0, PACED, PACED + 1)
     for q in range(len(angles)):
         chains.spare[q] = state.angles[q] + state.posture.bend[q]
     hold_posture(

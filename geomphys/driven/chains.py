@@ -22,15 +22,16 @@ from geomphys.collision.penetration import Scratch
 from geomphys.collision.sweep import Boxes, update_boxes
 from geomphys.driven.chain_room import ChainRoom, is_chained
 from geomphys.driven.least_distance import SOLVED, LeastDistance, solve_least_distance
-from geomphys.driven.overlap import Places, place_at
-from geomphys.driven.posture import ROOT_WEIGHT, Joints, lower_bend, take_posture, upper_bend
+from geomphys.driven.overlap import Places, place_at, row_of
+from geomphys.driven.posture import ROOT_WEIGHT, Joints, take_posture
 from geomphys.driven.reach_cones import fit_angles
 from geomphys.driven.rows import (
+    add_bounds,
     add_cones,
-    add_limits,
     add_pairs,
     call_in_joints,
     cones_hold,
+    take_measures,
     unknown_now,
 )
 from geomphys.kernel import kernel, outlined
@@ -79,29 +80,32 @@ def _may_part(scene: Scene, joints: Joints, body_a: int, body_b: int, with_root:
 
 @kernel
 def _meet(scene: Scene, joints: Joints, near: Near, room: ChainRoom, gap: float, with_root: bool) -> float:
-    """Add the pairs nearer than half a gap to those met; returns the smallest separation of pairs that can yield."""
+    """Add the pairs nearer than half a gap to those met; returns the smallest separation of pairs that can yield.
+
+    What `near` has measured of the pairs met is kept.
+    """
     smallest = math.inf
     for k in range(near.filled[0]):
+        met = 0
+        while met < room.filled[0] and (room.a[met] != near.a[k] or room.b[met] != near.b[k]):
+            met += 1
         body_a, body_b = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
-        if near.separation[k] >= 0.5 * gap or not _may_part(scene, joints, body_a, body_b, with_root):
-            continue
-        smallest = min(smallest, near.separation[k])
-        known = False
-        for i in range(room.filled[0]):
-            known = known or (room.a[i] == near.a[k] and room.b[i] == near.b[k])
-        if not known and room.filled[0] < len(room.a):
-            room.a[room.filled[0]], room.b[room.filled[0]] = near.a[k], near.b[k]
-            room.spots[room.filled[0]] = 0
-            room.filled[0] += 1
+        if near.separation[k] < 0.5 * gap and _may_part(scene, joints, body_a, body_b, with_root):
+            smallest = min(smallest, near.separation[k])
+            if met == room.filled[0] and met < len(room.a):
+                room.a[met], room.b[met], room.spots[met] = near.a[k], near.b[k], 0
+                room.filled[0] += 1
+        if met < room.filled[0]:
+            n, pa, pb = row_of(near.normal, k), row_of(near.point_a, k), row_of(near.point_b, k)
+            take_measures(room, met, near.separation[k], n, pa, pb)
     return smallest
 
 
 @outlined
 def _solve(
-    scene: Scene, room: ChainRoom, p: Places, recorded: Floats, offsets: Floats, problem: LeastDistance, unknowns: int,
-    rows: int, share: float,
-) -> tuple[bool, float]:  # fmt: skip
-    """Go a `share` of the way to the nearest posture to the goal within the rows and the joints' limits.
+    room: ChainRoom, p: Places, offsets: Floats, problem: LeastDistance, unknowns: int, rows: int, share: float
+) -> tuple[bool, float]:
+    """Go a `share` of the way to the nearest posture to the goal within the rows and the bounds.
 
     `trial` and `offsets` are brought there. Returns whether there is such a posture and how far [m] an unknown moved.
     """
@@ -115,7 +119,7 @@ def _solve(
         status, _ = solve_least_distance(problem, unknowns, rows, 1e-10)
         if status != SOLVED:
             return False, 0.0
-        more = add_limits(scene, room, recorded, problem, unknowns, rows)
+        more = add_bounds(room, problem, unknowns, rows)
         if more == rows:
             break
         rows = more
@@ -132,8 +136,7 @@ def _solve(
     for j in range(unknowns):
         q = room.joint_of[j]
         if q >= 0:
-            bend = problem.x[j] / room.lever[q]
-            room.trial[q] = min(max(bend, lower_bend(scene, recorded, q)), upper_bend(scene, recorded, q))
+            room.trial[q] = min(max(problem.x[j] / room.lever[q], room.low[q]), room.high[q])
         else:
             offsets[(-1 - q) // 3, (-1 - q) % 3] = problem.x[j] / ROOT_WEIGHT
     return True, longest
@@ -151,7 +154,7 @@ def bend_chains(
     scene, origins, joints
         The scene, its joints' origins, which of them yield.
     room
-        `goal` and `current` offsets (Q,) on entry; `trial` is the answer, as is `angles`.
+        `goal` and `current` offsets (Q,) and bounds of the offsets on entry; `trial` is the answer, as is `angles`.
     p, boxes
         Where the trees are: `current` (T, 3) root offsets; if the roots yield too their answer is in `trial`. `base` and
         `frames` are left at the answer.
@@ -177,6 +180,8 @@ def bend_chains(
     find_near(scene, p.frames, boxes, p.reach, gap, math.inf, near, p.found, axes, scratch)
     if _meet(scene, joints, near, room, gap, with_root) == math.inf:
         return FREE, 1
+    for i in range(room.filled[0]):
+        room.measured[i] = 0
     for q in range(len(room.trial)):
         room.trial[q] = room.current[q]
     place_posture(scene, origins, joints, roots, recorded, room.trial, p.trial, room, p, boxes)
@@ -187,7 +192,7 @@ def bend_chains(
         if not possible:
             return STUCK, count + 1
         rows = add_cones(scene, room, recorded, p.trial, problem, unknowns, rows)
-        solved, moved = _solve(scene, room, p, recorded, p.trial, problem, unknowns, rows, share)
+        solved, moved = _solve(room, p, p.trial, problem, unknowns, rows, share)
         if not solved:
             return STUCK, count + 1
         place_posture(scene, origins, joints, roots, recorded, room.trial, p.trial, room, p, boxes)

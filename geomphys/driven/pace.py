@@ -57,7 +57,7 @@ def _motion(scene: Scene, state: DrivenState, p: Places, tree: int) -> float:
 
 
 @kernel
-def _excused(scene: Scene, state: DrivenState, p: Places, tree: int, dt: float) -> tuple[float, float]:
+def excused_change(scene: Scene, state: DrivenState, p: Places, tree: int, dt: float) -> tuple[float, float]:
     """(change [m] of the offset that the recorded motion excuses, share of it that the spring takes back) in a step."""
     moved = _motion(scene, state, p, tree)
     rate = math.sqrt(scene.trees.stiffness[tree] / scene.trees.mass[tree])
@@ -71,7 +71,7 @@ def is_too_fast(scene: Scene, state: DrivenState, p: Places, dt: float) -> bool:
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
             offset = row_of(state.offset, tree)
-            excused, back = _excused(scene, state, p, tree, dt)
+            excused, back = excused_change(scene, state, p, tree, dt)
             if _beside(sub(row_of(p.current, tree), offset), offset, back) > excused:
                 return True
     return False
@@ -101,7 +101,7 @@ def slow_down(
         if scene.trees.role[tree] != DRIVEN:
             continue
         offset, near, ahead = row_of(state.offset, tree), row_of(p.current, tree), row_of(room.ahead, tree)
-        excused, back = _excused(scene, state, p, tree, dt)
+        excused, back = excused_change(scene, state, p, tree, dt)
         low, high = 0.0, 1.0
         if _beside(sub(ahead, offset), offset, back) <= excused:
             low = 1.0

@@ -25,7 +25,7 @@ from geomphys.driven.ccd import point_in, point_on
 from geomphys.driven.chain_room import PAST, ChainRoom, is_chained
 from geomphys.driven.least_distance import LeastDistance
 from geomphys.driven.overlap import Places, row_of
-from geomphys.driven.posture import ROOT_WEIGHT, Joints, add_effects, lower_bend, upper_bend
+from geomphys.driven.posture import ROOT_WEIGHT, Joints, add_effects
 from geomphys.driven.reach_cones import cone_angle, cone_bound, cone_row
 from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import Vec, add, dot, norm, sub
@@ -95,15 +95,23 @@ def _remember(scene: Scene, room: ChainRoom, offsets: Floats, i: int) -> None:
 
 
 @kernel
+def take_measures(room: ChainRoom, i: int, s: float, n: Vec, pa: Vec, pb: Vec) -> None:
+    """Separation, normal and points of the pair i, in place of the last ones."""
+    room.separation[i], room.measured[i] = s, 1
+    _set(room.normal, i, n)
+    _set(room.point_a, i, pa)
+    _set(room.point_b, i, pb)
+
+
+@kernel
 def _measure(scene: Scene, p: Places, room: ChainRoom, offsets: Floats, axes: Axes, scratch: Scratch) -> None:
     """Separation, normal and points of all pairs met, in `p.frames`."""
     for i in range(room.filled[0]):
-        s, n, pa, pb = pair_separation(scene.pieces, p.frames, room.a[i], room.b[i], LOOK, axes, scratch)
-        room.separation[i] = s
-        _set(room.normal, i, n)
-        _set(room.point_a, i, pa)
-        _set(room.point_b, i, pb)
-        if s <= LOOK:
+        if room.measured[i] == 0:
+            s, n, pa, pb = pair_separation(scene.pieces, p.frames, room.a[i], room.b[i], LOOK, axes, scratch)
+            take_measures(room, i, s, n, pa, pb)
+        room.measured[i] = 0
+        if room.separation[i] <= LOOK:
             _remember(scene, room, offsets, i)
 
 
@@ -330,25 +338,25 @@ def cones_hold(scene: Scene, recorded: Floats, angles: Floats) -> bool:
 
 
 @kernel
-def add_limits(
-    scene: Scene, room: ChainRoom, recorded: Floats, problem: LeastDistance, unknowns: int, rows: int
-) -> int:
-    """Rows for the joints that the solution in `problem.x` moves beyond their limits; returns the number of rows."""
+def add_bounds(room: ChainRoom, problem: LeastDistance, unknowns: int, rows: int) -> int:
+    """Rows for the unknowns that the solution in `problem.x` moves beyond their bounds; returns the number of rows."""
     for j in range(unknowns):
         q = room.joint_of[j]
-        if q < 0:
-            continue
-        lower, upper = lower_bend(scene, recorded, q), upper_bend(scene, recorded, q)
-        bend = problem.x[j] / room.lever[q]
+        if q >= 0:
+            scale, lower, upper = room.lever[q], room.low[q], room.high[q]
+        else:
+            tree, i = (-1 - q) // 3, (-1 - q) % 3
+            scale, lower, upper = ROOT_WEIGHT, room.root_low[tree, i], room.root_high[tree, i]
+        offset = problem.x[j] / scale
         sign, bound = 0.0, 0.0
-        if bend < lower - 1e-12:
+        if offset < lower - 1e-12:
             sign, bound = 1.0, lower
-        elif bend > upper + 1e-12:
+        elif offset > upper + 1e-12:
             sign, bound = -1.0, -upper
         if sign != 0.0 and rows < len(problem.bounds):
             for i in range(unknowns):
                 problem.rows[rows, i] = 0.0
             problem.rows[rows, j] = sign
-            problem.bounds[rows] = bound * room.lever[q]
+            problem.bounds[rows] = bound * scale
             rows += 1
     return rows

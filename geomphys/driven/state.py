@@ -56,6 +56,7 @@ class DrivenRoom(NamedTuple):
     angles: Floats  # (Q,)
     poses: Floats  # (B, 7) recorded poses of a step
     ahead: Floats  # (T, 3) where trees would be that are to slow down
+    share: Floats  # (1,) of the frame that the step is
     seed: Ints  # (1,) of the order in which chains are dealt with
     wanted: Wanted
 

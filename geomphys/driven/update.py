@@ -187,7 +187,7 @@ def _end_step(
     if p.asked[0] == ASKED:
         return Outcome(count, method, rescues, converged)
     if chained:
-        passes, how, free = yield_chains(scene, state, room, boxes, roots, angles, gap, axes, scratch)
+        passes, how, free = yield_chains(scene, state, room, boxes, roots, angles, dt, gap, axes, scratch)
         count, method = count + passes, max(method, how)
         rescues += 1 if how == INTERPOLATED else 0
         brake_joints(state, room)
@@ -236,6 +236,7 @@ def update_driven(
     to_roots, to_angles, to_poses = roots, angles, recorded
     if relax_lag(scene, room.origins, state.lag, room.wanted, roots, angles, recorded, dt):
         to_roots, to_angles, to_poses = room.wanted.roots, room.wanted.angles, room.wanted.poses
+    room.share[0] = 1.0
     _keep_speeds(state, room, True)
     _begin_step(scene, state, room, boxes, to_roots, to_angles, to_poses, dt, gap, axes, scratch)
     if state.started[0] == 1:
@@ -253,6 +254,7 @@ def update_driven(
             p.held[tree] = 0
     _keep_speeds(state, room, False)
     steps = min(steps, MOST_STEPS)
+    room.share[0] = 1.0 / steps
     for step in range(steps):
         for again in range(trees + 1):
             recording_between(

@@ -110,6 +110,37 @@ def test_a_finger_pressed_on_a_table_bends_within_its_limits(tmp_path: Path, bon
     check_no_jump(run)
 
 
+def test_a_hand_that_arrives_fast_bends_its_short_fingers_without_a_jump(tmp_path: Path) -> None:
+    """The joints stand still in the recording, the wrist brings them to the table by 3 mm a frame: joints give way over some
+    frames, and the wrist helps meanwhile."""
+    n = 80
+    bone = '<origin xyz="0 0 -0.01"/><geometry><box size="0.012 0.012 0.016"/></geometry>'
+    inside = CURL.format(-1.5, 1.7)
+    short = [
+        *(link(f"a{k}", bone) for k in (1, 2, 3)),
+        joint("aj1", "palm", "a1", inside=inside, xyz="0.05 0 -0.02"),
+        joint("aj2", "a1", "a2", inside=inside, xyz="0 0 -0.02"),
+        joint("aj3", "a2", "a3", inside=inside, xyz="0 0 -0.02"),
+    ]
+    depth = 0.024 * np.clip(np.concatenate([np.arange(-10, 30) / 8, np.arange(30, -10, -1) / 8]), 0, 1)
+    angles = np.tile([0.5, 0.2, 0.2], (n, 1))
+    run = play(
+        tmp_path,
+        [TABLE],
+        avatars=hand(tmp_path, [short], ["a"]),
+        roots={"/palm": palm(n, 0.082 - depth)},
+        angles={"/angles": (names("a"), angles)},
+    )
+    assert run.figures("recorded_penetration_m").max() > 0.01
+    assert_free(run)
+    check_limits(run)
+    check_no_jump(run)
+    assert np.abs(run.angles - run.recorded_angles).max() > 0.1
+    wrist = np.linalg.norm(run.offset("hand/palm"), axis=1)
+    assert wrist.max() < 0.01
+    assert wrist[25:45].max() < 1e-4  # the fingers have taken over
+
+
 def test_still_input_gives_a_still_finger(tmp_path: Path) -> None:
     n = 80
     angles = (
