@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from geomphys.results import FLAG_WEDGED
-from tests.driven.logs import FREE, Run, Thing, assert_free, line, play
+from tests.driven.logs import FREE, Run, Thing, assert_free, line, play, wander
 from tests.world.models import joint, link, urdf
 
 CUBE = ("box", 0.1, 0.1, 0.1)
@@ -203,3 +203,28 @@ def test_a_body_moved_into_a_slot_turned_waits_before_it(tmp_path: Path) -> None
     assert run.path("cube")[:, 1].max() <= -(np.hypot(0.05, 0.05) - HALF) + FREE
     assert not wedged(run).any()
     assert run.path("cube")[-3:].tobytes() == run.recorded[-3:, run.body("cube")].tobytes()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_in_a_cell_hardly_larger_than_itself_a_body_stays_whatever_is_recorded(tmp_path: Path, seed: int) -> None:
+    """Thin walls around it, standing or moved by a recording; the body is recorded to tumble about, in and out."""
+    rng, n = np.random.default_rng(seed), 100
+    a, b, c = map(float, rng.uniform(0.03, 0.1, 3))
+    shape = [("box", a, b, c), ("capsule", a / 3, b), ("cylinder", a / 2, b)][seed % 3]
+    size = np.array([(a, b, c), (2 * a / 3, 2 * a / 3, b + 2 * a / 3), (a, a, b)][seed % 3])
+    half, thin = 0.5 * size * rng.uniform(1.02, 1.4, 3), float(rng.choice([0.001, 0.005]))
+    moved = wander(rng, n, 0.2, 1.0)[:, :3] * (seed % 2)
+    things = []
+    for axis in range(3):
+        for sign in (-1, 1):
+            box = ("box", *np.where(np.arange(3) == axis, thin, 2 * half + 2 * thin))
+            at = sign * (half + thin / 2) * np.eye(3)[axis]
+            things.append(Thing(name=f"wall{axis}{sign}", shape=box, path=moved - moved[0] + at))
+    path = wander(rng, n, 0.3, float(rng.uniform(0.5, 4.0)), turn=3.0)
+    path[:, :3] -= path[0, :3]
+    turns = Rotation.from_quat(path[:, 3:])
+    path[:, 3:] = (turns * turns[0].inv()).as_quat()
+    run = play(tmp_path, [*things, Thing(name="body", shape=shape, role="driven", path=path)])
+    assert_free(run)
+    assert (np.abs(run.path("body")[:, :3] - (moved - moved[0])) < half).all()
+    assert wedged(run).any()
