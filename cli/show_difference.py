@@ -34,6 +34,11 @@ def show_difference(terminal: Terminal, difference: OutputDifference) -> None:
     if frames.only_a or frames.only_b:
         matched += f", {frames.only_a:,} only in a, {frames.only_b:,} only in b"
     rows: list[tuple[str, list[str | Text]]] = [("Result", [verdict]), ("Frames", [matched])]
+    if frames.offset_s:
+        first = ("b", "a") if frames.offset_s > 0 else ("a", "b")
+        rows.append(
+            ("Times", [f"{first[0]} begins {abs(frames.offset_s):,.9g} s after {first[1]}; frames are matched by time"])
+        )
     tolerance = difference.tolerance
     if not tolerance.exact:
         rows.append(("Tolerance", [f"{_length(tolerance.m)}, {_angle(tolerance.rad)}"]))
@@ -49,7 +54,7 @@ def show_difference(terminal: Terminal, difference: OutputDifference) -> None:
     terminal.result(heading(Path(difference.a).name, f" against {Path(difference.b).name}"), fields(rows))
     limit = None if terminal.verbose else PARTS_SHOWN
     for name, channel in difference.channels.items():
-        if not (channel.equal and _silent(channel)):
+        if frames.compared and not (channel.equal and _silent(channel)):
             terminal.result("", heading(name, _since(channel)), _table(channel, limit, terminal.width))
 
 
@@ -69,10 +74,9 @@ def _since(channel: ChannelDifference) -> str:
 def _table(channel: ChannelDifference, limit: int | None, width: int) -> Table:
     """Return a line for each part that differs."""
     headers = _headers(channel)
-    parts = sorted((part for part in channel.parts() if _weight(channel, part) > 0), key=lambda p: -_weight(channel, p))
     lines: dict[tuple[str, ...], list[str]] = {}
-    for part in parts:
-        cells = _cells(channel, part)
+    for part in channel.most_different():
+        cells = dict(_cells(channel, part))
         lines.setdefault(tuple(cells.get(header, "") for header in headers), []).append(part)
     rows = [[_named(names, whole=limit is None), *texts] for texts, names in list(lines.items())[:limit]]
     for side, alone in (("a", channel.only_a), ("b", channel.only_b)):
@@ -93,24 +97,12 @@ def _named(names: list[str], *, whole: bool) -> str:
 
 def _headers(channel: ChannelDifference) -> list[str]:
     """Return the columns that have anything in them."""
-    found = dict.fromkeys(header for part in channel.parts() for header in _cells(channel, part))
+    found = dict.fromkeys(header for part in channel.most_different() for header, _ in _cells(channel, part))
     order = ["largest", "RMS", "turned", "RMS turn", "gained", "lost", "first frame", "worst frame", "frames"]
     return [header for header in order if header in found]
 
 
-def _weight(channel: ChannelDifference, part: str) -> float:
-    """Return how much a part differs, to sort by: metres and radians alike."""
-    measures = (channel.metres.get(part), channel.radians.get(part), channel.others.get(part))
-    sets = channel.sets.get(part)
-    return sum(m.max for m in measures if m is not None) + (sets.gained + sets.lost if sets else 0)
-
-
-def _cells(channel: ChannelDifference, part: str) -> dict[str, str]:
-    """Return column -> text of a part that differs; empty if it does not."""
-    return {} if _weight(channel, part) == 0 else dict(_cells_of(channel, part))
-
-
-def _cells_of(channel: ChannelDifference, part: str) -> Iterator[tuple[str, str]]:
+def _cells(channel: ChannelDifference, part: str) -> Iterator[tuple[str, str]]:
     """Yield the columns of a part."""
     metres, radians, others = (group.get(part) for group in (channel.metres, channel.radians, channel.others))
     if metres is not None and metres.max:

@@ -60,6 +60,21 @@ class ChannelDifference:
         """Names of all parts."""
         return tuple(dict.fromkeys([*self.metres, *self.radians, *self.others, *self.sets]))
 
+    def most_different(self) -> tuple[str, ...]:
+        """Names of the parts that differ: first the largest difference of each unit and the most gained and lost, then the
+        second ones, and so on.
+        """
+        measures = (self.metres, self.radians, self.others)
+        scales = [{name: measure.max for name, measure in group.items() if measure.max > 0.0} for group in measures]
+        scales.append({name: float(sets.gained + sets.lost) for name, sets in self.sets.items()})
+        places: dict[str, int] = {}
+        for scale in scales:
+            ordered = sorted(set(scale.values()), reverse=True)
+            for name, value in scale.items():
+                rank = ordered.index(value)
+                places[name] = min(rank, places.get(name, rank))
+        return tuple(sorted((name for name in self.parts() if name in places), key=lambda name: places[name]))
+
 
 class Channel(Protocol):
     """Compares one channel."""

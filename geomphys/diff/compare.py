@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
@@ -95,6 +96,8 @@ def compare_outputs(
         if progress is not None:
             progress(sum(counts.values()), total)
     results = {name: comparer.result() for name, comparer in compared.items()}
+    if not counts["compared"]:
+        results = {name: dataclasses.replace(result, equal=False) for name, result in results.items()}
     files_a, files_b = _digests(one), _digests(other)
     return OutputDifference(
         a=str(a),
@@ -107,6 +110,7 @@ def compare_outputs(
             **counts,
             first_only_a=firsts["only_a"],
             first_only_b=firsts["only_b"],
+            offset_s=(first_b.time_ns - first_a.time_ns) / 1e9,
         ),
         channels=results,
         parameters={

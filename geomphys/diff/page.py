@@ -106,6 +106,8 @@ def _verdict(difference: OutputDifference) -> Iterator[str]:
     for side, count, since in (("a", frames.only_a, frames.first_only_a), ("b", frames.only_b, frames.first_only_b)):
         if count:
             yield f"; {count:,} frames only in {side}, from its frame {since:,} on"
+    if frames.offset_s:
+        yield f"; b begins {frames.offset_s:+,.9g} s after a"
     if not difference.tolerance.exact:
         yield f"; tolerance {_length(difference.tolerance.m)}, {_angle(difference.tolerance.rad)}"
     yield "</span></p>"
@@ -114,6 +116,7 @@ def _verdict(difference: OutputDifference) -> Iterator[str]:
         sets = channel.sets.values()
         changed = f"+{sum(s.gained for s in sets):,} / &minus;{sum(s.lost for s in sets):,}" if sets else ""
         verdict = '<span class="same">equal</span>' if channel.equal else '<span class="other">differs</span>'
+        verdict = verdict if frames.compared else '<span class="soft">not compared</span>'
         first = "" if channel.equal or channel.first_frame is None else f"{channel.first_frame:,}"
         texts = [_of(channel.whole_m, "max", _length), _of(channel.whole_m, "rms", _length)]
         texts += [_of(channel.whole_rad, "max", _angle), _of(channel.whole_rad, "rms", _angle), changed, first]
@@ -178,7 +181,7 @@ def _causes(difference: OutputDifference) -> Iterator[str]:
 
 
 def _channel(channel: ChannelDifference) -> Iterator[str]:
-    parts = sorted((part for part in channel.parts() if _weight(channel, part) > 0), key=lambda p: -_weight(channel, p))
+    parts = channel.most_different()
     if not parts and not channel.only_a and not channel.only_b:
         return
     yield f"<h2>{escape(channel.channel)}</h2>"
@@ -214,12 +217,6 @@ def _row(channel: ChannelDifference, part: str) -> list[str]:
         f"{min(firsts):,}" if firsts else "",
         f"{worst:,}" if worst is not None else "",
     ]
-
-
-def _weight(channel: ChannelDifference, part: str) -> float:
-    measures = (channel.metres.get(part), channel.radians.get(part), channel.others.get(part))
-    sets = channel.sets.get(part)
-    return sum(m.max for m in measures if m is not None) + (sets.gained + sets.lost if sets else 0)
 
 
 def _table(titles: list[str], rows: Iterable[list[str]], texts: int) -> str:

@@ -27,6 +27,7 @@ class Matching:
     only_b: int = 0
     first_only_a: int | None = None  # as `a` counts
     first_only_b: int | None = None  # as `b` counts
+    offset_s: float  # by how much the first frame of `b` is later than that of `a`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +46,8 @@ class OutputDifference:
     """The comparison of two outputs. Frames are counted as `a` counts them.
 
     `equal` says that all frames of one have a twin in the other and that no channel differs by more than the
-    tolerance. Parameters, input and scene may differ: they are causes, not results.
+    tolerance; where no two frames have the same time no channel counts as equal. Parameters, input and scene may
+    differ: they are causes, not results.
     """
 
     a: str

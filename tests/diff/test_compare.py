@@ -12,8 +12,12 @@ import numpy as np
 import pytest
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from mcap.reader import make_reader
+from mcap.writer import Writer
 
 import geomphys
+from geomphys.diff.channels import ChannelDifference, Sets
+from geomphys.diff.measures import Measure
+from geomphys.diff.page import write_page
 from geomphys.output_log import open_output
 from geomphys.provenance import provenance_of
 from geomphys.sinks.mcap_sink import McapSink
@@ -149,6 +153,59 @@ def test_frames_are_matched_by_time(pressed: Results, tmp_path: Path) -> None:
     assert frames.compared == frames.b == 30
     assert difference.channels["/recorded/tf"].equal
     assert geomphys.compare_outputs(part, pressed.out, channels=["/recorded/tf"]).frames.only_b == 30
+
+
+def test_outputs_without_a_common_time_are_not_called_equal(pressed: Results, tmp_path: Path) -> None:
+    later = tmp_path / "later.mcap"
+    rewrite(pressed.out, later, shift_ns=5_000_000)
+    difference = geomphys.compare_outputs(pressed.out, later)
+    assert (difference.frames.compared, difference.frames.only_a, difference.frames.only_b) == (0, 60, 60)
+    assert difference.frames.offset_s == pytest.approx(0.005, abs=1e-12)
+    assert not difference.equal
+    assert not any(channel.equal for channel in difference.channels.values())
+    write_page(difference, tmp_path / "page.html")
+    assert "not compared" in (tmp_path / "page.html").read_text()
+
+
+def test_a_channel_that_is_missing_differs(pressed: Results, tmp_path: Path) -> None:
+    less = tmp_path / "less.mcap"
+    rewrite(pressed.out, less, without="/contacts")
+    difference = geomphys.compare_outputs(pressed.out, less)
+    assert {name for name, channel in difference.channels.items() if not channel.equal} == {"/contacts"}
+    assert difference.as_dict()["channels"]["/contacts"]["lost"] == 27
+
+
+def rewrite(source: Path, target: Path, *, shift_ns: int = 0, without: str = "") -> None:
+    """Copy an output by the library of the format, its messages later or without a topic."""
+    with source.open("rb") as stream, target.open("wb") as made:
+        reader, writer, known = make_reader(stream), Writer(made), dict[int, int]()
+        writer.start()
+        for schema, channel, message in reader.iter_messages(log_time_order=False):
+            if channel.topic == without:
+                continue
+            if channel.id not in known:
+                assert schema is not None
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                known[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, number)
+            time = message.log_time + shift_ns
+            writer.add_message(known[channel.id], time, message.data, time, message.sequence)
+        for record in reader.iter_metadata():
+            writer.add_metadata(record.name, record.metadata)
+        for file in reader.iter_attachments():
+            writer.add_attachment(file.create_time, file.log_time, file.name, file.media_type, file.data)
+        writer.finish()
+
+
+def test_the_part_that_differs_most_comes_first() -> None:
+    def measure(largest: float) -> Measure:
+        return Measure(max=largest, rms=0.0, first_frame=0, worst_frame=0, frames=1)
+
+    channel = ChannelDifference(
+        channel="/penetration", kind="pairs", equal=False, first_frame=0,
+        metres={"often": measure(1e-3), "far": measure(2e-2), "less": measure(2e-3), "same": measure(0.0)},
+        sets={"often": Sets(gained=100), "gone": Sets(lost=3)},
+    )  # fmt: skip
+    assert channel.most_different() == ("often", "far", "less", "gone")
 
 
 def test_what_stands_still_is_compared_though_the_first_frames_differ(pressed: Results, tmp_path: Path) -> None:
