@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import ast
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from mcap.reader import make_reader
+from mcap.writer import Writer
 
 import geomphys
+from geomphys import audit
 from geomphys.audit import _Pair, _Shape, _shape, pairs_to_test
+from geomphys.output_log import open_output
+from geomphys.world.scene import World
 from tests.cli.press import DEEPEST_M, SCENE
 from tests.made import Results
 
@@ -69,6 +77,65 @@ def test_the_recording_was_not(pressed: Results) -> None:
     assert report.deepest is not None
     assert {report.deepest.body_a, report.deepest.body_b} == {"finger", "table"}
     assert report.deepest.depth_at_most_m == pytest.approx(DEEPEST_M, rel=0.05)
+
+
+def test_a_planted_overlap_is_found_and_nothing_else(pressed: Results, tmp_path: Path) -> None:
+    """One pose of one frame in contact is put a millimetre deeper, by the library of the format."""
+    (frame, *_) = (f.index for f in open_output(pressed.out).frames(["/contacts"]) if f.contacts)
+    lie, frame, known = tmp_path / "lie.mcap", frame + 5, dict[int, int]()
+    with pressed.out.open("rb") as stream, lie.open("wb") as made:
+        reader, writer = make_reader(stream), Writer(made)
+        writer.start()
+        for schema, channel, message in reader.iter_messages(log_time_order=False):
+            if channel.id not in known:
+                assert schema is not None
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                known[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, number)
+            data, time = message.data, message.log_time
+            if channel.topic == "/tf" and message.sequence == frame:
+                poses = FrameTransforms.FromString(data)
+                (finger,) = (t for t in poses.transforms if t.child_frame_id == "finger")
+                finger.translation.z -= 0.001
+                data = poses.SerializeToString()
+            writer.add_message(known[channel.id], time, data, time, message.sequence)
+        for record in reader.iter_metadata():
+            writer.add_metadata(record.name, record.metadata)
+        for file in reader.iter_attachments():
+            writer.add_attachment(file.create_time, file.log_time, file.name, file.media_type, file.data)
+        writer.finish()
+    report = geomphys.audit_output(lie)
+    assert [(o.frame, {o.body_a, o.body_b}) for o in report.overlaps if o.broken] == [(frame, {"finger", "table"})]
+    assert report.deepest is not None
+    assert report.deepest.depth_at_most_m == pytest.approx(0.001, rel=0.1)
+
+
+def test_nothing_of_the_engine_is_used_once_the_scene_is_read(
+    pressed: Results, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    imported = {
+        node.module
+        for node in ast.walk(ast.parse(Path(audit.__file__).read_text()))
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("geomphys")
+    }
+    assert imported <= {
+        f"geomphys.{name}"
+        for name in ("errors", "output_log", "output_world", "provenance", "remote", "transforms", "world.scene")
+    }
+    begun: list[str] = []
+    read = audit.world_of_output
+
+    def read_and_shut(*args: object) -> World:
+        world = read(*args)  # type: ignore[arg-type]
+        for name, module in list(sys.modules.items()):
+            if name.startswith(("geomphys.collision", "geomphys.driven", "geomphys.simulated", "geomphys.step")):
+                for key, value in vars(module).items():
+                    if callable(value) and not isinstance(value, type):
+                        monkeypatch.setattr(module, key, lambda *_, **__: begun.append("called"))
+        return world
+
+    monkeypatch.setattr(audit, "world_of_output", read_and_shut)
+    assert audit.audit_output(pressed.out).frames_broken == 0
+    assert not begun
 
 
 def test_a_result_in_the_wrong_scene_is_found_out(pressed: Results, tmp_path: Path) -> None:
