@@ -18,6 +18,7 @@ from geomphys.recording.frames import FrameSource
 from geomphys.recording.plan import JointInput, Plan, make_plan
 from geomphys.recording.reader import open_log
 from geomphys.recording.report import RecordingReport
+from geomphys.remote import place
 from geomphys.world.scene import World
 
 HUGE = 100.0
@@ -65,12 +66,12 @@ class CheckReport:
         return dataclasses.asdict(self)
 
 
-def check_log(log: Path, world: World, config: Config | None = None) -> CheckReport:
+def check_log(log: Path | str, world: World, config: Config | None = None) -> CheckReport:
     """Say whether `log` can be replayed in `world`, and what to expect.
 
     Parameters
     ----------
-    log : Path
+    log : Path or str
         An MCAP file or a ROS 2 bag directory. What is intact of a damaged one is checked; that it is damaged is an
         error unless `config.recover` is set.
     world : World
@@ -82,7 +83,7 @@ def check_log(log: Path, world: World, config: Config | None = None) -> CheckRep
     LogError
         The log cannot be read at all.
     """
-    config = config or Config()
+    log, config = place(log), config or Config()
     errors: list[str] = []
     try:
         reader = open_log(log, recover=config.recover)

@@ -66,12 +66,12 @@ class LogInfo:
         return dataclasses.asdict(self)
 
 
-def inspect_log(path: Path, *, recover: bool = False) -> LogInfo:
+def inspect_log(path: Path | str, *, recover: bool = False) -> LogInfo:
     """Read a log through and say what it holds.
 
     Parameters
     ----------
-    path : Path
+    path : Path or str
         An MCAP file or a ROS 2 bag directory, or the URL of one; of a log behind a URL only the topics that are understood
         are read, of the others its indexes tell.
     recover : bool

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -34,3 +36,16 @@ def test_import_costs_nothing() -> None:
     code = "import sys, geomphys; print(*sorted({m.split('.')[0] for m in sys.modules}))"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert not {"numpy", "numba", "pydantic", "rerun", "trimesh", "mcap"} & set(loaded)
+
+
+def test_the_call_behind_every_command_is_public_and_documented(root: Path) -> None:
+    guide = (root / "assets" / "docs" / "library.md").read_text()
+    rows = dict(re.findall(r"^\| `(\w+)` \| (.+) \|$", guide, flags=re.MULTILINE))
+    modules = {path.stem.removeprefix("cmd_"): path for path in (root / "cli").glob("cmd_*.py")}
+    assert rows.keys() == modules.keys() - {"completion"}
+    for command, text in rows.items():
+        calls = [name for name in re.findall(r"(\w+)\(", text) if name != "load_world"]
+        assert calls[0] in modules[command].read_text(), command
+        for name in calls:
+            assert name in geomphys.__all__, name
+            assert (getattr(geomphys, name).__doc__ or "").strip(), name
