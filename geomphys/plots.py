@@ -39,6 +39,7 @@ _HEIGHTS = {"time": 2.5, "penetration": 1.7, "correction": 1.7, "contacts": 1.3}
 _DPI = 200
 # of Paul Tol's "bright" and "muted" schemes: told apart in grey and by the colour-blind
 _COLOURS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#bbbbbb", "#332288", "#999933")
+_DASHED = (0, (5.0, 1.5))
 _INK = "#22262b"
 _STYLE: Any = {
     "font.family": "sans-serif",
@@ -310,9 +311,9 @@ def _draw_correction(axis: Axes, curves: _Curves) -> None:
     axis.plot(x, moved, color=_COLOURS[0], label="moved")
     axis.set_ylim(bottom=0.0)
     if turned.max() > 1e-3:
-        axis.plot([], [], color=_COLOURS[1], label="turned")  # for the legend
+        axis.plot([], [], color=_COLOURS[1], linestyle=_DASHED, label="turned")  # for the legend
         angles = axis.twinx()
-        angles.plot(x, turned, color=_COLOURS[1])
+        angles.plot(x, turned, color=_COLOURS[1], linestyle=_DASHED)
         angles.set_ylabel("[°]", color=_COLOURS[1])
         angles.set_ylim(bottom=0.0)
         angles.grid(False)

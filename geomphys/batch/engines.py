@@ -6,6 +6,7 @@ the jobs that run to stop, and waits for them as far as it can.
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import signal
@@ -14,6 +15,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.connection import wait as wait_for_sentinel
 from typing import Any, cast
@@ -133,7 +135,7 @@ def run_on_cluster(jobs: Sequence[Job], address: str, control: Control) -> Gener
         client = cast(Any, Client)(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as problem:
         raise ClusterError(f"{address}: there is no Dask scheduler to be reached ({problem})") from problem
-    with client:
+    with _without_its_log(), client:
         futures = {client.submit(run_job, job, pure=False, priority=-index): index for index, job in enumerate(jobs)}
         try:
             yield from _as_they_end(futures, cast(Any, as_completed)(futures, loop=client.loop), address, control)
@@ -141,6 +143,18 @@ def run_on_cluster(jobs: Sequence[Job], address: str, control: Control) -> Gener
             control.stop()
             client.cancel(list(futures))
             raise
+
+
+@contextmanager
+def _without_its_log() -> Iterator[None]:
+    """Keep Dask from printing the traceback of a connection that is lost: that becomes an error of one line."""
+    log = logging.getLogger("distributed.client")
+    before = log.level
+    log.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        log.setLevel(before)
 
 
 def _as_they_end(futures: dict[Any, int], ended: Iterable[Any], address: str, control: Control) -> Iterator[Finished]:

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -35,6 +40,50 @@ def test_two_workers_one_of_them_killed_end_complete(tmp_path: Path) -> None:
     assert [entry.status for entry in report.entries] == ["done"] * 5 + ["failed"]
     assert "f.mcap" in (report.entries[5].error or "")
     case.check("a", "b", "c", "d", "e")
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_a_scheduler_that_is_killed_is_one_line_and_the_batch_resumes(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    case = Case(tmp_path, a=60, b=6000, c=60)
+    address_file = tmp_path / "address.json"
+    words = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(address_file)]
+    begun = [
+        subprocess.Popen([sys.executable, "-m", "distributed.cli.dask_scheduler", *words], stderr=subprocess.DEVNULL)
+    ]
+    try:
+        wait_for(address_file.exists)
+        address = json.loads(address_file.read_text())["address"]
+        words = [
+            address,
+            "--nthreads",
+            "1",
+            "--no-nanny",
+            "--no-dashboard",
+            "--local-directory",
+            str(tmp_path / "worker"),
+        ]
+        worker = [sys.executable, "-m", "distributed.cli.dask_worker", *words]
+        begun.append(subprocess.Popen(worker, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
+        with pytest.raises(geomphys.ClusterError, match=r"scheduler was lost; .* --resume"):
+            case.run(jobs=None, scheduler=address, ended=lambda entry: begun[0].kill())
+        assert "Traceback" not in capfd.readouterr().err
+    finally:
+        for process in begun:
+            process.kill()
+            process.wait()
+    assert case.run(resume=True).count("done") == 3
+    case.check("a", "b", "c")
+
+
+def wait_for(there: Callable[[], bool]) -> None:
+    """Wait until something is there, a minute at most."""
+    end = time.monotonic() + 60.0
+    while not there():
+        assert time.monotonic() < end
+        time.sleep(0.05)
 
 
 def test_no_scheduler_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
