@@ -149,6 +149,45 @@ def test_colliding_bodies_keep_momentum_and_lose_energy(seed: int) -> None:
     assert player.flags == 0
 
 
+@pytest.mark.parametrize("material", ["rubber", "metal"])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_corner_that_hits_the_floor_gets_the_textbooks_impulse(seed: int, material: str) -> None:
+    """With K = 1/m - [r] I⁻¹ [r]: j by (9), then μ j against the sliding, or what stops it along its direction."""
+    rng = np.random.default_rng(seed)
+    half, turn = np.array([0.06, 0.04, 0.03]), Rotation.random(random_state=seed)
+    corners = turn.apply([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)] * half)
+    r = corners[corners[:, 2].argmin()]
+    v, w = np.array([*rng.uniform(-2, 2, 2), -3.0]), 3 * rng.normal(size=3)
+    box = Thing(shape=Box(tuple(half)), at=(0, 0, 1e-5 - r[2]), turn=turn.as_quat(), v=v, w=w, material=material)
+    player = Player([box, floor(material)], gravity=(0, 0, 0))
+    m, spread = (
+        player.scene.bodies.mass[0],
+        turn.as_matrix() @ np.diag(1 / player.scene.bodies.inertia[0]) @ turn.as_matrix().T,
+    )
+    cross = np.array([[0, -r[2], r[1]], [r[2], 0, -r[0]], [-r[1], r[0], 0]])
+    response, n = np.eye(3) / m - cross @ spread @ cross, np.array([0, 0, 1])
+    at = v + np.cross(w, r)
+    j = -(1 + pair(RESTITUTION, material, material)) * at[2] / response[2, 2]
+    sliding = (at + response @ n * j) * [1, 1, 0]
+    along = -sliding / np.linalg.norm(sliding)
+    rub = min(pair(FRICTION, material, material) * j, np.linalg.norm(sliding) / (along @ response @ along))
+    total = j * n + rub * along
+    player.step(1e-5)
+    assert player.impacts == 1
+    np.testing.assert_allclose(player.velocity[0, :3], v + total / m, rtol=0, atol=2e-3)
+    np.testing.assert_allclose(player.velocity[0, 3:], w + spread @ np.cross(r, total), rtol=0, atol=0.1)
+
+
+def test_a_box_that_lands_flat_while_it_slides_is_slowed_by_friction_times_the_impulse() -> None:
+    player = Player([Thing(shape=Box((0.1, 0.07, 0.03)), at=(0, 0, 0.33), v=(2, 1, 0), material="wood"), floor()])
+    play_to_impact(player)
+    fall = np.sqrt(2 * 0.3 / GRAVITY)
+    pushed = GRAVITY * fall + player.velocity[0, 2] + GRAVITY * (player.time - fall)
+    slowed = np.hypot(2, 1) - np.hypot(*player.velocity[0, :2])
+    assert pushed >= 1.3 * GRAVITY * fall * (1 - 1e-3)
+    assert slowed == pytest.approx(pair(FRICTION, "wood", "wood") * pushed, rel=2e-3)
+
+
 def test_a_flat_fall_does_not_turn_a_box() -> None:
     player = Player([Thing(shape=Box((0.1, 0.07, 0.03)), at=(0, 0, 0.53)), floor()])
     play_to_impact(player)
