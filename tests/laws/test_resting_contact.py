@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from geomphys.simulated.touches import write_touches
 from geomphys.world import scene as s
 from geomphys.world.pieces import Box, Capsule, Cylinder, Hull, Shape, Sphere
 from tests.simulated.scenes import FRICTION, GRAVITY, Player, Thing, floor
@@ -120,6 +121,19 @@ def test_a_tower_of_ten_boxes_stands(top: float) -> None:
         assert player.energy() <= energy + lift
     assert np.abs(player.poses[:, :3] - start[:, :3]).max() < 2e-4
     assert player.overlap() < 1e-5
+
+
+def test_each_floor_of_a_tower_carries_what_is_above_it() -> None:
+    boxes = [Thing(shape=Box((0.1, 0.1, 0.05)), at=(0.004 * k, 0, 0.05 + 0.1 * k), mass=1.0 + k) for k in range(6)]
+    player = Player([*boxes, floor()])
+    player.run(0.2)
+    bodies, values = np.zeros((64, 2), np.int64), np.zeros((64, 9))
+    count = write_touches(player.state, player.poses, bodies, values, 0)
+    for k in range(6):
+        below = 6 if k == 0 else k - 1
+        between = [set(pair) == {k, below} for pair in bodies[:count]]
+        weight = sum(1.0 + i for i in range(k, 6)) * GRAVITY / 60
+        assert values[:count][between, 7].sum() == pytest.approx(weight, rel=1e-6)
 
 
 def test_a_coin_that_spins_and_settles_never_gains_energy() -> None:

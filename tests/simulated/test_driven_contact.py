@@ -35,6 +35,21 @@ def test_a_blocked_hand_pushes_the_ball_with_its_wish_and_is_pushed_back() -> No
     assert end[0, 0] == pytest.approx(j / 0.2 / 60, rel=1e-6)
 
 
+def test_a_hand_that_meets_two_balls_at_once_has_less_left_for_the_second() -> None:
+    balls = [Thing(shape=Sphere(0.05), mass=0.2, at=(0, y, 0)) for y in (-0.1, 0.1)]
+    player = Player([*balls, hand(-0.07 - 2e-6)], gravity=(0, 0, 0))
+    end, impulse = player.poses.copy(), np.zeros((3, 3))
+    player.velocity[2, :3] = (0.6, 0, 0)
+    simulate(
+        player.scene.pieces, player.state, player.poses, end, player.velocity, impulse, player.frames, 1 / 60, 200,
+        player.gap, False, player.scratch,
+    )  # fmt: skip
+    first = 1.3 * 0.6 / (1 / 0.2 + 1 / 0.4)
+    second = 1.3 * (0.6 - first / 0.4) / (1 / 0.2 + 1 / 0.4)
+    np.testing.assert_allclose(sorted(player.velocity[:2, 0]), [second / 0.2, first / 0.2], rtol=1e-9)
+    assert impulse[2, 0] == pytest.approx(-first - second, rel=1e-9)
+
+
 def test_what_the_ball_gains_the_hand_loses() -> None:
     player = Player([Thing(shape=Sphere(0.05), at=(0.05, 0.02, 0.01), v=(-1, 0.3, 0)), hand(-0.2)], gravity=(0, 0, 0))
     player.targets[1] = lambda t: (-0.2 + 0.5 * t, 0.0, 0.2, *HERE)
