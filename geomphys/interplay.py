@@ -16,6 +16,7 @@ from geomphys.driven.steps import is_recorded
 from geomphys.driven.update import give_way
 from geomphys.kernel import kernel, outlined
 from geomphys.machine import Knobs, Machine
+from geomphys.simulated.paths import UNEVEN, smaller
 from geomphys.simulated.update import simulate
 from geomphys.vec3 import (
     add,
@@ -66,6 +67,47 @@ def shift_driven(scene: Scene, m: Machine) -> None:
                         m.corrected[body, k] += m.driven.offset[tree, k]
     if m.room.joints.any[0] == 1:
         pose_avatars(scene, m.room.origins, m.driven.roots, m.room.chains.angles, m.driven.offset, m.corrected)
+
+
+@outlined
+def note_courses(scene: Scene, m: Machine, roots: Floats, dt: float, first: bool) -> None:
+    """Accelerations that recorded roots (T, 7) have in this frame, judged from the frames before as those of tracked things.
+
+    A row of `course`: root position [m], its mean velocity [m/s], how that changed [m/s²], the frame's time [s], and the
+    acceleration [m/s²].
+    """
+    for tree in range(len(scene.trees.role)):
+        if not is_recorded(scene, tree):
+            continue
+        c = m.course[tree]
+        position, change = position_of(roots, tree), (0.0, 0.0, 0.0)
+        velocity = (0.0, 0.0, 0.0)
+        if not first and dt > 0.0:
+            velocity = scale(sub(position, (c[0], c[1], c[2])), 1.0 / dt)
+            if c[9] < UNEVEN * dt and dt < UNEVEN * c[9]:
+                change = scale(sub(velocity, (c[3], c[4], c[5])), 2.0 / (dt + c[9]))
+        pull = smaller(change, (c[6], c[7], c[8]))
+        for i in range(3):
+            c[i], c[3 + i], c[6 + i], c[10 + i] = position[i], velocity[i], change[i], pull[i]
+        c[9] = 0.0 if first else dt
+
+
+@outlined
+def bend_way(scene: Scene, m: Machine, dt: float, part: int, parts: int) -> None:
+    """Let the end of a part of a frame lie on the parabolas of `note_courses`, not on the way straight from the part before.
+
+    Of a parabola p + v u + a u (u - dt) / 2, parted evenly, that is a dt² (parts - part - 1) / (2 parts²) beside it.
+    """
+    share = -0.5 * dt * dt * (parts - part - 1) / (parts * parts)
+    for tree in range(len(scene.trees.role)):
+        if not is_recorded(scene, tree):
+            continue
+        for i in range(3):
+            aside = share * m.course[tree, 10 + i]
+            if aside != 0.0:
+                m.roots[tree, i] += aside
+                for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+                    m.recorded[body, i] += aside
 
 
 @outlined

@@ -28,6 +28,8 @@ from geomphys.containment import contain_driven, keep_posture
 from geomphys.driven.steps import is_recorded, recording_between
 from geomphys.driven.update import Outcome, update_driven
 from geomphys.interplay import (
+    bend_way,
+    note_courses,
     predict_simulated,
     pull_freely,
     shift_driven,
@@ -158,6 +160,7 @@ def step(
     t1 = cycles()
     lengths[RECORDED] = measure_recorded(scene, m)
     t2 = cycles()
+    note_courses(scene, m, roots, dt, first)
     parts = 1 if first else turns_of(scene, m, dt)
     impacts, flags, simulating = 0, 0, 0
     done = Outcome(0, 0, 0, True)
@@ -174,6 +177,7 @@ def step(
                 scene, m.room.origins, m.driven.lag.roots, m.driven.lag.angles, roots, angles, 1.0 / (parts - part),
                 m.roots, m.angles, m.recorded,
             )  # fmt: skip
+            bend_way(scene, m, dt, part, parts)
             more = drive(scene, m, m.roots, m.angles, dt / parts, first, knobs)
         done = Outcome(
             done.rounds + more.rounds,

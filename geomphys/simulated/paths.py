@@ -4,7 +4,7 @@ Only where it is at every frame is known. A tracked thing of the scene goes from
 the frames before call for: its acceleration is the change of the mean velocity from frame to frame, or that of the frame
 before if it is smaller, and none where the two point in different directions. What moves smoothly then strikes and
 carries with the velocity it has at that moment, at any frame rate; what starts, stops or trembles goes straight. Driven
-bodies, whose way is settled in short turns, go straight.
+bodies go straight in their turns, whose ends lie on such parabolas.
 """
 
 from __future__ import annotations
