@@ -78,12 +78,15 @@ def replay(
 
     terminal.detail(f"kernels: {cache_folder()}")
 
-    if first := not are_compiled():
-        terminal.note(f"Compiling the kernels, once per machine and version (about {COMPILE_SECONDS} s)…")
+    first, told = not are_compiled(), False
 
     with StopAtFrame() as stop, ProgressBars(terminal) as bars, naming_partials(out, rrd):
 
         def compiling(done: int, known: int) -> None:
+            nonlocal told
+            if not told:  # not before: what is wrong with the inputs is said alone
+                terminal.note(f"Compiling the kernels, once per machine and version (about {COMPILE_SECONDS} s)…")
+                told = True
             bars.show("kernels", done, known, unit="jobs")
             stop.at_frame()
 

@@ -136,6 +136,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         _forget_stdout()
         return EXIT_FAILED
+    except MemoryError:
+        terminal.error("out of memory; a smaller scene, simpler meshes or fewer --jobs need less")
+        return EXIT_FAILED
     except OSError as error:
         terminal.error(f"{error.filename or 'input or output'}: {error.strerror or error}")
         return EXIT_FAILED

@@ -23,7 +23,7 @@ from geomphys.packed import pack
 from geomphys.simulated.make import make_simulated_state
 from geomphys.simulated.state import SimulatedState
 from geomphys.world.kinematics import joint_origins, place_tree, pose_tree
-from geomphys.world.scene import Scene
+from geomphys.world.scene import DRIVEN, Scene
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -124,7 +124,8 @@ def make_machine(scene: Scene, seed: int = 0) -> Machine:
         pose_tree(packed, origins, tree, scene.trees.rest, np.zeros(dofs), poses)
         for frames in (places.base, places.frames, places.moved):
             place_tree(packed, tree, poses, frames)
-    unknowns, joints = 3 * trees + dofs, make_joints(scene, poses)
+    joints = make_joints(scene, poses)
+    unknowns = max(3, 3 * int(np.sum(scene.trees.role == DRIVEN)) + int(joints.held.sum()))
     room = DrivenRoom(
         origins, joints, np.zeros(bodies, np.int64), places, make_chain_room(scene, unknowns, MET),
         make_ccd_room(scene, joints), near, make_least_distance(unknowns, PLANES),

@@ -291,6 +291,7 @@ class _FrameDecoder:
         self._channels = channels
         self._transforms = {"/tf": TransformsDecoder(), "/recorded/tf": TransformsDecoder()}
         self._joints: dict[str, JointStateDecoder] = {}
+        self._names: tuple[tuple[str, ...], ...] = ()  # of the poses checked last
 
     def decode(self, messages: list[tuple[str, OutputMessage]]) -> OutputFrame:
         poses = {"/tf": _NO_POSES, "/recorded/tf": _NO_POSES}
@@ -318,6 +319,14 @@ class _FrameDecoder:
             else:
                 joints[topic] = self._joints.setdefault(topic, JointStateDecoder()).decode(data)
         first = messages[0][1]
+        if not metrics:
+            raise BadRecordError(f"the frame at {first.log_time} ns has no /metrics")
+        names = (poses["/tf"].names, poses["/recorded/tf"].names)
+        if self._names != names and all(topic in self._channels for topic in poses):
+            unknown = {name.removeprefix("recorded/") for name in names[1]} - set(names[0])
+            if unknown:
+                raise BadRecordError(f"the frame at {first.log_time} ns has recorded poses of what has none in /tf")
+            self._names = names
         return OutputFrame(
             index=int(metrics.get("frame", first.sequence)),
             time_ns=first.log_time,

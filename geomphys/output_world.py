@@ -7,10 +7,11 @@ import tomllib
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
+from xml.etree.ElementTree import ParseError
 
-from defusedxml import ElementTree
+from defusedxml import DefusedXmlException, ElementTree
 
-from geomphys.errors import InputError, SceneError
+from geomphys.errors import InputError, LogError, SceneError
 from geomphys.load import load_world, zero_pose_overlaps
 from geomphys.output_log import OutputLog
 from geomphys.provenance import sha256_of_world
@@ -34,7 +35,10 @@ def world_of_output(output: OutputLog, scene: Path | None = None) -> World:
         A URDF or a mesh cannot be read, because it was moved for example; `scene` names where all is now.
     """
     mode = {"rigid": "rigid", "chains": "chains"}.get(output.metadata.get("mode", ""))
-    seed = int(output.metadata.get("seed", "0"))
+    number = output.metadata.get("seed", "0")
+    if not (number.isdecimal() and len(number) < 20):
+        raise LogError(f"{output.path}: its metadata has no seed that can be; replay the log again")
+    seed = int(number)
     if scene is not None:
         return load_world(scene, mode=mode, seed=seed)
     files = output.attachments()
@@ -44,6 +48,11 @@ def world_of_output(output: OutputLog, scene: Path | None = None) -> World:
     try:
         with tempfile.TemporaryDirectory(prefix="geomphys-") as folder:
             world = _attached(output, Path(folder), names[0], files, mode, seed)
+    except (DefusedXmlException, LookupError, ParseError, TypeError, ValueError) as problem:
+        raise SceneError(
+            f"{output.path}: its scene cannot be made of what is attached to it ({type(problem).__name__}); "
+            "name the scene with --scene"
+        ) from problem
     except InputError as problem:
         problem.add_note(f"that is of the scene attached to {output.path}; --scene names one whose files are there")
         raise

@@ -273,6 +273,8 @@ def run_block(
             for i in range(3):
                 m.driven.drift[tree, i] = drifts[frame, tree, i]
         step(scene, m, roots[frame], angles[frame], dts[frame], knobs, block, frame)
+        if m.room.near.lost[0] > 0:  # more than there is room for: the caller ends the replay
+            return frame
         if hasty and block.numbers[frame, FALLBACKS] > 0:
             return frame
     return len(dts)

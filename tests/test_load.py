@@ -11,7 +11,9 @@ import pytest
 
 from geomphys.errors import ConfigError, GeomphysError, MeshError, ModelError, SceneError
 from geomphys.load import load_world
+from geomphys.machine import make_machine
 from geomphys.transforms import compose, matrix_from_frame, matrix_from_pose, rotation_about
+from geomphys.world import assembly
 from geomphys.world.scene import (
     BOX,
     CAPSULE,
@@ -434,3 +436,22 @@ def test_overlaps_of_the_zero_pose_are_those_coal_finds(shared_dir: Path, tmp_pa
     assert listed >= {pair for pair, gap in closest.items() if gap < 0}
     assert listed <= {pair for pair, gap in closest.items() if gap < 1e-5}
     assert listed
+
+
+@pytest.mark.parametrize(("limit", "says"), [("MOST_BODIES", "bodies"), ("MOST_FREEDOMS", "degrees of freedom")])
+def test_a_scene_of_more_than_there_is_memory_for_is_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str, says: str
+) -> None:
+    balls = [f'[[object]]\nname = "b{k}"\nclass = "driven"\nsphere = 0.1\ntopic = "/b"\n' for k in range(3)]
+    (tmp_path / "scene.toml").write_text("".join(balls))
+    assert len(load_world(tmp_path / "scene.toml").body_names) == 3
+    monkeypatch.setattr(assembly, limit, 2)
+    with pytest.raises(SceneError, match=f"scene.toml: .*{says}.* at most 2"):
+        load_world(tmp_path / "scene.toml")
+
+
+def test_thousands_of_fixed_objects_need_little_memory(tmp_path: Path) -> None:
+    """The room of the least-distance problem goes with what is driven."""
+    balls = [f'[[object]]\nname = "b{k}"\nclass = "fixed"\nsphere = 0.1\nposition = [{k}, 0, 0]\n' for k in range(1000)]
+    (tmp_path / "scene.toml").write_text("".join(balls))
+    assert make_machine(load_world(tmp_path / "scene.toml").scene).room.problem.basis.nbytes < 1e6

@@ -19,6 +19,7 @@ from geomphys.world.decomposition import Progress
 from geomphys.world.materials import MaterialTable, material_table
 from geomphys.world.pieces import PlacedShape, build_pieces
 from geomphys.world.scene import (
+    DRIVEN,
     FIXED,
     JOINT_FIXED,
     JOINT_PRISMATIC,
@@ -38,6 +39,10 @@ from geomphys.world.trees import Tree, TreeBody, read_avatar, read_object
 
 Floats = NDArray[np.float64]
 
+MOST_BODIES = 5000
+"""Of all objects and links."""
+MOST_FREEDOMS = 3000
+"""Three a driven object or avatar, and one a joint of an avatar in chains mode."""
 _JOINTS = {"fixed": JOINT_FIXED, "revolute": JOINT_REVOLUTE, "continuous": JOINT_REVOLUTE, "prismatic": JOINT_PRISMATIC}
 
 
@@ -62,6 +67,7 @@ def assemble(
     trees += [read_object(o, path, workshop) for o in file.object]
     bodies = [body for tree in trees for body in tree.bodies]
     _check_frames(bodies, path)
+    _check_size(trees, bodies, path)
     table = material_table(file.material_pair, (t.material for t in trees))
     table.require(path, _meetings(trees))
     body_start = _starts(len(t.bodies) for t in trees)
@@ -112,6 +118,22 @@ def exclude(world: World, pairs: Sequence[tuple[int, int]]) -> World:
         scene=world.scene._replace(excluded=excluded),
         zero_pose_overlaps=tuple((world.body_names[a], world.body_names[b]) for a, b in pairs),
     )
+
+
+def _check_size(trees: Sequence[Tree], bodies: Sequence[TreeBody], path: Path) -> None:
+    """Memory grows with the square of these."""
+    if len(bodies) > MOST_BODIES:
+        raise SceneError(
+            f"{path}: has {len(bodies)} bodies (objects and links), at most {MOST_BODIES} are replayed: "
+            "leave out what nothing comes near"
+        )
+    driven = [t for t in trees if t.role == DRIVEN]
+    free = 3 * len(driven) + sum(len(t.skeleton.dof_names) for t in driven if t.skeleton is not None and t.in_chains)
+    if free > MOST_FREEDOMS:
+        raise SceneError(
+            f"{path}: what is driven has {free} degrees of freedom that may yield, at most {MOST_FREEDOMS} are replayed: "
+            "use fewer driven objects, or avatars in rigid mode"
+        )
 
 
 def _check_frames(bodies: Sequence[TreeBody], path: Path) -> None:

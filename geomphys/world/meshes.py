@@ -255,7 +255,7 @@ def _parsed(data: bytes, path: Path, name: str) -> tuple[Floats, Ints]:
         try:
             wrong = gltf_claims(data, suffix, 3 * LARGEST_MESH)
         except (*_PARSER_ERRORS, RecursionError) as error:
-            raise MeshError(f"{name}: is not a readable .{suffix} mesh ({type(error).__name__})") from None
+            raise MeshError(f"{name}: {_unreadable(suffix, error)}") from None
         if wrong:
             raise MeshError(f"{name}: {wrong}")
     faults: tuple[type[Exception], ...] = _PARSER_ERRORS
@@ -278,10 +278,19 @@ def _parsed(data: bytes, path: Path, name: str) -> tuple[Floats, Ints]:
             vertices = np.array(loaded.vertices, dtype=np.float64).reshape(-1, 3)
             faces = np.array(loaded.faces, dtype=np.int64).reshape(-1, 3)
     except faults as error:
-        raise MeshError(f"{name}: is not a readable .{suffix} mesh ({type(error).__name__})") from None
+        if isinstance(error, FileNotFoundError):
+            raise MeshError(
+                f"{name}: names a buffer that is no .bin file beside it; nothing else is read: save it as .glb"
+            ) from None
+        raise MeshError(f"{name}: {_unreadable(suffix, error)}") from None
     if len(faces) and (faces.min() < 0 or faces.max() >= len(vertices)):
         raise MeshError(f"{name}: a triangle names a vertex that is not there: repair the file")
     return vertices, faces
+
+
+def _unreadable(suffix: str, error: Exception) -> str:
+    """What is said of a file that a parser stumbled over."""
+    return f"is not a readable .{suffix} mesh ({type(error).__name__}): it may be cut off or of another kind; save it again"
 
 
 def _refuse_entities(data: bytes, name: str) -> None:
@@ -293,7 +302,7 @@ def _refuse_entities(data: bytes, name: str) -> None:
     try:
         fromstring(data, forbid_dtd=True)
     except (DefusedXmlException, ParseError, ValueError, LookupError) as error:
-        raise MeshError(f"{name}: is not a readable .dae mesh ({type(error).__name__})") from None
+        raise MeshError(f"{name}: {_unreadable('dae', error)}") from None
 
 
 class _Neighbours:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
@@ -15,8 +16,13 @@ from geomphys.world.scene_fault import explain, fault, one_line
 
 LARGEST_FILE = 4 * 2**20
 """bytes; a larger scene file is refused."""
+MOST_PARTS = 32
+"""parts of a dotted key; the parser needs memory by their square"""
 UNIT_TOLERANCE = 1e-3
 """How far a quaternion's norm may be from 1."""
+
+_PART = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
+_LONG_KEY = re.compile(rf"(?:^|[\[{{,])[ \t]*(?:{_PART}\.[ \t]*){{{MOST_PARTS},}}", re.MULTILINE)
 
 _RESERVED = ("world", "recorded")
 _SHAPES = ("mesh", "box", "sphere", "cylinder", "capsule", "urdf")
@@ -296,6 +302,9 @@ def load_scene_file(path: Path) -> SceneFile:
 
 def parse_scene(text: str, path: Path) -> SceneFile:
     """Check the text of a scene file; `path` is what errors call it."""
+    if found := _LONG_KEY.search(text):
+        line = text[: found.start() + 1].count("\n") + 1
+        raise SceneError(f"{path}: line {line}: a key of more than {MOST_PARTS} parts, which no scene file has")
     try:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -22,6 +22,8 @@ LARGEST_FILE = 64 * 2**20
 DEEPEST = 32
 """levels of elements"""
 MOST_LINKS = 2000
+LONGEST_TEXT = 65_536
+"""characters of an attribute"""
 JOINT_TYPES = ("fixed", "revolute", "continuous", "prismatic")
 SHAPES = ("box", "cylinder", "sphere", "mesh")
 LARGEST = 1e6
@@ -185,6 +187,8 @@ def _check_elements(path: Path, data: bytes) -> None:
         depth += 1
         if depth > DEEPEST:
             raise ModelError(f"{path}: elements are nested deeper than {DEEPEST} levels, expected a URDF")
+        if any(len(value) > LONGEST_TEXT for element in level for value in element.attrib.values()):
+            raise ModelError(f"{path}: an attribute is longer than {LONGEST_TEXT} characters, expected a URDF")
         level = [child for element in level for child in element]
     if root.tag != "robot":
         raise ModelError(f"{path}: the outermost element is <{_shown(str(root.tag))}>, expected <robot>")

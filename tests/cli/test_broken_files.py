@@ -138,6 +138,8 @@ def test_results_with_wrong_bytes(case: Case, tmp_path: Path, capsys: pytest.Cap
 SCENES = {
     "nested": "a=" + "[" * 100_000 + "]" * 100_000,
     "nested tables": "[" + ".".join(["a"] * 5_000) + "]\n",
+    "key of many parts": ".".join(["a"] * 20_000) + " = 1",
+    "keys of many parts": "\n".join("[" + "a. " * 40 + f"b{k}]" for k in range(10)),
     "huge": "#" * (5 * 2**20),
     "not a number": SCENE.replace("0.05", "nan", 1),
     "infinite": SCENE.replace("[1.0, 1.0, 0.1]", "[inf, 1.0, 0.1]"),
@@ -233,6 +235,7 @@ MODELS: dict[str, tuple[str, ...]] = {
     "link twice": (ball("a"), ball("a")),
     "joint twice": (ball("a"), ball("b"), ball("c"), joint("j", "a", "b"), joint("j", "a", "c")),
     "steering link": (ball("a&#10;b"), ball("b")),
+    "long name": (ball("a" * 10_000_000),),
     "no such link": (ball("a"), joint("j", "a", "z")),
     "mimics itself": (ball("a"), ball("b"), joint("j", "a", "b", inside='<mimic joint="j"/>')),
     "no limit": (
