@@ -14,10 +14,14 @@ import numpy as np
 from defusedxml import ElementTree
 
 from geomphys.errors import InputError, ViewerError
+from geomphys.output_decoders import Poses
 from geomphys.output_log import OutputLog, open_output
+from geomphys.output_world import world_of_output
 from geomphys.sinks.blueprint import mcap_blueprint
 from geomphys.sinks.camera import choose_eye
 from geomphys.sinks.rerun_stream import UNIX_FROM, RerunStream
+from geomphys.transforms import rotation_from_quaternion
+from geomphys.world.scene import FIXED
 
 ADDRESS = "127.0.0.1"
 """Where the viewer listens: to this machine only."""
@@ -105,7 +109,10 @@ def _convert(path: Path, recording: Path) -> None:
     output = open_output(path)
     things = _objects(output.descriptions())
     places: list[np.ndarray] = []
+    standing = np.zeros((0, 3, 3))
     for number, poses in enumerate(output.sample(64)):
+        if number == 0:
+            standing = _standing(output, poses)
         own = [name not in things for name in poses.names]
         if number > 0:  # the first frame has the fixed objects too
             places.append(poses.values[own if any(own) else slice(None), :3])
@@ -115,7 +122,23 @@ def _convert(path: Path, recording: Path) -> None:
         points = np.concatenate([points - margin, points + margin])
     stream = RerunStream(recording, path.stem, path.stem)
     stream.send_output_log(path, counts_from_1970(output))
-    stream.finish(output.metadata, mcap_blueprint(choose_eye(points, np.zeros((0, 3, 3))), output.joint_topics))
+    stream.finish(output.metadata, mcap_blueprint(choose_eye(points, standing), output.joint_topics))
+
+
+def _standing(output: OutputLog, first: Poses) -> np.ndarray:
+    """Triangles (n, 3, 3) of what never moves, which may hide the motion; none where the scene's files are gone."""
+    found = [np.zeros((0, 3, 3))]
+    try:
+        world = world_of_output(output)
+    except InputError:
+        return found[0]
+    bodies, moving = world.scene.bodies, world.scene.trees.moving
+    for body in np.flatnonzero((bodies.role == FIXED) & (moving[bodies.tree] == 0)):
+        if world.frame_names[body] in first.names:
+            vertices, faces = world.collision_triangles[body]
+            pose = first.values[first.names.index(world.frame_names[body])]
+            found.append((vertices @ rotation_from_quaternion(pose[3:]).T + pose[:3])[faces])
+    return np.concatenate(found)
 
 
 def _objects(descriptions: dict[str, str]) -> set[str]:

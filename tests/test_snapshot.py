@@ -3,22 +3,30 @@
 from __future__ import annotations
 
 import glob
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from geomphys import snapshot
+from geomphys import snapshot, view
 from geomphys.config import Config
 from geomphys.errors import InputError, LogError, OutputError, ViewerError
 from geomphys.provenance import provenance_of
 from geomphys.sinks import colours
+from geomphys.sinks.blueprint import mcap_blueprint
+from geomphys.sinks.camera import Eye
 from geomphys.sinks.mcap_sink import McapSink
 from geomphys.sinks.rerun_sink import RerunSink
 from geomphys.snapshot import take_snapshot
 from geomphys.view import viewer_file
+from tests.made import Results
 from tests.sinks.made_world import frames, make_world
+
+if TYPE_CHECKING:
+    from rerun.blueprint import Blueprint
 
 needs_vulkan = pytest.mark.skipif(
     not glob.glob("/usr/share/vulkan/icd.d/*.json"),
@@ -119,3 +127,19 @@ def test_an_output_log_becomes_a_recording_for_the_viewer(folder: Path) -> None:
     assert entities >= {"/tf", "/metrics", "/contacts/points", "/joint_states"}
     assert any("visual_geometries" in entity for entity in entities), "shapes of the robot description"
     assert not recording.exists()
+
+
+def test_the_view_of_an_output_log_is_from_inside_its_room(landed: Results, monkeypatch: pytest.MonkeyPatch) -> None:
+    eyes: list[Eye] = []
+
+    def kept(eye: Eye, topics: Sequence[str]) -> Blueprint:
+        eyes.append(eye)
+        return mcap_blueprint(eye, topics)
+
+    monkeypatch.setattr(view, "mcap_blueprint", kept)
+    with viewer_file(landed.out):
+        pass
+    (eye,) = eyes
+    assert 0.0 < eye.position[0] < 6.0, "between the walls of the gallery's first room"
+    assert 0.0 < eye.position[1] < 5.0
+    assert 0.0 < eye.position[2] < 4.0
