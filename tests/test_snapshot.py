@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -16,17 +14,13 @@ from geomphys.config import Config
 from geomphys.errors import InputError, LogError, OutputError, ViewerError
 from geomphys.provenance import provenance_of
 from geomphys.sinks import colours
-from geomphys.sinks.blueprint import mcap_blueprint
-from geomphys.sinks.camera import Eye
+from geomphys.sinks.camera import Eye, choose_eye
 from geomphys.sinks.mcap_sink import McapSink
 from geomphys.sinks.rerun_sink import RerunSink
 from geomphys.snapshot import take_snapshot
 from geomphys.view import viewer_file
 from tests.made import Results
 from tests.sinks.made_world import frames, make_world
-
-if TYPE_CHECKING:
-    from rerun.blueprint import Blueprint
 
 needs_vulkan = pytest.mark.skipif(
     not glob.glob("/usr/share/vulkan/icd.d/*.json"),
@@ -129,17 +123,19 @@ def test_an_output_log_becomes_a_recording_for_the_viewer(folder: Path) -> None:
     assert not recording.exists()
 
 
-def test_the_view_of_an_output_log_is_from_inside_its_room(landed: Results, monkeypatch: pytest.MonkeyPatch) -> None:
-    eyes: list[Eye] = []
+def test_the_view_of_an_output_log_minds_what_stands_in_the_way(
+    landed: Results, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    standing: list[NDArray[np.float64]] = []
 
-    def kept(eye: Eye, topics: Sequence[str]) -> Blueprint:
-        eyes.append(eye)
-        return mcap_blueprint(eye, topics)
+    def kept(points: NDArray[np.float64], triangles: NDArray[np.float64]) -> Eye:
+        standing.append(triangles.reshape(-1, 3))
+        return choose_eye(points, triangles)
 
-    monkeypatch.setattr(view, "mcap_blueprint", kept)
+    monkeypatch.setattr(view, "choose_eye", kept)
     with viewer_file(landed.out):
         pass
-    (eye,) = eyes
-    assert 0.0 < eye.position[0] < 6.0, "between the walls of the gallery's first room"
-    assert 0.0 < eye.position[1] < 5.0
-    assert 0.0 < eye.position[2] < 4.0
+    (corners,) = standing
+    wall = np.abs(corners[:, 0]) < 1e-9  # of the gallery's west wall the side to the room
+    assert wall.any()
+    assert corners[wall, 2].max() > 2.0
