@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -99,6 +100,8 @@ def batch(
     terminal, config = current_terminal(), config_of(options)
     if scheduler is not None and jobs is not None:
         raise click.UsageError("--jobs is for this machine alone; with --scheduler the number of its workers counts")
+
+    os.environ.setdefault("RUST_LOG", "off")  # as in replay
 
     import geomphys
     from geomphys.batch.plan import plan_logs

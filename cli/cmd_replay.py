@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +73,8 @@ def replay(
     check_output(out, force=force, inputs=(log, scene), not_as=".rrd")
     check_output(rrd, force=force, inputs=(log, scene), not_as=".mcap")
     config = config_of(options)
+
+    os.environ.setdefault("RUST_LOG", "off")  # what the rerun SDK writes to stderr by itself comes as an error too
 
     import geomphys
     from geomphys.kernel import are_compiled, cache_folder

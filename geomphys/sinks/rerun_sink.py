@@ -109,11 +109,16 @@ class RerunSink(ContextManaged):
         if self._output is None:
             return
         output, self._output = self._output, None
-        self._send_batch()
         try:
+            self._send_batch()
             self._stream.finish(self._provenance.record(complete=complete), self._view())
-        except OSError as problem:
-            raise output.error(problem) from problem
+        except (OSError, RuntimeError, OutputError) as problem:  # the SDK's own thread writes: what it met is not told
+            output.discard()
+            if isinstance(problem, OSError):
+                raise output.error(problem) from problem
+            raise OutputError(
+                f"{output.path}: the recording could not be written to its end; is the disk full?"
+            ) from problem
         output.publish(complete)
 
     def _send_shapes(self) -> None:

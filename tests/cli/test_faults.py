@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+
+import pytest
 
 import geomphys
 from tests.cli.press import Case, command_line, write_log
@@ -55,6 +59,49 @@ def test_a_replay_that_is_killed_leaves_no_part_under_the_name(case: Case, tmp_p
     assert parts, "no kill came in the middle"
     assert all(not log.complete and sum(1 for _ in log.frames()) == log.frame_count < FRAMES for log in parts)
     assert any("partial" in one["said"] for one in runs)
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A folder on a disk of 64 KiB; skipped where nothing may be mounted."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(folder)]
+    if shutil.which("mount") is None or subprocess.run(mount, capture_output=True).returncode != 0:
+        pytest.skip("a file system cannot be mounted here")
+    yield folder
+    subprocess.run(["umount", str(folder)], check=True)
+
+
+@pytest.mark.parametrize("outputs", [["-o", "out.mcap"], ["--rrd", "out.rrd"], ["-o", "out.mcap", "--rrd", "out.rrd"]])
+def test_a_disk_that_is_full_leaves_one_line_and_no_file(
+    case: Case, tmp_path: Path, small_disk: Path, outputs: list[str]
+) -> None:
+    write_log(tmp_path / "long.mcap", frames=FRAMES)
+    placed = [str(small_disk / word) if word.startswith("out") else word for word in outputs]
+    outcome = command_line("replay", tmp_path / "long.mcap", "-s", case.scene, *placed, "-q")
+    assert outcome.returncode == 1
+    (line,) = outcome.stderr.splitlines()
+    assert line.startswith(f"geomphys: error: {small_disk}")
+    assert "is the disk full" in line
+    assert not [path.name for path in small_disk.iterdir() if "partial" not in path.name]
+
+
+def test_ctrl_c_ahead_of_the_first_frame_leaves_a_readable_part_or_none(case: Case, tmp_path: Path) -> None:
+    """A part without frames has its metadata, says that it is not complete, and reads as one."""
+    words = ("replay", case.log, "-s", case.scene, "-o", tmp_path / "out.mcap", "--rrd", tmp_path / "out.rrd")
+    code = (
+        "import geomphys.pipeline as p, os, signal\n"
+        "p.Pipeline.__init__ = lambda *a: os.kill(os.getpid(), signal.SIGINT)\n"
+    )
+    outcome = command_line(*words, code=code)
+    assert outcome.returncode == 130, outcome.stderr
+    assert "Traceback" not in outcome.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.partial.mcap", "out.partial.rrd"]
+    part = geomphys.open_output(tmp_path / "out.partial.mcap")
+    assert not part.complete
+    assert part.frame_count == 0
+    assert list(part.frames()) == []
 
 
 def test_a_folder_that_takes_nothing_is_said(case: Case) -> None:
