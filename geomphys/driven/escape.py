@@ -27,7 +27,8 @@ FAN = 66  # directions spread over the sphere
 FARTHEST = 50.0  # m
 ROUNDS = 4  # of refinement about the best direction
 PASSED = 0.5  # of the mean thickness of two pieces: one that is deeper in the other on its way goes through it
-PITCH = 2e-4  # m: how finely a way is checked for that at least
+DEEPER = 1.1  # times the share at the start is through it in any case
+PITCH = 2e-4  # m: how finely a way is checked for that at most
 ASKED = 2  # value of `Places.asked`: trees are to be held, and the step is to be done again
 
 
@@ -126,13 +127,36 @@ def _deepest(
 
 
 @kernel
-def _pitch(scene: Scene, tree: int) -> float:
-    """How finely [m] a way of the tree is looked at so that none of its pieces leaps through anything."""
-    thin = math.inf
-    for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+def _thinnest(scene: Scene, tree: int) -> float:
+    """Smallest mean thickness [m] that a piece of the tree and one of another can have."""
+    mine, other = math.inf, math.inf
+    for body in range(len(scene.bodies.tree)):
         for i in range(scene.bodies.piece_start[body], scene.bodies.piece_start[body + 1]):
-            thin = min(thin, scene.pieces.thickness[i])
-    return max(0.25 * thin, PITCH)
+            if scene.bodies.tree[body] == tree:
+                mine = min(mine, scene.pieces.thickness[i])
+            else:
+                other = min(other, scene.pieces.thickness[i])
+    return 0.5 * (mine + other)
+
+
+@kernel
+def _leads_through(
+    scene: Scene, base: Floats, start: Vec, u: Vec, way: float, tree: int, frames: Floats, boxes: Boxes, most: float,
+    ignored: Ints, room: Near, found: Ints, axes: Axes, scratch: Scratch,
+) -> bool:  # fmt: skip
+    """Whether the tree is in something by more than a share `most` of the thickness between `start` and `way` along u.
+
+    No depth grows faster than the tree goes, so from a place where the largest share is s no pair gets there within
+    (most - s) of the smallest mean thickness.
+    """
+    at, share, mean = 0.0, most / DEEPER, _thinnest(scene, tree)
+    while share <= most:
+        at += max((most - share) * mean, PITCH)
+        if at >= way:
+            return False
+        _place(scene, base, add_scaled(start, u, at), tree, frames)
+        share = _deepest(scene, frames, boxes, tree, ignored, room, found, axes, scratch)[2]
+    return True
 
 
 @kernel
@@ -151,12 +175,10 @@ def _way_out(
         if share > most:
             return math.inf
         if d <= 0.0:
-            if most == math.inf:
-                return way
-            for k in range(1, math.ceil(way / _pitch(scene, tree))):
-                _place(scene, base, add_scaled(start, u, k * _pitch(scene, tree)), tree, frames)
-                if _deepest(scene, frames, boxes, tree, ignored, room, found, axes, scratch)[2] > most:
-                    return math.inf
+            if most < math.inf and _leads_through(
+                scene, base, start, u, way, tree, frames, boxes, most, ignored, room, found, axes, scratch
+            ):  # fmt: skip
+                return math.inf
             return way
         slope = dot(n, u)
         way += max(d, gap) if slope < 0.3 else max(min(d / slope, 3.0 * d), gap)
@@ -269,7 +291,7 @@ def escape(
         if scene.trees.role[tree] != DRIVEN:
             continue
         depth, _, share = _deepest(scene, frames, boxes, tree, ignored, rescue.near, found, axes, scratch)
-        most = max(PASSED, 1.1 * share) if around else math.inf
+        most = max(PASSED, DEEPER * share) if around else math.inf
         if depth > 0.0 and not _escape_tree(
             scene, base, current, frames, boxes, tree, near, depth, most, gap, ignored, rescue, found, axes, scratch
         ):  # fmt: skip
