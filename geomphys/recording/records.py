@@ -26,6 +26,8 @@ CHUNK_LIMIT = 256 * 2**20
 """Bytes; what a chunk, packed or unpacked, or a message outside of chunks may take at most."""
 BODY_LIMIT = 16 * 2**20
 """Bytes; what a schema, channel, metadata or statistics record may take at most."""
+DEFINITIONS_LIMIT = 128 * 2**20
+"""Bytes; what all schemas and channels of a file may take together, and all metadata: they are kept in memory."""
 HEAD = struct.Struct("<BQ")  # opcode, length
 MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 FOOTER = struct.Struct("<QQI")  # summary start, summary offset start, summary crc

@@ -18,6 +18,7 @@ from geomphys.recording.records import (
     BODY_LIMIT,
     CHUNK,
     CHUNK_LIMIT,
+    DEFINITIONS_LIMIT,
     FOOTER,
     HEAD,
     LAST_OPCODE,
@@ -125,6 +126,7 @@ class _Scanner:
         self.run_start = -1  # of the run of messages outside of chunks being read
         self.seen = _Seen()
         self.data_crc: tuple[int, int] | None = None  # position and value
+        self.defined = [0, 0]  # bytes of schemas and channels, and of metadata, that are kept
         self.ended = False
         self.cut = False
 
@@ -184,6 +186,11 @@ class _Scanner:
 
     def definition(self, opcode: int, body: bytes) -> None:
         """Take in a schema, channel, metadata or statistics record. Raises BadRecordError."""
+        kind = int(opcode == Opcode.METADATA)  # counted by itself: notes must not cost messages
+        if self.defined[kind] + len(body) > DEFINITIONS_LIMIT:
+            what = ("schemas and channels", "metadata")[kind]
+            raise BadRecordError(f"{what} take more than the limit of {DEFINITIONS_LIMIT} bytes")
+        known = len(self.found.schemas) + len(self.found.channels) + len(self.found.metadata)
         if opcode == Opcode.SCHEMA:
             schema = cast(Schema, read_body(Schema, body))
             known_schema = self.found.schemas.setdefault(schema.id, schema)
@@ -198,6 +205,8 @@ class _Scanner:
             self.found.metadata.append(cast(Metadata, read_body(Metadata, body)))
         elif opcode == Opcode.STATISTICS:
             self.statistics = cast(Statistics, read_body(Statistics, body))
+        if len(self.found.schemas) + len(self.found.channels) + len(self.found.metadata) > known:
+            self.defined[kind] += len(body)
 
     def message(self, at: int, length: int) -> None:
         """Count a message that stands outside of a chunk."""

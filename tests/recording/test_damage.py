@@ -17,6 +17,7 @@ from mcap.writer import CompressionType
 
 from geomphys.config import Config
 from geomphys.errors import DamagedLogError, LogError
+from geomphys.recording import scan
 from geomphys.recording.frames import FrameSource
 from geomphys.recording.reader import open_log
 from geomphys.recording.records import CHUNK_LIMIT, MAGIC, ChunkHead, unpack_chunk
@@ -194,6 +195,22 @@ def hostile() -> dict[str, bytes]:
         "false starts": record(5, bytes(22))[:9] * 20_000,
         "small records, then nonsense": (record(15, bytes(4)) * 5 + b"\xff") * 20_000,
     }
+
+
+def test_what_is_kept_of_definitions_is_bounded(tmp_path, monkeypatch):
+    """Schemas and metadata of more than the limit together; the same once more, as in a summary, costs nothing."""
+    monkeypatch.setattr(scan, "DEFINITIONS_LIMIT", 10_000)
+    path = write_log(tmp_path / "log.mcap", some_items(), **LAYOUTS["zstd"])
+    whole = messages(path)
+    content = path.read_bytes()
+    after = open_log(path)._scans[0].spans[0].offset
+    notes = record(12, struct.pack("<I", 4) + b"note" + struct.pack("<I", 0) + bytes(1000))
+    for count, fine in ((5, True), (100, False)):
+        path.write_bytes(content[:after] + notes * count + content[after:])
+        recovered = open_log(path, recover=True)
+        assert len(recovered.metadata) <= 10
+        assert ("more than the limit of 10000" in recovered.damage.text if recovered.damage else "") == (not fine)
+        assert messages(path, recover=True) == whole
 
 
 @pytest.mark.parametrize("name", sorted(hostile()))
