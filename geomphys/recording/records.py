@@ -129,6 +129,27 @@ def unpack_chunk(head: ChunkHead, data: bytes) -> tuple[bytes, str]:
     return out, ""
 
 
+def is_beginning(head: ChunkHead, data: bytes) -> bool:
+    """Whether `data` is the beginning of a chunk's data, in order to its very end: what is behind it was cut off.
+
+    A record seen in such data is a part of it, not one that follows damage: packers store as it is what they cannot pack.
+    """
+    if head.size > CHUNK_LIMIT or len(data) >= head.data_length:
+        return False
+    if head.compression == "":
+        at = 0
+        while at + HEAD.size <= len(data):
+            opcode, length = HEAD.unpack_from(data, at)
+            if opcode not in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE) or at + HEAD.size + length > head.size:
+                return False
+            at += HEAD.size + length
+        return True
+    if head.compression not in ("zstd", "lz4"):
+        return False
+    out, trouble = (_unzstd if head.compression == "zstd" else _unlz4)(data, head.size)
+    return not trouble and len(out) < head.size
+
+
 def _unzstd(data: bytes, size: int) -> tuple[bytes, str]:
     """Unpack zstd up to `size` bytes; where that fails, as much as stands before the damage."""
     decompressor = zstandard.ZstdDecompressor(max_window_size=WINDOW_LIMIT)
@@ -169,7 +190,9 @@ def _unlz4(data: bytes, size: int) -> tuple[bytes, str]:
                 break
     except (RuntimeError, MemoryError, EOFError):
         return b"".join(pieces)[:size], "cannot be unpacked to its end"
-    return b"".join(pieces), ""
+    out = b"".join(pieces)
+    short = decompressor.eof and len(out) < size
+    return out, f"unpacks to {len(out)} bytes instead of {size}" if short else ""
 
 
 _CANDIDATE = re.compile(rb"[\x01-\x0f](?=[\s\S]{4}\x00{4})")

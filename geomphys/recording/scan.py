@@ -27,12 +27,15 @@ from geomphys.recording.records import (
     BadRecordError,
     ChunkHead,
     find_record,
+    is_beginning,
     read_body,
     read_chunk_head,
     unpack_chunk,
     walk,
 )
 
+TRIES = 16
+"""Chunks that reach beyond the end of a file and are looked into, to tell the one that was cut from damaged ones."""
 RUN_BYTES = 2**20
 """Records outside of chunks are taken together up to this many bytes."""
 TIME_LIMIT = 2**62
@@ -129,6 +132,7 @@ class _Scanner:
         self.defined = [0, 0]  # bytes of schemas and channels, and of metadata, that are kept
         self.ended = False
         self.cut = False
+        self.tries = TRIES
 
     def run(self) -> FileScan:
         """Read the file to its end."""
@@ -297,7 +301,7 @@ class _Scanner:
         self.close_run(at)
         self.file.seek(at)
         head = self.file.read(9)
-        resume = find_record(self.file, at + 1, self.size)
+        resume = None if self.reaches_end(at, head) else find_record(self.file, at + 1, self.size)
         end = self.size if resume is None else resume
         self.cut = resume is None
         if len(head) == 9 and head[0] == Opcode.CHUNK:
@@ -308,6 +312,22 @@ class _Scanner:
                 text = text if str(problem) == text else f"{text}; {problem}"
         self.lose(at, end - at, f"{'cut off ' if self.cut else ''}at byte {at}: {text}")
         return end
+
+    def reaches_end(self, at: int, head: bytes) -> bool:
+        """Whether a chunk begins at `at` that is in order up to the end of the file, where it is cut off."""
+        if len(head) < 9 or head[0] != Opcode.CHUNK or self.tries == 0:
+            return False
+        self.tries -= 1
+        length = int.from_bytes(head[1:], "little")
+        try:
+            chunk = read_chunk_head(self.file.read(CHUNK.size + 80), length)
+        except BadRecordError:
+            return False
+        start = at + 9 + chunk.head_length
+        if start + chunk.data_length <= self.size or chunk.data_length > CHUNK_LIMIT:
+            return False
+        self.file.seek(start)
+        return is_beginning(chunk, self.file.read(self.size - start))
 
     def lose(self, at: int, count: int, text: str) -> None:
         """List a loss."""
