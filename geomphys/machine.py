@@ -42,7 +42,7 @@ class Knobs(NamedTuple):
 
 
 class State(NamedTuple):
-    """What frames leave behind for the next ones."""
+    """What frames leave behind for the next ones, but for remembered directions, which only save time."""
 
     driven: DrivenState
     simulated: SimulatedState
@@ -53,7 +53,6 @@ class State(NamedTuple):
     base: Floats
     frames: Floats
     moved: Floats
-    axes: Axes
     course: Floats
 
 
@@ -110,7 +109,7 @@ class Machine(NamedTuple):
         p = self.room.places
         return State(
             self.driven, self.simulated, self.recorded, self.corrected, self.velocity, self.boxes, p.base, p.frames, p.moved,
-            self.axes, self.course,
+            self.course,
         )  # fmt: skip
 
 

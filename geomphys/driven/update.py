@@ -272,6 +272,8 @@ def update_driven(
             done = _end_step(scene, state, room, boxes, r, q, dt / steps, gap, rounds, axes, scratch)
             count, rescues = count + done.rounds, rescues + done.rescues
             method, converged = max(method, done.method), converged and done.converged
+            if p.hasty[0] == 1 and rescues > 0:
+                return Outcome(count, method, rescues, False)
             if p.asked[0] != ASKED:
                 break
             p.asked[0] = 1
