@@ -181,7 +181,7 @@ def test_a_gltf_reads_buffers_beside_it_only(tmp_path: Path) -> None:
     for entry in tree["buffers"]:
         entry["uri"] = "../" + entry["uri"]
     (inside / "model.gltf").write_text(json.dumps(tree))
-    with pytest.raises(MeshError, match=r"not a readable \.gltf mesh"):
+    with pytest.raises(MeshError, match=r"no \.bin file beside it"):
         load_mesh(inside / "model.gltf")
 
 
