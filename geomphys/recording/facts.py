@@ -6,7 +6,7 @@ never comes, or comes once, takes the whole log; messages in which it does not o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -14,6 +14,7 @@ from geomphys.config import Config
 from geomphys.errors import LogError
 from geomphys.recording.channels import Content, Joints, kind_of, make_reader
 from geomphys.recording.decoders import BadMessageError
+from geomphys.recording.matching import side_of
 from geomphys.recording.naming import add_names, listed, similar
 from geomphys.recording.plan import Plan, is_static
 from geomphys.recording.reader import LogChannel, LogReader, RawMessage
@@ -273,5 +274,14 @@ def stream_problems(reader: LogReader, plan: Plan, known: Known) -> Iterator[str
         names = sorted(known.names.get(joints.topic, ()))
         yield (
             f"{reader.path}: topic {joints.topic!r} has none of the joints {listed(sorted(wanted))}; it has "
-            f"{listed(names)}; map them by `rename`"
+            f"{listed(names)}; {_way_out(names, wanted)}"
         )
+
+
+def _way_out(recorded: Iterable[str], wanted: Iterable[str]) -> str:
+    """What to do where no recorded joint is one of the scene: hands that were swapped are told from other names."""
+    has, needs = ({side_of(name) for name in names} - {""} for names in (recorded, wanted))
+    if len(has) == len(needs) == 1 and has != needs:
+        sides = f"the recorded ones are of the {has.pop()} side, those of the scene of the {needs.pop()} one"
+        return f"{sides}: choose the topic or the URDF of the same side"
+    return "map them by `rename`"

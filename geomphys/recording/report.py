@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from geomphys.recording.matching import guess_unit
 from geomphys.recording.naming import closest, listed, plain
 from geomphys.recording.plan import split_topic
 from geomphys.recording.routes import JointRoute
@@ -228,13 +229,17 @@ def _unit_warnings(source: FrameSource, run: Run) -> Iterator[str]:
                 )
             continue
         driven = world.scene.trees.role[i.source.tree] == DRIVEN
-        large = [c for c in columns if most[c] > 2 * math.pi and (driven or math.isfinite(run.upper[c]))]
-        if large:
-            worst = max(large, key=lambda c: float(most[c]))
-            yield (
-                f"topic {i.topic}: {world.dof_names[worst]} reaches {most[worst]:.4g} rad, more than a whole turn; "
-                'if these are degrees, say unit = "deg"'
-            )
+        limited = [c for c in columns if driven or math.isfinite(run.upper[c])]
+        worst = max(limited, key=lambda c: float(most[c]), default=None)
+        if worst is not None and most[worst] > 2 * math.pi:
+            what = f"{world.dof_names[worst]} reaches {most[worst]:.4g} rad, more than a whole turn"
+        else:
+            ranges = {world.dof_names[c]: (float(run.least[c]), float(run.most[c])) for c in limited}
+            limits = {world.dof_names[c]: (float(run.lower[c]), float(run.upper[c])) for c in limited}
+            guess = guess_unit(ranges, limits)
+            what = guess.reason if guess.unit == "deg" else ""
+        if what:
+            yield f'topic {i.topic}: {what}; if these are degrees, say unit = "deg"'
 
 
 def _name_warnings(source: FrameSource, run: Run, report: RecordingReport) -> Iterator[str]:

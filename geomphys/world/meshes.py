@@ -44,6 +44,7 @@ _PARSER_ERRORS = (
     ImportError,
     LookupError,
     MemoryError,
+    NameError,
     OSError,
     RuntimeError,
     SyntaxError,
