@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from geomphys.errors import InputError, LogError, SceneError
 from geomphys.load import load_world, zero_pose_overlaps
 from geomphys.output_log import OutputLog
 from geomphys.provenance import sha256_of_world
+from geomphys.temporary import TemporaryFolder
 from geomphys.world.assembly import assemble, exclude
 from geomphys.world.scene import World
 from geomphys.world.scene_file import SceneFile, parse_scene
@@ -46,8 +46,8 @@ def world_of_output(output: OutputLog, scene: Path | None = None) -> World:
     if len(names) != 1:
         raise SceneError(f"{output.path}: has no scene file attached; name it with --scene")
     try:
-        with tempfile.TemporaryDirectory(prefix="geomphys-") as folder:
-            world = _attached(output, Path(folder), names[0], files, mode, seed)
+        with TemporaryFolder() as folder:
+            world = _attached(output, folder, names[0], files, mode, seed)
     except (DefusedXmlException, LookupError, ParseError, TypeError, ValueError) as problem:
         raise SceneError(
             f"{output.path}: its scene cannot be made of what is attached to it ({type(problem).__name__}); "

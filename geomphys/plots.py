@@ -31,15 +31,21 @@ LOG_FROM = 30.0
 """Ratio of the 99th percentile to the median of the frame times from which their axis is logarithmic."""
 HEADROOM = 1.35
 """A linear axis of times ends at this much above the 99.5th percentile; what is beyond is marked at the rim."""
+LINE_POINTS = 300
+"""Points of a stage's line on a logarithmic axis, each the median of its bins: dashes can be told apart then."""
 VISIBLE = 1e-3
 """Share of all the time from which a stage is shown."""
 
 _WIDTH_INCHES = 7.2
 _HEIGHTS = {"time": 2.5, "penetration": 1.7, "correction": 1.7, "contacts": 1.3}
 _DPI = 200
-# of Paul Tol's "bright" and "muted" schemes: told apart in grey and by the colour-blind
-_COLOURS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#bbbbbb", "#332288", "#999933")
+# of Paul Tol's schemes, told apart by the colour-blind: stages by turns dark and light, so that neighbours differ in grey
+_STAGES = ("#332288", "#ee8866", "#228833", "#ddcc77", "#aa3377", "#88ccee", "#4477aa", "#cccccc", "#666633")
+_BLUE, _RED, _GREEN = "#4477aa", "#cc3311", "#228833"
+_PALE = "#a9afb6"
 _DASHED = (0, (5.0, 1.5))
+_DOTTED = (0, (1.2, 1.2))
+_DASHES: tuple[Any, ...] = ("solid", (0, (5.0, 1.2)), (0, (1.2, 1.0)), (0, (5.0, 1.2, 1.2, 1.2)), (0, (2.5, 1.0)))
 _INK = "#22262b"
 _STYLE: Any = {
     "font.family": "sans-serif",
@@ -64,7 +70,7 @@ _STYLE: Any = {
     "lines.linewidth": 0.8,
     "legend.frameon": False,
     "legend.fontsize": 7.5,
-    "legend.handlelength": 1.2,
+    "legend.handlelength": 1.9,
     "legend.borderaxespad": 0.2,
     "svg.hashsalt": "geomphys",
     "svg.fonttype": "path",
@@ -92,7 +98,7 @@ def plot_output(
     panels : collection of str
         Which of `PANELS` to show. ``time`` needs the channel ``/timing`` and is left out of the default without it.
     scale : str
-        Of the frame times: ``linear`` (stages stacked), ``log`` (stages as lines), or ``auto``, which is logarithmic
+        Of the frame times: ``linear`` (stages stacked), ``log`` (stages as lines, smoothed by a median), or ``auto``, which is logarithmic
         where a few frames would press all others flat.
     force : bool
         Whether a file that is there is replaced.
@@ -272,13 +278,17 @@ def _draw_times(axis: Axes, curves: _Curves, scale: str) -> None:
         scale = "log" if float(np.percentile(total, 99)) / typical > LOG_FROM else "linear"
     axis.set_ylabel("frame time [µs]")
     if scale == "log":
-        axis.plot(x, total, color=_INK, label="whole", linewidth=0.8)
-        for (name, values), colour in zip(parts.items(), _COLOURS, strict=False):
-            axis.plot(x, np.where(values > 0, values, np.nan), color=colour, label=name, linewidth=0.6, alpha=0.85)
+        axis.plot(x, total, color=_PALE, label="whole", linewidth=0.6)
+        for k, (name, values) in enumerate(parts.items()):
+            at, middle = _medians(x, values)
+            colour, dashes = _STAGES[k % len(_STAGES)], _DASHES[k % len(_DASHES)]
+            axis.plot(
+                at, np.where(middle > 0, middle, np.nan), color=colour, linestyle=dashes, label=name, linewidth=1.1
+            )
         axis.set_yscale("log")
         axis.set_ylim(bottom=max(0.1, float(np.percentile(total[total > 0], 1)) / 10) if total.any() else 0.1)
     else:
-        axis.stackplot(x, *parts.values(), labels=list(parts), colors=_COLOURS, linewidth=0.0)
+        axis.stackplot(x, *parts.values(), labels=list(parts), colors=_STAGES, linewidth=0.0)
         top = HEADROOM * float(np.percentile(total, 99.5))
         beyond = total > top
         if top > 0:
@@ -292,14 +302,22 @@ def _draw_times(axis: Axes, curves: _Curves, scale: str) -> None:
     _legend(axis, reverse=scale == "linear")
 
 
+def _medians(x: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """Medians of at most `LINE_POINTS` equal stretches of a curve, at the middles of these."""
+    length = -(-len(values) // LINE_POINTS)
+    starts = range(0, len(values), length)
+    middles: Floats = np.array([np.median(values[k : k + length]) for k in starts])
+    return np.array([x[k : k + length].mean() for k in starts]), middles
+
+
 def _draw_penetration(axis: Axes, curves: _Curves) -> None:
     x = curves.x()
     axis.set_ylabel("penetration [mm]")
     recorded, depth, left = (curves.values[name].top() for name in ("recorded", "global", "residual"))
-    axis.plot(x, depth, color=_COLOURS[1], label="global depth PD", linewidth=1.2)
-    axis.fill_between(x, recorded, color=_COLOURS[0], alpha=0.25, linewidth=0.0)
-    axis.plot(x, recorded, color=_COLOURS[0], label="as recorded, deepest piece")
-    axis.plot(x, left, color=_COLOURS[2], label=f"left (largest {left.max():.2g} mm)")
+    axis.fill_between(x, recorded, color=_BLUE, alpha=0.25, linewidth=0.0)
+    axis.plot(x, recorded, color=_BLUE, label="as recorded, deepest piece")
+    axis.plot(x, depth, color=_RED, linestyle=_DASHED, label="global depth PD", linewidth=1.0)
+    axis.plot(x, left, color=_INK, linestyle=_DOTTED, label=f"left (largest {left.max():.2g} mm)", linewidth=1.4)
     axis.set_ylim(bottom=0.0)
     _legend(axis)
 
@@ -308,13 +326,13 @@ def _draw_correction(axis: Axes, curves: _Curves) -> None:
     x = curves.x()
     axis.set_ylabel("correction [mm]")
     moved, turned = curves.values["moved"].top(), curves.values["turned"].top()
-    axis.plot(x, moved, color=_COLOURS[0], label="moved")
+    axis.plot(x, moved, color=_BLUE, label="moved")
     axis.set_ylim(bottom=0.0)
     if turned.max() > 1e-3:
-        axis.plot([], [], color=_COLOURS[1], linestyle=_DASHED, label="turned")  # for the legend
+        axis.plot([], [], color=_RED, linestyle=_DASHED, label="turned")  # for the legend
         angles = axis.twinx()
-        angles.plot(x, turned, color=_COLOURS[1], linestyle=_DASHED)
-        angles.set_ylabel("[°]", color=_COLOURS[1])
+        angles.plot(x, turned, color=_RED, linestyle=_DASHED)
+        angles.set_ylabel("turned [°]", color=_RED)
         angles.set_ylim(bottom=0.0)
         angles.grid(False)
         angles.spines["right"].set_visible(True)
@@ -327,10 +345,19 @@ def _draw_contacts(axis: Axes, curves: _Curves) -> None:
     x = curves.x()
     axis.set_ylabel("contacts")
     contacts, impacts = curves.values["contacts"].top(), curves.values["impacts"].top()
-    axis.fill_between(x, contacts, step="post", color=_COLOURS[0], alpha=0.8, linewidth=0.0, label="contact points")
+    axis.fill_between(x, contacts, step="post", color=_BLUE, alpha=0.55, linewidth=0.0, label="contact points")
     if impacts.any():
         hit = impacts > 0
-        axis.plot(x[hit], impacts[hit], "o", color=_COLOURS[1], markersize=1.8, label="impacts")
+        axis.plot(
+            x[hit],
+            impacts[hit],
+            "o",
+            color=_INK,
+            markersize=2.6,
+            markeredgecolor="white",
+            markeredgewidth=0.4,
+            label="impacts",
+        )
         _legend(axis)
     axis.set_ylim(bottom=0.0)
     axis.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=4))

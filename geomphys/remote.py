@@ -295,6 +295,14 @@ class RemotePath:
         with as_os_errors(self.url):
             self._system().pipe_file(self._inside, data)
 
+    def create(self, data: bytes) -> None:
+        """Make bytes the content of a file that is not there yet; FileExistsError if it is, other OSErrors.
+
+        Of two that do so at once one has the error, if the store knows conditional writes (S3 does).
+        """
+        with as_os_errors(self.url):
+            self._system().pipe_file(self._inside, data, mode="create")
+
     def touch(self) -> None:
         """Make an empty file; raises OSError."""
         self.write_bytes(b"")

@@ -67,6 +67,8 @@ def as_os_errors(url: str) -> Iterator[None]:
         raise FileNotFoundError(errno.ENOENT, "there is no such file", url) from None
     except PermissionError:
         raise PermissionError(errno.EACCES, "access is refused; are the credentials set?", url) from None
+    except FileExistsError:
+        raise FileExistsError(errno.EEXIST, "is there already", url) from None
     except OSError as problem:
         text = problem.strerror or " ".join(str(problem).split()) or type(problem).__name__
         raise OSError(problem.errno or errno.EIO, text, url) from problem

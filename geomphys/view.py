@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,6 +19,7 @@ from geomphys.output_world import world_of_output
 from geomphys.sinks.blueprint import mcap_blueprint
 from geomphys.sinks.camera import choose_eye
 from geomphys.sinks.rerun_stream import UNIX_FROM, RerunStream
+from geomphys.temporary import TemporaryFolder
 from geomphys.transforms import rotation_from_quaternion
 from geomphys.world.scene import FIXED
 
@@ -84,8 +84,8 @@ def viewer_file(path: Path) -> Iterator[Path]:
     if path.suffix == ".rrd":
         yield path
     else:
-        with tempfile.TemporaryDirectory(prefix="geomphys-") as folder:
-            recording = Path(folder) / f"{path.stem}.rrd"
+        with TemporaryFolder() as folder:
+            recording = folder / f"{path.stem}.rrd"
             _convert(path, recording)
             yield recording
 

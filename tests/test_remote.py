@@ -18,7 +18,7 @@ from geomphys.recording.reader import open_log
 from geomphys.remote import RemotePath, is_remote, place
 from tests.cli.press import SCENE, write_log
 from tests.servers import Web, s3_server, web_server
-from tests.world.models import cube, joint, link, stl, urdf
+from tests.world.models import cube, ell, joint, link, stl, urdf
 
 pytestmark = pytest.mark.filterwarnings("ignore:datetime.datetime.utc:DeprecationWarning")
 
@@ -135,6 +135,22 @@ def test_a_written_result_costs_one_more_pass_for_the_hash(files: Path, web: Web
     geomphys.run(f"{web.url}/camera.mcap", f"{web.url}/press.toml", out=tmp_path / "out.mcap")
     assert size <= web.sent["/camera.mcap"] < size + 4 * 2**20
     assert web.longest < 20 * 2**20, "in parts"
+
+
+def test_an_open_mesh_is_named_with_its_address_and_a_way_out(
+    files: Path, web: Web, capsys: pytest.CaptureFixture[str]
+) -> None:
+    vertices, faces = ell()
+    for path in (files / "meshes" / "cube.stl", files / "models" / "door" / "leaf.stl"):
+        closed = path.read_bytes()
+        stl(path, vertices, faces[1:])
+        for folder in (str(files), web.url):
+            assert run(["check", f"{folder}/press.mcap", "-s", f"{folder}/press.toml"]) == 1
+            line = one_line(capsys)
+            assert f"{folder}/" in line
+            assert f"/{path.name}: is neither watertight nor convex" in line
+            assert 'decomposition = "hull"' in line
+        path.write_bytes(closed)
 
 
 def test_results_are_read_over_http(files: Path, web: Web, capsys: pytest.CaptureFixture[str]) -> None:

@@ -18,11 +18,14 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.connection import wait as wait_for_sentinel
+from pathlib import Path
 from typing import Any, cast
 
-from geomphys.batch.job import Job, Outcome, failure, run_job
+from geomphys.batch.job import Job, Outcome, failure, give_world, run_job
 from geomphys.errors import ClusterError
 from geomphys.kernel import are_compiled
+from geomphys.remote import is_remote
+from geomphys.world.scene import World
 
 Finished = tuple[int, Outcome]
 Waiting = deque[tuple[int, Job]]
@@ -42,17 +45,21 @@ CONNECT_S = 10
 """s; how long a Dask scheduler is waited for."""
 
 
-def run_in_processes(jobs: Sequence[Job], count: int, control: Control) -> Generator[Finished, None, None]:
-    """Run jobs in up to `count` processes of their own.
+def run_in_processes(
+    jobs: Sequence[Job], world: World, count: int, control: Control
+) -> Generator[Finished, None, None]:
+    """Run jobs in up to `count` processes of their own, which are given the world of all.
+
+    Several processes begin with the largest logs, so that none works on one alone for long at the end.
 
     Until the kernels are compiled only one job runs, so that they are compiled once. Where a process dies (killed, out
     of memory), the jobs that ran then run again one at a time; one whose process dies again has failed.
     """
-    waiting: Waiting = deque(enumerate(jobs))
+    waiting: Waiting = deque(enumerate(jobs) if count == 1 else largest_first(jobs))
     suspects: Waiting = deque()
     while (waiting or suspects) and control.go():
         alone = bool(suspects)
-        lost = yield from _run_until_one_dies(suspects if alone else waiting, 1 if alone else count, control)
+        lost = yield from _run_until_one_dies(suspects if alone else waiting, world, 1 if alone else count, control)
         if alone and lost:
             yield lost[0][0], Outcome(status="failed", error="its process died twice; was it short of memory?")
         else:
@@ -60,11 +67,11 @@ def run_in_processes(jobs: Sequence[Job], count: int, control: Control) -> Gener
 
 
 def _run_until_one_dies(
-    queue: Waiting, count: int, control: Control
+    queue: Waiting, world: World, count: int, control: Control
 ) -> Generator[Finished, None, list[tuple[int, Job]]]:
     """Run a queue until it is empty or a process dies; returns the jobs that ran when it died."""
     context = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(count, mp_context=context, initializer=_begin_worker)
+    executor = ProcessPoolExecutor(count, mp_context=context, initializer=_begin_worker, initargs=(world,))
     running: dict[Future[Outcome], tuple[int, Job]] = {}
     lost: list[tuple[int, Job]] = []
     try:
@@ -104,8 +111,8 @@ def _wait_or_kill(executor: ProcessPoolExecutor) -> None:
         raise
 
 
-def _begin_worker() -> None:
-    """Leave Ctrl-C to the parent, and end with it however it ends."""
+def _begin_worker(world: World) -> None:
+    """Leave Ctrl-C to the parent, and end with it however it ends; keep the world at hand."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     assert parent is not None
@@ -115,6 +122,23 @@ def _begin_worker() -> None:
         os._exit(1)
 
     threading.Thread(target=end_with_parent, daemon=True).start()
+    give_world(world)
+
+
+def largest_first(jobs: Sequence[Job]) -> list[tuple[int, Job]]:
+    """The jobs with their numbers, by size of the log; those behind URLs, whose size is not asked for, at the end."""
+    return sorted(enumerate(jobs), key=lambda item: (-_size(item[1].log), item[0]))
+
+
+def _size(log: Path) -> int:
+    """Bytes of a local log; 0 where that is not known."""
+    if is_remote(log):
+        return 0
+    try:
+        files = [path for path in log.rglob("*") if path.is_file()] if log.is_dir() else [log]
+        return sum(path.stat().st_size for path in files)
+    except OSError:  # the job tells what is wrong
+        return 0
 
 
 def run_on_cluster(jobs: Sequence[Job], address: str, control: Control) -> Generator[Finished, None, None]:
@@ -136,7 +160,10 @@ def run_on_cluster(jobs: Sequence[Job], address: str, control: Control) -> Gener
     except (OSError, ValueError) as problem:
         raise ClusterError(f"{address}: there is no Dask scheduler to be reached ({problem})") from problem
     with _without_its_log(), client:
-        futures = {client.submit(run_job, job, pure=False, priority=-index): index for index, job in enumerate(jobs)}
+        futures = {
+            client.submit(run_job, job, pure=False, priority=-rank): index
+            for rank, (index, job) in enumerate(largest_first(jobs))
+        }
         try:
             yield from _as_they_end(futures, cast(Any, as_completed)(futures, loop=client.loop), address, control)
         except BaseException:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import shutil
-import tempfile
 import time
 import traceback
 import uuid
@@ -21,6 +20,7 @@ from geomphys.output_log import open_output
 from geomphys.provenance import sha256_of_file, sha256_of_world
 from geomphys.remote import is_remote, move
 from geomphys.runner import run
+from geomphys.temporary import TemporaryFolder
 from geomphys.world.scene import World
 
 STOP = "stop"
@@ -40,8 +40,9 @@ class Job:
 
     log: Path
     scene: Path
+    scene_sha256: str
     world_sha256: str
-    """Of the world as the batch's own process loaded it: a worker that loads another one fails instead of differing."""
+    """Both as the batch's own process found them: a worker that finds others fails instead of differing."""
     out: Path
     rrd: Path | None
     config: Config
@@ -85,10 +86,8 @@ def run_job(job: Job) -> Outcome:
         raise GeomphysError(
             f"this worker has geomphys {__version__}, the batch was begun by {job.version}; install the same version"
         )
-    if is_remote(job.running):
-        place = Path(tempfile.mkdtemp(prefix="geomphys-"))
-    else:
-        place = job.running / f"{job.out.stem}.{uuid.uuid4().hex}"
+    own = TemporaryFolder() if is_remote(job.running) else None
+    place = job.running / f"{job.out.stem}.{uuid.uuid4().hex}" if own is None else own.path
     try:
         place.mkdir(exist_ok=True)
         outcome = _replay(job, place)
@@ -101,6 +100,8 @@ def run_job(job: Job) -> Outcome:
     finally:
         _keep_partials(job, place)
         shutil.rmtree(place, ignore_errors=True)
+        if own is not None:
+            own.close()
     return outcome
 
 
@@ -125,6 +126,8 @@ def _replay(job: Job, place: Path) -> Outcome:
     except _StopAskedError:
         return Outcome(status="interrupted", error="stopped before its end")
     record = open_output(out).metadata
+    if record["scene_sha256"] != job.scene_sha256:
+        raise _changed(job.scene)
     summary = dataclasses.replace(summary, out=str(job.out), rrd=None if job.rrd is None else str(job.rrd))
     return Outcome(
         status="done",
@@ -136,16 +139,30 @@ def _replay(job: Job, place: Path) -> Outcome:
     )
 
 
+_given: dict[str, World] = {}
+
+
+def give_world(world: World) -> None:
+    """Spare this process from loading the world of its jobs: reading meshes takes longer than many a log."""
+    _given[sha256_of_world(world)] = world
+
+
 @lru_cache(maxsize=2)
 def _world(scene: Path, mode: str | None, seed: int, world_sha256: str) -> World:
-    """The world of a scene file, loaded once in a process."""
+    """The world of a scene file: what this process was given, or loaded once."""
+    if world_sha256 in _given:
+        return _given[world_sha256]
     world = load_world(scene, mode=mode, seed=seed)
     if sha256_of_world(world) != world_sha256:
-        raise SceneError(
-            f"{scene}: is not what the batch began with: it, a mesh or a URDF was changed or differs on this machine; "
-            "start the batch again"
-        )
+        raise _changed(scene)
     return world
+
+
+def _changed(scene: Path) -> SceneError:
+    return SceneError(
+        f"{scene}: is not what the batch began with: it, a mesh or a URDF was changed or differs on this machine; "
+        "start the batch again"
+    )
 
 
 def _publish(job: Job, place: Path) -> None:

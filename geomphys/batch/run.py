@@ -11,10 +11,11 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from geomphys import __version__
 from geomphys.batch.engines import Control, Finished, run_in_processes, run_on_cluster
+from geomphys.batch.far_lock import LOCK, own_far
 from geomphys.batch.job import STOP, Job, Outcome
 from geomphys.batch.manifest import Entry, Manifest
 from geomphys.batch.plan import PlannedLog, plan_logs
@@ -23,6 +24,7 @@ from geomphys.errors import OutputError
 from geomphys.load import load_world
 from geomphys.provenance import sha256_of_file, sha256_of_log, sha256_of_world
 from geomphys.remote import is_remote, place
+from geomphys.world.scene import World
 
 RUNNING = ".running"
 """Folder in the batch's folder for what is not complete."""
@@ -114,7 +116,8 @@ def run_batch(
     folder, scene, config = place(folder).resolve(), place(scene).absolute(), config or Config()
     planned = plan_logs(logs, folder)
     check_outputs(planned, folder, rrd=rrd, resume=resume, force=force)
-    world_sha256 = sha256_of_world(load_world(scene, mode=config.mode, seed=config.seed))
+    world, scene_sha256 = load_world(scene, mode=config.mode, seed=config.seed), sha256_of_file(scene)
+    world_sha256 = sha256_of_world(world)
     parameters = {**json.loads(json.dumps(config.as_dict())), "timing": timing, "copy_input": copy_input}
     asked = [
         Entry(
@@ -122,7 +125,7 @@ def run_batch(
             out=f"{plan.name}.mcap",
             rrd=f"{plan.name}.rrd" if rrd else None,
             version=__version__,
-            scene_sha256=sha256_of_file(scene),
+            scene_sha256=scene_sha256,
             world_sha256=world_sha256,
             parameters=parameters,
         )
@@ -138,6 +141,7 @@ def run_batch(
             Job(
                 log=place(entry.log),
                 scene=scene,
+                scene_sha256=scene_sha256,
                 world_sha256=world_sha256,
                 out=_placed(folder / entry.out),
                 rrd=None if entry.rrd is None else folder / entry.rrd,
@@ -151,7 +155,7 @@ def run_batch(
         failed = False
 
         control = Control(go=lambda: keep_going or not failed, stop=(running / STOP).touch)
-        finished = _engine(tasks, jobs, scheduler, control)
+        finished = _engine(tasks, world, jobs, scheduler, control)
         done = len(kept)
         if progress is not None:
             progress(done, len(asked))
@@ -193,11 +197,11 @@ def check_outputs(planned: Sequence[PlannedLog], folder: Path, *, rrd: bool, res
 
 
 def _engine(
-    jobs: Sequence[Job], count: int | None, scheduler: str | None, control: Control
+    jobs: Sequence[Job], world: World, count: int | None, scheduler: str | None, control: Control
 ) -> Generator[Finished, None, None]:
     if scheduler is not None and jobs:
         return run_on_cluster(jobs, scheduler, control)
-    return run_in_processes(jobs, max(1, min(count or _processors(), len(jobs))), control)
+    return run_in_processes(jobs, world, max(1, min(count or _processors(), len(jobs))), control)
 
 
 def _processors() -> int:
@@ -236,15 +240,16 @@ def _placed(out: Path) -> Path:
 def _own(folder: Path) -> Iterator[Path]:
     """Make the folder, keep other batches out of it, and yield an empty folder in it for what is not complete.
 
-    Nothing keeps two batches apart that work in one folder behind a URL.
+    Behind a URL an object does that, see `geomphys.batch.far_lock`.
     """
     running = folder / RUNNING
-    if is_remote(folder):
-        try:
-            (running / STOP).unlink(missing_ok=True)
-        except OSError as problem:
-            raise OutputError(f"{folder}: cannot be written to ({problem.strerror})") from problem
-        yield running
+    if is_remote(running):
+        with own_far(running / LOCK):
+            try:
+                (running / STOP).unlink(missing_ok=True)
+            except OSError as problem:
+                raise OutputError(f"{folder}: cannot be written to ({problem.strerror})") from problem
+            yield cast(Path, running)
         return
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
-import weakref
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol
@@ -14,6 +11,7 @@ from geomphys.errors import OutputError
 from geomphys.provenance import Provenance
 from geomphys.remote import RemotePath, is_remote, move
 from geomphys.results import FrameResult
+from geomphys.temporary import TemporaryFolder
 from geomphys.world.scene import World
 
 
@@ -66,9 +64,8 @@ class OutputFile:
         self.partial = path.with_name(f"{path.stem}.partial{path.suffix}")
         if is_remote(path):
             self._check_remote(path, force)
-            folder = tempfile.mkdtemp(prefix="geomphys-")
-            weakref.finalize(self, shutil.rmtree, folder, True)
-            self.temporary = Path(folder, f"result{path.suffix}")
+            self._folder = TemporaryFolder()
+            self.temporary = self._folder.path / f"result{path.suffix}"
             return
         if not force and path.exists():
             raise OutputError(f"{path}: exists already; choose another name or use --force to replace it")

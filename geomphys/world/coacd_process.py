@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import tempfile
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.errors import MeshError
+from geomphys.temporary import TemporaryFolder
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -33,8 +32,8 @@ def convex_parts(name: str, vertices: Floats, faces: Ints, threshold: float, see
     takes longer than `LONGEST`, or gives nothing or NaN.
     """
     hint = 'simplify or repair it, or use decomposition = "hull"'
-    with tempfile.TemporaryDirectory(prefix="geomphys-") as folder:
-        source, target = Path(folder) / "mesh.npz", Path(folder) / "parts.npz"
+    with TemporaryFolder() as folder:
+        source, target = folder / "mesh.npz", folder / "parts.npz"
         np.savez(source, vertices=vertices, faces=faces, threshold=threshold, seed=seed)
         command = [sys.executable, "-m", __name__, str(source), str(target)]
         try:

@@ -8,12 +8,16 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 import geomphys
+from geomphys.batch.engines import largest_first
+from geomphys.batch.job import Job
 from geomphys.batch.manifest import Entry, Manifest
+from geomphys.remote import place
 from tests.cli.press import SCENE, write_log
 from tests.world.models import cube, stl
 
@@ -115,6 +119,29 @@ def test_a_scene_that_is_a_link_gives_the_bytes_of_a_replay(tmp_path: Path) -> N
     case.check("a")
     text = geomphys.open_output(case.out / "a.mcap").descriptions()["/objects/robot_description"]
     assert (tmp_path / "cube.stl").as_uri() in text
+
+
+def test_a_scene_that_changes_under_a_batch_is_an_error_of_the_logs_after_that(tmp_path: Path) -> None:
+    case = Case(tmp_path, a=60, b=60)
+    report = case.run(ended=lambda entry: case.scene.write_text(SCENE + "# changed\n"))
+    assert [entry.status for entry in report.entries] == ["done", "failed"]
+    assert "is not what the batch began with" in (report.entries[1].error or "")
+    assert not (case.out / "b.mcap").exists()
+    assert case.run(resume=True).count("done") == 2
+    case.check("a", "b")
+
+
+def test_several_processes_begin_with_the_largest_logs(tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    for name, size in (("bag/metadata.yaml", 10), ("bag/bag_0.mcap", 500), ("a.mcap", 20), ("b.mcap", 900)):
+        (tmp_path / name).write_bytes(bytes(size))
+    logs = [*(tmp_path / name for name in ("a.mcap", "gone.mcap", "b.mcap", "bag")), place("s3://bucket/c.mcap")]
+    job = Job(
+        log=bag, scene=bag, scene_sha256="", world_sha256="", out=bag, rrd=None, config=geomphys.Config(), timing=True,
+        copy_input=False, running=bag,
+    )  # fmt: skip
+    assert [index for index, _ in largest_first([replace(job, log=log) for log in logs])] == [2, 3, 0, 1, 4]
 
 
 def test_a_failure_can_stop_the_batch(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ LAYERS = (
     "errors",
     "remote_stream",
     "remote",
-    "cache memory",
+    "cache memory temporary",
     "compiling",
     "kernel packed",
     "vec3",
