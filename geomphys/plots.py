@@ -98,8 +98,8 @@ def plot_output(
     panels : collection of str
         Which of `PANELS` to show. ``time`` needs the channel ``/timing`` and is left out of the default without it.
     scale : str
-        Of the frame times: ``linear`` (stages stacked), ``log`` (stages as lines, smoothed by a median), or ``auto``, which is logarithmic
-        where a few frames would press all others flat.
+        Of the frame times: ``linear`` (stages stacked), ``log`` (stages as lines, smoothed by a median), or ``auto``,
+        which is logarithmic where a few frames would press all others flat.
     force : bool
         Whether a file that is there is replaced.
     progress : callable, optional

@@ -112,6 +112,9 @@ def s3_server(patch: pytest.MonkeyPatch) -> Iterator[str]:
         client = boto3.client("s3")
         client.create_bucket(Bucket="motion")
         client.close()
+        import s3fs
+
+        s3fs.S3FileSystem.clear_instance_cache()  # which would ask a server of an earlier test
         yield "s3://motion"
     finally:
         process.terminate()

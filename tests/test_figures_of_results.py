@@ -16,7 +16,6 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 import geomphys
-from tests.made import Results
 
 SVG = "{http://www.w3.org/2000/svg}"
 
