@@ -76,6 +76,7 @@ def write_overlay(difference: OutputDifference, out: Path, *, scene: Path | None
     times_ns: list[int] = []
     rows: list[int] = []
     values: list[float] = []
+    largest = 0.0
 
     def send() -> None:
         times = Times(np.array(frames, np.int64), np.array(times_ns, np.int64), unix)
@@ -92,6 +93,7 @@ def write_overlay(difference: OutputDifference, out: Path, *, scene: Path | None
         if one is not None and other is not None:
             rows.append(len(frames))
             values.append(1e3 * distance.add(one, other))
+            largest = max(largest, values[-1])
         for side, frame in zip(sides, (one, other), strict=True):
             if frame is not None:
                 side.take(len(frames), frame.tf)
@@ -101,7 +103,8 @@ def write_overlay(difference: OutputDifference, out: Path, *, scene: Path | None
             send()
     send()
     try:
-        stream.finish({"a": difference.a, "b": difference.b}, _view(world, a, sides[0].first.tf, sides[0].moving))
+        view = _view(world, (a, b), sides[0].first.tf, sides[0].moving, largest)
+        stream.finish({"a": difference.a, "b": difference.b}, view)
     except OSError as problem:
         raise output.error(problem) from problem
     output.publish(complete=True)
@@ -166,7 +169,9 @@ class _Side:
                 self._stream.log_static(path, place)
 
 
-def _view(world: World, log: OutputLog, still: Poses, moving: tuple[str, ...]) -> Blueprint:
+def _view(
+    world: World, logs: tuple[OutputLog, OutputLog], still: Poses, moving: tuple[str, ...], largest_mm: float
+) -> Blueprint:
     """The scene above, the curve below, seen from where most of the motion is not hidden."""
     import rerun.blueprint as rrb
 
@@ -178,17 +183,21 @@ def _view(world: World, log: OutputLog, still: Poses, moving: tuple[str, ...]) -
             pose = places[frame]
             standing.append((vertices @ rotation_from_quaternion(pose[3:]).T + pose[:3])[faces])
     visited = [np.zeros((0, 3))]
-    for poses in log.sample(EYE_FRAMES):
+    for poses in logs[0].sample(EYE_FRAMES):
         visited.append(np.array([v[:3] for n, v in zip(poses.names, poses.values, strict=True) if n in moving]))
     eye = choose_eye(np.concatenate([v.reshape(-1, 3) for v in visited]), np.concatenate(standing))
     scene = rrb.Spatial3DView(
         origin="/".join(SCENE),
-        name="a solid, b over it",
+        name=f"a: {logs[0].path.stem} (blue, solid), b: {logs[1].path.stem} (orange, over it)",
         eye_controls=rrb.EyeControls3D(position=eye.position, look_target=eye.target, eye_up=(0.0, 0.0, 1.0)),
         line_grid=False,
         background=rrb.Background(color=(244, 244, 246)),
     )
-    curve = rrb.TimeSeriesView(origin="/".join(CURVE[:1]), name="Distance [mm]")
+    curve = rrb.TimeSeriesView(
+        origin="/".join(CURVE[:1]),
+        name="Distance of a and b [mm]",
+        axis_y=rrb.ScalarAxis(range=(0.0, 1.1 * largest_mm or 1.0), zoom_lock=False),
+    )
     layout: Blueprint = rrb.Blueprint(
         rrb.Vertical(scene, curve, row_shares=[4.0, 1.0]),
         rrb.TimePanel(state="collapsed", timeline="frame"),
