@@ -21,8 +21,8 @@ from geomphys.world.scene import DRIVEN, SIMULATED, Scene
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-STEP_OF_THICKNESS = 0.25  # a pair may turn or bend by this share of its mean thickness in one step,
-SAME_SIDE = 2.0  # or by this one, if they stay on the side of each other where they were
+STEP_OF_THICKNESS = 0.5  # a pair may turn or bend by this share of its mean thickness in one step,
+SAME_SIDE = 1.0  # or by this one, if they stay on the side of each other where they were
 MOST_STEPS = 8192  # in a frame
 
 
