@@ -138,7 +138,9 @@ config_options = _together(
 """The options that make up a `Config`; hand them to `config_of`."""
 
 written_options = _together(
-    click.option("--no-timing", is_flag=True, help="No /timing channel: equal inputs then give equal bytes."),
+    click.option(
+        "--no-timing", is_flag=True, help="No /timing channel, nor its plots: equal inputs then give equal bytes."
+    ),
     click.option("--copy-input", is_flag=True, help="Copy the channels of the log into the output, below /input."),
     click.option(
         "--fail-on-penetration",

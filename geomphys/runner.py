@@ -45,7 +45,7 @@ def run(
     config : Config, optional
         All parameters; None: the defaults.
     timing : bool
-        Whether `out` has the channel ``/timing``, the only one that may differ between two runs.
+        Whether `out` has the channel ``/timing`` and `rrd` the plots of it, all that may differ between two runs.
     force : bool
         Whether outputs that exist are replaced.
     copy_input : bool
@@ -116,5 +116,5 @@ def _sinks(log: Path, out: Path | None, rrd: Path | None, *, timing: bool, force
     if rrd is not None:
         from geomphys.sinks.rerun_sink import RerunSink
 
-        sinks.append(RerunSink(rrd, force=force))
+        sinks.append(RerunSink(rrd, force=force, timing=timing))
     return sinks

@@ -1,4 +1,4 @@
-"""Replays that are killed, forked from one process that has loaded everything: ``python faults.py LOG SCENE FOLDER TIMES SEED``.
+"""Replays that are killed: ``python faults.py LOG SCENE FOLDER TIMES SEED no|rrd``; forked from one that has loaded everything.
 
 Prints a JSON line for each: the signal, the exit code, what was said, what lies in the folder.
 """
@@ -47,23 +47,32 @@ class Child:
 
 def main() -> None:
     """Kill `TIMES` replays at random moments, then run some against a full disk."""
-    log, scene, folder, times, seed = sys.argv[1:]
+    log, scene, folder, times, seed, rrd = sys.argv[1:]
     chance, out = random.Random(int(seed)), Path(folder, "out.mcap")
     kept = Path(folder, "kept")
     kept.mkdir()
     words = ["replay", log, "-s", scene, "-o", str(out), "--no-timing", "--quiet"]
     assert run(words) == 0  # loads all that the children need
     out.unlink()
+    if rrd == "rrd":
+        os.environ.setdefault("RUST_LOG", "off")
+        import rerun  # only loaded: what it starts at the first recording is not there in a fork
+
+        assert rerun
+        words += ["--rrd", str(out.with_suffix(".rrd"))]
     begin = time.monotonic()
     assert Child(words).end() == (0, "")
     whole = time.monotonic() - begin
+    for path in Path(folder).glob("out.*"):
+        path.rename(kept / f"0.{path.name}")  # what a whole replay gives
     jobs: list[tuple[int | None, int | None]] = [
         (chance.choice((signal.SIGKILL, signal.SIGTERM, signal.SIGINT)), None) for _ in range(int(times))
     ]
-    jobs += [(None, size) for size in (0, 1, 4096, 60_000)]
+    jobs += [(None, size) for size in (0, 1, 4096, 60_000)] if rrd == "no" else []
     for number, limit in jobs:
         for path in Path(folder).glob("*out*"):
-            path.unlink()
+            if not path.name.startswith("."):  # what a kill left hidden is there at the next run
+                path.unlink()
         child = Child(words, limit)
         if number is not None:
             time.sleep(chance.uniform(0.0, 1.1 * whole))
@@ -73,7 +82,7 @@ def main() -> None:
         fate = {"signal": number, "limit": limit, "code": code, "said": said, "left": left}
         sys.stdout.write(json.dumps(fate) + "\n")
         sys.stdout.flush()
-        for name in ("out.mcap", "out.partial.mcap"):
+        for name in ("out.mcap", "out.partial.mcap", "out.rrd", "out.partial.rrd"):
             if name in left:
                 Path(folder, name).rename(kept / f"{len(list(kept.iterdir()))}.{name}")
 

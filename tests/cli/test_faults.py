@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
+import random
 import shutil
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from geomphys_cli.main import run
 
 import geomphys
 from tests.cli.press import Case, command_line, write_log
@@ -24,7 +28,7 @@ def test_a_replay_that_is_killed_leaves_no_part_under_the_name(case: Case, tmp_p
     write_log(tmp_path / "long.mcap", frames=FRAMES)
     (tmp_path / "results").mkdir()
     script = Path(__file__).with_name("faults.py")
-    words = [script, tmp_path / "long.mcap", case.scene, tmp_path / "results", KILLS, SEED]
+    words = [script, tmp_path / "long.mcap", case.scene, tmp_path / "results", KILLS, SEED, "no"]
     outcome = subprocess.run(
         [sys.executable, *map(str, words)],
         capture_output=True,
@@ -59,6 +63,108 @@ def test_a_replay_that_is_killed_leaves_no_part_under_the_name(case: Case, tmp_p
     assert parts, "no kill came in the middle"
     assert all(not log.complete and sum(1 for _ in log.frames()) == log.frame_count < FRAMES for log in parts)
     assert any("partial" in one["said"] for one in runs)
+
+
+EITHER = pytest.mark.parametrize("kills", [6, pytest.param(KILLS, marks=pytest.mark.slow)])
+"""A sample, and all of them."""
+
+
+def outputs(folder: Path, suffix: str) -> set[bytes]:
+    """Hashes of the files with final names in a folder, and of none that is not complete."""
+    files = [path for path in folder.glob(f"*.{suffix}") if ".partial." not in path.name]
+    return {hashlib.sha256(path.read_bytes()).digest() for path in files}
+
+
+def same_recording(one: Path, other: Path) -> None:
+    """The viewer finds two recordings equal; chunks may be cut elsewhere."""
+    words = [sys.executable, "-m", "rerun", "rrd", "compare", "--unordered", str(one), str(other)]
+    outcome = subprocess.run(words, capture_output=True, text=True, timeout=120)
+    assert outcome.returncode == 0, one
+
+
+@EITHER
+def test_with_a_recording_for_rerun_neither_name_holds_a_part(case: Case, tmp_path: Path, kills: int) -> None:
+    """What stands under a final name has the bytes of a whole replay; a run over the leavings of a kill is as any other."""
+    write_log(tmp_path / "long.mcap", frames=FRAMES // 4)
+    folder = tmp_path / "results"
+    folder.mkdir()
+    script = Path(__file__).with_name("faults.py")
+    words = [script, tmp_path / "long.mcap", case.scene, folder, kills, SEED, "rrd"]
+    outcome = subprocess.run([sys.executable, *map(str, words)], capture_output=True, text=True, timeout=900)
+    assert outcome.returncode == 0, outcome.stderr
+    runs = [json.loads(line) for line in outcome.stdout.splitlines() if line.startswith('{"signal"')]
+    assert len(runs) == kills
+    for one in runs:
+        assert "Traceback" not in one["said"], one
+        assert {"out.mcap", "out.rrd"} <= set(one["left"]) or one["code"] != 0, one
+        hidden = {name for name in one["left"] if name.startswith(".")}
+        assert hidden <= {".out.mcap.tmp", ".out.rrd.tmp"}, one
+    assert len(outputs(folder / "kept", "mcap")) == 1
+    whole = folder / "kept" / "0.out.rrd"
+    for path in [path for path in (folder / "kept").glob("*.out.rrd") if path != whole]:
+        same_recording(path, whole)
+    assert run(["replay", str(words[1]), "-s", str(case.scene), "-o", str(folder / "out.mcap"), "--rrd",
+                str(folder / "out.rrd"), "--no-timing", "-q"]) == 0  # fmt: skip
+    same_recording(folder / "out.rrd", whole)
+    assert not list(folder.glob(".out*"))
+
+
+@pytest.mark.parametrize("kills", [2, pytest.param(KILLS, marks=pytest.mark.slow)])
+def test_a_batch_that_is_killed_leaves_whole_outputs_and_is_resumed(case: Case, tmp_path: Path, kills: int) -> None:
+    (tmp_path / "logs").mkdir()
+    for name in "abc":
+        write_log(tmp_path / "logs" / f"{name}.mcap", frames=FRAMES // 8)
+    folder, chance = tmp_path / "out", random.Random(SEED)
+
+    def batch(into: Path, *more: str) -> subprocess.Popen[str]:
+        script = "from geomphys_cli.main import main; main()"
+        words = [
+            "batch",
+            str(tmp_path / "logs"),
+            "-s",
+            str(case.scene),
+            "-O",
+            str(into),
+            "-j",
+            "2",
+            "--no-timing",
+            "--rrd",
+        ]
+        return subprocess.Popen([sys.executable, "-c", script, *words, *more], stderr=subprocess.PIPE, text=True,
+                                stdout=subprocess.DEVNULL)  # fmt: skip
+
+    begin = time.monotonic()
+    first = batch(tmp_path / "whole")
+    assert "Traceback" not in first.communicate(timeout=300)[1]
+    assert first.returncode == 0
+    seconds = time.monotonic() - begin
+    whole = {path.name: path.read_bytes() for path in (tmp_path / "whole").glob("*.*") if path.suffix != ".json"}
+    assert len(whole) == 6
+    for _ in range(kills):
+        child = batch(folder, "--force")
+        time.sleep(chance.uniform(0.3, 1.0) * seconds)
+        number = chance.choice((signal.SIGKILL, signal.SIGTERM, signal.SIGINT))
+        child.send_signal(number)
+        said = child.communicate(timeout=300)[1]
+        assert child.returncode in (0, -number, 128 + number), said
+        assert "Traceback" not in said
+        for path in folder.glob("[abc].*"):
+            if path.suffix == ".rrd" and ".partial." not in path.name:
+                same_recording(path, tmp_path / "whole" / path.name)
+            assert ".partial." in path.name or path.suffix == ".rrd" or path.read_bytes() == whole[path.name], path
+        manifest = folder / "manifest.json"
+        assert not manifest.exists() or json.loads(manifest.read_text())["format"] == 1
+    resumed = batch(folder, "--resume")
+    assert "Traceback" not in resumed.communicate(timeout=300)[1]
+    assert resumed.returncode == 0
+    left = {path.name: path.read_bytes() for path in folder.glob("[abc].*") if ".partial." not in path.name}
+    assert left.keys() == whole.keys()
+    for name, data in whole.items():
+        if name.endswith(".mcap"):
+            assert left[name] == data
+        else:
+            same_recording(folder / name, tmp_path / "whole" / name)
+    assert not (folder / ".running").exists()
 
 
 @pytest.fixture
