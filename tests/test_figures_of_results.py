@@ -107,5 +107,7 @@ def test_a_picture_draws_the_curves_of_the_file(which: str, request: pytest.Fixt
         lines = [line for _, line in polylines(picture)]
         for values in expected:
             assert values.max() > 0.0
-            assert any(same_shape(line, frames, values) for line in lines), panel
             assert not any(same_shape(line, frames, np.roll(values, 5)) for line in lines)
+            found = [k for k, line in enumerate(lines) if same_shape(line, frames, values)]
+            assert found, panel
+            lines.pop(found[0])  # a curve like another is drawn too
