@@ -115,6 +115,8 @@ def pull_freely(scene: Scene, m: Machine, dt: float) -> None:
     """Note the couplings of driven trees as they are, and the speeds that (6) gives them in `dt` if nothing is met."""
     trees = scene.trees
     for tree in range(len(trees.role)):
+        if trees.role[tree] != DRIVEN:
+            continue
         for i in range(3):
             x, v = m.driven.offset[tree, i], m.driven.speed[tree, i]
             m.coupling[tree, i] = x

@@ -154,6 +154,8 @@ def remember_lag(
 ) -> None:
     """What trees are behind by at a frame's end: those `held` (T,) are at `now_roots`, `now_angles`, and have no speed."""
     for tree in range(len(held)):
+        if scene.trees.moving[tree] == 0 and scene.trees.role[tree] != DRIVEN:
+            continue
         for k in range(7):
             lag.roots[tree, k] = roots[tree, k]
         if scene.trees.role[tree] != DRIVEN or held[tree] == 0:

@@ -136,10 +136,12 @@ def _remember(scene: Scene, state: DrivenState, p: Places, roots: Floats, angles
 
 
 @kernel
-def _keep_speeds(state: DrivenState, room: DrivenRoom, keep: bool) -> None:
+def _keep_speeds(scene: Scene, state: DrivenState, room: DrivenRoom, keep: bool) -> None:
     """Keep the speeds of all offsets, or go back to those that were kept: what followed is done again, in another way."""
     wanted, posture = room.wanted, state.posture
     for tree in range(len(state.speed)):
+        if scene.trees.role[tree] != DRIVEN:
+            continue
         for i in range(3):
             if keep:
                 wanted.speed[tree, i] = state.speed[tree, i]
@@ -237,7 +239,7 @@ def update_driven(
     if relax_lag(scene, room.origins, state.lag, room.wanted, roots, angles, recorded, dt):
         to_roots, to_angles, to_poses = room.wanted.roots, room.wanted.angles, room.wanted.poses
     room.share[0] = 1.0
-    _keep_speeds(state, room, True)
+    _keep_speeds(scene, state, room, True)
     _begin_step(scene, state, room, boxes, to_roots, to_angles, to_poses, dt, gap, axes, scratch)
     if state.started[0] == 1:
         measure_flex(scene, room.joints, room.before, room.after, room.flex)
@@ -252,7 +254,7 @@ def update_driven(
         p.asked[0] = 1
         for tree in range(trees):
             p.held[tree] = 0
-    _keep_speeds(state, room, False)
+    _keep_speeds(scene, state, room, False)
     steps = min(steps, MOST_STEPS)
     room.share[0] = 1.0 / steps
     for step in range(steps):
@@ -266,7 +268,7 @@ def update_driven(
             keep_turn(
                 scene, room.origins, p.held, state.roots, state.angles, room.roots, room.angles, room.poses
             )  # fmt: skip
-            _keep_speeds(state, room, again == 0)
+            _keep_speeds(scene, state, room, again == 0)
             r, q, poses = room.roots, room.angles, room.poses
             _begin_step(scene, state, room, boxes, r, q, poses, dt / steps, gap, axes, scratch)
             done = _end_step(scene, state, room, boxes, r, q, dt / steps, gap, rounds, axes, scratch)
