@@ -41,6 +41,7 @@ class Control:
     """Tells the jobs that run to stop."""
 
 
+STOPPING = (signal.SIGINT, signal.SIGTERM)
 CONNECT_S = 10
 """s; how long a Dask scheduler is waited for."""
 
@@ -77,7 +78,8 @@ def _run_until_one_dies(
     try:
         while (running or queue) and not lost:
             while queue and len(running) < (count if are_compiled() else 1) and control.go():
-                running[executor.submit(run_job, queue[0][1])] = queue[0]
+                with _signals_held():
+                    running[executor.submit(run_job, queue[0][1])] = queue[0]
                 queue.popleft()
             if not running:
                 break
@@ -101,6 +103,16 @@ def _run_until_one_dies(
     return lost
 
 
+@contextmanager
+def _signals_held() -> Iterator[None]:
+    """Let SIGINT and SIGTERM wait: a process that is being started must get all that it is told."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _wait_or_kill(executor: ProcessPoolExecutor) -> None:
     """Wait for the processes, which were asked to stop; who does not want to wait for them either kills them."""
     try:
@@ -114,6 +126,7 @@ def _wait_or_kill(executor: ProcessPoolExecutor) -> None:
 def _begin_worker(world: World) -> None:
     """Leave Ctrl-C to the parent, and end with it however it ends; keep the world at hand."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPPING)
     parent = multiprocessing.parent_process()
     assert parent is not None
 
