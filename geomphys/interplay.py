@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from geomphys.collision.detect import find_near, near_pairs_of_trees
 from geomphys.collision.sweep import apart, update_boxes
-from geomphys.driven.coupling import relax
+from geomphys.driven.coupling import relax_offset
 from geomphys.driven.overlap import place_at
 from geomphys.driven.posture import pose_avatars
 from geomphys.driven.steps import is_recorded
@@ -120,7 +120,7 @@ def pull_freely(scene: Scene, m: Machine, dt: float) -> None:
         for i in range(3):
             x, v = m.driven.offset[tree, i], m.driven.speed[tree, i]
             m.coupling[tree, i] = x
-            m.coupling[tree, 3 + i] = relax(x, v, trees.mass[tree], trees.stiffness[tree], trees.damping[tree], dt)[1]
+            m.coupling[tree, 3 + i] = relax_offset(trees, tree, x, v, dt)[1]
 
 
 @kernel

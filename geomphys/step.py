@@ -136,7 +136,8 @@ def drive(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float, fi
     """The driven loop's turn: driven bodies go on to the roots (T, 7) and angles (Q,) recorded `dt` [s] later."""
     if not first:
         predict_simulated(scene, m, dt)
-    pull_freely(scene, m, dt)
+    if len(m.simulated.free) > 0:
+        pull_freely(scene, m, dt)
     done = update_driven(
         scene, m.driven, m.room, m.boxes, roots, angles, m.recorded, dt, knobs.gap, knobs.rounds, m.axes, m.scratch
     )
@@ -160,7 +161,8 @@ def step(
     t1 = cycles()
     lengths[RECORDED] = measure_recorded(scene, m)
     t2 = cycles()
-    note_courses(scene, m, roots, dt, first)
+    if len(m.simulated.free) > 0:
+        note_courses(scene, m, roots, dt, first)
     parts = 1 if first else turns_of(scene, m, dt)
     impacts, flags, simulating = 0, 0, 0
     done = Outcome(0, 0, 0, True)

@@ -26,6 +26,14 @@ LOCK = "lock.json"
 """Name of the object."""
 
 
+def lock_or_refuse(file: int, busy: str) -> None:
+    """Lock an open file or folder until it is closed; raises OutputError, which begins with `busy`, if it is locked."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as problem:
+        raise OutputError(f"{busy}; wait for it, or choose another folder") from problem
+
+
 @contextmanager
 def own_far(path: RemotePath) -> Iterator[None]:
     """Hold the object at `path` in the block.
@@ -34,12 +42,7 @@ def own_far(path: RemotePath) -> Iterator[None]:
     """
     local = _open_local(path)
     try:
-        try:
-            fcntl.flock(local, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as problem:
-            raise OutputError(
-                f"{_folder(path)}: another batch of this machine is at work there; wait for it, or choose another folder"
-            ) from problem
+        lock_or_refuse(local, f"{_folder(path)}: another batch of this machine is at work there")
         mine = {
             "host": socket.gethostname(),
             "pid": os.getpid(),

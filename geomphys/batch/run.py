@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import fcntl
 import json
 import os
 import shutil
@@ -15,7 +14,7 @@ from typing import Any, cast
 
 from geomphys import __version__
 from geomphys.batch.engines import Control, Finished, run_in_processes, run_on_cluster
-from geomphys.batch.far_lock import LOCK, own_far
+from geomphys.batch.far_lock import LOCK, lock_or_refuse, own_far
 from geomphys.batch.job import STOP, Job, Outcome
 from geomphys.batch.manifest import Entry, Manifest
 from geomphys.batch.plan import PlannedLog, plan_logs
@@ -257,12 +256,7 @@ def _own(folder: Path) -> Iterator[Path]:
     except OSError as problem:
         raise OutputError(f"{folder}: cannot be made ({problem.strerror})") from problem
     try:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as problem:
-            raise OutputError(
-                f"{folder}: another batch is at work there; wait for it, or choose another folder"
-            ) from problem
+        lock_or_refuse(lock, f"{folder}: another batch is at work there")
         try:
             shutil.rmtree(running, ignore_errors=True)
             running.mkdir()

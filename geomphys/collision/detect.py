@@ -66,17 +66,28 @@ def _slot_of(pieces: Pieces, a: int, b: int, axes: Axes) -> tuple[int, int]:
 
 
 @kernel
+def _recall(axes: Axes, key: int, slot: int) -> Vec:
+    """The direction remembered for a pair; zeros without one."""
+    if axes.key[slot] != key:
+        return (0.0, 0.0, 0.0)
+    return (axes.axis[slot, 0], axes.axis[slot, 1], axes.axis[slot, 2])
+
+
+@kernel
+def _remember(axes: Axes, key: int, slot: int, n: Vec) -> None:
+    """Keep a pair's direction in place of what its slot held."""
+    axes.key[slot] = key
+    axes.axis[slot, 0], axes.axis[slot, 1], axes.axis[slot, 2] = n
+
+
+@kernel
 def pair_separation(
     pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axes: Axes, scratch: Scratch
 ) -> tuple[float, Vec, Vec, Vec]:
     """`separation` of pieces a and b, begun at the direction remembered for the pair."""
     key, slot = _slot_of(pieces, a, b, axes)
-    start = (0.0, 0.0, 0.0)
-    if axes.key[slot] == key:
-        start = (axes.axis[slot, 0], axes.axis[slot, 1], axes.axis[slot, 2])
-    s, n, pa, pb = separation(pieces, frames, a, b, limit, start, scratch)
-    axes.key[slot] = key
-    axes.axis[slot, 0], axes.axis[slot, 1], axes.axis[slot, 2] = n
+    s, n, pa, pb = separation(pieces, frames, a, b, limit, _recall(axes, key, slot), scratch)
+    _remember(axes, key, slot, n)
     return s, n, pa, pb
 
 
@@ -84,15 +95,11 @@ def pair_separation(
 def pair_clearance(
     pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axes: Axes, scratch: Scratch
 ) -> tuple[float, Vec]:
-    """(distance of pieces a and b [m], normal), exact within `limit`; (-inf, void) if they overlap."""
+    """(distance of pieces a and b [m], normal), exact within `limit`; (something not above 0, void) if they overlap."""
     key, slot = _slot_of(pieces, a, b, axes)
-    start = (0.0, 0.0, 0.0)
-    if axes.key[slot] == key:
-        start = (axes.axis[slot, 0], axes.axis[slot, 1], axes.axis[slot, 2])
-    s, n, _, _ = clearance(pieces, frames, a, b, limit, start, scratch)
+    s, n, _, _ = clearance(pieces, frames, a, b, limit, _recall(axes, key, slot), scratch)
     if s > 0.0:
-        axes.key[slot] = key
-        axes.axis[slot, 0], axes.axis[slot, 1], axes.axis[slot, 2] = n
+        _remember(axes, key, slot, n)
     return s, n
 
 
@@ -103,9 +110,9 @@ def pair_bound(pieces: Pieces, frames: Floats, a: int, b: int, axes: Axes) -> tu
     The direction is the one remembered for the pair; -inf and zeros without one.
     """
     key, slot = _slot_of(pieces, a, b, axes)
-    if axes.key[slot] != key:
-        return -math.inf, (0.0, 0.0, 0.0)
-    n = (axes.axis[slot, 0], axes.axis[slot, 1], axes.axis[slot, 2])
+    n = _recall(axes, key, slot)
+    if n == (0.0, 0.0, 0.0):
+        return -math.inf, n
     return gap_along(shapes_of(pieces, frames), a, b, n), n
 
 

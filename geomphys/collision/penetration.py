@@ -60,7 +60,7 @@ def separation(pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axi
 
 @inlined
 def clearance(pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axis: Vec, scratch: Scratch) -> Separation:
-    """`separation` for whom an overlap's depth is of no interest: s is -inf then, the rest void."""
+    """`separation` for whom an overlap's depth is of no interest: s is something not above 0 then, the rest void."""
     return separate(shapes_of(pieces, frames), a, b, limit, axis, False, room_of(scratch))
 
 

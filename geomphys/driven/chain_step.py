@@ -13,7 +13,7 @@ from geomphys.collision.sweep import Boxes
 from geomphys.driven.chain_loop import free_chains
 from geomphys.driven.chain_room import is_chained
 from geomphys.driven.chains import CHAINS, EVERYTHING, FREE, WITH_ROOT, bend_chains, fit_to_cones, hold_posture
-from geomphys.driven.coupling import relax
+from geomphys.driven.coupling import relax_offset
 from geomphys.driven.overlap import INTERPOLATED, LEAST_DISTANCE
 from geomphys.driven.pace import excused_change
 from geomphys.driven.posture import lower_bend, upper_bend
@@ -23,7 +23,8 @@ from geomphys.world.scene import Scene
 
 Floats = NDArray[np.float64]
 
-PACED = 2  # attempts to come free without a jump
+# attempts to come free, in their order; the first two without a jump
+PACED_CHAINS, PACED_ROOTS, LONE_CHAINS, DESCENT, ROOTS, ALL = range(6)
 SWING_SHARE = 1.9  # times the recorded change of an angle, and
 SWING = 0.028  # rad, or m along the axis of a prismatic joint: more than this in a frame is a jump
 
@@ -43,9 +44,7 @@ def pull_joints(scene: Scene, state: DrivenState, room: DrivenRoom, angles: Floa
         chains.goal[q] = chains.current[q] = 0.0
         if state.started[0] == 1:
             chains.current[q] = posture.bend[q] + (state.angles[q] - angles[q])
-            goal, posture.speed[q] = relax(
-                posture.bend[q], posture.speed[q], trees.mass[tree], trees.stiffness[tree], trees.damping[tree], dt
-            )
+            goal, posture.speed[q] = relax_offset(trees, tree, posture.bend[q], posture.speed[q], dt)
             lower, upper = lower_bend(scene, angles, q), upper_bend(scene, angles, q)
             chains.goal[q] = min(max(goal, lower), upper)
             chains.current[q] = min(max(chains.current[q], lower), upper)
@@ -144,13 +143,13 @@ def yield_chains(
         (passes, method, INTERPOLATED where a posture is held, whether chains sufficed).
     """
     p, chains, passes, status = room.places, room.chains, 0, FREE
-    for attempt in range(0 if state.started[0] == 1 else PACED, PACED + 4):
-        if attempt in (0, PACED):
-            _bound_offsets(scene, state, room, angles, dt, attempt < PACED)
-        if attempt == PACED + 1:
+    for attempt in range(PACED_CHAINS if state.started[0] == 1 else LONE_CHAINS, ALL + 1):
+        if attempt in (PACED_CHAINS, LONE_CHAINS):
+            _bound_offsets(scene, state, room, angles, dt, attempt == PACED_CHAINS)
+        if attempt == DESCENT:
             status, more = _descend(scene, state, room, boxes, roots, angles, gap, axes, scratch)
         else:
-            what = CHAINS if attempt in (0, PACED) else (EVERYTHING if attempt == PACED + 3 else WITH_ROOT)
+            what = WITH_ROOT if attempt in (PACED_ROOTS, ROOTS) else (EVERYTHING if attempt == ALL else CHAINS)
             status, more = _search(scene, room, boxes, roots, angles, gap, what, axes, scratch)
         passes += more
         if status == FREE:
@@ -158,7 +157,7 @@ def yield_chains(
                 if is_chained(scene, tree):
                     for i in range(3):
                         p.current[tree, i] = p.trial[tree, i]
-            return passes, 0 if passes == 1 else LEAST_DISTANCE, attempt in (0, PACED, PACED + 1)
+            return passes, 0 if passes == 1 else LEAST_DISTANCE, attempt in (PACED_CHAINS, LONE_CHAINS, DESCENT)
     for q in range(len(angles)):
         chains.spare[q] = state.angles[q] + state.posture.bend[q]
     hold_posture(

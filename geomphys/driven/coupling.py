@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 
 from geomphys.kernel import kernel
+from geomphys.world.scene import Trees
 
 REST_LENGTH = 1e-9  # m or rad: a smaller offset that hardly moves is none
 REST_SPEED = 1e-7  # m/s or rad/s
@@ -60,3 +61,9 @@ def relax(x: float, v: float, mass: float, stiffness: float, damping: float, dt:
     if abs(x1) < REST_LENGTH and abs(v1) < REST_SPEED:
         return 0.0, 0.0
     return x1, v1
+
+
+@kernel
+def relax_offset(trees: Trees, tree: int, x: float, v: float, dt: float) -> tuple[float, float]:
+    """`relax` with the coupling of a tree."""
+    return relax(x, v, trees.mass[tree], trees.stiffness[tree], trees.damping[tree], dt)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.driven.coupling import relax
+from geomphys.driven.coupling import relax_offset
 from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import Vec, quat_conjugate, quat_from_rotation_vector, quat_mul, quat_unit, rotation_vector
 from geomphys.world.kinematics import orientation_of, pose_tree
@@ -76,10 +76,9 @@ def copy_recording(
 @kernel
 def _relax_turn(scene: Scene, lag: Lag, tree: int, dt: float) -> Vec:
     """Bring the turn of a tree on by `dt`; returns it."""
-    trees = scene.trees
     for i in range(3):
-        lag.turn[tree, i], lag.turn_speed[tree, i] = relax(
-            lag.turn[tree, i], lag.turn_speed[tree, i], trees.mass[tree], trees.stiffness[tree], trees.damping[tree], dt
+        lag.turn[tree, i], lag.turn_speed[tree, i] = relax_offset(
+            scene.trees, tree, lag.turn[tree, i], lag.turn_speed[tree, i], dt
         )
     return (lag.turn[tree, 0], lag.turn[tree, 1], lag.turn[tree, 2])
 
@@ -109,9 +108,7 @@ def relax_lag(
             for k in range(4):
                 wanted.roots[tree, 3 + k] = q[k]
         for j in range(trees.dof_start[tree], trees.dof_start[tree + 1]):
-            lag.shape[j], lag.shape_speed[j] = relax(
-                lag.shape[j], lag.shape_speed[j], trees.mass[tree], trees.stiffness[tree], trees.damping[tree], dt
-            )
+            lag.shape[j], lag.shape_speed[j] = relax_offset(trees, tree, lag.shape[j], lag.shape_speed[j], dt)
             if lag.shape[j] != 0.0:
                 wanted.angles[j] = angles[j] + lag.shape[j]
                 behind = True

@@ -21,7 +21,7 @@ from geomphys.collision.sweep import Boxes, update_boxes
 from geomphys.driven.chain_room import is_chained
 from geomphys.driven.chain_step import brake_joints, pull_joints, yield_chains
 from geomphys.driven.chains import place_posture
-from geomphys.driven.coupling import relax
+from geomphys.driven.coupling import relax_offset
 from geomphys.driven.escape import ASKED
 from geomphys.driven.hold import copy_recording, keep_turn, relax_lag, remember_lag
 from geomphys.driven.overlap import INTERPOLATED, Places, eliminate_overlap, find_reachable, place_at, row_of
@@ -61,13 +61,8 @@ def _pull(scene: Scene, state: DrivenState, p: Places, roots: Floats, dt: float)
                 p.goal[tree, i] = p.current[tree, i] = 0.0
                 continue
             p.current[tree, i] = state.offset[tree, i] + (state.roots[tree, i] - roots[tree, i])
-            p.goal[tree, i], state.speed[tree, i] = relax(
-                state.offset[tree, i],
-                state.speed[tree, i],
-                trees.mass[tree],
-                trees.stiffness[tree],
-                trees.damping[tree],
-                dt,
+            p.goal[tree, i], state.speed[tree, i] = relax_offset(
+                trees, tree, state.offset[tree, i], state.speed[tree, i], dt
             )
 
 

@@ -278,11 +278,11 @@ def _parsed(data: bytes, path: Path, name: str) -> tuple[Floats, Ints]:
                 raise MeshError(f"{name}: holds no triangles")
             vertices = np.array(loaded.vertices, dtype=np.float64).reshape(-1, 3)
             faces = np.array(loaded.faces, dtype=np.int64).reshape(-1, 3)
+    except FileNotFoundError:
+        raise MeshError(
+            f"{name}: names a buffer that is no .bin file beside it; nothing else is read: save it as .glb"
+        ) from None
     except faults as error:
-        if isinstance(error, FileNotFoundError):
-            raise MeshError(
-                f"{name}: names a buffer that is no .bin file beside it; nothing else is read: save it as .glb"
-            ) from None
         raise MeshError(f"{name}: {_unreadable(suffix, error)}") from None
     if len(faces) and (faces.min() < 0 or faces.max() >= len(vertices)):
         raise MeshError(f"{name}: a triangle names a vertex that is not there: repair the file")
