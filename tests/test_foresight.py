@@ -8,28 +8,8 @@ import numpy as np
 import pytest
 
 from geomphys.foresight import directions
+from tests.driven.grips import gripper
 from tests.driven.logs import Run, Thing, assert_free, play
-from tests.world.models import joint, link, urdf
-
-GRIP = (
-    '[[avatar]]\nname="grip"\nurdf="grip.urdf"\nmode="rigid"\nmaterial="human"\n'
-    'root={topic="/wrist"}\njoints={topic="/angles"}\n'
-)
-
-
-def gripper(folder: Path) -> str:
-    """Two plates that slide along y towards each other under a palm."""
-    slide = '<axis xyz="0 {} 0"/><limit lower="0" upper="0.1" effort="1" velocity="1"/>'
-    plate = '<geometry><box size="0.04 0.01 0.06"/></geometry>'
-    urdf(
-        folder / "grip.urdf",
-        link("palm", '<geometry><box size="0.04 0.2 0.02"/></geometry>'),
-        link("l", plate),
-        link("r", plate),
-        joint("jl", "palm", "l", "prismatic", inside=slide.format("1"), xyz="0 -0.06 -0.05"),
-        joint("jr", "palm", "r", "prismatic", inside=slide.format("-1"), xyz="0 0.06 -0.05"),
-    )
-    return GRIP
 
 
 def closing(folder: Path, frames: int = 140) -> Run:
@@ -42,7 +22,7 @@ def closing(folder: Path, frames: int = 140) -> Run:
     return play(
         folder,
         [rod],
-        avatars=gripper(folder),
+        avatars=gripper(folder, "0.04 0.2 0.02", "0.04 0.01 0.06", 1, 0.12),
         roots={"/wrist": wrist},
         angles={"/angles": (["jl", "jr"], np.column_stack([shut, shut]))},
     )

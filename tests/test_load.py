@@ -403,26 +403,17 @@ def test_scenes_of_real_recordings_load(shared_dir: Path, name: str) -> None:
 def test_overlaps_of_the_zero_pose_are_those_coal_finds(shared_dir: Path, tmp_path: Path, model: str) -> None:
     """Primitives only but for the palm; pairs that nearly touch may be counted either way."""
     coal = pytest.importorskip("coal")
+    from tests.collision.engines import coal_place, coal_shape
+
     path = shared_dir / "models" / f"{model}.urdf"
     world = load(tmp_path, f'[[avatar]]\nname = "a"\nurdf = "{path}"\n')
     skeleton, pieces = load_skeleton(path), world.scene.pieces
     poses = skeleton.forward()
     engines, places = [], []
-    for k, kind in enumerate(pieces.kind):
-        a, b, c = pieces.size[k]
-        if kind == SPHERE:
-            engines.append(coal.Sphere(a))
-        elif kind == BOX:
-            engines.append(coal.Box(2 * a, 2 * b, 2 * c))
-        elif kind == CYLINDER:
-            engines.append(coal.Cylinder(a, 2 * b))
-        else:
-            points = coal.StdVec_Vec3s()
-            for corner in pieces.vertices[pieces.vertex_start[k] : pieces.vertex_start[k + 1]]:
-                points.append(corner)
-            engines.append(coal.Convex.convexHull(points, True, "Qt"))
+    for k in range(len(pieces.kind)):
+        engines.append(coal_shape(pieces, k))
         place = compose(poses[pieces.body[k]], matrix_from_frame(pieces.local[k]))
-        places.append(coal.Transform3s(np.ascontiguousarray(place[:3, :3]), np.ascontiguousarray(place[:3, 3])))
+        places.append(coal_place(place))
     neighbours = skeleton.neighbours()
     listed = {tuple(skeleton.index(n.removeprefix("a/")) for n in pair) for pair in world.zero_pose_overlaps}
     request = coal.DistanceRequest()

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from geomphys.world.pieces import Box, Capsule, Cylinder, Hull, Shape, Sphere
+from tests.collision.engines import coal_place, coal_shape
 from tests.collision.pairs import Array, Pair, check_certificate, pose
 
 length = st.floats(0.01, 1.0)
@@ -95,29 +96,14 @@ def test_a_larger_shape_is_no_farther_away(a: Shape, at_a: Array, b: Shape, at_b
     assert Pair(a, at_a, larger, at_b).answer().s <= pair.answer().s + PRECISE * pair.size
 
 
-def of_coal(shape: Shape) -> coal.CollisionGeometry:
-    if isinstance(shape, Sphere):
-        return coal.Sphere(shape.radius)
-    if isinstance(shape, Capsule):
-        return coal.Capsule(shape.radius, 2 * shape.half_height)
-    if isinstance(shape, Cylinder):
-        return coal.Cylinder(shape.radius, 2 * shape.half_height)
-    if isinstance(shape, Box):
-        return coal.Box(*(2 * h for h in shape.half_extents))
-    points = coal.StdVec_Vec3s()
-    for corner in shape.vertices:
-        points.append(corner)
-    return coal.Convex.convexHull(points, True, "Qt")
-
-
 @bounded
 @given(shape, place, shape, place)
 def test_coal_finds_no_shorter_way_and_the_same_distance(a: Shape, at_a: Array, b: Shape, at_b: Array) -> None:
     pair = Pair(a, at_a, b, at_b)
     found = pair.answer().s
     request, result = coal.DistanceRequest(), coal.DistanceResult()
-    frames = [coal.Transform3s(np.ascontiguousarray(t[:3, :3]), np.ascontiguousarray(t[:3, 3])) for t in (at_a, at_b)]
-    theirs = coal.distance(of_coal(a), frames[0], of_coal(b), frames[1], request, result)
+    shapes = [coal_shape(pair.pieces, k) for k in range(2)]
+    theirs = coal.distance(shapes[0], coal_place(at_a), shapes[1], coal_place(at_b), request, result)
     if found > 0:
         assert found == pytest.approx(theirs, abs=1e-5 * pair.size)
     else:  # their depth of round shapes is an upper bound of the depth

@@ -19,7 +19,8 @@ from geomphys.load import load_world
 from geomphys.pipeline import replay
 from geomphys.results import FrameResult
 from geomphys.transforms import compose, matrix_from_frame, matrix_from_pose
-from geomphys.world.scene import BOX, CAPSULE, CYLINDER, DRIVEN, SPHERE, World
+from geomphys.world.scene import DRIVEN, World
+from tests.collision.engines import coal_place, coal_shape
 from tests.recording.log_files import Item, joints, pose, write_log
 from tests.world.models import stl
 
@@ -185,22 +186,7 @@ class Engine:
     def __init__(self, world: World) -> None:
         self.world = world
         pieces = world.scene.pieces
-        self.shapes = []
-        for k, kind in enumerate(pieces.kind):
-            a, b, c = map(float, pieces.size[k])
-            if kind == SPHERE:
-                self.shapes.append(coal.Sphere(a))
-            elif kind == BOX:
-                self.shapes.append(coal.Box(2 * a, 2 * b, 2 * c))
-            elif kind == CYLINDER:
-                self.shapes.append(coal.Cylinder(a, 2 * b))
-            elif kind == CAPSULE:
-                self.shapes.append(coal.Capsule(a, 2 * b))
-            else:
-                points = coal.StdVec_Vec3s()
-                for corner in pieces.vertices[pieces.vertex_start[k] : pieces.vertex_start[k + 1]]:
-                    points.append(corner)
-                self.shapes.append(coal.Convex.convexHull(points, True, "Qt"))
+        self.shapes = [coal_shape(pieces, k) for k in range(len(pieces.kind))]
         role, tree = world.scene.bodies.role[pieces.body], world.scene.bodies.tree[pieces.body]
         excluded, chains = world.scene.excluded, world.scene.trees.chains
         self.pairs = [
@@ -223,10 +209,7 @@ class Engine:
 
     def gap(self, i: int, j: int, frames: Floats) -> float:
         """Distance [m] of two pieces; negative: their penetration depth."""
-        a, b = (
-            coal.Transform3s(np.ascontiguousarray(frames[k, :3, :3]), np.ascontiguousarray(frames[k, :3, 3]))
-            for k in (i, j)
-        )
+        a, b = coal_place(frames[i]), coal_place(frames[j])
         return float(coal.distance(self.shapes[i], a, self.shapes[j], b, coal.DistanceRequest(), coal.DistanceResult()))
 
     def deepest(self, poses: Floats) -> float:

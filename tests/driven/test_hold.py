@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from geomphys.results import FLAG_WEDGED
+from tests.driven.grips import gripper
 from tests.driven.logs import FREE, Run, Thing, assert_free, line, play, wander
-from tests.world.models import joint, link, urdf
 
 CUBE = ("box", 0.1, 0.1, 0.1)
 HALF = 0.06
@@ -128,20 +128,7 @@ def test_two_plates_that_close_put_a_body_beside_them_but_never_through(tmp_path
 
 def test_fingers_that_close_round_a_plate_wider_than_they_are_held_open(tmp_path: Path) -> None:
     """A rigid hand in a box without a lid to spare: it can go nowhere, so its fingers keep the last free angle."""
-    slide = '<axis xyz="{} 0 0"/><limit lower="0" upper="0.1" effort="1" velocity="1"/>'
-    plate = '<geometry><box size="0.01 0.04 0.06"/></geometry>'
-    urdf(
-        tmp_path / "grip.urdf",
-        link("palm", '<geometry><box size="0.04 0.04 0.02"/></geometry>'),
-        link("l", plate),
-        link("r", plate),
-        joint("jl", "palm", "l", "prismatic", inside=slide.format("1"), xyz="-0.05 0 -0.05"),
-        joint("jr", "palm", "r", "prismatic", inside=slide.format("-1"), xyz="0.05 0 -0.05"),
-    )
-    grip = (
-        '[[avatar]]\nname="grip"\nurdf="grip.urdf"\nmode="rigid"\nmaterial="human"\n'
-        'root={topic="/wrist"}\njoints={topic="/angles"}\n'
-    )
+    grip = gripper(tmp_path, "0.04 0.04 0.02", "0.01 0.04 0.06", 0, 0.1)
     # a floor and a lid with a post between them, and a fence around: the fingers are on either side of the post
     things = [
         Thing(name="post", shape=("box", 0.04, 0.3, 0.2), at=(0, 0, -0.12)),

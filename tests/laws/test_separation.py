@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from geomphys.world.pieces import Box, Capsule, Cylinder, Hull, Shape, Sphere
+from tests.collision.engines import coal_place, coal_shape
 from tests.collision.pairs import Pair, check_certificate, pose, random_hull, random_turn, searched_depth
 
 KINDS = (Sphere, Capsule, Box, Cylinder, Hull)
@@ -36,25 +37,10 @@ def some_pair(kinds: tuple[type, type], rng: np.random.Generator, spread: float)
     return Pair(a, at_a, b, at_b)
 
 
-def engine(shape: Shape) -> coal.ShapeBase:
-    if isinstance(shape, Sphere):
-        return coal.Sphere(shape.radius)
-    if isinstance(shape, Capsule):
-        return coal.Capsule(shape.radius, 2 * shape.half_height)
-    if isinstance(shape, Box):
-        return coal.Box(*(2 * h for h in shape.half_extents))
-    if isinstance(shape, Cylinder):
-        return coal.Cylinder(shape.radius, 2 * shape.half_height)
-    points = coal.StdVec_Vec3s()
-    for vertex in shape.vertices:
-        points.append(vertex)
-    return coal.Convex.convexHull(points, True, "Qt")
-
-
 def coal_distance(pair: Pair) -> float:
     request, result = coal.DistanceRequest(True, True), coal.DistanceResult()
-    places = [coal.Transform3s(np.ascontiguousarray(t[:3, :3]), t[:3, 3].copy()) for t in pair.poses]
-    shapes = [engine(s) for s in pair.shapes]
+    places = [coal_place(t) for t in pair.poses]
+    shapes = [coal_shape(pair.pieces, k) for k in range(2)]
     return float(coal.distance(shapes[0], places[0], shapes[1], places[1], request, result))
 
 
