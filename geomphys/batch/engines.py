@@ -9,8 +9,8 @@ from __future__ import annotations
 import logging
 import multiprocessing
 import os
-import signal
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -21,6 +21,7 @@ from multiprocessing.connection import wait as wait_for_sentinel
 from pathlib import Path
 from typing import Any, cast
 
+from geomphys.batch.held_signals import blocked_in_children, signals_held, take_signals
 from geomphys.batch.job import Job, Outcome, failure, give_world, run_job
 from geomphys.errors import ClusterError
 from geomphys.kernel import are_compiled
@@ -41,7 +42,10 @@ class Control:
     """Tells the jobs that run to stop."""
 
 
-STOPPING = (signal.SIGINT, signal.SIGTERM)
+LOOK_EVERY_S = 0.1
+"""s; a signal waits so long at most."""
+END_WITHIN_S = 10.0
+"""s; processes whose jobs have ended and that do not end by themselves in this time are killed."""
 CONNECT_S = 10
 """s; how long a Dask scheduler is waited for."""
 
@@ -78,12 +82,13 @@ def _run_until_one_dies(
     try:
         while (running or queue) and not lost:
             while queue and len(running) < (count if are_compiled() else 1) and control.go():
-                with _signals_held():
+                with signals_held(), blocked_in_children():
                     running[executor.submit(run_job, queue[0][1])] = queue[0]
                 queue.popleft()
             if not running:
                 break
-            ended, _ = wait(running, return_when=FIRST_COMPLETED)
+            with signals_held():
+                ended, _ = wait(running, timeout=LOOK_EVERY_S, return_when=FIRST_COMPLETED)
             for future in sorted(ended, key=lambda f: running[f][0]):
                 index, job = running.pop(future)
                 error = future.exception()
@@ -97,36 +102,35 @@ def _run_until_one_dies(
         lost = sorted(running.values(), key=lambda item: item[0])
     except BaseException:
         control.stop()
-        _wait_or_kill(executor)
+        _end(executor, running)
         raise
-    executor.shutdown()
+    _end(executor, running)
     return lost
 
 
-@contextmanager
-def _signals_held() -> Iterator[None]:
-    """Let SIGINT and SIGTERM wait: a process that is being started must get all that it is told."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
+def _end(executor: ProcessPoolExecutor, running: Iterable[Future[Outcome]]) -> None:
+    """Wait for jobs, which were asked to stop, and their processes; who does not want to wait for them kills them."""
+    ending = threading.Thread(target=executor.shutdown, kwargs={"cancel_futures": True}, daemon=True)
+    ending.start()
     try:
-        yield
+        _look_until(lambda: all(future.done() for future in running), None)
+        _look_until(lambda: not ending.is_alive(), END_WITHIN_S)
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if ending.is_alive():
+            for process in multiprocessing.active_children():
+                process.kill()
 
 
-def _wait_or_kill(executor: ProcessPoolExecutor) -> None:
-    """Wait for the processes, which were asked to stop; who does not want to wait for them either kills them."""
-    try:
-        executor.shutdown(cancel_futures=True)
-    except BaseException:
-        for process in multiprocessing.active_children():
-            process.kill()
-        raise
+def _look_until(done: Callable[[], bool], limit_s: float | None) -> None:
+    """Wait until something is done, or for `limit_s`; nothing is held up by an exception that comes meanwhile."""
+    begin = time.monotonic()
+    while not done() and (limit_s is None or time.monotonic() - begin < limit_s):
+        time.sleep(LOOK_EVERY_S / 10)
 
 
 def _begin_worker(world: World) -> None:
     """Leave Ctrl-C to the parent, and end with it however it ends; keep the world at hand."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPPING)
+    take_signals()
     parent = multiprocessing.parent_process()
     assert parent is not None
 
