@@ -1,11 +1,20 @@
-"""Where things that are costly to compute are kept between runs: compiled kernels, convex decompositions."""
+"""Where things that are costly to compute are kept between runs: compiled kernels, convex decompositions, worlds."""
 
 from __future__ import annotations
 
+import fcntl
+import hashlib
 import os
+import pickle
+import stat
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
+
+DIGEST_SIZE = hashlib.sha256().digest_size
 
 
 @lru_cache(maxsize=16)
@@ -16,12 +25,77 @@ def user_folder(name: str) -> Path:
     writable, and a new temporary folder where even that belongs to someone else.
     """
     home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    for base in (Path(home) / "geomphys", Path(tempfile.gettempdir()) / f"geomphys-{os.getuid()}"):
+    shared = Path(tempfile.gettempdir()) / f"geomphys-{os.getuid()}"
+    for base in (Path(home) / "geomphys", shared):
         folder = base / name
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            base.mkdir(mode=0o700, parents=True, exist_ok=True)
+            folder.mkdir(exist_ok=True)
+            if os.access(folder, os.W_OK) and (base != shared or _is_ours(base)):
+                return folder
         except OSError:
             continue
-        if os.access(folder, os.W_OK):
-            return folder
     return Path(tempfile.mkdtemp(prefix="geomphys-"))
+
+
+def _is_ours(folder: Path) -> bool:
+    """Whether nobody else can have put something into a folder that stands where everybody may make one."""
+    about = folder.lstat()
+    return stat.S_ISDIR(about.st_mode) and about.st_uid == os.getuid() and not about.st_mode & 0o022
+
+
+@lru_cache(maxsize=1)
+def sources() -> dict[str, bytes]:
+    """Text of every module of the package, by the module's name."""
+    package = Path(__file__).parent
+    texts = {}
+    for path in sorted(package.rglob("*.py")):
+        parts = path.relative_to(package.parent).with_suffix("").parts
+        texts[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path.read_bytes()
+    return texts
+
+
+class Store:
+    """A folder of products that any process may write to at any time: none is ever seen half written.
+
+    It holds code that is run, so it must be the user's own: see `user_folder`.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def has(self, name: str) -> bool:
+        """Whether there is a product of this name."""
+        return (self.folder / name).is_file()
+
+    def load(self, name: str) -> Any:
+        """Return a product; None if there is none, or only one that is damaged."""
+        try:
+            data = (self.folder / name).read_bytes()
+        except OSError:
+            return None
+        digest, product = data[:DIGEST_SIZE], data[DIGEST_SIZE:]
+        return pickle.loads(product) if hashlib.sha256(product).digest() == digest else None
+
+    def save(self, name: str, product: Any) -> None:
+        """Write a product. Where that is not possible it will be made again by whoever needs it next."""
+        draft = self.folder / f"{name}.{os.getpid()}"
+        try:
+            data = pickle.dumps(product, protocol=pickle.HIGHEST_PROTOCOL)
+            draft.write_bytes(hashlib.sha256(data).digest() + data)
+            draft.replace(self.folder / name)
+        except OSError:
+            draft.unlink(missing_ok=True)
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Within the block no other process is in such a block: those that come wait, and find what was made."""
+        try:
+            lock = (self.folder / "lock").open("w")
+        except OSError:  # nothing can be written, so nothing would be found
+            yield
+            return
+        with lock:
+            with suppress(OSError):  # a file system without locks: the work is done twice
+                fcntl.flock(lock, fcntl.LOCK_EX)
+            yield

@@ -23,9 +23,8 @@ import llvmlite
 import llvmlite.binding
 import numba
 
-from geomphys.cache import user_folder
+from geomphys.cache import Store, sources, user_folder
 from geomphys.compiling.entries import Kernel
-from geomphys.compiling.keys import Store
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -49,11 +48,7 @@ def cache_folder() -> Path:
 
 def _sources_of_machine_code() -> list[tuple[str, bytes]]:
     """Names and texts of the modules with kernels and of all they import, sorted."""
-    package = Path(__file__).parent
-    texts = {}
-    for path in package.rglob("*.py"):
-        parts = path.relative_to(package.parent).with_suffix("").parts
-        texts[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path.read_bytes()
+    texts = sources()
     found: set[str] = set()
     waiting = [name for name, text in texts.items() if COMPILED.search(text)]
     while waiting:

@@ -9,12 +9,14 @@ import numpy as np
 
 from geomphys.collision.penetration import make_scratch, separation
 from geomphys.errors import ConfigError
-from geomphys.remote import place
+from geomphys.kept_worlds import find_world, keep_world
+from geomphys.remote import is_remote, place
 from geomphys.transforms import compose, frame_from_matrix, matrix_from_frame
 from geomphys.world.assembly import assemble, exclude
 from geomphys.world.decomposition import Progress
 from geomphys.world.scene import Floats, World
 from geomphys.world.scene_file import load_scene_file
+from geomphys.world.sources import noted_sources
 
 CLOSE = 5e-6
 """m; bodies nearer than this in the zero pose count as overlapping there: no clearance could be kept between them."""
@@ -45,6 +47,18 @@ def load_world(path: Path | str, *, mode: str | None = None, seed: int = 0, prog
     if mode not in (None, "rigid", "chains"):
         raise ConfigError(f"mode = {mode!r}: expected rigid or chains")
     path = place(path)
+    is_local = not is_remote(path)
+    kept = find_world(path, mode, seed) if is_local else None
+    if kept is not None:
+        return kept
+    with noted_sources() as sources:
+        world = _load(path, mode, seed, progress)
+    if is_local:
+        keep_world(world, sources, mode, seed)
+    return world
+
+
+def _load(path: Path, mode: str | None, seed: int, progress: Progress | None) -> World:
     world = assemble(load_scene_file(path), path, mode=mode, seed=seed, progress=progress)
     return exclude(world, zero_pose_overlaps(world))
 

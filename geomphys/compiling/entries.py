@@ -32,7 +32,6 @@ class Kernel(Sketched):
         kinds = tuple(sigutils.normalize_signature(sig)[0])
         if kinds not in self.overloads:
             with global_compiler_lock:
-                self.targetctx.refresh()
                 self._enter(kinds, *(self._find(kinds) or self._find_or_make(kinds)))
         return self.overloads[kinds].entry_point
 
@@ -52,6 +51,7 @@ class Kernel(Sketched):
 
     def _make(self, kinds: tuple[Any, ...]) -> tuple[Entry, dict[str, bytes]]:
         """Compile the entry and all units it needs."""
+        self.targetctx.refresh()  # slow, and not needed to load what is compiled
         units = compile_all(self.key(kinds))
         parts = [] if self.outlined else closure(self.part(kinds))[0]
         description = self.describe(kinds)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 from collections.abc import Iterator
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,8 @@ from numba.core import compiler, sigutils, typing
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 
-from geomphys.compiling.keys import Key, Store, stamp_of, symbol_of
+from geomphys.cache import Store
+from geomphys.compiling.keys import Key, stamp_of, symbol_of
 from geomphys.compiling.parts import Part, describe, sketch
 from geomphys.compiling.returns import declared_return
 
@@ -48,10 +50,14 @@ class Sketched(CPUDispatcher):  # type: ignore[misc]  # numba is untyped
         self.module, self.name = function.__module__, function.__qualname__
         source = Path(inspect.getfile(function))
         self.stamp = "" if PACKAGE in source.parents else stamp_of(source)
-        self.returns = declared_return(function)
         self._callees: dict[tuple[Any, ...], Callee] = {}
         self._parts: dict[tuple[Any, ...], Part] = {}
         _kernels[self.module, self.name] = self
+
+    @cached_property
+    def returns(self) -> Any:
+        """What it is annotated to return."""
+        return declared_return(self.py_func)
 
     def key(self, kinds: tuple[Any, ...]) -> Key:
         """Key of this kernel for these types of arguments."""

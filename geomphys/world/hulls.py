@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -67,13 +68,12 @@ def polytope(points: NDArray[np.float64]) -> Polytope:
         )
     tolerance = min(COPLANAR * size, COPLANAR_THIN * thickness)
     loops = _faces(vertices, triangles, normals, sides, tolerance)
-    planes = np.array([_plane(vertices, loop, middle) for loop in loops])
     order = np.lexsort((np.concatenate([edges[:, 1], edges[:, 0]]), np.concatenate([edges[:, 0], edges[:, 1]])))
     return Polytope(
         vertices=vertices,
         neighbour_count=np.bincount(edges.reshape(-1), minlength=len(vertices)),
         neighbours=np.concatenate([edges[:, 1], edges[:, 0]])[order],
-        planes=planes,
+        planes=_planes(vertices, loops, middle),
         loop_count=np.array([len(loop) for loop in loops]),
         loops=np.concatenate(loops),
         centre=_centroid(vertices, triangles, middle),
@@ -168,7 +168,7 @@ def _smallest_width(vertices: Floats, normals: Floats, edges: Ints, sides: Ints)
     return width
 
 
-def _faces(vertices: Floats, triangles: Ints, normals: Floats, sides: Ints, tolerance: float) -> list[Ints]:
+def _faces(vertices: Floats, triangles: Ints, normals: Floats, sides: Ints, tolerance: float) -> list[list[int]]:
     """Loops of the maximal faces: from the largest triangle on, all connected triangles that lie in its plane."""
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
@@ -176,6 +176,7 @@ def _faces(vertices: Floats, triangles: Ints, normals: Floats, sides: Ints, tole
     for s, t in sides.tolist():
         adjacent[s].append(t)
         adjacent[t].append(s)
+    corners: list[list[int]] = triangles.tolist()
     face = [-1] * len(triangles)
     groups: list[list[int]] = []
     for seed in np.argsort(-area, kind="stable").tolist():
@@ -183,21 +184,22 @@ def _faces(vertices: Floats, triangles: Ints, normals: Floats, sides: Ints, tole
             continue
         n, group, queue = normals[seed], [seed], [seed]
         level = (vertices @ n) - vertices[triangles[seed]].dot(n).max()
+        flat: list[bool] = (np.abs(level) <= tolerance).tolist()
         face[seed] = len(groups)
         while queue:
             for t in adjacent[queue.pop()]:
-                if face[t] < 0 and np.max(np.abs(level[triangles[t]])) <= tolerance:
+                if face[t] < 0 and all(flat[corner] for corner in corners[t]):
                     face[t] = len(groups)
                     group.append(t)
                     queue.append(t)
         groups.append(group)
-    return [_loop(triangles[group]) for group in groups]
+    return [_loop([corners[t] for t in group]) for group in groups]
 
 
-def _loop(triangles: Ints) -> Ints:
+def _loop(triangles: list[list[int]]) -> list[int]:
     """Outline of triangles that share edges."""
     follows: dict[int, int] = {}
-    directed = {(int(t[k]), int(t[(k + 1) % 3])) for t in triangles for k in range(3)}
+    directed = {edge for a, b, c in triangles for edge in ((a, b), (b, c), (c, a))}
     for u, v in sorted(directed):
         if (v, u) not in directed:
             if u in follows:
@@ -210,15 +212,20 @@ def _loop(triangles: Ints) -> Ints:
         at = follows[at]
     if len(loop) != len(follows):
         raise MeshError("hull: a face has a hole; the points are too close to each other")
-    return np.array(loop, dtype=np.int64)
+    return loop
 
 
-def _plane(vertices: Floats, loop: Ints, middle: Floats) -> Floats:
-    """Plane of a face: the area-weighted normal of its outline, and the offset of the corner farthest out."""
-    corners = vertices[loop] - middle
-    n = np.cross(corners - corners[0], np.roll(corners, -1, axis=0) - corners[0]).sum(axis=0)
-    n /= np.linalg.norm(n)
-    return np.array([*n, np.max(vertices @ n)])
+def _planes(vertices: Floats, loops: list[list[int]], middle: Floats) -> Floats:
+    """Planes (F, 4) of faces: the area-weighted normals of their outlines, the offsets of the corners farthest out."""
+    planes = np.empty((len(loops), 4))
+    for length in {len(loop) for loop in loops}:
+        rows = [row for row, loop in enumerate(loops) if len(loop) == length]
+        corners = vertices[[loops[row] for row in rows]] - middle
+        spokes = corners - corners[:, :1]
+        for row, n in zip(rows, np.cross(spokes[:, 1:-1], spokes[:, 2:]).sum(axis=1), strict=True):
+            n /= math.sqrt(n.dot(n))
+            planes[row, :3], planes[row, 3] = n, (vertices @ n).max()
+    return planes
 
 
 def _centroid(vertices: Floats, triangles: Ints, middle: Floats) -> Floats:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from geomphys.errors import MeshError
 from geomphys.world.gltf_file import gltf_claims
+from geomphys.world.sources import note_contents
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -234,7 +235,7 @@ def _bytes(path: Path, name: str) -> bytes:
             raise MeshError(f"{name}: {missing}")
         if path.stat().st_size > LARGEST_FILE:
             raise MeshError(f"{name}: is larger than {LARGEST_FILE // 2**20} MiB: simplify the mesh")
-        data = path.read_bytes()
+        data = note_contents(path, path.read_bytes())
     except OSError as error:
         raise MeshError(f"{name}: cannot be read: {error.strerror}") from error
     except ValueError:
@@ -318,7 +319,7 @@ class _Neighbours:
             raise FileNotFoundError(name)
         if path.stat().st_size > LARGEST_FILE:
             raise ValueError(name)
-        return path.read_bytes()
+        return note_contents(path, path.read_bytes())
 
     def __getitem__(self, name: str) -> bytes:
         return self.get(name)

@@ -13,6 +13,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from geomphys.errors import SceneError
 from geomphys.world.scene_fault import explain, fault, one_line
+from geomphys.world.sources import note_contents
 
 LARGEST_FILE = 4 * 2**20
 """bytes; a larger scene file is refused."""
@@ -334,7 +335,7 @@ def _read(path: Path) -> str:
         if not path.is_file():
             raise SceneError(f"{path}: no such scene file")
         with path.open("rb") as stream:
-            data = stream.read(LARGEST_FILE + 1)
+            data = note_contents(path, stream.read(LARGEST_FILE + 1))
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror}") from error
     if len(data) > LARGEST_FILE:

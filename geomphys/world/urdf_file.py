@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.errors import InputError, MeshError, ModelError
+from geomphys.world.sources import is_there, note_contents
 
 Floats = NDArray[np.float64]
 
@@ -136,16 +137,16 @@ def mesh_file(name: str, folder: Path) -> Path:
     rest = unquote(rest)
     package, _, inner = rest.partition("/")
     for up in (folder, *folder.parents):
-        if (up / rest).exists():
+        if is_there(up / rest):
             return up / rest
-        if up.name == package and (up / inner).exists():
+        if up.name == package and is_there(up / inner):
             return up / inner
     for variable, inside in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")):
         for entry in os.environ.get(variable, "").split(os.pathsep):
             base = Path(entry) / inside
-            if entry and (base / rest).exists():
+            if entry and is_there(base / rest):
                 return base / rest
-            if entry and base.name == package and (base / inner).exists():
+            if entry and base.name == package and is_there(base / inner):
                 return base / inner
     raise MeshError(
         f"{shown}: package {package!r} was not found in the folders above {folder}, "
@@ -159,7 +160,7 @@ def _bytes(path: Path) -> bytes:
             raise ModelError(f"{path}: is not a file, expected a URDF" if path.exists() else f"{path}: no such URDF")
         if path.stat().st_size > LARGEST_FILE:
             raise ModelError(f"{path}: is larger than {LARGEST_FILE // 2**20} MiB, too large for a URDF")
-        return path.read_bytes()
+        return note_contents(path, path.read_bytes())
     except OSError as error:
         raise ModelError(f"{path}: cannot be read: {error.strerror}") from error
     except ValueError:

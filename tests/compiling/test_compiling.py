@@ -229,7 +229,7 @@ def test_a_script_without_a_guard_has_kernels_of_its_own(tmp_path: Path) -> None
 
 def test_a_cache_that_cannot_be_written_costs_only_time(tmp_path: Path) -> None:
     place = Place(tmp_path, tmp_path / "cache")
-    full = "import geomphys.compiling.keys as keys\nkeys.Store.save = lambda *_: None\n"
+    full = "import geomphys.cache as cache\ncache.Store.save = lambda *_: None\n"
     process = place.start("-c", f"{full}import stacked\nprint(stacked.top(0.5))")
     assert result(process) == pytest.approx(EXPECTED, rel=1e-15)
     assert products(place, "part") == []

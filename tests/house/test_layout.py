@@ -26,6 +26,7 @@ LAYERS = (
     "world",
     "recording",
     "collision",
+    "kept_worlds",
     "load",
     "driven simulated",
     "provenance",
