@@ -16,7 +16,7 @@ from geomphys.driven.steps import is_recorded
 from geomphys.driven.update import give_way
 from geomphys.kernel import kernel, outlined
 from geomphys.machine import Knobs, Machine
-from geomphys.simulated.paths import UNEVEN, smaller
+from geomphys.simulated.paths import carried_on, is_even
 from geomphys.simulated.update import simulate
 from geomphys.vec3 import (
     add,
@@ -73,8 +73,8 @@ def shift_driven(scene: Scene, m: Machine) -> None:
 def note_courses(scene: Scene, m: Machine, roots: Floats, dt: float, first: bool) -> None:
     """Accelerations that recorded roots (T, 7) have in this frame, judged from the frames before as those of tracked things.
 
-    A row of `course`: root position [m], its mean velocity [m/s], how that changed [m/s²], the frame's time [s], and the
-    acceleration [m/s²].
+    A row of `course`: root position [m], its mean velocity [m/s], how that changed [m/s²], the frame's time [s], the
+    acceleration [m/s²], and the time of the frame before [s].
     """
     for tree in range(len(scene.trees.role)):
         if not is_recorded(scene, tree):
@@ -84,12 +84,12 @@ def note_courses(scene: Scene, m: Machine, roots: Floats, dt: float, first: bool
         velocity = (0.0, 0.0, 0.0)
         if not first and dt > 0.0:
             velocity = scale(sub(position, (c[0], c[1], c[2])), 1.0 / dt)
-            if c[9] < UNEVEN * dt and dt < UNEVEN * c[9]:
+            if is_even(dt, c[9]):
                 change = scale(sub(velocity, (c[3], c[4], c[5])), 2.0 / (dt + c[9]))
-        pull = smaller(change, (c[6], c[7], c[8]))
+        pull = carried_on(change, (c[6], c[7], c[8]), dt, c[9], c[13])
         for i in range(3):
             c[i], c[3 + i], c[6 + i], c[10 + i] = position[i], velocity[i], change[i], pull[i]
-        c[9] = 0.0 if first else dt
+        c[13], c[9] = c[9], 0.0 if first else dt
 
 
 @outlined

@@ -84,6 +84,24 @@ def note_energies(sim: int) -> None:
 
 
 @kernel
+def note_fresh_energies(sim: int) -> None:
+    """Note the energies anew in islands with a body that the caller has just put where it stands.
+
+    It may have been somewhat inside another, and has been lifted out of that.
+    """
+    for s in range(entry(sim, AT_COUNT)):
+        set_float(island_of(sim, free_body(sim, s)), EXCESS, 0.0)
+    for s in range(entry(sim, AT_COUNT)):
+        body = free_body(sim, s)
+        if int_at(kind_of(sim, body), FRESH) == 1:
+            set_float(island_of(sim, body), EXCESS, 1.0)
+    for s in range(entry(sim, AT_COUNT)):
+        body = free_body(sim, s)
+        if float_at(island_of(sim, body), EXCESS) == 1.0:
+            set_float(energy_of(sim, body), BEFORE, energy(sim, body))
+
+
+@kernel
 def add_up(sim: int) -> None:
     """Add up what the islands have gained since `note_energies`, and note what they touch."""
     for s in range(entry(sim, AT_COUNT)):
@@ -97,9 +115,6 @@ def add_up(sim: int) -> None:
             gain = energy(sim, body) - float_at(energy_of(sim, body), BEFORE)
             set_float(island, EXCESS, float_at(island, EXCESS) + gain)
             set_float(island, MOVING, float_at(island, MOVING) + kinetic(motion_of(sim, body)))
-        if int_at(kind, FRESH) == 1:
-            # the caller may have put it somewhat inside another, and it is lifted out of that
-            set_float(island, SUPPORT, STIRRED)
     for k in range(how_many(sim, N_PAIRS)):
         p = pair_at(sim, k)
         island, b = island_of(sim, int_at(p, BODY_A)), int_at(p, BODY_B)

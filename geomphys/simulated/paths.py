@@ -1,13 +1,15 @@
 """How bodies that follow a path move within a frame.
 
 Only where it is at every frame is known. A tracked thing of the scene goes from one to the next on the parabola that
-the frames before call for: its acceleration is the change of the mean velocity from frame to frame, or that of the frame
-before if it is smaller, and none where the two point in different directions. What moves smoothly then strikes and
-carries with the velocity it has at that moment, at any frame rate; what starts, stops or trembles goes straight. Driven
+the frames before call for: its acceleration is the change of the mean velocity from frame to frame, carried on to the
+middle of the frame as it changed last, and none where it turned round. What moves smoothly then strikes and carries
+with the velocity it has at that moment, at any frame rate; what starts, stops or trembles goes straight. Driven
 bodies go straight in their turns, whose ends lie on such parabolas.
 """
 
 from __future__ import annotations
+
+import math
 
 from geomphys.kernel import kernel
 from geomphys.memory import float_at, int_at, set_float
@@ -40,7 +42,7 @@ from geomphys.simulated.state import (
 from geomphys.vec3 import Vec, add_scaled, dot, quat_conjugate, quat_mul, rotation_vector, scale, sub
 from geomphys.world.scene import FIXED
 
-UNEVEN = 1.5  # a frame longer or shorter than the one before by this factor says nothing of the acceleration
+UNEVEN = 3.0  # a frame longer or shorter than the one before by this factor says nothing of the acceleration
 
 
 @kernel
@@ -52,11 +54,36 @@ def mean_velocities(sim: int, body: int) -> tuple[Vec, Vec]:
 
 
 @kernel
-def smaller(a: Vec, b: Vec) -> Vec:
-    """The shorter of two vectors; 0 if they point in different directions."""
+def is_even(dt: float, last: float) -> bool:
+    """Whether a frame of `dt` [s] after one of `last` [s] tells of an acceleration."""
+    return last < UNEVEN * dt and dt < UNEVEN * last
+
+
+@kernel
+def carried_on(a: Vec, before: Vec, dt: float, last: float, older: float) -> Vec:
+    """Acceleration in the middle of a frame.
+
+    Parameters
+    ----------
+    a, before
+        How the mean velocity changed from the last frame to this, and from the one before that to the last [m/s²].
+    dt, last, older
+        Length of this frame and of those two [s].
+
+    Returns
+    -------
+    tuple
+        On the straight line through both; no more than twice the smaller, and 0 where their directions differ.
+    """
+    if dot(a, before) <= 0.0:
+        return (0.0, 0.0, 0.0)
+    share = (dt + last) / (dt + 2.0 * last + older)
+    b = add_scaled(scale(a, 1.0 + share), before, -share)
     if dot(a, b) <= 0.0:
         return (0.0, 0.0, 0.0)
-    return a if dot(a, a) <= dot(b, b) else b
+    most = 4.0 * min(dot(a, a), dot(before, before))
+    square = dot(b, b)
+    return b if square <= most else scale(b, math.sqrt(most / square))
 
 
 @kernel
@@ -69,19 +96,20 @@ def lay_courses(sim: int) -> None:
             continue
         m = motion_of(sim, body)
         v, w = mean_velocities(sim, body)
-        before = float_at(m, COURSE_TIME)
+        last, older = float_at(m, COURSE_TIME), float_at(m, COURSE_TIME + 1)
         a, b = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-        if before < UNEVEN * dt and dt < UNEVEN * before:
-            rate = 2.0 / (dt + before)
+        if is_even(dt, last):
+            rate = 2.0 / (dt + last)
             a, b = scale(sub(v, vec_at(m, COURSE)), rate), scale(sub(w, vec_at(m, COURSE + 3)), rate)
-        set_vec(m, PULL, smaller(a, vec_at(m, COURSE_CHANGE)))
-        set_vec(m, BEND, scale(smaller(b, vec_at(m, COURSE_CHANGE + 3)), 0.5))
+        set_vec(m, PULL, carried_on(a, vec_at(m, COURSE_CHANGE), dt, last, older))
+        set_vec(m, BEND, scale(carried_on(b, vec_at(m, COURSE_CHANGE + 3), dt, last, older), 0.5))
         set_float(m, LENGTH, dt)
         set_vec(m, COURSE, v)
         set_vec(m, COURSE + 3, w)
         set_vec(m, COURSE_CHANGE, a)
         set_vec(m, COURSE_CHANGE + 3, b)
         set_float(m, COURSE_TIME, dt)
+        set_float(m, COURSE_TIME + 1, last)
 
 
 @kernel

@@ -13,10 +13,10 @@ import math
 
 from geomphys.kernel import kernel
 from geomphys.memory import float_at, int_at, set_float, set_int
-from geomphys.simulated.cells import add_vec, quat_at, set_quat, set_vec, vec_at
-from geomphys.simulated.impulses import push_more, settle, settle_normals
+from geomphys.simulated.cells import add_vec, set_vec, vec_at
+from geomphys.simulated.impulses import settle, settle_normals
 from geomphys.simulated.ledger import commit, give, impulse_of
-from geomphys.simulated.motion import load_velocities, plan, refresh
+from geomphys.simulated.motion import load_velocities, plan
 from geomphys.simulated.paths import load_paths
 from geomphys.simulated.points import normal_speed, push, speed_at
 from geomphys.simulated.state import (
@@ -24,7 +24,6 @@ from geomphys.simulated.state import (
     AT_DT,
     AT_GAP,
     AT_HEFT,
-    AT_SHOVE,
     AT_THRESHOLD,
     AT_TOUCH,
     AT_VELOCITY,
@@ -41,15 +40,12 @@ from geomphys.simulated.state import (
     ISLAND,
     LIGHTNESS,
     LIMIT,
-    MASS_N,
     MOVES,
     N_PAIRS,
     N_ROWS,
     NORMAL,
-    POINT,
     PULL,
     PUSH,
-    ROLE,
     ROW_A,
     ROW_B,
     ROW_ON,
@@ -58,8 +54,6 @@ from geomphys.simulated.state import (
     RUB,
     TANGENT,
     TORQUE,
-    TURN,
-    WEDGED,
     YIELDED,
     entry,
     free_body,
@@ -77,8 +71,7 @@ from geomphys.simulated.state import (
     velocity_of,
 )
 from geomphys.simulated.wishes import reload
-from geomphys.vec3 import add_scaled, dot, norm, quat_from_rotation_vector, quat_mul, quat_unit, scale
-from geomphys.world.scene import DRIVEN
+from geomphys.vec3 import add_scaled, dot, norm, scale
 
 SWEEPS = 400  # at most; what is left then is small, and the next step goes on from there
 FEW_SWEEPS = 60  # after a halt within the step
@@ -90,10 +83,6 @@ SLOW_PART = 1.0  # of the threshold: points near but not touching that approach 
 WEIGHT_TIME = 0.01  # s: more than twice the longest step
 MOST_YIELDS = 4
 GRIPPED = 1e-4  # m/s: a point that a driven body pressed and that does not part faster is gripped
-SHOVES = 200
-SETTLED = 1e-3  # of the gap kept: the moving apart ends when no sweep changes a distance by more
-WEDGE = 3.0  # gaps: what is left overlapping by more had no room
-GIVE = 0.02  # where there is no room: share by which rows give in to what pushes back, so that overlap is shared out
 
 
 @kernel
@@ -271,105 +260,3 @@ def hold(sim: int, t: float, h: float, sweeps: int) -> None:
     for s in range(entry(sim, AT_COUNT)):
         if has_changed(sim, free_body(sim, s)):
             plan(motion_of(sim, free_body(sim, s)), h)
-
-
-@kernel
-def sweep_apart(sim: int, give: float) -> bool:
-    """Sweeps over the rows of `push_apart`, from the start. Returns whether they settled.
-
-    With `give` above 0 a row's goal is lower by that share of what its own impulse alone would move it.
-    """
-    gap, count = knob(sim, AT_GAP), how_many(sim, N_ROWS)
-    for s in range(entry(sim, AT_COUNT)):
-        for i in range(6):
-            set_float(velocity_of(entry(sim, AT_SHOVE), free_body(sim, s)), i, 0.0)
-    for k in range(count):
-        set_float(row(sim, k), PUSH, 0.0)
-    for _ in range(SHOVES):
-        most = 0.0
-        for k in range(count):
-            r = row(sim, k)
-            if int_at(owner(sim, k), ROW_ON) == 1:
-                back = give * float_at(r, MASS_N) * float_at(r, PUSH)
-                set_float(r, GOAL, gap - float_at(r, CLEARANCE) - back)
-                most = max(most, push_more(sim, entry(sim, AT_SHOVE), k))
-        if most <= SETTLED * gap:
-            return True
-    return False
-
-
-@kernel
-def is_wedged(sim: int) -> bool:
-    """Mark the islands that the last sweeps left with an overlap. Returns whether there are any."""
-    found = False
-    for s in range(entry(sim, AT_COUNT)):
-        set_int(kind_of(sim, free_body(sim, s)), WEDGED, 0)
-    for k in range(how_many(sim, N_ROWS)):
-        o, r = owner(sim, k), row(sim, k)
-        if int_at(o, ROW_ON) == 1:
-            moved = normal_speed(entry(sim, AT_SHOVE), r, int_at(o, ROW_A), int_at(o, ROW_B))
-            if float_at(r, CLEARANCE) + moved < -WEDGE * knob(sim, AT_GAP):
-                set_int(kind_of(sim, int_at(kind_of(sim, int_at(o, ROW_A)), ISLAND)), WEDGED, 1)
-                found = True
-    return found
-
-
-@kernel
-def let_driven_through(sim: int) -> bool:
-    """Let go of driven bodies that press on wedged islands: it is they who give way at the frame's end.
-
-    Returns whether there were any.
-    """
-    found = False
-    for k in range(how_many(sim, N_ROWS)):
-        o = owner(sim, k)
-        island = int_at(kind_of(sim, int_at(o, ROW_A)), ISLAND)
-        presses = int_at(o, ROW_ON) == 1 and float_at(row(sim, k), PUSH) > 0.0
-        if (
-            presses
-            and int_at(kind_of(sim, island), WEDGED) == 1
-            and int_at(kind_of(sim, int_at(o, ROW_B)), ROLE) == DRIVEN
-        ):
-            set_int(pair_at(sim, int_at(o, ROW_PAIR)), YIELDED, 1)
-            found = True
-    for k in range(how_many(sim, N_ROWS)):
-        if has_yielded(sim, int_at(owner(sim, k), ROW_PAIR)):
-            set_int(owner(sim, k), ROW_ON, 0)
-    return found
-
-
-@kernel
-def push_apart(sim: int) -> float:
-    """Move changed bodies, the lightest most, so that no row stays below the gap kept; velocities are left alone.
-
-    Corrects what a step's straight-line contact missed of a turning body's path, micrometres, and resolves an overlap
-    there was at the start. Clearances of the rows are brought up to date to first order; returns the least of them [m].
-    """
-    count = how_many(sim, N_ROWS)
-    for k in range(count):
-        o, r = owner(sim, k), row(sim, k)
-        on = has_changed(sim, int_at(o, ROW_A)) and not has_yielded(sim, int_at(o, ROW_PAIR))
-        set_int(o, ROW_ON, 1 if on else 0)
-        set_float(r, LIMIT, math.inf)
-    if not sweep_apart(sim, 0.0):
-        sweep_apart(sim, GIVE)
-        if is_wedged(sim) and let_driven_through(sim) and not sweep_apart(sim, 0.0):
-            sweep_apart(sim, GIVE)
-    least = math.inf
-    for k in range(count):
-        o, r = owner(sim, k), row(sim, k)
-        if int_at(o, ROW_ON) == 1:
-            moved = normal_speed(entry(sim, AT_SHOVE), r, int_at(o, ROW_A), int_at(o, ROW_B))
-            set_float(r, CLEARANCE, float_at(r, CLEARANCE) + moved)
-            least = min(least, float_at(r, CLEARANCE))
-            set_float(r, PUSH, 0.0)
-    for s in range(entry(sim, AT_COUNT)):
-        body = free_body(sim, s)
-        if has_changed(sim, body):
-            m, shove = motion_of(sim, body), velocity_of(entry(sim, AT_SHOVE), body)
-            add_vec(m, POINT, vec_at(shove, 0), 1.0)
-            turn = vec_at(shove, 3)
-            if turn[0] != 0.0 or turn[1] != 0.0 or turn[2] != 0.0:
-                set_quat(m, TURN, quat_unit(quat_mul(quat_from_rotation_vector(turn), quat_at(m, TURN))))
-                refresh(m)
-    return least

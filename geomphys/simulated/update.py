@@ -16,15 +16,16 @@ from geomphys.memory import float_at, int_at, set_float, set_int
 from geomphys.simulated.approach import first_touch, look
 from geomphys.simulated.cells import vec_at
 from geomphys.simulated.collisions import resolve
-from geomphys.simulated.energy import note_energies, take_excess
+from geomphys.simulated.energy import note_energies, note_fresh_energies, take_excess
 from geomphys.simulated.frame import QUARANTINED, begin, finish, mark_all, put_back, undo_put_back
 from geomphys.simulated.header import header_of
 from geomphys.simulated.impact_queue import empty_queue, put, take_out
 from geomphys.simulated.ledger import drop_rows
 from geomphys.simulated.motion import move_bases
 from geomphys.simulated.pairs import any_beyond_range, find_pairs
+from geomphys.simulated.parting import any_short, push_apart
 from geomphys.simulated.points import add_rows
-from geomphys.simulated.resting import FEW_SWEEPS, SWEEPS, hold, push_apart
+from geomphys.simulated.resting import FEW_SWEEPS, SWEEPS, hold
 from geomphys.simulated.sleep import wake
 from geomphys.simulated.spread import concerns_changed, mark_meeting
 from geomphys.simulated.state import (
@@ -118,11 +119,11 @@ def lay_rows(sim: int, t: float) -> float:
 def part(sim: int, t: float) -> float:
     """Contact points of the changed bodies at time `t`, overlaps among them resolved.
 
-    Returns the least clearance that is left [m], to first order where it is not far from the gap kept.
+    Returns the least clearance that is left [m], to first order where it is small.
     """
     least = lay_rows(sim, t)
     for _ in range(PARTINGS):
-        if least >= 0.5 * knob(sim, AT_GAP):
+        if not any_short(sim):
             break
         near = push_apart(sim)
         for k in range(how_many(sim, N_PAIRS)):
@@ -214,6 +215,8 @@ def advance(sim: int, t0: float, t1: float, room: int, most_halts: int) -> tuple
     while True:
         move_bases(sim, t)
         part(sim, t)
+        if t == t0:
+            note_fresh_energies(sim)
         done, full = resolve(sim, t, room - impacts)
         impacts += done
         bound = bound or full

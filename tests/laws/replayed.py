@@ -98,16 +98,20 @@ def play(
     pairs: str = "",
     paths: dict[str, Path7] | None = None,
     config: Config | None = None,
+    times: Sequence[float] | None = None,
 ) -> Run:
-    """Write scene and log, replay. `paths`: topic -> pose (7) at a time [s]. A far-off marker that is tracked is the clock."""
+    """Write scene and log, replay. `paths`: topic -> pose (7) at a time [s]. A far-off marker that is tracked is the clock.
+
+    `times` [s] are those of the frames, where they are not `1 / rate` apart.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     head = f'[scene]\nname = "law"\ngravity = {list(gravity)}\n{pairs}\n'
     marker = thing("marker", "fixed", sphere=0.001, topic="/marker")
     (folder / "scene.toml").write_text(head + "".join(things) + marker)
     followed = {"/marker": lambda _: (50.0, 50.0, 50.0, *UPRIGHT), **(paths or {})}
     items = [
-        pose(topic, 1.0 + k / rate, [float(x) for x in path(k / rate)])
-        for k in range(math.floor(seconds * rate + 0.5) + 1)
+        pose(topic, 1.0 + t, [float(x) for x in path(t)])
+        for t in times or [k / rate for k in range(math.floor(seconds * rate + 0.5) + 1)]
         for topic, path in followed.items()
     ]
     write_log(folder / "log.mcap", items, encoding="protobuf")

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.laws.replayed import GRAVITY, SPACE, UPRIGHT, floor, play, thing, turned
+from tests.laws.replayed import GRAVITY, SPACE, UPRIGHT, Run, floor, play, thing, turned
 
 MU = 0.3  # wood on wood
 FREE = 1e-5  # m
@@ -97,21 +98,56 @@ WAYS = {
 }
 
 
-@pytest.mark.parametrize(
-    ("role", "name"), [("fixed", "swing"), ("fixed", "arc"), ("driven", "swing"), ("driven", "arc"), ("driven", "hit")]
-)
-def test_a_curving_way_does_the_same_at_every_frame_rate(tmp_path: Path, role: str, name: str) -> None:
+BALL = thing("a", sphere=0.05, position=(0, 0, 0.05), density=600.0)
+CYLINDER = thing("a", cylinder=(0.04, 0.1), position=(0, 0.02, 0.05), density=600.0)
+
+
+def pushed(folder: Path, role: str, name: str, what: str, rate: float, times: list[float] | None = None) -> Run:
+    """A slab follows one of the `WAYS` for two seconds and meets something."""
+    things = [what, floor(), thing("slab", role, box=(0.02, 0.6, 0.6), topic="/slab", material="human")]
+    return play(folder, things, 2.0, rate, paths={"/slab": WAYS[name]}, times=times)
+
+
+@pytest.mark.parametrize("what", [BALL, CYLINDER])
+@pytest.mark.parametrize("name", WAYS)
+@pytest.mark.parametrize(("role", "off"), [("fixed", 0.002), ("driven", 0.01)])
+def test_a_curving_way_does_the_same_at_every_frame_rate(
+    tmp_path: Path, role: str, off: float, name: str, what: str
+) -> None:
     """Sampled at a rate of its own each: what lies between two frames must be guessed well."""
-    ends = []
-    for rate in (30, 60, 120, 240):
-        things = [thing("a", sphere=0.05, position=(0, 0, 0.05), density=600.0), floor()]
-        things.append(thing("slab", role, box=(0.02, 0.6, 0.6), topic="/slab", material="human"))
-        ends.append(
-            play(tmp_path / str(rate), things, 2.0, rate, paths={"/slab": WAYS[name]}).path("a")[:: rate // 30, :3]
-        )
+    ends = [
+        pushed(tmp_path / str(rate), role, name, what, rate).path("a")[:: rate // 30, :3] for rate in (30, 60, 120, 240)
+    ]
     way = np.linalg.norm(np.diff(ends[-1], axis=0), axis=1).sum()
     for end in ends[:-1]:
-        assert np.linalg.norm(end - ends[-1], axis=1).max() < 0.01 * way
+        assert np.linalg.norm(end - ends[-1], axis=1).max() < off * way
+
+
+@pytest.mark.parametrize("name", WAYS)
+def test_a_curving_way_does_the_same_where_frames_are_unevenly_spaced(tmp_path: Path, name: str) -> None:
+    uneven = [(k + 0.2 * math.sin(5.0 * k)) / 30 for k in range(60)]
+    fine = pushed(tmp_path / "fine", "fixed", name, BALL, 240.0)
+    run = pushed(tmp_path / "uneven", "fixed", name, BALL, 30.0, uneven)
+    want = np.stack([np.interp(run.t, fine.t, fine.path("a")[:, i]) for i in range(3)], axis=1)
+    way = np.linalg.norm(np.diff(want, axis=0), axis=1).sum()
+    assert np.linalg.norm(run.path("a")[:, :3] - want, axis=1).max() < 0.005 * way
+
+
+@pytest.mark.parametrize("rate", [30, 60, 240])
+def test_a_panel_that_stops_short_of_a_ball_never_touches_it(tmp_path: Path, rate: int) -> None:
+    """No guess of the way between frames goes on where the recording stopped, or rings."""
+    things = [
+        thing("a", sphere=0.05, position=(0.061, 0, 0)),
+        thing("panel", "fixed", box=(0.02, 1, 1), topic="/panel"),
+    ]
+    ways = {
+        "braked": lambda t: (-0.4 * max(0.0, 0.5 - t) ** 2, 0, 0, *UPRIGHT),
+        "halted": lambda t: (-max(0.0, 0.5 - t), 0, 0, *UPRIGHT),
+        "hurried": lambda t: (-1.5 * max(0.0, 0.25 - t * t), 0, 0, *UPRIGHT),
+    }
+    for name, way in ways.items():
+        run = play(tmp_path / name, things, 1.0, rate, gravity=SPACE, paths={"/panel": way})
+        assert run.drift("a") == (0.0, 0.0)
 
 
 def test_a_slab_that_pushes_a_box_lags_by_what_its_coupling_has_to_hold(tmp_path: Path) -> None:

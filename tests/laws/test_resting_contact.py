@@ -92,7 +92,7 @@ def test_a_body_left_on_a_table_stays_for_a_minute(name: str, above: float) -> N
     assert np.abs(track[:, 0, :3] - track[0, 0, :3]).max() < 1e-6
     assert angle(track[-1, 0, 3:], track[0, 0, 3:]) < 1e-3
     assert track[0, 0, 2] == pytest.approx(low, abs=1e-5)
-    assert player.overlap() == 0.0
+    assert player.overlap() < 1e-10
     assert player.flags == 0
 
 
@@ -104,7 +104,7 @@ def test_a_stack_of_three_boxes_stays_for_a_minute(above: float) -> None:
     track = player.run(59.0, 30)
     assert np.abs(track[:, :3, :3] - track[0, :3, :3]).max() < 1e-6
     assert max(angle(track[-1, b, 3:], track[0, b, 3:]) for b in range(3)) < 1e-3
-    assert player.overlap() == 0.0
+    assert player.overlap() < 1e-10
 
 
 @pytest.mark.parametrize("top", [1.0, 20.0])
