@@ -25,7 +25,7 @@ CORNERS = (8, 20, 60, 250)  # of random hulls
 SHALLOW = 0.05  # share of the depth that is left to pairs that only graze each other, as most do in a replay
 PAIRS = 24  # random ones of each number of corners
 MET_PAIRS = 256  # most that are kept of an experiment
-BLOCK = 16  # pairs timed together
+BLOCK = 64  # pairs timed together: so many that the call counts for little beside them
 EVERY = 5  # frames between two from which pairs are taken
 
 
