@@ -61,7 +61,10 @@ from geomphys.world.scene import DRIVEN
 SHOVES = 200
 SETTLED = 1e-3  # of the gap kept: the moving apart ends when no sweep changes a distance by more
 WEDGE = 3.0  # gaps: what is left overlapping by more had no room
-TOUCHING = 0.05  # gaps: surfaces that overlap by no more only touch; what overlaps by more is moved so far apart
+TOUCHING = (
+    0.75  # gaps: surfaces that overlap by no more only touch: the last digit of whoever wrote down where they are
+)
+CLEAR = 0.05  # gaps: what overlaps by more is moved so far apart; a move that gains less is none
 GIVE = 0.02  # where there is no room: share by which rows give in to what pushes back, so that overlap is shared out
 
 
@@ -97,7 +100,7 @@ def distance_to_keep(sim: int, k: int) -> float:
     gap, clearance = knob(sim, AT_GAP), float_at(row(sim, k), CLEARANCE)
     if pays(sim, k):
         return gap
-    return TOUCHING * gap if is_short(sim, k) else min(gap, clearance)
+    return CLEAR * gap if is_short(sim, k) else min(gap, clearance)
 
 
 @kernel
@@ -183,7 +186,7 @@ def stay_if_useless(sim: int) -> None:
                 moved = normal_speed(entry(sim, AT_SHOVE), r, int_at(o, ROW_A), int_at(o, ROW_B))
                 before = min(before, float_at(r, CLEARANCE))
                 after = min(after, float_at(r, CLEARANCE) + moved)
-        if after < before + TOUCHING * knob(sim, AT_GAP):
+        if after < before + CLEAR * knob(sim, AT_GAP):
             for i in range(entry(sim, AT_COUNT)):
                 if int_at(kind_of(sim, free_body(sim, i)), ISLAND) == island:
                     shove = velocity_of(entry(sim, AT_SHOVE), free_body(sim, i))

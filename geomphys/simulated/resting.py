@@ -79,7 +79,9 @@ STILL = 1e-11  # m/s: the solving ends when no sweep changes a velocity by more 
 STILL_PART = 1e-6  # ... or by more than this share of the fastest motion at a contact point
 APPROACH = 2e-4  # m/s: touching points that approach no faster are stopped in the course of the step
 FAINT = 5e-3  # m/s: points that part no faster are held as if they did not part
-SLOW_PART = 1.0  # of the threshold: points near but not touching that approach no faster are held, not left to collide
+SLOW_PART = (
+    1.0  # of the threshold: points near but not touching that approach no faster are held if others of the pair touch
+)
 WEIGHT_TIME = 0.01  # s: more than twice the longest step
 MOST_YIELDS = 4
 GRIPPED = 1e-4  # m/s: a point that a driven body pressed and that does not part faster is gripped
@@ -167,12 +169,19 @@ def choose_held(sim: int, h: float) -> float:
         if has_changed(sim, int_at(pair_at(sim, k), BODY_A)):
             set_int(pair_at(sim, k), HELD, 0)
     for k in range(how_many(sim, N_ROWS)):
+        o = owner(sim, k)
+        touches = float_at(row(sim, k), CLEARANCE) <= knob(sim, AT_TOUCH)
+        if touches and has_changed(sim, int_at(o, ROW_A)) and not has_yielded(sim, int_at(o, ROW_PAIR)):
+            set_int(pair_at(sim, int_at(o, ROW_PAIR)), HELD, 1)
+    for k in range(how_many(sim, N_ROWS)):
         o, r = owner(sim, k), row(sim, k)
         set_int(o, ROW_ON, 0)
         if has_changed(sim, int_at(o, ROW_A)) and not has_yielded(sim, int_at(o, ROW_PAIR)):
             speed = speed_at(entry(sim, AT_VELOCITY), r, int_at(o, ROW_A), int_at(o, ROW_B))
             v, clearance = dot(speed, vec_at(r, NORMAL)), float_at(r, CLEARANCE)
-            if clearance <= knob(sim, AT_TOUCH) or v > -SLOW_PART * knob(sim, AT_THRESHOLD):
+            held = int_at(pair_at(sim, int_at(o, ROW_PAIR)), HELD) == 1
+            slowest = -SLOW_PART * knob(sim, AT_THRESHOLD) if held else 0.0
+            if clearance <= knob(sim, AT_TOUCH) or v > slowest:
                 fastest = max(fastest, norm(speed))
                 parting = v if v > FAINT else 0.0
                 set_float(r, GOAL, -2.0 * max(0.0, clearance - knob(sim, AT_GAP)) / h - parting)

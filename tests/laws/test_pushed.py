@@ -110,7 +110,7 @@ def pushed(folder: Path, role: str, name: str, what: str, rate: float, times: li
 
 @pytest.mark.parametrize("what", [BALL, CYLINDER])
 @pytest.mark.parametrize("name", WAYS)
-@pytest.mark.parametrize(("role", "off"), [("fixed", 0.002), ("driven", 0.01)])
+@pytest.mark.parametrize(("role", "off"), [("fixed", 0.002), ("driven", 0.005)])
 def test_a_curving_way_does_the_same_at_every_frame_rate(
     tmp_path: Path, role: str, off: float, name: str, what: str
 ) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from geomphys.simulated.state import TREE
 from geomphys.simulated.update import simulate
 from geomphys.world import scene as s
 from geomphys.world.pieces import Box, Cylinder, Sphere
@@ -48,6 +49,53 @@ def test_a_hand_that_meets_two_balls_at_once_has_less_left_for_the_second() -> N
     second = 1.3 * (0.6 - first / 0.4) / (1 / 0.2 + 1 / 0.4)
     np.testing.assert_allclose(sorted(player.velocity[:2, 0]), [second / 0.2, first / 0.2], rtol=1e-9)
     assert impulse[2, 0] == pytest.approx(-first - second, rel=1e-9)
+
+
+def test_links_of_one_hand_that_meet_a_ball_each_share_the_recoil() -> None:
+    """Two fingers move together: what one of them loses to its ball the other has no more when it strikes."""
+    balls = [Thing(shape=Sphere(0.05), mass=0.2, at=(0, y, 0)) for y in (-0.1, 0.1)]
+    links = [
+        Thing(shape=Box((0.02, 0.04, 0.3)), role=s.DRIVEN, at=(-0.07 - 2e-6, y, 0), coupling_mass=0.4)
+        for y in (-0.1, 0.1)
+    ]
+    player = Player([*balls, *links], gravity=(0, 0, 0))
+    player.state.kinds[3, TREE] = player.state.kinds[2, TREE]
+    end, impulse = player.poses.copy(), np.zeros((4, 3))
+    player.velocity[2:, :3] = (0.6, 0, 0)
+    simulate(
+        player.scene.pieces, player.state, player.poses, end, player.velocity, impulse, player.frames, 1 / 60, 200,
+        player.gap, False, player.scratch,
+    )  # fmt: skip
+    first = 1.3 * 0.6 / (1 / 0.2 + 1 / 0.4)
+    second = 1.3 * (0.6 - first / 0.4) / (1 / 0.2 + 1 / 0.4)
+    np.testing.assert_allclose(sorted(player.velocity[:2, 0]), [second / 0.2, first / 0.2], rtol=1e-9)
+    np.testing.assert_allclose(impulse[2:, 0], [-first - second, 0.0], rtol=1e-9)
+
+
+@pytest.mark.parametrize("sliding", [1.0, 3.0])
+def test_a_hand_that_grazes_a_ball_rubs_no_more_than_it_strikes(sliding: float) -> None:
+    """Friction is that of the impulse; nothing grips the ball once it flies off."""
+    player = Player([Thing(shape=Sphere(0.05), mass=0.2), hand(-0.07 - 2e-6)], gravity=(0, 0, 0))
+    end, impulse = player.poses.copy(), np.zeros((2, 3))
+    player.velocity[1, :3] = (0.6, sliding, 0)
+    simulate(
+        player.scene.pieces, player.state, player.poses, end, player.velocity, impulse, player.frames, 1 / 60, 200,
+        player.gap, False, player.scratch,
+    )  # fmt: skip
+    j = 1.3 * 0.6 / (1 / 0.2 + 1 / 0.4)
+    np.testing.assert_allclose(player.velocity[0, :3], [j / 0.2, 0.3 * j / 0.2, 0], rtol=1e-9, atol=1e-12)
+    assert player.velocity[0, 5] == pytest.approx(-0.3 * j * 0.05 / (0.4 * 0.2 * 0.05**2), rel=1e-4)
+    np.testing.assert_allclose(impulse[1], [-j, -0.3 * j, 0], rtol=1e-9, atol=1e-12)
+
+
+def test_what_a_hand_squeezes_is_not_pushed_into_what_stands_behind_it() -> None:
+    """Where there is no room for a ball between a hand and a wall it is the hand that has to give way."""
+    wall = Thing(shape=Box((0.02, 0.3, 0.3)), role=s.FIXED, at=(0.07, 0, 0.2))
+    player = Player([Thing(shape=Sphere(0.05), at=(0, 0, 0.05)), floor(), hand(-0.07 + 1e-3), wall])
+    for _ in range(3):
+        player.step(1 / 60)
+        assert player.poses[0, 0] <= 1e-5
+        assert player.poses[0, 2] >= 0.05 - 1e-5
 
 
 def test_what_the_ball_gains_the_hand_loses() -> None:
