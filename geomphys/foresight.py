@@ -168,10 +168,13 @@ def step_aside(runner: Runner, before: Track | None, track: Track, spare: Block)
         start = cycles()
         whole = track if before is None else joined(before, track)
         ahead_rows = len(whole) - len(track)
+        end = runner.machine.state()
         plan, trials = find_drift(
             runner, whole, wedge._replace(row=wedge.row + ahead_rows), touched_in(before, track), spare
         )
-        if plan is not None:
+        if plan is None:
+            runner.machine.restore(end)
+        else:
             whole.drifts[plan.first : plan.last, wedge.tree] = plan.direction
             runner.machine.restore(whole.before)
             if before is not None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from geomphys.collision.detect import find_near, near_pairs_of_trees
 from geomphys.collision.sweep import apart, update_boxes
 from geomphys.driven.coupling import relax_offset
-from geomphys.driven.overlap import place_at
+from geomphys.driven.places import place_at
 from geomphys.driven.posture import pose_avatars
 from geomphys.driven.steps import is_recorded
 from geomphys.driven.update import give_way

@@ -14,9 +14,9 @@ from geomphys.collision.sweep import Boxes, make_boxes
 from geomphys.driven.ccd import make_ccd_room
 from geomphys.driven.chain_room import make_chain_room
 from geomphys.driven.escape import make_rescue
-from geomphys.driven.hold import make_wanted
+from geomphys.driven.hold import make_carried, make_wanted
 from geomphys.driven.least_distance import make_least_distance
-from geomphys.driven.overlap import make_places
+from geomphys.driven.places import make_places
 from geomphys.driven.posture import make_joints
 from geomphys.driven.state import DrivenRoom, DrivenState, make_driven_state
 from geomphys.packed import pack
@@ -130,7 +130,7 @@ def make_machine(scene: Scene, seed: int = 0) -> Machine:
         make_ccd_room(scene, joints), near, make_least_distance(unknowns, PLANES),
         make_rescue(make_near(NEAR_PAIRS)), np.zeros(pieces), np.zeros(bodies), np.zeros(dofs), np.zeros(dofs),
         np.zeros((trees, 7)), np.zeros(dofs), np.zeros((bodies, 7)),
-        np.zeros((trees, 3)), np.ones(1), np.array([seed]), make_wanted(trees, dofs, bodies),
+        np.zeros((trees, 3)), np.ones(1), np.array([seed]), make_wanted(trees, dofs, bodies), make_carried(trees),
     )  # fmt: skip
     return Machine(
         poses, poses.copy(), make_driven_state(scene), room, make_global_depths(NEAR_PAIRS),

@@ -25,6 +25,7 @@ from geomphys.collision.detect import find_near
 from geomphys.collision.global_depth import global_depths
 from geomphys.collision.sweep import update_boxes
 from geomphys.containment import contain_driven, keep_posture
+from geomphys.driven.escape import LOOSE
 from geomphys.driven.steps import is_recorded, recording_between
 from geomphys.driven.update import Outcome, update_driven
 from geomphys.interplay import (
@@ -220,7 +221,7 @@ def step(
     if not done.converged:
         numbers[FLAGS] |= FLAG_NOT_CONVERGED
     for tree in range(len(scene.trees.role)):
-        if m.room.places.held[tree] == 1 and m.room.places.escapes[0] == 0:
+        if m.room.places.held[tree] != LOOSE and m.room.places.escapes[0] == 0:
             numbers[FLAGS] |= FLAG_WEDGED
     touches = block.contact_end[frame + 1] > block.contact_end[frame]
     if lengths[RECORDED] == 0.0 and touches and lengths[CORRECTION] > BLOCKED_FROM:

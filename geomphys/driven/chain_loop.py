@@ -25,7 +25,7 @@ from geomphys.collision.sweep import Boxes
 from geomphys.driven.ccd import CcdRoom, descend, moves, point_in
 from geomphys.driven.chain_room import ChainRoom
 from geomphys.driven.chains import FREE, STUCK, place_posture
-from geomphys.driven.overlap import Places
+from geomphys.driven.places import Places
 from geomphys.driven.posture import Joints
 from geomphys.driven.shift import lies_along, shift_link
 from geomphys.kernel import kernel, outlined

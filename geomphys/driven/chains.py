@@ -22,7 +22,7 @@ from geomphys.collision.penetration import Scratch
 from geomphys.collision.sweep import Boxes, update_boxes
 from geomphys.driven.chain_room import ChainRoom, is_chained
 from geomphys.driven.least_distance import SOLVED, LeastDistance, solve_least_distance
-from geomphys.driven.overlap import Places, place_at, row_of
+from geomphys.driven.places import Places, place_at, row_of
 from geomphys.driven.posture import ROOT_WEIGHT, Joints, take_posture
 from geomphys.driven.reach_cones import fit_angles
 from geomphys.driven.rows import (

@@ -18,7 +18,7 @@ from geomphys.collision.penetration import Scratch
 from geomphys.collision.sweep import Boxes, apart, near_trees, update_boxes
 from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import Vec, add_scaled, cross, dot, norm, perpendicular, unit
-from geomphys.world.scene import DRIVEN, Scene
+from geomphys.world.scene import DRIVEN, SIMULATED, Scene
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -30,6 +30,9 @@ PASSED = 0.5  # of the mean thickness of two pieces: one that is deeper in the o
 DEEPER = 1.1  # times the share at the start is through it in any case
 PITCH = 2e-4  # m: how finely a way is checked for that at most
 ASKED = 2  # value of `Places.asked`: trees are to be held, and the step is to be done again
+# values of `Places.held`: a tree is free to turn; keeps the orientation and shape of its last free place; is carried by
+# what carried it in the step before; by what wedges it now
+LOOSE, HELD, ALONG, CARRIED = range(4)
 
 
 class Rescue(NamedTuple):
@@ -57,11 +60,20 @@ def concerns(scene: Scene, near: Near, ignored: Ints, k: int) -> bool:
     return near.tree_a[k] != near.tree_b[k] and ignored[body_a] == 0 and ignored[body_b] == 0
 
 
+@kernel
+def is_mover(scene: Scene, tree: int) -> bool:
+    """Whether the recording moves the tree and nothing else does: it can carry others."""
+    return scene.trees.moving[tree] == 1 and scene.trees.role[tree] != SIMULATED and scene.trees.role[tree] != DRIVEN
+
+
 @outlined
 def ask_to_hold(
-    scene: Scene, near: Near, ignored: Ints, group: Ints, wedged: int, jointed: bool, asked: Ints, held: Ints
-) -> bool:
+    scene: Scene, near: Near, ignored: Ints, group: Ints, wedged: int, behind: Ints, jointed: bool, asked: Ints,
+    held: Ints,
+) -> bool:  # fmt: skip
     """Ask that trees keep the turn of their last free place: those of a wedged group that overlap something.
+
+    If they all do already, ask that they are carried by what they overlap, if the recording moves some of that.
 
     Parameters
     ----------
@@ -69,10 +81,12 @@ def ask_to_hold(
         As for `escape`.
     group, wedged
         (T,) group of every tree; the group that is wedged.
+    behind
+        (T,) 1 for trees that have been held and are not back yet.
     jointed
-        Whether trees with joints, too, are to be held.
+        Whether trees with joints, too, are to be held that are not `behind`.
     asked, held
-        (1,) 0: none may be held; `ASKED` if there are some more to hold. (T,) 1 for those.
+        (1,) 0: none may be held; `ASKED` if there are some more to hold. (T,) `HELD` or `CARRIED` for those.
 
     Returns
     -------
@@ -81,14 +95,22 @@ def ask_to_hold(
     """
     if asked[0] == 0:
         return False
+    moved = False
     for k in range(near.filled[0]):
-        if near.separation[k] >= 0.0 or not concerns(scene, near, ignored, k):
-            continue
-        for tree in (near.tree_a[k], near.tree_b[k]):
-            joints = scene.trees.dof_start[tree + 1] > scene.trees.dof_start[tree]
-            if group[tree] == wedged and held[tree] == 0 and (jointed or not joints):
-                held[tree] = 1
-                asked[0] = ASKED
+        if near.separation[k] < 0.0 and group[near.tree_a[k]] == wedged and concerns(scene, near, ignored, k):
+            moved = moved or is_mover(scene, near.tree_b[k])
+    for level in range(LOOSE, CARRIED if moved else HELD):
+        next_level = HELD if level == LOOSE else CARRIED
+        for k in range(near.filled[0]):
+            if near.separation[k] >= 0.0 or not concerns(scene, near, ignored, k):
+                continue
+            for tree in (near.tree_a[k], near.tree_b[k]):
+                joints = scene.trees.dof_start[tree + 1] > scene.trees.dof_start[tree]
+                if group[tree] == wedged and held[tree] == level and (jointed or behind[tree] == 1 or not joints):
+                    held[tree] = next_level
+                    asked[0] = ASKED
+        if asked[0] == ASKED:
+            return True
     return asked[0] == ASKED
 
 

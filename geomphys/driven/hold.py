@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.driven.coupling import relax_offset
+from geomphys.driven.escape import ALONG, LOOSE
 from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import Vec, quat_conjugate, quat_from_rotation_vector, quat_mul, quat_unit, rotation_vector
 from geomphys.world.kinematics import orientation_of, pose_tree
@@ -20,6 +21,9 @@ from geomphys.world.scene import DRIVEN, Scene
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+
+CARRIERS = 4  # pieces at most that carry a tree
 
 
 class Lag(NamedTuple):
@@ -32,6 +36,15 @@ class Lag(NamedTuple):
     shape_speed: Floats  # (Q,)
     roots: Floats  # (T, 7) recorded root poses of the last frame or part of one
     angles: Floats  # (Q,) recorded angles then
+
+
+class Carried(NamedTuple):
+    """How trees are carried by what is round them: scratch of a step."""
+
+    pieces: Ints  # (T, n) that carry it, -1: none,
+    weights: Floats  # (T, n) and how much each counts
+    way: Floats  # (T, 3) m, how far the tree's root is taken along,
+    turned: Floats  # (T, 4) and how it is oriented then
 
 
 class Wanted(NamedTuple):
@@ -56,6 +69,13 @@ def make_wanted(trees: int, dofs: int, bodies: int) -> Wanted:
     """Room for `Wanted`."""
     angles, bend, bend_speed = (np.zeros(dofs) for _ in range(3))
     return Wanted(np.zeros((trees, 7)), angles, np.zeros((bodies, 7)), np.zeros((trees, 3)), bend, bend_speed)
+
+
+def make_carried(trees: int) -> Carried:
+    """Room for `Carried`."""
+    return Carried(
+        np.full((trees, CARRIERS), -1), np.zeros((trees, CARRIERS)), np.zeros((trees, 3)), np.zeros((trees, 4))
+    )
 
 
 @kernel
@@ -121,15 +141,18 @@ def relax_lag(
 
 @outlined
 def keep_turn(
-    scene: Scene, origins: Floats, held: Ints, last_roots: Floats, last_angles: Floats, roots: Floats, angles: Floats,
-    poses: Floats,
+    scene: Scene, origins: Floats, held: Ints, turned: Floats, last_roots: Floats, last_angles: Floats, roots: Floats,
+    angles: Floats, poses: Floats,
 ) -> None:  # fmt: skip
-    """Give trees that are `held` (T,) the orientation and angles of the last step in what a step goes for."""
+    """Give trees that are `held` (T,) the orientation and angles of the last step in what a step goes for.
+
+    Those that are carried have the orientation in `turned` (T, 4).
+    """
     for tree in range(len(held)):
-        if held[tree] == 0:
+        if held[tree] == LOOSE:
             continue
-        for k in range(3, 7):
-            roots[tree, k] = last_roots[tree, k]
+        for k in range(4):
+            roots[tree, 3 + k] = turned[tree, k] if held[tree] >= ALONG else last_roots[tree, 3 + k]
         for j in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
             angles[j] = last_angles[j]
         pose_tree(scene, origins, tree, roots, angles, poses)
@@ -155,7 +178,7 @@ def remember_lag(
             continue
         for k in range(7):
             lag.roots[tree, k] = roots[tree, k]
-        if scene.trees.role[tree] != DRIVEN or held[tree] == 0:
+        if scene.trees.role[tree] != DRIVEN or held[tree] == LOOSE:
             continue
         turn = rotation_vector(quat_mul(orientation_of(now_roots, tree), quat_conjugate(orientation_of(roots, tree))))
         if orientation_of(now_roots, tree) == orientation_of(roots, tree):

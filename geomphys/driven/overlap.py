@@ -12,7 +12,6 @@ translation that satisfies all of them.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +19,10 @@ from numpy.typing import NDArray
 from geomphys.collision.detect import Axes, Near, bound_pair, find_near, measure_pair, pair_clearance
 from geomphys.collision.penetration import Scratch
 from geomphys.collision.sweep import Boxes, update_boxes
-from geomphys.driven.escape import Rescue, ask_to_hold, concerns, escape
+from geomphys.driven.detour import DETOUR, goes_through
+from geomphys.driven.escape import ALONG, Rescue, ask_to_hold, concerns, escape
 from geomphys.driven.least_distance import SOLVED, LeastDistance, solve_least_distance
+from geomphys.driven.places import Places, distance, limit_of, place_at, relative_step
 from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import Vec, dot, norm
 from geomphys.world.scene import DRIVEN, Scene
@@ -33,80 +34,13 @@ REACH = 2.3  # times the way to the goal: what a tree may go in a round and the 
 CLEAR = 10.0  # gaps: pairs known to be this far apart are measured only if they turn out to be in the way
 STEP_DONE = 1e-7  # m: a round that moves nothing farther ends the loop
 ROW_TOLERANCE = 1e-10  # m: how far a plane may stay violated
+SHALLOW = 0.25  # of the mean thickness of two pieces: an overlap that may wait for the next step of a frame
 FAR = 10.0  # times the depth: a solution farther away is none (nearly opposite normals)
 
 # methods, in the order of results.METHODS
 GLOBAL = 0
 LEAST_DISTANCE = 1
 INTERPOLATED = 2
-
-
-class Places(NamedTuple):
-    """Where driven trees are during the loop; offsets are from the recorded pose, in m."""
-
-    goal: Floats  # (T, 3) where the coupling pulls
-    current: Floats  # (T, 3) where the tree is
-    trial: Floats  # (T, 3) where it would go next
-    reach: Floats  # (T,) how far its pieces may move in this round
-    stir: Floats  # (T,) how far its pieces have just been moved by turning and bending; 0 after the first round
-    column: Ints  # (T,) its first unknown, -1 if it is not in the problem
-    group: Ints  # (T,) the first of the driven trees that it may meet in this round, -1: not driven
-    base: Floats  # (P, 12) world_from_piece as recorded
-    frames: Floats  # (P, 12) at `current`
-    moved: Floats  # (P, 12) at `trial`
-    origin: Floats  # (T, 3) where trees were when pairs within their reach were looked for
-    chosen: Ints  # (n,) 1 for pairs of `Near` whose plane is in the problem
-    found: Ints  # (T,) scratch
-    hasty: Ints  # (1,) 1: a trial, that ends where a way out would have to be searched for
-    begun: Ints  # (1,) 1: there is a last free place, and no way out may lead through anything
-    asked: Ints  # (1,) 1: wedged trees may be held; ASKED: some are to be, and the step is to be done again
-    wedged: Ints  # (1,) the group that has no free place
-    escapes: Ints  # (1,) ways out that were taken in this frame
-    held: Ints  # (T,) 1: keeps the orientation and shape of its last free place
-
-
-def make_places(scene: Scene, size: int) -> Places:
-    """Places for a scene, with room for `size` near pairs."""
-    trees, pieces = len(scene.trees.role), len(scene.pieces.kind)
-    goal, current, trial = (np.zeros((trees, 3)) for _ in range(3))
-    base, frames, moved = (np.zeros((pieces, 12)) for _ in range(3))
-    hasty, begun, asked, wedged, escapes = (np.zeros(1, np.int64) for _ in range(5))
-    return Places(
-        goal, current, trial, np.zeros(trees), np.zeros(trees), np.full(trees, -1), np.full(trees, -1), base, frames, moved,
-        np.zeros((trees, 3)), np.zeros(size, np.int64), np.zeros(trees, np.int64), hasty, begun, asked, wedged, escapes,
-        np.zeros(trees, np.int64),
-    )  # fmt: skip
-
-
-@kernel
-def place_at(scene: Scene, base: Floats, offsets: Floats, tree: int, frames: Floats) -> None:
-    """Frames of the pieces of `tree`, translated by its row of `offsets` from `base`."""
-    first = scene.bodies.piece_start[scene.trees.body_start[tree]]
-    last = scene.bodies.piece_start[scene.trees.body_start[tree + 1]]
-    for i in range(first, last):
-        for k in range(9):
-            frames[i, k] = base[i, k]
-        for k in range(3):
-            frames[i, 9 + k] = base[i, 9 + k] + offsets[tree, k]
-
-
-@kernel
-def row_of(offsets: Floats, tree: int) -> Vec:
-    """A row of an (n, 3) array."""
-    return (offsets[tree, 0], offsets[tree, 1], offsets[tree, 2])
-
-
-@kernel
-def _distance(a: Floats, b: Floats, tree: int) -> float:
-    return norm((a[tree, 0] - b[tree, 0], a[tree, 1] - b[tree, 1], a[tree, 2] - b[tree, 2]))
-
-
-@kernel
-def _relative_step(p: Places, tree_a: int, tree_b: int) -> Vec:
-    """How far a moves against b from `current` to `trial`."""
-    a1, a0 = row_of(p.trial, tree_a), row_of(p.current, tree_a)
-    b1, b0 = row_of(p.trial, tree_b), row_of(p.current, tree_b)
-    return ((a1[0] - a0[0]) - (b1[0] - b0[0]), (a1[1] - a0[1]) - (b1[1] - b0[1]), (a1[2] - a0[2]) - (b1[2] - b0[2]))
 
 
 @kernel
@@ -158,19 +92,13 @@ def _way_is_free(
 
 
 @kernel
-def limit_of(p: Places, near: Near, k: int, gap: float) -> float:
-    """How near [m] the pair k had to be to be among those of `find_reachable`."""
-    return p.reach[near.tree_a[k]] + p.reach[near.tree_b[k]] + 2.0 * gap
-
-
-@kernel
 def _first_obstacle(scene: Scene, p: Places, near: Near, group: int, gap: float, axes: Axes, scratch: Scratch) -> int:
     """Of the pairs without a plane that stand between `current` and `trial`, the one that is met first; -1: none."""
     first, deepest, found = math.inf, 0.0, -1
     for k in range(near.filled[0]):
         if p.group[near.tree_a[k]] != group or p.chosen[k] == 1:
             continue
-        step = _relative_step(p, near.tree_a[k], near.tree_b[k])
+        step = relative_step(p, near.tree_a[k], near.tree_b[k])
         n = (near.normal[k, 0], near.normal[k, 1], near.normal[k, 2])
         s, along = near.separation[k], dot(n, step)
         if s + along >= 0.5 * gap:
@@ -237,7 +165,7 @@ def _set_trial(scene: Scene, p: Places, problem: LeastDistance, group: int) -> f
         for i in range(3):
             p.trial[tree, i] = problem.x[p.column[tree] + i] if p.column[tree] >= 0 else p.goal[tree, i]
         place_at(scene, p.base, p.trial, tree, p.moved)
-        longest = max(longest, _distance(p.trial, p.current, tree))
+        longest = max(longest, distance(p.trial, p.current, tree))
     return longest
 
 
@@ -260,7 +188,7 @@ def _nearest_free_of(
     pull = 0.0
     for tree in range(len(p.column)):
         if p.group[tree] == group:
-            pull = max(pull, _distance(p.goal, p.current, tree))
+            pull = max(pull, distance(p.goal, p.current, tree))
     while True:
         for tree in range(len(p.column)):
             if p.column[tree] >= 0:
@@ -306,6 +234,30 @@ def _accept(scene: Scene, p: Places) -> None:
             place_at(scene, p.base, p.current, tree, p.frames)
 
 
+@kernel
+def _may_wait(scene: Scene, p: Places, near: Near, ignored: Ints) -> bool:
+    """Whether all that overlaps in the group that is wedged is carried, not deep, and this is not the frame's last step."""
+    if p.passing[0] == 0:
+        return False
+    waits = True
+    for k in range(near.filled[0]):
+        a, b = near.tree_a[k], near.tree_b[k]
+        if p.group[a] == p.wedged[0] and near.separation[k] < 0.0 and concerns(scene, near, ignored, k):
+            mean = 0.5 * (scene.pieces.thickness[near.a[k]] + scene.pieces.thickness[near.b[k]])
+            carried = p.held[a] >= ALONG or (scene.trees.role[b] == DRIVEN and p.held[b] >= ALONG)
+            waits = waits and carried and -near.separation[k] < SHALLOW * mean
+    return waits
+
+
+@kernel
+def _note_start(scene: Scene, p: Places) -> None:
+    """Where trees are that are about to go somewhere."""
+    for tree in range(len(p.start)):
+        if scene.trees.role[tree] == DRIVEN:
+            for i in range(3):
+                p.start[tree, i] = p.current[tree, i]
+
+
 @outlined
 def find_reachable(
     scene: Scene, p: Places, boxes: Boxes, near: Near, stirred: bool, gap: float, axes: Axes, scratch: Scratch
@@ -316,7 +268,7 @@ def find_reachable(
         for i in range(3):
             p.origin[tree, i] = p.current[tree, i]
         if scene.trees.role[tree] == DRIVEN:
-            p.reach[tree] += REACH * _distance(p.goal, p.current, tree)
+            p.reach[tree] += REACH * distance(p.goal, p.current, tree)
             update_boxes(scene, p.frames, boxes, tree)
     find_near(scene, p.frames, boxes, p.reach, 2.0 * gap, CLEAR * gap, near, p.found, axes, scratch)
 
@@ -326,14 +278,14 @@ def _measure_again(scene: Scene, p: Places, near: Near, gap: float, axes: Axes, 
     """Bring the pairs of `find_reachable` up to date; False if a tree may get out of what was looked at there."""
     for tree in range(len(p.reach)):
         if scene.trees.role[tree] == DRIVEN:
-            left = p.reach[tree] - _distance(p.current, p.origin, tree)
-            if 2.0 * _distance(p.goal, p.current, tree) > left:
+            left = p.reach[tree] - distance(p.current, p.origin, tree)
+            if 2.0 * distance(p.goal, p.current, tree) > left:
                 return False
     for k in range(near.filled[0]):
         limit = 2.0 * gap
         for tree in (near.tree_a[k], near.tree_b[k]):
             if scene.trees.role[tree] == DRIVEN:
-                limit += 2.0 * _distance(p.goal, p.current, tree)
+                limit += 2.0 * distance(p.goal, p.current, tree)
         if not bound_pair(scene.pieces, p.frames, near, k, CLEAR * gap, axes):
             measure_pair(scene.pieces, p.frames, near, k, limit, axes, scratch)
     return True
@@ -364,9 +316,10 @@ def eliminate_overlap(
     Returns
     -------
     tuple
-        (rounds taken, method as in `results.METHODS`, searches for a way out, whether the bound was not hit).
+        (rounds taken, method as in `results.METHODS`, searches for a way out, whether nothing is left to be done).
     """
-    method, rescues, again = GLOBAL, 0, False
+    method, rescues, again, far = GLOBAL, 0, False, 0.0
+    _note_start(scene, p)
     for count in range(rounds):
         if not known and not (again and _measure_again(scene, p, near, gap, axes, scratch)):
             find_reachable(scene, p, boxes, near, count == 0, gap, axes, scratch)
@@ -374,6 +327,9 @@ def eliminate_overlap(
         status, longest, active = _nearest_free(scene, p, near, ignored, problem, gap, axes, scratch)
         method = max(method, LEAST_DISTANCE if active > 1 else GLOBAL)
         if status == SOLVED:
+            if min(far, longest) > DETOUR and goes_through(scene, p, near, ignored, axes, scratch):
+                return count + 1, method, rescues, True
+            far += longest
             _accept(scene, p)
             if longest <= STEP_DONE or active == 0:
                 return count + 1, method, rescues, True
@@ -387,14 +343,19 @@ def eliminate_overlap(
         rescues += 1
         if p.hasty[0] == 1:
             return count + 1, method, rescues, False
-        if ask_to_hold(scene, near, ignored, p.group, p.wedged[0], False, p.asked, p.held):
+        if ask_to_hold(scene, near, ignored, p.group, p.wedged[0], p.behind, False, p.asked, p.held):
+            return count + 1, method, rescues, True
+        if _may_wait(scene, p, near, ignored):
             return count + 1, method, rescues, True
         if not escape(
             scene, p.base, p.current, p.frames, boxes, near, ignored, gap, p.begun[0] == 1, rescue, p.found, axes, scratch
         ):  # fmt: skip
-            if ask_to_hold(scene, near, ignored, p.group, p.wedged[0], True, p.asked, p.held):
+            if ask_to_hold(scene, near, ignored, p.group, p.wedged[0], p.behind, True, p.asked, p.held):
                 return count + 1, method, rescues, True
+            if p.asked[0] != 0:  # there is no free place that it could get to
+                return count + 1, method, rescues, p.passing[0] == 1
             escape(scene, p.base, p.current, p.frames, boxes, near, ignored, gap, False, rescue, p.found, axes, scratch)
         p.escapes[0] += 1
-        again = False
+        again, far = False, 0.0
+        _note_start(scene, p)
     return rounds, method, rescues, False

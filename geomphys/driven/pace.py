@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from geomphys.collision.detect import Axes
 from geomphys.collision.penetration import Scratch
 from geomphys.collision.sweep import Boxes
-from geomphys.driven.overlap import Places, eliminate_overlap, place_at, row_of
+from geomphys.driven.escape import ALONG, ASKED
+from geomphys.driven.overlap import eliminate_overlap
+from geomphys.driven.places import Places, place_at, row_of
 from geomphys.driven.state import DrivenRoom, DrivenState
 from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import Vec, add_scaled, dot, norm, sub
@@ -28,6 +30,13 @@ SHARE = 1.8  # times the recorded motion of the step, and
 SLACK = 1e-3  # m: by how much an offset may change beside the spring's way back ...
 SLACK_SPEED = 0.1  # m/s: ... and in short steps no faster than this
 HALVINGS = 16
+
+
+@kernel
+def last_place(state: DrivenState, room: DrivenRoom, roots: Floats, tree: int, i: int) -> float:
+    """Coordinate i of the offset from `roots` (T, 7) at which a tree is where it was, or where it has been carried to. [m]"""
+    place = state.offset[tree, i] + (state.roots[tree, i] - roots[tree, i])
+    return place + room.carried.way[tree, i] if room.places.held[tree] >= ALONG else place
 
 
 @kernel
@@ -91,12 +100,14 @@ def slow_down(
         if scene.trees.role[tree] == DRIVEN:
             for i in range(3):
                 room.ahead[tree, i] = p.current[tree, i]
-                p.current[tree, i] = state.offset[tree, i] + (state.roots[tree, i] - roots[tree, i])
+                p.current[tree, i] = last_place(state, room, roots, tree, i)
                 p.goal[tree, i] = p.current[tree, i]
             place_at(scene, p.base, p.current, tree, p.frames)
     rounds_taken, _, rescues, _ = eliminate_overlap(
         scene, p, boxes, room.near, False, room.joints.bends, room.problem, gap, rounds, room.rescue, axes, scratch
     )  # fmt: skip
+    if p.asked[0] == ASKED:
+        return rounds_taken, rescues
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] != DRIVEN:
             continue

@@ -24,7 +24,7 @@ from geomphys.collision.penetration import Scratch
 from geomphys.driven.ccd import point_in, point_on
 from geomphys.driven.chain_room import PAST, ChainRoom, is_chained
 from geomphys.driven.least_distance import LeastDistance
-from geomphys.driven.overlap import Places, row_of
+from geomphys.driven.places import Places, row_of
 from geomphys.driven.posture import ROOT_WEIGHT, Joints, add_effects
 from geomphys.driven.reach_cones import cone_angle, cone_bound, cone_row
 from geomphys.kernel import kernel, outlined

@@ -11,9 +11,9 @@ from geomphys.collision.detect import Near
 from geomphys.driven.ccd import CcdRoom
 from geomphys.driven.chain_room import ChainRoom
 from geomphys.driven.escape import Rescue
-from geomphys.driven.hold import Lag, Wanted, make_lag
+from geomphys.driven.hold import Carried, Lag, Wanted, make_lag
 from geomphys.driven.least_distance import LeastDistance
-from geomphys.driven.overlap import Places
+from geomphys.driven.places import Places
 from geomphys.driven.posture import Joints, PostureState
 from geomphys.world.scene import Scene
 
@@ -59,6 +59,7 @@ class DrivenRoom(NamedTuple):
     share: Floats  # (1,) of the frame that the step is
     seed: Ints  # (1,) of the order in which chains are dealt with
     wanted: Wanted
+    carried: Carried
 
 
 def make_driven_state(scene: Scene) -> DrivenState:

@@ -11,7 +11,7 @@ from geomphys.collision.detect import Axes, Near, measure_pair
 from geomphys.collision.extent import gap_along
 from geomphys.collision.penetration import Scratch
 from geomphys.collision.support import shapes_of
-from geomphys.driven.overlap import Places, limit_of
+from geomphys.driven.places import Places, limit_of
 from geomphys.driven.posture import Joints
 from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import add_scaled, slerp, sub

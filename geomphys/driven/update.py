@@ -18,14 +18,16 @@ from numpy.typing import NDArray
 from geomphys.collision.detect import Axes
 from geomphys.collision.penetration import Scratch
 from geomphys.collision.sweep import Boxes, update_boxes
+from geomphys.driven.carry import carry_along, note_carriers
 from geomphys.driven.chain_room import is_chained
 from geomphys.driven.chain_step import brake_joints, pull_joints, yield_chains
 from geomphys.driven.chains import place_posture
 from geomphys.driven.coupling import relax_offset
-from geomphys.driven.escape import ASKED
+from geomphys.driven.escape import ALONG, ASKED, LOOSE
 from geomphys.driven.hold import copy_recording, keep_turn, relax_lag, remember_lag
-from geomphys.driven.overlap import INTERPOLATED, Places, eliminate_overlap, find_reachable, place_at, row_of
-from geomphys.driven.pace import is_too_fast, slow_down
+from geomphys.driven.overlap import INTERPOLATED, eliminate_overlap, find_reachable
+from geomphys.driven.pace import is_too_fast, last_place, slow_down
+from geomphys.driven.places import Places, place_at, row_of
 from geomphys.driven.state import DrivenRoom, DrivenState
 from geomphys.driven.steps import MOST_STEPS, is_recorded, measure_flex, measure_stir, recording_between, steps_needed
 from geomphys.kernel import kernel, outlined
@@ -50,9 +52,9 @@ class Outcome(NamedTuple):
 
 
 @kernel
-def _pull(scene: Scene, state: DrivenState, p: Places, roots: Floats, dt: float) -> None:
+def _pull(scene: Scene, state: DrivenState, room: DrivenRoom, roots: Floats, dt: float) -> None:
     """Goal (the coupling's) and present place of every driven tree, as offsets from the pose recorded now."""
-    trees = scene.trees
+    p, trees = room.places, scene.trees
     for tree in range(len(trees.role)):
         if trees.role[tree] != DRIVEN:
             continue
@@ -60,7 +62,7 @@ def _pull(scene: Scene, state: DrivenState, p: Places, roots: Floats, dt: float)
             if state.started[0] == 0:
                 p.goal[tree, i] = p.current[tree, i] = 0.0
                 continue
-            p.current[tree, i] = state.offset[tree, i] + (state.roots[tree, i] - roots[tree, i])
+            p.current[tree, i] = last_place(state, room, roots, tree, i)
             p.goal[tree, i], state.speed[tree, i] = relax_offset(
                 trees, tree, state.offset[tree, i], state.speed[tree, i], dt
             )
@@ -149,6 +151,15 @@ def _keep_speeds(scene: Scene, state: DrivenState, room: DrivenRoom, keep: bool)
             posture.bend[q], posture.speed[q] = wanted.bend[q], wanted.bend_speed[q]
 
 
+@kernel
+def _any_carried(p: Places) -> bool:
+    """Whether some tree is to be carried."""
+    found = False
+    for tree in range(len(p.held)):
+        found = found or p.held[tree] >= ALONG
+    return found
+
+
 @outlined
 def _begin_step(
     scene: Scene, state: DrivenState, room: DrivenRoom, boxes: Boxes, roots: Floats, angles: Floats, poses: Floats, dt: float,
@@ -156,7 +167,7 @@ def _begin_step(
 ) -> None:  # fmt: skip
     """Goals of a step, trees placed at `poses` and carried over, and the pairs they may meet on the way."""
     p = room.places
-    _pull(scene, state, p, roots, dt)
+    _pull(scene, state, room, roots, dt)
     pull_joints(scene, state, room, angles, dt)
     _place_trees(scene, room, boxes, roots, angles, poses)
     if state.started[0] == 1:
@@ -227,9 +238,9 @@ def update_driven(
     """
     p, steps, trees = room.places, 1, len(scene.trees.role)
     for tree in range(trees):
-        p.held[tree] = 0
+        p.held[tree], p.behind[tree] = LOOSE, state.lag.behind[tree]
     p.begun[0] = p.asked[0] = state.started[0]
-    p.escapes[0] = 0
+    p.escapes[0] = p.passing[0] = 0
     to_roots, to_angles, to_poses = roots, angles, recorded
     if relax_lag(scene, room.origins, state.lag, room.wanted, roots, angles, recorded, dt):
         to_roots, to_angles, to_poses = room.wanted.roots, room.wanted.angles, room.wanted.poses
@@ -248,25 +259,36 @@ def update_driven(
         count, method, rescues, steps = done.rounds, done.method, done.rescues, STEPS_OF_A_WEDGE
         p.asked[0] = 1
         for tree in range(trees):
-            p.held[tree] = 0
+            p.held[tree] = LOOSE
     _keep_speeds(scene, state, room, False)
     steps = min(steps, MOST_STEPS)
-    room.share[0] = 1.0 / steps
-    for step in range(steps):
-        for again in range(trees + 1):
+    room.share[0], part, left = 1.0 / steps, dt / steps, steps
+    while left > 0:
+        for tree in range(trees):
+            p.held[tree] = min(p.held[tree], ALONG)
+        parts, p.passing[0] = 1, 1 if left > 1 else 0
+        for again in range(2 * trees + 1):
             recording_between(
-                scene, room.origins, state.roots, state.angles, to_roots, to_angles, 1.0 / (steps - step), room.roots,
-                room.angles, room.poses,
+                scene, room.origins, state.roots, state.angles, to_roots, to_angles, 1.0 / left, room.roots, room.angles,
+                room.poses,
             )  # fmt: skip
-            if step == steps - 1:
+            if left == 1:
                 copy_recording(to_roots, to_angles, to_poses, room.roots, room.angles, room.poses)
+            carried = _any_carried(p)
+            if carried:
+                carry_along(scene, state, room, room.poses)
             keep_turn(
-                scene, room.origins, p.held, state.roots, state.angles, room.roots, room.angles, room.poses
+                scene, room.origins, p.held, room.carried.turned, state.roots, state.angles, room.roots, room.angles, room.poses
             )  # fmt: skip
             _keep_speeds(scene, state, room, again == 0)
             r, q, poses = room.roots, room.angles, room.poses
-            _begin_step(scene, state, room, boxes, r, q, poses, dt / steps, gap, axes, scratch)
-            done = _end_step(scene, state, room, boxes, r, q, dt / steps, gap, rounds, axes, scratch)
+            _begin_step(scene, state, room, boxes, r, q, poses, part, gap, axes, scratch)
+            if carried:
+                parts = steps_needed(scene, p, state.frames, room.near, room.stir, room.flex, gap, axes, scratch)
+                if parts > 1 and left * parts <= MOST_STEPS:
+                    break
+                parts = 1
+            done = _end_step(scene, state, room, boxes, r, q, part, gap, rounds, axes, scratch)
             count, rescues = count + done.rounds, rescues + done.rescues
             method, converged = max(method, done.method), converged and done.converged
             if p.hasty[0] == 1 and rescues > 0:
@@ -274,6 +296,12 @@ def update_driven(
             if p.asked[0] != ASKED:
                 break
             p.asked[0] = 1
+            note_carriers(scene, p, room.near, room.carried)
+        if parts > 1:  # what carries moves too far for one step
+            _keep_speeds(scene, state, room, False)
+            room.share[0], part, left = room.share[0] / parts, part / parts, left * parts
+        else:
+            left -= 1
     remember_lag(scene, state.lag, p.held, state.roots, state.angles, roots, angles)
     return Outcome(count, method, rescues, converged)
 

@@ -13,7 +13,7 @@ from geomphys.collision.sweep import make_boxes
 from geomphys.driven.ccd import CcdRoom, descend, make_ccd_room
 from geomphys.driven.chain_loop import free_chains
 from geomphys.driven.chain_room import make_chain_room
-from geomphys.driven.overlap import make_places
+from geomphys.driven.places import make_places
 from geomphys.driven.posture import make_joints
 from geomphys.load import load_world
 from geomphys.packed import pack

@@ -47,8 +47,8 @@ def least_offset(normals: Floats, bounds: Floats) -> Floats | None:
 class Between:
     """Brute force between the frames of a run."""
 
-    def __init__(self, run: Run) -> None:
-        self.run, self.engine = run, Engine(run.world)
+    def __init__(self, run: Run, frame_rate: float = 60.0) -> None:
+        self.run, self.engine, self.frame_rate = run, Engine(run.world), frame_rate
         scene = run.world.scene
         self.pieces, self.body_tree, self.trees = scene.pieces, scene.bodies.tree, scene.trees
         self.tree = scene.bodies.tree[scene.pieces.body]
@@ -62,7 +62,7 @@ class Between:
     def deep(self, rate: float = 1000.0, share: float = SHARE) -> dict[int, float]:
         """Frames after which, sampled at `rate` [Hz], a pair is deeper in each other than a share of its thickness: how
         deep at most [m]."""
-        times = int(np.ceil(rate / 60.0))
+        times = int(np.ceil(rate / self.frame_rate))
         found: dict[int, float] = {}
         for k, poses in enumerate(lines(self.run.corrected, times)):
             if k % times == 0:
