@@ -29,7 +29,6 @@ from geomphys.simulated.state import (
     ISLAND,
     LIMIT,
     MASS_N,
-    MOVES,
     N_ROWS,
     POINT,
     PUSH,
@@ -46,7 +45,6 @@ from geomphys.simulated.state import (
     has_changed,
     has_yielded,
     how_many,
-    is_simulated,
     kind_of,
     knob,
     motion_of,
@@ -55,6 +53,7 @@ from geomphys.simulated.state import (
     row,
     velocity_of,
 )
+from geomphys.simulated.wishes import meets_driven
 from geomphys.vec3 import quat_from_rotation_vector, quat_mul, quat_unit
 from geomphys.world.scene import DRIVEN
 
@@ -72,17 +71,10 @@ GIVE = 0.02  # where there is no room: share by which rows give in to what pushe
 def is_short(sim: int, k: int) -> bool:
     """Whether the surfaces of row k are too near each other to stay so.
 
-    Still and simulated things may touch, as whoever wrote the scene placed them: to lift one off the other would take
-    energy from nowhere. What follows a path is kept a gap away, which is its to pay.
+    Things of the scene may touch, as whoever wrote it placed them: to lift one off the other would take energy from
+    nowhere. Driven bodies are kept a gap away: they are to find no overlap, and it is theirs to pay.
     """
-    return float_at(row(sim, k), CLEARANCE) < (0.5 if pays(sim, k) else -TOUCHING) * knob(sim, AT_GAP)
-
-
-@kernel
-def pays(sim: int, k: int) -> bool:
-    """Whether body b of row k follows a path."""
-    b = int_at(owner(sim, k), ROW_B)
-    return int_at(kind_of(sim, b), MOVES) == 1 and not is_simulated(sim, b)
+    return float_at(row(sim, k), CLEARANCE) < (0.5 if meets_driven(sim, k) else -TOUCHING) * knob(sim, AT_GAP)
 
 
 @kernel
@@ -98,7 +90,7 @@ def any_short(sim: int) -> bool:
 def distance_to_keep(sim: int, k: int) -> float:
     """Clearance that the surfaces of row k must have after the moving apart [m]."""
     gap, clearance = knob(sim, AT_GAP), float_at(row(sim, k), CLEARANCE)
-    if pays(sim, k):
+    if meets_driven(sim, k):
         return gap
     return CLEAR * gap if is_short(sim, k) else min(gap, clearance)
 

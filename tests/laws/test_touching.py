@@ -42,6 +42,15 @@ def test_what_is_placed_touching_the_floor_is_not_lifted(tmp_path: Path, name: s
     assert run.overlap <= max(0.0, -above) + NOTHING
 
 
+def test_what_is_placed_touching_a_tracked_table_is_not_lifted(tmp_path: Path) -> None:
+    """Neither while the table stands still nor while it is moved aside below what lies on it."""
+    table = thing("table", "fixed", box=(2, 2, 0.1), topic="/table")
+    paths = {"/table": lambda t: (0.1 * max(0.0, t - 1.0) ** 2, 0, -0.05, 0, 0, 0, 1)}
+    run = play(tmp_path, [thing("a", box=(0.1, 0.1, 0.1), position=(0, 0, 0.05)), table], 3.0, 60, paths=paths)
+    assert np.abs(run.path("a")[:, 2] - 0.05).max() <= NOTHING
+    assert run.drift("a")[0] > 0.1
+
+
 def test_a_stack_placed_touching_is_not_lifted(tmp_path: Path) -> None:
     sizes, z, things = [(0.21, 0.17, 0.11), (0.13, 0.16, 0.07), (0.17, 0.09, 0.05)], 0.0, [floor()]
     for name, size in zip("abc", sizes, strict=True):
