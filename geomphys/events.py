@@ -16,7 +16,10 @@ Message = tuple[str, str]
 
 _TEXTS = {
     FLAG_STARTED_INSIDE: ("warning", "the recording starts inside something; freed by the shortest way found"),
-    FLAG_NOT_CONVERGED: ("warning", "the driven loop found no free place, or none within its rounds; see residual_penetration_m"),
+    FLAG_NOT_CONVERGED: (
+        "warning",
+        "the driven loop found no free place, or none within its rounds; see residual_penetration_m",
+    ),
     FLAG_IMPACT_BOUND: (
         "warning",
         "more impacts than max_impacts in a frame: what was beyond was stopped, not bounced",

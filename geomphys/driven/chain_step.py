@@ -7,13 +7,23 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import Axes
+from geomphys.collision.detect import Axes, find_near
 from geomphys.collision.penetration import Scratch
 from geomphys.collision.sweep import Boxes
 from geomphys.driven.chain_loop import free_chains
 from geomphys.driven.chain_room import is_chained
-from geomphys.driven.chains import CHAINS, EVERYTHING, FREE, WITH_ROOT, bend_chains, fit_to_cones, hold_posture
+from geomphys.driven.chains import (
+    CHAINS,
+    EVERYTHING,
+    FREE,
+    WITH_ROOT,
+    bend_chains,
+    fit_to_cones,
+    hold_posture,
+    place_posture,
+)
 from geomphys.driven.coupling import relax_offset
+from geomphys.driven.escape import DEEPER, PASSED
 from geomphys.driven.overlap import INTERPOLATED, LEAST_DISTANCE
 from geomphys.driven.pace import excused_change
 from geomphys.driven.posture import lower_bend, upper_bend
@@ -26,6 +36,7 @@ Floats = NDArray[np.float64]
 # attempts to come free, in their order; the first two without a jump
 PACED_CHAINS, PACED_ROOTS, LONE_CHAINS, DESCENT, ROOTS, ALL = range(6)
 SWING_SHARE = 1.9  # times the recorded change of an angle, and
+PLACES = 16  # on the way to a posture that are looked at
 SWING = 0.028  # rad, or m along the axis of a prismatic joint: more than this in a frame is a jump
 
 
@@ -129,6 +140,48 @@ def _descend(
 
 
 @outlined
+def _leads_through(
+    scene: Scene, room: DrivenRoom, boxes: Boxes, roots: Floats, angles: Floats, axes: Axes, scratch: Scratch
+) -> bool:
+    """Whether the way of all joints and roots at once from where they were to the posture found leads through something.
+
+    Through something is what is in it by more than half the thickness, and deeper than at the way's start.
+    """
+    p, chains, near = room.places, room.chains, room.near
+    most, found = PASSED, False
+    for tree in range(len(p.reach)):
+        p.reach[tree] = 0.0
+        for i in range(3):
+            room.ahead[tree, i] = p.trial[tree, i]
+    for q in range(len(chains.trial)):
+        chains.spare[q] = chains.trial[q]
+    for place in range(PLACES + 1):
+        w = place / PLACES
+        for q in range(len(chains.trial)):
+            chains.trial[q] = chains.current[q] + w * (chains.spare[q] - chains.current[q])
+        for tree in range(len(p.reach)):
+            for i in range(3):
+                p.trial[tree, i] = p.current[tree, i] + w * (room.ahead[tree, i] - p.current[tree, i])
+        if place == PLACES:
+            for q in range(len(chains.trial)):
+                chains.trial[q] = chains.spare[q]
+            for tree in range(len(p.reach)):
+                for i in range(3):
+                    p.trial[tree, i] = room.ahead[tree, i]
+        place_posture(scene, room.origins, room.joints, roots, angles, chains.trial, p.trial, chains, p, boxes)
+        if found or place == PLACES:
+            continue
+        find_near(scene, p.frames, boxes, p.reach, 0.0, math.inf, near, p.found, axes, scratch)
+        for k in range(near.filled[0]):
+            mean = 0.5 * (scene.pieces.thickness[near.a[k]] + scene.pieces.thickness[near.b[k]])
+            share = -near.separation[k] / max(mean, 1e-6)
+            if place == 0:
+                most = max(most, DEEPER * share)
+            found = found or share > most
+    return found
+
+
+@outlined
 def yield_chains(
     scene: Scene, state: DrivenState, room: DrivenRoom, boxes: Boxes, roots: Floats, angles: Floats, dt: float, gap: float,
     axes: Axes, scratch: Scratch,
@@ -152,6 +205,9 @@ def yield_chains(
             what = WITH_ROOT if attempt in (PACED_ROOTS, ROOTS) else (EVERYTHING if attempt == ALL else CHAINS)
             status, more = _search(scene, room, boxes, roots, angles, gap, what, axes, scratch)
         passes += more
+        far = status == FREE and attempt >= LONE_CHAINS and state.started[0] == 1
+        if far and _leads_through(scene, room, boxes, roots, angles, axes, scratch):
+            continue
         if status == FREE:
             for tree in range(len(p.column)):
                 if is_chained(scene, tree):
