@@ -84,7 +84,7 @@ def ask_to_hold(
     behind
         (T,) 1 for trees that have been held and are not back yet.
     jointed
-        Whether trees with joints, too, are to be held that are not `behind`.
+        Whether trees with joints that keep their recorded shape, too, are to be held that are not `behind`.
     asked, held
         (1,) 0: none may be held; `ASKED` if there are some more to hold. (T,) `HELD` or `CARRIED` for those.
 
@@ -105,7 +105,7 @@ def ask_to_hold(
             if near.separation[k] >= 0.0 or not concerns(scene, near, ignored, k):
                 continue
             for tree in (near.tree_a[k], near.tree_b[k]):
-                joints = scene.trees.dof_start[tree + 1] > scene.trees.dof_start[tree]
+                joints = scene.trees.dof_start[tree + 1] > scene.trees.dof_start[tree] and scene.trees.chains[tree] == 0
                 if group[tree] == wedged and held[tree] == level and (jointed or behind[tree] == 1 or not joints):
                     held[tree] = next_level
                     asked[0] = ASKED
