@@ -91,3 +91,18 @@ def test_a_rigid_coupling_returns_at_once(tmp_path: Path) -> None:
     assert run.offset("hand/ball")[20, 2] == pytest.approx(0.03, abs=5e-6)
     assert run.corrected[31:].tobytes() == run.recorded[31:].tobytes()
     assert_free(run)
+
+
+def test_what_goes_round_a_corner_of_a_body_between_two_frames_pushes_it(tmp_path: Path) -> None:
+    """A block is beside a cube in one frame and before it in the next; straight between them it cuts the cube's corner."""
+    away = np.array([[0.101, 0.04, 0.0]] * 5 + [[0.05, 0.101, 0.0]] * 60)
+    things = [
+        Thing(name="block", shape=CUBE, path=away),
+        Thing(name="cube", shape=CUBE, role="driven", path=np.zeros_like(away)),
+    ]
+    run = play(tmp_path, things)
+    offset = np.linalg.norm(run.offset("cube"), axis=1)
+    assert run.figures("recorded_penetration_m").max() == 0.0
+    assert (offset[:5] == 0.0).all()
+    assert offset[5] > 1e-3
+    assert (offset[-10:] == 0.0).all()
