@@ -88,6 +88,14 @@ def test_a_hand_that_grazes_a_ball_rubs_no_more_than_it_strikes(sliding: float) 
     np.testing.assert_allclose(impulse[1], [-j, -0.3 * j, 0], rtol=1e-9, atol=1e-12)
 
 
+def test_what_touches_a_hand_is_moved_the_clearance_away_that_the_hand_keeps() -> None:
+    """The hand must find no overlap in its next frame, or it would be corrected where it is free."""
+    player = Player([Thing(shape=Sphere(0.05), mass=0.2), hand(-0.07)], gravity=(0, 0, 0))
+    player.step(1 / 60)
+    assert player.poses[0, 0] == pytest.approx(player.gap, rel=0.01)
+    assert not player.velocity[0].any()
+
+
 def test_what_a_hand_squeezes_is_not_pushed_into_what_stands_behind_it() -> None:
     """Where there is no room for a ball between a hand and a wall it is the hand that has to give way."""
     wall = Thing(shape=Box((0.02, 0.3, 0.3)), role=s.FIXED, at=(0.07, 0, 0.2))

@@ -80,7 +80,7 @@ def test_a_heap_and_a_wobbling_coin_do_not_know_the_frame_rate(things: Callable[
         np.testing.assert_allclose(end, ends[0], rtol=0, atol=1e-5)
 
 
-@pytest.mark.parametrize("room", [1e-6, 0.0, -1e-6])
+@pytest.mark.parametrize("room", [1e-6, 0.0, -1e-6, -2e-6, -4e-6])
 @pytest.mark.parametrize("shape", [Box((0.05, 0.05, 0.05)), Cylinder(0.05, 0.05)])
 def test_what_fits_exactly_into_a_slot_sleeps_there(shape: Box | Cylinder, room: float) -> None:
     walls = [Thing(shape=Box((0.05, 0.25, 0.25)), role=s.FIXED, at=(x * (0.1 + room), 0, 0.25)) for x in (-1, 1)]
