@@ -73,8 +73,8 @@ def shift_driven(scene: Scene, m: Machine) -> None:
 def note_courses(scene: Scene, m: Machine, roots: Floats, dt: float, first: bool) -> None:
     """Accelerations that recorded roots (T, 7) have in this frame, judged from the frames before as those of tracked things.
 
-    A row of `course`: root position [m], its mean velocity [m/s], how that changed [m/s²], the frame's time [s], the
-    acceleration [m/s²], and the time of the frame before [s].
+    A row of `course`: root position [m], its mean velocity [m/s], how that changed [m/s²], the frame's time [s], and the
+    acceleration [m/s²].
     """
     for tree in range(len(scene.trees.role)):
         if not is_recorded(scene, tree):
@@ -86,10 +86,10 @@ def note_courses(scene: Scene, m: Machine, roots: Floats, dt: float, first: bool
             velocity = scale(sub(position, (c[0], c[1], c[2])), 1.0 / dt)
             if is_even(dt, c[9]):
                 change = scale(sub(velocity, (c[3], c[4], c[5])), 2.0 / (dt + c[9]))
-        pull = carried_on(change, (c[6], c[7], c[8]), dt, c[9], c[13])
+        pull = carried_on(change, (c[6], c[7], c[8]))
         for i in range(3):
             c[i], c[3 + i], c[6 + i], c[10 + i] = position[i], velocity[i], change[i], pull[i]
-        c[13], c[9] = c[9], 0.0 if first else dt
+        c[9] = 0.0 if first else dt
 
 
 @outlined

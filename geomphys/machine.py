@@ -90,7 +90,7 @@ class Machine(NamedTuple):
     velocity: Floats  # (B, 6) m/s of the centre of mass and rad/s, world
     impulse: Floats  # (T, 3) N s that simulated bodies gave to driven trees
     coupling: Floats  # (T, 6) offset [m] of driven trees before their turn, and its speed [m/s] after a free one
-    course: Floats  # (T, 14) of recorded roots, as `note_courses` fills it
+    course: Floats  # (T, 13) of recorded roots, as `note_courses` fills it
     roots: Floats  # (T, 7) recorded root poses within a frame
     angles: Floats  # (Q,) recorded angles within a frame
     posture: Floats  # (Q,) angles at the frame's start
@@ -136,6 +136,6 @@ def make_machine(scene: Scene, seed: int = 0) -> Machine:
         poses, poses.copy(), make_driven_state(scene), room, make_global_depths(NEAR_PAIRS),
         make_boxes(scene, places.base), np.zeros(trees), np.zeros((trees, 3)), np.zeros((8, 3)), np.zeros((8, 3)),
         make_simulated_state(scene, poses), poses.copy(), poses.copy(), scene.initial_velocity.copy(), np.zeros((trees, 3)),
-        np.zeros((trees, 6)), np.zeros((trees, 14)),
+        np.zeros((trees, 6)), np.zeros((trees, 13)),
         np.zeros((trees, 7)), np.zeros(dofs), np.zeros(dofs), make_axes(), make_scratch(),
     )  # fmt: skip

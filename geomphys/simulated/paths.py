@@ -60,26 +60,13 @@ def is_even(dt: float, last: float) -> bool:
 
 
 @kernel
-def carried_on(a: Vec, before: Vec, dt: float, last: float, older: float) -> Vec:
-    """Acceleration in the middle of a frame.
+def carried_on(a: Vec, before: Vec) -> Vec:
+    """What an acceleration that was `before` and then `a`, a frame later, is half a frame after that.
 
-    Parameters
-    ----------
-    a, before
-        How the mean velocity changed from the last frame to this, and from the one before that to the last [m/s²].
-    dt, last, older
-        Length of this frame and of those two [s].
-
-    Returns
-    -------
-    tuple
-        On the straight line through both; no more than twice the smaller, and 0 where their directions differ.
+    On the straight line through both; no more than twice the smaller, and 0 where their directions differ.
     """
-    if dot(a, before) <= 0.0:
-        return (0.0, 0.0, 0.0)
-    share = (dt + last) / (dt + 2.0 * last + older)
-    b = add_scaled(scale(a, 1.0 + share), before, -share)
-    if dot(a, b) <= 0.0:
+    b = add_scaled(scale(a, 1.5), before, -0.5)
+    if dot(a, before) <= 0.0 or dot(a, b) <= 0.0:
         return (0.0, 0.0, 0.0)
     most = 4.0 * min(dot(a, a), dot(before, before))
     square = dot(b, b)
@@ -96,20 +83,19 @@ def lay_courses(sim: int) -> None:
             continue
         m = motion_of(sim, body)
         v, w = mean_velocities(sim, body)
-        last, older = float_at(m, COURSE_TIME), float_at(m, COURSE_TIME + 1)
+        last = float_at(m, COURSE_TIME)
         a, b = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         if is_even(dt, last):
             rate = 2.0 / (dt + last)
             a, b = scale(sub(v, vec_at(m, COURSE)), rate), scale(sub(w, vec_at(m, COURSE + 3)), rate)
-        set_vec(m, PULL, carried_on(a, vec_at(m, COURSE_CHANGE), dt, last, older))
-        set_vec(m, BEND, scale(carried_on(b, vec_at(m, COURSE_CHANGE + 3), dt, last, older), 0.5))
+        set_vec(m, PULL, carried_on(a, vec_at(m, COURSE_CHANGE)))
+        set_vec(m, BEND, scale(carried_on(b, vec_at(m, COURSE_CHANGE + 3)), 0.5))
         set_float(m, LENGTH, dt)
         set_vec(m, COURSE, v)
         set_vec(m, COURSE + 3, w)
         set_vec(m, COURSE_CHANGE, a)
         set_vec(m, COURSE_CHANGE + 3, b)
         set_float(m, COURSE_TIME, dt)
-        set_float(m, COURSE_TIME + 1, last)
 
 
 @kernel

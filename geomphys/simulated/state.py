@@ -47,8 +47,8 @@ LAST_POSE = 71  # 7: pose last written for the caller
 REST_POSE = 78  # 7: reference point and orientation since when it has been at rest
 COURSE = 85  # m/s, rad/s, 6: mean velocities of a tracked thing in the frame before
 COURSE_CHANGE = 91  # m/s², rad/s², 6: how they had changed
-COURSE_TIME = 97  # s, 2: how long that frame was, and the one before it
-MOTION_COLUMNS = 99
+COURSE_TIME = 97  # s: how long that frame was
+MOTION_COLUMNS = 98
 
 # Columns of `kinds`, one row a body
 ROLE = 0
