@@ -133,6 +133,22 @@ def test_hitting_the_bound_is_told_and_makes_no_momentum() -> None:
     assert player.overlap() < 1e-5
 
 
+@pytest.mark.parametrize(("most", "told"), [(1, IMPACT_BOUND), (500, 0)])
+def test_more_slow_landings_than_a_frame_has_room_for_are_told(most: int, told: int) -> None:
+    """They are no collisions, but each halts the motion; beyond the bound bodies wait where they are."""
+    balls = [
+        Thing(shape=Sphere(0.02), at=(0.05 * (k % 8), 0.05 * (k // 8), 0.02 + 1e-5 + 5e-6 * k), v=(0, 0, -0.03))
+        for k in range(40)
+    ]
+    player = Player([*balls, floor()])
+    energy = player.energy()
+    player.step(1 / 240, most)
+    assert player.flags == told
+    assert player.impacts == 0
+    assert player.energy() <= energy
+    assert player.overlap() < 1e-5
+
+
 def test_without_room_for_pairs_bodies_stay_and_it_is_told() -> None:
     player = Player([Thing(shape=Sphere(0.05), at=(0.1 * k, 0, 0.0505)) for k in range(4)] + [floor()])
     player.state = make_simulated_state(player.scene, player.poses, max_pairs=2)
