@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from geomphys.collision.penetration import separation
 from geomphys.collision.support import place_pieces
 from geomphys.world import scene as s
-from geomphys.world.pieces import Box, Sphere
-from tests.simulated.scenes import Player, Thing
+from geomphys.world.pieces import Box, Capsule, Sphere
+from tests.simulated.scenes import Player, Thing, floor
 
 DT = 1 / 30
 
@@ -67,3 +67,16 @@ def test_what_meets_in_a_frame_is_found_and_nothing_else(seed: int) -> None:
             assert player.impacts == 0
     assert met > 2
     assert free > 2
+
+
+@pytest.mark.parametrize("rate", [30, 60, 240])
+def test_the_tip_of_a_rod_that_dips_in_between_two_steps_strikes(rate: int) -> None:
+    """At both ends of the step it is clear of the floor; its arc is not."""
+    spin, reach, step = 20.0, 0.3, 1.0 / 240.0
+    turn = Rotation.from_rotvec([0, np.pi - 2.5 * spin * step, 0])
+    rod = Thing(shape=Capsule(0.01, reach - 0.01), at=(0, 0, reach - 1e-4), turn=turn.as_quat(), w=(0, spin, 0))
+    player = Player([rod, floor()], gravity=(0, 0, 0))
+    for _ in range(max(1, rate // 60)):
+        player.step(1.0 / rate)
+        assert player.overlap() < 1e-5
+    assert player.impacts > 0
