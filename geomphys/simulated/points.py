@@ -158,8 +158,11 @@ def open_slot(sim: int, slot: int, old: int, x: Vec, clearance: float) -> None:
 
 
 @kernel
-def hand_over_sums(sim: int, pair: int) -> None:
-    """Give the impulses of old points that nothing continues to the pair's first slot, so that none is lost."""
+def hand_over_sums(sim: int, pair: int, count: int) -> None:
+    """Give the impulses of old points that nothing continues to the first of the pair's `count` slots: none is lost."""
+    for m in range(count, 4):
+        for i in range(7):
+            set_float(slot_at(sim, pair, m), SUM_N + i, 0.0)
     first = slot_at(sim, pair, 0)
     for m in range(4):
         set_float(first, SUM_N, float_at(first, SUM_N) + float_at(entry(sim, AT_OLD_SLOTS), m * SLOT_SIZE + SUM_N))
@@ -254,7 +257,7 @@ def add_rows(sim: int, pair: int, t: float) -> None:
             count += 1
     close_slots(sim, pair, count)
     if count > 0:
-        hand_over_sums(sim, pair)
+        hand_over_sums(sim, pair, count)
 
 
 @kernel

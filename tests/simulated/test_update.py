@@ -250,3 +250,17 @@ def test_a_scene_without_simulated_bodies_is_left_alone() -> None:
     player.step(1 / 60)
     assert np.array_equal(player.poses, before)
     assert make_scene([floor()]).bodies.role[0] == s.FIXED
+
+
+@pytest.mark.parametrize("rate", [30, 60])
+@pytest.mark.parametrize("seed", range(3))
+def test_the_contacts_of_a_tumbling_box_carry_all_that_the_floor_gave_it(seed: int, rate: int) -> None:
+    """Whatever points come and go: the sum of the frames' normal impulses is m (Δv + g t)."""
+    turn = Rotation.random(random_state=seed).as_quat()
+    player = Player([Thing(shape=Box((0.05, 0.04, 0.03)), at=(0, 0, 0.3), turn=turn, w=(5, -8, 3)), floor()])
+    given = 0.0
+    for _ in range(rate):
+        player.step(1.0 / rate)
+        given += touches(player)[1][:, 7].sum()
+    gained = player.scene.bodies.mass[0] * (player.velocity[0, 2] + GRAVITY * player.time)
+    assert given == pytest.approx(gained, rel=1e-6)
