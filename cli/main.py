@@ -6,6 +6,7 @@ Exit codes: 0 done, 1 failed, 2 wrong usage, 3 some inputs failed, 4 a threshold
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -21,6 +22,8 @@ from .terminal import Terminal
 EXIT_FAILED = 1
 EXIT_USAGE = 2
 EXIT_INTERRUPTED = 130
+GARBAGE = 50_000
+"""Objects between two searches for cycles of garbage: looking after every 700 takes a tenth of a short replay's time."""
 
 COMMANDS = {
     "init": "Write a first scene file for a log.",
@@ -177,6 +180,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
+    gc.set_threshold(GARBAGE, 20, 20)
     code = run()
     try:
         sys.stdout.flush()
