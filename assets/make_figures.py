@@ -74,7 +74,7 @@ def section(experiment: Experiment, pictures: Path, repeats: int) -> str:
         (pictures / name).write_bytes(before_and_after(loaded.world, kept[shot.frame], later, shot))
         drawn[name] = f"frame {shot.frame:,}: recorded and corrected"
         if shot.later is not None:
-            drawn[name] = f"frames {shot.frame:,} and {shot.later:,}"
+            drawn[name] = f"frames {shot.frame:,} and {shot.later:,}: corrected"
     return text_of(experiment, metrics, us, drawn)
 
 
@@ -90,9 +90,7 @@ def text_of(experiment: Experiment, metrics: Sequence[Metrics], us: np.ndarray, 
         impacts=sum(m.impacts for m in metrics),
     )
     lines = [f"## {experiment.title}", "", *wrapped(told), ""]
-    lines += [
-        f"![{experiment.title}, frame {n.split('_')[-1][:-4]}: recorded and corrected](pictures/{n})" for n in drawn
-    ]
+    lines += [f"![{experiment.title}, {caption}](pictures/{name})" for name, caption in drawn.items()]
     lines += ["", f"![Frame times of {experiment.name}](pictures/{experiment.name}_times.png)", ""]
     return "\n".join(lines)
 
@@ -102,8 +100,9 @@ def page(sections: Sequence[str]) -> str:
     machine = describe_machine()
     head = (
         "Every picture and every number here is made by `make figures`. On the left a frame as it was recorded, on the right "
-        "as it was corrected. Left: red is what had to be moved. Right: blue is moved, orange touches. The things that were "
-        "entered are drawn like glass. Below stand the times of the whole step frame by frame, without reading and writing, "
+        "as it was corrected; or two moments of what was corrected. Left: red is what had to be moved. Right: blue is moved, "
+        "orange touches. The things that were entered are drawn like glass. Below stand the times of the whole step frame by "
+        "frame, without reading and writing, "
         f"the smallest of {REPEATS} passes, on one core of {machine.processor}."
     )
     return "\n".join(["# The experiments", "", *wrapped(head), "", *wrapped(PAPER), "", *sections]).rstrip() + "\n"
