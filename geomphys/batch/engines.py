@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
-import os
+import pickle
 import threading
 import time
 from collections import deque
@@ -17,12 +17,12 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing.connection import wait as wait_for_sentinel
 from pathlib import Path
 from typing import Any, cast
 
-from geomphys.batch.held_signals import blocked_in_children, signals_held, take_signals
-from geomphys.batch.job import Job, Outcome, failure, give_world, run_job
+from geomphys.batch.held_signals import blocked_in_children, signals_held
+from geomphys.batch.job import Job, Outcome, failure, run_job
+from geomphys.batch.worker import begin_worker
 from geomphys.errors import ClusterError
 from geomphys.kernel import are_compiled
 from geomphys.remote import is_remote
@@ -76,7 +76,7 @@ def _run_until_one_dies(
 ) -> Generator[Finished, None, list[tuple[int, Job]]]:
     """Run a queue until it is empty or a process dies; returns the jobs that ran when it died."""
     context = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(count, mp_context=context, initializer=_begin_worker, initargs=(world,))
+    executor = ProcessPoolExecutor(count, mp_context=context, initializer=begin_worker, initargs=(pickle.dumps(world),))
     running: dict[Future[Outcome], tuple[int, Job]] = {}
     lost: list[tuple[int, Job]] = []
     try:
@@ -126,20 +126,6 @@ def _look_until(done: Callable[[], bool], limit_s: float | None) -> None:
     begin = time.monotonic()
     while not done() and (limit_s is None or time.monotonic() - begin < limit_s):
         time.sleep(LOOK_EVERY_S / 10)
-
-
-def _begin_worker(world: World) -> None:
-    """Leave Ctrl-C to the parent, and end with it however it ends; keep the world at hand."""
-    take_signals()
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def end_with_parent() -> None:
-        wait_for_sentinel([parent.sentinel])
-        os._exit(1)
-
-    threading.Thread(target=end_with_parent, daemon=True).start()
-    give_world(world)
 
 
 def largest_first(jobs: Sequence[Job]) -> list[tuple[int, Job]]:
