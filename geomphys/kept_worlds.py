@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from contextlib import suppress
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
@@ -36,15 +37,9 @@ def keep_world(world: World, found: Sources, mode: str | None, seed: int) -> Non
         return
     store = _store()
     store.save(_name(world.path, mode, seed), (world, found))
-    for oldest in sorted(store.folder.iterdir(), key=_age)[:-MOST]:
-        oldest.unlink(missing_ok=True)
-
-
-def _age(file: Path) -> float:
-    try:
-        return file.stat().st_mtime
-    except OSError:  # another process was faster
-        return 0.0
+    with suppress(OSError):  # another process was faster, or nothing can be written
+        for oldest in sorted(store.folder.iterdir(), key=lambda file: file.stat().st_mtime)[:-MOST]:
+            oldest.unlink(missing_ok=True)
 
 
 def _store() -> Store:
