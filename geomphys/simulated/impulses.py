@@ -41,10 +41,12 @@ from geomphys.simulated.state import (
     ROW_A,
     ROW_B,
     ROW_ON,
+    ROW_PAIR,
     ROW_VISIT,
     RUB,
     TANGENT,
     count_one,
+    has_yielded,
     how_many,
     kind_of,
     motion_of,
@@ -56,6 +58,14 @@ from geomphys.vec3 import dot
 SWEEPS = 300
 UNFELT = 0.1  # of the precision asked for: smaller changes of velocity do not call for another visit to a row
 PRECISION = 1e-13  # of the fastest approach: sweeps over the points of a collision end when none changes by more
+
+
+@kernel
+def let_go(sim: int) -> None:
+    """No impulses are sought any more for the rows of pairs that have yielded."""
+    for k in range(how_many(sim, N_ROWS)):
+        if has_yielded(sim, int_at(owner(sim, k), ROW_PAIR)):
+            set_int(owner(sim, k), ROW_ON, 0)
 
 
 @kernel

@@ -17,7 +17,7 @@ from geomphys.simulated.cells import (
     set_vec,
     vec_at,
 )
-from geomphys.simulated.impulses import push_more
+from geomphys.simulated.impulses import let_go, push_more
 from geomphys.simulated.motion import refresh
 from geomphys.simulated.points import normal_speed
 from geomphys.simulated.state import (
@@ -154,9 +154,7 @@ def let_driven_through(sim: int) -> bool:
         ):
             set_int(pair_at(sim, int_at(o, ROW_PAIR)), YIELDED, 1)
             found = True
-    for k in range(how_many(sim, N_ROWS)):
-        if has_yielded(sim, int_at(owner(sim, k), ROW_PAIR)):
-            set_int(owner(sim, k), ROW_ON, 0)
+    let_go(sim)
     return found
 
 

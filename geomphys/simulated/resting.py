@@ -14,7 +14,7 @@ import math
 from geomphys.kernel import kernel
 from geomphys.memory import float_at, int_at, set_float, set_int
 from geomphys.simulated.cells import add_vec, set_vec, vec_at
-from geomphys.simulated.impulses import settle, settle_normals
+from geomphys.simulated.impulses import let_go, settle, settle_normals
 from geomphys.simulated.ledger import commit, give, impulse_of
 from geomphys.simulated.motion import load_velocities, plan
 from geomphys.simulated.paths import load_paths
@@ -124,9 +124,7 @@ def yield_squeezed(sim: int) -> bool:
         if int_at(o, ROW_ON) == 1 and float_at(r, PUSH) >= 0.999 * float_at(r, LIMIT):
             set_int(pair_at(sim, int_at(o, ROW_PAIR)), YIELDED, 1)
             any_yielded = True
-    for k in range(how_many(sim, N_ROWS)):
-        if has_yielded(sim, int_at(owner(sim, k), ROW_PAIR)):
-            set_int(owner(sim, k), ROW_ON, 0)
+    let_go(sim)
     return any_yielded
 
 

@@ -20,16 +20,21 @@ def hand(x: float, **more: object) -> Thing:
     return Thing(shape=Box((0.02, 0.3, 0.3)), role=s.DRIVEN, at=(x, 0, 0.2), coupling_mass=0.4, **more)  # type: ignore[arg-type]
 
 
-def test_a_blocked_hand_pushes_the_ball_with_its_wish_and_is_pushed_back() -> None:
-    """The hand stands at the ball and wants to go on: a collision of the coupling's mass with the ball, by (9)."""
-    player = Player([Thing(shape=Sphere(0.05), mass=0.2), hand(-0.07 - 2e-6)], gravity=(0, 0, 0))
-    end = player.poses.copy()
-    player.velocity[1, :3] = (0.6, 0, 0)
-    impulse = np.zeros((2, 3))
+def one_frame(player: Player) -> tuple[np.ndarray, np.ndarray]:
+    """Run 1/60 s in which what is driven stays where it is: the poses at its end, and the impulses on each body [N s]."""
+    end, impulse = player.poses.copy(), np.zeros((len(player.poses), 3))
     simulate(
         player.scene.pieces, player.state, player.poses, end, player.velocity, impulse, player.frames, 1 / 60, 200,
         player.gap, False, player.scratch,
     )  # fmt: skip
+    return end, impulse
+
+
+def test_a_blocked_hand_pushes_the_ball_with_its_wish_and_is_pushed_back() -> None:
+    """The hand stands at the ball and wants to go on: a collision of the coupling's mass with the ball, by (9)."""
+    player = Player([Thing(shape=Sphere(0.05), mass=0.2), hand(-0.07 - 2e-6)], gravity=(0, 0, 0))
+    player.velocity[1, :3] = (0.6, 0, 0)
+    end, impulse = one_frame(player)
     j = 1.3 * 0.6 / (1 / 0.2 + 1 / 0.4)
     assert player.velocity[0, 0] == pytest.approx(j / 0.2, rel=1e-12)
     np.testing.assert_allclose(impulse[1], [-j, 0, 0], rtol=0, atol=1e-14)
@@ -39,12 +44,8 @@ def test_a_blocked_hand_pushes_the_ball_with_its_wish_and_is_pushed_back() -> No
 def test_a_hand_that_meets_two_balls_at_once_has_less_left_for_the_second() -> None:
     balls = [Thing(shape=Sphere(0.05), mass=0.2, at=(0, y, 0)) for y in (-0.1, 0.1)]
     player = Player([*balls, hand(-0.07 - 2e-6)], gravity=(0, 0, 0))
-    end, impulse = player.poses.copy(), np.zeros((3, 3))
     player.velocity[2, :3] = (0.6, 0, 0)
-    simulate(
-        player.scene.pieces, player.state, player.poses, end, player.velocity, impulse, player.frames, 1 / 60, 200,
-        player.gap, False, player.scratch,
-    )  # fmt: skip
+    _, impulse = one_frame(player)
     first = 1.3 * 0.6 / (1 / 0.2 + 1 / 0.4)
     second = 1.3 * (0.6 - first / 0.4) / (1 / 0.2 + 1 / 0.4)
     np.testing.assert_allclose(sorted(player.velocity[:2, 0]), [second / 0.2, first / 0.2], rtol=1e-9)
@@ -60,12 +61,8 @@ def test_links_of_one_hand_that_meet_a_ball_each_share_the_recoil() -> None:
     ]
     player = Player([*balls, *links], gravity=(0, 0, 0))
     player.state.kinds[3, TREE] = player.state.kinds[2, TREE]
-    end, impulse = player.poses.copy(), np.zeros((4, 3))
     player.velocity[2:, :3] = (0.6, 0, 0)
-    simulate(
-        player.scene.pieces, player.state, player.poses, end, player.velocity, impulse, player.frames, 1 / 60, 200,
-        player.gap, False, player.scratch,
-    )  # fmt: skip
+    _, impulse = one_frame(player)
     first = 1.3 * 0.6 / (1 / 0.2 + 1 / 0.4)
     second = 1.3 * (0.6 - first / 0.4) / (1 / 0.2 + 1 / 0.4)
     np.testing.assert_allclose(sorted(player.velocity[:2, 0]), [second / 0.2, first / 0.2], rtol=1e-9)
@@ -76,12 +73,8 @@ def test_links_of_one_hand_that_meet_a_ball_each_share_the_recoil() -> None:
 def test_a_hand_that_grazes_a_ball_rubs_no_more_than_it_strikes(sliding: float) -> None:
     """Friction is that of the impulse; nothing grips the ball once it flies off."""
     player = Player([Thing(shape=Sphere(0.05), mass=0.2), hand(-0.07 - 2e-6)], gravity=(0, 0, 0))
-    end, impulse = player.poses.copy(), np.zeros((2, 3))
     player.velocity[1, :3] = (0.6, sliding, 0)
-    simulate(
-        player.scene.pieces, player.state, player.poses, end, player.velocity, impulse, player.frames, 1 / 60, 200,
-        player.gap, False, player.scratch,
-    )  # fmt: skip
+    _, impulse = one_frame(player)
     j = 1.3 * 0.6 / (1 / 0.2 + 1 / 0.4)
     np.testing.assert_allclose(player.velocity[0, :3], [j / 0.2, 0.3 * j / 0.2, 0], rtol=1e-9, atol=1e-12)
     assert player.velocity[0, 5] == pytest.approx(-0.3 * j * 0.05 / (0.4 * 0.2 * 0.05**2), rel=1e-4)
