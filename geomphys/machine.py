@@ -19,6 +19,7 @@ from geomphys.driven.least_distance import make_least_distance
 from geomphys.driven.places import make_places
 from geomphys.driven.posture import make_joints
 from geomphys.driven.state import DrivenRoom, DrivenState, make_driven_state
+from geomphys.driven.steps import make_stir
 from geomphys.packed import pack
 from geomphys.simulated.make import make_simulated_state
 from geomphys.simulated.state import SimulatedState
@@ -115,7 +116,7 @@ class Machine(NamedTuple):
 
 def make_machine(scene: Scene, seed: int = 0) -> Machine:
     """Everything a replay of `scene` needs, at rest; `seed` is that of the order in which chains are dealt with."""
-    trees, bodies, pieces = len(scene.trees.role), len(scene.bodies.role), len(scene.pieces.kind)
+    trees, bodies = len(scene.trees.role), len(scene.bodies.role)
     dofs, origins = len(scene.dofs.lower), joint_origins(scene)
     near, places, packed = make_near(NEAR_PAIRS), make_places(scene, NEAR_PAIRS), pack(scene)
     poses = np.zeros((bodies, 7))
@@ -128,7 +129,7 @@ def make_machine(scene: Scene, seed: int = 0) -> Machine:
     room = DrivenRoom(
         origins, joints, np.zeros(bodies, np.int64), places, make_chain_room(scene, unknowns, MET),
         make_ccd_room(scene, joints), near, make_least_distance(unknowns, PLANES),
-        make_rescue(make_near(NEAR_PAIRS)), np.zeros(pieces), np.zeros(bodies), np.zeros(dofs), np.zeros(dofs),
+        make_rescue(make_near(NEAR_PAIRS)), make_stir(scene), np.zeros(dofs), np.zeros(dofs),
         np.zeros((trees, 7)), np.zeros(dofs), np.zeros((bodies, 7)),
         np.zeros((trees, 3)), np.ones(1), np.array([seed]), make_wanted(trees, dofs, bodies), make_carried(trees),
     )  # fmt: skip

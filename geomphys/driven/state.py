@@ -15,6 +15,7 @@ from geomphys.driven.hold import Carried, Lag, Wanted, make_lag
 from geomphys.driven.least_distance import LeastDistance
 from geomphys.driven.places import Places
 from geomphys.driven.posture import Joints, PostureState
+from geomphys.driven.steps import Stir
 from geomphys.world.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -48,8 +49,7 @@ class DrivenRoom(NamedTuple):
     near: Near
     problem: LeastDistance
     rescue: Rescue
-    stir: Floats  # (P,) m, how far the step moves each piece
-    flex: Floats  # (B,) m, how far the joints above a body move it
+    stir: Stir
     before: Floats  # (Q,) angles at the end of the last step
     after: Floats  # (Q,) angles the coupling asks for
     roots: Floats  # (T, 7) recorded root poses of a step

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +12,10 @@ from geomphys.collision.detect import Axes, Near, measure_pair
 from geomphys.collision.extent import gap_along
 from geomphys.collision.penetration import Scratch
 from geomphys.collision.support import shapes_of
-from geomphys.driven.places import Places, limit_of
+from geomphys.driven.places import Places, distance, limit_of, row_of
 from geomphys.driven.posture import Joints
 from geomphys.kernel import kernel, outlined
-from geomphys.vec3 import add_scaled, slerp, sub
+from geomphys.vec3 import Vec, add, add_scaled, norm, slerp, sub
 from geomphys.world.kinematics import orientation_of, pose_tree, position_of, set_pose
 from geomphys.world.scene import DRIVEN, SIMULATED, Scene
 
@@ -32,27 +33,37 @@ def is_recorded(scene: Scene, tree: int) -> bool:
     return scene.trees.moving[tree] == 1 and scene.trees.role[tree] != SIMULATED
 
 
-@outlined
-def measure_stir(scene: Scene, joints: Joints, before: Floats, p: Places, stir: Floats) -> None:
-    """How far each piece moves with this step, and each tree at most (`p.stir`), in m: a bound over its points.
+class Stir(NamedTuple):
+    """How far a step moves things, before anything yields."""
 
-    The root of a driven tree counts as standing still, as its translation is seen to in any case, but not for links
-    that chains bend.
+    way: Floats  # (P, 3) m, the centre of each piece
+    spin: Floats  # (P,) m, how much farther any other of its points, at most
+    flex: Floats  # (B,) m, each body against its root by the joints above it, at most
+
+
+def make_stir(scene: Scene) -> Stir:
+    """Nothing moves."""
+    pieces = len(scene.pieces.kind)
+    return Stir(np.zeros((pieces, 3)), np.zeros(pieces), np.zeros(len(scene.bodies.tree)))
+
+
+@outlined
+def measure_stir(scene: Scene, joints: Joints, before: Floats, p: Places, stir: Stir) -> None:
+    """How far each piece moves with this step (`way`, `spin`), and each tree at most (`p.stir`, m): a bound over its points.
+
+    The root of a driven tree counts as standing still, as its translation is seen to in any case, but in `p.stir` not for
+    links that chains bend.
     """
     pieces = scene.pieces
     for tree in range(len(scene.trees.role)):
         p.stir[tree] = 0.0
         if not is_recorded(scene, tree):
             continue
-        pull = 0.0
-        if scene.trees.role[tree] == DRIVEN:
-            for k in range(3):
-                pull += (p.goal[tree, k] - p.current[tree, k]) ** 2
-            pull = math.sqrt(pull)
+        pull = distance(p.goal, p.current, tree) if scene.trees.role[tree] == DRIVEN else 0.0
         first = scene.bodies.piece_start[scene.trees.body_start[tree]]
         last = scene.bodies.piece_start[scene.trees.body_start[tree + 1]]
         for i in range(first, last):
-            square, distance = 0.0, 0.0
+            square = 0.0
             for k in range(9):
                 change = p.frames[i, k] - before[i, k]
                 square += change * change
@@ -60,17 +71,19 @@ def measure_stir(scene: Scene, joints: Joints, before: Floats, p: Places, stir: 
                 shift = p.frames[i, 9 + k] - before[i, 9 + k]
                 for j in range(3):
                     shift += (p.frames[i, 3 * k + j] - before[i, 3 * k + j]) * pieces.centre[i, j]
-                distance += shift * shift
+                stir.way[i, k] = shift
             turn = 2.0 * math.asin(min(1.0, math.sqrt(square / 8.0)))
-            stir[i] = math.sqrt(distance) + turn * pieces.reach[i]
+            stir.spin[i] = turn * pieces.reach[i]
+            farthest = norm(row_of(stir.way, i)) + stir.spin[i]
             if joints.bends[pieces.body[i]] == 1:
-                stir[i] += pull
-            p.stir[tree] = max(p.stir[tree], stir[i])
+                farthest += pull
+            p.stir[tree] = max(p.stir[tree], farthest)
 
 
 @kernel
-def measure_flex(scene: Scene, joints: Joints, before: Floats, after: Floats, flex: Floats) -> None:
-    """How far the joints above each body move it against its root, from angles `before` to `after` (Q,): a bound, m."""
+def measure_flex(scene: Scene, joints: Joints, before: Floats, after: Floats, stir: Stir) -> None:
+    """How far the joints above each body move it against its root, from angles `before` to `after` (Q,): `stir.flex`."""
+    flex = stir.flex
     for tree in range(len(scene.trees.role)):
         if not is_recorded(scene, tree):
             continue
@@ -84,6 +97,39 @@ def measure_flex(scene: Scene, joints: Joints, before: Floats, after: Floats, fl
 
 
 @kernel
+def _flex_between(scene: Scene, flex: Floats, body_a: int, body_b: int) -> float:
+    """How far the joints between two bodies of a tree move one against the other: those above both move neither."""
+    a, b = body_a, body_b
+    while a != b:  # parents come before their children
+        if a > b:
+            a = scene.bodies.parent[a]
+        else:
+            b = scene.bodies.parent[b]
+    return float((flex[body_a] - flex[a]) + (flex[body_b] - flex[a]))
+
+
+@kernel
+def _pull_on(scene: Scene, joints: Joints, p: Places, tree: int, body: int) -> Vec:
+    """How far the root of a link that chains bend is yet to go; of others the way is seen to, and counts for nothing."""
+    if scene.trees.role[tree] != DRIVEN or joints.bends[body] == 0:
+        return (0.0, 0.0, 0.0)
+    return sub(row_of(p.goal, tree), row_of(p.current, tree))
+
+
+@kernel
+def _change(scene: Scene, joints: Joints, p: Places, near: Near, k: int, stir: Stir) -> float:
+    """How far the pieces of the pair k move against each other at most, wherever on their ways the roots are stopped. [m]"""
+    a, b = near.a[k], near.b[k]
+    body_a, body_b = scene.pieces.body[a], scene.pieces.body[b]
+    way, spin = sub(row_of(stir.way, a), row_of(stir.way, b)), stir.spin[a] + stir.spin[b]
+    if near.tree_a[k] == near.tree_b[k]:
+        return min(norm(way) + spin, _flex_between(scene, stir.flex, body_a, body_b))
+    pull_a, pull_b = _pull_on(scene, joints, p, near.tree_a[k], body_a), _pull_on(scene, joints, p, near.tree_b[k], body_b)
+    there = sub(way, pull_b)
+    return max(norm(way), norm(add(way, pull_a)), norm(there), norm(add(there, pull_a))) + spin
+
+
+@kernel
 def _kept_its_side(scene: Scene, before: Floats, near: Near, k: int, room: float) -> bool:
     """Whether the pair k was apart, or all but `room` [m], along the normal that parts it now or is about to."""
     n = (near.normal[k, 0], near.normal[k, 1], near.normal[k, 2])
@@ -92,7 +138,7 @@ def _kept_its_side(scene: Scene, before: Floats, near: Near, k: int, room: float
 
 @outlined
 def steps_needed(
-    scene: Scene, p: Places, before: Floats, near: Near, stir: Floats, flex: Floats, gap: float, axes: Axes, scratch: Scratch
+    scene: Scene, joints: Joints, p: Places, before: Floats, near: Near, stir: Stir, gap: float, axes: Axes, scratch: Scratch
 ) -> int:  # fmt: skip
     """Into how many steps the frame must be cut, from the pairs near where it takes the trees in one (`find_reachable`).
 
@@ -102,9 +148,7 @@ def steps_needed(
     steps = 1.0
     for k in range(near.filled[0]):
         a, b = near.a[k], near.b[k]
-        change = stir[a] + stir[b]
-        if near.tree_a[k] == near.tree_b[k]:
-            change = min(change, flex[scene.pieces.body[a]] + flex[scene.pieces.body[b]])
+        change = _change(scene, joints, p, near, k, stir)
         thickness = 0.5 * (scene.pieces.thickness[a] + scene.pieces.thickness[b])
         if near.separation[k] > change or change <= STEP_OF_THICKNESS * thickness:
             continue

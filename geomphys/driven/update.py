@@ -248,8 +248,8 @@ def update_driven(
     _keep_speeds(scene, state, room, True)
     _begin_step(scene, state, room, boxes, to_roots, to_angles, to_poses, dt, gap, axes, scratch)
     if state.started[0] == 1:
-        measure_flex(scene, room.joints, room.before, room.after, room.flex)
-        steps = steps_needed(scene, p, state.frames, room.near, room.stir, room.flex, gap, axes, scratch)
+        measure_flex(scene, room.joints, room.before, room.after, room.stir)
+        steps = steps_needed(scene, room.joints, p, state.frames, room.near, room.stir, gap, axes, scratch)
     count, method, rescues, converged = 0, 0, 0, steps <= MOST_STEPS
     if steps == 1:
         done = _end_step(scene, state, room, boxes, to_roots, to_angles, dt, gap, rounds, axes, scratch)
@@ -284,7 +284,7 @@ def update_driven(
             r, q, poses = room.roots, room.angles, room.poses
             _begin_step(scene, state, room, boxes, r, q, poses, part, gap, axes, scratch)
             if carried:
-                parts = steps_needed(scene, p, state.frames, room.near, room.stir, room.flex, gap, axes, scratch)
+                parts = steps_needed(scene, room.joints, p, state.frames, room.near, room.stir, gap, axes, scratch)
                 if parts > 1 and left * parts <= MOST_STEPS:
                     break
                 parts = 1
