@@ -124,7 +124,10 @@ def _change(scene: Scene, joints: Joints, p: Places, near: Near, k: int, stir: S
     way, spin = sub(row_of(stir.way, a), row_of(stir.way, b)), stir.spin[a] + stir.spin[b]
     if near.tree_a[k] == near.tree_b[k]:
         return min(norm(way) + spin, _flex_between(scene, stir.flex, body_a, body_b))
-    pull_a, pull_b = _pull_on(scene, joints, p, near.tree_a[k], body_a), _pull_on(scene, joints, p, near.tree_b[k], body_b)
+    pull_a, pull_b = (
+        _pull_on(scene, joints, p, near.tree_a[k], body_a),
+        _pull_on(scene, joints, p, near.tree_b[k], body_b),
+    )
     there = sub(way, pull_b)
     return max(norm(way), norm(add(way, pull_a)), norm(there), norm(add(there, pull_a))) + spin
 
