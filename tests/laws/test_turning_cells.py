@@ -60,18 +60,8 @@ def test_nothing_passes_through_walls_that_turn(tmp_path: Path, seed: int) -> No
     assert Between(run, turning.rate).tunnels() == {}
 
 
-ROUND_AN_EDGE = 1022
-"""A palm leaves a door by its free edge within one frame of 30 Hz, in many steps; straight, it cuts 9 mm of the edge."""
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "seed",
-    [
-        pytest.param(seed, marks=[pytest.mark.xfail(strict=True)] if seed == ROUND_AN_EDGE else [])
-        for seed in range(1000, 1040)
-    ],
-)
+@pytest.mark.parametrize("seed", range(1000, 1040))
 def test_nothing_passes_through_walls_that_turn_in_many_scenes(tmp_path: Path, seed: int) -> None:
     turning, run = play_turning(tmp_path, seed)
     assert_free(run, every=3)
