@@ -50,6 +50,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CONTACT_GAPS = 3.0  # surfaces nearer than this many gaps are in contact
+LEFT = 1e-5  # m: an overlap of driven bodies that is left is told of from here on
 BLOCKED_FROM = 1e-4  # m: what touches something this far from its recorded place, that is free, is blocked
 
 KINEMATICS, RECORDED_DEPTH, OVERLAP, IMPULSES, CONTACTS, WHOLE = range(6)
@@ -82,17 +83,20 @@ def measure_recorded(scene: Scene, m: Machine) -> float:
 
 
 @outlined
-def find_contacts(scene: Scene, m: Machine, gap: float, first: bool, block: Block, frame: int) -> float:
-    """Contacts of the final poses, written to `block`; returns the deepest overlap that is left [m]."""
+def find_contacts(scene: Scene, m: Machine, gap: float, first: bool, block: Block, frame: int) -> tuple[float, float]:
+    """Contacts of the final poses, written to `block`; returns the deepest overlaps that are left [m]: of all, of driven
+    bodies.
+    """
     places, near = m.room.places, m.room.near
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
             update_boxes(scene, places.frames, m.boxes, tree)
     room = CONTACT_GAPS * gap
     find_near(scene, places.frames, m.boxes, m.still, room, math.inf, near, places.found, m.axes, m.scratch)
-    deepest = write_contacts(
+    of_driven = write_contacts(
         scene, places.frames, near, m.driven.offset, m.points_a, m.points_b, block, frame, m.scratch
     )
+    deepest = of_driven
     if len(m.simulated.free) > 0:
         if first:
             left = deepest_overlap_at_start(scene.pieces, m.simulated, places.frames, m.scratch)
@@ -102,7 +106,7 @@ def find_contacts(scene: Scene, m: Machine, gap: float, first: bool, block: Bloc
         block.contact_end[frame + 1] = write_touches(
             m.simulated, m.corrected, block.contact_bodies, block.contact_values, block.contact_end[frame + 1]
         )
-    return deepest
+    return deepest, of_driven
 
 
 @kernel
@@ -199,7 +203,7 @@ def step(
         simulating += cycles() - t3
     t4 = cycles()
     write_depths(block, frame, m.depths, done.method)
-    lengths[RESIDUAL] = find_contacts(scene, m, knobs.gap, first, block, frame)
+    lengths[RESIDUAL], left = find_contacts(scene, m, knobs.gap, first, block, frame)
     measure_correction(scene, m, lengths)
     t5 = cycles()
     for k in range(len(block.moving)):
@@ -218,7 +222,7 @@ def step(
         done.rescues,
         flags,
     )
-    if not done.converged:
+    if not done.converged or left > LEFT:
         numbers[FLAGS] |= FLAG_NOT_CONVERGED
     for tree in range(len(scene.trees.role)):
         if m.room.places.held[tree] != LOOSE and m.room.places.escapes[0] == 0:

@@ -326,20 +326,20 @@ def eliminate_overlap(
         known, again = False, True
         status, longest, active = _nearest_free(scene, p, near, ignored, problem, gap, axes, scratch)
         method = max(method, LEAST_DISTANCE if active > 1 else GLOBAL)
-        if status == SOLVED:
-            if min(far, longest) > DETOUR and goes_through(scene, p, near, ignored, axes, scratch):
-                return count + 1, method, rescues, True
+        detour = status == SOLVED and p.begun[0] == 1 and min(far, longest) > DETOUR
+        detour = detour and goes_through(scene, p, near, ignored, axes, scratch)
+        if status == SOLVED and not detour:
             far += longest
             _accept(scene, p)
             if longest <= STEP_DONE or active == 0:
                 return count + 1, method, rescues, True
             continue
-        method = INTERPOLATED
         overlapped = False
         for k in range(near.filled[0]):
             overlapped = overlapped or (near.separation[k] < 0.0 and concerns(scene, near, ignored, k))
         if not overlapped:
-            return count + 1, method, rescues, True
+            return count + 1, method if detour else INTERPOLATED, rescues, True
+        method = INTERPOLATED
         rescues += 1
         if p.hasty[0] == 1:
             return count + 1, method, rescues, False

@@ -51,6 +51,18 @@ def test_a_start_between_two_walls_too_near_is_freed_along_them(tmp_path: Path) 
     assert_free(run)
 
 
+def test_a_start_inside_is_freed_even_behind_what_stands_in_the_way_out(tmp_path: Path) -> None:
+    """The way out of a block leads into a plate behind it; nothing was anywhere before, so it may lead through that."""
+    things = [
+        Thing(name="block", shape=("box", 0.06, 0.4, 0.4)),
+        Thing(name="plate", shape=("box", 0.004, 0.4, 0.4), at=(0.034, 0, 0)),
+        Thing(name="cube", shape=("box", 0.02, 0.02, 0.02), role="driven", path=still(0.005, 0, 0)),
+    ]
+    run = play(tmp_path, things)
+    assert run.path("cube")[0, 0] == pytest.approx(0.046, abs=5e-6)
+    assert_free(run)
+
+
 def test_recorded_inside_a_closed_box_it_holds_its_last_place(tmp_path: Path) -> None:
     """Six walls with no room inside: the hand stays outside, and is the recording again once that is outside."""
     h, t = 0.15, 0.02

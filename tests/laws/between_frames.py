@@ -33,15 +33,16 @@ def lines(rows: Floats, times: int) -> Floats:
 
 
 def least_offset(normals: Floats, bounds: Floats) -> Floats | None:
-    """The shortest x (3,) with normals x >= bounds, None if there is none (Lawson and Hanson: least distance by NNLS)."""
+    """The shortest x (n,) with normals x >= bounds, None if there is none (Lawson and Hanson: least distance by NNLS)."""
+    width = normals.shape[1]
     if (bounds <= 0.0).all():
-        return np.zeros(3)
-    matrix, right = np.vstack([normals.T, bounds]), np.array([0.0, 0.0, 0.0, 1.0])
+        return np.zeros(width)
+    matrix, right = np.vstack([normals.T, bounds]), np.append(np.zeros(width), 1.0)
     u, misfit = nnls(matrix, right)
     if misfit < 1e-9:
         return None
     rest = matrix @ u - right
-    return np.asarray(-rest[:3] / rest[3])
+    return np.asarray(-rest[:width] / rest[width])
 
 
 class Between:
@@ -75,12 +76,12 @@ class Between:
                     found[k // times] = max(found.get(k // times, 0.0), depth)
         return found
 
-    def _planes(self, tree: int, offset: Floats, frames: Floats, reach: float) -> tuple[Floats, Floats]:
-        """Half-spaces for the offset of a tree, one for each piece within `reach` of one of its own."""
-        centres, rows, bounds = self._centres(frames), [np.zeros(3)], [0.0]
-        mine = (self.tree[self.a] == tree) != (self.tree[self.b] == tree)
+    def _planes(self, offsets: dict[int, Floats], frames: Floats, reach: float) -> tuple[Floats, Floats]:
+        """Half-spaces for the offsets of all trees in a row, one for each pair of pieces within `reach` of each other."""
+        centres, width = self._centres(frames), 3 * len(offsets)
+        rows, bounds = [np.zeros(width)], [0.0]
         near = np.linalg.norm(centres[self.a] - centres[self.b], axis=1) < self.room + reach
-        for i in np.flatnonzero(mine & near):
+        for i in np.flatnonzero(near & (self.tree[self.a] != self.tree[self.b])):
             a, b = int(self.a[i]), int(self.b[i])
             places = (
                 coal.Transform3s(np.ascontiguousarray(frames[k, :3, :3]), np.ascontiguousarray(frames[k, :3, 3]))
@@ -90,30 +91,40 @@ class Between:
             gap = coal.distance(
                 self.engine.shapes[a], next(places), self.engine.shapes[b], next(places), coal.DistanceRequest(), result
             )
-            normal = np.array(result.normal) * (1.0 if self.tree[b] == tree else -1.0)  # coal's points from a to b
-            rows.append(normal)
-            bounds.append(CLEAR - gap + normal @ offset)
+            row, bound = np.zeros(width), CLEAR - gap
+            for place, (tree, offset) in enumerate(offsets.items()):
+                if tree in (self.tree[a], self.tree[b]):
+                    out = np.array(result.normal) * (1.0 if tree == self.tree[b] else -1.0)  # coal's points from a to b
+                    row[3 * place : 3 * place + 3] = out
+                    bound += float(out @ offset)
+            rows.append(row)
+            bounds.append(bound)
         return np.array(rows), np.array(bounds)
 
     def follow(self, frame: int, steps: int) -> float:
-        """How far [m] from its corrected place in frame + 1 a tree arrives that goes there from `frame` through nothing."""
+        """How far [m] from its corrected place in frame + 1 a tree arrives that goes there from `frame` through nothing.
+
+        Driven trees give way to each other: what one does not yield to is not in its way if that one can yield.
+        """
         driven = np.flatnonzero(self.trees.role == DRIVEN)
         offsets = {int(tree): np.zeros(3) for tree in driven}
         for poses in lines(self.run.corrected[frame : frame + 2], steps)[1:]:
-            for tree in offsets:
-                for _ in range(8):
-                    placed = poses.copy()
-                    for other, moved in offsets.items():
-                        placed[self.body_tree == other, :3] += moved
-                    reach = 3.0 * float(np.linalg.norm(offsets[tree])) + 0.01
-                    normals, bounds = self._planes(tree, offsets[tree], self.engine.frames(placed), reach)
-                    best = least_offset(normals, bounds)
-                    if best is None:
-                        return np.inf
-                    done = np.linalg.norm(best - offsets[tree]) < 1e-7
-                    offsets[tree] = best
-                    if done:
-                        break
+            for _ in range(8):
+                placed = poses.copy()
+                for tree, moved in offsets.items():
+                    placed[self.body_tree == tree, :3] += moved
+                reach = 3.0 * max(float(np.linalg.norm(moved)) for moved in offsets.values()) + 0.01
+                normals, bounds = self._planes(offsets, self.engine.frames(placed), reach)
+                best = least_offset(normals, bounds)
+                if best is None:
+                    return np.inf
+                change = 0.0
+                for place, tree in enumerate(offsets):
+                    new = best[3 * place : 3 * place + 3]
+                    change = max(change, float(np.linalg.norm(new - offsets[tree])))
+                    offsets[tree] = new
+                if change < 1e-7:
+                    break
         return max(float(np.linalg.norm(offset)) for offset in offsets.values())
 
     def tunnels(self) -> dict[int, float]:
