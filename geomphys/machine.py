@@ -81,7 +81,7 @@ class Machine(NamedTuple):
     room: DrivenRoom
     depths: GlobalDepths
     boxes: Boxes
-    still: Floats  # (T,) zeros: no tree moves while its overlaps are measured
+    still: Floats  # (T, 2) zeros: no tree moves while its overlaps are measured
     still_offset: Floats  # (T, 3) zeros
     points_a: Floats  # (8, 3) of a contact manifold
     points_b: Floats  # (8, 3)
@@ -135,7 +135,7 @@ def make_machine(scene: Scene, seed: int = 0) -> Machine:
     )  # fmt: skip
     return Machine(
         poses, poses.copy(), make_driven_state(scene), room, make_global_depths(NEAR_PAIRS),
-        make_boxes(scene, places.base), np.zeros(trees), np.zeros((trees, 3)), np.zeros((8, 3)), np.zeros((8, 3)),
+        make_boxes(scene, places.base), np.zeros((trees, 2)), np.zeros((trees, 3)), np.zeros((8, 3)), np.zeros((8, 3)),
         make_simulated_state(scene, poses), poses.copy(), poses.copy(), scene.initial_velocity.copy(), np.zeros((trees, 3)),
         np.zeros((trees, 6)), np.zeros((trees, 13)),
         np.zeros((trees, 7)), np.zeros(dofs), np.zeros(dofs), make_axes(), make_scratch(),

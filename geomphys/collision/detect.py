@@ -227,7 +227,7 @@ def find_near(
     scene, frames, boxes
         The scene, its pieces' world frames (P, 12) and their boxes.
     reach
-        (T,) m; how far the pieces of each tree may move before the answer is used.
+        (T, 2) m; how far the pieces of each tree may move before the answer is used: in the world, and by bending only.
     room
         m; pairs farther apart than the reach of both and `room` are left out.
     enough
@@ -243,17 +243,17 @@ def find_near(
     near.filled[0] = 0
     widest = 0.0
     for tree in range(len(scene.trees.role)):
-        widest = max(widest, reach[tree])
+        widest = max(widest, reach[tree, 0])
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] != DRIVEN:
             continue
-        count = near_trees(boxes, tree, reach[tree] + widest + room, found)
+        count = near_trees(boxes, tree, reach[tree, 0] + widest + room, found)
         for k in range(count):
             other = found[k]
             if scene.trees.role[other] == DRIVEN and other < tree:
                 continue
-            limit = reach[tree] + reach[other] + room
+            limit = reach[tree, 0] + reach[other, 0] + room
             if not apart(boxes.tree_low, boxes.tree_high, boxes.tree_low, boxes.tree_high, tree, other, limit):
                 near_pairs_of_trees(scene, frames, boxes, tree, other, limit, enough, near, axes, scratch)
         if scene.trees.chains[tree] == 1 and scene.trees.self_collision[tree] == 1:
-            near_pairs_within_tree(scene, frames, boxes, tree, 2.0 * reach[tree] + room, enough, near, axes, scratch)
+            near_pairs_within_tree(scene, frames, boxes, tree, 2.0 * reach[tree, 1] + room, enough, near, axes, scratch)

@@ -238,7 +238,7 @@ def free_chains(
     """
     draw_order(ccd, seed, frame)
     for tree in range(len(p.reach)):
-        p.reach[tree] = 0.0
+        p.reach[tree, 0] = p.reach[tree, 1] = 0.0
         for i in range(3):
             p.trial[tree, i] = p.current[tree, i]
     for q in range(len(start)):

@@ -150,7 +150,7 @@ def _leads_through(
     p, chains, near = room.places, room.chains, room.near
     most, found = PASSED, False
     for tree in range(len(p.reach)):
-        p.reach[tree] = 0.0
+        p.reach[tree, 0] = p.reach[tree, 1] = 0.0
         for i in range(3):
             room.ahead[tree, i] = p.trial[tree, i]
     for q in range(len(chains.trial)):

@@ -211,7 +211,7 @@ def bend_chains(
 def _begin(scene: Scene, bend: Floats, room: ChainRoom, p: Places) -> None:
     """Try offsets `bend` (Q,) with the roots where they are; no pair has been met."""
     for tree in range(len(p.reach)):
-        p.reach[tree] = 0.0
+        p.reach[tree, 0] = p.reach[tree, 1] = 0.0
         for i in range(3):
             p.trial[tree, i] = p.current[tree, i]
     for q in range(len(bend)):

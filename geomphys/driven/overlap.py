@@ -264,11 +264,12 @@ def find_reachable(
 ) -> None:
     """All pairs that trees may meet on their way from `current` to `goal`, or that `p.stir` has moved through, if `stirred`."""
     for tree in range(len(p.reach)):
-        p.reach[tree] = p.stir[tree] if stirred else 0.0
+        for i in range(2):
+            p.reach[tree, i] = p.stir[tree, i] if stirred else 0.0
         for i in range(3):
             p.origin[tree, i] = p.current[tree, i]
         if scene.trees.role[tree] == DRIVEN:
-            p.reach[tree] += REACH * distance(p.goal, p.current, tree)
+            p.reach[tree, 0] += REACH * distance(p.goal, p.current, tree)
             update_boxes(scene, p.frames, boxes, tree)
     find_near(scene, p.frames, boxes, p.reach, 2.0 * gap, CLEAR * gap, near, p.found, axes, scratch)
 
@@ -278,7 +279,7 @@ def _measure_again(scene: Scene, p: Places, near: Near, gap: float, axes: Axes, 
     """Bring the pairs of `find_reachable` up to date; False if a tree may get out of what was looked at there."""
     for tree in range(len(p.reach)):
         if scene.trees.role[tree] == DRIVEN:
-            left = p.reach[tree] - distance(p.current, p.origin, tree)
+            left = p.reach[tree, 0] - distance(p.current, p.origin, tree)
             if 2.0 * distance(p.goal, p.current, tree) > left:
                 return False
     for k in range(near.filled[0]):

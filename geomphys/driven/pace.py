@@ -126,7 +126,7 @@ def slow_down(
         for i in range(3):
             p.goal[tree, i] = near[i] + low * (ahead[i] - near[i])
             state.speed[tree, i] *= low
-        p.stir[tree] = 0.0
+        p.stir[tree, 0] = p.stir[tree, 1] = 0.0
     more, _, again, _ = eliminate_overlap(
         scene, p, boxes, room.near, False, room.joints.bends, room.problem, gap, rounds, room.rescue, axes, scratch
     )  # fmt: skip

@@ -22,8 +22,8 @@ class Places(NamedTuple):
     goal: Floats  # (T, 3) where the coupling pulls
     current: Floats  # (T, 3) where the tree is
     trial: Floats  # (T, 3) where it would go next
-    reach: Floats  # (T,) how far its pieces may move in this round
-    stir: Floats  # (T,) how far its pieces have just been moved by turning and bending; 0 after the first round
+    reach: Floats  # (T, 2) how far its pieces may move in this round: in the world, and by bending only
+    stir: Floats  # (T, 2) how far its pieces have just been moved by turning and bending, likewise; 0 after the first round
     column: Ints  # (T,) its first unknown, -1 if it is not in the problem
     group: Ints  # (T,) the first of the driven trees that it may meet in this round, -1: not driven
     base: Floats  # (P, 12) world_from_piece as recorded
@@ -52,7 +52,7 @@ def make_places(scene: Scene, size: int) -> Places:
     base, frames, moved = (np.zeros((pieces, 12)) for _ in range(3))
     hasty, begun, asked, passing, wedged, escapes = (np.zeros(1, np.int64) for _ in range(6))
     return Places(
-        goal, current, trial, np.zeros(trees), np.zeros(trees), np.full(trees, -1), np.full(trees, -1), base, frames, moved,
+        goal, current, trial, np.zeros((trees, 2)), np.zeros((trees, 2)), np.full(trees, -1), np.full(trees, -1), base, frames, moved,
         np.zeros((trees, 3)), np.zeros((trees, 3)), np.zeros(size, np.int64), np.zeros(trees, np.int64), hasty, begun, asked,
         passing, wedged, escapes, np.zeros(trees, np.int64), np.zeros(trees, np.int64),
     )  # fmt: skip
@@ -93,4 +93,4 @@ def relative_step(p: Places, tree_a: int, tree_b: int) -> Vec:
 @kernel
 def limit_of(p: Places, near: Near, k: int, gap: float) -> float:
     """How near [m] the pair k had to be to be among those of `find_reachable`."""
-    return p.reach[near.tree_a[k]] + p.reach[near.tree_b[k]] + 2.0 * gap
+    return p.reach[near.tree_a[k], 0] + p.reach[near.tree_b[k], 0] + 2.0 * gap

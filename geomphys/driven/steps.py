@@ -47,18 +47,40 @@ def make_stir(scene: Scene) -> Stir:
     return Stir(np.zeros((pieces, 3)), np.zeros(pieces), np.zeros(len(scene.bodies.tree)))
 
 
-@outlined
-def measure_stir(scene: Scene, joints: Joints, before: Floats, p: Places, stir: Stir) -> None:
-    """How far each piece moves with this step (`way`, `spin`), and each tree at most (`p.stir`, m): a bound over its points.
-
-    The root of a driven tree counts as standing still, as its translation is seen to in any case, but in `p.stir` not for
-    links that chains bend.
-    """
-    pieces = scene.pieces
+@kernel
+def _measure_flex(scene: Scene, joints: Joints, before: Floats, after: Floats, p: Places, flex: Floats) -> None:
+    """How far the joints above each body move it against its root, from angles `before` to `after` (Q,): a bound, m."""
     for tree in range(len(scene.trees.role)):
-        p.stir[tree] = 0.0
+        p.stir[tree, 1] = 0.0
         if not is_recorded(scene, tree):
             continue
+        for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+            parent = scene.bodies.parent[body]
+            flex[body] = flex[parent] if parent >= 0 else 0.0
+            q = scene.bodies.dof[body]
+            if q >= 0:
+                change = abs(scene.bodies.multiplier[body] * (after[q] - before[q]))
+                flex[body] += change * joints.lever[q]
+            p.stir[tree, 1] = max(p.stir[tree, 1], flex[body])
+
+
+@outlined
+def measure_stir(
+    scene: Scene, joints: Joints, before: Floats, angles0: Floats, angles1: Floats, p: Places, stir: Stir
+) -> None:
+    """How far each piece moves with this step, and each tree at most (`p.stir`, m): a bound over its points.
+
+    `before` are the pieces' frames (P, 12) at the end of the last step; joints go from `angles0` to `angles1` (Q,). The root
+    of a driven tree counts as standing still, as its translation is seen to in any case, but in `p.stir` not for links that
+    chains bend.
+    """
+    _measure_flex(scene, joints, angles0, angles1, p, stir.flex)
+    pieces = scene.pieces
+    for tree in range(len(scene.trees.role)):
+        p.stir[tree, 0] = 0.0
+        if not is_recorded(scene, tree):
+            continue
+        bent = 0.0
         pull = distance(p.goal, p.current, tree) if scene.trees.role[tree] == DRIVEN else 0.0
         first = scene.bodies.piece_start[scene.trees.body_start[tree]]
         last = scene.bodies.piece_start[scene.trees.body_start[tree + 1]]
@@ -75,25 +97,11 @@ def measure_stir(scene: Scene, joints: Joints, before: Floats, p: Places, stir: 
             turn = 2.0 * math.asin(min(1.0, math.sqrt(square / 8.0)))
             stir.spin[i] = turn * pieces.reach[i]
             farthest = norm(row_of(stir.way, i)) + stir.spin[i]
+            bent = max(bent, farthest)
             if joints.bends[pieces.body[i]] == 1:
                 farthest += pull
-            p.stir[tree] = max(p.stir[tree], farthest)
-
-
-@kernel
-def measure_flex(scene: Scene, joints: Joints, before: Floats, after: Floats, stir: Stir) -> None:
-    """How far the joints above each body move it against its root, from angles `before` to `after` (Q,): `stir.flex`."""
-    flex = stir.flex
-    for tree in range(len(scene.trees.role)):
-        if not is_recorded(scene, tree):
-            continue
-        for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-            parent = scene.bodies.parent[body]
-            flex[body] = flex[parent] if parent >= 0 else 0.0
-            q = scene.bodies.dof[body]
-            if q >= 0:
-                change = abs(scene.bodies.multiplier[body] * (after[q] - before[q]))
-                flex[body] += change * joints.lever[q]
+            p.stir[tree, 0] = max(p.stir[tree, 0], farthest)
+        p.stir[tree, 1] = min(p.stir[tree, 1], bent)
 
 
 @kernel

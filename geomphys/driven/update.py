@@ -29,7 +29,7 @@ from geomphys.driven.overlap import INTERPOLATED, eliminate_overlap, find_reacha
 from geomphys.driven.pace import is_too_fast, last_place, slow_down
 from geomphys.driven.places import Places, place_at, row_of
 from geomphys.driven.state import DrivenRoom, DrivenState
-from geomphys.driven.steps import MOST_STEPS, is_recorded, measure_flex, measure_stir, recording_between, steps_needed
+from geomphys.driven.steps import MOST_STEPS, is_recorded, measure_stir, recording_between, steps_needed
 from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import dot, norm, sub, unit
 from geomphys.world.kinematics import place_tree
@@ -92,7 +92,7 @@ def _drift(scene: Scene, state: DrivenState, p: Places, roots: Floats) -> None:
         if aside == (0.0, 0.0, 0.0):
             continue
         moved = norm(sub(row_of(roots, tree), row_of(state.roots, tree)))
-        far = DRIFT * (moved + p.stir[tree]) + DRIFT_SLACK
+        far = DRIFT * (moved + p.stir[tree, 0]) + DRIFT_SLACK
         for i in range(3):
             p.goal[tree, i] = state.offset[tree, i] + far * aside[i]
             state.speed[tree, i] = 0.0
@@ -171,7 +171,7 @@ def _begin_step(
     pull_joints(scene, state, room, angles, dt)
     _place_trees(scene, room, boxes, roots, angles, poses)
     if state.started[0] == 1:
-        measure_stir(scene, room.joints, state.frames, p, room.stir)
+        measure_stir(scene, room.joints, state.frames, room.before, room.after, p, room.stir)
         _drift(scene, state, p, roots)
     find_reachable(scene, p, boxes, room.near, True, gap, axes, scratch)
 
@@ -248,7 +248,6 @@ def update_driven(
     _keep_speeds(scene, state, room, True)
     _begin_step(scene, state, room, boxes, to_roots, to_angles, to_poses, dt, gap, axes, scratch)
     if state.started[0] == 1:
-        measure_flex(scene, room.joints, room.before, room.after, room.stir)
         steps = steps_needed(scene, room.joints, p, state.frames, room.near, room.stir, gap, axes, scratch)
     count, method, rescues, converged = 0, 0, 0, steps <= MOST_STEPS
     if steps == 1:
@@ -324,7 +323,7 @@ def give_way(
     p = room.places
     p.asked[0] = 0
     for tree in range(len(scene.trees.role)):
-        p.stir[tree] = 0.0
+        p.stir[tree, 0] = p.stir[tree, 1] = 0.0
         for i in range(3):
             p.goal[tree, i] = p.current[tree, i]
     taken, _, _, _ = eliminate_overlap(
