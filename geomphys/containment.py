@@ -107,6 +107,6 @@ def contain_driven(scene: Scene, m: Machine, roots: Floats, angles: Floats, firs
             _put_back(scene, m, tree, roots, angles, first)
             flags = FLAG_QUARANTINED
     if flags != 0:  # remembered directions may stem from what is not finite
-        for k in range(len(m.axes.key)):
-            m.axes.key[k] = -1
+        for k in range(len(m.axes.rows)):
+            m.axes.rows[k, 0] = -1.0
     return flags

@@ -41,8 +41,7 @@ class Near(NamedTuple):
 class Axes(NamedTuple):
     """Remembered separating directions of pairs: where the next search begins. Losing one costs time only."""
 
-    key: Ints  # (n,) pair, -1: none
-    axis: Floats  # (n, 3)
+    rows: Floats  # (n, 4) number of the pair, -1: none; the direction
 
 
 def make_near(size: int) -> Near:
@@ -55,29 +54,29 @@ def make_near(size: int) -> Near:
 
 def make_axes(size: int = 1 << 14) -> Axes:
     """Room for `size` (a power of two) remembered directions."""
-    return Axes(np.full(size, -1, np.int64), np.zeros((size, 3)))
+    return Axes(np.full((size, 4), -1.0))
 
 
 @kernel
 def _slot_of(pieces: Pieces, a: int, b: int, axes: Axes) -> tuple[int, int]:
-    """(key of a pair, where its direction is remembered if that place holds the key)."""
+    """(number of a pair, the row where its direction is if that holds the number): pairs of one piece lie side by side."""
     key = a * len(pieces.kind) + b
-    return key, (key * 2654435761) & (len(axes.key) - 1)
+    return key, key & (len(axes.rows) - 1)
 
 
 @kernel
 def _recall(axes: Axes, key: int, slot: int) -> Vec:
     """The direction remembered for a pair; zeros without one."""
-    if axes.key[slot] != key:
+    if axes.rows[slot, 0] != key:
         return (0.0, 0.0, 0.0)
-    return (axes.axis[slot, 0], axes.axis[slot, 1], axes.axis[slot, 2])
+    return (axes.rows[slot, 1], axes.rows[slot, 2], axes.rows[slot, 3])
 
 
 @kernel
 def _remember(axes: Axes, key: int, slot: int, n: Vec) -> None:
     """Keep a pair's direction in place of what its slot held."""
-    axes.key[slot] = key
-    axes.axis[slot, 0], axes.axis[slot, 1], axes.axis[slot, 2] = n
+    axes.rows[slot, 0] = key
+    axes.rows[slot, 1], axes.rows[slot, 2], axes.rows[slot, 3] = n
 
 
 @kernel
