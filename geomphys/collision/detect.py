@@ -165,14 +165,13 @@ def near_bodies(
         for b in range(scene.bodies.piece_start[body_b], scene.bodies.piece_start[body_b + 1]):
             if apart(boxes.piece_low, boxes.piece_high, boxes.piece_low, boxes.piece_high, a, b, limit):
                 continue
-            if enough < math.inf:
-                bound, along = pair_bound(scene.pieces, frames, a, b, axes)
-                if bound > limit:
-                    continue
-                if bound >= enough:
-                    append_pair(near, a, b, tree_a, tree_b, bound, along, NOWHERE, NOWHERE)
-                    near.exact[near.filled[0] - 1] = 0
-                    continue
+            bound, along = pair_bound(scene.pieces, frames, a, b, axes)
+            if bound > limit:
+                continue
+            if bound >= enough:
+                append_pair(near, a, b, tree_a, tree_b, bound, along, NOWHERE, NOWHERE)
+                near.exact[near.filled[0] - 1] = 0
+                continue
             s, n, pa, pb = pair_separation(scene.pieces, frames, a, b, limit, axes, scratch)
             if s <= limit:
                 append_pair(near, a, b, tree_a, tree_b, s, n, pa, pb)
