@@ -18,10 +18,11 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 _WORD = ir.IntType(64)
+_HALF = ir.IntType(32)
 
 
 def _address(context: Any, array: Any) -> Any:
-    if not (isinstance(array, types.Array) and array.layout == "C" and array.dtype in (types.float64, types.int64)):
+    if not (isinstance(array, types.Array) and array.layout == "C" and array.dtype in (types.float64, types.int64, types.int32)):
         return None
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -45,6 +46,14 @@ def _int_at(context: Any, address: Any, index: Any) -> Any:
     return types.int64(types.int64, types.int64), generate
 
 
+def _int32_at(context: Any, address: Any, index: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        half = builder.load(builder.gep(builder.inttoptr(args[0], _HALF.as_pointer()), [args[1]]))
+        return builder.sext(half, _WORD)
+
+    return types.int64(types.int64, types.int64), generate
+
+
 def _set_float(context: Any, address: Any, index: Any, value: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         builder.store(args[2], builder.gep(builder.inttoptr(args[0], ir.DoubleType().as_pointer()), [args[1]]))
@@ -62,11 +71,13 @@ def _set_int(context: Any, address: Any, index: Any, value: Any) -> Any:
 
 
 address = cast(Callable[[NDArray[Any]], int], intrinsic(_address))
-"""Address of the first element of a C-contiguous array of float64 or int64."""
+"""Address of the first element of a C-contiguous array of float64, int64 or int32."""
 float_at = cast(Callable[[int, int], float], intrinsic(_float_at))
 """``float_at(address, i)``: element i of a float64 array."""
 int_at = cast(Callable[[int, int], int], intrinsic(_int_at))
 """``int_at(address, i)``: element i of an int64 array."""
+int32_at = cast(Callable[[int, int], int], intrinsic(_int32_at))
+"""``int32_at(address, i)``: element i of an int32 array."""
 set_float = cast(Callable[[int, int, float], None], intrinsic(_set_float))
 """``set_float(address, i, value)``: store element i of a float64 array."""
 set_int = cast(Callable[[int, int, int], None], intrinsic(_set_int))

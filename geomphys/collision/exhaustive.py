@@ -14,7 +14,7 @@ from geomphys.collision.gjk import difference, on_triangle, set_pair
 from geomphys.collision.scratch import Room
 from geomphys.collision.support import UNKNOWN, Core, vec_at
 from geomphys.kernel import kernel, outlined
-from geomphys.memory import int_at
+from geomphys.memory import int32_at
 from geomphys.vec3 import Rot, Vec, add, cross, dot, norm, rotate, scale, sub
 from geomphys.world.scene import BOX, CAPSULE
 
@@ -39,7 +39,7 @@ def corner_of(core: Core, i: int) -> Vec:
 def degree(core: Core, i: int) -> int:
     """Number of edges at corner i."""
     if core.kind > CAPSULE:
-        return int_at(core.neighbour_start, i + 1) - int_at(core.neighbour_start, i)
+        return int32_at(core.neighbour_start, i + 1) - int32_at(core.neighbour_start, i)
     return 1 if core.z > 0.0 else 0
 
 
@@ -47,7 +47,7 @@ def degree(core: Core, i: int) -> int:
 def neighbour(core: Core, i: int, k: int) -> int:
     """The corner at the other end of edge k of corner i."""
     if core.kind > CAPSULE:
-        return int_at(core.neighbours, int_at(core.neighbour_start, i) + k)
+        return int32_at(core.neighbours, int32_at(core.neighbour_start, i) + k)
     return 1 - i
 
 

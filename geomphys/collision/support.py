@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from geomphys.kernel import inlined, kernel
-from geomphys.memory import address, float_at, int_at
+from geomphys.memory import address, float_at, int32_at, int_at
 from geomphys.vec3 import Quat, Rot, Vec, dot, quat_unit, rot_from_quat, rot_mul, rotate
 from geomphys.world.cells import cell_of
 from geomphys.world.scene import CAPSULE, CYLINDER, HULL, Floats, Pieces
@@ -136,9 +136,9 @@ def core_of(shapes: Shapes, p: int) -> Core:
         kind,
         int_at(shapes.vertex_start, p + 1) - first,
         shapes.vertices + 24 * first,
-        shapes.neighbour_start + 8 * first,
+        shapes.neighbour_start + 4 * first,
         shapes.neighbours,
-        shapes.cells + 8 * cells if cells >= 0 else 0,
+        shapes.cells + 4 * cells if cells >= 0 else 0,
         x,
         y,
         z,
@@ -188,12 +188,12 @@ def farthest_corner(core: Core, d: Vec, hint: int) -> int:
                 reach = x
                 best = i
         return best
-    best = hint if hint >= 0 else int_at(core.cells, cell_of(d))
+    best = hint if hint >= 0 else int32_at(core.cells, cell_of(d))
     reach = dot(vec_at(core.vertices, 3 * best), d)
     while True:
         at = best
-        for k in range(int_at(core.neighbour_start, at), int_at(core.neighbour_start, at + 1)):
-            i = int_at(core.neighbours, k)
+        for k in range(int32_at(core.neighbour_start, at), int32_at(core.neighbour_start, at + 1)):
+            i = int32_at(core.neighbours, k)
             x = dot(vec_at(core.vertices, 3 * i), d)
             if x > reach:
                 reach = x
