@@ -22,7 +22,11 @@ _HALF = ir.IntType(32)
 
 
 def _address(context: Any, array: Any) -> Any:
-    if not (isinstance(array, types.Array) and array.layout == "C" and array.dtype in (types.float64, types.int64, types.int32)):
+    if not (
+        isinstance(array, types.Array)
+        and array.layout == "C"
+        and array.dtype in (types.float64, types.int64, types.int32)
+    ):
         return None
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:

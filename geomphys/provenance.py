@@ -99,6 +99,8 @@ def sha256_of_world(world: World) -> str:
 
 def _update(digest: hashlib._Hash, part: Scene | tuple[object, ...] | np.ndarray) -> None:
     if isinstance(part, np.ndarray):
+        if part.dtype.kind == "i":
+            part = part.astype(np.int64)  # how wide the numbers are kept is no matter
         digest.update(f"{part.dtype.str}{part.shape}".encode())
         digest.update(np.ascontiguousarray(part).tobytes())
         return

@@ -286,7 +286,6 @@ def expand(
     join(room, 1, 2, 2, 0)
     join(room, 2, 1, 3, 1)
     faces, used = 4, 4
-    at_a, at_b = UNKNOWN, UNKNOWN
     nearest, lowest = 0, np.inf
     while waiting > 0:
         f = pop(room, waiting)
@@ -295,7 +294,7 @@ def expand(
             continue
         low = float_at(room.planes, 4 * f + 3)
         n = vec_at(room.planes, 4 * f)
-        w, p, at_a, at_b = difference(a, b, rot, t, n, at_a, at_b)
+        w, p, _, _ = difference(a, b, rot, t, n, UNKNOWN, UNKNOWN)
         high = dot(n, w)
         known = False
         for k in range(3):
