@@ -24,7 +24,7 @@ FLAG_TEXTS = {
     "before_first": "before the first sample of some stream",
     "clamped": "with an angle clamped to its limit",
     "outside_limits": "with a recorded angle outside its limits, kept",
-    "not_converged": "where the driven loop ended at its bound",
+    "not_converged": "where no free place was found, or none within a bound",
     "impact_bound": "where the simulated loop ended at its bound",
     "quarantined": "where a body was put back to its last good state",
     "blocked": "held back by something in between",

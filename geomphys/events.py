@@ -15,10 +15,13 @@ from geomphys.results import (
 Message = tuple[str, str]
 
 _TEXTS = {
-    FLAG_STARTED_INSIDE: ("warning", "the recording starts inside something; freed by the shortest way found"),
+    FLAG_STARTED_INSIDE: (
+        "warning",
+        "the recording, or what is simulated, starts inside something; freed by the shortest way found",
+    ),
     FLAG_NOT_CONVERGED: (
         "warning",
-        "the driven loop found no free place, or none within its rounds; see residual_penetration_m",
+        "no free place was found, or none within its bound of rounds; see residual_penetration_m",
     ),
     FLAG_IMPACT_BOUND: (
         "warning",

@@ -50,7 +50,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CONTACT_GAPS = 3.0  # surfaces nearer than this many gaps are in contact
-LEFT = 1e-5  # m: an overlap of driven bodies that is left is told of from here on
+LEFT = 1e-5  # m: an overlap that is left is told of from here on
 BLOCKED_FROM = 1e-4  # m: what touches something this far from its recorded place, that is free, is blocked
 
 KINEMATICS, RECORDED_DEPTH, OVERLAP, IMPULSES, CONTACTS, WHOLE = range(6)
@@ -222,7 +222,7 @@ def step(
         done.rescues,
         flags,
     )
-    if not done.converged or left > LEFT:
+    if not done.converged or (left if first else lengths[RESIDUAL]) > LEFT:
         numbers[FLAGS] |= FLAG_NOT_CONVERGED
     for tree in range(len(scene.trees.role)):
         if m.room.places.held[tree] != LOOSE and m.room.places.escapes[0] == 0:
@@ -230,7 +230,7 @@ def step(
     touches = block.contact_end[frame + 1] > block.contact_end[frame]
     if lengths[RECORDED] == 0.0 and touches and lengths[CORRECTION] > BLOCKED_FROM:
         numbers[FLAGS] |= FLAG_BLOCKED
-    if first and lengths[RECORDED] > 0.0:
+    if first and (lengths[RECORDED] > 0.0 or lengths[RESIDUAL] > LEFT):
         numbers[FLAGS] |= FLAG_STARTED_INSIDE
     clock[KINEMATICS], clock[RECORDED_DEPTH], clock[OVERLAP] = t1 - t0, t2 - t1, t4 - t2 - simulating
     clock[IMPULSES], clock[CONTACTS], clock[WHOLE] = simulating, t5 - t4, t5 - t0

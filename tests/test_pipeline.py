@@ -13,7 +13,7 @@ from geomphys.block import FRAMES
 from geomphys.config import Config
 from geomphys.errors import InputError
 from geomphys.pipeline import replay
-from geomphys.results import FLAG_NOT_CONVERGED, FrameResult
+from geomphys.results import FLAG_NOT_CONVERGED, FLAG_STARTED_INSIDE, FrameResult
 from tests.driven.logs import Engine, Run, Thing, assert_free, line, play, wander
 
 TABLE = Thing(name="table", shape=("box", 2, 2, 0.1), at=(0, 0, -0.05))
@@ -92,6 +92,24 @@ def test_residual_is_measured_where_there_is_no_way_out(tmp_path: Path) -> None:
     assert over.any()
     assert ((run.figures("flags").astype(int) & FLAG_NOT_CONVERGED)[over] > 0).all()
     assert np.isfinite(run.corrected).all()
+
+
+def test_an_overlap_of_simulated_bodies_is_told_too(tmp_path: Path) -> None:
+    """One starts in the floor; later a fixed block comes down on it, to less than it is high."""
+    down = np.tile([0.0, 0.0, 0.5], (30, 1))
+    down[20:, 2] = np.linspace(0.5, 0.13, 10)
+    things = [
+        Thing(name="floor", shape=("box", 100, 100, 1), at=(0, 0, -0.5)),
+        Thing(name="press", shape=("box", 100, 100, 0.1), path=down),
+        Thing(name="cube", shape=CUBE, role="simulated", at=(0, 0, 0.04), extra="density = 500"),
+    ]
+    run = play(tmp_path, things)
+    flags, over = run.figures("flags").astype(int), run.residual > 1e-5
+    assert run.residual[0] == pytest.approx(0.01, abs=1e-6)
+    assert flags[0] == FLAG_STARTED_INSIDE
+    assert not over[5:20].any()
+    assert over[-1]
+    assert (((flags & FLAG_NOT_CONVERGED) != 0) == over)[1:].all()
 
 
 def test_correction_is_how_far_bodies_are_from_the_recording(run: Run) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from geomphys.collision.detect import Axes, find_near
 from geomphys.collision.penetration import Scratch
-from geomphys.collision.sweep import Boxes
+from geomphys.collision.sweep import Boxes, update_boxes
 from geomphys.driven.chain_loop import free_chains
 from geomphys.driven.chain_room import is_chained
 from geomphys.driven.chains import (
@@ -29,7 +29,7 @@ from geomphys.driven.pace import excused_change
 from geomphys.driven.posture import lower_bend, upper_bend
 from geomphys.driven.state import DrivenRoom, DrivenState
 from geomphys.kernel import kernel, outlined
-from geomphys.world.scene import Scene
+from geomphys.world.scene import DRIVEN, Scene
 
 Floats = NDArray[np.float64]
 
@@ -196,6 +196,9 @@ def yield_chains(
         (passes, method, INTERPOLATED where a posture is held, whether chains sufficed).
     """
     p, chains, passes, status = room.places, room.chains, 0, FREE
+    for tree in range(len(p.column)):  # of the chained ones each posture updates them
+        if scene.trees.role[tree] == DRIVEN and not is_chained(scene, tree):
+            update_boxes(scene, p.frames, boxes, tree)
     for attempt in range(PACED_CHAINS if state.started[0] == 1 else LONE_CHAINS, ALL + 1):
         if attempt in (PACED_CHAINS, LONE_CHAINS):
             _bound_offsets(scene, state, room, angles, dt, attempt == PACED_CHAINS)

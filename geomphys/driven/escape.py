@@ -310,6 +310,9 @@ def escape(
     """
     all_free = True
     for tree in range(len(scene.trees.role)):
+        if scene.trees.role[tree] == DRIVEN:
+            update_boxes(scene, frames, boxes, tree)
+    for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] != DRIVEN:
             continue
         depth, _, share = _deepest(scene, frames, boxes, tree, ignored, rescue.near, found, axes, scratch)

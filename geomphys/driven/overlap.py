@@ -319,7 +319,7 @@ def eliminate_overlap(
     tuple
         (rounds taken, method as in `results.METHODS`, searches for a way out, whether nothing is left to be done).
     """
-    method, rescues, again, far = GLOBAL, 0, False, 0.0
+    method, rescues, again, far, status, longest = GLOBAL, 0, False, 0.0, 1, 0.0
     _note_start(scene, p)
     for count in range(rounds):
         if not known and not (again and _measure_again(scene, p, near, gap, axes, scratch)):
@@ -359,4 +359,4 @@ def eliminate_overlap(
         p.escapes[0] += 1
         again, far = False, 0.0
         _note_start(scene, p)
-    return rounds, method, rescues, False
+    return rounds, method, rescues, status == SOLVED and longest <= gap

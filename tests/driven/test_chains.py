@@ -220,6 +220,25 @@ def test_fingers_of_one_hand_keep_clear_of_each_other(tmp_path: Path) -> None:
     assert chatter(run.path("hand/a3")[:, :3]) <= 5e-3
 
 
+def test_what_comes_from_afar_within_a_frame_meets_the_finger_where_it_stops(tmp_path: Path) -> None:
+    """A driven cube, at rest half a metre off, is at a fingertip in the next frame: the finger bends out of it."""
+    scene = hand(tmp_path, [finger("a", 0.0)], ["a"])
+    path = np.tile([0.6, 0.0, 0.35], (20, 1))
+    path[10:, 0] = 0.08
+    cube = Thing(name="cube", shape=("box", 0.05, 0.05, 0.05), role="driven", path=path)
+    run = play(
+        tmp_path,
+        [cube],
+        avatars=scene,
+        roots={"/palm": palm(20, 0.5)},
+        angles={"/angles": (names("a"), np.zeros((20, 3)))},
+    )
+    assert run.figures("recorded_penetration_m")[10] > 0.001
+    assert (np.abs(run.angles[10:]).max(axis=1) > 0.01).all()
+    assert run.path("cube").tobytes() == run.recorded[:, run.body("cube")].tobytes()
+    assert_free(run)
+
+
 def test_a_mimic_joint_follows_its_master(tmp_path: Path) -> None:
     n = 100
     bend = -0.3 + 0.4 * np.sin(np.linspace(0, np.pi, n))
