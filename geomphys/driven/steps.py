@@ -12,6 +12,7 @@ from geomphys.collision.detect import Axes, Near, measure_pair
 from geomphys.collision.extent import gap_along
 from geomphys.collision.penetration import Scratch
 from geomphys.collision.support import shapes_of
+from geomphys.driven.chain_room import is_chained
 from geomphys.driven.places import Places, distance, limit_of, row_of
 from geomphys.driven.posture import Joints
 from geomphys.kernel import kernel, outlined
@@ -127,17 +128,17 @@ def _pull_on(scene: Scene, joints: Joints, p: Places, tree: int, body: int) -> V
 @kernel
 def _change(scene: Scene, joints: Joints, p: Places, near: Near, k: int, stir: Stir) -> float:
     """How far the pieces of the pair k move against each other at most, wherever on their ways the roots are stopped. [m]"""
-    a, b = near.a[k], near.b[k]
+    a, b, tree_a, tree_b = near.a[k], near.b[k], near.tree_a[k], near.tree_b[k]
     body_a, body_b = scene.pieces.body[a], scene.pieces.body[b]
-    way, spin = sub(row_of(stir.way, a), row_of(stir.way, b)), stir.spin[a] + stir.spin[b]
-    if near.tree_a[k] == near.tree_b[k]:
+    way_a, way_b, spin = row_of(stir.way, a), row_of(stir.way, b), stir.spin[a] + stir.spin[b]
+    way = sub(way_a, way_b)
+    if tree_a == tree_b:
         return min(norm(way) + spin, _flex_between(scene, stir.flex, body_a, body_b))
-    pull_a, pull_b = (
-        _pull_on(scene, joints, p, near.tree_a[k], body_a),
-        _pull_on(scene, joints, p, near.tree_b[k], body_b),
-    )
-    there = sub(way, pull_b)
-    return max(norm(way), norm(add(way, pull_a)), norm(there), norm(add(there, pull_a))) + spin
+    if not is_chained(scene, tree_a) and not is_chained(scene, tree_b):  # it goes one way, and is then pushed another
+        return norm(way_a) + norm(way_b) + spin
+    pull = _pull_on(scene, joints, p, tree_a, body_a)
+    there = sub(way, _pull_on(scene, joints, p, tree_b, body_b))
+    return max(norm(way), norm(add(way, pull)), norm(there), norm(add(there, pull))) + spin
 
 
 @kernel
