@@ -52,7 +52,8 @@ def make_places(scene: Scene, size: int) -> Places:
     base, frames, moved = (np.zeros((pieces, 12)) for _ in range(3))
     hasty, begun, asked, passing, wedged, escapes = (np.zeros(1, np.int64) for _ in range(6))
     return Places(
-        goal, current, trial, np.zeros((trees, 2)), np.zeros((trees, 2)), np.full(trees, -1), np.full(trees, -1), base, frames, moved,
+        goal, current, trial, np.zeros((trees, 2)), np.zeros((trees, 2)), np.full(trees, -1), np.full(trees, -1), base, frames,
+        moved,
         np.zeros((trees, 3)), np.zeros((trees, 3)), np.zeros(size, np.int64), np.zeros(trees, np.int64), hasty, begun, asked,
         passing, wedged, escapes, np.zeros(trees, np.int64), np.zeros(trees, np.int64),
     )  # fmt: skip
