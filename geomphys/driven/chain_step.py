@@ -219,6 +219,8 @@ def yield_chains(
             return passes, 0 if passes == 1 else LEAST_DISTANCE, attempt in (PACED_CHAINS, LONE_CHAINS, DESCENT)
     for q in range(len(angles)):
         chains.spare[q] = state.angles[q] + state.posture.bend[q]
+        if state.started[0] == 0:  # the zero posture, as near as the limits let it
+            chains.spare[q] = min(max(chains.spare[q], scene.dofs.lower[q]), scene.dofs.upper[q])
     hold_posture(
         scene, room.origins, room.joints, chains, p, boxes, room.near, roots, angles, chains.spare, gap, axes, scratch
     )  # fmt: skip

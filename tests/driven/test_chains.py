@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yourdfpy
 
+from geomphys.results import FLAG_NOT_CONVERGED
 from geomphys.transforms import compose, matrix_from_pose, pose_from_matrix
 from tests.driven.logs import Run, Thing, assert_free, chatter, play
 from tests.world.models import joint, link, urdf
@@ -237,6 +238,24 @@ def test_what_comes_from_afar_within_a_frame_meets_the_finger_where_it_stops(tmp
     assert (np.abs(run.angles[10:]).max(axis=1) > 0.01).all()
     assert run.path("cube").tobytes() == run.recorded[:, run.body("cube")].tobytes()
     assert_free(run)
+
+
+def test_links_that_no_posture_within_limits_parts_are_left_within_them_and_reported(tmp_path: Path) -> None:
+    """Two blocks on a palm: one slides, in all of its range in the other."""
+    slide = '<axis xyz="0 -1 0"/><limit lower="0.015" upper="0.016" effort="1" velocity="1"/>'
+    joints = (
+        joint("turn", "palm", "one", xyz="0.1 0 0"),
+        joint("slide", "palm", "two", "prismatic", slide, "0.1 0.03 0"),
+    )
+    blocks = (link(name, '<geometry><box size="0.02 0.02 0.02"/></geometry>') for name in ("palm", "one", "two"))
+    urdf(tmp_path / "hand.urdf", *blocks, *joints)
+    scene = '[[avatar]]\nname="hand"\nurdf="hand.urdf"\nmode="chains"\nmaterial="human"\njoints={topic="/angles"}\n'
+    scene += 'root={topic="/palm"}\n[[avatar.chain]]\nname="two"\nbase="palm"\ntip="two"\n'
+    angles = {"/angles": (["slide"], np.full((10, 1), 0.0155))}
+    run = play(tmp_path, [], avatars=scene, roots={"/palm": palm(10, 0.5)}, angles=angles)
+    assert (run.residual > 0.003).all()
+    assert (run.figures("flags").astype(int) & FLAG_NOT_CONVERGED).all()
+    check_limits(run)
 
 
 def test_a_mimic_joint_follows_its_master(tmp_path: Path) -> None:
