@@ -95,10 +95,13 @@ def _way_is_free(
 def _first_obstacle(scene: Scene, p: Places, near: Near, group: int, gap: float, axes: Axes, scratch: Scratch) -> int:
     """Of the pairs without a plane that stand between `current` and `trial`, the one that is met first; -1: none."""
     first, deepest, found = math.inf, 0.0, -1
+    tree_a, tree_b, step = -1, -1, (0.0, 0.0, 0.0)
     for k in range(near.filled[0]):
-        if p.group[near.tree_a[k]] != group or p.chosen[k] == 1:
+        if p.chosen[k] == 1 or p.group[near.tree_a[k]] != group:
             continue
-        step = relative_step(p, near.tree_a[k], near.tree_b[k])
+        if near.tree_a[k] != tree_a or near.tree_b[k] != tree_b:  # pairs of the same trees stand together
+            tree_a, tree_b = near.tree_a[k], near.tree_b[k]
+            step = relative_step(p, tree_a, tree_b)
         n = (near.normal[k, 0], near.normal[k, 1], near.normal[k, 2])
         s, along = near.separation[k], dot(n, step)
         if s + along >= 0.5 * gap:
@@ -283,12 +286,13 @@ def _measure_again(scene: Scene, p: Places, near: Near, gap: float, axes: Axes, 
             if 2.0 * distance(p.goal, p.current, tree) > left:
                 return False
     for k in range(near.filled[0]):
+        if bound_pair(scene.pieces, p.frames, near, k, CLEAR * gap, axes):
+            continue
         limit = 2.0 * gap
         for tree in (near.tree_a[k], near.tree_b[k]):
             if scene.trees.role[tree] == DRIVEN:
                 limit += 2.0 * distance(p.goal, p.current, tree)
-        if not bound_pair(scene.pieces, p.frames, near, k, CLEAR * gap, axes):
-            measure_pair(scene.pieces, p.frames, near, k, limit, axes, scratch)
+        measure_pair(scene.pieces, p.frames, near, k, limit, axes, scratch)
     return True
 
 
