@@ -22,7 +22,7 @@ from geomphys.collision.sweep import Boxes, update_boxes
 from geomphys.driven.detour import DETOUR, goes_through
 from geomphys.driven.escape import ALONG, Rescue, ask_to_hold, concerns, escape
 from geomphys.driven.least_distance import SOLVED, LeastDistance, solve_least_distance
-from geomphys.driven.places import Places, distance, limit_of, place_at, relative_step
+from geomphys.driven.places import Places, distance, limit_of, moved_since, place_at, relative_step
 from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import Vec, dot, norm
 from geomphys.world.scene import DRIVEN, Scene
@@ -270,7 +270,7 @@ def find_reachable(
         for i in range(2):
             p.reach[tree, i] = p.stir[tree, i] if stirred else 0.0
         for i in range(3):
-            p.origin[tree, i] = p.current[tree, i]
+            p.origin[tree, i] = p.seen[tree, i] = p.current[tree, i]
         if scene.trees.role[tree] == DRIVEN:
             p.reach[tree, 0] += REACH * distance(p.goal, p.current, tree)
             update_boxes(scene, p.frames, boxes, tree)
@@ -285,7 +285,16 @@ def _measure_again(scene: Scene, p: Places, near: Near, gap: float, axes: Axes, 
             left = p.reach[tree, 0] - distance(p.current, p.origin, tree)
             if 2.0 * distance(p.goal, p.current, tree) > left:
                 return False
+    tree_a, tree_b, step = -1, -1, (0.0, 0.0, 0.0)
     for k in range(near.filled[0]):
+        if near.tree_a[k] != tree_a or near.tree_b[k] != tree_b:
+            tree_a, tree_b = near.tree_a[k], near.tree_b[k]
+            step = moved_since(p, tree_a, tree_b)
+        if near.separation[k] > 0.0:  # what a direction shows to be apart it shows again, by so much more or less
+            bound = near.separation[k] + dot((near.normal[k, 0], near.normal[k, 1], near.normal[k, 2]), step)
+            if bound >= CLEAR * gap:
+                near.separation[k], near.exact[k] = bound, 0
+                continue
         if bound_pair(scene.pieces, p.frames, near, k, CLEAR * gap, axes):
             continue
         limit = 2.0 * gap
@@ -293,6 +302,9 @@ def _measure_again(scene: Scene, p: Places, near: Near, gap: float, axes: Axes, 
             if scene.trees.role[tree] == DRIVEN:
                 limit += 2.0 * distance(p.goal, p.current, tree)
         measure_pair(scene.pieces, p.frames, near, k, limit, axes, scratch)
+    for tree in range(len(p.seen)):
+        for i in range(3):
+            p.seen[tree, i] = p.current[tree, i]
     return True
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from geomphys.collision.detect import Near
 from geomphys.kernel import kernel
-from geomphys.vec3 import Vec, norm
+from geomphys.vec3 import Vec, norm, sub
 from geomphys.world.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -30,7 +30,8 @@ class Places(NamedTuple):
     frames: Floats  # (P, 12) at `current`
     moved: Floats  # (P, 12) at `trial`
     start: Floats  # (T, 3) where trees were when the loop began
-    origin: Floats  # (T, 3) where trees were when pairs within their reach were looked for
+    origin: Floats  # (T, 3) where trees were when pairs within their reach were looked for,
+    seen: Floats  # (T, 3) and when they were last brought up to date
     chosen: Ints  # (n,) 1 for pairs of `Near` whose plane is in the problem
     found: Ints  # (T,) scratch
     hasty: Ints  # (1,) 1: a trial, that ends where a way out would have to be searched for
@@ -54,8 +55,9 @@ def make_places(scene: Scene, size: int) -> Places:
     return Places(
         goal, current, trial, np.zeros((trees, 2)), np.zeros((trees, 2)), np.full(trees, -1), np.full(trees, -1), base, frames,
         moved,
-        np.zeros((trees, 3)), np.zeros((trees, 3)), np.zeros(size, np.int64), np.zeros(trees, np.int64), hasty, begun, asked,
-        passing, wedged, escapes, np.zeros(trees, np.int64), np.zeros(trees, np.int64),
+        np.zeros((trees, 3)), np.zeros((trees, 3)), np.zeros((trees, 3)), np.zeros(size, np.int64),
+        np.zeros(trees, np.int64), hasty, begun, asked, passing, wedged, escapes,
+        np.zeros(trees, np.int64), np.zeros(trees, np.int64),
     )  # fmt: skip
 
 
@@ -89,6 +91,16 @@ def relative_step(p: Places, tree_a: int, tree_b: int) -> Vec:
     a1, a0 = row_of(p.trial, tree_a), row_of(p.current, tree_a)
     b1, b0 = row_of(p.trial, tree_b), row_of(p.current, tree_b)
     return ((a1[0] - a0[0]) - (b1[0] - b0[0]), (a1[1] - a0[1]) - (b1[1] - b0[1]), (a1[2] - a0[2]) - (b1[2] - b0[2]))
+
+
+@kernel
+def moved_since(p: Places, tree_a: int, tree_b: int) -> Vec:
+    """How far a has moved against b since pairs were last brought up to date. [m]"""
+    a, b = (
+        sub(row_of(p.current, tree_a), row_of(p.seen, tree_a)),
+        sub(row_of(p.current, tree_b), row_of(p.seen, tree_b)),
+    )
+    return sub(a, b)
 
 
 @kernel
