@@ -14,7 +14,7 @@ import numpy as np
 
 from geomphys.collision.gjk import difference, set_pair
 from geomphys.collision.scratch import MAX_CORNERS, MAX_FACES, Room
-from geomphys.collision.support import UNKNOWN, Core, vec_at
+from geomphys.collision.support import Core, vec_at
 from geomphys.kernel import kernel, outlined
 from geomphys.memory import float_at, int_at, set_float, set_int
 from geomphys.vec3 import Rot, Vec, add_scaled, cross, dot, norm, perpendicular, scale, sub
@@ -127,7 +127,7 @@ def first_tetrahedron(a: Core, b: Core, rot: Rot, t: Vec, count: int, room: Room
                 d = scale(n, sign)
             if dot(d, d) == 0.0:
                 return False
-            w, p, _, _ = difference(a, b, rot, t, d, UNKNOWN, UNKNOWN)
+            w, p = difference(a, b, rot, t, d)
             off = sub(w, o)
             side = off if count == 1 else cross(e, off)
             size = dot(side, side) if count < 3 else abs(dot(n, off))
@@ -294,7 +294,7 @@ def expand(
             continue
         low = float_at(room.planes, 4 * f + 3)
         n = vec_at(room.planes, 4 * f)
-        w, p, _, _ = difference(a, b, rot, t, n, UNKNOWN, UNKNOWN)
+        w, p = difference(a, b, rot, t, n)
         high = dot(n, w)
         known = False
         for k in range(3):

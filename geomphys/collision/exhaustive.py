@@ -12,7 +12,7 @@ import numpy as np
 from geomphys.collision.epa import blend
 from geomphys.collision.gjk import difference, on_triangle, set_pair
 from geomphys.collision.scratch import Room
-from geomphys.collision.support import UNKNOWN, Core, vec_at
+from geomphys.collision.support import Core, vec_at
 from geomphys.kernel import kernel, outlined
 from geomphys.memory import int32_at
 from geomphys.vec3 import Rot, Vec, add, cross, dot, norm, rotate, scale, sub
@@ -77,7 +77,7 @@ def try_direction(
         sign = 1.0 if side == 0 else -1.0
         if sign * level < max(best, 1e-12 * size) and sign * level > -1e-12 * size:
             d = scale(n, sign / length)
-            w, _, _, _ = difference(a, b, rot, t, d, UNKNOWN, UNKNOWN)
+            w, _ = difference(a, b, rot, t, d)
             extent = dot(d, w)
             if extent < best:
                 best, outward = extent, d
@@ -121,7 +121,7 @@ def exhaustive(a: Core, b: Core, rot: Rot, t: Vec, size: float, room: Room) -> t
 @kernel
 def deepest_point(a: Core, b: Core, rot: Rot, t: Vec, n: Vec, size: float, room: Room) -> Vec:
     """Point of A at the foot of the origin on M's face along n, from the corners of A and B that lie in it."""
-    w, _, _, _ = difference(a, b, rot, t, n, UNKNOWN, UNKNOWN)
+    w, _ = difference(a, b, rot, t, n)
     level, used = dot(n, w), 0
     ground = scale(n, level)
     for i in range(corners_of(a)):

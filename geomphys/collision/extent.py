@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from geomphys.collision.support import UNKNOWN, Shapes, core_of, position_of, radius_of, rotation_of, support
+from geomphys.collision.support import Shapes, core_of, position_of, radius_of, rotation_of, support
 from geomphys.kernel import kernel
 from geomphys.vec3 import Vec, dot, neg, rotate_back
 
@@ -11,7 +11,7 @@ from geomphys.vec3 import Vec, dot, neg, rotate_back
 def extent(shapes: Shapes, piece: int, n: Vec) -> float:
     """Largest n·x over the points x of a piece where its frame puts it [m]; n is a unit vector, world frame."""
     d = rotate_back(rotation_of(shapes, piece), n)
-    x, _ = support(core_of(shapes, piece), d, UNKNOWN)
+    x = support(core_of(shapes, piece), d)
     return dot(n, position_of(shapes, piece)) + dot(d, x) + radius_of(shapes, piece)
 
 

@@ -13,7 +13,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from geomphys.collision.support import UNKNOWN, Core, support
+from geomphys.collision.support import Core, support
 from geomphys.kernel import kernel
 from geomphys.memory import set_float
 from geomphys.vec3 import Rot, Vec, add_scaled, cross, dot, neg, rotate, rotate_back, scale, sub
@@ -32,14 +32,14 @@ ROUNDS = 128
 
 
 @kernel
-def difference(a: Core, b: Core, rot: Rot, t: Vec, d: Vec, at_a: int, at_b: int) -> tuple[Vec, Vec, int, int]:
-    """Point of M = A − B farthest in direction `d`, the point of A it comes from, and the corners to go on from.
+def difference(a: Core, b: Core, rot: Rot, t: Vec, d: Vec) -> tuple[Vec, Vec]:
+    """Point of M = A − B farthest in direction `d`, and the point of A it comes from.
 
     A's frame; `rot`, `t` are the pose of B in it.
     """
-    p, at_a = support(a, d, at_a)
-    q, at_b = support(b, neg(rotate_back(rot, d)), at_b)
-    return sub(sub(p, t), rotate(rot, q)), p, at_a, at_b
+    p = support(a, d)
+    q = support(b, neg(rotate_back(rot, d)))
+    return sub(sub(p, t), rotate(rot, q)), p
 
 
 @kernel
@@ -159,7 +159,6 @@ def closest(
     """
     zero = (0.0, 0.0, 0.0)
     floor = ROUNDING * size
-    at_a, at_b = UNKNOWN, UNKNOWN
     w0, w1, w2, w3 = zero, zero, zero, zero
     a0, a1, a2, a3 = zero, zero, zero, zero
     l0, l1, l2 = 1.0, 0.0, 0.0
@@ -172,7 +171,7 @@ def closest(
     inside = False
     for _ in range(ROUNDS):
         length = math.sqrt(vv)
-        w, p, at_a, at_b = difference(a, b, rot, t, neg(v), at_a, at_b)
+        w, p = difference(a, b, rot, t, neg(v))
         bound = dot(v, w) / length
         if bound > gap:
             gap = bound

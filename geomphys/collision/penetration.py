@@ -10,7 +10,7 @@ from geomphys.collision.epa import expand
 from geomphys.collision.exhaustive import exhaustive
 from geomphys.collision.gjk import OVERLAP, closest, difference
 from geomphys.collision.scratch import Room, Scratch, make_scratch, room_of
-from geomphys.collision.support import UNKNOWN, Shapes, core_of, position_of, radius_of, rotation_of, shapes_of, vec_at
+from geomphys.collision.support import Shapes, core_of, position_of, radius_of, rotation_of, shapes_of, vec_at
 from geomphys.kernel import inlined, kernel, outlined
 from geomphys.memory import float_at, int_at
 from geomphys.vec3 import (
@@ -112,7 +112,7 @@ def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, depths: boo
     t = rotate_back(world, sub(position_of(shapes, b), origin))
     if dot(axis, axis) > 0.0:
         d = rotate_back(world, axis)
-        w, p, _, _ = difference(core_a, core_b, rot, t, neg(d), UNKNOWN, UNKNOWN)
+        w, p = difference(core_a, core_b, rot, t, neg(d))
         s = dot(w, d) - radius
         if s > limit:
             return s, axis, add(origin, rotate(world, p))

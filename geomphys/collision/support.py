@@ -16,9 +16,6 @@ from geomphys.vec3 import Quat, Rot, Vec, dot, quat_unit, rot_from_quat, rot_mul
 from geomphys.world.cells import cell_of
 from geomphys.world.scene import CAPSULE, CYLINDER, HULL, Floats, Pieces
 
-UNKNOWN = -1
-"""For a corner to begin climbing at: begin where the direction's cell says."""
-
 
 class Shapes(NamedTuple):
     """What the narrow phase reads of `Pieces` and their frames, by address: valid for as long as the arrays are."""
@@ -152,32 +149,29 @@ def radius_of(shapes: Shapes, p: int) -> float:
 
 
 @kernel
-def support(core: Core, d: Vec, hint: int) -> tuple[Vec, int]:
-    """A point of the core farthest in direction `d` (not zero), piece frame, and the corner to begin at next time.
-
-    `hint` is what an earlier call for this core gave, or UNKNOWN.
-    """
+def support(core: Core, d: Vec) -> Vec:
+    """A point of the core farthest in direction `d` (not zero), piece frame."""
     if core.kind == HULL:
-        best = farthest_corner(core, d, hint)
-        return vec_at(core.vertices, 3 * best), best
+        return vec_at(core.vertices, 3 * farthest_corner(core, d))
     if core.kind == CYLINDER:
         z = core.y if d[2] >= 0.0 else -core.y
         length = math.sqrt(d[0] * d[0] + d[1] * d[1])
         if length == 0.0:
-            return (core.x, 0.0, z), hint
+            return (core.x, 0.0, z)
         k = core.x / length
-        return (k * d[0], k * d[1], z), hint
+        return (k * d[0], k * d[1], z)
     x = core.x if d[0] >= 0.0 else -core.x
     y = core.y if d[1] >= 0.0 else -core.y
     z = core.z if d[2] >= 0.0 else -core.z
-    return (x, y, z), hint
+    return (x, y, z)
 
 
 @kernel
-def farthest_corner(core: Core, d: Vec, hint: int) -> int:
-    """Corner of a hull farthest in direction `d`; `hint` is the corner to begin climbing at, or UNKNOWN.
+def farthest_corner(core: Core, d: Vec) -> int:
+    """Corner of a hull farthest in direction `d`.
 
-    Climbing ends at a corner none of whose neighbours is farther, which on a convex surface is the farthest of all.
+    Climbing begins where the direction's cell says, and ends at a corner none of whose neighbours is farther, which on a
+    convex surface is the farthest of all.
     """
     if core.cells == 0:
         best = 0
@@ -188,7 +182,7 @@ def farthest_corner(core: Core, d: Vec, hint: int) -> int:
                 reach = x
                 best = i
         return best
-    best = hint if hint >= 0 else int32_at(core.cells, cell_of(d))
+    best = int32_at(core.cells, cell_of(d))
     reach = dot(vec_at(core.vertices, 3 * best), d)
     while True:
         at = best

@@ -27,11 +27,10 @@ SHAPES: list[Shape] = [
 
 @kernel
 def supports(pieces: Pieces, frames: Floats, directions: Floats, points: Floats) -> None:
-    """Farthest points of piece 0, each search beginning where the last one ended."""
+    """Farthest points of piece 0."""
     core = core_of(shapes_of(pieces, frames), 0)
-    hint = -1
     for k in range(len(directions)):
-        point, hint = support(core, (directions[k, 0], directions[k, 1], directions[k, 2]), hint)
+        point = support(core, (directions[k, 0], directions[k, 1], directions[k, 2]))
         for i in range(3):
             points[k, i] = point[i]
 
