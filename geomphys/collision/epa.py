@@ -286,7 +286,7 @@ def expand(
     join(room, 1, 2, 2, 0)
     join(room, 2, 1, 3, 1)
     faces, used = 4, 4
-    nearest, lowest = 0, np.inf
+    nearest, lowest, deepest = 0, np.inf, vec_at(room.points, 3)
     while waiting > 0:
         f = pop(room, waiting)
         waiting -= 1
@@ -305,7 +305,7 @@ def expand(
         if known or low >= best - slack:
             return best - lowest <= loose * abs(best) + loosest, best, outward, foot(room, outward, f, faces)
         if high < best:
-            best, outward, nearest = high, n, f
+            best, outward, nearest, deepest = high, n, f, p
         if curved and used >= FEW:
             for i in range(used):
                 known |= w == vec_at(room.points, 6 * i)
@@ -320,7 +320,7 @@ def expand(
         faces = outline(room, f, used, faces, eps)
         used += 1
         if faces < 0:
-            return False, best, outward, p
+            return False, best, outward, deepest
         for g in range(start, faces):
             distance = float_at(room.planes, 4 * g + 3)
             if distance <= best and waiting < MAX_FACES:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from geomphys.world.pieces import Box, Hull, Shape
+from geomphys.world.pieces import Box, Cylinder, Hull, Shape
 from tests.collision.pairs import Pair, check_certificate, minkowski_depth, pose, random_hull, random_turn
 
 SEEDS = range(int(os.environ.get("GEOMPHYS_PENETRATION_SEEDS", "12")))
@@ -121,3 +121,12 @@ def test_same_shape_at_same_place(kind: str) -> None:
     answer = Pair(shape, pose(), shape, pose()).answer()
     assert answer.s == pytest.approx(-0.1, rel=1e-14)
     assert abs(answer.n[2]) == pytest.approx(1.0, rel=1e-14)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 1e-5, 3.14159265e-5, 1e-4])
+def test_cylinders_about_one_axis_meet_where_the_normal_says(tilt: float) -> None:
+    """Every way out at right angles to the axis is as short; the polytope may run out of room before it is round."""
+    shape = Cylinder(1.0, 1.0)
+    over = Rotation.from_matrix([[-1.0, 0.0, tilt], [0.0, 1.0, 0.0], [-tilt, 0.0, -1.0]])
+    pair = Pair(shape, pose(), shape, pose((0.0, 0.0, 0.0), over))
+    check_certificate(pair, pair.answer(), on_surface=1e-5)
