@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -202,7 +203,8 @@ def compare_depths(pairs: Pairs, repeats: int, with_peers: bool) -> DepthFigures
 
 def _times(engines: dict[str, Callable[[int, int], None]], count: int, repeats: int) -> dict[str, Floats]:
     """Ns a pair of each block, by engine; the first round is not counted."""
-    blocks = [(first, min(first + BLOCK, count)) for first in range(0, count, BLOCK)]
+    edges = np.linspace(0, count, max(1, round(count / BLOCK)) + 1).astype(int).tolist()
+    blocks = list(pairwise(edges))
     best = {name: np.full(len(blocks), np.inf) for name in engines}
     for turn in range(repeats + 1):
         for k, (first, last) in enumerate(blocks):
