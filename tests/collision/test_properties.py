@@ -106,9 +106,8 @@ def test_coal_finds_no_shorter_way_and_the_same_distance(a: Shape, at_a: Array, 
     theirs = coal.distance(shapes[0], coal_place(at_a), shapes[1], coal_place(at_b), request, result)
     if found > 0:
         assert found == pytest.approx(theirs, abs=1e-5 * pair.size)
-    elif (
-        np.linalg.norm(result.normal) > 0.9
-    ):  # their depth of round shapes is off by half a percent; this is one way out
+    elif np.linalg.norm(result.normal) > 0.9:
+        # their depth of round shapes is off by half a percent; but out along their normal is one way out
         assert -found <= pair.overlap(-np.array(result.normal)) + PRECISE * pair.size
 
 
