@@ -58,9 +58,7 @@ class Pieces(NamedTuple):
     neighbour_start: Ints32  # (V + 1,) rows of `neighbours`
     neighbours: Ints32  # (N,) vertices joined by an edge of the hull, as indices local to the piece
     cell_start: Ints  # (P,) where the piece's CELLS entries of `cells` begin; -1: it has none
-    cells: (
-        Ints32  # where climbing to the farthest corner begins, by the direction's cell; as indices local to the piece
-    )
+    cells: Ints32  # where climbing to the farthest corner begins, by the direction's cell; indices local to the piece
     face_start: Ints  # (P + 1,) rows of `planes` and of `loop_start`
     planes: Floats  # (F, 4) outward unit normal and offset: n·x <= d; coplanar triangles merged
     loop_start: Ints  # (F + 1,) rows of `loops`
