@@ -22,7 +22,7 @@ from geomphys.collision.sweep import Boxes, update_boxes
 from geomphys.driven.detour import DETOUR, goes_through
 from geomphys.driven.escape import ALONG, Rescue, ask_to_hold, concerns, escape
 from geomphys.driven.least_distance import SOLVED, LeastDistance, solve_least_distance
-from geomphys.driven.places import Places, distance, limit_of, moved_since, place_at, relative_step
+from geomphys.driven.places import Places, distance, limit_of, place_at, relative_way, row_of
 from geomphys.kernel import kernel, outlined
 from geomphys.vec3 import Vec, dot, norm
 from geomphys.world.scene import DRIVEN, Scene
@@ -101,14 +101,14 @@ def _first_obstacle(scene: Scene, p: Places, near: Near, group: int, gap: float,
             continue
         if near.tree_a[k] != tree_a or near.tree_b[k] != tree_b:  # pairs of the same trees stand together
             tree_a, tree_b = near.tree_a[k], near.tree_b[k]
-            step = relative_step(p, tree_a, tree_b)
-        n = (near.normal[k, 0], near.normal[k, 1], near.normal[k, 2])
+            step = relative_way(p.current, p.trial, tree_a, tree_b)
+        n = row_of(near.normal, k)
         s, along = near.separation[k], dot(n, step)
         if s + along >= 0.5 * gap:
             continue
         if near.exact[k] == 0:
             measure_pair(scene.pieces, p.frames, near, k, limit_of(p, near, k, gap), axes, scratch)
-            n = (near.normal[k, 0], near.normal[k, 1], near.normal[k, 2])
+            n = row_of(near.normal, k)
             s, along = near.separation[k], dot(n, step)
             if s + along >= 0.5 * gap:
                 continue
@@ -289,9 +289,9 @@ def _measure_again(scene: Scene, p: Places, near: Near, gap: float, axes: Axes, 
     for k in range(near.filled[0]):
         if near.tree_a[k] != tree_a or near.tree_b[k] != tree_b:
             tree_a, tree_b = near.tree_a[k], near.tree_b[k]
-            step = moved_since(p, tree_a, tree_b)
+            step = relative_way(p.seen, p.current, tree_a, tree_b)
         if near.separation[k] > 0.0:  # what a direction shows to be apart it shows again, by so much more or less
-            bound = near.separation[k] + dot((near.normal[k, 0], near.normal[k, 1], near.normal[k, 2]), step)
+            bound = near.separation[k] + dot(row_of(near.normal, k), step)
             if bound >= CLEAR * gap:
                 near.separation[k], near.exact[k] = bound, 0
                 continue

@@ -86,24 +86,17 @@ def distance(a: Floats, b: Floats, tree: int) -> float:
 
 
 @kernel
-def relative_step(p: Places, tree_a: int, tree_b: int) -> Vec:
-    """How far a moves against b from `current` to `trial`. [m]"""
-    a1, a0 = row_of(p.trial, tree_a), row_of(p.current, tree_a)
-    b1, b0 = row_of(p.trial, tree_b), row_of(p.current, tree_b)
-    return ((a1[0] - a0[0]) - (b1[0] - b0[0]), (a1[1] - a0[1]) - (b1[1] - b0[1]), (a1[2] - a0[2]) - (b1[2] - b0[2]))
-
-
-@kernel
-def moved_since(p: Places, tree_a: int, tree_b: int) -> Vec:
-    """How far a has moved against b since pairs were last brought up to date. [m]"""
-    a, b = (
-        sub(row_of(p.current, tree_a), row_of(p.seen, tree_a)),
-        sub(row_of(p.current, tree_b), row_of(p.seen, tree_b)),
+def relative_way(start: Floats, end: Floats, tree_a: int, tree_b: int) -> Vec:
+    """How far tree a goes against tree b from one (T, 3) array of places to another. [m]"""
+    return sub(
+        sub(row_of(end, tree_a), row_of(start, tree_a)),
+        sub(row_of(end, tree_b), row_of(start, tree_b)),
     )
-    return sub(a, b)
 
 
 @kernel
 def limit_of(p: Places, near: Near, k: int, gap: float) -> float:
     """How near [m] the pair k had to be to be among those of `find_reachable`."""
-    return p.reach[near.tree_a[k], 0] + p.reach[near.tree_b[k], 0] + 2.0 * gap
+    a, b = near.tree_a[k], near.tree_b[k]
+    column = 1 if a == b else 0
+    return p.reach[a, column] + p.reach[b, column] + 2.0 * gap

@@ -144,8 +144,7 @@ def _change(scene: Scene, joints: Joints, p: Places, near: Near, k: int, stir: S
 @kernel
 def _kept_its_side(scene: Scene, before: Floats, near: Near, k: int, room: float) -> bool:
     """Whether the pair k was apart, or all but `room` [m], along the normal that parts it now or is about to."""
-    n = (near.normal[k, 0], near.normal[k, 1], near.normal[k, 2])
-    return gap_along(shapes_of(scene.pieces, before), near.a[k], near.b[k], n) >= -room
+    return gap_along(shapes_of(scene.pieces, before), near.a[k], near.b[k], row_of(near.normal, k)) >= -room
 
 
 @outlined
