@@ -25,6 +25,7 @@ from geomphys.recording.matching import (
     side_of,
 )
 from geomphys.recording.plan import is_static
+from geomphys.recording.samples import JOINTS, POSES
 from geomphys.remote import place
 from geomphys.world.chains import suggested_chains
 from geomphys.world.meshes import load_mesh, require_closed
@@ -89,7 +90,7 @@ def draft_scene(
         A URDF or one of its meshes is wrong.
     """
     info = inspect_log(place(log), recover=recover)
-    poses, joints = _poses(info), [t for t in info.topics if t.kind in ("joints", "glove") and _sayable(t.topic)]
+    poses, joints = _poses(info), [t for t in info.topics if t.kind in JOINTS and _sayable(t.topic)]
     if not poses and not joints:
         found = ", ".join(f"{t.topic} ({t.schema or 'no schema'})" for t in info.topics[:6]) or "no topics at all"
         raise LogError(
@@ -194,10 +195,10 @@ def _poses(info: LogInfo) -> list[PoseCandidate]:
     """Everything in a log that has a pose."""
     found = []
     for topic in info.topics:
-        if topic.kind not in ("pose", "transforms") or not _sayable(topic.topic) or is_static(topic.topic):
+        if topic.kind not in POSES or not _sayable(topic.topic) or is_static(topic.topic):
             continue
         for child, (low, high) in topic.boxes.items():
-            if topic.kind == "pose":
+            if topic.kind == "pose" or (topic.kind == "transform" and len(topic.frames) < 2):
                 found.append(PoseCandidate(topic.topic, topic.messages, low, high))
                 break
             if _sayable(child):

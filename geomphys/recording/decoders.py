@@ -1,9 +1,9 @@
 """Bytes of a message to its decoded form, by the library of its encoding.
 
-cdr with ros2msg schemas goes through ``mcap-ros2-support``, protobuf through ``mcap-protobuf-support``, json through
-the standard library. ``mcap-ros2-support`` does not read schemas written in IDL (ros2idl); the standard types of ROS 2
-that are used here never change, so for those, and where the schema is empty or corrupt, their known definition is used
-instead. Any other ros2idl type is an error that says so.
+cdr with ros2msg schemas goes through ``mcap-ros2-support``, ros1 through ``mcap-ros1-support`` (`ros1.py`), protobuf through
+``mcap-protobuf-support``, json through the standard library, flatbuffer through `flatbuffer.py`. ``mcap-ros2-support`` does not
+read schemas written in IDL (ros2idl); the standard types of ROS that are used here never change, so for those, and where
+the schema is empty or corrupt, their known definition is used instead. Any other ros2idl type is an error that says so.
 """
 
 from __future__ import annotations
@@ -20,58 +20,11 @@ from mcap.exceptions import McapError
 from mcap.records import Schema
 
 from geomphys.errors import LogError
+from geomphys.recording.definitions import ROS1_TYPES, STANDARD_TYPES
 from geomphys.recording.naming import plain
 from geomphys.recording.reader import LogChannel
 
 Decoder = Callable[[bytes], Any]
-
-_STAMPED = """std_msgs/Header header
-{body}
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
-_VECTORS = """================================================================================
-MSG: geometry_msgs/{name}
-float64 x
-float64 y
-float64 z
-================================================================================
-MSG: geometry_msgs/Quaternion
-float64 x
-float64 y
-float64 z
-float64 w
-"""
-_POSE = """================================================================================
-MSG: geometry_msgs/Pose
-geometry_msgs/Point position
-geometry_msgs/Quaternion orientation
-""" + _VECTORS.format(name="Point")
-_TRANSFORM = """================================================================================
-MSG: geometry_msgs/Transform
-geometry_msgs/Vector3 translation
-geometry_msgs/Quaternion rotation
-""" + _VECTORS.format(name="Vector3")
-
-STANDARD_TYPES = {
-    "sensor_msgs/msg/JointState": _STAMPED.format(
-        body="string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"
-    ),
-    "geometry_msgs/msg/PoseStamped": _STAMPED.format(body="geometry_msgs/Pose pose") + _POSE,
-    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n"
-    + "=" * 80
-    + "\nMSG: geometry_msgs/TransformStamped\n"
-    + _STAMPED.format(body="string child_frame_id\ngeometry_msgs/Transform transform")
-    + _TRANSFORM,
-}
-"""Definitions of the standard ROS 2 types, used where a log does not bring a ros2msg one."""
-
 
 _UNCHECKED = re.compile(rb"^\s*(?:uint8|byte)\[[0-9]+\]", re.MULTILINE)
 """Fields that mcap-ros2-support reads without a look at how many bytes are left; no type that is read here has them."""
@@ -103,7 +56,7 @@ def make_decoder(channel: LogChannel, schema_name: str) -> Decoder:
     Parameters
     ----------
     channel : LogChannel
-        With encoding cdr, protobuf or json.
+        With encoding cdr, ros1, protobuf, json or flatbuffer.
     schema_name : str
         The schema's name in its full form (``package/msg/Type``).
 
@@ -118,17 +71,21 @@ def make_decoder(channel: LogChannel, schema_name: str) -> Decoder:
         The schema cannot be read.
     """
     if channel.encoding == "json":
-        return _safe(json.loads)
+        return _safe(_json)
     if channel.encoding == "protobuf":
         return _safe(_protobuf(channel))
+    if channel.encoding == "flatbuffer":
+        return _flatbuffer(channel)
+    if channel.encoding == "ros1":
+        return _ros1(channel, schema_name)
     return _safe(_ros2(channel, schema_name))
 
 
-def _safe(decode: Decoder) -> Decoder:
+def _safe(decode: Decoder, *more: type[Exception]) -> Decoder:
     """Map what a library raises on a bad payload to BadMessageError."""
     from google.protobuf.message import DecodeError
 
-    errors = (*PAYLOAD_ERRORS, DecodeError)
+    errors = (*PAYLOAD_ERRORS, DecodeError, *more)
 
     def safe(data: bytes) -> Any:
         try:
@@ -137,6 +94,14 @@ def _safe(decode: Decoder) -> Decoder:
             raise BadMessageError(f"cannot be decoded ({type(problem).__name__})") from problem
 
     return safe
+
+
+def _json(data: bytes) -> Any:
+    """A message in JSON: an object."""
+    message = json.loads(data)
+    if not isinstance(message, dict):
+        raise BadMessageError("is no JSON object")
+    return message
 
 
 def _protobuf(channel: LogChannel) -> Decoder:
@@ -158,20 +123,66 @@ def _protobuf(channel: LogChannel) -> Decoder:
 
 def _ros2(channel: LogChannel, schema_name: str) -> Decoder:
     """Decoder from the message definition in the schema, or from the known one of a standard type."""
-    data, name, standard = channel.schema_data, channel.schema_name, STANDARD_TYPES.get(schema_name)
+    data, name, standard = channel.schema_data, schema_name, STANDARD_TYPES.get(schema_name)
     if channel.schema_encoding == "ros2msg" and data.strip():
         if _UNCHECKED.search(data):
             raise _unreadable(channel, "its message definition has byte arrays of fixed size")
         decoder = _from_definition(name, data)
         if decoder is not None:
-            return decoder
+            return _plain_cdr(decoder)
         why = "its message definition cannot be read"
     else:
         why = f"its schema is {plain(channel.schema_encoding) or 'missing'}; of this type only ros2msg can be read"
     decoder = _from_definition(schema_name, standard.encode()) if standard is not None else None
     if decoder is None:
         raise _unreadable(channel, why)
-    return decoder
+    return _plain_cdr(decoder)
+
+
+def _plain_cdr(decode: Decoder) -> Decoder:
+    """Refuse what ``mcap-ros2-support`` would read as if it were plain CDR, and so wrongly."""
+
+    def plain_only(data: bytes) -> Any:
+        if len(data) >= 2 and data[1] > 1:
+            way = "a parameter list" if data[1] in (2, 3) else "XCDR2"
+            raise BadMessageError(
+                f"is written in {way} (its first bytes are {data[:2].hex()}), and only plain CDR (0000 or 0001) can be "
+                "read: record it with the data representation XCDR1, ROS 2's default"
+            )
+        return decode(data)
+
+    return plain_only
+
+
+def _ros1(channel: LogChannel, schema_name: str) -> Decoder:
+    """Decoder from the message definition in the schema, or from the known one of a standard type."""
+    from geomphys.recording.ros1 import DefinitionError, make_ros1_decoder
+
+    name, standard = schema_name.replace("/msg/", "/"), ROS1_TYPES.get(schema_name)
+    text = channel.schema_data.decode("utf-8", "replace") if channel.schema_encoding == "ros1msg" else ""
+    why = "its message definition" if text.strip() else f"its schema is {plain(channel.schema_encoding) or 'missing'}"
+    for definition in (text, standard or ""):
+        if definition.strip():
+            try:
+                decode, short = make_ros1_decoder(name, definition)
+            except DefinitionError as problem:
+                why = f"its message definition cannot be read: {problem}"
+            else:
+                return _safe(decode, short)
+    raise _unreadable(channel, why)
+
+
+def _flatbuffer(channel: LogChannel) -> Decoder:
+    """Decoder from the compiled schema."""
+    from geomphys.recording.flatbuffer import FlatBufferError, make_flatbuffer_decoder
+
+    if channel.schema_encoding != "flatbuffer":
+        why = f"messages are FlatBuffers, the schema is {plain(channel.schema_encoding) or 'missing'}"
+        raise _unreadable(channel, why)
+    try:
+        return _safe(make_flatbuffer_decoder(channel.schema_name.strip(), channel.schema_data), FlatBufferError)
+    except FlatBufferError as problem:
+        raise _unreadable(channel, f"its FlatBuffers schema cannot be read: {problem}") from problem
 
 
 def _from_definition(name: str, definition: bytes) -> Decoder | None:

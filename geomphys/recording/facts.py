@@ -14,8 +14,9 @@ from geomphys.config import Config
 from geomphys.errors import LogError
 from geomphys.recording.channels import Content, Joints, kind_of, make_reader
 from geomphys.recording.decoders import BadMessageError
+from geomphys.recording.layouts import PoseLayout
 from geomphys.recording.matching import side_of
-from geomphys.recording.naming import add_names, listed, similar
+from geomphys.recording.naming import add_names, listed, plain, similar
 from geomphys.recording.plan import Plan, is_static
 from geomphys.recording.reader import LogChannel, LogReader, RawMessage
 from geomphys.recording.streams import VALUE_LIMIT, Seven, good_pose
@@ -62,6 +63,8 @@ class Known:
     readers: dict[int, Callable[[bytes], Content]] = field(default_factory=dict)
     sides: dict[str, set[str]] = field(default_factory=dict)  # topic -> sides of gloves met
     moments: dict[str, list[Moment]] = field(default_factory=dict)  # topic -> times of its first messages
+    only: dict[str, str] = field(default_factory=dict)  # topic followed without a child frame -> the first it names
+    unreadable: dict[str, str] = field(default_factory=dict)  # topic -> what is wrong with the first bad message
 
 
 @dataclass
@@ -71,6 +74,7 @@ class _Probe:
     channel: LogChannel
     wanted: dict[str, bytes]  # names and how they look in a message
     decided: bool  # whether it is known what a stamp of zero means on it
+    only_child: bool = False  # whether it is followed without naming the child frame
     met: int = 0
     latest: int = -(2**62)
     waiting: list[tuple[RawMessage, Content]] = field(default_factory=list)  # until that is decided
@@ -121,8 +125,10 @@ def _probes(plan: Plan, known: Known, *, decided: bool) -> dict[int, _Probe]:
         if kind is None:
             continue
         known.readers[key] = make_reader(c, kind)
-        names = {n: n.rsplit("\0", 1)[-1].encode() for n in sorted(wanted[key])}
-        probes[key] = _Probe(c, names, decided or not kind.stamped)
+        spelled_out = not isinstance(kind.layout, PoseLayout) or kind.layout.spelled_out
+        names = {n: n.rsplit("\0", 1)[-1].encode() if spelled_out else b"" for n in sorted(wanted[key])}
+        only_child = any(p.is_only_child and c in p.channels for p in plan.poses)
+        probes[key] = _Probe(c, names, decided or not kind.stamped, only_child)
     return probes
 
 
@@ -172,7 +178,8 @@ def _decided(
     """
     try:
         probe.waiting.append((raw, known.readers[raw.key](raw.data)))
-    except BadMessageError:
+    except BadMessageError as problem:
+        known.unreadable.setdefault(probe.channel.topic, str(problem))
         if not last:
             return []
     if not probe.decided and probe.waiting:
@@ -199,20 +206,23 @@ def _take(probe: _Probe, known: Known, times: MessageTimes, raw: RawMessage, con
         if content.side:
             add_names(known.sides.setdefault(topic, set()), [content.side])
         for name, value in zip(content.names, content.values, strict=False):
-            good = (value,) if abs(value) < VALUE_LIMIT else None
-            items.append((time, name, good))
+            sample: Seven | None = (value,) if abs(value) < VALUE_LIMIT else None
+            items.append((time, name, sample))
             if content.side:
-                items.append((time, joint_key(name, content.side), good))
+                items.append((time, joint_key(name, content.side), sample))
         moments = [time]
     else:
         for pose in content:
             time = times.of(key, pose.stamp, raw.log_time, raw.publish_time)
             add_names(names, [pose.child])
-            items.append((time, pose.child, good_pose(pose.value)))
+            good = good_pose(pose.value)
+            items.append((time, pose.child, good))
+            if pose.child and probe.only_child and known.only.setdefault(topic, pose.child) == pose.child:
+                items.append((time, "", good))
         moments = [t for t, _, _ in items]
-    for time, name, sample in items:
+    for time, name, taken in items:
         if name in probe.wanted:
-            known.streams.setdefault((topic, name), Facts()).take(time, sample)
+            known.streams.setdefault((topic, name), Facts()).take(time, taken)
     if moments:
         probe.latest = max(probe.latest, *moments)
     known_moments = known.moments.setdefault(topic, [])
@@ -253,12 +263,19 @@ def stream_problems(reader: LogReader, plan: Plan, known: Known) -> Iterator[str
     """Say which poses never come, or never well, and which topics have no joint of the tree that follows them."""
     for pose in plan.poses:
         facts = known.streams.get((pose.topic, pose.child))
+        names = sorted(known.names.get(pose.topic, ()), key=lambda n: (len(n) if n.isdigit() else 0, n))
         if facts is None:
-            names = sorted(known.names.get(pose.topic, ()))
             what = "no readable pose"
-            if pose.child:
+            if not names and pose.topic in known.unreadable:
+                what += f": a message {known.unreadable[pose.topic]}"
+            elif pose.child:
                 what = f"no pose of the frame {pose.child!r}{similar(pose.child, names)}; it has {listed(names)}"
             yield f"{reader.path}: topic {pose.topic!r} has {what}"
+        elif pose.is_only_child and len(names) > 1:
+            yield (
+                f"{reader.path}: topic {pose.topic!r} has poses of several frames, {listed(names)}: name the one to follow "
+                f"as {pose.topic}#{plain(names[0])}"
+            )
         elif facts.value is None:
             name = f"{pose.topic}#{pose.child}" if pose.child else pose.topic
             yield f"{reader.path}: topic {name!r} has no good pose: all are NaN or have no unit quaternion"
@@ -272,6 +289,9 @@ def stream_problems(reader: LogReader, plan: Plan, known: Known) -> Iterator[str
             yield f"{reader.path}: topic {joints.topic!r} has no glove of the side {joints.side!r}; it has {has}"
             continue
         names = sorted(known.names.get(joints.topic, ()))
+        if not names and joints.topic in known.unreadable:
+            yield f"{reader.path}: topic {joints.topic!r} has no readable joints: a message {known.unreadable[joints.topic]}"
+            continue
         yield (
             f"{reader.path}: topic {joints.topic!r} has none of the joints {listed(sorted(wanted))}; it has "
             f"{listed(names)}; {_way_out(names, wanted)}"

@@ -153,8 +153,9 @@ class Run:
         for pose in plan.poses:
             root = RootRoute(pose, known, gap, keeps_clock=keeps(pose.topic, pose.child))
             self.roots.append(root)
+            child = known.only.get(pose.topic, "") if pose.is_only_child else pose.child
             for channel in pose.channels:
-                self.routes.setdefault(channel.key, Route()).roots.setdefault(pose.child, []).append(root)
+                self.routes.setdefault(channel.key, Route()).roots.setdefault(child, []).append(root)
         for source in plan.joints:
             scale = np.ones(len(self.still_angles))
             if source.degrees:
@@ -165,7 +166,8 @@ class Run:
                 self.routes.setdefault(channel.key, Route()).joints.append(joints)
         for channel in clock.channels if clock is not None else ():
             route = self.routes.setdefault(channel.key, Route())
-            route.clock, route.clock_child = True, clock.child if clock is not None else ""
+            route.clock = True
+            route.clock_child = (clock.child or known.only.get(clock.topic, "")) if clock is not None else ""
 
     def frames(self) -> Iterator[Frame]:
         """Stream the log."""

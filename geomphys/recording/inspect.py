@@ -14,6 +14,7 @@ from geomphys.recording.check import CheckReport, check_log
 from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.naming import KEPT, add_names
 from geomphys.recording.reader import LogChannel, LogReader, RawMessage, open_log
+from geomphys.recording.samples import USES
 from geomphys.recording.streams import VALUE_LIMIT, good_pose
 
 __all__ = ["CheckReport", "LogInfo", "TopicInfo", "check_log", "inspect_log"]
@@ -28,19 +29,21 @@ class TopicInfo:
     topic: str
     schema: str  # "" without one
     encoding: str
-    kind: str  # joints, pose, transforms, glove; "" for one that is not understood
+    kind: str  # what its messages yield (`samples.What`); "" for one that is not understood
+    use: str  # that in words, "not understood" for one that is not
     messages: int
     first_ns: int | None
     last_ns: int | None
     rate_hz: float | None  # None below two messages or without a span
     longest_gap_s: float | None
     joints: tuple[str, ...]  # named in the messages, sorted
-    frames: tuple[str, ...]  # child frames of transforms, sorted
+    frames: tuple[str, ...]  # what it has poses of: child frames, names, indices, sorted
     sides: tuple[str, ...]  # of gloves
     ranges: dict[str, tuple[float, float]]  # joint -> least and largest good value, as recorded
     boxes: dict[str, tuple[Corner, Corner]]  # child frame ("" without one) -> box of its good positions, m
     bad_samples: int  # not finite, or without a unit quaternion
     bad_messages: int  # cannot be decoded
+    bad_reason: str  # why the first of them cannot; "" without any
     problem: str  # why the channel's schema cannot be read; "" if it can
 
 
@@ -125,6 +128,7 @@ class _Survey:
     boxes: dict[str, tuple[Corner, Corner]] = field(default_factory=dict)
     bad_samples: int = 0
     bad_messages: int = 0
+    bad_reason: str = ""
     problem: str = ""
     read: Callable[[bytes], Content] | None = None
 
@@ -151,8 +155,9 @@ class _Survey:
             return
         try:
             content = self.read(raw.data)
-        except BadMessageError:
+        except BadMessageError as problem:
             self.bad_messages += 1
+            self.bad_reason = self.bad_reason or str(problem)
             return
         if isinstance(content, Joints):
             add_names(self.joints, content.names)
@@ -193,6 +198,7 @@ class _Survey:
             schema=c.schema_name,
             encoding=c.encoding,
             kind=kind.what if kind is not None else "",
+            use=USES[kind.what] if kind is not None else "not understood",
             messages=c.messages,
             first_ns=c.first_ns if c.messages else None,
             last_ns=c.last_ns if c.messages else None,
@@ -205,5 +211,6 @@ class _Survey:
             boxes=dict(sorted(self.boxes.items())),
             bad_samples=self.bad_samples,
             bad_messages=self.bad_messages,
+            bad_reason=self.bad_reason,
             problem=self.problem,
         )

@@ -1,7 +1,7 @@
 """What of a log feeds what of a world: topics are looked up and their kinds checked before anything is read.
 
 A source names a topic, or ``topic#part`` where a message speaks of several things: the child frame of a transform, the
-side of a glove.
+name or index of a pose, the side of a glove.
 """
 
 from __future__ import annotations
@@ -10,9 +10,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from geomphys.config import Config
-from geomphys.recording.channels import kind_of
-from geomphys.recording.naming import listed, plain, similar
+from geomphys.recording.channels import kind_of, not_understood
+from geomphys.recording.naming import listed, similar
 from geomphys.recording.reader import LogChannel, LogReader
+from geomphys.recording.samples import JOINTS, PARTED, POSES, USES, What
 from geomphys.world.scene import JointSource, RootSource, World
 
 
@@ -22,8 +23,13 @@ class PoseInput:
 
     source: RootSource
     topic: str
-    child: str  # "" for messages that hold one pose
+    child: str  # `Pose.child` of its poses; "" for those of messages that hold one
     channels: tuple[LogChannel, ...]
+
+    @property
+    def is_only_child(self) -> bool:
+        """Whether it follows what its topic is the pose of, without naming it: the messages do."""
+        return not self.child and _what(self.channels[0]) == "transform"
 
 
 @dataclass(frozen=True)
@@ -95,6 +101,17 @@ def is_static(topic: str) -> bool:
     return topic.rsplit("/", 1)[-1] == "tf_static"
 
 
+def pose_part(channel: LogChannel, part: str) -> str:
+    """`Pose.child` or side that a source means by ``#part``: joints of a hand may be named by their numbers too."""
+    kind = kind_of(channel)
+    if kind is not None and kind.what == "glove":
+        return part.lower()
+    names: tuple[str, ...] = getattr(kind.layout, "names", ()) if kind is not None else ()
+    if part.isascii() and part.isdigit() and int(part[:9]) < len(names):
+        return names[int(part)]
+    return part.lower() if part.lower() in names else part
+
+
 def split_topic(name: str, topics: Iterable[str]) -> tuple[str, str]:
     """Split ``topic#part``; a name that is a topic as it stands has no part."""
     if name in topics:
@@ -107,26 +124,27 @@ def _plan_root(plan: Plan, reader: LogReader, world: World, source: RootSource) 
     """Look up the topic of a root's pose."""
     topic, child = split_topic(source.topic, reader.topics)
     user = f"the root of {world.tree_names[source.tree]!r}"
-    channels = _understood(plan, reader, topic, user, ("pose", "transforms"), "a pose")
+    channels = _understood(plan, reader, topic, user, POSES, "a pose")
     if not channels:
         return
-    holds_parts = _what(channels[0]) == "transforms"
-    if holds_parts and not child:
+    what = _what(channels[0])
+    if what in PARTED and not child:
+        part = {"poses": "INDEX", "named_poses": "NAME"}.get(what, "CHILD_FRAME")
         plan.problems.append(
-            f"{reader.path}: topic {topic!r} holds the poses of several frames; {user} must name its own as "
-            f"{topic}#CHILD_FRAME (`geomphys info` lists them)"
+            f"{reader.path}: topic {topic!r} holds {USES[what]}; {user} must name its own as "
+            f"{topic}#{part} (`geomphys info` lists them)"
         )
-    elif child and not holds_parts:
+    elif child and what == "pose":
         plan.problems.append(f"{reader.path}: topic {topic!r} holds a single pose; {user} cannot follow #{child} of it")
     else:
-        plan.poses.append(PoseInput(source, topic, child, channels))
+        plan.poses.append(PoseInput(source, topic, pose_part(channels[0], child), channels))
 
 
 def _plan_joints(plan: Plan, reader: LogReader, world: World, source: JointSource) -> None:
     """Look up the topic of a tree's joints."""
     topic, side = split_topic(source.topic, reader.topics)
     user = f"the joints of {world.tree_names[source.tree]!r}"
-    channels = _understood(plan, reader, topic, user, ("joints", "glove"), "joint values")
+    channels = _understood(plan, reader, topic, user, JOINTS, "joint values")
     if not channels:
         return
     glove = _what(channels[0]) == "glove"
@@ -160,7 +178,7 @@ def _plan_clock(plan: Plan, reader: LogReader, world: World, config: Config) -> 
         if config.clock is not None:
             plan.problems.append(f"{reader.path}: topic {topic!r}, the frame clock, has no message")
         return
-    plan.clock = ClockInput(topic, child.lower() if _what(channels[0]) == "glove" else child, channels)
+    plan.clock = ClockInput(topic, pose_part(channels[0], child), channels)
 
 
 def default_clock(world: World) -> str | None:
@@ -178,9 +196,9 @@ def default_clock(world: World) -> str | None:
     return next((topic for _, topic in (*roots, *joints)), None)
 
 
-def _what(channel: LogChannel) -> str:
+def _what(channel: LogChannel) -> What | None:
     kind = kind_of(channel)
-    return kind.what if kind is not None else ""
+    return kind.what if kind is not None else None
 
 
 def _missing(reader: LogReader, topic: str, user: str) -> str:
@@ -194,7 +212,7 @@ def _missing(reader: LogReader, topic: str, user: str) -> str:
 
 
 def _understood(
-    plan: Plan, reader: LogReader, topic: str, user: str, wanted: tuple[str, ...], holds: str
+    plan: Plan, reader: LogReader, topic: str, user: str, wanted: tuple[What, ...], holds: str
 ) -> tuple[LogChannel, ...]:
     """Channels of a topic that hold what is wanted; none, and a problem, if there are none."""
     channels = reader.of_topic(topic)
@@ -203,12 +221,10 @@ def _understood(
         return ()
     fitting = tuple(c for c in channels if _what(c) in wanted)
     if not fitting:
-        c = channels[0]
-        what = f"{plain(c.schema_name) or 'no schema'}, {plain(c.encoding)}"
-        others = sorted({o.topic for o in reader.channels.values() if _what(o) in wanted})
-        known = "is not understood" if kind_of(c) is None else f"does not hold {holds}"
-        known += f"; {listed(others)} {'does' if len(others) == 1 else 'do'}" if others else ""
-        plan.problems.append(f"{reader.path}: topic {topic!r} for {user} ({what}) {known}")
+        others = sorted({o.topic for o in reader.channels.values() if _what(o) in wanted and o.messages})
+        known = f"; of this log {listed(others)} {'has' if len(others) == 1 else 'have'} {holds}" if others else ""
+        why = not_understood(channels[0], wanted, holds)
+        plan.problems.append(f"{reader.path}: topic {topic!r} for {user} {why}{known}")
         return ()
     fitting = tuple(c for c in fitting if _what(c) == _what(fitting[0]))
     if sum(c.messages for c in fitting) == 0:

@@ -12,8 +12,10 @@ from mcap.writer import CompressionType, Writer
 
 from geomphys.config import Config
 from geomphys.errors import LogError
-from geomphys.recording.channels import KINDS, Joints, full_name, kind_of, make_reader
-from geomphys.recording.decoders import STANDARD_TYPES, BadMessageError
+from geomphys.recording.channels import Joints, kind_of, make_reader
+from geomphys.recording.decoders import BadMessageError
+from geomphys.recording.definitions import STANDARD_TYPES
+from geomphys.recording.kinds import KINDS, full_name
 from geomphys.recording.frames import FrameSource
 from geomphys.recording.reader import open_log
 from tests.recording.log_files import GLOVE_TYPE, Item, S, Tree, glove, joints, make_world, pose, transforms, write_log

@@ -1,0 +1,224 @@
+"""The kinds of messages that are understood: one table, from which everything is read, told and documented.
+
+A kind of message is one entry of `KINDS`: the names its schema goes by, the encodings it is read in, what it yields, and
+where its data is. Facts about types that have no page of their own:
+
+- *vicon_receiver/Position*: ``x_trans`` … are mm, as Vicon's DataStream has them; ``x_rot, y_rot, z_rot, w`` are a quaternion in
+  that order. Later versions have a header.
+- *ManusGlove*: ``ergonomics`` are angles in degrees by name, ``raw_nodes`` poses by ``node_id``; it has a ``side`` and no stamp.
+- *mocap4r2_msgs/RigidBodies*: ``rigidbodies`` with ``rigid_body_name`` and ``pose``.
+- *NamedPoseArray*: of motion_capture_tracking_interfaces a list ``poses`` of ``name`` and ``pose``; of teleop_ros2_interfaces
+  the lists ``name``, ``pose`` and ``is_valid``.
+- *core.…Record* of Isaac Teleop: a table ``data`` that is absent while nothing is tracked; times are those of the log, a clock
+  that counts from the machine's start. A hand has 26 joints in the order of OpenXR (`HAND_JOINTS`), each with ``is_valid``; a
+  head or tracker has ``pose`` and ``is_valid``; a joint has ``name``, ``position`` in rad or m, and ``valid``.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+from geomphys.recording.layouts import POSE, STAMPED_POSE, TRANSFORM, JointLayout, Layout, PoseLayout, pose_at
+from geomphys.recording.samples import What
+
+ENCODINGS = {
+    "cdr": "ROS 2 (cdr)",
+    "ros1": "ROS 1 (ros1)",
+    "protobuf": "protobuf",
+    "json": "JSON",
+    "flatbuffer": "FlatBuffers",
+}
+"""Message encodings that are read, and how they are told."""
+
+_FINGERS = ("thumb", "index", "middle", "ring", "little")
+_SEGMENTS = ("metacarpal", "proximal", "intermediate", "distal", "tip")
+HAND_JOINTS = (
+    "palm",
+    "wrist",
+    *(f"{f}_{s}" for f in _FINGERS for s in _SEGMENTS if (f, s) != ("thumb", "intermediate")),
+)
+"""Names of OpenXR's 26 joints of a hand, in their order."""
+
+
+class Kind(NamedTuple):
+    """How messages of a type are read."""
+
+    names: tuple[str, ...]  # full names of its schema: ``package/msg/Type``, or as protobuf has it
+    encodings: tuple[str, ...]
+    what: What
+    layout: Layout
+    stamped: bool = True  # whether the type has a stamp at all
+    metres: bool = (
+        False  # whether the type itself says what its positions are in: they are m, whatever the log's unit is
+    )
+    points: PoseLayout | None = None  # poses that come along with joint values
+
+    @property
+    def lenient(self) -> bool:
+        """Whether its JSON is that of a protobuf message, which leaves out what is zero."""
+        return "protobuf" in self.encodings
+
+
+_ROS = ("cdr", "ros1", "json")
+_FOXGLOVE = ("protobuf", "json", "flatbuffer", "cdr", "ros1")
+_HEADER = ("header.stamp", "header.frame_id")
+_ISAAC = ("flatbuffer",)
+
+
+def _foxglove(name: str) -> tuple[str, ...]:
+    """Names of a schema of Foxglove: its own, and that of its ROS package."""
+    return f"foxglove.{name}", f"foxglove_msgs/msg/{name}"
+
+
+def _in_header(pose: tuple[str, ...], *, child: tuple[str, ...] = (), each: str = "", scale: float = 1.0) -> PoseLayout:
+    """Poses of a ROS message with a header."""
+    return PoseLayout(pose=pose, child=child, each=each, stamp=_HEADER[0], frame=_HEADER[1], scale=scale)
+
+
+_TRANSFORM_STAMPED = _in_header(pose_at("transform.translation", "transform.rotation"), child=("child_frame_id",))
+_FRAME_TRANSFORM = PoseLayout(pose=TRANSFORM, stamp="timestamp", frame="parent_frame_id", child=("child_frame_id",))
+_VICON = ("vicon_receiver/msg/Position", "vicon_msgs/msg/Position")
+_VICON_POSE = ("x_trans", "y_trans", "z_trans", "x_rot", "y_rot", "z_rot", "w")
+_DATA_POSE = pose_at("data.pose.position", "data.pose.orientation")
+
+KINDS: tuple[Kind, ...] = (
+    Kind(
+        ("sensor_msgs/msg/JointState",), _ROS, "joints",
+        JointLayout(name="name", value="position", stamp="header.stamp"),
+    ),
+    Kind(
+        _foxglove("JointStates"), _FOXGLOVE, "joints",
+        JointLayout(each="joints", name="name", value="position", stamp="timestamp", optional=True),
+    ),
+    Kind(
+        ("core.JointStateOutputRecord",), _ISAAC, "joints",
+        JointLayout(each="data.joints", name="name", value="position", valid="valid"), stamped=False,
+    ),
+    Kind(
+        ("manus_ros2_msgs/msg/ManusGlove", "manus_ros2/msg/ManusGlove"), _ROS, "glove",
+        JointLayout(each="ergonomics", name="type", value="value", side="side"), stamped=False,
+        points=PoseLayout(each="raw_nodes", pose=STAMPED_POSE, number="node_id"),
+    ),
+    Kind(("geometry_msgs/msg/PoseStamped",), _ROS, "pose", _in_header(STAMPED_POSE)),
+    Kind(
+        ("geometry_msgs/msg/PoseWithCovarianceStamped",), _ROS, "pose",
+        _in_header(pose_at("pose.pose.position", "pose.pose.orientation")),
+    ),
+    Kind(("geometry_msgs/msg/Pose",), _ROS, "pose", PoseLayout(pose=POSE), stamped=False),
+    Kind(("geometry_msgs/msg/Transform",), _ROS, "pose", PoseLayout(pose=TRANSFORM), stamped=False),
+    Kind(
+        _foxglove("PoseInFrame"), _FOXGLOVE, "pose",
+        PoseLayout(pose=STAMPED_POSE, stamp="timestamp", frame="frame_id"),
+    ),
+    Kind(
+        ("core.Se3TrackerPoseRecord", "core.HeadPoseRecord"), _ISAAC, "pose",
+        PoseLayout(pose=_DATA_POSE, valid="data.is_valid"), stamped=False, metres=True,
+    ),
+    Kind(("geometry_msgs/msg/TransformStamped",), _ROS, "transform", _TRANSFORM_STAMPED),
+    Kind(
+        ("nav_msgs/msg/Odometry",), _ROS, "transform",
+        _in_header(pose_at("pose.pose.position", "pose.pose.orientation"), child=("child_frame_id",)),
+    ),
+    Kind(_foxglove("FrameTransform"), _FOXGLOVE, "transform", _FRAME_TRANSFORM),
+    Kind(
+        _VICON, _ROS, "transform",
+        _in_header(_VICON_POSE, child=("subject_name", "segment_name"), scale=0.001), metres=True,
+    ),
+    Kind(
+        ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"), _ROS, "transforms",
+        PoseLayout(**{**vars(_TRANSFORM_STAMPED), "each": "transforms", "own_header": True}),
+    ),
+    Kind(
+        _foxglove("FrameTransforms"), _FOXGLOVE, "transforms",
+        PoseLayout(**{**vars(_FRAME_TRANSFORM), "each": "transforms", "own_header": True}),
+    ),
+    Kind(("geometry_msgs/msg/PoseArray",), _ROS, "poses", _in_header(POSE, each="poses")),
+    Kind(
+        _foxglove("PosesInFrame"), _FOXGLOVE, "poses",
+        PoseLayout(pose=POSE, each="poses", stamp="timestamp", frame="frame_id"),
+    ),
+    Kind(
+        ("mocap4r2_msgs/msg/RigidBodies", "mocap_msgs/msg/RigidBodies"), _ROS, "named_poses",
+        _in_header(STAMPED_POSE, each="rigidbodies", child=("rigid_body_name",)),
+    ),
+    Kind(
+        (
+            "motion_capture_tracking_interfaces/msg/NamedPoseArray",
+            "motion_capture_tracking_interfaces/msg/NamedPoseArrayV2",
+        ),
+        _ROS, "named_poses",
+        _in_header(STAMPED_POSE, each="poses", child=("name",)),
+    ),
+    Kind(
+        ("teleop_ros2_interfaces/msg/NamedPoseArray",), _ROS, "named_poses",
+        PoseLayout(
+            pose=POSE, each="pose", child=("name",), valid="is_valid", beside=True, stamp=_HEADER[0], frame=_HEADER[1]
+        ),
+    ),
+    Kind(
+        ("core.HandPoseRecord",), _ISAAC, "named_poses",
+        PoseLayout(
+            pose=STAMPED_POSE, each="data.joints.poses", names=HAND_JOINTS, valid="is_valid"
+        ),
+        stamped=False, metres=True,
+    ),
+)  # fmt: skip
+"""What is understood, in the order in which it is told."""
+
+_KNOWN = {(name, encoding): kind for kind in KINDS for name in kind.names for encoding in kind.encodings}
+_PARTS = re.compile(r"/|::|\.")
+_OWN_PACKAGES = ("foxglove", "core")
+
+
+def _plain_names() -> dict[str, str]:
+    """Type name without package -> full name, where only one kind goes by it."""
+    found: dict[str, set[int]] = {}
+    for number, kind in enumerate(KINDS):
+        for name in kind.names:
+            found.setdefault(_PARTS.split(name)[-1], set()).add(number)
+    return {plain: KINDS[numbers.pop()].names[0] for plain, numbers in found.items() if len(numbers) == 1}
+
+
+_PLAIN = _plain_names()
+
+
+def full_name(schema_name: str) -> str:
+    """Schema name in the one spelling of the table, from any of those that writers use.
+
+    ``sensor_msgs/JointState``, ``sensor_msgs.msg.JointState`` and ``sensor_msgs::msg::dds_::JointState_`` all are
+    ``sensor_msgs/msg/JointState``; what is no name of such a form is returned as it is.
+    """
+    parts = _PARTS.split(schema_name.strip())
+    if len(parts) == 4 and parts[2] == "dds_":
+        parts = [parts[0], parts[1], parts[3].removesuffix("_")]
+    if len(parts) == 3 and parts[1] == "msg":
+        parts = [parts[0], parts[2]]
+    if len(parts) != 2 or not all(parts):
+        return schema_name
+    package, name = parts
+    return f"{package}.{name}" if package in _OWN_PACKAGES else f"{package}/msg/{name}"
+
+
+def find_kind(schema_name: str, encoding: str) -> Kind | None:
+    """How messages of a schema in an encoding are read; None if they are not understood.
+
+    JSON writers often leave the package out: there, a plain type name counts as the only type of the table that has it.
+    """
+    name = full_name(schema_name)
+    kind = _KNOWN.get((name, encoding))
+    if kind is None and encoding == "json":
+        kind = _KNOWN.get((_PLAIN.get(schema_name.strip(), ""), encoding))
+    return kind
+
+
+def encodings_of(schema_name: str) -> tuple[str, ...]:
+    """Encodings in which a schema is read."""
+    name = full_name(schema_name)
+    name = _PLAIN.get(name, name)
+    return tuple(e for e in ENCODINGS if (name, e) in _KNOWN)
+
+
+def short_names(what: tuple[What, ...]) -> list[str]:
+    """Names of the types that yield something, as messages and documents tell them: the first of each kind's."""
+    return [kind.names[0].replace("/msg/", "/") for kind in KINDS if kind.what in what]

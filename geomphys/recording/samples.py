@@ -1,0 +1,55 @@
+"""What a message yields: joint values, or poses with the frames they are of and in."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+NAN = math.nan
+MISSING = (NAN,) * 7
+"""A pose that the message says is none."""
+
+What = Literal["joints", "glove", "pose", "transform", "transforms", "poses", "named_poses"]
+
+USES: dict[What, str] = {
+    "joints": "joint values",
+    "glove": "joint angles in degrees",
+    "pose": "a pose",
+    "transform": "a pose of a named frame",
+    "transforms": "poses by child frame",
+    "poses": "poses by index",
+    "named_poses": "poses by name",
+}
+"""What the messages of a topic can be used for, as people read it."""
+JOINTS: tuple[What, ...] = ("joints", "glove")
+POSES: tuple[What, ...] = ("pose", "transform", "transforms", "poses", "named_poses")
+PARTED: tuple[What, ...] = ("transforms", "poses", "named_poses")
+"""Messages that hold several poses: who follows one must say which, as ``topic#part``."""
+
+
+class Joints(NamedTuple):
+    """A message with joint values, in the units of the log."""
+
+    stamp: int | None  # ns, as stamped; None if the message carries no stamp
+    names: Sequence[str]
+    values: Sequence[float]  # NaN where the log has one; a joint without a value is left out
+    side: str  # of a glove: "left", "right" or ""
+
+
+class Pose(NamedTuple):
+    """A pose.
+
+    `child` tells it from the other poses of its topic: the child frame of a transform, the name of a body, the index in a
+    list; "" where a message holds one pose and does not say of what.
+    """
+
+    stamp: int | None
+    child: str
+    value: tuple[
+        float, ...
+    ]  # (7,) position and quaternion x y z w, as recorded, but in m where the type has another unit
+    frame: str = ""  # frame id that it is given in; "" where the message has none
+
+
+Content = Joints | list[Pose]
