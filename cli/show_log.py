@@ -60,7 +60,7 @@ def _list_of(log: LogInfo) -> Text:
             figures.append(f"{topic.rate_hz:,.1f} Hz")
         if topic.longest_gap_s is not None:
             figures.append(f"longest gap {topic.longest_gap_s:.3g} s")
-        what = f"{topic.schema or 'no schema'}, {topic.encoding}"
+        what = f"{topic.schema or 'no schema'}, {topic.encoding}: {topic.use}"
         style = "" if topic.kind else "dim"
         parts.append(Text(printable(topic.topic), style=f"{style} bold".strip()))
         parts += [Text(f"  {printable(line)}", style=style) for line in (what, ", ".join(figures))]
@@ -68,11 +68,11 @@ def _list_of(log: LogInfo) -> Text:
 
 
 def _topics(topics: Iterable[TopicInfo]) -> Table:
-    """Return a line a topic; what is not understood is dim."""
+    """Return a line a topic and what it can be used for; what is not understood is dim."""
     from rich.table import Table
 
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
-    for name in ("topic", "type", "encoding"):
+    for name in ("topic", "type", "encoding", "holds"):
         table.add_column(name, overflow="fold")
     for name in ("messages", "rate", "longest gap"):
         table.add_column(name, justify="right", no_wrap=True)
@@ -83,6 +83,7 @@ def _topics(topics: Iterable[TopicInfo]) -> Table:
             printable(topic.topic),
             printable(topic.schema or "no schema"),
             printable(topic.encoding),
+            topic.use,
             f"{topic.messages:,}",
             rate,
             gap,
@@ -93,13 +94,14 @@ def _topics(topics: Iterable[TopicInfo]) -> Table:
 
 def _found(topic: TopicInfo, all_names: bool) -> Iterator[str]:
     """Yield what the messages of a topic hold, and what is wrong with them."""
-    for what, names in (("joint", topic.joints), ("frame", topic.frames), ("side", topic.sides)):
+    of = "pose" if topic.kind in ("poses", "named_poses") else "frame"
+    for what, names in (("joint", topic.joints), (of, topic.frames), ("side", topic.sides)):
         if names:
             yield f"{counted(len(names), what)}: {_list(names, all_names)}"
     if topic.bad_samples:
-        yield f"{counted(topic.bad_samples, 'bad sample')}: not finite, or no unit quaternion"
+        yield f"{counted(topic.bad_samples, 'bad sample')}: not finite, marked as not valid, or no unit quaternion"
     if topic.bad_messages:
-        yield f"{counted(topic.bad_messages, 'message')} not decodable"
+        yield f"{counted(topic.bad_messages, 'message')} not decodable; the first {topic.bad_reason}"
     if topic.problem:
         yield topic.problem
 

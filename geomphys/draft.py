@@ -14,6 +14,7 @@ from geomphys.draft_height import lowest_link
 from geomphys.draft_text import AvatarDraft, Others, scene_text
 from geomphys.errors import LogError, MeshError, OutputError
 from geomphys.recording.inspect import LogInfo, TopicInfo, inspect_log
+from geomphys.recording.kinds import short_names
 from geomphys.recording.matching import (
     JointMatch,
     PoseCandidate,
@@ -24,6 +25,7 @@ from geomphys.recording.matching import (
     rank_roots,
     side_of,
 )
+from geomphys.recording.naming import listed
 from geomphys.recording.plan import is_static
 from geomphys.recording.samples import JOINTS, POSES
 from geomphys.remote import place
@@ -92,10 +94,15 @@ def draft_scene(
     info = inspect_log(place(log), recover=recover)
     poses, joints = _poses(info), [t for t in info.topics if t.kind in JOINTS and _sayable(t.topic)]
     if not poses and not joints:
-        found = ", ".join(f"{t.topic} ({t.schema or 'no schema'})" for t in info.topics[:6]) or "no topics at all"
+        found = listed([f"{t.topic} ({t.schema or 'no schema'}, {t.encoding})" for t in info.topics], 6)
         raise LogError(
-            f"{log}: holds no pose and no joint angles that are understood, so nothing can follow it: {found}"
+            f"{log}: holds no pose and no joint values that are understood, so nothing can follow it: {found}; types that "
+            f"are: {', '.join(short_names(JOINTS + POSES))}"
         )
+    unreadable = next((t for t in info.topics if t.bad_reason or t.problem), None)
+    if unreadable is not None and not poses and not any(t.joints for t in joints):
+        why = unreadable.problem or f"{log}: topic {unreadable.topic}: a message {unreadable.bad_reason}"
+        raise LogError(f"{why}; nothing else in the log has poses or joint values")
     avatars: list[AvatarDraft] = []
     for urdf in urdfs:
         taken = {a.root.name for a in avatars if a.root is not None}

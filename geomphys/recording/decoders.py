@@ -78,7 +78,7 @@ def make_decoder(channel: LogChannel, schema_name: str) -> Decoder:
         return _flatbuffer(channel)
     if channel.encoding == "ros1":
         return _ros1(channel, schema_name)
-    return _safe(_ros2(channel, schema_name))
+    return _plain_cdr(_ros2(channel, schema_name))
 
 
 def _safe(decode: Decoder, *more: type[Exception]) -> Decoder:
@@ -129,27 +129,30 @@ def _ros2(channel: LogChannel, schema_name: str) -> Decoder:
             raise _unreadable(channel, "its message definition has byte arrays of fixed size")
         decoder = _from_definition(name, data)
         if decoder is not None:
-            return _plain_cdr(decoder)
+            return decoder
         why = "its message definition cannot be read"
     else:
         why = f"its schema is {plain(channel.schema_encoding) or 'missing'}; of this type only ros2msg can be read"
     decoder = _from_definition(schema_name, standard.encode()) if standard is not None else None
     if decoder is None:
         raise _unreadable(channel, why)
-    return _plain_cdr(decoder)
+    return decoder
 
 
 def _plain_cdr(decode: Decoder) -> Decoder:
-    """Refuse what ``mcap-ros2-support`` would read as if it were plain CDR, and so wrongly."""
+    """As `_safe`; refuses what ``mcap-ros2-support`` would read as if it were plain CDR, and so wrongly."""
 
     def plain_only(data: bytes) -> Any:
-        if len(data) >= 2 and data[1] > 1:
-            way = "a parameter list" if data[1] in (2, 3) else "XCDR2"
-            raise BadMessageError(
-                f"is written in {way} (its first bytes are {data[:2].hex()}), and only plain CDR (0000 or 0001) can be "
-                "read: record it with the data representation XCDR1, ROS 2's default"
-            )
-        return decode(data)
+        try:
+            if data[1] < 2:
+                return decode(data)
+        except PAYLOAD_ERRORS as problem:
+            raise BadMessageError(f"cannot be decoded ({type(problem).__name__})") from problem
+        way = "a parameter list" if data[1] in (2, 3) else "XCDR2" if 6 <= data[1] <= 11 else "an unknown way"
+        raise BadMessageError(
+            f"is written in {way} (its first bytes are {data[:2].hex()}), and only plain CDR (0000 or 0001) can be "
+            "read: record it with the data representation XCDR1, the default of ROS 2"
+        )
 
     return plain_only
 

@@ -269,7 +269,8 @@ def stream_problems(reader: LogReader, plan: Plan, known: Known) -> Iterator[str
             if not names and pose.topic in known.unreadable:
                 what += f": a message {known.unreadable[pose.topic]}"
             elif pose.child:
-                what = f"no pose of the frame {pose.child!r}{similar(pose.child, names)}; it has {listed(names)}"
+                told = {"poses": "with the index", "named_poses": "named"}.get(str(pose.what), "of the frame")
+                what = f"no pose {told} {pose.child!r}{similar(pose.child, names)}; it has {listed(names)}"
             yield f"{reader.path}: topic {pose.topic!r} has {what}"
         elif pose.is_only_child and len(names) > 1:
             yield (

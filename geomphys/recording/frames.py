@@ -218,6 +218,7 @@ class Run:
             roots = route.roots.get(pose.child, ())
             beats = route.clock and (not route.clock_child or route.clock_child == pose.child)
             if not roots and not beats:
+                route.others += 1
                 continue
             time = times.of(key, pose.stamp, raw.log_time, raw.publish_time)
             moments.add(time)

@@ -17,6 +17,7 @@ where its data is. Facts about types that have no page of their own:
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import NamedTuple
 
 from geomphys.recording.layouts import POSE, STAMPED_POSE, TRANSFORM, JointLayout, Layout, PoseLayout, pose_at
@@ -71,12 +72,13 @@ def _foxglove(name: str) -> tuple[str, ...]:
     return f"foxglove.{name}", f"foxglove_msgs/msg/{name}"
 
 
-def _in_header(pose: tuple[str, ...], *, child: tuple[str, ...] = (), each: str = "", scale: float = 1.0) -> PoseLayout:
+def _in_header(pose: tuple[str, ...], *, child: tuple[str, ...] = (), each: str = "") -> PoseLayout:
     """Poses of a ROS message with a header."""
-    return PoseLayout(pose=pose, child=child, each=each, stamp=_HEADER[0], frame=_HEADER[1], scale=scale)
+    return PoseLayout(pose=pose, child=child, each=each, stamp=_HEADER[0], frame=_HEADER[1])
 
 
 _TRANSFORM_STAMPED = _in_header(pose_at("transform.translation", "transform.rotation"), child=("child_frame_id",))
+_TRANSFORMS = replace(_TRANSFORM_STAMPED, each="transforms", own_header=True)
 _FRAME_TRANSFORM = PoseLayout(pose=TRANSFORM, stamp="timestamp", frame="parent_frame_id", child=("child_frame_id",))
 _VICON = ("vicon_receiver/msg/Position", "vicon_msgs/msg/Position")
 _VICON_POSE = ("x_trans", "y_trans", "z_trans", "x_rot", "y_rot", "z_rot", "w")
@@ -123,15 +125,16 @@ KINDS: tuple[Kind, ...] = (
     Kind(_foxglove("FrameTransform"), _FOXGLOVE, "transform", _FRAME_TRANSFORM),
     Kind(
         _VICON, _ROS, "transform",
-        _in_header(_VICON_POSE, child=("subject_name", "segment_name"), scale=0.001), metres=True,
+        replace(
+            _in_header(_VICON_POSE, child=("subject_name", "segment_name")), scale=0.001, some_lack_header=True
+        ),
+        metres=True,
     ),
-    Kind(
-        ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"), _ROS, "transforms",
-        PoseLayout(**{**vars(_TRANSFORM_STAMPED), "each": "transforms", "own_header": True}),
-    ),
+    Kind(("tf2_msgs/msg/TFMessage",), _ROS, "transforms", _TRANSFORMS),
+    Kind(("tf/msg/tfMessage",), ("ros1", "json"), "transforms", _TRANSFORMS),
     Kind(
         _foxglove("FrameTransforms"), _FOXGLOVE, "transforms",
-        PoseLayout(**{**vars(_FRAME_TRANSFORM), "each": "transforms", "own_header": True}),
+        replace(_FRAME_TRANSFORM, each="transforms", own_header=True),
     ),
     Kind(("geometry_msgs/msg/PoseArray",), _ROS, "poses", _in_header(POSE, each="poses")),
     Kind(

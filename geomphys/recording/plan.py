@@ -13,7 +13,7 @@ from geomphys.config import Config
 from geomphys.recording.channels import kind_of, not_understood
 from geomphys.recording.naming import listed, similar
 from geomphys.recording.reader import LogChannel, LogReader
-from geomphys.recording.samples import JOINTS, PARTED, POSES, USES, What
+from geomphys.recording.samples import JOINTS, PARTS, POSES, USES, What
 from geomphys.world.scene import JointSource, RootSource, World
 
 
@@ -27,9 +27,14 @@ class PoseInput:
     channels: tuple[LogChannel, ...]
 
     @property
+    def what(self) -> What | None:
+        """What its messages yield."""
+        return _what(self.channels[0])
+
+    @property
     def is_only_child(self) -> bool:
         """Whether it follows what its topic is the pose of, without naming it: the messages do."""
-        return not self.child and _what(self.channels[0]) == "transform"
+        return not self.child and self.what == "transform"
 
 
 @dataclass(frozen=True)
@@ -128,11 +133,10 @@ def _plan_root(plan: Plan, reader: LogReader, world: World, source: RootSource) 
     if not channels:
         return
     what = _what(channels[0])
-    if what in PARTED and not child:
-        part = {"poses": "INDEX", "named_poses": "NAME"}.get(what, "CHILD_FRAME")
+    if what in PARTS and not child:
         plan.problems.append(
             f"{reader.path}: topic {topic!r} holds {USES[what]}; {user} must name its own as "
-            f"{topic}#{part} (`geomphys info` lists them)"
+            f"{topic}#{PARTS[what]} (`geomphys info` lists them)"
         )
     elif child and what == "pose":
         plan.problems.append(f"{reader.path}: topic {topic!r} holds a single pose; {user} cannot follow #{child} of it")

@@ -181,6 +181,10 @@ def _warnings(source: FrameSource, run: Run, report: RecordingReport) -> Iterato
             if channel.messages and channel.key not in source.plan.keys:
                 what = f"{channel.messages} messages ({plain(channel.schema_name)}, {plain(channel.encoding)})"
                 yield f"topic {plain(topic)}: {what} of another kind than the rest are not used"
+    for topic, child in sorted(source.known.only.items()):
+        others = sum(r.others for key, r in run.routes.items() if source.reader.channels[key].topic == topic)
+        if others:
+            yield f"topic {plain(topic)}: {others} poses of other frames than {child!r} are not used"
     clock = source.plan.clock
     if clock is not None and source.config.rate is None and sum(c.messages for c in clock.channels) == 1:
         yield f"topic {clock.topic}, the frame clock, has a single message: one frame; see --clock and --rate"
@@ -189,7 +193,10 @@ def _warnings(source: FrameSource, run: Run, report: RecordingReport) -> Iterato
     for count, text in (
         (report.held_frames, "frames are held: a stream had no good sample near them"),
         (report.bad_messages, "messages could not be decoded"),
-        (report.bad_samples, "samples are not finite or have no unit quaternion; they count as missing"),
+        (
+            report.bad_samples,
+            "samples are not finite, marked as not valid or have no unit quaternion; they count as missing",
+        ),
         (report.late, f"messages came more than {source.config.max_delay:g} s late, after the frames of their time"),
         (report.lost_frames, "of these were of the frame clock: no frame came of them"),
         (report.out_of_order, "messages were out of order and were put in their place"),

@@ -172,3 +172,4 @@ class Route:
     joints: list[JointRoute] = field(default_factory=list)
     clock: bool = False
     clock_child: str = ""  # only poses of this child, or gloves of this side, give frames
+    others: int = 0  # poses that nothing follows

@@ -24,8 +24,8 @@ USES: dict[What, str] = {
 """What the messages of a topic can be used for, as people read it."""
 JOINTS: tuple[What, ...] = ("joints", "glove")
 POSES: tuple[What, ...] = ("pose", "transform", "transforms", "poses", "named_poses")
-PARTED: tuple[What, ...] = ("transforms", "poses", "named_poses")
-"""Messages that hold several poses: who follows one must say which, as ``topic#part``."""
+PARTS: dict[What, str] = {"transforms": "CHILD_FRAME", "poses": "INDEX", "named_poses": "NAME"}
+"""Messages that hold several poses, and what a source must say behind the topic to follow one, as ``topic#part``."""
 
 
 class Joints(NamedTuple):

@@ -18,7 +18,7 @@ _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 def stamp_of(sec: int, nanosec: int) -> int:
     """Stamp in ns; raises ValueError if it is none that can be."""
-    stamp = int(sec) * 10**9 + int(nanosec)
+    stamp = sec * 10**9 + nanosec
     if not 0 <= stamp < STAMP_LIMIT:
         raise ValueError(f"stamp {stamp}")
     return stamp
@@ -39,15 +39,20 @@ def json_stamp(time: Any) -> int | None:
     if time is None:
         return None
     if isinstance(time, dict):
+        sec = time.get("sec")
+        nanosec = time.get("nsec", time.get("nanosec"))
+        if type(sec) is int and type(nanosec) is int:  # what nearly all writers have
+            return stamp_of(sec, nanosec)
         seconds = next((time[k] for k in _SECONDS if k in time), None)
         rest = next((time[k] for k in _NANOSECONDS if k in time), None)
         if seconds is None and rest is None:
             if time:
                 raise KeyError("seconds")
             return 0
+        nanoseconds = 0 if rest is None else _whole(rest)
         if isinstance(seconds, float):
-            return stamp_of(0, round(seconds * 1e9) + _whole(rest or 0))
-        return stamp_of(_whole(seconds or 0), _whole(rest or 0))
+            return stamp_of(0, round(seconds * 1e9) + nanoseconds)
+        return stamp_of(0 if seconds is None else _whole(seconds), nanoseconds)
     if isinstance(time, float):
         return stamp_of(0, round(time * 1e9))
     if isinstance(time, str) and not time.isdigit():

@@ -18,22 +18,12 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 import geomphys
+from geomphys.recording.kinds import KINDS
 from tests.cli.press import SCENE
 from tests.cli.press import write_log as write_press
-from tests.fuzz.targets import _KINDS, CUBE, MODEL, _channel
-from tests.recording.log_files import (
-    GLOVE_TYPE,
-    PROTOBUF,
-    ROS,
-    Item,
-    _Book,
-    glove,
-    joints,
-    pose,
-    transforms,
-    turned,
-    write_log,
-)
+from tests.fuzz.targets import _KINDS, CUBE, MODEL
+from tests.recording.log_files import Item, joints, pose, transforms, turned, write_log
+from tests.recording.made_messages import make
 from tests.world.test_scene_file import FULL
 
 CORPUS = Path(__file__).with_name("corpus")
@@ -69,27 +59,16 @@ def logs(folder: Path) -> dict[str, bytes]:
 
 
 def messages() -> dict[str, bytes]:
-    """A message and a schema of each kind."""
-    values = {
-        "joints": joints("/t", 1.0, {"a": 1.0, "b": 2.0}),
-        "pose": pose("/t", 1.0, PLACED),
-        "transform": Item("/t", "transform", {"a": PLACED}, 10**9),
-        "transforms": transforms("/t", 1.0, {"a": PLACED, "b": PLACED}),
-        "glove": glove("/t", 1.0, {"a": 30.0}),
-    }
-    names = {**{name: kind for kind, name in ROS.items()}}
-    names |= {message.DESCRIPTOR.full_name: kind for kind, message in PROTOBUF.items()}
+    """A message of each kind and encoding, and a schema of each encoding that has one."""
     found = {}
     for number, (name, encoding) in enumerate(_KINDS):
-        ros = "/" in name
-        how = {"cdr": "ros2", "protobuf": "protobuf", "json": "json-ros" if ros else "json"}[encoding]
-        book = _Book(None, how)  # type: ignore[arg-type]
-        label = name.rsplit("/", 1)[-1].rsplit(".", 1)[-1]
-        data = book.encode(values[names[name]])
-        found[f"message/{label}.{'ros' if ros else 'foxglove'}.{encoding}"] = bytes([number]) + data
-        if encoding != "json":
-            found[f"schema/{label}.{encoding}"] = bytes([number]) + _channel(number, None).schema_data
-    assert GLOVE_TYPE in names
+        if not any(name == kind.names[0] for kind in KINDS):
+            continue
+        label = name.replace("/msg/", ".")
+        made = make(name, encoding)
+        found[f"message/{label}.{encoding}"] = bytes([number]) + made.data
+        if encoding != "json" and number % 2:
+            found[f"schema/{label}.{encoding}"] = bytes([number]) + made.schema_data
     return found
 
 

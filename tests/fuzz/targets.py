@@ -6,28 +6,23 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from mcap_protobuf.schema import build_file_descriptor_set
-
 from geomphys.config import Config
 from geomphys.errors import GeomphysError
 from geomphys.load import load_world
 from geomphys.output_log import open_output
-from geomphys.recording.channels import KINDS, make_reader
-from geomphys.recording.decoders import STANDARD_TYPES, BadMessageError
+from geomphys.recording.channels import kind_of, make_reader
+from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.frames import FrameSource
 from geomphys.recording.inspect import inspect_log
 from geomphys.recording.reader import LogChannel
 from geomphys.stats import statistics_of
 from geomphys.world.meshes import SUFFIXES, load_mesh, require_closed, wound_outwards
 from geomphys.world.skeleton import load_skeleton
-from tests.recording.log_files import GLOVE_DEFINITION, GLOVE_TYPE, PROTOBUF, Tree, make_world
+from tests.recording.log_files import Tree, make_world
+from tests.recording.made_messages import make, pairs
 
 WORLD = make_world(Tree(root="/wrist", topic="/glove", joints=("a", "b"), mimics=("b",)))
-_KINDS = sorted(KINDS)
-_DEFINITIONS = {**{name: text.encode() for name, text in STANDARD_TYPES.items()}, GLOVE_TYPE: GLOVE_DEFINITION.encode()}
-_DESCRIPTORS = {
-    kind.DESCRIPTOR.full_name: build_file_descriptor_set(kind).SerializeToString() for kind in PROTOBUF.values()
-}
+_KINDS = pairs()
 
 
 def said(error: Exception) -> None:
@@ -65,17 +60,18 @@ def bag(data: bytes, folder: Path) -> None:
 
 
 def _channel(number: int, schema: bytes | None) -> LogChannel:
-    name, encoding = _KINDS[number % len(_KINDS)]
-    how = {"cdr": "ros2msg", "json": "jsonschema", "protobuf": "protobuf"}[encoding]
-    known = {"cdr": _DEFINITIONS, "json": {}, "protobuf": _DESCRIPTORS}[encoding].get(name, b"")
-    return LogChannel(0, "/t", name, how, known if schema is None else schema, encoding, 1, 0, 0)
+    made = make(*_KINDS[number % len(_KINDS)])
+    known = made.schema_data if schema is None else schema
+    return LogChannel(0, "/t", made.schema, made.schema_encoding, known, made.encoding, 1, 0, 0)
 
 
 def message(data: bytes, folder: Path) -> None:
     """A message; the first byte says of which kind."""
     if data:
         channel = _channel(data[0], None)
-        read = make_reader(channel, KINDS[channel.schema_name, channel.encoding])
+        kind = kind_of(channel)
+        assert kind is not None
+        read = make_reader(channel, kind)
         with suppress(BadMessageError):
             read(data[1:])
 
@@ -84,8 +80,10 @@ def schema(data: bytes, folder: Path) -> None:
     """A schema, and 256 bytes as a message of it; the first byte says of which kind."""
     if data:
         channel = _channel(data[0], data[1:])
+        kind = kind_of(channel)
+        assert kind is not None
         try:
-            read = make_reader(channel, KINDS[channel.schema_name, channel.encoding])
+            read = make_reader(channel, kind)
         except GeomphysError as error:
             said(error)
             return

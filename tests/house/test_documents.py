@@ -9,6 +9,7 @@ import tomllib
 import pytest
 
 from geomphys.world.scene_file import parse_scene
+from tests.house import inputs
 from tests.house.listing import DOCUMENT, LIST, listing
 from tests.house.reference import REFERENCE, reference
 from tests.house.sources import ROOT, files
@@ -71,6 +72,12 @@ def test_scenes_in_the_documents_are_valid(path) -> None:
     for text in re.findall(r"```toml\n(.*?)```", path.read_text(), flags=re.DOTALL):
         if "[[" in text:
             parse_scene(text, path)
+
+
+def test_the_table_of_inputs_is_that_of_the_code() -> None:
+    text = inputs.DOCUMENT.read_text()
+    assert inputs.TABLE.search(text) is not None
+    assert inputs.with_table(text) == text, "run: python tests/house/inputs.py"
 
 
 def test_the_reference_of_the_command_line_is_fresh() -> None:

@@ -14,11 +14,10 @@ from geomphys.config import Config
 from geomphys.errors import LogError
 from geomphys.recording.channels import Joints, kind_of, make_reader
 from geomphys.recording.decoders import BadMessageError
-from geomphys.recording.definitions import STANDARD_TYPES
-from geomphys.recording.kinds import KINDS, full_name
 from geomphys.recording.frames import FrameSource
 from geomphys.recording.reader import open_log
 from tests.recording.log_files import GLOVE_TYPE, Item, S, Tree, glove, joints, make_world, pose, transforms, write_log
+from tests.recording.made_messages import make, pairs
 
 
 def some_motion(seed: int = 3) -> list[Item]:
@@ -209,17 +208,17 @@ def test_schemas_that_cannot_be_read_are_an_error_with_the_topic(
 
 
 NO_MESSAGES = [b"", b"\0", b"\0\1\0\0", b"\0\1\0\0" + b"\xff" * 40, b"[" * 100_000, b"null", b'"x"', b"\xff\xfe"]
-for stamp in (3, {"sec": 10**30, "nsec": 0}, {"sec": -5, "nsec": 0}):
-    NO_MESSAGES.append(json.dumps({"timestamp": stamp, "joints": []}).encode())
-GLOVE_DEFINITION = f"string side\nm/E[] ergonomics\n{'=' * 80}\nMSG: m/E\nstring type\nfloat32 value"
+for stamp in (True, {"sec": 10**30, "nsec": 0}, {"sec": -5, "nsec": 0}):
+    NO_MESSAGES.append(json.dumps({"timestamp": stamp, "joints": 1, "transforms": 1, "poses": 1}).encode())
 
 
 @pytest.mark.parametrize("data", NO_MESSAGES)
-@pytest.mark.parametrize("key", sorted(k for k in KINDS if k[1] != "protobuf"))
-def test_bytes_that_hold_no_message_are_bad_messages(tmp_path, key, data):
-    name, encoding = key
-    schema = STANDARD_TYPES.get(name, GLOVE_DEFINITION)
-    channel = channel_of(tmp_path, name, "ros2msg" if encoding == "cdr" else "jsonschema", schema.encode(), encoding)
+@pytest.mark.parametrize(("name", "encoding"), [p for p in pairs() if p[1] != "protobuf"])
+def test_bytes_that_hold_no_message_are_bad_messages(tmp_path, name, encoding, data):
+    if encoding == "ros1" and len(data) >= 56:
+        pytest.skip("numbers alone: any bytes that are enough are a message")
+    made = make(name, encoding)
+    channel = channel_of(tmp_path, made.schema, made.schema_encoding, made.schema_data, encoding)
     with pytest.raises(BadMessageError):
         make_reader(channel, kind_of(channel))(data)
 
@@ -249,8 +248,3 @@ def test_messages_that_cannot_be_decoded_are_counted_and_the_rest_replayed(tmp_p
     assert len(frames) == 9
     assert report.bad_messages == 1
     assert any("could not be decoded" in w for w in report.warnings)
-
-
-def test_short_ros_names_are_understood():
-    assert full_name("sensor_msgs/JointState") == "sensor_msgs/msg/JointState"
-    assert full_name("foxglove.PoseInFrame") == "foxglove.PoseInFrame"

@@ -1,0 +1,219 @@
+"""How the fields of decoded messages are fetched: attributes (cdr, ros1, protobuf) or keys of dictionaries (json, flatbuffer)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from operator import attrgetter, itemgetter
+from typing import Any, TypeVar
+
+from geomphys.recording.samples import NAN
+from geomphys.recording.stamps import json_stamp, stamp_of
+
+Fetch = Callable[[Any], Any]
+Values = tuple[float, ...]
+T = TypeVar("T")
+
+TIME_FIELDS = {"cdr": ("sec", "nanosec"), "ros1": ("secs", "nsecs"), "protobuf": ("seconds", "nanos")}
+"""Encoding whose messages have attributes -> those of a time."""
+SPELLED = ("NaN", "Infinity", "-Infinity")
+"""Numbers that protobuf's JSON writes as text."""
+
+
+class Access:
+    """How fields are fetched from messages of an encoding."""
+
+    def __init__(self, encoding: str, *, lenient: bool) -> None:
+        """With `lenient`, what is not there is zero or empty, as protobuf leaves out what it is so; json only."""
+        self.times = TIME_FIELDS.get(encoding)
+        self.lenient = lenient or encoding == "flatbuffer"
+        self.has_presence = encoding == "protobuf"
+
+    def one(self, path: str) -> Fetch:
+        """Fetch one field."""
+        if self.times is not None:
+            return attrgetter(path)
+        return _walk(path, lenient=self.lenient)
+
+    def numbers(self, paths: Sequence[str]) -> Callable[[Any], Values]:
+        """Fetch numbers; NaN for what is not one by intention (``null``)."""
+        if self.times is not None:
+            attributes: Callable[[Any], Values] = attrgetter(*paths)
+            return attributes
+        groups: list[tuple[Fetch | None, list[str]]] = []
+        last = None
+        for path in paths:
+            parent, _, leaf = path.rpartition(".")
+            if parent != last or not groups:
+                groups.append((self.one(parent) if parent else None, []))
+                last = parent
+            groups[-1][1].append(leaf)
+        return _lenient_numbers(groups) if self.lenient else _strict_numbers(groups)
+
+    def stamp(self, path: str) -> Callable[[Any], int | None]:
+        """Fetch a stamp in ns; None for one that is not there."""
+        if not path:
+            return _nothing
+        if self.times is None:
+            when = _walk(path, lenient=True)
+            return lambda m: json_stamp(when(m))
+        both = attrgetter(*(f"{path}.{k}" for k in self.times))
+        if self.has_presence:
+            return lambda m: stamp_of(*both(m)) if m.HasField(path) else None
+        return lambda m: stamp_of(*both(m))
+
+    def text(self, paths: Sequence[str]) -> Callable[[Any], str]:
+        """Fetch a text; "" for one that is not there; several are joined, equal ones told once."""
+        if not paths:
+            return _empty
+        if len(paths) == 1:
+            if self.times is not None:
+                return attrgetter(paths[0])
+            fetch = _walk(paths[0], lenient=True)
+            return lambda m: plain_text(fetch(m))
+        parts = [self.text([path]) for path in paths]
+        return lambda m: "/".join(dict.fromkeys(t for part in parts if (t := part(m))))
+
+
+def or_else(fetch: Callable[[Any], T], otherwise: T) -> Callable[[Any], T]:
+    """Fetch a field that some versions of a type lack."""
+
+    def read(m: Any) -> T:
+        try:
+            return fetch(m)
+        except AttributeError:
+            return otherwise
+
+    return read
+
+
+def _nothing(_: Any) -> None:
+    return None
+
+
+def _empty(_: Any) -> str:
+    return ""
+
+
+def _walk(path: str, *, lenient: bool) -> Fetch:
+    """Fetch a field of dictionaries in dictionaries; with `lenient`, None for what is not there."""
+    keys = path.split(".")
+    if not lenient:
+        return _strictly(keys)
+    spellings = [(key, _camel(key)) for key in keys]
+
+    def search(m: Any) -> Any:
+        for key, other in spellings:
+            if m is None:
+                return None
+            found = m.get(key)
+            m = m.get(other) if found is None and other != key else found
+        return m
+
+    first, last = keys[0], keys[-1]
+    if len(keys) > 2:
+        return search
+
+    def fetch(m: Any) -> Any:
+        try:
+            return m[first][last] if first is not last else m[first]
+        except (KeyError, TypeError):
+            return search(m)
+
+    return fetch
+
+
+def _strictly(keys: Sequence[str]) -> Fetch:
+    """Fetch a field that must be there."""
+    if len(keys) == 1:
+        return itemgetter(keys[0])
+    if len(keys) == 2:
+        first, second = keys
+        return lambda m: m[first][second]
+
+    def fetch(m: Any) -> Any:
+        for key in keys:
+            m = m[key]
+        return m
+
+    return fetch
+
+
+def _camel(key: str) -> str:
+    """A field's name as protobuf's JSON has it."""
+    first, *others = key.split("_")
+    return first + "".join(word.capitalize() for word in others)
+
+
+def _strict_numbers(groups: Sequence[tuple[Fetch | None, list[str]]]) -> Callable[[Any], Values]:
+    """Fetch numbers that stand side by side in few dictionaries."""
+    getters = [(parent, itemgetter(*leaves)) for parent, leaves in groups]
+
+    def fetch(m: Any) -> Values:
+        found: list[Any] = []
+        for parent, leaves in getters:
+            found += leaves(m if parent is None else parent(m))
+        return tuple(floats(found))
+
+    return fetch
+
+
+def _lenient_numbers(groups: Sequence[tuple[Fetch | None, list[str]]]) -> Callable[[Any], Values]:
+    """Fetch numbers that stand side by side in few dictionaries, zero for those that do not stand there."""
+    strict = _strict_numbers(groups)
+
+    def fetch(m: Any) -> Values:
+        found: list[Any] = []
+        for parent, leaves in groups:
+            within = m if parent is None else parent(m)
+            if within is None:
+                if "w" in leaves:  # zero would be no rotation, so a writer never leaves it out
+                    raise KeyError("rotation")
+                within = {}
+            found += [within.get(leaf, 0.0) for leaf in leaves]
+        return tuple(floats(found))
+
+    def numbers(m: Any) -> Values:
+        try:
+            return strict(m)
+        except (KeyError, TypeError):
+            return fetch(m)
+
+    return numbers
+
+
+_ONLY_FLOATS = {float}
+
+
+def floats(values: list[Any]) -> list[float]:
+    """Numbers of JSON as they are meant."""
+    return values if set(map(type, values)) == _ONLY_FLOATS else [_number(x) for x in values]
+
+
+def _number(x: Any) -> float:
+    """A number of JSON; ``null`` is how writers put NaN."""
+    kind = type(x)
+    if kind is float:
+        return x  # type: ignore[no-any-return]
+    if kind is int:
+        return float(x)
+    if x is None:
+        return NAN
+    if kind is str and x in SPELLED:
+        return float(x)
+    raise TypeError("not a number")
+
+
+def plain_text(text: Any) -> str:
+    """A text of JSON, "" for ``null``."""
+    if text is None:
+        return ""
+    if not isinstance(text, str):
+        raise TypeError("not a text")
+    return text
+
+
+def texts(names: Any) -> list[str]:
+    """Names of JSON."""
+    if not isinstance(names, list) or not set(map(type, names)) <= {str}:
+        raise TypeError("names are not a list of strings")
+    return names
