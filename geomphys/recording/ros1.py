@@ -28,7 +28,7 @@ _SIZES = {
 }  # fmt: skip
 _BYTES = {"uint8", "char"}
 """Fixed arrays of these are cut out of a message without a look at how many bytes are left."""
-_FIELD = re.compile(r"([A-Za-z]\w*(?:/[A-Za-z]\w*)?)(\[\d{0,5}\])?\s+([A-Za-z]\w*)\s*(=?)", re.ASCII)
+_FIELD = re.compile(r"([A-Za-z]\w*(?:/[A-Za-z]\w*)?)(\[\d{0,5}\])?\s+([A-Za-z]\w*)(?=\s|=|$)\s*(=?)", re.ASCII)
 _TYPE = re.compile(r"[A-Za-z]\w*/[A-Za-z]\w*", re.ASCII)
 _BAR = re.compile(r"^=+[ \t]*$", re.MULTILINE)
 _TAKEN = {"serialize", "deserialize", "serialize_numpy", "deserialize_numpy", "self", "struct", "genpy"}
