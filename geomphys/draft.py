@@ -92,7 +92,7 @@ def draft_scene(
         A URDF or one of its meshes is wrong.
     """
     info = inspect_log(place(log), recover=recover)
-    poses, joints = _poses(info), [t for t in info.topics if t.kind in JOINTS and _sayable(t.topic)]
+    poses, joints = pose_candidates(info), [t for t in info.topics if t.kind in JOINTS and _sayable(t.topic)]
     if not poses and not joints:
         found = listed([f"{t.topic} ({t.schema or 'no schema'}, {t.encoding})" for t in info.topics], 6)
         raise LogError(
@@ -198,7 +198,7 @@ def _unit(skeleton: Skeleton, topic: TopicInfo | None, sure: Sequence[JointMatch
     return guess_unit({n: topic.ranges[n] for n in used}, limits)
 
 
-def _poses(info: LogInfo) -> list[PoseCandidate]:
+def pose_candidates(info: LogInfo) -> list[PoseCandidate]:
     """Everything in a log that has a pose."""
     found = []
     for topic in info.topics:

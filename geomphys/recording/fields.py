@@ -34,6 +34,10 @@ class Access:
             return attrgetter(path)
         return _walk(path, lenient=self.lenient)
 
+    def maybe(self, path: str) -> Fetch:
+        """Fetch one field of dictionaries; None for one that is not there."""
+        return _walk(path, lenient=True)
+
     def numbers(self, paths: Sequence[str]) -> Callable[[Any], Values]:
         """Fetch numbers; NaN for what is not one by intention (``null``)."""
         if self.times is not None:

@@ -179,10 +179,12 @@ def _poses_beside(layout: PoseLayout, access: Access) -> Read:
 
 def _joint_columns(layout: JointLayout, access: Access) -> Read:
     """A message with a list of names and one of values."""
-    names, values, stamp = access.one(layout.name), access.one(layout.value), access.stamp(layout.stamp)
+    names, stamp = access.one(layout.name), access.stamp(layout.stamp)
     if access.times is not None:
-        return lambda m: Joints(stamp(m), names(m), values(m), "")
-    return lambda m: Joints(stamp(m), texts(names(m)), floats(list(values(m))), "")
+        attributes = access.one(layout.value)
+        return lambda m: Joints(stamp(m), names(m), attributes(m), "")
+    values = access.maybe(layout.value)
+    return lambda m: Joints(stamp(m), texts(names(m)), floats(list(values(m) or ())), "")
 
 
 def _joint_list(layout: JointLayout, access: Access) -> Read:
@@ -199,6 +201,8 @@ def _joint_list(layout: JointLayout, access: Access) -> Read:
 
             def present(m: Any) -> Content:
                 given = [x for x in items(m) if x.HasField(field)]
+                if not given:  # velocities only: as a ROS message with names and without positions
+                    return Joints(stamp(m), list(map(name, items(m))), (), "")
                 return Joints(stamp(m), list(map(name, given)), list(map(value, given)), "")
 
             return present
@@ -211,9 +215,11 @@ def _joint_list(layout: JointLayout, access: Access) -> Read:
     name_key, value_key, valid, optional = layout.name, layout.value, layout.valid, layout.optional
 
     def read(m: Any) -> Content:
-        given = items(m) or ()
+        given = listed = items(m) or ()
         if optional:
-            given = [x for x in given if x.get(value_key) is not None]
+            given = [x for x in listed if x.get(value_key) is not None]
+            if not given:
+                return Joints(stamp(m), texts([x[name_key] for x in listed]), (), "")
         values = [x[value_key] if not valid or x[valid] else None for x in given]
         return Joints(stamp(m), texts([x[name_key] for x in given]), floats(values), _side(side(m)))
 

@@ -26,6 +26,15 @@ CASES = {
 }
 
 
+HEIGHTS = (0.9, 0.780085, 0.9)
+"""Of the wrist in each of these logs: first, lowest and last, m."""
+
+
+def heights(frames):
+    found = [float(f.roots[0][2]) for f in frames]
+    return found[0], round(min(found), 6), found[-1]
+
+
 @pytest.fixture
 def cases(shared_dir: Path) -> Path:
     folder = shared_dir / "cases" / "not_understood"

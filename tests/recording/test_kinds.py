@@ -11,6 +11,7 @@ import pytest
 from google.protobuf import json_format
 
 from geomphys.config import Config
+from geomphys.draft import pose_candidates
 from geomphys.errors import LogError
 from geomphys.recording.channels import Joints, Pose, kind_of, make_reader
 from geomphys.recording.decoders import BadMessageError
@@ -100,7 +101,9 @@ def test_every_kind_moves_what_follows_it(tmp_path, name, encoding):
     assert not any(f.held for f in frames)
     got = [float(f.angles[0] if joints else f.roots[0][0]) for f in frames]
     assert got == pytest.approx([0.01 * k for k in range(6)], abs=1e-8)
-    (topic,) = inspect_log(path).topics
+    log = inspect_log(path)
+    (topic,) = log.topics
+    assert joints or f"/t{part_of(what)}" in {c.name for c in pose_candidates(log)}
     assert topic.kind == what.what
     assert topic.use not in ("", "not understood")
     assert topic.bad_messages == topic.bad_samples == 0 or name in (
