@@ -172,13 +172,14 @@ KINDS: tuple[Kind, ...] = (
 _KNOWN = {(name, encoding): kind for kind in KINDS for name in kind.names for encoding in kind.encodings}
 _PARTS = re.compile(r"/|::|\.")
 _OWN_PACKAGES = ("foxglove", "core")
+_COMMON_PACKAGES = ("foxglove", "geometry_msgs", "nav_msgs", "sensor_msgs", "tf2_msgs")
 
 
 def _plain_names() -> dict[str, str]:
-    """Type name without package -> full name, where only one kind goes by it."""
+    """Type name without package -> full name, where only one kind of the packages that everybody has goes by it."""
     found: dict[str, set[int]] = {}
     for number, kind in enumerate(KINDS):
-        for name in kind.names:
+        for name in kind.names if _PARTS.split(kind.names[0])[0] in _COMMON_PACKAGES else ():
             found.setdefault(_PARTS.split(name)[-1], set()).add(number)
     return {plain: KINDS[numbers.pop()].names[0] for plain, numbers in found.items() if len(numbers) == 1}
 
@@ -206,7 +207,7 @@ def full_name(schema_name: str) -> str:
 def find_kind(schema_name: str, encoding: str) -> Kind | None:
     """How messages of a schema in an encoding are read; None if they are not understood.
 
-    JSON writers often leave the package out: there, a plain type name counts as the only type of the table that has it.
+    JSON writers often leave the package out: there, a plain type name counts as the one of a common package.
     """
     name = full_name(schema_name)
     kind = _KNOWN.get((name, encoding))

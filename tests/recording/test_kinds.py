@@ -34,6 +34,7 @@ from tests.recording.made_messages import (
     pairs,
     part_of,
     protobuf_message,
+    ros2_data,
     tracker_record,
     write_messages,
 )
@@ -155,6 +156,7 @@ def test_plain_names_are_understood_in_json_only_and_only_if_one_type_has_them()
     assert find_kind("PoseInFrame", "json") is find_kind("foxglove.PoseInFrame", "json")
     assert find_kind("JointState", "cdr") is None
     assert find_kind("NamedPoseArray", "json") is None
+    assert find_kind("Position", "json") is None
     assert find_kind("Image", "json") is None
 
 
@@ -332,6 +334,19 @@ def test_a_topic_of_one_frame_needs_no_part_and_one_of_several_must_name_it(tmp_
     with FrameSource(path, make_world(Tree(root="/t")), Config()) as source:
         assert [f.roots[0][0] for f in source] == [*range(200), *range(200, 300, 2)]
         assert any("topic /t: 50 poses of other frames than 'a' are not used" in w for w in source.report.warnings)
+
+
+def test_a_part_that_comes_late_is_found_though_its_name_is_not_in_the_messages(tmp_path):
+    short = content("geometry_msgs/msg/PoseArray")
+    long = short | {"poses": short["poses"] * 4}
+    made = [
+        make("geometry_msgs/msg/PoseArray", "cdr")._replace(data=ros2_data("geometry_msgs/msg/PoseArray", v))
+        for v in (short, long)
+    ]
+    assert b"7" not in made[1].data
+    path = write_messages(tmp_path / "log.mcap", [("/t", STAMP + k, made[k >= 12]) for k in range(20)])
+    with FrameSource(path, make_world(Tree(root="/t#7")), Config(time="log")) as source:
+        assert [tuple(f.roots[0]) for f in source] == [OTHER] * 8
 
 
 def test_a_part_that_is_not_there_is_told_with_those_that_are(tmp_path):
