@@ -13,7 +13,8 @@ from geomphys.config import Config
 from geomphys.recording.channels import kind_of
 from geomphys.recording.naming import listed, plain, similar
 from geomphys.recording.reader import LogChannel, LogReader
-from geomphys.world.scene import JointSource, RootSource, World
+from geomphys.world.inputs import JointSource, RootSource
+from geomphys.world.scene import World
 
 
 @dataclass(frozen=True)
