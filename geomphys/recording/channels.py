@@ -36,6 +36,7 @@ class Pose(NamedTuple):
     stamp: int | None
     child: str
     value: tuple[float, ...]  # (7,) position and quaternion x y z w, as recorded
+    frame: str = ""  # frame id that it is given in; "" where the message has none
 
 
 Content = Joints | list[Pose]
@@ -47,6 +48,9 @@ class Kind(NamedTuple):
     what: What
     read: Callable[[Any], Content]
     stamped: bool  # whether the type has a stamp at all
+    metres: bool = (
+        False  # whether the type itself says what its positions are in: they are m, whatever the log's unit is
+    )
 
 
 def _stamp(sec: int, nanosec: int) -> int:
@@ -67,14 +71,16 @@ def _ros_joints(m: Any) -> Joints:
 
 def _ros_pose(m: Any) -> list[Pose]:
     stamp, p, q = m.header.stamp, m.pose.position, m.pose.orientation
-    return [Pose(_stamp(stamp.sec, stamp.nanosec), "", (p.x, p.y, p.z, q.x, q.y, q.z, q.w))]
+    value = (p.x, p.y, p.z, q.x, q.y, q.z, q.w)
+    return [Pose(_stamp(stamp.sec, stamp.nanosec), "", value, m.header.frame_id)]
 
 
 def _ros_transforms(m: Any) -> list[Pose]:
     poses = []
     for x in m.transforms:
         stamp, p, q = x.header.stamp, x.transform.translation, x.transform.rotation
-        poses.append(Pose(_stamp(stamp.sec, stamp.nanosec), x.child_frame_id, (p.x, p.y, p.z, q.x, q.y, q.z, q.w)))
+        value = (p.x, p.y, p.z, q.x, q.y, q.z, q.w)
+        poses.append(Pose(_stamp(stamp.sec, stamp.nanosec), x.child_frame_id, value, x.header.frame_id))
     return poses
 
 
@@ -102,12 +108,12 @@ def _proto_joints(m: Any) -> Joints:
 
 def _proto_pose(m: Any) -> list[Pose]:
     p, q = m.pose.position, m.pose.orientation
-    return [Pose(_proto_stamp(m), "", (p.x, p.y, p.z, q.x, q.y, q.z, q.w))]
+    return [Pose(_proto_stamp(m), "", (p.x, p.y, p.z, q.x, q.y, q.z, q.w), m.frame_id)]
 
 
 def _proto_transform(m: Any) -> list[Pose]:
     p, q = m.translation, m.rotation
-    return [Pose(_proto_stamp(m), m.child_frame_id, (p.x, p.y, p.z, q.x, q.y, q.z, q.w))]
+    return [Pose(_proto_stamp(m), m.child_frame_id, (p.x, p.y, p.z, q.x, q.y, q.z, q.w), m.parent_frame_id)]
 
 
 def _proto_transforms(m: Any) -> list[Pose]:
@@ -146,10 +152,17 @@ def _names(names: Any) -> list[str]:
     return names
 
 
+def _frame(m: Any, key: str) -> str:
+    """Frame id; "" where it is left out."""
+    name = m.get(key)
+    return "" if name is None else str(name)
+
+
 def _json_ros_pose(m: Any) -> list[Pose]:
     pose = m["pose"]
     value = _json_seven(pose["position"], pose["orientation"])
-    return [Pose(_json_stamp(m.get("header", {}).get("stamp")), "", value)]
+    header = m.get("header", {})
+    return [Pose(_json_stamp(header.get("stamp")), "", value, _frame(header, "frame_id"))]
 
 
 def _json_ros_transforms(m: Any) -> list[Pose]:
@@ -158,6 +171,7 @@ def _json_ros_transforms(m: Any) -> list[Pose]:
             _json_stamp(x.get("header", {}).get("stamp")),
             str(x["child_frame_id"]),
             _json_seven(x["transform"]["translation"], x["transform"]["rotation"]),
+            _frame(x.get("header", {}), "frame_id"),
         )
         for x in m["transforms"]
     ]
@@ -177,13 +191,13 @@ def _json_joints(m: Any) -> Joints:
 
 def _json_pose(m: Any) -> list[Pose]:
     pose = m["pose"]
-    return [Pose(_json_stamp(m.get("timestamp")), "", _json_seven(pose["position"], pose["orientation"]))]
+    value = _json_seven(pose["position"], pose["orientation"])
+    return [Pose(_json_stamp(m.get("timestamp")), "", value, _frame(m, "frame_id"))]
 
 
 def _json_transform(m: Any) -> list[Pose]:
-    return [
-        Pose(_json_stamp(m.get("timestamp")), str(m["child_frame_id"]), _json_seven(m["translation"], m["rotation"]))
-    ]
+    value = _json_seven(m["translation"], m["rotation"])
+    return [Pose(_json_stamp(m.get("timestamp")), str(m["child_frame_id"]), value, _frame(m, "parent_frame_id"))]
 
 
 def _json_transforms(m: Any) -> list[Pose]:

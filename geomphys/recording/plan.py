@@ -41,8 +41,11 @@ class JointInput:
         """Column of the angles that a recorded joint feeds; None for one that is not of this tree.
 
         `rename` goes first: a name it maps elsewhere, or a joint it feeds from another name, is not matched by itself.
+        What `ignore` leaves out feeds nothing.
         """
         rename, dofs = self.source.rename, self.source.dofs
+        if self.source.ignores(recorded):
+            return None
         if recorded in rename:
             return dofs.get(rename[recorded])
         return None if recorded in rename.values() else dofs.get(recorded)
@@ -60,6 +63,7 @@ class ClockInput:
     topic: str
     child: str
     channels: tuple[LogChannel, ...]
+    delay: float = 0.0  # s, added to its times
 
 
 @dataclass
@@ -161,7 +165,8 @@ def _plan_clock(plan: Plan, reader: LogReader, world: World, config: Config) -> 
         if config.clock is not None:
             plan.problems.append(f"{reader.path}: topic {topic!r}, the frame clock, has no message")
         return
-    plan.clock = ClockInput(topic, child.lower() if _what(channels[0]) == "glove" else child, channels)
+    delay = next((s.delay for s in (*world.roots, *world.joints) if s.topic == name), 0.0)
+    plan.clock = ClockInput(topic, child.lower() if _what(channels[0]) == "glove" else child, channels, delay)
 
 
 def default_clock(world: World) -> str | None:

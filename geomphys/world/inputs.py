@@ -35,4 +35,8 @@ class JointSource:
 
     def ignores(self, name: str) -> bool:
         """Whether a recorded name is left out: a pattern matches it, and `rename` does not speak of it."""
-        return name not in self.rename and any(fnmatchcase(name, pattern) for pattern in self.ignore)
+        return name not in self.rename and self.covers(name)
+
+    def covers(self, name: str) -> bool:
+        """Whether a pattern matches a name: that a joint of this name is not recorded is meant so."""
+        return any(fnmatchcase(name, pattern) for pattern in self.ignore)

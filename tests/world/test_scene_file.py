@@ -301,12 +301,12 @@ def test_a_rotation_is_the_same_however_it_is_written() -> None:
 def test_the_recorded_space() -> None:
     """`up` first, then the rotation in the world: y goes to z, and a turn by 90 degrees about z takes z of it to x."""
     nothing = parse_scene(BALL, HERE).recording
-    assert (nothing.rotation, nothing.metres, nothing.frame) == ((0.0, 0.0, 0.0, 1.0), 1.0, None)
+    assert (nothing.rotation, nothing.unit, nothing.frame) == ((0.0, 0.0, 0.0, 1.0), "m", None)
     space = parse_scene("[recording]\nup = 'y'\nunit = 'mm'\nrpy = [0, 0, 90]\n" + BALL, HERE).recording
     world_from_recorded = rotation_from_quaternion(space.rotation)
     for axis, goes_to in (((0, 1, 0), (0, 0, 1)), ((1, 0, 0), (0, 1, 0)), ((0, 0, 1), (1, 0, 0))):
         assert world_from_recorded @ axis == pytest.approx(np.array(goes_to), abs=1e-15)
-    assert space.metres == 0.001
+    assert space.unit == "mm"
 
 
 def test_what_becomes_of_recorded_joints() -> None:
