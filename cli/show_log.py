@@ -116,6 +116,10 @@ def show_check(terminal: Terminal, report: CheckReport) -> None:
     recording = report.recording
     if recording is not None:
         rows += list(_recording_rows(recording, terminal.verbose))
+        rows += [("Space", [str(use)]) for use in recording.transforms]
+        if recording.ignored:
+            ignored = _list(recording.ignored, terminal.verbose)
+            rows.append(("Ignored", [f"{counted(len(recording.ignored), 'recorded joint')}: {ignored}"]))
     if report.zero_pose_overlaps:
         pairs = [f"{a} and {b}" for a, b in report.zero_pose_overlaps]
         rows.append(("Left out", ["pairs that overlap in the zero pose", *_some(pairs, terminal.verbose)]))
