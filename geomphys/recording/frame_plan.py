@@ -67,8 +67,8 @@ def plan_frames(reader: LogReader, plan: Plan, known: Known, spaces: Sequence[st
     reader, plan, known
         The log, what feeds what, and what was learnt of the poses: the frames they name.
     spaces
-        The frame ids that `[recording] frame` names; none: the root of the log's tree if it has one root and some pose
-        is given in the tree, else the first frame that a pose names.
+        The frame ids that `[recording] frame` names; none: the root of the log's tree, where a pose is given in it (of
+        several trees, that of the first pose in one), else the first frame that a pose names.
 
     Raises
     ------
@@ -83,9 +83,9 @@ def plan_frames(reader: LogReader, plan: Plan, known: Known, spaces: Sequence[st
     if not any(c.messages and is_of_tree(c) for c in reader.channels.values()):
         return _ways(path, FrameTree(), spaces or (named[0][1],), named)
     problem: LogError | None = None
-    for tree in survey(reader):  # further only where something is missing
+    for tree in survey(reader, {frame for _, frame in named} | set(spaces)):
         try:
-            return _ways(path, tree, spaces or (_default_space(tree, named),), named)
+            return _ways(path, tree, spaces or (_default_space(path, tree, named),), named)
         except LogError as error:
             problem = error
             if isinstance(error.__cause__, FrameError):
@@ -102,11 +102,17 @@ def _named(plan: Plan, known: Known) -> Iterator[tuple[PoseInput, str]]:
                 yield pose, name
 
 
-def _default_space(tree: FrameTree, named: Sequence[tuple[PoseInput, str]]) -> str:
-    roots = tree.roots
-    if len(roots) == 1 and any(frame in tree.frames for _, frame in named):
-        return roots[0]
-    return named[0][1]
+def _default_space(path: str, tree: FrameTree, named: Sequence[tuple[PoseInput, str]]) -> str:
+    """Root of the tree that the first pose in a tree hangs in; without one, the first frame that is named."""
+    found = next(((pose, frame) for pose, frame in named if frame in tree.frames), None)
+    if found is None:
+        return named[0][1]
+    pose, frame = found
+    try:
+        way = tree.way_up(frame, "")
+    except FrameError as problem:
+        raise _in_tree(path, pose.topic, frame, problem) from problem
+    return way[-1].parent if way else frame
 
 
 def _ways(path: str, tree: FrameTree, spaces: tuple[str, ...], named: Sequence[tuple[PoseInput, str]]) -> FramePlan:
@@ -134,7 +140,7 @@ def _way(path: str, tree: FrameTree, spaces: tuple[str, ...], topic: str, frame:
     try:
         ways = [way for space in spaces if (way := tree.way(frame, space)) is not None]
     except FrameError as problem:
-        raise LogError(f"{path}: topic {topic!r} gives poses in {plain(frame)!r}: {problem}") from problem
+        raise _in_tree(path, topic, frame, problem) from problem
     if ways:
         return min(ways, key=len)
     space = spaces[0]
@@ -145,3 +151,7 @@ def _way(path: str, tree: FrameTree, spaces: tuple[str, ...], topic: str, frame:
         f"from there to {plain(space)!r}, the recorded space ({known}): record /tf and /tf_static too, or, if both are "
         f"one space, say frame = [{both}] under [recording]"
     )
+
+
+def _in_tree(path: str, topic: str, frame: str, problem: FrameError) -> LogError:
+    return LogError(f"{path}: topic {topic!r} gives poses in {plain(frame)!r}: {problem}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -110,9 +110,10 @@ class FrameTree:
         """
         edges: list[Edge] = []
         while frame != until and (parent := self.only_parent(frame)) is not None:
-            if any(parent == e.child for e in edges):
-                raise FrameError(f"the frames {', '.join(repr(e.child) for e in edges)} are given in one another")
             edges.append(Edge(parent, frame))
+            if any(parent == e.child for e in edges):
+                names = ", ".join(repr(plain(e.child)) for e in edges)
+                raise FrameError(f"the frames {names} are given in one another, in a circle")
             frame = parent
         return edges
 
@@ -152,30 +153,40 @@ def is_of_tree(channel: LogChannel) -> bool:
     return full_name(channel.schema_name) in TREE_TYPES and kind_of(channel) is not None
 
 
-def survey(reader: LogReader) -> Iterator[FrameTree]:
-    """Read a log's tree.
+def survey(reader: LogReader, names: Iterable[str]) -> Iterator[FrameTree]:
+    """Read a log's tree; `names` are frames that are looked for.
 
-    Yields it when the first `SURVEYED` ns of the log and a message of every topic are known, then again with every frame
-    that comes later, and at last when all is read.
+    Yields what the first `SURVEYED` ns of the log and the first message of every topic tell, with what speaks of the
+    names, which may come at any time; then, if asked for more, what the whole log tells.
     """
     tree = FrameTree()
     channels = {c.key: c for c in reader.channels.values() if c.messages and is_of_tree(c)}
     readers = {key: read for key, c in channels.items() if (read := _reader(c)) is not None}
-    waiting, known = set(readers), -1
+    waiting, missing = set(readers), set(names)
     until = reader.start_ns + SURVEYED
-    for raw in reader.read(set(readers)):
-        if (known < 0 and not waiting and raw.log_time > until) or 0 <= known < len(tree.parents):
-            known = len(tree.parents)
-            yield tree
-        waiting.discard(raw.key)
-        try:
-            content = readers[raw.key](raw.data)
-        except BadMessageError:
-            continue
-        if not isinstance(content, Joints):
-            for pose in content:
-                tree.add(plain_frame(pose.frame), plain_frame(pose.child), channels[raw.key], pose.value)
-    yield tree
+    for whole in (False, True):
+        for raw in reader.read(set(readers)):
+            if not whole and raw.log_time > until and raw.key not in waiting:
+                if not waiting and not missing:
+                    break
+                if not any(name.encode() in raw.data or not name.isascii() for name in missing):
+                    continue
+            waiting.discard(raw.key)
+            _take(tree, channels[raw.key], readers[raw.key], raw.data)
+            if missing:
+                missing -= tree.frames
+        yield tree
+
+
+def _take(tree: FrameTree, channel: LogChannel, read: Callable[[bytes], Content], data: bytes) -> None:
+    """Add the transforms of a message to the tree."""
+    try:
+        content = read(data)
+    except BadMessageError:
+        return
+    if not isinstance(content, Joints):
+        for pose in content:
+            tree.add(plain_frame(pose.frame), plain_frame(pose.child), channel, pose.value)
 
 
 def _reader(channel: LogChannel) -> Callable[[bytes], Content] | None:

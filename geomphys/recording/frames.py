@@ -146,7 +146,7 @@ class Run:
         self.still_roots = np.ascontiguousarray(scene.trees.rest, dtype=np.float64)
         self.still_angles = np.zeros(len(scene.dofs.lower))
         self.prismatic = source.prismatic
-        early = min([0, *(route.delay for route in (*self.roots, *self.joints))])
+        early = min([0, *(root.delay for root in self.roots), *(joints.delay for joints in self.joints)])
         self.lookahead = gap + round(self.config.max_delay * 1e9) - early + gap * self.tracks.moving
         self.recorded = np.zeros(len(self.still_angles), dtype=bool)
         for route in self.joints:
@@ -236,7 +236,8 @@ class Run:
                 self._beat(time + route.clock_delay)
             self.late += late
             return
-        moments, late = set(), set()
+        moments: set[int] = set()
+        passed: set[int] = set()
         for pose in content:
             if route.parents:
                 self._take_transform(raw, route, pose, moments)
@@ -248,13 +249,13 @@ class Run:
             moments.add(time)
             for root in roots:
                 if time + root.delay <= self.passed:
-                    late.add(time)
+                    passed.add(time)
                 root.add(time + root.delay, pose)
             if beats:
                 if time + route.clock_delay <= self.passed:
-                    late.add(time)
+                    passed.add(time)
                 self._beat(time + route.clock_delay)
-        self.late += len(late)
+        self.late += len(passed)
         for time in moments:
             watermark.add(time)
 

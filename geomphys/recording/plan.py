@@ -165,7 +165,8 @@ def _plan_clock(plan: Plan, reader: LogReader, world: World, config: Config) -> 
         if config.clock is not None:
             plan.problems.append(f"{reader.path}: topic {topic!r}, the frame clock, has no message")
         return
-    delay = next((s.delay for s in (*world.roots, *world.joints) if s.topic == name), 0.0)
+    delays = [*((s.topic, s.delay) for s in world.roots), *((s.topic, s.delay) for s in world.joints)]
+    delay = dict(reversed(delays)).get(name, 0.0)
     plan.clock = ClockInput(topic, child.lower() if _what(channels[0]) == "glove" else child, channels, delay)
 
 
