@@ -115,6 +115,20 @@ def test_a_pose_in_a_frame_that_moves(tmp_path, tf_rate):
     assert_follow(frames, moves, atol=1e-12 if tf_rate in (RATE, 200.0) else 2e-3)
 
 
+def test_frames_wait_for_the_transforms_around_the_samples_around_them(tmp_path):
+    """Without allowance for late messages: a sample up to `max_gap` ahead needs transforms up to `max_gap` further on."""
+    mug = Tree(name="mug", root="/mug", avatar=False)
+    at = (0.4, 0.0, 0.8, *turned(0.5))
+    items = [pose("/wrist", k / 200, moves(k / 200)) for k in range(400)]
+    items += [transforms("/tf", k * 0.09 + 0.001, {"cart": cart(k * 0.09 + 0.001)}) for k in range(30)]
+    items += [
+        pose("/mug", k * 0.08 + 0.01, seen_from(cart, still(at), k * 0.08 + 0.01), frame="cart") for k in range(30)
+    ]
+    frames = frames_of(tmp_path, items, HAND, mug, max_delay=0.0)
+    assert [f.time_ns / S for f in frames if f.held] == [0.0, 0.005]
+    assert_follow(frames, still(at), tree=1, atol=5e-3)
+
+
 def test_composed_at_the_time_of_the_sample_not_of_the_frame(tmp_path):
     """A thing that stands still in the world, seldom seen from a moving cart, stands still in every frame."""
     mug = Tree(name="mug", root="/mug", avatar=False)
@@ -216,13 +230,22 @@ def test_a_recorded_space_that_the_log_does_not_know(tmp_path):
     assert "gives poses in 'world' (did you mean 'wrold'?)" in text
 
 
-@pytest.mark.parametrize("second", [0.01, 0.9])
+@pytest.mark.parametrize("second", [0.05, 5.0, 14.0])
 def test_a_child_with_two_parents_is_an_error_that_names_both(tmp_path, second):
     """Early, it is found when the log is opened; late, when the second parent comes. Never does the hand jump."""
-    items = [transforms("/tf", t, {"wrist": moves(t)}) for t in times()]
-    items += [transforms("/tf", t + 0.01, {"wrist": moves(t)}, frame="camera") for t in times() if t + 0.01 >= second]
+    moments = np.arange(0.0, 15.0, 0.1)
+    items = [transforms("/tf", t, {"wrist": moves(t)}) for t in moments]
+    items += [transforms("/tf", t + 0.05, {"wrist": moves(t)}, frame="camera") for t in moments if t + 0.05 > second]
     text = problem(tmp_path, items, TF_HAND)
     assert "the frame 'wrist' has two parents, 'world' (topic '/tf') and 'camera' (topic '/tf')" in text
+
+
+def test_a_frame_on_the_way_that_gets_another_parent_late_is_an_error(tmp_path):
+    moments = np.arange(0.0, 15.0, 0.1)
+    items = [transforms("/tf", t, {"cart": cart(t)}, frame="world" if t < 14 else "hall") for t in moments]
+    items += [pose("/wrist", t, seen_from(cart, moves, t), frame="cart") for t in moments]
+    text = problem(tmp_path, items, HAND)
+    assert "the frame 'cart' has two parents, 'world' (topic '/tf') and 'hall' (topic '/tf')" in text
 
 
 def test_two_parents_of_a_frame_on_the_way_are_an_error(tmp_path):
