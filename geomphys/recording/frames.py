@@ -74,7 +74,7 @@ class FrameSource:
             raise LogError(problem)
         recorded = world.file.recording
         self.space = RecordedSpace.of(recorded)
-        self.frames = plan_frames(self.reader, self.plan, self.known, recorded.frames)
+        self.frames = plan_frames(self.reader, self.plan, self.known, recorded.frame)
         for key in self.frames.keys - set(self.known.readers):
             channel = self.reader.channels[key]
             if (kind := kind_of(channel)) is not None:

@@ -14,6 +14,7 @@ from geomphys.world.scene_values import (
     Axis,
     Coordinate,
     Factor,
+    FrameIds,
     Position,
     Quaternion,
     Seconds,
@@ -41,20 +42,12 @@ class RecordingTable(Table):
 
     up: Axis = Field(default="z", description="axis of the recorded space that points up")
     unit: Literal["m", "mm", "cm"] = Field(default="m", description="of recorded positions")
-    frame: Text | Annotated[tuple[Text, ...], BeforeValidator(sequence), Field(min_length=1)] | None = Field(
-        default=None,
-        description="frame id of that space in the log, or several that all are; default: found in the log",
+    frame: FrameIds = Field(
+        default=(), description="frame id of that space in the log, or several that all are; default: found in the log"
     )
     position: Position = Field(default=(0.0, 0.0, 0.0), description="m, of its origin in the world")
     orientation: Quaternion = Field(default=(0.0, 0.0, 0.0, 1.0), description="x y z w, in the world")
     rpy: Angles | None = Field(default=None, description="degrees, instead of orientation")
-
-    @property
-    def frames(self) -> tuple[str, ...]:
-        """Frame ids of the space; none: to be found in the log."""
-        if self.frame is None:
-            return ()
-        return (self.frame,) if isinstance(self.frame, str) else self.frame
 
     @property
     def rotation(self) -> Quaternion:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, WithJsonSchema
 
 from geomphys.transforms import quaternion_from_rpy
 from geomphys.world.scene_fault import fault
@@ -58,6 +58,11 @@ def _unit(value: object) -> object:
     return value
 
 
+def _one_or_more(value: object) -> object:
+    """A text alone is as good as a list of one."""
+    return (value,) if isinstance(value, str) else sequence(value)
+
+
 def _whole(value: object) -> object:
     """1.0 is as good as 1; true is not."""
     if isinstance(value, bool):
@@ -89,6 +94,14 @@ Lengths2: TypeAlias = Annotated[tuple[Length, Length], BeforeValidator(sequence)
 Lengths3: TypeAlias = Annotated[tuple[Length, Length, Length], BeforeValidator(sequence)]
 Name: TypeAlias = Annotated[str, BeforeValidator(_plain_name)]
 Text: TypeAlias = Annotated[str, BeforeValidator(_printable)]
+FrameIds: TypeAlias = Annotated[
+    tuple[Text, ...],
+    Field(min_length=1),
+    BeforeValidator(_one_or_more),
+    WithJsonSchema(
+        {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}], "default": []}
+    ),
+]
 Pair: TypeAlias = Annotated[tuple[Text, Text], BeforeValidator(sequence)]
 Mass: TypeAlias = Annotated[float, Field(ge=1e-9, le=1e9)]
 Density: TypeAlias = Annotated[float, Field(ge=1e-6, le=1e6)]

@@ -27,6 +27,13 @@ FULL = """
 name = "gallery"
 gravity = [0.0, 0.0, -9.81]
 
+[recording]
+up = "y"
+unit = "mm"
+frame = "lighthouse"
+position = [0.0, 0.0, 0.4]
+rpy = [0.0, 0.0, 90.0]
+
 [[material_pair]]
 materials = ["rubber", "wood"]
 restitution = 0.8
@@ -63,7 +70,8 @@ name = "door"
 class = "fixed"
 urdf = "door/door.urdf"
 topic = "/scene/door/frame"
-joints = { topic = "/scene/door/joint_states" }
+joints = { topic = "/scene/door/joint_states", sign = { hinge = -1 }, delay = 0.08 }
+up = "y"
 
 [[avatar]]
 name = "hand"
@@ -171,6 +179,11 @@ def test_what_is_left_out() -> None:
         (BALL + "rpy = [0, 0, 4000]", "object[0] ('ball').rpy[2] = 4000: expected at most 3600"),
         ("[recording]\nunit = 'inch'\n" + BALL, "recording.unit = 'inch': expected 'm', 'mm' or 'cm'"),
         ("[recording]\nunits = 'mm'\n" + BALL, "recording.units = 'mm': unknown key, did you mean 'unit'?"),
+        ("[recording]\nframe = 3\n" + BALL, "recording.frame = 3: expected an array [...]"),
+        ("[recording]\nframe = []\n" + BALL, "recording.frame = []: expected at least 1 values"),
+        ("[recording]\nframe = ['a', '']\n" + BALL, "recording.frame[1] = '': must not be empty"),
+        ("[[recording]]\nup = 'y'\n" + BALL, "recording = [{'up': 'y'}]: expected a table {...}"),
+        (JOINTS.format("sign = { '' = 1 }"), "avatar[0] ('hand').joints.sign. = '': must not be empty"),
         (BALL + "delay = 0.1", "object[0] ('ball') delay: shifts the times of a topic, and there is none"),
         (HAND + "root = { delay = 0.1 }", "avatar[0] ('hand').root delay: shifts the times of a topic"),
         (DRIVEN + "delay = 1e4", "object[0] ('mug').delay = 10000.0: expected at most 600"),
@@ -301,7 +314,7 @@ def test_a_rotation_is_the_same_however_it_is_written() -> None:
 def test_the_recorded_space() -> None:
     """`up` first, then the rotation in the world: y goes to z, and a turn by 90 degrees about z takes z of it to x."""
     nothing = parse_scene(BALL, HERE).recording
-    assert (nothing.rotation, nothing.unit, nothing.frame) == ((0.0, 0.0, 0.0, 1.0), "m", None)
+    assert (nothing.rotation, nothing.unit, nothing.frame) == ((0.0, 0.0, 0.0, 1.0), "m", ())
     space = parse_scene("[recording]\nup = 'y'\nunit = 'mm'\nrpy = [0, 0, 90]\n" + BALL, HERE).recording
     world_from_recorded = rotation_from_quaternion(space.rotation)
     for axis, goes_to in (((0, 1, 0), (0, 0, 1)), ((1, 0, 0), (0, 1, 0)), ((0, 0, 1), (1, 0, 0))):
@@ -342,6 +355,11 @@ def test_the_schema_describes_the_file() -> None:
     import tomllib
 
     jsonschema.validate(tomllib.loads(FULL), schema)
+    for frame in ('"world"', '["world", "map"]'):
+        jsonschema.validate(tomllib.loads(f"[recording]\nframe = {frame}\n" + BALL), schema)
+    for wrong in (JOINTS.format("sign = { a = 2 }"), BALL + "up = 'x'", "[recording]\nframe = []\n" + BALL):
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(tomllib.loads(wrong), schema)
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(tomllib.loads(BALL + "colour = 1"), schema)
 
