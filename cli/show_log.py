@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
-    from geomphys.recording.check import CheckReport
+    from geomphys.recording.check import CheckReport, SpaceReport
     from geomphys.recording.inspect import LogInfo, TopicInfo
     from geomphys.recording.report import RecordingReport
 
@@ -115,9 +115,15 @@ def show_check(terminal: Terminal, report: CheckReport) -> None:
         ("Pose", [f"{pose.tree} follows {pose.topic} ({counted(pose.messages, 'message')})"]) for pose in report.poses
     ]
     rows += [("Joints", [line]) for line in _joint_lines(report)]
+    if report.space is not None:
+        rows.append(("Space", [_placed(report.space)]))
     recording = report.recording
     if recording is not None:
         rows += list(_recording_rows(recording, terminal.verbose))
+        rows += [("Space", [str(use)]) for use in recording.transforms]
+        if recording.ignored:
+            ignored = _list(recording.ignored, terminal.verbose)
+            rows.append(("Ignored", [f"{counted(len(recording.ignored), 'recorded joint')}: {ignored}"]))
     if report.zero_pose_overlaps:
         pairs = [f"{a} and {b}" for a, b in report.zero_pose_overlaps]
         rows.append(("Left out", ["pairs that overlap in the zero pose", *_some(pairs, terminal.verbose)]))
@@ -125,6 +131,12 @@ def show_check(terminal: Terminal, report: CheckReport) -> None:
         rows += [(label, [text.removeprefix(f"{report.log}: ")]) for text in texts]
     title = heading(Path(report.log).name, f" in {Path(report.scene).name}")
     terminal.result(title, fields(rows, colours={"Warning": "yellow", "Error": "bold red"}), _verdict(report))
+
+
+def _placed(space: SpaceReport) -> str:
+    """Return how the recorded space lies in the world."""
+    at, turned = (", ".join(f"{value:.4g}" for value in values) for values in (space.position, space.orientation))
+    return f"recorded with {space.up} up, in {space.unit}; its origin is at [{at}], its axes are turned by [{turned}]"
 
 
 def _joint_lines(report: CheckReport) -> Iterator[str]:

@@ -61,6 +61,8 @@ def _rows(summary: Summary) -> Iterator[tuple[str, Sequence[str | Text]]]:
         yield "Time", list(_times(summary))
     if summary.out or summary.rrd:
         yield "Written", [_written(path) for path in (summary.out, summary.rrd) if path]
+    if summary.information:
+        yield "Space", [printable(message.text) for message in summary.information]
     if summary.warnings:
         yield "Warnings", _warnings(summary)
 

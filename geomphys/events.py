@@ -58,3 +58,8 @@ class Narrator:
             )
         self._wedged = wedged
         return tuple(told)
+
+
+def is_of_flag(message: str) -> bool:
+    """Whether the text of a message says what a frame's flag says already."""
+    return any(message == text for _, text in _TEXTS.values())

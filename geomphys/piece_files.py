@@ -13,7 +13,8 @@ from geomphys.errors import OutputError, SceneError
 from geomphys.sinks.base import OutputFile
 from geomphys.world.decomposition import Pieces, Progress, decompose
 from geomphys.world.meshes import load_mesh
-from geomphys.world.scene_file import Decomposition, load_scene_file
+from geomphys.world.scene_file import load_scene_file
+from geomphys.world.scene_values import Decomposition
 from geomphys.world.skeleton import load_skeleton
 from geomphys.world.urdf_file import MeshShape
 

@@ -22,6 +22,7 @@ from geomphys.motion import MotionMeter
 from geomphys.packed import pack
 from geomphys.provenance import provenance_of
 from geomphys.recording.frames import FrameSource
+from geomphys.recording.report import RecordingReport
 from geomphys.remote import place
 from geomphys.results import Frame, FrameResult
 from geomphys.sinks.base import Sink
@@ -218,6 +219,12 @@ def _batches(source: FrameSource) -> Iterator[tuple[list[Frame], int]]:
         yield batch, (time.perf_counter_ns() - start) // len(batch)
 
 
+def _messages(report: RecordingReport) -> Iterator[tuple[str, str]]:
+    """Level and text of what is told of a recording at its end."""
+    yield from (("info", str(use)) for use in report.transforms)
+    yield from (("warning", text) for text in report.warnings)
+
+
 def _results(
     source: FrameSource, pipeline: Pipeline, sinks: Sequence[Sink], progress: Callable[[int, int | None], None] | None
 ) -> Iterator[FrameResult]:
@@ -225,7 +232,7 @@ def _results(
     for chunk in pipeline.chunks(_batches(source)):
         for row in range(len(chunk.frames)):
             ends = chunk.is_last and row == len(chunk.frames) - 1
-            messages = tuple(("warning", text) for text in source.report.warnings) if ends else ()
+            messages = tuple(_messages(source.report)) if ends else ()
             result = pipeline.result(chunk, row, encode_ns, messages)
             start = time.perf_counter_ns()
             for sink in sinks:

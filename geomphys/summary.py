@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from geomphys import results
+from geomphys.events import is_of_flag
 from geomphys.quantiles import Quantiles
 from geomphys.results import FrameResult
 
@@ -97,6 +98,11 @@ class Summary:
     def warnings(self) -> tuple[Message, ...]:
         """The messages that are not mere information."""
         return tuple(message for message in self.messages if message.level != "info")
+
+    @property
+    def information(self) -> tuple[Message, ...]:
+        """The messages that are mere information and in no flag: where the recorded poses were brought to."""
+        return tuple(m for m in self.messages if m.level == "info" and not is_of_flag(m.text))
 
     def as_dict(self) -> dict[str, Any]:
         """Every figure by name, nested, of plain Python types: fit for JSON."""

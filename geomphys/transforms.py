@@ -11,6 +11,9 @@ Neighbouring names cancel: ``world_from_link = compose(world_from_root, root_fro
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -57,6 +60,30 @@ def quaternion_from_rotation(rotation: ArrayLike) -> Floats:
     chosen = np.where(chosen[:, 3:] < 0, -chosen, chosen)
     result: Floats = (chosen + 0.0).reshape(*r.shape[:-2], 4)
     return result
+
+
+def quaternion_from_rpy(degrees: Sequence[float]) -> tuple[float, float, float, float]:
+    """Unit quaternion x y z w of roll, pitch and yaw [degrees] about fixed axes: R = Rz(yaw) Ry(pitch) Rx(roll).
+
+    That is the convention of URDF. Multiples of 90 degrees give components of exactly 0, ±√½, ±½ or ±1.
+    """
+    (sr, cr), (sp, cp), (sy, cy) = (_half(angle) for angle in degrees)
+    return (
+        sr * cp * cy - cr * sp * sy + 0.0,
+        cr * sp * cy + sr * cp * sy + 0.0,
+        cr * cp * sy - sr * sp * cy + 0.0,
+        cr * cp * cy + sr * sp * sy + 0.0,
+    )
+
+
+def _half(degrees: float) -> tuple[float, float]:
+    """Sine and cosine of half an angle, exact where it is a multiple of 180 degrees, equal ones at 90."""
+    quarters = math.remainder(degrees, 720.0) / 90.0
+    if quarters.is_integer():
+        root = math.sqrt(0.5)
+        sines = (0.0, root, 1.0, root, 0.0, -root, -1.0, -root)
+        return sines[int(quarters) % 8], sines[(int(quarters) + 2) % 8]
+    return math.sin(math.radians(degrees) / 2), math.cos(math.radians(degrees) / 2)
 
 
 def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Floats:

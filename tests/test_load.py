@@ -318,6 +318,21 @@ def test_materials_that_can_meet_need_a_pair(folder: Path, text: str, missing: t
             SceneError,
             ("joints.rename.a = 'j9'", "no moving joint", "it has p1, p2, j1"),
         ),
+        (
+            HAND + 'joints = { topic = "/g", sign = { p9 = -1 } }\n',
+            SceneError,
+            ("'hand': joints.sign.p9 = -1", "no moving joint of this name", "it has p1, p2, j1"),
+        ),
+        (
+            HAND + 'joints = { topic = "/g", offset = { j4 = 0.1 } }\n',
+            SceneError,
+            ("joints.offset.j4 = 0.1", "follows another by the URDF"),
+        ),
+        (
+            thing("drawer", 'urdf = "drawer.urdf"\njoints = { topic = "/g", scale = { slid = 2.0 } }'),
+            SceneError,
+            ("'drawer': joints.scale.slid = 2.0", "did you mean 'slide'?"),
+        ),
         (HAND + thing("palm", "sphere = 1"), SceneError, ("'palm' names two things",)),
         (
             HAND + '[[avatar.chain]]\nname = "c"\nbase = "palm"\ntip = "x"\n',

@@ -24,6 +24,22 @@ def test_rotations_are_scipys(q: np.ndarray) -> None:
     np.testing.assert_allclose(tf.rotation_from_quaternion(q), Rotation.from_quat(q).as_matrix(), atol=1e-14)
 
 
+@given(st.tuples(angles, angles, angles))
+def test_roll_pitch_and_yaw_are_scipys_about_fixed_axes(rpy: tuple[float, float, float]) -> None:
+    degrees = tuple(20.0 * a for a in rpy)
+    found = Rotation.from_quat(tf.quaternion_from_rpy(degrees)).as_matrix()
+    np.testing.assert_allclose(found, Rotation.from_euler("xyz", degrees, degrees=True).as_matrix(), atol=1e-13)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_quarter_turns_are_exact(axis: int) -> None:
+    root = np.sqrt(0.5)
+    for degrees, sine, cosine in ((0, 0, 1), (90, root, root), (180, 1, 0), (-90, -root, root), (270, root, -root)):
+        expected = [0.0, 0.0, 0.0, cosine]
+        expected[axis] = sine
+        assert tf.quaternion_from_rpy([degrees if k == axis else 0.0 for k in range(3)]) == tuple(expected)
+
+
 @given(quaternions)
 def test_a_rotation_gives_its_quaternion_back(q: np.ndarray) -> None:
     back = tf.quaternion_from_rotation(tf.rotation_from_quaternion(q))

@@ -7,6 +7,7 @@ what a replay will meet.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,8 +19,10 @@ from geomphys.recording.frames import FrameSource
 from geomphys.recording.plan import JointInput, Plan, make_plan
 from geomphys.recording.reader import open_log
 from geomphys.recording.report import RecordingReport
+from geomphys.recording.space import RecordedSpace
 from geomphys.remote import place
 from geomphys.world.scene import World
+from geomphys.world.scene_inputs import RecordingTable
 
 HUGE = 100.0
 """m; a thing longer than this is probably in millimetres."""
@@ -48,6 +51,16 @@ class JointMapping:
 
 
 @dataclass(frozen=True)
+class SpaceReport:
+    """How the scene file describes the space of the recording (`[recording]`)."""
+
+    up: str
+    unit: str
+    position: tuple[float, ...]  # m, of its origin in the world
+    orientation: tuple[float, ...]  # x y z w of its axes in the world, `up` included
+
+
+@dataclass(frozen=True)
 class CheckReport:
     """What a replay of a log in a scene would meet. `errors` forbid it, `warnings` do not."""
 
@@ -60,6 +73,7 @@ class CheckReport:
     joints: tuple[JointMapping, ...]
     recording: RecordingReport | None  # None if no frame can be made
     zero_pose_overlaps: tuple[tuple[str, str], ...]  # pairs of bodies that are left out for that
+    space: SpaceReport | None = None  # None: that of the world, in metres
 
     def as_dict(self) -> dict[str, Any]:
         """All of it as plain values."""
@@ -105,12 +119,17 @@ def check_log(log: Path | str, world: World, config: Config | None = None) -> Ch
         log=str(log),
         scene=str(world.path),
         errors=tuple(errors),
-        warnings=(*(recording.warnings if recording is not None else ()), *_size_warnings(world)),
+        warnings=(
+            *(recording.warnings if recording is not None else ()),
+            *_size_warnings(world),
+            *_rpy_warnings(world),
+        ),
         clock=_clock(plan),
         poses=tuple(_poses(plan, world)),
         joints=mapped,
         recording=recording,
         zero_pose_overlaps=world.zero_pose_overlaps,
+        space=_space(world.file.recording),
     )
 
 
@@ -151,6 +170,25 @@ def _size_warnings(world: World) -> Iterator[str]:
         if (table is not None or avatar) and size > HUGE:
             what = "scale = 0.001" if table is not None else "scale the mesh in its URDF by 0.001"
             yield f"{world.body_names[body]} is {size:.4g} m long; metres are expected: if it is in millimetres, {what}"
+
+
+def _rpy_warnings(world: World) -> Iterator[str]:
+    """Angles of `rpy` that are round ones in radians."""
+    file = world.file
+    tables = [("recording", file.recording.rpy)]
+    tables += [(f"object {table.name!r}", table.rpy) for table in file.object]
+    tables += [(f"the root of avatar {table.name!r}", table.root.rpy) for table in file.avatar]
+    for where, rpy in tables:
+        given = [abs(angle) for angle in rpy or () if angle]
+        if given and all(any(abs(angle - k * math.pi / 12) < 1e-3 for k in range(1, 25)) for angle in given):
+            yield f"{where}: rpy = {list(rpy or ())}: degrees are expected, and these look like radians"
+
+
+def _space(table: RecordingTable) -> SpaceReport | None:
+    """What `[recording]` says of the space, if it is not that of the world."""
+    if RecordedSpace.of(table) == RecordedSpace():
+        return None
+    return SpaceReport(table.up, table.unit, table.position, table.rotation)
 
 
 def _clock(plan: Plan) -> str | None:

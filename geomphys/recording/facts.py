@@ -23,6 +23,7 @@ from geomphys.recording.streams import VALUE_LIMIT, Seven, good_pose
 from geomphys.recording.times import EARLY_CLOCK, MessageTimes
 
 OFFSETS = 8  # messages of a channel whose stamps are compared with their log times
+FRAME_IDS = 64  # frame ids of a stream that are noted
 ZEROS = 64  # messages with a stamp of zero after which a channel counts as not stamped
 CLOCKS_APART = 3600 * 10**9
 """ns; topics whose stamps differ by more than this from what their log times say are of different clocks."""
@@ -36,15 +37,16 @@ class Facts:
     value: Seven | None = None  # the earliest good sample
     time: int | None = None  # of the first sample met, good or bad
     several: bool = False  # whether it has samples of more than one time
+    frame: str = ""  # frame id of the earliest good sample
 
-    def take(self, time: int, value: Seven | None) -> None:
+    def take(self, time: int, value: Seven | None, frame: str = "") -> None:
         """Take in a sample; None is a bad one."""
         if self.time is None:
             self.time = time
         elif time != self.time:
             self.several = True
         if value is not None and (self.value is None or time < self.first_time):
-            self.first_time, self.value = time, value
+            self.first_time, self.value, self.frame = time, value, frame
 
 
 class Moment(NamedTuple):
@@ -60,6 +62,7 @@ class Known:
 
     streams: dict[tuple[str, str], Facts] = field(default_factory=dict)
     names: dict[str, set[str]] = field(default_factory=dict)  # topic -> joints and frames met
+    frames: dict[tuple[str, str], dict[str, None]] = field(default_factory=dict)  # stream -> frame ids it is given in
     readers: dict[int, Callable[[bytes], Content]] = field(default_factory=dict)
     sides: dict[str, set[str]] = field(default_factory=dict)  # topic -> sides of gloves met
     moments: dict[str, list[Moment]] = field(default_factory=dict)  # topic -> times of its first messages
@@ -199,30 +202,36 @@ def _take(probe: _Probe, known: Known, times: MessageTimes, raw: RawMessage, con
     """Note what a message tells."""
     key, topic = raw.key, probe.channel.topic
     names = known.names.setdefault(topic, set())
-    items: list[tuple[int, str, Seven | None]] = []
+    items: list[tuple[int, str, Seven | None, str]] = []
     if isinstance(content, Joints):
         time = times.of(key, content.stamp, raw.log_time, raw.publish_time)
         add_names(names, content.names)
         if content.side:
             add_names(known.sides.setdefault(topic, set()), [content.side])
         for name, value in zip(content.names, content.values, strict=False):
-            sample: Seven | None = (value,) if abs(value) < VALUE_LIMIT else None
-            items.append((time, name, sample))
+            good: Seven | None = (value,) if abs(value) < VALUE_LIMIT else None
+            items.append((time, name, good, ""))
             if content.side:
-                items.append((time, joint_key(name, content.side), sample))
+                items.append((time, joint_key(name, content.side), good, ""))
         moments = [time]
     else:
         for pose in content:
             time = times.of(key, pose.stamp, raw.log_time, raw.publish_time)
             add_names(names, [pose.child])
-            good = good_pose(pose.value)
-            items.append((time, pose.child, good))
+            sample = good_pose(pose.value)
+            items.append((time, pose.child, sample, pose.frame))
+            followed = {pose.child}
             if pose.child and probe.only_child and known.only.setdefault(topic, pose.child) == pose.child:
-                items.append((time, "", good))
-        moments = [t for t, _, _ in items]
-    for time, name, taken in items:
+                items.append((time, "", sample, pose.frame))
+                followed.add("")
+            for child in followed & probe.wanted.keys():
+                frames = known.frames.setdefault((topic, child), {})
+                if len(frames) < FRAME_IDS:
+                    frames[pose.frame] = None
+        moments = [time for time, *_ in items]
+    for time, name, taken, frame in items:
         if name in probe.wanted:
-            known.streams.setdefault((topic, name), Facts()).take(time, taken)
+            known.streams.setdefault((topic, name), Facts()).take(time, taken, frame)
     if moments:
         probe.latest = max(probe.latest, *moments)
     known_moments = known.moments.setdefault(topic, [])

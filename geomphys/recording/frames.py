@@ -15,15 +15,20 @@ from numpy.typing import NDArray
 
 from geomphys.config import Config
 from geomphys.errors import LogError
-from geomphys.recording.channels import Joints
+from geomphys.recording.channels import Joints, Pose, kind_of, make_reader
 from geomphys.recording.clock import FrameClock, RateClock, TopicClock
 from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.facts import learn, log_times_agree, stream_problems
+from geomphys.recording.frame_plan import plan_frames
+from geomphys.recording.frame_tree import plain_frame, two_parents
 from geomphys.recording.plan import Plan, make_plan
+from geomphys.recording.poses import Seven
 from geomphys.recording.reader import LogReader, RawMessage, open_log
 from geomphys.recording.report import RecordingReport, report_of
-from geomphys.recording.routes import JointRoute, RootRoute, Route
+from geomphys.recording.routes import RootRoute, Route
+from geomphys.recording.space import RecordedSpace
 from geomphys.recording.times import MessageTimes, Watermark
+from geomphys.recording.wiring import wire
 from geomphys.results import FLAG_BEFORE_FIRST, FLAG_CLAMPED, FLAG_HELD, FLAG_OUTSIDE_LIMITS, Frame
 from geomphys.world.scene import JOINT_PRISMATIC, World
 
@@ -67,8 +72,23 @@ class FrameSource:
         problem = next(stream_problems(self.reader, self.plan, self.known), None)
         if problem is not None:
             raise LogError(problem)
+        recorded = world.file.recording
+        self.space = RecordedSpace.of(recorded)
+        self.frames = plan_frames(self.reader, self.plan, self.known, recorded.frame)
+        for key in self.frames.keys - set(self.known.readers):
+            channel = self.reader.channels[key]
+            if (kind := kind_of(channel)) is not None:
+                self.known.readers[key] = make_reader(channel, kind)
+        self.firsts: dict[tuple[str, str], Seven] = {}  # of poses in frames that move: the first in the recorded space
         self.file_order = not log_times_agree(self.known, round(config.max_delay * 1e9))
         self.prismatic = prismatic_columns(world)
+        for (topic, child), value in Run(self).first_poses():
+            if value is None:
+                raise LogError(
+                    f"{log}: topic {topic!r} has no good pose{f' of {child!r}' if child else ''} while the transforms to "
+                    f"{self.frames.spaces[0]!r} are there (their times, or NaN in them): try --max-gap, --time log"
+                )
+            self.firsts[topic, child] = value
         self._run = Run(self)
 
     def __enter__(self) -> FrameSource:
@@ -87,7 +107,7 @@ class FrameSource:
     @property
     def topics(self) -> tuple[str, ...]:
         """Topics that are used, sorted."""
-        return tuple(sorted({self.reader.channels[k].topic for k in self.plan.keys}))
+        return tuple(sorted({self.reader.channels[k].topic for k in self.plan.keys | self.frames.keys}))
 
     @property
     def expected_frames(self) -> int | None:
@@ -119,15 +139,15 @@ class Run:
         self.source, self.world, self.config = source, source.world, source.config
         scene = self.world.scene
         gap = round(self.config.max_gap * 1e9)
-        self.lookahead = gap + round(self.config.max_delay * 1e9)
+        self.gap = gap
         self.clock: FrameClock = TopicClock() if self.config.rate is None else RateClock(self.config.rate)
-        self.routes: dict[int, Route] = {}
-        self.roots: list[RootRoute] = []
-        self.joints: list[JointRoute] = []
+        wiring = wire(source, gap)
+        self.routes, self.roots, self.joints, self.tracks = wiring
         self.still_roots = np.ascontiguousarray(scene.trees.rest, dtype=np.float64)
         self.still_angles = np.zeros(len(scene.dofs.lower))
         self.prismatic = source.prismatic
-        self._make_routes(gap)
+        early = min([0, *(root.delay for root in self.roots), *(joints.delay for joints in self.joints)])
+        self.lookahead = gap + round(self.config.max_delay * 1e9) - early + gap * self.tracks.moving
         self.recorded = np.zeros(len(self.still_angles), dtype=bool)
         for route in self.joints:
             self.recorded[route.columns] = True
@@ -141,33 +161,34 @@ class Run:
         self.first_time = self.last_time = NEVER
         self.passed = NEVER  # time of the last frame, also of those before `start`
 
-    def _make_routes(self, gap: int) -> None:
-        """Wire channels to streams."""
-        plan, known = self.source.plan, self.source.known
-        clock = plan.clock
-        by_topic = self.config.rate is None and clock is not None
+    def first_poses(self) -> Iterator[tuple[tuple[str, str], Seven | None]]:
+        """First good poses in the recorded space of the streams that are given in frames that move; None if there is none.
 
-        def keeps(topic: str, part: str) -> bool:
-            return by_topic and clock is not None and (topic, part) == (clock.topic, clock.child)
+        The log is read until they are known.
+        """
+        waiting = [root for root in self.roots if root.moving]
+        if not waiting:
+            return
+        watermark, keys = Watermark(), set(self.routes)
+        for raw in self.source.reader.read(keys, file_order=self.source.file_order):
+            self._take(raw, watermark)
+            waiting = list(self._without_first(waiting, watermark.time - self.lookahead))
+            if not waiting:
+                break
+        else:
+            waiting = list(self._without_first(waiting, 2**62))
+        for root in self.roots:
+            if root.moving:
+                yield (root.input.topic, root.input.child), root.stream.first
 
-        for pose in plan.poses:
-            root = RootRoute(pose, known, gap, keeps_clock=keeps(pose.topic, pose.child))
-            self.roots.append(root)
-            child = known.only.get(pose.topic, "") if pose.is_only_child else pose.child
-            for channel in pose.channels:
-                self.routes.setdefault(channel.key, Route()).roots.setdefault(child, []).append(root)
-        for source in plan.joints:
-            scale = np.ones(len(self.still_angles))
-            if source.degrees:
-                scale[~self.prismatic] = np.pi / 180
-            joints = JointRoute(source, known, gap, scale, keeps_clock=keeps(source.topic, source.side))
-            self.joints.append(joints)
-            for channel in source.channels:
-                self.routes.setdefault(channel.key, Route()).joints.append(joints)
-        for channel in clock.channels if clock is not None else ():
-            route = self.routes.setdefault(channel.key, Route())
-            route.clock = True
-            route.clock_child = (clock.child or known.only.get(clock.topic, "")) if clock is not None else ""
+    def _without_first(self, roots: list[RootRoute], time: int) -> Iterator[RootRoute]:
+        """Those whose first pose is still not known when the log has come to a time."""
+        for root in roots:
+            root.settle(time, time + self.gap)
+            root.stream.first = next((v for v in root.stream.values if v is not None), None)
+            if root.stream.first is None:
+                root.stream.advance(time + self.gap)
+                yield root
 
     def frames(self) -> Iterator[Frame]:
         """Stream the log."""
@@ -196,7 +217,7 @@ class Run:
         if read is None:  # a topic that only gives the clock
             time = times.of(key, None, raw.log_time, raw.publish_time)
             watermark.add(time)
-            self._beat(time)
+            self._beat(time + route.clock_delay)
             return
         try:
             content = read(raw.data)
@@ -206,15 +227,20 @@ class Run:
         if isinstance(content, Joints):
             time = times.of(key, content.stamp, raw.log_time, raw.publish_time)
             watermark.add(time)
-            late = time <= self.passed
+            late = False
             for joints in route.joints:
-                joints.add(time, content)
+                late |= time + joints.delay <= self.passed
+                joints.add(time + joints.delay, content)
             if route.clock and (not route.clock_child or route.clock_child == content.side):
-                self._beat(time)
+                late |= time + route.clock_delay <= self.passed
+                self._beat(time + route.clock_delay)
             self.late += late
             return
-        moments = set()
+        moments: set[int] = set()
+        passed: set[int] = set()
         for pose in content:
+            if route.parents:
+                self._take_transform(raw, route, pose, moments)
             roots = route.roots.get(pose.child, ())
             beats = route.clock and (not route.clock_child or route.clock_child == pose.child)
             if not roots and not beats:
@@ -223,12 +249,39 @@ class Run:
             time = times.of(key, pose.stamp, raw.log_time, raw.publish_time)
             moments.add(time)
             for root in roots:
-                root.add(time, pose)
+                if time + root.delay <= self.passed:
+                    passed.add(time)
+                root.add(time + root.delay, pose)
             if beats:
-                self._beat(time)
+                if time + route.clock_delay <= self.passed:
+                    passed.add(time)
+                self._beat(time + route.clock_delay)
+        self.late += len(passed)
         for time in moments:
             watermark.add(time)
-            self.late += time <= self.passed
+
+    def _take_transform(self, raw: RawMessage, route: Route, pose: Pose, moments: set[int]) -> None:
+        """Take in a transform of the log's tree.
+
+        Raises LogError if its frame was given in another before.
+        """
+        child, parent = plain_frame(pose.child), plain_frame(pose.frame)
+        known = route.parents.get(child)
+        if known is None or not parent:
+            return
+        source = self.source
+        topic = source.reader.channels[raw.key].topic
+        if parent != known:
+            raise LogError(f"{source.reader.path}: {two_parents(child, known, topic, parent, topic)}")
+        track = route.tracks.get(child)
+        if track is None:
+            return
+        if route.static:  # stamped as its writer likes: it is valid at all times
+            time = pose.stamp or raw.log_time
+        else:
+            time = source.times.of(raw.key, pose.stamp, raw.log_time, raw.publish_time)
+            moments.add(time)
+        track.add(time, source.space.metres(pose.value))
 
     def _beat(self, time: int) -> None:
         """Take in a message of the frame clock."""
@@ -242,6 +295,9 @@ class Run:
             self.first_time = time
         self.passed = time
         since = time - self.first_time
+        for root in self.roots:
+            root.settle(time, time + self.gap)
+        self.tracks.forget(time)
         if config.end is not None and since > config.end * 1e9:
             return None
         if config.start is not None and since < config.start * 1e9:

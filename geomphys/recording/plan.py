@@ -14,7 +14,8 @@ from geomphys.recording.channels import kind_of, not_understood
 from geomphys.recording.naming import listed, similar
 from geomphys.recording.reader import LogChannel, LogReader
 from geomphys.recording.samples import JOINTS, PARTS, POSES, USES, What
-from geomphys.world.scene import JointSource, RootSource, World
+from geomphys.world.inputs import JointSource, RootSource
+from geomphys.world.scene import World
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,11 @@ class JointInput:
         """Column of the angles that a recorded joint feeds; None for one that is not of this tree.
 
         `rename` goes first: a name it maps elsewhere, or a joint it feeds from another name, is not matched by itself.
+        What `ignore` leaves out feeds nothing.
         """
         rename, dofs = self.source.rename, self.source.dofs
+        if self.source.ignores(recorded):
+            return None
         if recorded in rename:
             return dofs.get(rename[recorded])
         return None if recorded in rename.values() else dofs.get(recorded)
@@ -70,6 +74,7 @@ class ClockInput:
     topic: str
     child: str
     channels: tuple[LogChannel, ...]
+    delay: float = 0.0  # s, added to its times
 
 
 @dataclass
@@ -182,7 +187,9 @@ def _plan_clock(plan: Plan, reader: LogReader, world: World, config: Config) -> 
         if config.clock is not None:
             plan.problems.append(f"{reader.path}: topic {topic!r}, the frame clock, has no message")
         return
-    plan.clock = ClockInput(topic, pose_part(channels[0], child), channels)
+    delays = [*((s.topic, s.delay) for s in world.roots), *((s.topic, s.delay) for s in world.joints)]
+    delay = dict(reversed(delays)).get(name, 0.0)
+    plan.clock = ClockInput(topic, pose_part(channels[0], child), channels, delay)
 
 
 def default_clock(world: World) -> str | None:

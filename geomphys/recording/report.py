@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import fnmatch
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from geomphys.recording.frame_plan import FrameUse
 from geomphys.recording.matching import guess_unit
 from geomphys.recording.naming import closest, listed, plain
 from geomphys.recording.plan import split_topic
@@ -78,6 +80,9 @@ class RecordingReport:
     bytes_lost: int
     recovered: str  # what `recover` could not read; "" for a whole log
     warnings: tuple[str, ...]
+    space: str | None = None  # frame id of the recorded space; None where no pose names a frame
+    transforms: tuple[FrameUse, ...] = ()  # poses that are given in other frames
+    ignored: tuple[str, ...] = ()  # recorded joints that `ignore` leaves out
 
     def as_dict(self) -> dict[str, Any]:
         """All of it as plain values."""
@@ -109,6 +114,9 @@ def report_of(source: FrameSource, run: Run) -> RecordingReport:
         bytes_lost=damage.bytes_lost if damage is not None else 0,
         recovered=damage.text if damage is not None else "",
         warnings=(),
+        space=next(iter(source.frames.spaces), None),
+        transforms=source.frames.uses,
+        ignored=tuple(sorted({n for r in run.joints for n in _names(source, r) if r.input.source.ignores(n)})),
     )
     return dataclasses.replace(report, warnings=tuple(_warnings(source, run, report)))
 
@@ -132,6 +140,11 @@ def _streams(source: FrameSource, run: Run) -> Iterator[StreamReport]:
             yield StreamReport(topic, world.dof_names[column], True, 0, 0, 0.0, 0)
 
 
+def _names(source: FrameSource, route: JointRoute) -> set[str]:
+    """Names of the joints in a route's topic."""
+    return set(source.known.names.get(route.input.topic, ())) | route.names
+
+
 def _unmatched_recorded(source: FrameSource, routes: list[JointRoute]) -> tuple[tuple[Unmatched, ...], tuple[str, ...]]:
     """Recorded joints that nothing takes, and those that are not used because their joint mimics another."""
     unmatched, ignored = [], set()
@@ -140,7 +153,7 @@ def _unmatched_recorded(source: FrameSource, routes: list[JointRoute]) -> tuple[
         names = set(source.known.names.get(topic, ())).union(*(r.names for r in here))
         free = [n for r in here for n in r.input.source.dofs if n not in names]
         for name in sorted(names):
-            if any(r.input.column(name) is not None for r in here):
+            if any(r.input.column(name) is not None for r in here) or all(r.input.source.ignores(name) for r in here):
                 continue
             if any(r.input.source.rename.get(name, name) in r.input.source.mimics for r in here):
                 ignored.add(name)
@@ -156,7 +169,7 @@ def _unmatched_joints(source: FrameSource, run: Run, recorded: tuple[Unmatched, 
         topic = route.input.topic
         names = [u.name for u in recorded if u.topic == topic]
         for name, column in sorted(route.input.source.dofs.items(), key=lambda item: item[1]):
-            if not run.recorded[column]:
+            if not run.recorded[column] and not route.input.source.covers(name):
                 found.append(Unmatched(topic, name, closest(name, names)))
     return tuple(found)
 
@@ -178,7 +191,7 @@ def _warnings(source: FrameSource, run: Run, report: RecordingReport) -> Iterato
     yield from source.times.warnings()
     for topic in source.topics:
         for channel in source.reader.of_topic(topic):
-            if channel.messages and channel.key not in source.plan.keys:
+            if channel.messages and channel.key not in source.plan.keys | source.frames.keys:
                 what = f"{channel.messages} messages ({plain(channel.schema_name)}, {plain(channel.encoding)})"
                 yield f"topic {plain(topic)}: {what} of another kind than the rest are not used"
     for topic, child in sorted(source.known.only.items()):
@@ -192,6 +205,7 @@ def _warnings(source: FrameSource, run: Run, report: RecordingReport) -> Iterato
     yield from _name_warnings(source, run, report)
     for count, text in (
         (report.held_frames, "frames are held: a stream had no good sample near them"),
+        (sum(root.unplaced for root in run.roots), "poses have no transform of their frame near enough in time"),
         (report.bad_messages, "messages could not be decoded"),
         (
             report.bad_samples,
@@ -215,11 +229,12 @@ def _unit_warnings(source: FrameSource, run: Run) -> Iterator[str]:
     world = source.world
     for pose in source.plan.poses:
         facts = source.known.streams.get((pose.topic, pose.child))
-        distance = max(map(abs, facts.value[:3])) if facts is not None and facts.value is not None else 0.0
+        recorded = facts.value if facts is not None else None
+        distance = max(map(abs, source.space.metres(recorded)[:3])) if recorded is not None else 0.0
         if distance > FAR:
             yield (
-                f"topic {pose.topic}: begins {distance:.4g} m from the origin; metres are expected: if these are "
-                "millimetres, convert the log"
+                f"topic {pose.topic}: begins {distance:.4g} m from the origin; if these are millimetres, say "
+                'unit = "mm" under [recording]'
             )
     most = np.maximum(np.abs(run.least), np.abs(run.most))
     for route in run.joints:
@@ -270,6 +285,10 @@ def _name_warnings(source: FrameSource, run: Run, report: RecordingReport) -> It
         absent = sorted(n for n in route.input.source.rename if n not in names)
         if absent:
             yield f"topic {topic}: `rename` speaks of {listed(absent, TOLD)}, which the log does not have"
+        joints = [n for n, column in route.input.source.dofs.items() if not run.recorded[column]]
+        idle = [p for p in route.input.source.ignore if not any(fnmatch.fnmatchcase(n, p) for n in (*names, *joints))]
+        if idle:
+            yield f"topic {topic}: `ignore` has {listed(idle, TOLD)}, which no joint is called"
         sides = source.known.sides.get(topic, set())
         if len(sides) > 1 and not route.input.side:
             yield f"topic {topic}: holds gloves of several sides; name one as {topic}#{plain(min(sides))}"

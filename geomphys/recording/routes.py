@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from bisect import insort
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.recording.channels import Joints, Pose
+from geomphys.recording.channels import Joints, Pose, kind_of
 from geomphys.recording.facts import Known, joint_key
+from geomphys.recording.frame_chain import FrameChain, FrameTrack, FrameTracks
 from geomphys.recording.naming import add_names
 from geomphys.recording.plan import JointInput, PoseInput, is_static
-from geomphys.recording.streams import VALUE_LIMIT, JointStream, PoseStream
+from geomphys.recording.poses import Seven, compose
+from geomphys.recording.streams import VALUE_LIMIT, JointStream, PoseStream, good_pose
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -20,57 +23,101 @@ Ints = NDArray[np.int64]
 NAME_LISTS = 256  # different lists of joint names of which the order is remembered
 LONG_LIST = 10_000  # names of a list that is not worth remembering
 NEVER = -(2**62)
+NO_SHIFT = -0.0  # changes no number, to the bit, not even a zero's sign
+MISSING: Seven = (math.nan,) * 7
 
 
 class RootRoute:
-    """Feeds the pose of one tree's root."""
+    """Feeds the pose of one tree's root: recorded poses are brought to the recorded space, and from there to the world.
 
-    def __init__(self, source: PoseInput, known: Known, max_gap: int, *, keeps_clock: bool) -> None:
-        self.input = source
+    A pose that is given in a frame that moves waits until the transforms around its time are there (`settle`); where
+    they never come it is a bad sample. One that is static in such a frame goes along with it.
+    """
+
+    def __init__(
+        self, source: PoseInput, known: Known, tracks: FrameTracks, max_gap: int, *, keeps_clock: bool
+    ) -> None:
+        self.input, self.space = source, tracks.space
+        space = tracks.space
         facts = known.streams[source.topic, source.child]
-        constant = is_static(source.topic) or not facts.several
+        self.static = is_static(source.topic)
+        constant = self.static or not facts.several
         self.stream = PoseStream(max_gap, constant=constant, keeps_clock=keeps_clock)
-        self.stream.first = facts.value
+        self.delay = round(source.source.delay * 1e9)
+        self.metres = any(kind.metres for c in source.channels if (kind := kind_of(c)) is not None)
         self.latest = NEVER
-        self.out_of_order = 0
-        position, orientation = source.source.position, source.source.orientation
-        self.offset = tuple(float(x) for x in position)
-        self.turn = tuple(float(x) for x in orientation)
-        self.moved = any(x != 0 for x in self.offset)
-        self.turned = self.turn != (0.0, 0.0, 0.0, 1.0)
+        self.out_of_order = self.unplaced = 0
+        self.tracker_from_root: Seven = (*source.source.position, *source.source.orientation)
+        self._tracks = tracks
+        self._chains: dict[str, FrameChain | None] = {}
+        self.attached: tuple[FrameChain, Seven] | None = None  # static in a frame that moves
+        self._waiting: list[tuple[int, Seven, FrameChain]] = []
+        self.moving = False  # whether a frame that it is given in may move
+        for frame in known.frames.get((source.topic, source.child), ()):
+            chain = self.chain(frame)
+            self.moving |= chain is not None and chain.moving
+        if facts.value is not None and not self.moving:
+            first = facts.value if self.metres else space.metres(facts.value)
+            chain = self.chain(facts.frame)
+            self.stream.first = first if chain is None else _placed(chain, facts.first_time + self.delay, first)
+
+    def chain(self, frame: str) -> FrameChain | None:
+        """Way from a frame to the recorded space; None where it is that space. Raises LogError if there is none."""
+        if frame not in self._chains:
+            self._chains[frame] = self._tracks.chain(self.input.topic, frame)
+        return self._chains[frame]
 
     def add(self, time: int, pose: Pose) -> None:
-        """Take in a pose."""
+        """Take in a pose. Raises LogError if nothing leads from its frame to the recorded space."""
         if time < self.latest:
             self.out_of_order += 1
         else:
             self.latest = time
-        self.stream.add(time, pose.value)
+        value = pose.value if self.metres else self.space.metres(pose.value)
+        chain = self.chain(pose.frame)
+        if chain is None:
+            self.stream.add(time, value)
+        elif not chain.moving:
+            self._add_placed(chain, time, value)
+        elif self.static:
+            if good_pose(value) is not None:
+                self.attached = (chain, value)
+                self.stream.constant, self.stream.keeps_clock = False, True
+        else:
+            insort(self._waiting, (time, value, chain), key=lambda item: item[0])
 
-    def world_from_root(self, value: Sequence[float]) -> Sequence[float]:
-        """Pose of the root where the tracker has the pose `value`: world_from_tracker ∘ tracker_from_root.
+    def settle(self, time: int, until: int) -> None:
+        """Bring waiting poses up to `until` to the recorded space, and what is attached to a frame for `time`."""
+        if self.attached is not None:
+            chain, value = self.attached
+            self._add_placed(chain, time, value)
+        count = 0
+        for when, value, chain in self._waiting:
+            if when > until:
+                break
+            count += 1
+            self._add_placed(chain, when, value)
+        del self._waiting[:count]
 
-        What the offset does not change is returned as it is, to the bit.
+    def _add_placed(self, chain: FrameChain, time: int, value: Seven) -> None:
+        placed = _placed(chain, time, value)
+        self.unplaced += placed is None and good_pose(value) is not None
+        self.stream.add(time, MISSING if placed is None else placed)
+
+    def world_from_root(self, value: Seven) -> Seven:
+        """Pose of the root where the tracker has the pose `value` in the recorded space.
+
+        That is world_from_space ∘ space_from_tracker ∘ tracker_from_root; what does nothing changes nothing, to the bit.
         """
-        if not (self.moved or self.turned):
-            return value
-        px, py, pz, x, y, z, w = value
-        if self.moved:
-            ox, oy, oz = self.offset
-            # p + v + 2 w (q x v) + 2 q x (q x v), with q the vector part of the quaternion
-            cx, cy, cz = 2 * (y * oz - z * oy), 2 * (z * ox - x * oz), 2 * (x * oy - y * ox)
-            px += ox + w * cx + y * cz - z * cy
-            py += oy + w * cy + z * cx - x * cz
-            pz += oz + w * cz + x * cy - y * cx
-        if self.turned:
-            a, b, c, d = self.turn
-            x, y, z, w = (
-                w * a + x * d + y * c - z * b,
-                w * b - x * c + y * d + z * a,
-                w * c + x * b - y * a + z * d,
-                w * d - x * a - y * b - z * c,
-            )
-        return (px, py, pz, x, y, z, w)
+        return compose(self.space.to_world(value), self.tracker_from_root)
+
+
+def _placed(chain: FrameChain, time: int, value: Seven) -> Seven | None:
+    """Pose in the recorded space of one in a chain's frame; None where the chain is not known."""
+    if (good := good_pose(value)) is None:
+        return value
+    space_from_frame = chain.at(time)
+    return None if space_from_frame is None else compose(space_from_frame, good)
 
 
 @dataclass
@@ -85,9 +132,19 @@ class _Order:
 class JointRoute:
     """Feeds the joints of one tree: those with more than one sample a stream, the others a constant."""
 
-    def __init__(self, source: JointInput, known: Known, max_gap: int, scale: Floats, *, keeps_clock: bool) -> None:
-        """`scale` (Q,) takes recorded values to rad or m."""
+    def __init__(
+        self, source: JointInput, known: Known, max_gap: int, prismatic: NDArray[np.bool_], *, keeps_clock: bool
+    ) -> None:
+        """`prismatic` (Q,) says which angles of the scene are lengths."""
+        scale, shift = np.ones(len(prismatic)), np.full(len(prismatic), NO_SHIFT)
+        if source.degrees:
+            scale[~prismatic] = np.pi / 180
+        for name, factor in source.source.factors.items():
+            scale[source.source.dofs[name]] *= factor
+        for name, offset in source.source.offsets.items():
+            shift[source.source.dofs[name]] = offset
         self.input = source
+        self.delay = round(source.source.delay * 1e9)
         facts = {
             name: known.streams[source.topic, joint_key(name, source.side)]
             for name in source.recorded_names()
@@ -98,14 +155,14 @@ class JointRoute:
         for name, fact in facts.items():
             column = source.column(name)
             assert column is not None
-            first = fact.value[0] * scale[column] if fact.value is not None else np.nan
+            first = fact.value[0] * scale[column] + shift[column] if fact.value is not None else np.nan
             if fact.several or fact.value is None:
                 columns[column] = first
             else:
                 self.constants[column] = first
         self.columns = np.array(sorted(columns), dtype=np.int64)
         self.place = {int(c): i for i, c in enumerate(self.columns)}
-        self.scale = scale[self.columns]
+        self.scale, self.shift = scale[self.columns], shift[self.columns]
         self.stream: JointStream | None = None
         if len(self.columns):
             self.stream = JointStream(len(self.columns), max_gap, keeps_clock=keeps_clock)
@@ -132,6 +189,7 @@ class JointRoute:
         row = np.full(len(self.columns), np.nan)
         if len(order.source):
             values = np.array(message.values, dtype=np.float64)[order.source] * self.scale[order.target]
+            values += self.shift[order.target]
             good = np.abs(values) < VALUE_LIMIT
             if good.all():
                 row[order.target] = values
@@ -169,7 +227,11 @@ class Route:
     """Where the messages of one channel go."""
 
     roots: dict[str, list[RootRoute]] = field(default_factory=dict)  # by child frame
+    tracks: dict[str, FrameTrack] = field(default_factory=dict)  # by child frame, without leading slash
+    parents: dict[str, str] = field(default_factory=dict)  # the one that each of these, and of the roots, may have
+    static: bool = False
     joints: list[JointRoute] = field(default_factory=list)
     clock: bool = False
+    clock_delay: int = 0  # ns
     clock_child: str = ""  # only poses of this child, or gloves of this side, give frames
     others: int = 0  # poses that nothing follows

@@ -16,6 +16,7 @@ from geomphys.transforms import frame_from_matrix
 from geomphys.world.body_geometry import Workshop
 from geomphys.world.chains import link_index
 from geomphys.world.decomposition import Progress
+from geomphys.world.inputs import JointSource, RootSource
 from geomphys.world.materials import MaterialTable, material_table
 from geomphys.world.pieces import PlacedShape, build_pieces
 from geomphys.world.scene import (
@@ -27,14 +28,13 @@ from geomphys.world.scene import (
     Bodies,
     Chains,
     Dofs,
-    JointSource,
     ReachCones,
-    RootSource,
     Scene,
     Trees,
     World,
 )
-from geomphys.world.scene_file import AvatarTable, Coupling, JointsTable, ObjectTable, SceneFile
+from geomphys.world.scene_file import AvatarTable, Coupling, ObjectTable, SceneFile
+from geomphys.world.scene_inputs import JointsTable
 from geomphys.world.trees import Tree, TreeBody, read_avatar, read_object
 
 Floats = NDArray[np.float64]
@@ -96,7 +96,7 @@ def assemble(
         dof_names=tuple(n for t in trees if t.skeleton is not None for n in t.skeleton.dof_names),
         avatar_count=len(file.avatar),
         roots=tuple(
-            RootSource(tree=k, topic=t.topic, position=t.place[0], orientation=t.place[1])
+            RootSource(tree=k, topic=t.topic, position=t.place[0], orientation=t.place[1], delay=t.delay)
             for k, t in enumerate(trees)
             if t.topic is not None
         ),
@@ -299,13 +299,19 @@ def _joint_sources(trees: Sequence[Tree], dof_start: NDArray[np.int64], path: Pa
         mimics = tuple(j.name for j in tree.skeleton.joints if j is not None and j.dof >= 0 and j.mimics is not None)
         names = [*tree.skeleton.dof_names, *mimics]
         for recorded, joint in table.rename.items():
-            if joint not in names:
-                near = get_close_matches(joint, names, n=1)
-                hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(names[:8])}"
-                raise SceneError(
-                    f"{path}: {tree.name!r}: joints.rename.{recorded} = {joint!r}: no moving joint of this name in "
-                    f"{tree.skeleton.path}, {hint}"
-                )
+            _check_joint(joint, names, f"joints.rename.{recorded} = {joint!r}", tree, path)
+        for key in ("sign", "scale", "offset"):
+            for joint, value in getattr(table, key).items():
+                what = f"joints.{key}.{joint} = {value}"
+                _check_joint(joint, names, what, tree, path)
+                if joint in mimics:
+                    raise SceneError(
+                        f"{path}: {tree.name!r}: {what}: this joint follows another by the URDF, its recorded values "
+                        "are not used: leave it out"
+                    )
+        factors = {joint: float(value) for joint, value in table.scale.items()}
+        for joint, value in table.sign.items():
+            factors[joint] = value * factors.get(joint, 1.0)
         yield JointSource(
             tree=t,
             topic=table.topic,
@@ -313,7 +319,20 @@ def _joint_sources(trees: Sequence[Tree], dof_start: NDArray[np.int64], path: Pa
             rename=dict(table.rename),
             dofs={name: int(dof_start[t]) + k for k, name in enumerate(tree.skeleton.dof_names)},
             mimics=mimics,
+            ignore=table.ignore,
+            factors=factors,
+            offsets=dict(table.offset),
+            delay=table.delay,
         )
+
+
+def _check_joint(joint: str, names: Sequence[str], what: str, tree: Tree, path: Path) -> None:
+    """Raise SceneError if a name is that of no moving joint of a tree."""
+    if joint in names or tree.skeleton is None:
+        return
+    near = get_close_matches(joint, names, n=1)
+    hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(names[:8])}"
+    raise SceneError(f"{path}: {tree.name!r}: {what}: no moving joint of this name in {tree.skeleton.path}, {hint}")
 
 
 def _starts(counts: Iterator[int] | Sequence[int]) -> NDArray[np.int64]:

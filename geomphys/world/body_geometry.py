@@ -24,7 +24,7 @@ from geomphys.world.mass import (
 from geomphys.world.meshes import Mesh, load_mesh, wound_outwards
 from geomphys.world.pieces import Box, Capsule, Cylinder, Hull, Sphere
 from geomphys.world.pieces import Shape as Convex
-from geomphys.world.scene_file import Decomposition
+from geomphys.world.scene_values import Decomposition
 from geomphys.world.tessellation import (
     COARSE,
     FINE,

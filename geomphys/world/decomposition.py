@@ -26,7 +26,7 @@ from geomphys.world.coacd_process import ITERATIONS, convex_parts
 from geomphys.world.coverage import covering, uncovered
 from geomphys.world.hulls import polytope
 from geomphys.world.meshes import Mesh, merged, require_closed, wound_outwards
-from geomphys.world.scene_file import Decomposition
+from geomphys.world.scene_values import Decomposition
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from geomphys.world.inputs import JointSource, RootSource
     from geomphys.world.scene_file import SceneFile
 
 Floats = NDArray[np.float64]
@@ -152,28 +153,6 @@ class Scene(NamedTuple):
     initial_velocity: (
         Floats  # (B, 6) of the centre of mass [m/s] and angular [rad/s], world frame; 0 but for simulated bodies
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class RootSource:
-    """Where the pose of a tree's root comes from."""
-
-    tree: int
-    topic: str  # `topic` or `topic#child_frame`
-    position: tuple[float, float, float]  # tracker_from_root
-    orientation: tuple[float, float, float, float]
-
-
-@dataclass(frozen=True, kw_only=True)
-class JointSource:
-    """Where the angles of a tree's joints come from."""
-
-    tree: int
-    topic: str
-    unit: str | None  # "rad", "deg" or None: what the message type says (ManusGlove: deg, else rad)
-    rename: dict[str, str]  # recorded name -> joint name
-    dofs: dict[str, int]  # joint name -> column of the angles (mimic joints left out)
-    mimics: tuple[str, ...] = ()  # names of mimic joints: recorded values of theirs are not used
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -90,8 +90,8 @@ def _expected(kind: str, context: Mapping[str, Any], otherwise: str) -> str:
 
 
 def _is_branch(part: object) -> bool:
-    """Whether a part of a location names a branch of a union instead of a key."""
-    return isinstance(part, str) and (part == "Coupling" or part.startswith("literal["))
+    """Whether a part of a location names no key: a branch of a union, or that a name of a table is meant itself."""
+    return isinstance(part, str) and (part in ("Coupling", "[key]") or part.startswith("literal["))
 
 
 def _key_path(location: Location, table: dict[str, Any]) -> str:

@@ -5,91 +5,56 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, Field, ValidationError, model_validator
 
 from geomphys.errors import SceneError
 from geomphys.world.scene_fault import explain, fault, one_line
+from geomphys.world.scene_inputs import (
+    NO_DELAY,
+    JointsTable,
+    RecordingTable,
+    RootTable,
+    Table,
+    check_delay,
+    check_one_rotation,
+    check_unique,
+    rotation_of,
+)
+from geomphys.world.scene_values import (
+    Angles,
+    Axis,
+    Decomposition,
+    Density,
+    Direction,
+    Length,
+    Lengths2,
+    Lengths3,
+    Mass,
+    Name,
+    Pair,
+    Position,
+    Quaternion,
+    Seconds,
+    Text,
+    Velocity,
+    sequence,
+)
 from geomphys.world.sources import note_contents
 
 LARGEST_FILE = 4 * 2**20
 """bytes; a larger scene file is refused."""
 MOST_PARTS = 32
 """parts of a dotted key; the parser needs memory by their square"""
-UNIT_TOLERANCE = 1e-3
-"""How far a quaternion's norm may be from 1."""
-
 _PART = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
 _LONG_KEY = re.compile(rf"(?:^|[\[{{,])[ \t]*(?:{_PART}\.[ \t]*){{{MOST_PARTS},}}", re.MULTILINE)
 
-_RESERVED = ("world", "recorded")
 _SHAPES = ("mesh", "box", "sphere", "cylinder", "capsule", "urdf")
 
 
-def _sequence(value: object) -> object:
-    """TOML arrays come as lists, the model holds tuples."""
-    return tuple(value) if isinstance(value, list) else value
-
-
-def _printable(value: object) -> object:
-    """Names and topics go to terminals and channels: no control characters, no blanks around."""
-    if isinstance(value, str):
-        if not value or value != value.strip():
-            raise fault("must not be empty or have blanks around it")
-        if len(value) > 512:
-            raise fault("is longer than 512 characters")
-        if any(not c.isprintable() for c in value):
-            raise fault("holds a control character")
-    return value
-
-
-def _plain_name(value: object) -> object:
-    """Names of objects, avatars and chains are parts of frame ids and topics."""
-    if isinstance(_printable(value), str) and isinstance(value, str):
-        if "/" in value or "#" in value:
-            raise fault("must not hold '/' or '#'")
-        if value in _RESERVED:
-            raise fault("is reserved, it names a frame of the output: choose another")
-    return value
-
-
-def _unit(value: object) -> object:
-    """Quaternions within `UNIT_TOLERANCE` of norm 1; exactly unit ones stay as they are, bit for bit."""
-    if isinstance(value, tuple) and len(value) == 4 and all(isinstance(v, int | float) for v in value):
-        norm = math.hypot(*value)
-        if math.isfinite(norm):
-            if abs(norm - 1.0) > UNIT_TOLERANCE:
-                raise fault(f"is not a unit quaternion x y z w: its norm is {norm:.6g}, expected 1")
-            if abs(norm - 1.0) > 1e-12:
-                return tuple(v / norm for v in value)
-    return value
-
-
-Length: TypeAlias = Annotated[float, Field(ge=1e-6, le=1e5)]
-Coordinate: TypeAlias = Annotated[float, Field(ge=-1e6, le=1e6)]
-Rate: TypeAlias = Annotated[float, Field(ge=-1e6, le=1e6)]
-Direction: TypeAlias = Annotated[tuple[Coordinate, Coordinate, Coordinate], BeforeValidator(_sequence)]
-Position: TypeAlias = Annotated[tuple[Coordinate, Coordinate, Coordinate], BeforeValidator(_sequence)]
-Velocity: TypeAlias = Annotated[tuple[Rate, Rate, Rate], BeforeValidator(_sequence)]
-Quaternion: TypeAlias = Annotated[tuple[float, float, float, float], BeforeValidator(_unit), BeforeValidator(_sequence)]
-Lengths2: TypeAlias = Annotated[tuple[Length, Length], BeforeValidator(_sequence)]
-Lengths3: TypeAlias = Annotated[tuple[Length, Length, Length], BeforeValidator(_sequence)]
-Name: TypeAlias = Annotated[str, BeforeValidator(_plain_name)]
-Text: TypeAlias = Annotated[str, BeforeValidator(_printable)]
-Pair: TypeAlias = Annotated[tuple[Text, Text], BeforeValidator(_sequence)]
-Mass: TypeAlias = Annotated[float, Field(ge=1e-9, le=1e9)]
-Density: TypeAlias = Annotated[float, Field(ge=1e-6, le=1e6)]
-Decomposition: TypeAlias = Literal["auto", "hull", "coacd"]
-
-
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, populate_by_name=False)
-
-
-class SceneTable(_Table):
+class SceneTable(Table):
     """`[scene]`: what holds everywhere."""
 
     name: Text = "scene"
@@ -99,11 +64,11 @@ class SceneTable(_Table):
             Annotated[float, Field(ge=-1e4, le=1e4)],
             Annotated[float, Field(ge=-1e4, le=1e4)],
         ],
-        BeforeValidator(_sequence),
+        BeforeValidator(sequence),
     ] = Field(default=(0.0, 0.0, -9.81), description="m/s², world frame")
 
 
-class MaterialPair(_Table):
+class MaterialPair(Table):
     """`[[material_pair]]`: restitution and friction of two materials that meet; overrides a built-in pair."""
 
     materials: Pair
@@ -111,35 +76,14 @@ class MaterialPair(_Table):
     friction: Annotated[float, Field(ge=0.0, le=100.0)]
 
 
-class Coupling(_Table):
+class Coupling(Table):
     """Virtual coupling m A = -K x - R v of the offset x from the recorded pose (equation 6)."""
 
     stiffness: Annotated[float, Field(ge=1e-3, le=1e9, description="K, N/m")] = 1000.0
     damping: Annotated[float, Field(ge=0.0, le=1e9, description="R, N s/m")] = 40.0
 
 
-class RootTable(_Table):
-    """Pose of an avatar's root link: with a topic the offset tracker_from_root, without one its pose in the world."""
-
-    topic: Text | None = None
-    position: Position = (0.0, 0.0, 0.0)
-    orientation: Quaternion = (0.0, 0.0, 0.0, 1.0)
-
-
-class JointsTable(_Table):
-    """Where joint angles come from."""
-
-    topic: Text
-    unit: Literal["rad", "deg"] | None = Field(default=None, description="default: the message type's own, else rad")
-    rename: dict[Text, Text] = Field(default_factory=dict, description="recorded name = joint name of the URDF")
-
-    @model_validator(mode="after")
-    def _check(self) -> JointsTable:
-        _unique(self.rename.values(), "rename gives two recorded joints the name {!r}")
-        return self
-
-
-class ObjectTable(_Table):
+class ObjectTable(Table):
     """`[[object]]`: a thing of the scene."""
 
     name: Name
@@ -153,6 +97,8 @@ class ObjectTable(_Table):
     scale: Annotated[float, Field(ge=1e-6, le=1e6)] = Field(default=1.0, description="of the mesh")
     position: Position = (0.0, 0.0, 0.0)
     orientation: Quaternion = (0.0, 0.0, 0.0, 1.0)
+    rpy: Angles | None = Field(default=None, description="roll, pitch, yaw about fixed axes, degrees")
+    up: Axis | None = Field(default=None, description="its own axis that points up")
     material: Text = "wood"
     density: Density | None = Field(default=None, description="kg/m³; 1000 where neither density nor mass is given")
     mass: Mass | None = Field(default=None, description="kg")
@@ -160,8 +106,14 @@ class ObjectTable(_Table):
     velocity: Velocity | None = Field(default=None, description="m/s, of the centre of mass, world frame")
     angular_velocity: Velocity | None = Field(default=None, description="rad/s, world frame")
     topic: Text | None = None
+    delay: Seconds = NO_DELAY
     joints: JointsTable | None = None
     coupling: Coupling | Literal["rigid"] | None = None
+
+    @property
+    def rotation(self) -> Quaternion:
+        """The rotation x y z w, however it is written."""
+        return rotation_of(self.orientation, self.rpy, self.up)
 
     @property
     def shape(self) -> str:
@@ -174,6 +126,8 @@ class ObjectTable(_Table):
         if len(given) != 1:
             found = " and ".join(given) if given else "none of them"
             raise fault(f"needs exactly one of {', '.join(_SHAPES)}; it has {found}")
+        check_one_rotation(self, "orientation", "rpy", "up")
+        check_delay(self, self.topic)
         kind, only = self.class_, "only an object with class = "
         if self.density is not None and self.mass is not None:
             raise fault("has both density and mass: keep one of them")
@@ -200,7 +154,7 @@ class ObjectTable(_Table):
         return self
 
 
-class ChainTable(_Table):
+class ChainTable(Table):
     """`[[avatar.chain]]`: the joints between two links, solved by inverse kinematics."""
 
     name: Name
@@ -208,16 +162,16 @@ class ChainTable(_Table):
     tip: Text
 
 
-class ReachConeTable(_Table):
+class ReachConeTable(Table):
     """`[[avatar.reach_cone]]`: the polygon of directions a compound joint may point its limb in."""
 
-    joints: Annotated[tuple[Text, ...], BeforeValidator(_sequence), Field(min_length=1, max_length=16)]
+    joints: Annotated[tuple[Text, ...], BeforeValidator(sequence), Field(min_length=1, max_length=16)]
     limb: Direction
-    directions: Annotated[tuple[Direction, ...], BeforeValidator(_sequence), Field(min_length=3, max_length=128)]
+    directions: Annotated[tuple[Direction, ...], BeforeValidator(sequence), Field(min_length=3, max_length=128)]
 
     @model_validator(mode="after")
     def _check(self) -> ReachConeTable:
-        _unique(self.joints, "joints names {!r} twice")
+        check_unique(self.joints, "joints names {!r} twice")
         for key, values in (("limb", [self.limb]), ("directions", self.directions)):
             for value in values:
                 if math.hypot(*value) < 1e-6:
@@ -225,7 +179,7 @@ class ReachConeTable(_Table):
         return self
 
 
-class AvatarTable(_Table):
+class AvatarTable(Table):
     """`[[avatar]]`: an articulated body that follows the recorded human."""
 
     name: Name
@@ -239,28 +193,31 @@ class AvatarTable(_Table):
     coupling: Coupling | Literal["rigid"] = Coupling()
     self_collision: bool = True
     decomposition: Decomposition = "auto"
-    ignore_pairs: Annotated[tuple[Pair, ...], BeforeValidator(_sequence)] = ()
-    chain: Annotated[tuple[ChainTable, ...], BeforeValidator(_sequence)] = ()
-    reach_cone: Annotated[tuple[ReachConeTable, ...], BeforeValidator(_sequence)] = ()
+    ignore_pairs: Annotated[tuple[Pair, ...], BeforeValidator(sequence)] = ()
+    chain: Annotated[tuple[ChainTable, ...], BeforeValidator(sequence)] = ()
+    reach_cone: Annotated[tuple[ReachConeTable, ...], BeforeValidator(sequence)] = ()
 
     @model_validator(mode="after")
     def _check(self) -> AvatarTable:
-        _unique((c.name for c in self.chain), "two chains are named {!r}")
+        check_unique((c.name for c in self.chain), "two chains are named {!r}")
         return self
 
 
-class SceneFile(_Table):
+class SceneFile(Table):
     """A whole scene file."""
 
     scene: SceneTable = SceneTable()
-    material_pair: Annotated[tuple[MaterialPair, ...], BeforeValidator(_sequence)] = ()
-    object: Annotated[tuple[ObjectTable, ...], BeforeValidator(_sequence)] = ()
-    avatar: Annotated[tuple[AvatarTable, ...], BeforeValidator(_sequence)] = ()
+    recording: RecordingTable = RecordingTable()
+    material_pair: Annotated[tuple[MaterialPair, ...], BeforeValidator(sequence)] = ()
+    object: Annotated[tuple[ObjectTable, ...], BeforeValidator(sequence)] = ()
+    avatar: Annotated[tuple[AvatarTable, ...], BeforeValidator(sequence)] = ()
 
     @model_validator(mode="after")
     def _check(self) -> SceneFile:
-        _unique([a.name for a in self.avatar] + [o.name for o in self.object], "two objects or avatars are named {!r}")
-        _unique(
+        check_unique(
+            [a.name for a in self.avatar] + [o.name for o in self.object], "two objects or avatars are named {!r}"
+        )
+        check_unique(
             (" / ".join(sorted(p.materials)) for p in self.material_pair), "material_pair: the pair {!r} is given twice"
         )
         if not self.object and not self.avatar:
@@ -271,6 +228,7 @@ class SceneFile(_Table):
 _TABLES: dict[str, type[BaseModel]] = {
     "": SceneFile,
     "scene": SceneTable,
+    "recording": RecordingTable,
     "material_pair": MaterialPair,
     "object": ObjectTable,
     "avatar": AvatarTable,
@@ -280,14 +238,6 @@ _TABLES: dict[str, type[BaseModel]] = {
     "joints": JointsTable,
     "coupling": Coupling,
 }
-
-
-def _unique(values: Iterable[str], text: str) -> None:
-    seen: set[str] = set()
-    for value in values:
-        if value in seen:
-            raise fault(text.format(value))
-        seen.add(value)
 
 
 def load_scene_file(path: Path) -> SceneFile:

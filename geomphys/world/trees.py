@@ -13,7 +13,8 @@ from geomphys.world.chains import named_chains, suggested_chains
 from geomphys.world.mass import NOTHING, MassProperties
 from geomphys.world.reach_cone import ReachCone, reach_cone
 from geomphys.world.scene import DRIVEN, FIXED, SIMULATED
-from geomphys.world.scene_file import AvatarTable, Decomposition, ObjectTable
+from geomphys.world.scene_file import AvatarTable, ObjectTable
+from geomphys.world.scene_values import Decomposition
 from geomphys.world.skeleton import Skeleton, load_skeleton
 from geomphys.world.tessellation import Triangles
 from geomphys.world.urdf_file import BoxShape, CapsuleShape, CylinderShape, MeshShape, Shape, SphereShape
@@ -57,10 +58,15 @@ class Tree:
         return self.table.root.topic if isinstance(self.table, AvatarTable) else self.table.topic
 
     @property
+    def delay(self) -> float:
+        """Seconds that are added to the times of its topic."""
+        return self.table.root.delay if isinstance(self.table, AvatarTable) else self.table.delay
+
+    @property
     def place(self) -> tuple[tuple[float, float, float], tuple[float, float, float, float]]:
         """Position and orientation: of the root in the world, or in the tracker's frame."""
         held = self.table.root if isinstance(self.table, AvatarTable) else self.table
-        return held.position, held.orientation
+        return held.position, held.rotation
 
 
 def read_avatar(table: AvatarTable, path: Path, workshop: Workshop, several: bool, mode: str) -> Tree:

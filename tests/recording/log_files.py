@@ -19,6 +19,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 from mcap_ros2._dynamic import serialize_dynamic
 
 from geomphys.recording.definitions import STANDARD_TYPES
+from geomphys.world.inputs import JointSource, RootSource
 from geomphys.world.scene import (
     DRIVEN,
     FIXED,
@@ -27,15 +28,15 @@ from geomphys.world.scene import (
     Bodies,
     Chains,
     Dofs,
-    JointSource,
     Materials,
     Pieces,
     ReachCones,
-    RootSource,
     Scene,
     Trees,
     World,
 )
+from geomphys.world.scene_file import SceneFile
+from geomphys.world.scene_inputs import RecordingTable
 
 S = 10**9
 IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
@@ -75,6 +76,7 @@ class Item:
     publish_time: int | None = None
     side: str = "left"
     channel: int = 0  # tells channels of the same topic apart
+    frame: str = "world"
 
     @property
     def time(self) -> int:
@@ -179,7 +181,7 @@ def _definition(name: str) -> str:
 
 def _ros(item: Item) -> Any:
     sec, nanosec = divmod(item.time, S)
-    header = SimpleNamespace(stamp=SimpleNamespace(sec=sec, nanosec=nanosec), frame_id="world")
+    header = SimpleNamespace(stamp=SimpleNamespace(sec=sec, nanosec=nanosec), frame_id=item.frame)
     if item.kind == "joints":
         given = {k: v for k, v in item.value.items() if v is not None}
         return SimpleNamespace(header=header, name=list(given), position=list(given.values()), velocity=[], effort=[])
@@ -220,15 +222,17 @@ def _protobuf(item: Item) -> Any:
                 joint.position = value
     elif item.kind == "pose":
         message.timestamp.FromNanoseconds(item.time)
+        message.frame_id = item.frame
         _fill(message.pose.position, message.pose.orientation, item.value)
     elif item.kind == "transform":
         ((child, value),) = item.value.items()
         message.timestamp.FromNanoseconds(item.time)
         message.child_frame_id = child
+        message.parent_frame_id = item.frame
         _fill(message.translation, message.rotation, value)
     else:
         for child, value in item.value.items():
-            part = message.transforms.add(child_frame_id=child)
+            part = message.transforms.add(child_frame_id=child, parent_frame_id=item.frame)
             part.timestamp.FromNanoseconds(item.time)
             _fill(part.translation, part.rotation, value)
     return message
@@ -245,14 +249,24 @@ def _dict(v: Sequence[float]) -> dict[str, float]:
 
 def _json(item: Item) -> Any:
     sec, nsec = divmod(item.time, S)
-    stamp = {"timestamp": {"sec": sec, "nsec": nsec}}
+    stamp: dict[str, Any] = {"timestamp": {"sec": sec, "nsec": nsec}}
     if item.kind == "joints":
         listed = [{"name": k} | ({} if v is None else {"position": v}) for k, v in item.value.items()]
         return stamp | {"joints": listed}
     if item.kind == "pose":
-        return stamp | {"pose": {"position": _dict(item.value[:3]), "orientation": _dict(item.value[3:])}}
+        return (
+            stamp
+            | {"frame_id": item.frame}
+            | {"pose": {"position": _dict(item.value[:3]), "orientation": _dict(item.value[3:])}}
+        )
     parts = [
-        stamp | {"child_frame_id": child, "translation": _dict(v[:3]), "rotation": _dict(v[3:])}
+        stamp
+        | {
+            "parent_frame_id": item.frame,
+            "child_frame_id": child,
+            "translation": _dict(v[:3]),
+            "rotation": _dict(v[3:]),
+        }
         for child, v in item.value.items()
     ]
     return parts[0] if item.kind == "transform" else {"transforms": parts}
@@ -260,7 +274,7 @@ def _json(item: Item) -> Any:
 
 def _json_ros(item: Item) -> Any:
     sec, nanosec = divmod(item.time, S)
-    header = {"header": {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": "world"}}
+    header = {"header": {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": item.frame}}
     if item.kind == "joints":
         given = {k: v for k, v in item.value.items() if v is not None}
         return header | {"name": list(given), "position": list(given.values())}
@@ -295,8 +309,8 @@ class Tree:
     rest: Sequence[float] = IDENTITY
 
 
-def make_world(*trees: Tree) -> World:
-    """A world of trees, avatars first. Only what a recording needs of it is filled in."""
+def make_world(*trees: Tree, recording: dict[str, Any] | None = None) -> World:
+    """A world of trees, avatars first, and its `[recording]`. Only what a recording needs of it is filled in."""
     ordered = sorted(trees, key=lambda t: not t.avatar)
     roots, sources, dof_names, dof_tree, lower, upper = [], [], [], [], [], []
     body_tree, parent, joint, dof = [], [], [], []
@@ -370,7 +384,7 @@ def make_world(*trees: Tree) -> World:
     )
     names = tuple(f"{ordered[t].name}/{i}" for i, t in enumerate(body_tree))
     return World(
-        file=None,  # type: ignore[arg-type]
+        file=SceneFile.model_construct(recording=RecordingTable(**(recording or {}))),
         path=Path("scene.toml"),
         scene=scene,
         tree_names=tuple(t.name for t in ordered),

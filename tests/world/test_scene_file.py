@@ -6,11 +6,13 @@ import json
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from geomphys.errors import SceneError
+from geomphys.transforms import rotation_from_quaternion
 from geomphys.world import scene_file
 from geomphys.world.scene_file import SceneFile, load_scene_file, parse_scene, scene_json_schema
 
@@ -18,11 +20,19 @@ HERE = Path("s.toml")
 BALL = '[[object]]\nname = "ball"\nclass = "fixed"\nsphere = 0.1\n'
 DRIVEN = '[[object]]\nname = "mug"\nclass = "driven"\ncylinder = [0.04, 0.1]\ntopic = "/mug"\n'
 HAND = '[[avatar]]\nname = "hand"\nurdf = "hand.urdf"\n'
+JOINTS = HAND + "[avatar.joints]\ntopic = '/glove'\n{}\n"
 
 FULL = """
 [scene]
 name = "gallery"
 gravity = [0.0, 0.0, -9.81]
+
+[recording]
+up = "y"
+unit = "mm"
+frame = "lighthouse"
+position = [0.0, 0.0, 0.4]
+rpy = [0.0, 0.0, 90.0]
 
 [[material_pair]]
 materials = ["rubber", "wood"]
@@ -60,7 +70,8 @@ name = "door"
 class = "fixed"
 urdf = "door/door.urdf"
 topic = "/scene/door/frame"
-joints = { topic = "/scene/door/joint_states" }
+joints = { topic = "/scene/door/joint_states", sign = { hinge = -1 }, delay = 0.08 }
+up = "y"
 
 [[avatar]]
 name = "hand"
@@ -153,6 +164,38 @@ def test_what_is_left_out() -> None:
         (BALL + "orientation = [0, 0, 0, 0]", "object[0] ('ball').orientation = [0, 0, 0, 0]: is not a unit"),
         (BALL + "orientation = [0, 0, nan, 1]", "object[0] ('ball').orientation[2] = nan: expected a finite"),
         (HAND + "root = { orientation = [1, 1, 0, 0] }", "avatar[0] ('hand').root.orientation = [1, 1, 0, 0]: is not"),
+        (
+            BALL + "orientation = [0, 0, 0, 1]\nrpy = [0, 0, 0]",
+            "object[0] ('ball') has both orientation and rpy, each of",
+        ),
+        (BALL + "rpy = [0, 0, 0]\nup = 'y'", "object[0] ('ball') has both rpy and up, each of which is its rotation"),
+        (
+            HAND + "root = { up = 'z', orientation = [0, 0, 0, 1] }",
+            "avatar[0] ('hand').root has both orientation and up",
+        ),
+        ("[recording]\nrpy = [0, 0, 1]\norientation = [0, 0, 0, 1]\n" + BALL, "recording has both orientation and rpy"),
+        (BALL + "up = 'x'", "object[0] ('ball').up = 'x': expected 'y' or 'z'"),
+        (BALL + "rpy = [0, 90]", "object[0] ('ball').rpy = [0, 90]: expected more values"),
+        (BALL + "rpy = [0, 0, 4000]", "object[0] ('ball').rpy[2] = 4000: expected at most 3600"),
+        ("[recording]\nunit = 'inch'\n" + BALL, "recording.unit = 'inch': expected 'm', 'mm' or 'cm'"),
+        ("[recording]\nunits = 'mm'\n" + BALL, "recording.units = 'mm': unknown key, did you mean 'unit'?"),
+        ("[recording]\nframe = 3\n" + BALL, "recording.frame = 3: expected an array [...]"),
+        ("[recording]\nframe = []\n" + BALL, "recording.frame = []: expected at least 1 values"),
+        ("[recording]\nframe = ['a', '']\n" + BALL, "recording.frame[1] = '': must not be empty"),
+        ("[[recording]]\nup = 'y'\n" + BALL, "recording = [{'up': 'y'}]: expected a table {...}"),
+        (JOINTS.format("sign = { '' = 1 }"), "avatar[0] ('hand').joints.sign. = '': must not be empty"),
+        (BALL + "delay = 0.1", "object[0] ('ball') delay: shifts the times of a topic, and there is none"),
+        (HAND + "root = { delay = 0.1 }", "avatar[0] ('hand').root delay: shifts the times of a topic"),
+        (DRIVEN + "delay = 1e4", "object[0] ('mug').delay = 10000.0: expected at most 600"),
+        (JOINTS.format("sign = { a = 2 }"), "avatar[0] ('hand').joints.sign.a = 2: expected 1 or -1"),
+        (JOINTS.format("sign = { a = true }"), "avatar[0] ('hand').joints.sign.a = True: expected 1 or -1"),
+        (JOINTS.format("scale = { a = 0.0 }"), "avatar[0] ('hand').joints.scale.a = 0.0: would make the joint stand"),
+        (JOINTS.format("offset = { a = nan }"), "avatar[0] ('hand').joints.offset.a = nan: expected a finite number"),
+        (JOINTS.format("ignore = 'a'"), "avatar[0] ('hand').joints.ignore = 'a': expected an array [...]"),
+        (
+            JOINTS.format("igore = ['a']"),
+            "avatar[0] ('hand').joints.igore = ['a']: unknown key, did you mean 'ignore'?",
+        ),
         (BALL.replace("fixed", "moving"), "class = 'moving': expected 'fixed', 'simulated' or 'driven'"),
         (BALL.replace('class = "fixed"\n', ""), "object[0] ('ball').class is missing"),
         (BALL + "box = [1, 1, 1]", "object[0] ('ball') needs exactly one of mesh, box"),
@@ -249,6 +292,44 @@ def test_unit_quaternions_stay_as_they_are_and_close_ones_are_made_unit() -> Non
     assert rounded[0] == pytest.approx(0.1826, abs=1e-4)
 
 
+@pytest.mark.parametrize("norm", [0.991, 0.9995, 1.0005, 1.0099])
+def test_a_quaternion_typed_by_hand_is_normalised_within_one_percent(norm: float) -> None:
+    """1 0 0 1 over the root of two, typed with few digits, is a rotation by 90 degrees and not an error."""
+    s = norm * math.sqrt(0.5)
+    ball = parse_scene(BALL + f"orientation = [{s}, 0, 0, {s}]", HERE).object[0]
+    assert ball.rotation == pytest.approx((math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)), abs=1e-15)
+    assert "not a unit quaternion" in fault(BALL + f"orientation = [0, 0, 0, {norm + math.copysign(0.01, norm - 1)}]")
+
+
+def test_a_rotation_is_the_same_however_it_is_written() -> None:
+    s = math.sqrt(0.5)
+    written = (f"orientation = [{s}, 0, 0, {s}]", "rpy = [90, 0, 0]", "up = 'y'")
+    for text in written:
+        ball = parse_scene(BALL + text, HERE).object[0]
+        hand = parse_scene(HAND + "root = { " + text + " }", HERE).avatar[0]
+        assert ball.rotation == hand.root.rotation == pytest.approx((s, 0.0, 0.0, s), abs=1e-15)
+    assert parse_scene(BALL + "up = 'z'", HERE).object[0].rotation == (0.0, 0.0, 0.0, 1.0)
+
+
+def test_the_recorded_space() -> None:
+    """`up` first, then the rotation in the world: y goes to z, and a turn by 90 degrees about z takes z of it to x."""
+    nothing = parse_scene(BALL, HERE).recording
+    assert (nothing.rotation, nothing.unit, nothing.frame) == ((0.0, 0.0, 0.0, 1.0), "m", ())
+    space = parse_scene("[recording]\nup = 'y'\nunit = 'mm'\nrpy = [0, 0, 90]\n" + BALL, HERE).recording
+    world_from_recorded = rotation_from_quaternion(space.rotation)
+    for axis, goes_to in (((0, 1, 0), (0, 0, 1)), ((1, 0, 0), (0, 1, 0)), ((0, 0, 1), (1, 0, 0))):
+        assert world_from_recorded @ axis == pytest.approx(np.array(goes_to), abs=1e-15)
+    assert space.unit == "mm"
+
+
+def test_what_becomes_of_recorded_joints() -> None:
+    keys = "sign = { a = -1, b = 1.0 }\nscale = { a = 2 }\noffset = { c = 0.5 }\nignore = ['x*']\ndelay = -0.08"
+    joints = parse_scene(JOINTS.format(keys), HERE).avatar[0].joints
+    assert joints is not None
+    assert (joints.sign, joints.scale, joints.offset) == ({"a": -1, "b": 1}, {"a": 2.0}, {"c": 0.5})
+    assert (joints.ignore, joints.delay) == (("x*",), -0.08)
+
+
 def test_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(SceneError, match="no such scene file"):
         load_scene_file(tmp_path / "none.toml")
@@ -274,6 +355,11 @@ def test_the_schema_describes_the_file() -> None:
     import tomllib
 
     jsonschema.validate(tomllib.loads(FULL), schema)
+    for frame in ('"world"', '["world", "map"]'):
+        jsonschema.validate(tomllib.loads(f"[recording]\nframe = {frame}\n" + BALL), schema)
+    for wrong in (JOINTS.format("sign = { a = 2 }"), BALL + "up = 'x'", "[recording]\nframe = []\n" + BALL):
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(tomllib.loads(wrong), schema)
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(tomllib.loads(BALL + "colour = 1"), schema)
 

@@ -1,0 +1,200 @@
+"""The tree of frames in a log: which frame is given in which, by which topics, and the way from one to another."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from geomphys.errors import LogError
+from geomphys.recording.channels import kind_of, make_reader
+from geomphys.recording.decoders import BadMessageError
+from geomphys.recording.kinds import full_name
+from geomphys.recording.naming import plain
+from geomphys.recording.plan import is_static
+from geomphys.recording.poses import Seven
+from geomphys.recording.reader import LogChannel, LogReader
+from geomphys.recording.samples import Content, Joints
+from geomphys.recording.streams import good_pose
+
+TREE_TYPES = (
+    "tf2_msgs/msg/TFMessage",
+    "tf/msg/tfMessage",
+    "geometry_msgs/msg/TransformStamped",
+    "foxglove.FrameTransform",
+    "foxglove.FrameTransforms",
+    "foxglove_msgs/msg/FrameTransform",
+    "foxglove_msgs/msg/FrameTransforms",
+)
+"""Messages that make up the tree. A pose of something is in a frame too, but no other pose is given in that something."""
+SURVEYED = 10 * 10**9
+"""ns of a log that are read for its tree; more only where a frame is looked for that has not come yet."""
+FRAMES_LIMIT = 10_000
+"""frames of a log's tree"""
+
+
+class Edge(NamedTuple):
+    """Child frame and the frame that it is given in."""
+
+    parent: str
+    child: str
+
+
+class Step(NamedTuple):
+    """An edge on the way from one frame to another; `inverse`: from the parent to the child."""
+
+    edge: Edge
+    inverse: bool
+
+
+@dataclass
+class Link:
+    """How an edge is known."""
+
+    topics: list[str] = field(default_factory=list)  # without repeats
+    keys: set[int] = field(default_factory=set)  # of channels
+    static: bool = True  # from static transforms only
+    first: Seven | None = None  # its first good transform, parent_from_child, as recorded
+
+
+class FrameError(Exception):
+    """Why one frame cannot be given in another; the text goes on a sentence that names them."""
+
+
+@dataclass
+class FrameTree:
+    """Frames by name, without a leading slash."""
+
+    parents: dict[str, dict[str, Link]] = field(default_factory=dict)  # child -> parent -> link
+
+    def add(self, parent: str, child: str, channel: LogChannel, value: Seven) -> None:
+        """Take in a transform."""
+        if not parent or not child or parent == child or len(self.parents) >= FRAMES_LIMIT:
+            return
+        link = self.parents.setdefault(child, {}).setdefault(parent, Link())
+        if channel.topic not in link.topics:
+            link.topics.append(channel.topic)
+        link.keys.add(channel.key)
+        link.static &= is_static(channel.topic)
+        if link.first is None:
+            link.first = good_pose(value)
+
+    @property
+    def frames(self) -> set[str]:
+        """All frames."""
+        return set(self.parents).union(*self.parents.values())
+
+    @property
+    def roots(self) -> list[str]:
+        """Frames that are given in no other, sorted."""
+        return sorted(self.frames - set(self.parents))
+
+    def link(self, edge: Edge) -> Link:
+        """How an edge is known."""
+        return self.parents[edge.child][edge.parent]
+
+    def only_parent(self, frame: str, topic: str | None = None) -> str | None:
+        """Parent of a frame, None for a root; with `topic`, by that topic alone.
+
+        Raises FrameError if it has two.
+        """
+        links = self.parents.get(frame, {}).items()
+        found = [(name, link.topics[0]) for name, link in links if topic is None or topic in link.topics]
+        if len(found) > 1:
+            (a, one), (b, other), *_ = found
+            raise FrameError(two_parents(frame, a, topic or one, b, topic or other))
+        return found[0][0] if found else None
+
+    def way_up(self, frame: str, until: str) -> list[Edge]:
+        """Edges from a frame to another that it hangs on, or else to its root.
+
+        Raises FrameError if a frame on the way has two parents, or if they go round in a circle.
+        """
+        edges: list[Edge] = []
+        while frame != until and (parent := self.only_parent(frame)) is not None:
+            edges.append(Edge(parent, frame))
+            if any(parent == e.child for e in edges):
+                names = ", ".join(repr(plain(e.child)) for e in edges)
+                raise FrameError(f"the frames {names} are given in one another, in a circle")
+            frame = parent
+        return edges
+
+    def way(self, frame: str, space: str) -> tuple[Step, ...] | None:
+        """Steps from a frame to the space; None if there are none.
+
+        Raises FrameError as `way_up`.
+        """
+        up = self.way_up(frame, space)
+        reached = [frame, *(e.parent for e in up)]
+        if reached[-1] == space:
+            return tuple(Step(e, False) for e in up)
+        down: list[Edge] = []
+        for edge in self.way_up(space, frame):
+            down.append(edge)
+            if edge.parent in reached:
+                climb = up[: reached.index(edge.parent)]
+                return (*(Step(e, False) for e in climb), *(Step(e, True) for e in reversed(down)))
+        return None
+
+
+def two_parents(frame: str, a: str, a_topic: str, b: str, b_topic: str) -> str:
+    """Say that a frame is given in two."""
+    return (
+        f"the frame {plain(frame)!r} has two parents, {plain(a)!r} (topic {plain(a_topic)!r}) and {plain(b)!r} (topic "
+        f"{plain(b_topic)!r}), and a frame can have one: leave one of the two publishers out of the log"
+    )
+
+
+def plain_frame(name: str) -> str:
+    """Return a frame id as the tree has it: ``/world`` of old writers is ``world``."""
+    return name.strip().lstrip("/")
+
+
+def is_of_tree(channel: LogChannel) -> bool:
+    """Whether a channel's messages are transforms from frame to frame."""
+    return full_name(channel.schema_name) in TREE_TYPES and kind_of(channel) is not None
+
+
+def survey(reader: LogReader, names: Iterable[str]) -> Iterator[FrameTree]:
+    """Read a log's tree; `names` are frames that are looked for.
+
+    Yields what the first `SURVEYED` ns of the log and the first message of every topic tell, with what speaks of the
+    names, which may come at any time; then, if asked for more, what the whole log tells.
+    """
+    tree = FrameTree()
+    channels = {c.key: c for c in reader.channels.values() if c.messages and is_of_tree(c)}
+    readers = {key: read for key, c in channels.items() if (read := _reader(c)) is not None}
+    waiting, missing = set(readers), set(names)
+    until = reader.start_ns + SURVEYED
+    for whole in (False, True):
+        for raw in reader.read(set(readers)):
+            if not whole and raw.log_time > until and raw.key not in waiting:
+                if not waiting and not missing:
+                    break
+                if not any(name.encode() in raw.data or not name.isascii() for name in missing):
+                    continue
+            waiting.discard(raw.key)
+            _take(tree, channels[raw.key], readers[raw.key], raw.data)
+            if missing:
+                missing -= tree.frames
+        yield tree
+
+
+def _take(tree: FrameTree, channel: LogChannel, read: Callable[[bytes], Content], data: bytes) -> None:
+    """Add the transforms of a message to the tree."""
+    try:
+        content = read(data)
+    except BadMessageError:
+        return
+    if not isinstance(content, Joints):
+        for pose in content:
+            tree.add(plain_frame(pose.frame), plain_frame(pose.child), channel, pose.value)
+
+
+def _reader(channel: LogChannel) -> Callable[[bytes], Content] | None:
+    """Make the function that reads a channel; None where its schema cannot be read, of which its followers are told."""
+    kind = kind_of(channel)
+    try:
+        return None if kind is None else make_reader(channel, kind)
+    except LogError:
+        return None

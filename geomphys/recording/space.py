@@ -1,0 +1,45 @@
+"""The recorded space: from the numbers of a log to the world of a scene. Everything that has a position goes through it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from geomphys.recording.poses import IDENTITY, Seven, compose
+from geomphys.world.scene_inputs import RecordingTable
+
+
+@dataclass(frozen=True)
+class RecordedSpace:
+    """The space in which a log has its poses, placed in the world.
+
+    A recorded position p [units of the log] is at  t + R p / n  in the world, n the units in a metre; a recorded rotation
+    r becomes  R r. R is the rotation of `[recording]`: with ``up = "y"`` first the right-handed rotation by +90 degrees
+    about x, under which (x, y, z) becomes (x, -z, y), then `orientation` or `rpy`; t is its `position` [m]. Only the space is
+    rotated: a body's own axes, and so the offset from a tracker to a root, stay as they are.
+    """
+
+    world_from_space: Seven = IDENTITY
+    units_per_metre: float = 1.0
+
+    @classmethod
+    def of(cls, table: RecordingTable) -> RecordedSpace:
+        """The space that a scene file's `[recording]` describes."""
+        return cls((*table.position, *table.rotation), {"m": 1.0, "cm": 100.0, "mm": 1000.0}[table.unit])
+
+    def metres(self, pose: Sequence[float]) -> Seven:
+        """Return a recorded pose with its position in metres; to the bit what it was where that is the log's unit."""
+        if self.units_per_metre == 1.0:
+            return tuple(pose)
+        x, y, z, *rotation = pose
+        n = self.units_per_metre
+        return (x / n, y / n, z / n, *rotation)
+
+    def to_world(self, pose: Seven) -> Seven:
+        """Pose in the world of a pose in this space, in metres; to the bit what it was where the space is the world."""
+        return pose if self.world_from_space == IDENTITY else compose(self.world_from_space, pose)
+
+    def point(self, position: Sequence[float]) -> tuple[float, float, float]:
+        """Position in the world [m] of a recorded one [units of the log]."""
+        x, y, z = self.to_world((*self.metres((*position, *IDENTITY[3:]))[:3], *IDENTITY[3:]))[:3]
+        return (x, y, z)

@@ -1,0 +1,42 @@
+"""What a world takes from a recording: topics of poses and joint values, and what becomes of the recorded numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+
+
+@dataclass(frozen=True, kw_only=True)
+class RootSource:
+    """Where the pose of a tree's root comes from."""
+
+    tree: int
+    topic: str  # `topic` or `topic#child_frame`
+    position: tuple[float, float, float]  # tracker_from_root
+    orientation: tuple[float, float, float, float]
+    delay: float = 0.0  # s, added to the times of its samples
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointSource:
+    """Where the values of a tree's joints come from: q = factor · (recorded value in rad or m) + offset."""
+
+    tree: int
+    topic: str
+    unit: str | None  # "rad", "deg" or None: what the message type says (ManusGlove: deg, else rad)
+    rename: dict[str, str]  # recorded name -> joint name
+    dofs: dict[str, int]  # joint name -> column of the angles (mimic joints left out)
+    mimics: tuple[str, ...] = ()  # names of mimic joints: recorded values of theirs are not used
+    ignore: tuple[str, ...] = ()  # patterns of names that are left out
+    factors: Mapping[str, float] = field(default_factory=dict)  # joint name -> sign times scale, where that is not 1
+    offsets: Mapping[str, float] = field(default_factory=dict)  # joint name -> rad or m, where there is one
+    delay: float = 0.0  # s, added to the times of its samples
+
+    def ignores(self, name: str) -> bool:
+        """Whether a recorded name is left out: a pattern matches it, and `rename` does not speak of it."""
+        return name not in self.rename and self.covers(name)
+
+    def covers(self, name: str) -> bool:
+        """Whether a pattern matches a name: that a joint of this name is not recorded is meant so."""
+        return any(fnmatchcase(name, pattern) for pattern in self.ignore)
