@@ -97,7 +97,6 @@ class FrameTracks:
     def __init__(self, plan: FramePlan, space: RecordedSpace, max_gap: int) -> None:
         self.plan, self.space, self.max_gap = plan, space, max_gap
         self.tracks: dict[Edge, FrameTrack] = {}
-        self.keys = plan.keys
         for edge in sorted(plan.edges):
             self._track(edge)
 
@@ -112,6 +111,11 @@ class FrameTracks:
         Raises LogError if there is none.
         """
         way = self.plan.way(topic, frame)
+        if any(s.edge not in self.tracks and not self.plan.tree.link(s.edge).static for s in way):
+            raise LogError(
+                f"{self.plan.path}: topic {topic!r} gives poses in {frame!r}, a frame that moves, only after the log's "
+                "beginning, where it names another: cut the log where the frame id changes"
+            )
         return FrameChain(tuple(ChainLink(self._track(s.edge), s.inverse) for s in way)) if way else None
 
     def forget(self, time: int) -> None:
@@ -122,11 +126,6 @@ class FrameTracks:
     def _track(self, edge: Edge) -> FrameTrack:
         if edge not in self.tracks:
             link = self.plan.tree.link(edge)
-            if not link.static and not link.keys <= self.keys:
-                raise LogError(
-                    f"{self.plan.path}: the frame id of a topic changes after the log's beginning to one that hangs on "
-                    f"{edge.child!r}, which moves: name the recorded space by frame = ... under [recording]"
-                )
             first = None if link.first is None or not link.static else self.space.metres(link.first)
             self.tracks[edge] = FrameTrack(self.max_gap, static=link.static, first=first)
         return self.tracks[edge]

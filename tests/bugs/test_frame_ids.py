@@ -273,6 +273,29 @@ def test_frames_that_go_round_in_a_circle(tmp_path):
     assert "'a', 'b' are given in one another" in problem(tmp_path, items, HAND, recording={"frame": "world"})
 
 
+def test_a_topic_may_change_the_frame_it_names_between_frames_at_rest(tmp_path):
+    items = [transforms("/tf_static", 0.0, {"lighthouse": LIGHTHOUSE})]
+    for t in times(100):
+        early = t < 1.5
+        value = moves(t) if early else seen_from(still(LIGHTHOUSE), moves, t)
+        items.append(pose("/wrist", t, value, frame="world" if early else "lighthouse"))
+    assert_follow(frames_of(tmp_path, items, HAND), moves)
+
+
+def test_a_topic_that_changes_to_a_frame_that_moves_is_refused(tmp_path):
+    items = [transforms("/tf", t, {"cart": cart(t)}) for t in times(120)]
+    items += [pose("/wrist", t, moves(t), frame="world" if t < 1.5 else "cart") for t in times(100)]
+    text = problem(tmp_path, items, HAND)
+    assert "topic '/wrist' gives poses in 'cart', a frame that moves, only after the log's beginning" in text
+
+
+def test_a_topic_that_changes_to_a_frame_that_leads_nowhere_is_refused(tmp_path):
+    items = [pose("/wrist", t, moves(t), frame="world" if t < 1.5 else "map") for t in times(100)]
+    assert "topic '/wrist' gives poses in 'map', and nothing in the log leads from there" in problem(
+        tmp_path, items, HAND
+    )
+
+
 def test_the_same_transform_from_two_publishers_is_one(tmp_path):
     items = [transforms(topic, 0.0, {"lighthouse": LIGHTHOUSE}) for topic in ("/tf_static", "/bridge/tf_static")]
     for t in times():
