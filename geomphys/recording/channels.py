@@ -29,6 +29,15 @@ class Joints(NamedTuple):
     values: Sequence[float]  # NaN where the log has one; a joint without a value is left out
     side: str  # of a glove: "left", "right" or ""
 
+    @property
+    def sample(self) -> Sequence[float]:
+        """The values that count: none where there are fewer than names, as nobody knows whose they are.
+
+        Such messages are valid in ROS (velocities only) and are passed over by its own tools. Of more values than names
+        the first ones are those of the names.
+        """
+        return self.values if len(self.values) >= len(self.names) else ()
+
 
 class Pose(NamedTuple):
     """A pose. `child` is the frame it is the pose of; "" where the message does not name one."""
@@ -97,6 +106,8 @@ def _proto_stamp(m: Any) -> int | None:
 
 def _proto_joints(m: Any) -> Joints:
     given = [j for j in m.joints if j.HasField("position")]
+    if not given:  # velocities only, as a ROS message with names and without positions
+        return Joints(_proto_stamp(m), [j.name for j in m.joints], (), "")
     return Joints(_proto_stamp(m), [j.name for j in given], [j.position for j in given], "")
 
 
@@ -137,7 +148,7 @@ def _json_seven(p: Any, q: Any) -> tuple[float, ...]:
 
 def _json_ros_joints(m: Any) -> Joints:
     stamp = _json_stamp(m.get("header", {}).get("stamp"))
-    return Joints(stamp, _names(m["name"]), [_number(x) for x in m["position"]], "")
+    return Joints(stamp, _names(m["name"]), [_number(x) for x in m.get("position") or ()], "")
 
 
 def _names(names: Any) -> list[str]:
@@ -170,6 +181,8 @@ def _json_glove(m: Any) -> Joints:
 
 def _json_joints(m: Any) -> Joints:
     given = [j for j in m["joints"] if j.get("position") is not None]
+    if not given:
+        return Joints(_json_stamp(m.get("timestamp")), _names([j["name"] for j in m["joints"]]), (), "")
     return Joints(
         _json_stamp(m.get("timestamp")), _names([j["name"] for j in given]), [float(j["position"]) for j in given], ""
     )

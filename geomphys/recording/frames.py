@@ -19,10 +19,11 @@ from geomphys.recording.channels import Joints
 from geomphys.recording.clock import FrameClock, RateClock, TopicClock
 from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.facts import learn, log_times_agree, stream_problems
-from geomphys.recording.plan import Plan, make_plan
+from geomphys.recording.plan import Plan, is_static, make_plan
 from geomphys.recording.reader import LogReader, RawMessage, open_log
 from geomphys.recording.report import RecordingReport, report_of
 from geomphys.recording.routes import JointRoute, RootRoute, Route
+from geomphys.recording.stamps import StampWatch
 from geomphys.recording.times import MessageTimes, Watermark
 from geomphys.results import FLAG_BEFORE_FIRST, FLAG_CLAMPED, FLAG_HELD, FLAG_OUTSIDE_LIMITS, Frame
 from geomphys.world.scene import JOINT_PRISMATIC, World
@@ -62,7 +63,7 @@ class FrameSource:
             more = len(self.plan.problems) - 1
             also = f" (and {more} more; `geomphys check` lists them)" if more else ""
             raise LogError(self.plan.problems[0] + also)
-        self.times = MessageTimes(config.time, self.reader.channels)
+        self.times = MessageTimes(config.time, self.reader.channels, self.reader.path)
         self.known = learn(self.reader, self.plan, config, self.times)
         problem = next(stream_problems(self.reader, self.plan, self.known), None)
         if problem is not None:
@@ -117,9 +118,12 @@ class Run:
 
     def __init__(self, source: FrameSource) -> None:
         self.source, self.world, self.config = source, source.world, source.config
+        self.times = source.times.anew()
+        delay = round(self.config.max_delay * 1e9)
+        self.watch = StampWatch(source.reader.path, delay) if self.config.time != "log" else None
         scene = self.world.scene
         gap = round(self.config.max_gap * 1e9)
-        self.lookahead = gap + round(self.config.max_delay * 1e9)
+        self.lookahead = gap + delay
         self.clock: FrameClock = TopicClock() if self.config.rate is None else RateClock(self.config.rate)
         self.routes: dict[int, Route] = {}
         self.roots: list[RootRoute] = []
@@ -182,6 +186,8 @@ class Run:
                     yield frame
                 elif self.config.end is not None and time > self.first_time + self.config.end * 1e9:
                     return
+        if self.watch is not None:
+            self.watch.finish()
         for time in clock.until(2**63):
             frame = self._frame(time)
             if frame is not None:
@@ -189,7 +195,7 @@ class Run:
 
     def _take(self, raw: RawMessage, watermark: Watermark) -> None:
         """Take in a message."""
-        key, times = raw.key, self.source.times
+        key, times = raw.key, self.times
         route, read = self.routes[key], self.source.known.readers.get(key)
         if read is None:  # a topic that only gives the clock
             time = times.of(key, None, raw.log_time, raw.publish_time)
@@ -204,6 +210,8 @@ class Run:
         if isinstance(content, Joints):
             time = times.of(key, content.stamp, raw.log_time, raw.publish_time)
             watermark.add(time)
+            if route.joints or route.clock:
+                self._watch(key, next(iter(content.names), "") if route.joints else "", content.stamp, time, raw)
             late = time <= self.passed
             for joints in route.joints:
                 joints.add(time, content)
@@ -219,6 +227,7 @@ class Run:
                 continue
             time = times.of(key, pose.stamp, raw.log_time, raw.publish_time)
             moments.add(time)
+            self._watch(key, pose.child, pose.stamp, time, raw)
             for root in roots:
                 root.add(time, pose)
             if beats:
@@ -226,6 +235,12 @@ class Run:
         for time in moments:
             watermark.add(time)
             self.late += time <= self.passed
+
+    def _watch(self, key: int, part: str, stamp: int | None, time: int, raw: RawMessage) -> None:
+        """Compare the time of a message with those before it; raises LogError where they cannot be right."""
+        topic = self.source.reader.channels[key].topic
+        if self.watch is not None and (stamp or self.config.time == "publish") and not is_static(topic):
+            self.watch.add(topic, part, time, raw.log_time)
 
     def _beat(self, time: int) -> None:
         """Take in a message of the frame clock."""

@@ -313,6 +313,11 @@ def _joint_sources(trees: Sequence[Tree], dof_start: NDArray[np.int64], path: Pa
             rename=dict(table.rename),
             dofs={name: int(dof_start[t]) + k for k, name in enumerate(tree.skeleton.dof_names)},
             mimics=mimics,
+            continuous=tuple(
+                j.name
+                for j in tree.skeleton.joints
+                if j is not None and j.type == "continuous" and j.dof >= 0 and j.mimics is None
+            ),
         )
 
 

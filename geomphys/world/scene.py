@@ -174,6 +174,7 @@ class JointSource:
     rename: dict[str, str]  # recorded name -> joint name
     dofs: dict[str, int]  # joint name -> column of the angles (mimic joints left out)
     mimics: tuple[str, ...] = ()  # names of mimic joints: recorded values of theirs are not used
+    continuous: tuple[str, ...] = ()  # names of those in `dofs` that go all the way round: q and q + 2 pi are the same
 
 
 @dataclass(frozen=True, kw_only=True)
