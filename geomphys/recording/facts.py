@@ -26,6 +26,8 @@ ZEROS = 1024  # messages with a stamp of zero after which a channel counts as no
 ZERO_BYTES = 16 * 2**20  # or bytes of such messages
 CLOCKS_APART = 3600 * 10**9
 """ns; topics whose stamps differ by more than this from what their log times say are of different clocks."""
+SOON = 25 * 10**7
+"""ns by which the log times may differ from the stamps where a clock begins at zero."""
 APART = 10**9
 """ns; topics whose stamps differ by more than this from what their log times say are warned of."""
 
@@ -178,8 +180,7 @@ def _decided(
 ) -> list[tuple[RawMessage, Content]]:
     """Decode a message; returns it, and those before it, once it is decided what a stamp of zero means on the channel.
 
-    Stamps of zero are times if the first stamp that is not zero is a small one, and no two messages before it that the
-    log received at different times have the stamp zero.
+    A stamp of zero is a time if it is that of a single message which comes as long before the next one as the stamps say.
     """
     try:
         probe.waiting.append((raw, known.readers[raw.key](raw.data)))
@@ -194,8 +195,10 @@ def _decided(
         if other is not None:
             times.offsets[raw.key] = other - message.log_time
             unset = {m.log_time for m, _ in probe.waiting[:-1]}
-            if other < EARLY_CLOCK and len(unset) < 2:
-                times.zero_counts.add(raw.key)
+            begin = next(iter(unset), None)
+            apart = other - (message.log_time - begin) if begin is not None else other
+            if len(unset) < 2 and apart < (SOON if begin is not None else EARLY_CLOCK):
+                times.zero_counts[raw.key] = begin
         full = len(probe.waiting) >= ZEROS or probe.bytes >= ZERO_BYTES
         probe.decided = other is not None or last or full or stamps[:1] == [None]
     ready = probe.waiting if probe.decided else []

@@ -46,12 +46,17 @@ TRACKS = 4096
 
 
 class Step(NamedTuple):
-    """Stamps of two messages in a row, and when the second one came; ns."""
+    """Stamps of two messages in a row, and when they came; ns."""
 
     before: int
     after: int
+    log_before: int
     log_time: int
-    excess: int = 0  # by how much more the stamps went ahead than the log times
+
+    @property
+    def excess(self) -> int:
+        """By how much more the stamps went ahead than the log times."""
+        return self.after - self.before - (self.log_time - self.log_before)
 
 
 class StampTrack:
@@ -64,7 +69,7 @@ class StampTrack:
         self.previous = (NEVER, 0)
         self.behind = self.ahead = 0  # messages behind what was reached, and in a row that are not
         self.back: Step | None = None  # where the stamps last went back
-        self.leap = Step(0, 0, 0)  # the largest step ahead
+        self.leap = Step(0, 0, 0, 0)  # the largest step ahead
         self.offsets: deque[int] = deque(maxlen=ENDS)  # stamp less log time, of the last messages
         self.first_offset = 0.0
 
@@ -78,18 +83,17 @@ class StampTrack:
         self.offsets.append(stamp - log_time)
         if self.count == ENDS:
             self.first_offset = statistics.median(self.offsets)
-        if self.count > 1:
-            excess = stamp - before - (log_time - before_log)
-            if excess > self.leap.excess:
-                self.leap = Step(before, stamp, log_time, excess)
-        if stamp >= self.reached.time:
+        step = Step(before, stamp, before_log, log_time)
+        if self.count > 1 and step.excess > self.leap.excess:
+            self.leap = step
+        if not self.behind and self.reached.time - stamp > delay:
+            self.back = step
+        if self.back is not None and stamp < self.back.before:
+            self.behind, self.ahead = self.behind + 1, 0
+        elif self.back is not None:
             self.ahead += 1
             if self.ahead >= STEADY:
-                self.behind = 0
-        elif self.behind or self.reached.time - stamp > delay:
-            if not self.behind:
-                self.back = Step(before, stamp, log_time)
-            self.behind, self.ahead = self.behind + 1, 0
+                self.behind, self.back = 0, None
         self.reached.add(stamp)
         self.logged.add(log_time)
         return self.behind >= STEADY
@@ -118,10 +122,13 @@ class StampTrack:
 
     @property
     def stays_ahead(self) -> bool:
-        """Whether the largest step ahead was one of the clock: for good, in a log whose times go the stamps' pace else."""
+        """Whether the largest step ahead was one of the clock: for good, and not borne out by the pace of the others."""
         span, log_span = self.spans
-        rest = span - self.leap.excess
-        return self.has_pace and self.leap.excess > JUMP and 0.5 * log_span <= rest <= 2 * log_span
+        ahead, paused = self.leap.after - self.leap.before, self.leap.log_time - self.leap.log_before
+        rest, log_rest = span - ahead, log_span - paused
+        if not self.has_pace or log_rest < SHORTEST or not 0 < rest < STRETCHED * log_rest:
+            return False
+        return ahead - max(1.0, rest / log_rest) * paused > JUMP
 
     @property
     def drift(self) -> float:
@@ -188,10 +195,10 @@ class StampWatch:
 
     def _starts_over(self, key: tuple[str, str], track: StampTrack) -> str:
         assert track.back is not None
-        before, after, log_time, _ = track.back
+        before, after = track.back.before, track.back.after
         return (
             f"{self._named(key)}: its time stamps start over: they jump back by {(before - after) / 1e9:.3f} s, from "
-            f"{before / 1e9:.3f} to {after / 1e9:.3f} s, {self._since(log_time)}; {REMEDY}"
+            f"{before / 1e9:.3f} to {after / 1e9:.3f} s, {self._since(track.back.log_time)}; {REMEDY}"
         )
 
     def _off_pace(self, key: tuple[str, str], track: StampTrack) -> str:

@@ -13,8 +13,10 @@ from geomphys.recording.reader import LogChannel
 NEVER = -(2**62)
 EARLY_CLOCK = 60 * 10**9
 """ns; a zero stamp is a time only on a channel whose next stamps are below this: its clock counts from about 0."""
+OTHER_CLOCK = 10**9
+"""ns; stamps further than this from their log times are of another clock than the log's."""
 NEAR_ZERO = 10**9
-"""ns; and only where the log times put the message within this of the clock's zero."""
+"""ns; a zero stamp behind others is a time only where the log received it within this of the clock's zero."""
 RANKED = 3
 
 
@@ -29,7 +31,7 @@ class MessageTimes:
         self.source = source
         self.channels = channels
         self.path = path
-        self.zero_counts: set[int] = set()
+        self.zero_counts: dict[int, int | None] = {}  # channel -> log time of its message at zero, once it came
         self.offsets: dict[int, int] = {}  # channel -> first stamp that is not zero, less its log time; ns
         self.bare: set[int] = set()  # channels of which messages carry no stamp at all
         self.zeros: dict[int, int] = {}  # channel -> messages and transforms with a stamp of zero that is no time
@@ -54,7 +56,7 @@ class MessageTimes:
             return log_time
         if stamp == 0:
             return self._unset(key, log_time)
-        if key in self.zeros and key not in self.offsets and abs(stamp - log_time) > NEAR_ZERO:
+        if key in self.zeros and key not in self.offsets and abs(stamp - log_time) > OTHER_CLOCK:
             raise LogError(
                 f"{self.path}: topic {plain(self.channels[key].topic)!r}: {self.zeros[key]} messages are stamped zero, then "
                 f"comes the stamp {stamp / 1e9:.3f} s of a clock other than the log's; --time log goes by when the log "
@@ -65,8 +67,11 @@ class MessageTimes:
     def _unset(self, key: int, log_time: int) -> int:
         """Time of a message with a stamp of zero."""
         time = log_time + self.offsets.get(key, 0)
-        if key in self.zero_counts and abs(time) <= NEAR_ZERO:
-            return 0
+        if key in self.zero_counts:
+            if self.zero_counts[key] is None and abs(time) <= NEAR_ZERO:
+                self.zero_counts[key] = log_time
+            if self.zero_counts[key] == log_time:
+                return 0
         if log_time:
             self.zeros[key] = self.zeros.get(key, 0) + 1
         return max(0, time)
@@ -81,7 +86,7 @@ class MessageTimes:
                 lines.append(f"topic {topic}: messages ({kind}) carry no time stamp; their log times are used")
                 continue
             moved = ""
-            if abs(self.offsets.get(key, 0)) > NEAR_ZERO:
+            if abs(self.offsets.get(key, 0)) > OTHER_CLOCK:
                 moved = f", moved by {self.offsets[key] / 1e9:.3f} s onto the clock of the others"
             lines.append(
                 f"topic {topic}: {self.zeros[key]} messages ({kind}) carry the time stamp zero, as before a clock is "
