@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from geomphys.config import Config
+from geomphys.diff.channels import Tolerance
+from geomphys.diff.motion import JointChannel
 from geomphys.load import load_world
 from geomphys.recording.frames import FrameSource
 from geomphys.world.scene import World
@@ -101,3 +104,16 @@ def test_the_case(shared_dir: Path) -> None:
     assert np.abs(steps).max() < 0.03
     crossing = int(np.argmax(np.abs(np.diff(angles))))
     assert np.abs(angles[crossing : crossing + 2]).min() > 3.1
+
+
+@pytest.mark.parametrize(("tolerance", "apart"), [(1e-6, 0.02), (0.0, TURN - 0.02)])
+def test_a_difference_of_such_angles_is_the_short_way_unless_bits_are_compared(tolerance: float, apart: float) -> None:
+    channel = JointChannel("/joint_states", Tolerance(m=0.0, rad=tolerance), frozenset(), frozenset({"a"}))
+    frames = [
+        SimpleNamespace(index=0, joints={"/joint_states": SimpleNamespace(names=("a", "b"), values=np.array(values))})
+        for values in ([np.pi - 0.01, 1.0], [-np.pi + 0.01, 1.5])
+    ]
+    channel.add(*frames)  # type: ignore[arg-type]
+    radians = channel.result().radians
+    assert radians["a"].max == pytest.approx(apart)
+    assert radians["b"].max == 0.5
