@@ -261,7 +261,10 @@ class JointStream:
 
     def _late(self, time: int, row: Floats) -> None:
         """Take in a sample from before the last frame: it can only be what is held from now on."""
-        newer = ~np.isnan(row) & (time > self.last_time)
+        there = ~np.isnan(row)
+        newer = there & (time > self.last_time)
+        if (there & (time == self.last_time)).any():
+            self.duplicates += 1
         if newer.any():
             self.last = np.where(newer, row, self.last)
             self.last_time[newer] = time
