@@ -69,7 +69,8 @@ class StampTrack:
         self.previous = (NEVER, 0)
         self.behind = self.ahead = 0  # messages behind what was reached, and in a row that are not
         self.back: Step | None = None  # where the stamps last went back
-        self.leap = Step(0, 0, 0, 0)  # the largest step ahead
+        self.leap = Step(0, 0, 0, 0)  # the largest step ahead, and its excess
+        self.largest = 0
         self.offsets: deque[int] = deque(maxlen=ENDS)  # stamp less log time, of the last messages
         self.first_offset = 0.0
 
@@ -83,17 +84,18 @@ class StampTrack:
         self.offsets.append(stamp - log_time)
         if self.count == ENDS:
             self.first_offset = statistics.median(self.offsets)
-        step = Step(before, stamp, before_log, log_time)
-        if self.count > 1 and step.excess > self.leap.excess:
-            self.leap = step
+        if stamp - before - (log_time - before_log) > self.largest and self.count > 1:
+            self.leap = Step(before, stamp, before_log, log_time)
+            self.largest = self.leap.excess
         if not self.behind and self.reached.time - stamp > delay:
-            self.back = step
-        if self.back is not None and stamp < self.back.before:
-            self.behind, self.ahead = self.behind + 1, 0
-        elif self.back is not None:
-            self.ahead += 1
-            if self.ahead >= STEADY:
-                self.behind, self.back = 0, None
+            self.back = Step(before, stamp, before_log, log_time)
+        if self.back is not None:
+            if stamp < self.back.before:
+                self.behind, self.ahead = self.behind + 1, 0
+            else:
+                self.ahead += 1
+                if self.ahead >= STEADY:
+                    self.behind, self.back = 0, None
         self.reached.add(stamp)
         self.logged.add(log_time)
         return self.behind >= STEADY

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from geomphys_cli.main import run
 
 from geomphys.config import Config
 from geomphys.errors import LogError
@@ -283,3 +285,20 @@ def test_the_case_of_unset_stamps(shared_dir: Path) -> None:
     assert (report.frames, report.held_frames, report.duplicates) == (60, 0, 0)
     assert (report.last_ns - report.first_ns) / S == pytest.approx(59 / 60, abs=0.02)
     assert any("/tracker/wrist: 5 messages" in w and "zero" in w for w in report.warnings)
+
+
+def test_check_replay_and_batch_agree(shared_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = shared_dir / "cases" / "times_that_jump"
+    log, scene = str(folder / "ms.mcap"), ["-s", str(folder / "scene.toml")]
+    said = []
+    for words in (["check", log, *scene], ["replay", log, *scene, "-o", str(tmp_path / "out.mcap")]):
+        assert run(words) == 1
+        said.append(capsys.readouterr().err.splitlines()[-1].partition(": ")[2])
+    assert said[1].startswith(said[0])  # and tells where the finished part is
+    assert not (tmp_path / "out.mcap").exists()
+    assert run(["batch", log, *scene, "-O", str(tmp_path / "out"), "-j", "1", "--json"]) == 3
+    (entry,) = json.loads(capsys.readouterr().out)["entries"]
+    assert entry["status"] == "failed"
+    assert "milliseconds" in entry["error"]
+    assert "--time log" in entry["error"]
+    assert run(["replay", log, *scene, "-o", str(tmp_path / "out.mcap"), "--time", "log"]) == 0
