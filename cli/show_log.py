@@ -41,6 +41,8 @@ def show_log(terminal: Terminal, log: LogInfo) -> None:
         rows.append(("Metadata", sorted(log.metadata)))
     if log.damage:
         rows.append(("Damage", [log.damage]))
+    if log.notes:
+        rows.append(("Files", list(log.notes)))
     narrow = terminal.width < NARROW
     terminal.result(heading(Path(log.path).name), fields(rows), "", _list_of(log) if narrow else _topics(log.topics))
     found = [(topic.topic, list(_found(topic, terminal.verbose))) for topic in log.topics]

@@ -68,7 +68,7 @@ def lowest_link(
             if isinstance(content, Joints):
                 if side and content.side != side:
                     continue
-                for name, value in zip(content.names, content.values, strict=False):
+                for name, value in zip(content.names, content.sample, strict=False):
                     if name in used and abs(value) < VALUE_LIMIT:
                         angles[used[name]] = value
                 first = angles * scale if first is None else first

@@ -11,6 +11,9 @@ from typing import Any
 
 from geomphys.errors import InputError
 
+NO_PARTS = "the server gives no parts of files; fetch the file first"
+"""What is told of a server that ignores what part of a file it is asked for."""
+
 
 class RangeStream(io.BufferedIOBase):
     """A file of fsspec whose troubles are OSErrors."""
@@ -62,6 +65,8 @@ def as_os_errors(url: str) -> Iterator[None]:
         raise
     except FileNotFoundError as problem:
         cause = problem.__cause__
+        if _status(cause) not in (None, 404, 410):  # fsspec takes every refusal for a missing file
+            raise _refused(cause, url) from problem
         if isinstance(cause, OSError) and not isinstance(cause, FileNotFoundError):  # fsspec takes it for the same
             raise OSError(cause.errno or errno.EIO, " ".join(str(cause).split()), url) from problem
         raise FileNotFoundError(errno.ENOENT, "there is no such file", url) from None
@@ -69,12 +74,36 @@ def as_os_errors(url: str) -> Iterator[None]:
         raise PermissionError(errno.EACCES, "access is refused; are the credentials set?", url) from None
     except FileExistsError:
         raise FileExistsError(errno.EEXIST, "is there already", url) from None
+    except TimeoutError as problem:
+        raise TimeoutError(errno.ETIMEDOUT, "the server does not answer in time; try again", url) from problem
     except OSError as problem:
         text = problem.strerror or " ".join(str(problem).split()) or type(problem).__name__
         raise OSError(problem.errno or errno.EIO, text, url) from problem
     except _foreign_errors() as problem:
+        if _status(problem) is not None:
+            raise _refused(problem, url) from problem
+        if "range requests" in str(problem):
+            raise OSError(errno.ESPIPE, NO_PARTS, url) from problem
         text = " ".join(str(problem).split()) or type(problem).__name__
         raise OSError(errno.EIO, text, url) from problem
+
+
+def _status(problem: BaseException | None) -> int | None:
+    """HTTP status of a refusal; None where an error is none."""
+    status = getattr(problem, "status", None)
+    return status if isinstance(status, int) and status >= 400 else None
+
+
+def _refused(problem: BaseException | None, url: str) -> OSError:
+    """What a web server's refusal means, and what to do."""
+    status = _status(problem)
+    if status in (401, 403, 407):
+        return PermissionError(errno.EACCES, f"access is refused (HTTP {status}); are the credentials set?", url)
+    if status in (404, 410):
+        return FileNotFoundError(errno.ENOENT, "there is no such file", url)
+    if status == 429 or (status is not None and status >= 500):
+        return OSError(errno.EIO, f"the server has trouble (HTTP {status}); try again later", url)
+    return OSError(errno.EIO, f"the server refuses (HTTP {status})", url)
 
 
 def _foreign_errors() -> tuple[type[Exception], ...]:

@@ -27,6 +27,8 @@ class Web:
     asked: list[str] = field(default_factory=list)  # paths, as they came
     longest: int = 0  # bytes of the longest answer
     ranges: bool = True  # whether parts are given
+    says_ranges: bool | None = None  # whether it says so; None: as it is
+    status: int = 200  # other: of every answer
 
 
 @contextmanager
@@ -48,8 +50,8 @@ def web_server(folder: Path) -> Iterator[Web]:
         def answer(self, body: bool) -> None:
             web.asked.append(self.path)
             file = folder / unquote(self.path).lstrip("/")
-            if not file.is_file():
-                self.send_response(404)
+            if not file.is_file() or web.status != 200:
+                self.send_response(404 if web.status == 200 else web.status)
                 self.send_header("Content-Length", "0")
                 self.end_headers()
                 return
@@ -63,7 +65,7 @@ def web_server(folder: Path) -> Iterator[Web]:
                 self.send_header("Content-Range", f"bytes {first}-{last}/{size}")
             else:
                 self.send_response(200)
-            if web.ranges:
+            if web.ranges if web.says_ranges is None else web.says_ranges:
                 self.send_header("Accept-Ranges", "bytes")
             self.send_header("Content-Length", str(len(data)))
             self.end_headers()
@@ -73,7 +75,12 @@ def web_server(folder: Path) -> Iterator[Web]:
                 with suppress(ConnectionError):  # of a client that has seen enough
                     self.wfile.write(data)
 
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    class Server(ThreadingHTTPServer):
+        def handle_error(self, *args: object) -> None:
+            if not isinstance(sys.exc_info()[1], ConnectionError):  # a client that has seen enough
+                super().handle_error(*args)  # type: ignore[arg-type]
+
+    server = Server(("127.0.0.1", 0), Handler)
     server.daemon_threads = True
     web = Web(f"http://127.0.0.1:{server.server_address[1]}")
     thread = threading.Thread(target=server.serve_forever, daemon=True)

@@ -139,9 +139,10 @@ def _comparers(
     if name in ("/tf", "/recorded/tf"):
         return {name: PoseChannel(name, tolerance, first_a, first_b)}
     if name == "joint_states":
-        sliding = sliding_joints(a) | sliding_joints(b)
+        sliding = joints_of_type(a, "prismatic") | joints_of_type(b, "prismatic")
+        whole = joints_of_type(a, "continuous") & joints_of_type(b, "continuous")
         topics = dict.fromkeys([*a.joint_topics, *b.joint_topics])
-        return {topic: JointChannel(topic, tolerance, sliding) for topic in topics}
+        return {topic: JointChannel(topic, tolerance, sliding, whole) for topic in topics}
     kinds: dict[str, Callable[[Tolerance], Channel]] = {
         "/contacts": ContactChannel,
         "/penetration": PenetrationChannel,
@@ -151,13 +152,13 @@ def _comparers(
     return {name: kinds[name](tolerance)}
 
 
-def sliding_joints(output: OutputLog) -> frozenset[str]:
-    """Names of the prismatic joints of the URDFs attached to an output: their values are lengths."""
+def joints_of_type(output: OutputLog, kind: str) -> frozenset[str]:
+    """Names of the joints of a type in the URDFs attached to an output, as ``prismatic``: their values are lengths."""
     names: set[str] = set()
     for name, data in output.attachments().items():
         if name.endswith(".urdf"):
             joints = ElementTree.fromstring(data).iter("joint")
-            names.update(joint.get("name", "") for joint in joints if joint.get("type") == "prismatic")
+            names.update(joint.get("name", "") for joint in joints if joint.get("type") == kind)
     return frozenset(names)
 
 

@@ -91,16 +91,23 @@ class PoseChannel:
 
 
 class JointChannel:
-    """Joint values of one topic; `sliding` names the joints whose values are lengths."""
+    """Joint values of one topic; `sliding` names the joints whose values are lengths, `whole` those that go all round.
 
-    def __init__(self, topic: str, tolerance: Tolerance, sliding: frozenset[str]) -> None:
+    Values of the latter that are a whole turn apart are the same angle, unless everything has to be equal bit for bit.
+    """
+
+    def __init__(
+        self, topic: str, tolerance: Tolerance, sliding: frozenset[str], whole: frozenset[str] = frozenset()
+    ) -> None:
         self._topic, self._sliding = topic, sliding
+        self._whole = frozenset[str]() if tolerance.exact else whole
         self._metres, self._radians = Spread(tolerance.m), Spread(tolerance.rad)
         self._only: tuple[set[str], set[str]] = (set(), set())
         self._first_only: int | None = None
         self._layout: tuple[tuple[str, ...], tuple[str, ...]] | None = None
         self.turn = 0.0  # largest difference of an angle in the last frame, rad
         self._rows: tuple[Ints, Ints, NDArray[np.bool_], Ints, Ints]
+        self._turns: NDArray[np.bool_]
 
     def add(self, a: OutputFrame, b: OutputFrame) -> float:
         """See `Channel.add`."""
@@ -118,6 +125,9 @@ class JointChannel:
             self._match(one.names, other.names, a.index)
         rows_a, rows_b, slides, metres, radians = self._rows
         away = np.abs(one.values[rows_a] - other.values[rows_b])
+        if self._turns.any():
+            rest = np.remainder(away, 2 * np.pi)
+            away = np.where(self._turns, np.minimum(rest, 2 * np.pi - rest), away)
         self._metres.add(metres, away[slides], a.index)
         self._radians.add(radians, away[~slides], a.index)
         self.turn = float(away[~slides].max(initial=0.0))
@@ -147,6 +157,7 @@ class JointChannel:
         self._only[1].update(set(b) - set(a))
         if set(a) != set(b) and self._first_only is None:
             self._first_only = frame
+        self._turns = np.array([name in self._whole for name in common], bool)
         self._rows = (
             np.array([row for row, name in enumerate(a) if name in places], np.int64),
             np.array([places[name] for name in common], np.int64),

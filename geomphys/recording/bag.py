@@ -8,10 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from geomphys.errors import DamagedLogError, LogError
+from geomphys.recording.formats import CONVERT_SQLITE
+from geomphys.recording.naming import listed
+from geomphys.remote import is_remote
 
 METADATA = "metadata.yaml"
 METADATA_LIMIT = 4 * 2**20
 """Bytes; a longer metadata.yaml is refused."""
+TOLD = 4  # files that are told by name
 
 
 @dataclass(frozen=True)
@@ -20,6 +24,7 @@ class LogFiles:
 
     files: tuple[Path, ...]
     missing: tuple[str, ...] = ()  # one line each; never empty but with `recover`
+    notes: tuple[str, ...] = ()  # one line each: what its user should know of
 
 
 def log_files(path: Path, *, recover: bool = False) -> LogFiles:
@@ -28,7 +33,8 @@ def log_files(path: Path, *, recover: bool = False) -> LogFiles:
     Parameters
     ----------
     path : Path
-        An .mcap file, or a directory with metadata.yaml and the .mcap files that it names.
+        An .mcap file, or a directory with metadata.yaml and the .mcap files that it names. Parts that it does not name
+        but that carry on their numbering are read too: a recorder that is killed does not name its last ones.
     recover : bool
         Take a directory without metadata.yaml (the recorder was killed) or with missing parts for what is there.
 
@@ -57,7 +63,7 @@ def _log_files(path: Path, recover: bool) -> LogFiles:
     named = _named_parts(path)
     files: list[Path] = []
     missing: list[str] = []
-    for name in named:
+    for name in dict.fromkeys(named):
         part = _inside(path, name)
         if part.is_file():
             files.append(part)
@@ -69,17 +75,59 @@ def _log_files(path: Path, recover: bool) -> LogFiles:
             )
     if not files:
         raise LogError(f"{path}: none of the {len(named)} files that {METADATA} names is there")
-    return LogFiles(tuple(files), tuple(missing))
+    return _with_others(path, files, missing)
+
+
+def _with_others(path: Path, files: list[Path], missing: list[str]) -> LogFiles:
+    """Add the parts that metadata.yaml does not name, and note what other logs are there."""
+    if is_remote(path) and not path.lists:
+        return LogFiles(tuple(files), tuple(missing))
+    known = {file.name for file in files}
+    others = sorted((p for p in path.glob("*.mcap") if p.is_file() and p.name not in known), key=_natural)
+    stems = {stem for name in known if (stem := _stem(name)) is not None}
+    parts = [p for p in others if _stem(p.name) in stems]
+    apart = [p.name for p in others if p not in parts]
+    notes = []
+    if parts:
+        names = listed([p.name for p in parts], TOLD)
+        notes.append(
+            f"{METADATA} does not name {names}, which carry on its numbering: they are read as parts of the bag"
+        )
+    if apart:
+        notes.append(
+            f"{METADATA} does not name {listed(apart, TOLD)}: not read, as their names are not those of its parts"
+        )
+    in_order = [*files, *parts]
+    if parts and files == sorted(files, key=_natural):
+        in_order.sort(key=_natural)
+    return LogFiles(tuple(in_order), tuple(missing), tuple(notes))
+
+
+def _stem(name: str) -> str | None:
+    """What the names of all parts of a bag begin with: ``take_`` of ``take_3.mcap``; None for a name without a number."""
+    match = re.fullmatch(r"(.*_)[0-9]+\.mcap", name)
+    return match[1] if match else None
 
 
 def _without_metadata(path: Path, recover: bool) -> LogFiles:
     """Take the .mcap files of a directory in the order of the numbers in their names."""
     files = sorted((p for p in path.glob("*.mcap") if p.is_file()), key=_natural)
     if not files:
+        if any(path.glob("*.db3")):
+            raise LogError(f"{path}: is a bag stored as 'sqlite3'; {CONVERT_SQLITE}")
         raise LogError(f"{path}: is a directory without {METADATA} and without .mcap files: not a bag")
+    stems = {_stem(file.name) for file in files}
+    names = listed([file.name for file in files], TOLD)
+    if len(files) > 1 and (len(stems) > 1 or None in stems):
+        raise LogError(
+            f"{path}: is a folder of {len(files)} logs ({names}) and no bag, as it has no {METADATA}; name one of them "
+            "(`geomphys batch` replays all logs of a folder)"
+        )
     if not recover:
+        those = "its .mcap file" if len(files) == 1 else f"its {len(files)} .mcap files as one log"
         raise DamagedLogError(
-            f"{path}: has no {METADATA}, so the recorder was not closed; --recover replays its {len(files)} .mcap files"
+            f"{path}: has no {METADATA}, so the recorder was not closed; --recover replays {those} ({names}); if it is no "
+            "bag but a folder of logs, name one of them"
         )
     return LogFiles(tuple(files), (f"{METADATA} is missing; the parts are taken in the order of their names",))
 
@@ -107,14 +155,18 @@ def _named_parts(path: Path) -> list[str]:
     bag = content.get("rosbag2_bagfile_information") if isinstance(content, dict) else None
     if not isinstance(bag, dict):
         raise LogError(f"{file}: has no rosbag2_bagfile_information; is this a ROS 2 bag?")
-    storage = bag.get("storage_identifier", "mcap")
-    if storage != "mcap":
+    names = bag.get("relative_file_paths")
+    storage = bag.get("storage_identifier")
+    if not storage and isinstance(names, list) and names:  # left empty by some tools: the files tell
+        storage = "sqlite3" if all(str(name).endswith(".db3") for name in names) else "mcap"
+    if storage == "sqlite3":
+        raise LogError(f"{path}: is a bag stored as 'sqlite3'; {CONVERT_SQLITE}")
+    if storage and storage != "mcap":
         raise LogError(f"{path}: is a bag stored as {storage!r}; convert it to mcap with `ros2 bag convert`")
     if str(bag.get("compression_mode") or "").upper() in ("FILE", "MESSAGE"):
         raise LogError(
             f"{path}: is a bag with {bag['compression_mode']} compression; make it plain mcap with `ros2 bag convert`"
         )
-    names = bag.get("relative_file_paths")
     if not isinstance(names, list) or not names or not all(isinstance(n, str) and n for n in names):
         raise LogError(f"{file}: relative_file_paths is not a list of file names")
     return names

@@ -17,16 +17,21 @@ from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.layouts import PoseLayout
 from geomphys.recording.matching import side_of
 from geomphys.recording.naming import add_names, listed, plain, similar
-from geomphys.recording.plan import Plan, is_static
+from geomphys.recording.plan import ClockInput, JointInput, Plan, PoseInput, is_static
 from geomphys.recording.reader import LogChannel, LogReader, RawMessage
 from geomphys.recording.streams import VALUE_LIMIT, Seven, good_pose
 from geomphys.recording.times import EARLY_CLOCK, MessageTimes
 
 OFFSETS = 8  # messages of a channel whose stamps are compared with their log times
 FRAME_IDS = 64  # frame ids of a stream that are noted
-ZEROS = 64  # messages with a stamp of zero after which a channel counts as not stamped
+ZEROS = 1024  # messages with a stamp of zero after which a channel counts as not stamped
+ZERO_BYTES = 16 * 2**20  # or bytes of such messages
 CLOCKS_APART = 3600 * 10**9
 """ns; topics whose stamps differ by more than this from what their log times say are of different clocks."""
+SOON = 25 * 10**7
+"""ns by which the log times may differ from the stamps where a clock begins at zero."""
+APART = 10**9
+"""ns; topics whose stamps differ by more than this from what their log times say are warned of."""
 
 
 @dataclass
@@ -65,9 +70,10 @@ class Known:
     frames: dict[tuple[str, str], dict[str, None]] = field(default_factory=dict)  # stream -> frame ids it is given in
     readers: dict[int, Callable[[bytes], Content]] = field(default_factory=dict)
     sides: dict[str, set[str]] = field(default_factory=dict)  # topic -> sides of gloves met
-    moments: dict[str, list[Moment]] = field(default_factory=dict)  # topic -> times of its first messages
+    moments: dict[tuple[str, str], list[Moment]] = field(default_factory=dict)  # topic, child -> of its first messages
     only: dict[str, str] = field(default_factory=dict)  # topic followed without a child frame -> the first it names
     unreadable: dict[str, str] = field(default_factory=dict)  # topic -> what is wrong with the first bad message
+    warnings: list[str] = field(default_factory=list)
 
 
 @dataclass
@@ -78,7 +84,9 @@ class _Probe:
     wanted: dict[str, bytes]  # names and how they look in a message
     decided: bool  # whether it is known what a stamp of zero means on it
     only_child: bool = False  # whether it is followed without naming the child frame
+    timed: frozenset[str] = frozenset()  # children whose times are noted
     met: int = 0
+    bytes: int = 0  # of the messages that wait
     latest: int = -(2**62)
     waiting: list[tuple[RawMessage, Content]] = field(default_factory=list)  # until that is decided
 
@@ -103,7 +111,8 @@ def learn(reader: LogReader, plan: Plan, config: Config, times: MessageTimes) ->
             keys.discard(raw.key)
             if not keys:
                 break
-    _check_clocks(reader, plan, known)
+    if config.time != "log":
+        _check_clocks(reader, plan, known, config)
     return known
 
 
@@ -131,7 +140,10 @@ def _probes(plan: Plan, known: Known, *, decided: bool) -> dict[int, _Probe]:
         spelled_out = not isinstance(kind.layout, PoseLayout) or kind.layout.spelled_out
         names = {n: n.rsplit("\0", 1)[-1].encode() if spelled_out else b"" for n in sorted(wanted[key])}
         only_child = any(p.is_only_child and c in p.channels for p in plan.poses)
-        probes[key] = _Probe(c, names, decided or not kind.stamped, only_child)
+        timed = set(wanted[key])
+        if plan.clock is not None and c in plan.clock.channels:
+            timed.add(plan.clock.child)
+        probes[key] = _Probe(c, names, decided or not kind.stamped, only_child, frozenset(timed))
     return probes
 
 
@@ -177,21 +189,28 @@ def _decided(
 ) -> list[tuple[RawMessage, Content]]:
     """Decode a message; returns it, and those before it, once it is decided what a stamp of zero means on the channel.
 
-    Stamps of zero are times if the first stamp that is not zero is a small one.
+    A stamp of zero is a time if it is that of a single message which comes as long before the next one as the stamps say.
     """
     try:
         probe.waiting.append((raw, known.readers[raw.key](raw.data)))
+        probe.bytes += len(raw.data)
     except BadMessageError as problem:
         known.unreadable.setdefault(probe.channel.topic, str(problem))
         if not last:
             return []
     if not probe.decided and probe.waiting:
-        content = probe.waiting[-1][1]
+        message, content = probe.waiting[-1]
         stamps = [content.stamp] if isinstance(content, Joints) else [p.stamp for p in content]
         other = next((s for s in stamps if s), None)
-        if other is not None and other < EARLY_CLOCK:
-            times.zero_counts.add(raw.key)
-        probe.decided = other is not None or last or len(probe.waiting) >= ZEROS or stamps[:1] == [None]
+        if other is not None:
+            times.offsets[raw.key] = other - message.log_time
+            unset = {m.log_time for m, _ in probe.waiting[:-1]}
+            begin = next(iter(unset), None)
+            apart = other - (message.log_time - begin) if begin is not None else other
+            if len(unset) < 2 and apart < (SOON if begin is not None else EARLY_CLOCK):
+                times.zero_counts[raw.key] = begin
+        full = len(probe.waiting) >= ZEROS or probe.bytes >= ZERO_BYTES
+        probe.decided = other is not None or last or full or stamps[:1] == [None]
     ready = probe.waiting if probe.decided else []
     if ready:
         probe.waiting = []
@@ -208,13 +227,14 @@ def _take(probe: _Probe, known: Known, times: MessageTimes, raw: RawMessage, con
         add_names(names, content.names)
         if content.side:
             add_names(known.sides.setdefault(topic, set()), [content.side])
-        for name, value in zip(content.names, content.values, strict=False):
+        for name, value in zip(content.names, content.sample, strict=False):
             good: Seven | None = (value,) if abs(value) < VALUE_LIMIT else None
             items.append((time, name, good, ""))
             if content.side:
                 items.append((time, joint_key(name, content.side), good, ""))
-        moments = [time]
+        moments = {"": [time]}
     else:
+        moments = {}
         for pose in content:
             time = times.of(key, pose.stamp, raw.log_time, raw.publish_time)
             add_names(names, [pose.child])
@@ -228,33 +248,84 @@ def _take(probe: _Probe, known: Known, times: MessageTimes, raw: RawMessage, con
                 frames = known.frames.setdefault((topic, child), {})
                 if len(frames) < FRAME_IDS:
                     frames[pose.frame] = None
-        moments = [time for time, *_ in items]
+            moments.setdefault(pose.child if pose.child in probe.timed else "", []).append(time)
     for time, name, taken, frame in items:
         if name in probe.wanted:
             known.streams.setdefault((topic, name), Facts()).take(time, taken, frame)
-    if moments:
-        probe.latest = max(probe.latest, *moments)
-    known_moments = known.moments.setdefault(topic, [])
-    if len(known_moments) < OFFSETS and probe.channel.messages > 1:
-        known_moments.extend(Moment(t, t - raw.log_time) for t in moments)
+    probe.latest = max([probe.latest, *(t for at in moments.values() for t in at)])
+    for part, at in moments.items():
+        if isinstance(content, Joints) or part in probe.timed:
+            noted = known.moments.setdefault((topic, part), [])
+            if len(noted) < OFFSETS and probe.channel.messages > 1:
+                noted.extend(Moment(t, t - raw.log_time) for t in at)
 
 
-def _check_clocks(reader: LogReader, plan: Plan, known: Known) -> None:
-    """Raise LogError if a topic's stamps are of another clock than the frame clock's.
+def _check_clocks(reader: LogReader, plan: Plan, known: Known, config: Config) -> None:
+    """Raise LogError if a topic's stamps are of another clock than the frame clock's; warn where they may be.
 
-    They are if they lie far apart both as they stand and measured from the log times.
+    They are if they lie far apart both as they stand and measured from the log times, or if by its stamps the topic ends
+    before the clock begins, or the other way round, where by the log times it does not.
     """
-    if plan.clock is None or not known.moments.get(plan.clock.topic):
+    if plan.clock is None:
         return
-    clock = known.moments[plan.clock.topic]
-    for topic, moments in sorted(known.moments.items()):
+    delays = {pose.topic: round(pose.source.delay * 1e9) for pose in plan.poses}
+    delays |= {joints.topic: round(joints.source.delay * 1e9) for joints in plan.joints}
+    shifted = {
+        (topic, part): [Moment(m.time + delays.get(topic, 0), m.offset + delays.get(topic, 0)) for m in moments]
+        for (topic, part), moments in known.moments.items()
+    }
+    clock = shifted.get((plan.clock.topic, plan.clock.child)) or shifted.get((plan.clock.topic, ""))
+    if not clock:
+        return
+    spans = _spans(reader, [*plan.poses, *plan.joints, plan.clock])
+    told = {plan.clock.topic} if plan.clock.child == "" else set()
+    for (topic, part), moments in sorted(shifted.items()):
+        if is_static(topic) or topic in told or not moments or moments is clock:
+            continue
         pairs = [(a, b) for a in moments for b in clock]
-        apart = min((min(abs(a.time - b.time), abs(a.offset - b.offset)) for a, b in pairs), default=0)
-        if apart > CLOCKS_APART and not is_static(topic):
+        apart = min(min(abs(a.time - b.time), abs(a.offset - b.offset)) for a, b in pairs)
+        if apart > CLOCKS_APART:
             raise LogError(
                 f"{reader.path}: the times of topic {topic!r} and of the frame clock {plan.clock.topic!r} are of "
                 f"different clocks, {apart / 1e9:.0f} s apart; --time log goes by when the log received the messages"
             )
+        offset, own = max(m.offset for m in moments), max(m.offset for m in clock)
+        if abs(offset - own) <= APART or (apart <= APART and not (_is_live(moments) and _is_live(clock))):
+            continue
+        told.add(topic)
+        name = f"{topic}#{part}" if part else topic
+        side = "before" if offset < own else "after"
+        what = (
+            f"the time stamps of topic {plain(name)!r} lie {abs(offset - own) / 1e9:.3f} s {side} those of the frame "
+        )
+        what += f"clock {plain(plan.clock.topic)!r} by when the log received them"
+        first, last = spans[topic]
+        begin, end = spans[plan.clock.topic]
+        gap = max((begin + own) - (last + offset), (first + offset) - (end + own))
+        if gap > config.max_gap * 1e9 and last > first and end > begin and min(end, last) > max(begin, first):
+            raise LogError(
+                f"{reader.path}: {what}: all of them come {gap / 1e9:.3f} s {side} its {'first' if offset < own else 'last'} "
+                "frame, so every frame would be held; --time log goes by when the log received the messages"
+            )
+        known.warnings.append(f"{what}: are their clocks apart? --time log goes by when the log received the messages")
+
+
+def _is_live(moments: list[Moment]) -> bool:
+    """Whether messages were logged as they came: the log times go about as fast as the stamps."""
+    times = [m.time for m in moments]
+    logged = [m.time - m.offset for m in moments]
+    span, log_span = max(times) - min(times), max(logged) - min(logged)
+    return 0 < span <= 4 * log_span <= 16 * span
+
+
+def _spans(reader: LogReader, inputs: Iterable[PoseInput | JointInput | ClockInput]) -> dict[str, tuple[int, int]]:
+    """Topic -> log times of its first and its last message."""
+    spans = {}
+    for source in inputs:
+        channels = [c for c in source.channels if c.messages]
+        if channels:
+            spans[source.topic] = (min(c.first_ns for c in channels), max(c.last_ns for c in channels))
+    return spans
 
 
 def log_times_agree(known: Known, delay: int) -> bool:
@@ -263,7 +334,7 @@ def log_times_agree(known: Known, delay: int) -> bool:
     They do not where a writer left the log times of a topic unset.
     """
     offsets = [
-        [m.offset for m in moments] for topic, moments in known.moments.items() if moments and not is_static(topic)
+        [m.offset for m in moments] for (topic, _), moments in known.moments.items() if moments and not is_static(topic)
     ]
     return not offsets or max(min(o) for o in offsets) - min(max(o) for o in offsets) <= delay
 

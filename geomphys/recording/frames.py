@@ -21,12 +21,13 @@ from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.facts import learn, log_times_agree, stream_problems
 from geomphys.recording.frame_plan import plan_frames
 from geomphys.recording.frame_tree import plain_frame, two_parents
-from geomphys.recording.plan import Plan, make_plan
+from geomphys.recording.plan import Plan, is_static, make_plan
 from geomphys.recording.poses import Seven
 from geomphys.recording.reader import LogReader, RawMessage, open_log
 from geomphys.recording.report import RecordingReport, report_of
 from geomphys.recording.routes import RootRoute, Route
 from geomphys.recording.space import RecordedSpace
+from geomphys.recording.stamp_watch import StampWatch
 from geomphys.recording.times import MessageTimes, Watermark
 from geomphys.recording.wiring import wire
 from geomphys.results import FLAG_BEFORE_FIRST, FLAG_CLAMPED, FLAG_HELD, FLAG_OUTSIDE_LIMITS, Frame
@@ -67,7 +68,7 @@ class FrameSource:
             more = len(self.plan.problems) - 1
             also = f" (and {more} more; `geomphys check` lists them)" if more else ""
             raise LogError(self.plan.problems[0] + also)
-        self.times = MessageTimes(config.time, self.reader.channels)
+        self.times = MessageTimes(config.time, self.reader.channels, self.reader.path)
         self.known = learn(self.reader, self.plan, config, self.times)
         problem = next(stream_problems(self.reader, self.plan, self.known), None)
         if problem is not None:
@@ -137,6 +138,9 @@ class Run:
 
     def __init__(self, source: FrameSource) -> None:
         self.source, self.world, self.config = source, source.world, source.config
+        self.times = source.times.anew()
+        delay = round(self.config.max_delay * 1e9)
+        self.watch = StampWatch(source.reader.path, delay) if self.config.time != "log" else None
         scene = self.world.scene
         gap = round(self.config.max_gap * 1e9)
         self.gap = gap
@@ -147,7 +151,7 @@ class Run:
         self.still_angles = np.zeros(len(scene.dofs.lower))
         self.prismatic = source.prismatic
         early = min([0, *(root.delay for root in self.roots), *(joints.delay for joints in self.joints)])
-        self.lookahead = gap + round(self.config.max_delay * 1e9) - early + gap * self.tracks.moving
+        self.lookahead = gap + delay - early + gap * self.tracks.moving
         self.recorded = np.zeros(len(self.still_angles), dtype=bool)
         for route in self.joints:
             self.recorded[route.columns] = True
@@ -205,6 +209,8 @@ class Run:
                     yield frame
                 elif self.config.end is not None and time > self.first_time + self.config.end * 1e9:
                     return
+        if self.watch is not None:
+            self.watch.finish()
         for time in clock.until(2**63):
             frame = self._frame(time)
             if frame is not None:
@@ -212,7 +218,7 @@ class Run:
 
     def _take(self, raw: RawMessage, watermark: Watermark) -> None:
         """Take in a message."""
-        key, times = raw.key, self.source.times
+        key, times = raw.key, self.times
         route, read = self.routes[key], self.source.known.readers.get(key)
         if read is None:  # a topic that only gives the clock
             time = times.of(key, None, raw.log_time, raw.publish_time)
@@ -227,6 +233,8 @@ class Run:
         if isinstance(content, Joints):
             time = times.of(key, content.stamp, raw.log_time, raw.publish_time)
             watermark.add(time)
+            if route.joints or route.clock:
+                self._watch(key, next(iter(content.names), "") if route.joints else "", content.stamp, time, raw)
             late = False
             for joints in route.joints:
                 late |= time + joints.delay <= self.passed
@@ -248,6 +256,7 @@ class Run:
                 continue
             time = times.of(key, pose.stamp, raw.log_time, raw.publish_time)
             moments.add(time)
+            self._watch(key, pose.child, pose.stamp, time, raw)
             for root in roots:
                 if time + root.delay <= self.passed:
                     passed.add(time)
@@ -279,9 +288,15 @@ class Run:
         if route.static:  # stamped as its writer likes: it is valid at all times
             time = pose.stamp or raw.log_time
         else:
-            time = source.times.of(raw.key, pose.stamp, raw.log_time, raw.publish_time)
+            time = self.times.of(raw.key, pose.stamp, raw.log_time, raw.publish_time)
             moments.add(time)
         track.add(time, source.space.metres(pose.value))
+
+    def _watch(self, key: int, part: str, stamp: int | None, time: int, raw: RawMessage) -> None:
+        """Compare the time of a message with those before it; raises LogError where they cannot be right."""
+        topic = self.source.reader.channels[key].topic
+        if self.watch is not None and (stamp or self.config.time == "publish") and not is_static(topic):
+            self.watch.add(topic, part, time, raw.log_time)
 
     def _beat(self, time: int) -> None:
         """Take in a message of the frame clock."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ Corner = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """A channel of a log. Times are log times."""
+    """A topic of a log, or what of it is of one type; the parts of a bag are taken together. Times are log times."""
 
     topic: str
     schema: str  # "" without one
@@ -63,6 +64,7 @@ class LogInfo:
     metadata: dict[str, dict[str, str]]
     bytes_lost: int
     damage: str  # "" for a whole log
+    notes: tuple[str, ...] = ()  # on the files of a bag
 
     def as_dict(self) -> dict[str, Any]:
         """All of it as plain values."""
@@ -88,10 +90,15 @@ def inspect_log(path: Path | str, *, recover: bool = False) -> LogInfo:
         The log is damaged and `recover` is off.
     """
     with open_log(path, recover=recover) as reader:
-        surveys = {key: _Survey(channel) for key, channel in reader.channels.items()}
+        groups: dict[tuple[str, str, str], _Survey] = {}
+        surveys: dict[int, _Survey] = {}
+        for key, channel in reader.channels.items():
+            group = (channel.topic, channel.schema_name, channel.encoding)
+            surveys[key] = groups.setdefault(group, _Survey())
+            surveys[key].add(channel)
         for raw in reader.read({key for key, survey in surveys.items() if survey.is_needed}):
             surveys[raw.key].take(raw)
-        topics = sorted((s.info() for s in surveys.values()), key=lambda t: (t.topic, t.schema))
+        topics = sorted((s.info() for s in groups.values()), key=lambda t: (t.topic, t.schema))
         return _info(reader, tuple(topics))
 
 
@@ -111,14 +118,15 @@ def _info(reader: LogReader, topics: tuple[TopicInfo, ...]) -> LogInfo:
         metadata=dict(reader.metadata),
         bytes_lost=damage.bytes_lost if damage is not None else 0,
         damage=damage.text if damage is not None else "",
+        notes=reader.notes,
     )
 
 
 @dataclass
 class _Survey:
-    """What is gathered of a channel."""
+    """What is gathered of channels of one topic and type."""
 
-    channel: LogChannel
+    channels: list[LogChannel] = field(default_factory=list)
     latest: int | None = None
     longest_gap: int = 0
     joints: set[str] = field(default_factory=set)
@@ -130,31 +138,33 @@ class _Survey:
     bad_messages: int = 0
     bad_reason: str = ""
     problem: str = ""
-    read: Callable[[bytes], Content] | None = None
+    readers: dict[int, Callable[[bytes], Content]] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        """Make the channel's reader."""
-        kind = kind_of(self.channel)
+    def add(self, channel: LogChannel) -> None:
+        """Take in a channel, and make its reader."""
+        self.channels.append(channel)
+        kind = kind_of(channel)
         if kind is not None:
             try:
-                self.read = make_reader(self.channel, kind)
+                self.readers[channel.key] = make_reader(channel, kind)
             except LogError as problem:
                 self.problem = str(problem)
 
     @property
     def is_needed(self) -> bool:
         """Whether the messages tell what is not known yet."""
-        return self.read is not None or self.channel.longest_gap_ns is None
+        return bool(self.readers) or any(c.longest_gap_ns is None for c in self.channels)
 
     def take(self, raw: RawMessage) -> None:
         """Take in a message."""
         if self.latest is not None:
             self.longest_gap = max(self.longest_gap, raw.log_time - self.latest)
         self.latest = raw.log_time if self.latest is None else max(self.latest, raw.log_time)
-        if self.read is None:
+        read = self.readers.get(raw.key)
+        if read is None:
             return
         try:
-            content = self.read(raw.data)
+            content = read(raw.data)
         except BadMessageError as problem:
             self.bad_messages += 1
             self.bad_reason = self.bad_reason or str(problem)
@@ -163,7 +173,7 @@ class _Survey:
             add_names(self.joints, content.names)
             if content.side:
                 add_names(self.sides, [content.side])
-            for name, value in zip(content.names, content.values, strict=False):
+            for name, value in zip(content.names, content.sample, strict=False):
                 self._take_value(name, value)
         else:
             add_names(self.frames, [p.child for p in content if p.child])
@@ -190,20 +200,25 @@ class _Survey:
 
     def info(self) -> TopicInfo:
         """Sum up."""
-        c, kind = self.channel, kind_of(self.channel)
-        gap = self.longest_gap if self.is_needed else (c.longest_gap_ns or 0)
-        span = (c.last_ns - c.first_ns) / 1e9
+        c, kind = self.channels[0], kind_of(self.channels[0])
+        held = sorted((c for c in self.channels if c.messages), key=lambda c: c.first_ns)
+        messages = sum(c.messages for c in held)
+        first, last = min((c.first_ns for c in held), default=0), max((c.last_ns for c in held), default=0)
+        gap = self.longest_gap
+        if not self.is_needed:
+            between = [after.first_ns - before.last_ns for before, after in pairwise(held)]
+            gap = max([0, *between, *(c.longest_gap_ns or 0 for c in held)])
         return TopicInfo(
             topic=c.topic,
             schema=c.schema_name,
             encoding=c.encoding,
             kind=kind.what if kind is not None else "",
             use=USES[kind.what] if kind is not None else "not understood",
-            messages=c.messages,
-            first_ns=c.first_ns if c.messages else None,
-            last_ns=c.last_ns if c.messages else None,
-            rate_hz=(c.messages - 1) / span if span > 0 else None,
-            longest_gap_s=gap / 1e9 if c.messages > 1 else None,
+            messages=messages,
+            first_ns=first if messages else None,
+            last_ns=last if messages else None,
+            rate_hz=(messages - 1) / ((last - first) / 1e9) if last > first else None,
+            longest_gap_s=gap / 1e9 if messages > 1 else None,
             joints=tuple(sorted(self.joints)),
             frames=tuple(sorted(self.frames)),
             sides=tuple(sorted(self.sides)),

@@ -20,6 +20,7 @@ from mcap.opcode import Opcode
 
 from geomphys.errors import DamagedLogError, LogError
 from geomphys.recording.bag import log_files
+from geomphys.recording.formats import LOOKED_AT, other_format
 from geomphys.recording.records import (
     CHUNK,
     CHUNK_LIMIT,
@@ -99,6 +100,7 @@ class LogReader:
             (m.name, dict(m.metadata)) for scan in self._scans for m in scan.metadata
         )
         self.profile = self._scans[0].profile
+        self.notes = parts.notes
         self.damage = self._damage(parts.missing)
         if self.damage is not None and not recover:
             raise DamagedLogError(
@@ -260,11 +262,11 @@ class LogReader:
             with self._opened(file) as stream:
                 size = stream.seek(0, 2)
                 stream.seek(0)
-                start = stream.read(16)
+                start = stream.read(LOOKED_AT)
                 if not start:
-                    raise LogError(f"{file}: is empty")
+                    raise LogError(f"{file}: is empty: the recording was not written or not fetched; copy it again")
                 if start[: len(MAGIC)] != MAGIC[: len(start)]:
-                    raise LogError(f"{file}: is not an MCAP file{_other_format(start)}")
+                    raise LogError(f"{file}: is not an MCAP file{other_format(start)}")
                 if is_remote(file) and not self._recover:
                     found = scan_summary(stream, size, file.ranges)
                     if found is not None:
@@ -313,19 +315,6 @@ class LogReader:
         """Say what is intact."""
         seconds = (self.end_ns - self.start_ns) / 1e9
         return f"{self.messages} messages over {seconds:.3f} s are intact"
-
-
-def _other_format(start: bytes) -> str:
-    """Say what a file is instead, as far as its first bytes tell."""
-    if start.startswith(b"#ROSBAG"):
-        return " but a ROS 1 bag; convert it with `mcap convert`"
-    if start.startswith(b"SQLite format 3"):
-        return " but an SQLite file, perhaps a ROS 2 bag of that storage; convert it with `ros2 bag convert`"
-    if start.startswith((b"\x28\xb5\x2f\xfd", b"\x1f\x8b", b"\x04\x22\x4d\x18")):
-        return " but a packed file; unpack it first"
-    if start.lstrip()[:1] in (b"<", b"[", b"#", b"{"):
-        return " but a text; expected a recording: an .mcap file or a ROS 2 bag folder"
-    return "; expected a recording: an .mcap file or a ROS 2 bag folder"
 
 
 def open_log(path: Path | str, *, recover: bool = False) -> LogReader:

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from geomphys.recording.frame_plan import FrameUse
+from geomphys.recording.held import held_warning
 from geomphys.recording.matching import guess_unit
 from geomphys.recording.naming import closest, listed, plain
 from geomphys.recording.plan import split_topic
-from geomphys.recording.routes import JointRoute
+from geomphys.recording.routes import JointRoute, RootRoute
 from geomphys.world.scene import DRIVEN
 
 if TYPE_CHECKING:
@@ -128,7 +129,7 @@ def _streams(source: FrameSource, run: Run) -> Iterator[StreamReport]:
         s, i = root.stream, root.input
         topic = f"{i.topic}#{i.child}" if i.child else i.topic
         name = world.tree_names[i.source.tree]
-        yield StreamReport(topic, name, s.constant, s.held_frames, s.gaps, s.longest_gap / 1e9, s.bad)
+        yield StreamReport(topic, name, s.constant, s.held_frames, s.gaps, s.longest_gap.length / 1e9, s.bad)
     for joints in run.joints:
         topic = joints.input.topic
         for k, column in enumerate(joints.columns):
@@ -188,7 +189,16 @@ def _warnings(source: FrameSource, run: Run, report: RecordingReport) -> Iterato
     """One line for everything a user should know of."""
     if report.recovered:
         yield f"the log is damaged: {report.recovered}"
-    yield from source.times.warnings()
+    yield from source.reader.notes
+    yield from run.times.warnings()
+    yield from source.known.warnings
+    if run.watch is not None:
+        clock = source.plan.clock
+        yield from run.watch.warnings((clock.topic, clock.child) if clock is not None else None)
+    yield from _uneven_warnings(source, run)
+    held = held_warning(source, run)
+    if held:
+        yield held
     for topic in source.topics:
         for channel in source.reader.of_topic(topic):
             if channel.messages and channel.key not in source.plan.keys | source.frames.keys:
@@ -204,7 +214,6 @@ def _warnings(source: FrameSource, run: Run, report: RecordingReport) -> Iterato
     yield from _unit_warnings(source, run)
     yield from _name_warnings(source, run, report)
     for count, text in (
-        (report.held_frames, "frames are held: a stream had no good sample near them"),
         (sum(root.unplaced for root in run.roots), "poses have no transform of their frame near enough in time"),
         (report.bad_messages, "messages could not be decoded"),
         (
@@ -213,8 +222,11 @@ def _warnings(source: FrameSource, run: Run, report: RecordingReport) -> Iterato
         ),
         (report.late, f"messages came more than {source.config.max_delay:g} s late, after the frames of their time"),
         (report.lost_frames, "of these were of the frame clock: no frame came of them"),
-        (report.out_of_order, "messages were out of order and were put in their place"),
-        (report.duplicates, "messages repeat a time of their stream; the first of them counts"),
+        (report.out_of_order, f"messages were out of order and were put in their place{_furthest_back(run)}"),
+        (
+            report.duplicates,
+            f"messages repeat a time of their stream; the first of them counts{_most_repeated(source, run)}",
+        ),
     ):
         if count:
             yield f"{count} {text}"
@@ -222,6 +234,44 @@ def _warnings(source: FrameSource, run: Run, report: RecordingReport) -> Iterato
         worst = max(report.outside_limits, key=lambda o: o.amount)
         what = "were clamped to their limits" if worst.clamped else "are outside of their limits and are kept"
         yield f"{len(report.outside_limits)} joints {what}: {worst.joint} of {worst.tree} by {worst.amount:.3g} at most"
+
+
+def _furthest_back(run: Run) -> str:
+    """Which topic went back furthest in time, and by how much."""
+    every: list[RootRoute | JointRoute] = [*run.roots, *run.joints]
+    routes = [r for r in every if r.out_of_order]
+    worst = max(routes, key=lambda r: r.furthest_back, default=None)
+    if worst is None:
+        return ""
+    return f": up to {worst.furthest_back / 1e9:.3f} s behind, on topic {plain(worst.input.topic)}"
+
+
+def _most_repeated(source: FrameSource, run: Run) -> str:
+    """Which topic repeats its times most, and what to do where that loses much of it."""
+    streams = [(r.stream.duplicates, r.input.topic) for r in run.roots]
+    streams += [(r.stream.duplicates, r.input.topic) for r in run.joints if r.stream is not None]
+    count, topic = max(streams, default=(0, ""))
+    total = sum(c.messages for c in source.reader.of_topic(topic))
+    if 2 * count <= total or source.config.time == "log":
+        return ""
+    return f": {count} of the {total} of topic {plain(topic)}; --time log goes by when the log received the messages"
+
+
+def _uneven_warnings(source: FrameSource, run: Run) -> Iterator[str]:
+    """Messages of joints that have not one position a name."""
+    for topic in sorted({route.input.topic for route in run.joints}):
+        met = max((r.uneven for r in run.joints if r.input.topic == topic), key=lambda u: u.bare + u.fewer + u.more)
+        total = sum(c.messages for c in source.reader.of_topic(topic))
+        kinds = (
+            (met.bare, "have no positions"),
+            (met.fewer, "have fewer positions than names"),
+        )
+        told = " and ".join(f"{count} {what}" for count, what in kinds if count)
+        if told:
+            yield f"topic {plain(topic)}: of {total} messages {told}; these are no samples of its joints"
+        if met.more:
+            told = f"{met.more} have more positions than names; those beyond are not used"
+            yield f"topic {plain(topic)}: of {total} messages {told}"
 
 
 def _unit_warnings(source: FrameSource, run: Run) -> Iterator[str]:

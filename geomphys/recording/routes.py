@@ -46,7 +46,7 @@ class RootRoute:
         self.delay = round(source.source.delay * 1e9)
         self.metres = any(kind.metres for c in source.channels if (kind := kind_of(c)) is not None)
         self.latest = NEVER
-        self.out_of_order = self.unplaced = 0
+        self.out_of_order = self.unplaced = self.furthest_back = 0
         self.tracker_from_root: Seven = (*source.source.position, *source.source.orientation)
         self._tracks = tracks
         self._chains: dict[str, FrameChain | None] = {}
@@ -71,6 +71,7 @@ class RootRoute:
         """Take in a pose. Raises LogError if nothing leads from its frame to the recorded space."""
         if time < self.latest:
             self.out_of_order += 1
+            self.furthest_back = max(self.furthest_back, self.latest - time)
         else:
             self.latest = time
         value = pose.value if self.metres else self.space.metres(pose.value)
@@ -121,10 +122,26 @@ def _placed(chain: FrameChain, time: int, value: Seven) -> Seven | None:
 
 
 @dataclass
+class Uneven:
+    """Messages of joints that have not one value a name."""
+
+    bare: int = 0  # no values at all
+    fewer: int = 0
+    more: int = 0
+
+    def add(self, message: Joints) -> None:
+        """Take in a message."""
+        values, names = len(message.values), len(message.names)
+        if values < names:
+            self.bare, self.fewer = self.bare + (values == 0), self.fewer + (values > 0)
+        else:
+            self.more += 1
+
+
+@dataclass
 class _Order:
     """Where the values of a list of joint names go."""
 
-    count: int
     source: Ints
     target: Ints
 
@@ -165,56 +182,56 @@ class JointRoute:
         self.scale, self.shift = scale[self.columns], shift[self.columns]
         self.stream: JointStream | None = None
         if len(self.columns):
-            self.stream = JointStream(len(self.columns), max_gap, keeps_clock=keeps_clock)
+            round_the_circle = {source.source.dofs[name] for name in source.source.continuous}
+            whole = np.array([int(c) in round_the_circle for c in self.columns])
+            self.stream = JointStream(len(self.columns), max_gap, keeps_clock=keeps_clock, whole=whole)
             self.stream.first = np.array([columns[int(c)] for c in self.columns])
         self.latest = NEVER
-        self.out_of_order = 0
+        self.out_of_order = self.furthest_back = 0
         self.names: set[str] = set()
+        self.uneven = Uneven()
         self._orders: dict[tuple[str, ...], _Order] = {}
 
     def add(self, time: int, message: Joints) -> bool:
         """Take in a message; False if it is of the other side's glove."""
         if self.input.side and message.side != self.input.side:
             return False
+        if len(message.values) != len(message.names):
+            self.uneven.add(message)
         if time < self.latest:
             self.out_of_order += 1
+            self.furthest_back = max(self.furthest_back, self.latest - time)
         else:
             self.latest = time
-        names = tuple(message.names)
+        names, sample = tuple(message.names), message.sample
         order = self._orders.get(names)
-        if order is None or order.count > len(message.values):
-            order = self._order(names, len(message.values))
-        if self.stream is None:
+        if order is None:
+            order = self._order(names)
+        if self.stream is None or len(sample) == 0 or len(order.source) == 0:
             return True
         row = np.full(len(self.columns), np.nan)
-        if len(order.source):
-            values = np.array(message.values, dtype=np.float64)[order.source] * self.scale[order.target]
-            values += self.shift[order.target]
-            good = np.abs(values) < VALUE_LIMIT
-            if good.all():
-                row[order.target] = values
-            else:
-                row[order.target[good]] = values[good]
-                bad = np.zeros(len(self.columns), dtype=bool)
-                bad[order.target[~good]] = True
-                self.stream.add(time, row, bad)
-                return True
-        self.stream.add(time, row)
+        values = np.array(sample, dtype=np.float64)[order.source] * self.scale[order.target]
+        values += self.shift[order.target]
+        good = np.abs(values) < VALUE_LIMIT
+        if good.all():
+            row[order.target] = values
+            self.stream.add(time, row)
+            return True
+        row[order.target[good]] = values[good]
+        bad = np.zeros(len(self.columns), dtype=bool)
+        bad[order.target[~good]] = True
+        self.stream.add(time, row, bad)
         return True
 
-    def _order(self, names: tuple[str, ...], values: int) -> _Order:
+    def _order(self, names: tuple[str, ...]) -> _Order:
         """Work out where values go; of a name that comes twice the first counts."""
         place: dict[int, int] = {}
-        for i, name in enumerate(names[:values]):
+        for i, name in enumerate(names):
             column = self.input.column(name)
             if column is not None and column in self.place:
                 place.setdefault(self.place[column], i)
         add_names(self.names, names)
-        order = _Order(
-            min(len(names), values),
-            np.array(list(place.values()), dtype=np.int64),
-            np.array(list(place), dtype=np.int64),
-        )
+        order = _Order(np.array(list(place.values()), dtype=np.int64), np.array(list(place), dtype=np.int64))
         if len(self._orders) >= NAME_LISTS:
             self._orders.clear()
         if len(names) <= LONG_LIST:

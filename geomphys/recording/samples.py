@@ -36,6 +36,15 @@ class Joints(NamedTuple):
     values: Sequence[float]  # NaN where the log has one; a joint without a value is left out
     side: str  # of a glove: "left", "right" or ""
 
+    @property
+    def sample(self) -> Sequence[float]:
+        """The values that count: none where there are fewer than names, as nobody knows whose they are.
+
+        Such messages are valid in ROS (velocities only) and are passed over by its own tools. Of more values than names
+        the first ones are those of the names.
+        """
+        return self.values if len(self.values) >= len(self.names) else ()
+
 
 class Pose(NamedTuple):
     """A pose.

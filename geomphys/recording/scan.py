@@ -334,7 +334,7 @@ class _Scanner:
         self.found.losses.append(Loss(at, count, text))
 
     def footer(self, at: int, length: int) -> None:
-        """Check the footer, the closing magic and the summary's checksum."""
+        """Check the footer, the closing magic and the summary's checksum; without a summary there is none to check."""
         if length != FOOTER.size:
             raise BadRecordError("the footer has the wrong length")
         body = self.file.read(FOOTER.size)
@@ -345,7 +345,7 @@ class _Scanner:
         if at + 9 + FOOTER.size + len(MAGIC) < self.size:
             behind = self.size - (at + 9 + FOOTER.size + len(MAGIC))
             self.lose(self.size - behind, behind, f"{behind} bytes stand behind the end of the log")
-        if crc and summary_start <= at and self.checksum(summary_start, at + 9 + 16) != crc:
+        if crc and 0 < summary_start <= at and self.checksum(summary_start, at + 9 + 16) != crc:
             self.lose(summary_start, 0, "the summary does not fit its checksum")
 
     def checksum(self, start: int, end: int) -> int:

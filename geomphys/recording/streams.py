@@ -6,7 +6,8 @@ frame, and of what lies behind only the last good value, so its memory does not 
 The rules, for a frame at t between the good samples a (at or before t) and b (the next one):
 
 - a stands at t: the value of a, to the bit;
-- b - a <= max_gap: interpolated, v = a + w (b - a) with w = (t - a) / (b - a); rotations by slerp, the short way round;
+- b - a <= max_gap: interpolated, v = a + w (b - a) with w = (t - a) / (b - a); rotations by slerp and angles of joints
+  that go all the way round (`JointStream.whole`), both the short way round;
 - otherwise, or without a b: the value of a, and the frame is held;
 - without an a: the value of b, and the frame is held and *before the first*;
 - a stream that keeps the clock and has only a bad sample at t: the value of a, held.
@@ -34,6 +35,13 @@ KEPT_NORM = 1e-9
 """A quaternion whose norm is at most this far from 1 is kept as it is, to the bit; beyond it is normalised."""
 VALUE_LIMIT = 1e9
 """A coordinate or angle beyond this (m or rad) is a bad sample: its square would not be a length any more."""
+
+
+class Gap(NamedTuple):
+    """A stretch between two good samples of a stream, in ns."""
+
+    start: int = 0
+    length: int = 0
 
 
 class Sampled(NamedTuple):
@@ -76,6 +84,21 @@ def blend_poses(a: Seven, b: Seven, w: float) -> Seven:
     return (*position, *(q / norm for q in mixed))
 
 
+def blend_angles(a: Floats, b: Floats, w: Floats | float, whole: NDArray[np.bool_]) -> Floats:
+    """Values between a (w = 0) and b (w = 1), (m,); where `whole` is set by the short way round the circle.
+
+    There a result counts from the nearer of the two, so that it stays on the side of a cut at half a turn on which that
+    one was recorded.
+    """
+    way = b - a
+    value: Floats = a + w * way
+    cut = whole & (np.abs(way) > np.pi)
+    if cut.any():
+        short = np.remainder(way + np.pi, 2 * np.pi) - np.pi
+        value = np.where(cut, np.where(np.less_equal(w, 0.5), a + w * short, b - (1 - w) * short), value)
+    return value
+
+
 class PoseStream:
     """Poses over time. Times are ns; `max_gap` ns."""
 
@@ -89,7 +112,8 @@ class PoseStream:
         self.first: Seven | None = None  # stands in before the first sample, if known
         self.frame_time = NEVER
         self.bad = self.duplicates = self.gaps = self.held_frames = 0
-        self.longest_gap = 0
+        self.longest_gap = Gap()
+        self.begin = NEVER  # time of the first good sample passed
 
     def add(self, time: int, value: Seven) -> None:
         """Take in a sample of any time."""
@@ -119,8 +143,11 @@ class PoseStream:
             return
         if self.last is not None:
             gap = time - self.last_time
-            self.longest_gap = max(self.longest_gap, gap)
+            if gap > self.longest_gap.length:
+                self.longest_gap = Gap(self.last_time, gap)
             self.gaps += gap > self.max_gap
+        else:
+            self.begin = time
         self.last_time, self.last = time, value
 
     def advance(self, time: int) -> None:
@@ -169,9 +196,19 @@ class JointStream:
     missing. Times are ns; `max_gap` ns.
     """
 
-    def __init__(self, joints: int, max_gap: int, *, constant: bool = False, keeps_clock: bool = False) -> None:
+    def __init__(
+        self,
+        joints: int,
+        max_gap: int,
+        *,
+        constant: bool = False,
+        keeps_clock: bool = False,
+        whole: NDArray[np.bool_] | None = None,
+    ) -> None:
+        """`whole` (m,): angles of joints that go all the way round, rad; such are interpolated the short way round."""
         self.max_gap, self.keeps_clock = max_gap, keeps_clock
         self.constant = np.full(joints, constant)
+        self.whole = np.zeros(joints, dtype=bool) if whole is None else whole
         self.times: list[int] = []  # ahead of the last frame
         self.rows: list[Floats] = []  # (m,) NaN where missing
         self.full: list[bool] = []
@@ -186,6 +223,8 @@ class JointStream:
         self.held_frames = np.zeros(joints, dtype=np.int64)
         self.gaps = np.zeros(joints, dtype=np.int64)
         self.longest_gap = np.zeros(joints, dtype=np.int64)
+        self.longest_from = np.zeros(joints, dtype=np.int64)  # time at which that gap begins
+        self.begin = np.full(joints, NEVER, dtype=np.int64)  # of the first good sample passed
         self.bad_samples = np.zeros(joints, dtype=np.int64)
         self.duplicates = 0
 
@@ -222,10 +261,14 @@ class JointStream:
 
     def _late(self, time: int, row: Floats) -> None:
         """Take in a sample from before the last frame: it can only be what is held from now on."""
-        newer = ~np.isnan(row) & (time > self.last_time)
+        there = ~np.isnan(row)
+        newer = there & (time > self.last_time)
+        if (there & (time == self.last_time)).any():
+            self.duplicates += 1
         if newer.any():
             self.last = np.where(newer, row, self.last)
             self.last_time[newer] = time
+            self.begin[newer & (self.begin == NEVER)] = time
             self.row_full = False
 
     def _pass(self, k: int) -> None:
@@ -236,7 +279,9 @@ class JointStream:
                 gap = time - self.row_time
                 if gap > self.max_gap:
                     self.gaps += 1
-                np.maximum(self.longest_gap, gap, out=self.longest_gap)
+                longer = gap > self.longest_gap
+                if longer.any():
+                    self.longest_gap[longer], self.longest_from[longer] = gap, self.row_time
             else:
                 self._count_gaps(time, np.ones(len(row), dtype=bool))
             self.last = row
@@ -249,9 +294,12 @@ class JointStream:
         self.row_time, self.row_full, self.row_bad = time, self.full[k], self.bads[k]
 
     def _count_gaps(self, time: int, there: NDArray[np.bool_]) -> None:
-        gap = np.where(there & (self.last_time != NEVER), time - self.last_time, 0)
+        begun = self.last_time != NEVER
+        self.begin[there & ~begun] = time
+        gap = np.where(there & begun, time - self.last_time, 0)
         self.gaps += gap > self.max_gap
-        np.maximum(self.longest_gap, gap, out=self.longest_gap)
+        longer = gap > self.longest_gap
+        self.longest_gap[longer], self.longest_from[longer] = gap[longer], self.last_time[longer]
 
     def advance(self, time: int) -> None:
         """Forget what lies before a time that no frame before it will be asked for."""
@@ -278,7 +326,7 @@ class JointStream:
                 gap = self.times[0] - self.row_time
                 if gap <= self.max_gap:
                     w = (time - self.row_time) / gap
-                    return Sampled(self.last + w * (self.rows[0] - self.last), False, False)
+                    return Sampled(blend_angles(self.last, self.rows[0], w, self.whole), False, False)
         return self._joint_by_joint(time)
 
     def _joint_by_joint(self, time: int) -> Sampled:
@@ -299,7 +347,7 @@ class JointStream:
             hit = waiting & ~np.isnan(row)
             if hit.any():
                 w = (time - self.last_time[hit]) / gap[hit]
-                value[hit] = self.last[hit] + w * (row[hit] - self.last[hit])
+                value[hit] = blend_angles(self.last[hit], row[hit], w, self.whole[hit])
                 waiting &= ~hit
                 open_ &= ~hit
         before = ~begun & ~self.constant

@@ -323,6 +323,11 @@ def _joint_sources(trees: Sequence[Tree], dof_start: NDArray[np.int64], path: Pa
             factors=factors,
             offsets=dict(table.offset),
             delay=table.delay,
+            continuous=tuple(
+                j.name
+                for j in tree.skeleton.joints
+                if j is not None and j.type == "continuous" and j.dof >= 0 and j.mimics is None
+            ),
         )
 
 

@@ -32,6 +32,7 @@ class JointSource:
     factors: Mapping[str, float] = field(default_factory=dict)  # joint name -> sign times scale, where that is not 1
     offsets: Mapping[str, float] = field(default_factory=dict)  # joint name -> rad or m, where there is one
     delay: float = 0.0  # s, added to the times of its samples
+    continuous: tuple[str, ...] = ()  # names of those in `dofs` that go all the way round: q and q + 2 pi are the same
 
     def ignores(self, name: str) -> bool:
         """Whether a recorded name is left out: a pattern matches it, and `rename` does not speak of it."""

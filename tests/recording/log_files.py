@@ -70,7 +70,9 @@ class Item:
 
     topic: str
     kind: str  # joints, pose, transform, transforms, glove, raw
-    value: Any  # joints, glove: {name: value}; pose: 7; transforms: {child: 7}; raw: bytes
+    value: (
+        Any  # joints, glove: {name: value}, or of ROS (names, positions); pose: 7; transforms: {child: 7}; raw: bytes
+    )
     log_time: int
     stamp: int | None = None
     publish_time: int | None = None
@@ -163,7 +165,7 @@ class _Book:
 
     def encode(self, item: Item) -> bytes:
         how = self._how(item)
-        if how == "raw":
+        if isinstance(item.value, bytes):
             return item.value
         if how == "ros2":
             name = ROS[item.kind]
@@ -183,8 +185,8 @@ def _ros(item: Item) -> Any:
     sec, nanosec = divmod(item.time, S)
     header = SimpleNamespace(stamp=SimpleNamespace(sec=sec, nanosec=nanosec), frame_id=item.frame)
     if item.kind == "joints":
-        given = {k: v for k, v in item.value.items() if v is not None}
-        return SimpleNamespace(header=header, name=list(given), position=list(given.values()), velocity=[], effort=[])
+        names, positions = _lists(item.value)
+        return SimpleNamespace(header=header, name=names, position=positions, velocity=[], effort=[])
     if item.kind == "glove":
         parts = [SimpleNamespace(type=k, value=v) for k, v in item.value.items()]
         return SimpleNamespace(glove_id=1, side=item.side, ergonomics_count=len(parts), ergonomics=parts)
@@ -202,6 +204,14 @@ def _ros(item: Item) -> Any:
             for child, value in item.value.items()
         ]
     )
+
+
+def _lists(value: Any) -> tuple[list[str], list[float]]:
+    """Names and positions of a ROS message of joints."""
+    if isinstance(value, tuple):
+        return list(value[0]), list(value[1])
+    given = {k: v for k, v in value.items() if v is not None}
+    return list(given), list(given.values())
 
 
 def _xyz(v: Sequence[float]) -> SimpleNamespace:
@@ -276,8 +286,8 @@ def _json_ros(item: Item) -> Any:
     sec, nanosec = divmod(item.time, S)
     header = {"header": {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": item.frame}}
     if item.kind == "joints":
-        given = {k: v for k, v in item.value.items() if v is not None}
-        return header | {"name": list(given), "position": list(given.values())}
+        names, positions = _lists(item.value)
+        return header | {"name": names, "position": positions}
     if item.kind == "glove":
         parts = [{"type": k, "value": v} for k, v in item.value.items()]
         return {"glove_id": 1, "side": item.side, "ergonomics": parts}

@@ -1,0 +1,38 @@
+"""What a file is that should be an MCAP and is not, by its first bytes, and what to do with it."""
+
+from __future__ import annotations
+
+LOOKED_AT = 512
+"""Bytes from the beginning of a file that are looked at."""
+CONVERT_SQLITE = "convert it to mcap with `ros2 bag convert`, or without ROS by `mcap convert FILE.db3 OUT.mcap`"
+"""What to do with a bag of the storage sqlite3."""
+
+_PACKED = (
+    (b"\x28\xb5\x2f\xfd", "zstd", "zstd -d FILE"),
+    (b"\x1f\x8b", "gzip", "gunzip FILE"),
+    (b"\x04\x22\x4d\x18", "lz4", "lz4 -d FILE"),
+    (b"BZh", "bzip2", "bunzip2 FILE"),
+    (b"\xfd7zXZ\x00", "xz", "unxz FILE"),
+    (b"PK\x03\x04", "zip", "unzip FILE"),
+    (b"7z\xbc\xaf\x27\x1c", "7z", "7z x FILE"),
+)
+_EXPECTED = "expected a recording: an .mcap file or a ROS 2 bag folder"
+
+
+def other_format(start: bytes) -> str:
+    """Say what a file is instead of an MCAP, as far as its first bytes tell: the end of a line that says it is none."""
+    if start.startswith(b"version https://git-lfs.github.com"):
+        return " but a Git LFS pointer, the note that stands for a file that was not fetched; run `git lfs pull`"
+    if start.startswith(b"#ROSBAG"):
+        return " but a ROS 1 bag; convert it with `mcap convert IN.bag OUT.mcap`"
+    if start.startswith(b"SQLite format 3"):
+        return f" but an SQLite file, perhaps a ROS 2 bag of that storage; {CONVERT_SQLITE}"
+    for magic, name, command in _PACKED:
+        if start.startswith(magic):
+            return f" but a packed file ({name}); unpack it first: `{command}`"
+    text = start.removeprefix(b"\xef\xbb\xbf").lstrip()
+    if text[:15].lower().startswith((b"<!doctype html", b"<html", b"<head", b"<body")):
+        return " but a web page, saved in place of the recording; fetch the file itself (its raw or download link)"
+    if text[:1] in (b"<", b"[", b"#", b"{"):
+        return f" but a text; {_EXPECTED}"
+    return f"; {_EXPECTED}"
