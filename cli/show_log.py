@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from geomphys.recording.check import CheckReport
     from geomphys.recording.inspect import LogInfo, TopicInfo
     from geomphys.recording.report import RecordingReport
+    from geomphys.world.findings import Findings
 
     from .terminal import Terminal
 
@@ -119,10 +120,31 @@ def show_check(terminal: Terminal, report: CheckReport) -> None:
     if report.zero_pose_overlaps:
         pairs = [f"{a} and {b}" for a, b in report.zero_pose_overlaps]
         rows.append(("Left out", ["pairs that overlap in the zero pose", *_some(pairs, terminal.verbose)]))
+    rows += list(finding_rows(report.findings, terminal.verbose))
     for label, texts in (("Warning", report.warnings), ("Error", report.errors)):
         rows += [(label, [text.removeprefix(f"{report.log}: ")]) for text in texts]
     title = heading(Path(report.log).name, f" in {Path(report.scene).name}")
     terminal.result(title, fields(rows, colours={"Warning": "yellow", "Error": "bold red"}), _verdict(report))
+
+
+def finding_rows(findings: Findings, all_lines: bool) -> Iterator[tuple[str, list[str]]]:
+    """Yield what a user should know of a scene beside its warnings."""
+    if findings.without_collision:
+        names = list(findings.without_collision)
+        what = f"{counted(len(names), 'link')} with a visual, but no collision geometry"
+        yield "Cannot touch", [f"{what}: {_list(names, all_lines)}"]
+    if findings.default_pairs:
+        pairs = [
+            f"{a} and {b}: friction {pair.friction:.3g}, restitution {pair.restitution:.3g}"
+            for pair in findings.default_pairs
+            for a, b in [pair.materials]
+        ]
+        yield (
+            "Materials",
+            ["pairs that no [[material_pair]] names, taken from each with itself", *_some(pairs, all_lines)],
+        )
+    if findings.notes:
+        yield "Frame ids", _some(list(findings.notes), all_lines)
 
 
 def _joint_lines(report: CheckReport) -> Iterator[str]:

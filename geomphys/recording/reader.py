@@ -34,6 +34,7 @@ from geomphys.recording.records import (
 from geomphys.recording.scan import TIME_LIMIT, FileScan, Span, scan_file
 from geomphys.recording.summary import scan_summary
 from geomphys.remote import RemotePath, is_remote, place
+from geomphys.world.git_lfs import IS_POINTER, is_lfs_pointer
 
 PENDING_LIMIT = 256 * 2**20
 """Bytes of messages that are held to bring them into the order of their times."""
@@ -260,7 +261,7 @@ class LogReader:
             with self._opened(file) as stream:
                 size = stream.seek(0, 2)
                 stream.seek(0)
-                start = stream.read(16)
+                start = stream.read(64)
                 if not start:
                     raise LogError(f"{file}: is empty")
                 if start[: len(MAGIC)] != MAGIC[: len(start)]:
@@ -317,6 +318,8 @@ class LogReader:
 
 def _other_format(start: bytes) -> str:
     """Say what a file is instead, as far as its first bytes tell."""
+    if is_lfs_pointer(start):
+        return f": it {IS_POINTER}"
     if start.startswith(b"#ROSBAG"):
         return " but a ROS 1 bag; convert it with `mcap convert`"
     if start.startswith(b"SQLite format 3"):

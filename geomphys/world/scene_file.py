@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from geomphys.errors import SceneError
+from geomphys.world.git_lfs import IS_POINTER, is_lfs_pointer
 from geomphys.world.scene_fault import explain, fault, one_line
 from geomphys.world.sources import note_contents
 
@@ -340,6 +341,8 @@ def _read(path: Path) -> str:
         raise SceneError(f"{path}: cannot be read: {error.strerror}") from error
     if len(data) > LARGEST_FILE:
         raise SceneError(f"{path}: is larger than {LARGEST_FILE // 2**20} MiB, too large for a scene file")
+    if is_lfs_pointer(data):
+        raise SceneError(f"{path}: {IS_POINTER}")
     if data.startswith(b"\x89MCAP"):
         raise SceneError(f"{path}: is an MCAP log, expected a scene file (TOML); were log and scene swapped?")
     try:
