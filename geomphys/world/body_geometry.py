@@ -100,25 +100,31 @@ class Workshop:
 
         `shapes` are (shape, name of its link).
         """
-        missing, opened, count = list[str](), list[str](), 0
-        for shape, link in {s.path: (s, n) for s, n in reversed(shapes) if isinstance(s, MeshShape)}.values():
+        missing: dict[Path, list[str]] = {}
+        opened: dict[Path, list[str]] = {}
+        count = 0
+        for shape, link in shapes:
+            if not isinstance(shape, MeshShape):
+                continue
             count += 1
             if not is_there(shape.path):
-                missing.append(f"{shape.path} (link {link!r})")
+                missing.setdefault(shape.path, []).append(link)
             elif how != "hull":
                 mesh = self.mesh(shape, f"{model}: link {link!r}")
                 if not (mesh.is_convex or mesh.is_closed):
-                    opened.append(f"{shape.path.name} (link {link!r})")
-        for names, what, remedy in (
-            (missing, "collision meshes are not there", "paths are relative to the URDF"),
+                    opened.setdefault(shape.path, []).append(link)
+        for found, what, remedy in (
+            (missing, "are not there", "paths are relative to the URDF"),
             (
                 opened,
-                "collision meshes are neither watertight nor convex, so they have no inside to keep out of",
+                "are neither watertight nor convex, so they have no inside to keep out of",
                 'close their holes, or use decomposition = "hull" (their convex hulls)',
             ),
         ):
-            if len(names) > 1:
-                raise MeshError(f"{model}: {len(names)} of {count} {what}: {', '.join(reversed(names))}: {remedy}")
+            if len(found) > 1:
+                names = [f"{path if found is missing else path.name} ({', '.join(found[path])})" for path in found]
+                total = sum(map(len, found.values()))
+                raise MeshError(f"{model}: {total} of {count} collision meshes {what}: {'; '.join(names)}: {remedy}")
 
     def mesh(self, shape: MeshShape, name: str) -> Mesh:
         """The mesh of a shape."""
