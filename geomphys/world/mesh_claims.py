@@ -16,6 +16,9 @@ RECORD = 50
 _FACET = re.compile(rb"\bfacet\s+normal\b", re.IGNORECASE)
 _END_FACET = re.compile(rb"\bendfacet\b", re.IGNORECASE)
 _END_SOLID = re.compile(rb"\bendsolid\b", re.IGNORECASE)
+_PLY_FACES = re.compile(rb"^element\s+face\s+(\d+)", re.MULTILINE)
+_OFF_FACES = re.compile(rb"\s*[A-Z0-9]*OFF\s+\d+\s+(\d+)")
+_COMMENT = re.compile(rb"#[^\n]*")
 _PAGE = (b"<!doctype html", b"<html")
 
 
@@ -77,6 +80,16 @@ def _ascii_stl_fault(data: bytes) -> str:
     if not _END_SOLID.search(data):
         return f"is cut off: no `endsolid` after its {ended} triangles: fetch or save it again"
     return ""
+
+
+def announced_faces(data: bytes, suffix: str) -> int:
+    """Faces that the head of a PLY or OFF file announces; 0 where it announces none, or the kind has no head."""
+    found = None
+    if suffix == "ply":
+        found = _PLY_FACES.search(data[: data.find(b"end_header")])
+    elif suffix == "off":
+        found = _OFF_FACES.match(_COMMENT.sub(b"", data[:10_000]))
+    return int(found.group(1)[:12]) if found else 0
 
 
 def collada_unit(data: bytes) -> float:

@@ -12,14 +12,21 @@ from dataclasses import dataclass
 from functools import cached_property
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.errors import MeshError
-from geomphys.world.gltf_file import gltf_claims
-from geomphys.world.mesh_claims import collada_unit, is_ascii_stl, mesh_fault, stl_count, without_trailer
+from geomphys.world.gltf_file import Neighbours, gltf_claims
+from geomphys.world.mesh_claims import (
+    announced_faces,
+    collada_unit,
+    is_ascii_stl,
+    mesh_fault,
+    stl_count,
+    without_trailer,
+)
 from geomphys.world.shells import have_volume, outward_shells, shell_labels, shell_volumes
 from geomphys.world.sources import is_there, note_contents
 
@@ -206,7 +213,7 @@ def load_mesh(path: Path, scale: float | Floats = 1.0, name: str | None = None) 
 
 
 def merged(name: str, vertices: Floats, faces: Ints) -> Mesh:
-    """A mesh with vertices equal to 1e-8 m taken together and triangles without area left out.
+    """A mesh with vertices equal to 1e-8 m taken together, triangles without area left out, and repeated ones but once.
 
     Raises MeshError where no triangle has an area.
     """
@@ -219,10 +226,19 @@ def merged(name: str, vertices: Floats, faces: Ints) -> Mesh:
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
     if len(faces) == 0 or not np.any(_doubled_areas(vertices, faces) > 0):
         raise MeshError(f"{name}: all its triangles have zero area: check scale and units")
+    faces = _each_once(faces, len(vertices))
     used, index = np.unique(faces, return_inverse=True)
     mesh = Mesh(name, np.ascontiguousarray(vertices[used]), np.ascontiguousarray(index.reshape(faces.shape), np.int64))
     mesh.vertices.flags.writeable = mesh.faces.flags.writeable = False
     return mesh
+
+
+def _each_once(faces: Ints, count: int) -> Ints:
+    """Triangles (m, 3) without those that are there already, wound the same way; `count` vertices."""
+    lead = faces.argmin(axis=1)
+    a, b, c = (faces[np.arange(len(faces)), (lead + k) % 3] for k in range(3))
+    _, first = np.unique((a * count + b) * count + c, return_index=True)
+    return faces if len(first) == len(faces) else faces[np.sort(first)]
 
 
 def _unique_rows(rows: Floats) -> tuple[Ints, Ints]:
@@ -292,7 +308,7 @@ def _parsed(data: bytes, path: Path, name: str) -> tuple[Floats, Ints]:
         except ImportError:
             raise MeshError(f"{name}: a .dae mesh needs the package pycollada: install it, or convert to glb") from None
         faults = (*faults, DaeError)
-    resolver: Any = _Neighbours(path.parent)
+    resolver: Any = Neighbours(path.parent, LARGEST_FILE)
     try:
         with np.errstate(all="ignore"):
             loaded: Any = trimesh.load(
@@ -311,6 +327,8 @@ def _parsed(data: bytes, path: Path, name: str) -> tuple[Floats, Ints]:
         ) from None
     except faults as error:
         raise MeshError(f"{name}: {_unreadable(suffix, error)}") from None
+    if len(faces) < (announced := announced_faces(data, suffix)):
+        raise MeshError(f"{name}: is cut off: {announced} faces announced, {len(faces)} there: fetch or save it again")
     if len(faces) and (faces.min() < 0 or faces.max() >= len(vertices)):
         raise MeshError(f"{name}: a triangle names a vertex that is not there: repair the file")
     return vertices, faces
@@ -329,28 +347,6 @@ def _unit_of(data: bytes, name: str) -> float:
         return collada_unit(data)
     except (ParseError, ValueError, LookupError) as error:
         raise MeshError(f"{name}: {_unreadable('dae', error)}") from None
-
-
-class _Neighbours:
-    """Gives a parser the buffers (.bin) that lie beside a .gltf file, and nothing else."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder.resolve()
-
-    def get(self, name: str) -> bytes:
-        path = (self.folder / name).resolve()
-        if path.suffix != ".bin" or not path.is_relative_to(self.folder) or not path.is_file():
-            raise FileNotFoundError(name)
-        if path.stat().st_size > LARGEST_FILE:
-            raise ValueError(name)
-        return note_contents(path, path.read_bytes())
-
-    def __getitem__(self, name: str) -> bytes:
-        return self.get(name)
-
-    def namespaced(self, namespace: Literal[""] | str) -> _Neighbours:
-        """The resolver of a sub-folder; stays where it is."""
-        return self
 
 
 def require_closed(mesh: Mesh) -> None:

@@ -128,3 +128,18 @@ def test_an_l_in_millimetres_is_an_l_in_metres(tmp_path: Path) -> None:
         assert mesh.signed_volume == pytest.approx(0.003)
         assert np.ptp(mesh.vertices, axis=0) == pytest.approx(np.ptp(corners, axis=0))  # as it stands
         assert load_mesh(path, scale=2.0).size == pytest.approx(2 * 0.2)
+
+
+@pytest.mark.parametrize("suffix", ["ply", "off"])
+def test_a_text_that_lacks_faces_it_announces(tmp_path: Path, suffix: str) -> None:
+    import trimesh
+
+    solid = trimesh.Trimesh(*cube(), process=False)
+    data = solid.export(file_type="ply", encoding="ascii") if suffix == "ply" else solid.export(file_type="off")
+    text = data.decode() if isinstance(data, bytes) else data
+    path = tmp_path / f"a.{suffix}"
+    path.write_text(text)
+    assert len(load_mesh(path).faces) == 12
+    path.write_text("\n".join(text.rstrip().splitlines()[:-3]) + "\n")
+    with pytest.raises(MeshError, match="is cut off: 12 faces announced, 9 there"):
+        load_mesh(path)

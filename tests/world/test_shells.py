@@ -108,3 +108,10 @@ def test_a_cavity_stays_one() -> None:
     assert wound_outwards(mesh).signed_volume == pytest.approx(1.0 - 0.8**3)
     turned = Mesh("turned", mesh.vertices, mesh.faces[:, ::-1])
     assert wound_outwards(turned).signed_volume == pytest.approx(1.0 - 0.8**3)
+
+
+def test_triangles_that_are_there_twice_count_once() -> None:
+    mesh = together(at((0, 0, 0)), at((0, 0, 0)))
+    assert len(mesh.faces) == 12
+    assert mesh.is_watertight
+    assert mesh.signed_volume == pytest.approx(1.0)
