@@ -67,7 +67,7 @@ class MeshFinder:
         for root in self._roots(package):
             if is_there(root / inner):
                 return root / inner
-            if root.is_dir():
+            if is_there(root) and root.is_dir():
                 found.append(root)
         if found:
             raise MeshError(f"{shown}: no such file in the package {package!r}, which is {found[0]}")

@@ -117,6 +117,8 @@ def test_the_search_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
         ("meshes/${side}.stl", "holds an expression that xacro fills in"),
         ("file://$(find my_hand)/a.stl", "holds an expression that xacro fills in"),
         ("a\0.stl", "is not a path"),
+        (f"package://{'p' * 5000}/a.stl", "was not found"),
+        (f"package://my_hand/{'p' * 5000}.stl", "was not found"),
     ],
 )
 def test_names_that_lead_nowhere(tmp_path: Path, name: str, says: str) -> None:
