@@ -95,3 +95,14 @@ def test_the_log_has_the_warning_at_its_first_frame(tmp_path: Path) -> None:
     outcome = through_all(model(tmp_path, "visual", WRONG["no size"]), tmp_path)
     rows = [(frame.index, row.text) for frame in open_output(outcome.out).frames(["/log"]) for row in frame.log]
     assert [index for index, text in rows if "not shown" in text] == [0]
+
+
+def test_a_package_that_comes_to_be_beside_the_model_is_found(tmp_path: Path) -> None:
+    (tmp_path / "models").mkdir()
+    model(tmp_path / "models", "visual", MESH.format("package://parts/later.stl"))
+    (tmp_path / "models" / "scene.toml").write_text('[[avatar]]\nname = "hand"\nurdf = "hand.urdf"\n')
+    assert load_world(tmp_path / "models" / "scene.toml").findings.warnings
+    (tmp_path / "checkout").mkdir()
+    (tmp_path / "checkout" / "package.xml").write_text("<package><name>parts</name></package>")
+    stl(tmp_path / "checkout" / "later.stl", *cube(0.1))
+    assert not load_world(tmp_path / "models" / "scene.toml").findings.warnings
