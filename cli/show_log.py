@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from geomphys.recording.check import CheckReport, SpaceReport
     from geomphys.recording.inspect import LogInfo, TopicInfo
     from geomphys.recording.report import RecordingReport
+    from geomphys.world.findings import Findings
 
     from .terminal import Terminal
 
@@ -129,6 +130,7 @@ def show_check(terminal: Terminal, report: CheckReport) -> None:
     if report.zero_pose_overlaps:
         pairs = [f"{a} and {b}" for a, b in report.zero_pose_overlaps]
         rows.append(("Left out", ["pairs that overlap in the zero pose", *_some(pairs, terminal.verbose)]))
+    rows += list(finding_rows(report.findings, terminal.verbose))
     for label, texts in (("Warning", report.warnings), ("Error", report.errors)):
         rows += [(label, [text.removeprefix(f"{report.log}: ")]) for text in texts]
     title = heading(Path(report.log).name, f" in {Path(report.scene).name}")
@@ -139,6 +141,26 @@ def _placed(space: SpaceReport) -> str:
     """Return how the recorded space lies in the world."""
     at, turned = (", ".join(f"{value:.4g}" for value in values) for values in (space.position, space.orientation))
     return f"recorded with {space.up} up, in {space.unit}; its origin is at [{at}], its axes are turned by [{turned}]"
+
+
+def finding_rows(findings: Findings, all_lines: bool) -> Iterator[tuple[str, list[str]]]:
+    """Yield what a user should know of a scene beside its warnings."""
+    if findings.without_collision:
+        names = list(findings.without_collision)
+        what = f"{counted(len(names), 'link')} with a visual, but no collision geometry"
+        yield "Cannot touch", [f"{what}: {_list(names, all_lines)}"]
+    if findings.default_pairs:
+        pairs = [
+            f"{a} and {b}: friction {pair.friction:.3g}, restitution {pair.restitution:.3g}"
+            for pair in findings.default_pairs
+            for a, b in [pair.materials]
+        ]
+        yield (
+            "Materials",
+            ["pairs that no [[material_pair]] names, taken from each with itself", *_some(pairs, all_lines)],
+        )
+    if findings.notes:
+        yield "Frame ids", _some(list(findings.notes), all_lines)
 
 
 def _joint_lines(report: CheckReport) -> Iterator[str]:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from .show_log import finding_rows
 from .terminal import counted, fields, heading, printable
 
 if TYPE_CHECKING:
@@ -57,6 +58,7 @@ def _rows(summary: Summary) -> Iterator[tuple[str, Sequence[str | Text]]]:
         notes.append(f"{counted(summary.fallbacks, 'time')} the last free state was the way out")
     if notes:
         yield "Notes", notes
+    yield from finding_rows(summary.findings, False)
     if "step" in summary.timing:
         yield "Time", list(_times(summary))
     if summary.out or summary.rrd:

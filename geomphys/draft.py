@@ -32,7 +32,7 @@ from geomphys.remote import place
 from geomphys.world.chains import suggested_chains
 from geomphys.world.meshes import load_mesh, require_closed
 from geomphys.world.scene_file import parse_scene
-from geomphys.world.skeleton import Skeleton, load_skeleton
+from geomphys.world.skeleton import Skeleton, load_skeleton, require_solid
 from geomphys.world.urdf_file import MeshShape
 
 TALL = 0.8
@@ -135,6 +135,7 @@ def _avatar(
 ) -> AvatarDraft:
     """What an avatar follows."""
     skeleton = load_skeleton(urdf)
+    require_solid(skeleton)
     topic, side, matches = _joints(skeleton, topics)
     sure = [m for m in matches if m.how != "guess"]
     ranked = rank_roots(

@@ -32,8 +32,8 @@ def find_world(path: Path, mode: str | None, seed: int) -> World | None:
 
 
 def keep_world(world: World, found: Sources, mode: str | None, seed: int) -> None:
-    """Keep a world for the next run, if it is made of more than its scene file."""
-    if len(found.contents) < 2:
+    """Keep a world for the next run, if it is made of more than its scene file and nothing of it was missing."""
+    if len(found.contents) < 2 or world.findings.not_shown:
         return
     store = _store()
     store.save(_name(world.path, mode, seed), (world, found))

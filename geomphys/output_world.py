@@ -16,6 +16,7 @@ from geomphys.output_log import OutputLog
 from geomphys.provenance import sha256_of_world
 from geomphys.temporary import TemporaryFolder
 from geomphys.world.assembly import assemble, exclude
+from geomphys.world.free_joints import joint_ends, links_above_free_joint
 from geomphys.world.scene import World
 from geomphys.world.scene_file import SceneFile, parse_scene
 
@@ -103,7 +104,9 @@ def _description(texts: dict[str, str], tree: str) -> str:
 def _with_meshes(urdf: bytes, description: str) -> bytes:
     """A URDF whose meshes are named as in the description made from it: the same elements in the same order."""
     root = ElementTree.fromstring(urdf)
-    for mesh, placed in zip(root.iter("mesh"), ElementTree.fromstring(description).iter("mesh"), strict=True):
+    above = links_above_free_joint(joint_ends(root))  # which the description leaves out
+    named = [m for part in root if not (part.tag == "link" and part.get("name") in above) for m in part.iter("mesh")]
+    for mesh, placed in zip(named, ElementTree.fromstring(description).iter("mesh"), strict=True):
         mesh.set("filename", _path(placed.get("filename", "")))
     return ElementTree.tostring(root)  # type: ignore[no-any-return]
 

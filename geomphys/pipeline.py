@@ -225,6 +225,12 @@ def _messages(report: RecordingReport) -> Iterator[tuple[str, str]]:
     yield from (("warning", text) for text in report.warnings)
 
 
+def _of_scene(world: World) -> tuple[Message, ...]:
+    """What is told of a scene when a replay begins."""
+    findings = world.findings
+    return (*(("warning", text) for text in findings.warnings), *(("info", text) for text in findings.notes))
+
+
 def _results(
     source: FrameSource, pipeline: Pipeline, sinks: Sequence[Sink], progress: Callable[[int, int | None], None] | None
 ) -> Iterator[FrameResult]:
@@ -232,7 +238,8 @@ def _results(
     for chunk in pipeline.chunks(_batches(source)):
         for row in range(len(chunk.frames)):
             ends = chunk.is_last and row == len(chunk.frames) - 1
-            messages = tuple(_messages(source.report)) if ends else ()
+            messages = () if done else _of_scene(pipeline.world)
+            messages += tuple(_messages(source.report)) if ends else ()
             result = pipeline.result(chunk, row, encode_ns, messages)
             start = time.perf_counter_ns()
             for sink in sinks:

@@ -74,7 +74,7 @@ def run(
     _check_distinct(log, out, rrd)
     with telling(compiling):
         world = scene if isinstance(scene, World) else load_world(scene, mode=config.mode, seed=config.seed)
-        summarizer = Summarizer(world.body_names)
+        summarizer = Summarizer(world.body_names, world.findings)
         sinks = _sinks(log, out, rrd, timing=timing, force=force, copy_input=copy_input)
         start = time.perf_counter()
         results = replay(log, world, config=config, sinks=sinks, progress=progress)

@@ -11,6 +11,7 @@ from geomphys import results
 from geomphys.events import is_of_flag
 from geomphys.quantiles import Quantiles
 from geomphys.results import FrameResult
+from geomphys.world.findings import Findings
 
 RESIDUAL_LIMIT_M = 1e-5
 """A driven body that overlaps by no more than this is free (m)."""
@@ -92,6 +93,7 @@ class Summary:
     timing: dict[str, StageTime]  # the stages `decode`, `step`, `encode`, as far as they were measured
     elapsed_s: float  # on the wall clock, reading and writing included, compiling the kernels not
     messages: tuple[Message, ...]
+    findings: Findings  # of the scene: what is not shown, cannot touch, is named otherwise, is taken by default
     messages_dropped: int  # messages beyond the first MESSAGES_KEPT different texts
 
     @property
@@ -113,10 +115,11 @@ class Summary:
 class Summarizer:
     """Gathers a `Summary` from the frames of a replay; memory does not grow with their number.
 
-    `body_names` are those of the world that is replayed (`World.body_names`).
+    `body_names` and `findings` are those of the world that is replayed.
     """
 
     body_names: tuple[str, ...]
+    findings: Findings = field(default_factory=Findings)
     frames: int = 0
     _first_ns: int = 0
     _earliest_ns: int = 0
@@ -234,5 +237,6 @@ class Summarizer:
                 Message(level=level, text=text, first_frame=first, count=count)
                 for (level, text), (first, count) in self._messages.items()
             ),
+            findings=self.findings,
             messages_dropped=self._messages_dropped,
         )

@@ -21,11 +21,9 @@ from geomphys.recording.reader import open_log
 from geomphys.recording.report import RecordingReport
 from geomphys.recording.space import RecordedSpace
 from geomphys.remote import place
+from geomphys.world.findings import Findings
 from geomphys.world.scene import World
 from geomphys.world.scene_inputs import RecordingTable
-
-HUGE = 100.0
-"""m; a thing longer than this is probably in millimetres."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +71,7 @@ class CheckReport:
     joints: tuple[JointMapping, ...]
     recording: RecordingReport | None  # None if no frame can be made
     zero_pose_overlaps: tuple[tuple[str, str], ...]  # pairs of bodies that are left out for that
+    findings: Findings  # of the scene: what is not shown, cannot touch, is named otherwise, is taken by default
     space: SpaceReport | None = None  # None: that of the world, in metres
 
     def as_dict(self) -> dict[str, Any]:
@@ -121,7 +120,7 @@ def check_log(log: Path | str, world: World, config: Config | None = None) -> Ch
         errors=tuple(errors),
         warnings=(
             *(recording.warnings if recording is not None else ()),
-            *_size_warnings(world),
+            *world.findings.warnings,
             *_rpy_warnings(world),
         ),
         clock=_clock(plan),
@@ -130,6 +129,7 @@ def check_log(log: Path | str, world: World, config: Config | None = None) -> Ch
         recording=recording,
         zero_pose_overlaps=world.zero_pose_overlaps,
         space=_space(world.file.recording),
+        findings=world.findings,
     )
 
 
@@ -158,18 +158,6 @@ def _recorded(source: JointInput, names: set[str]) -> list[tuple[str, int]]:
     """Recorded joints of a topic that feed a tree, in the order of its angles."""
     found = [(n, c) for n, c in source.recorded_names().items() if n in names]
     return sorted(found, key=lambda item: item[1])
-
-
-def _size_warnings(world: World) -> Iterator[str]:
-    """Meshes so large that they are probably in millimetres."""
-    for body, (vertices, _) in enumerate(world.triangles):
-        size = float((vertices.max(axis=0) - vertices.min(axis=0)).max()) if len(vertices) else 0.0
-        tree = world.tree_names[world.scene.bodies.tree[body]]
-        table = next((t for t in world.file.object if t.name == tree and t.mesh is not None), None)
-        avatar = tree in world.tree_names[: world.avatar_count]
-        if (table is not None or avatar) and size > HUGE:
-            what = "scale = 0.001" if table is not None else "scale the mesh in its URDF by 0.001"
-            yield f"{world.body_names[body]} is {size:.4g} m long; metres are expected: if it is in millimetres, {what}"
 
 
 def _rpy_warnings(world: World) -> Iterator[str]:

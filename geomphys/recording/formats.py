@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from geomphys.world.git_lfs import IS_POINTER, is_lfs_pointer
+
 LOOKED_AT = 512
 """Bytes from the beginning of a file that are looked at."""
 CONVERT_SQLITE = "convert it to mcap with `ros2 bag convert`, or without ROS by `mcap convert FILE.db3 OUT.mcap`"
@@ -21,8 +23,8 @@ _EXPECTED = "expected a recording: an .mcap file or a ROS 2 bag folder"
 
 def other_format(start: bytes) -> str:
     """Say what a file is instead of an MCAP, as far as its first bytes tell: the end of a line that says it is none."""
-    if start.startswith(b"version https://git-lfs.github.com"):
-        return " but a Git LFS pointer, the note that stands for a file that was not fetched; run `git lfs pull`"
+    if is_lfs_pointer(start):
+        return f": it {IS_POINTER}"
     if start.startswith(b"#ROSBAG"):
         return " but a ROS 1 bag; convert it with `mcap convert IN.bag OUT.mcap`"
     if start.startswith(b"SQLite format 3"):

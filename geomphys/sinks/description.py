@@ -8,17 +8,23 @@ addresses, the only ones that the rerun viewer opens. The URDFs as they are stan
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
+from copy import deepcopy
 from pathlib import Path
 
+import numpy as np
 from defusedxml import ElementTree as SafeTree
 from defusedxml.common import DefusedXmlException
 from lxml import etree
 
-from geomphys.errors import ModelError
+from geomphys.errors import MeshError, ModelError
 from geomphys.sinks.colours import Colour, of_trees
+from geomphys.transforms import rotation_about
+from geomphys.world.free_joints import joint_ends, links_above_free_joint
+from geomphys.world.packages import MeshFinder
 from geomphys.world.scene import World
 from geomphys.world.scene_file import ObjectTable
-from geomphys.world.urdf_file import mesh_file
+from geomphys.world.urdf_elements import SHAPES
 
 WORLD = "world"
 
@@ -47,8 +53,9 @@ def descriptions(world: World) -> dict[str, str]:
 def urdf_for_viewers(path: Path, frames: dict[str, str], colour: Colour) -> str:
     """Text of the URDF at `path` with links named as in `frames` (link name -> frame id) and meshes by ``file://``.
 
-    What has no colour of its own gets `colour`. Raises ModelError, and MeshError for a mesh of another
-    machine.
+    What has no colour of its own gets `colour`. A capsule, which few viewers know, becomes a cylinder and two spheres;
+    links above a free joint that the model hangs on are left out, and visuals without a shape that can be drawn. A mesh
+    that is not found keeps its name. Raises ModelError.
     """
     try:
         data = path.read_bytes()
@@ -56,19 +63,92 @@ def urdf_for_viewers(path: Path, frames: dict[str, str], colour: Colour) -> str:
         tree = etree.fromstring(data)
     except (OSError, SafeTree.ParseError, DefusedXmlException, etree.XMLSyntaxError) as problem:
         raise ModelError(f"{path}: cannot be read as a URDF ({problem})") from problem
+    _drop_above_free_joint(tree)
+    for kind in ("visual", "collision"):
+        for element in list(tree.iter(kind)):
+            _make_drawable(element)
     for link in tree.iter("link"):
         _rename(link, "name", frames)
     for joint in tree.iter("joint"):
         for end in ("parent", "child"):
             for element in joint.findall(end):
                 _rename(element, "link", frames)
+    finder = MeshFinder(path.absolute().parent)
     for mesh in tree.iter("mesh"):
-        mesh.set("filename", mesh_file(mesh.get("filename", ""), path.absolute().parent).resolve().as_uri())
+        with suppress(MeshError):  # a visual's: no collision mesh is without its file here
+            mesh.set("filename", finder.find(mesh.get("filename", "")).resolve().as_uri())
     for visual in tree.iter("visual"):
         if visual.find("material") is None:
             visual.append(_material(colour))
     text: str = etree.tostring(tree, encoding="unicode")
     return text + "\n"
+
+
+def _drop_above_free_joint(robot: etree._Element) -> None:
+    """Take out the links above a floating or planar joint that all hangs on, and the joints there."""
+    above = links_above_free_joint(joint_ends(robot))
+    for joint in robot.findall("joint") if above else []:
+        parent = joint.find("parent")
+        if parent is not None and parent.get("link") in above:
+            robot.remove(joint)
+    for link in robot.findall("link"):
+        if link.get("name") in above:
+            robot.remove(link)
+
+
+def _make_drawable(element: etree._Element) -> None:
+    """Write a visual or collision element in shapes that every viewer knows; one that has none is taken out."""
+    parent, geometry = element.getparent(), element.find("geometry")
+    if parent is None or parent.tag != "link" or (geometry is not None and geometry.find("mesh") is not None):
+        return
+    shape = geometry[0] if geometry is not None and len(geometry) == 1 else None
+    if shape is None or shape.tag not in SHAPES or not _has_size(shape):
+        parent.remove(element)
+    elif shape.tag == "capsule":
+        at = parent.index(element)
+        for part in reversed(_capsule_parts(element, shape)):
+            parent.insert(at, part)
+        parent.remove(element)
+
+
+def _capsule_parts(element: etree._Element, shape: etree._Element) -> list[etree._Element]:
+    """A visual or collision element of a capsule as one of a cylinder and two of spheres."""
+    radius, length = float(shape.get("radius", "0")), float(shape.get("length", "0"))
+    origin = element.find("origin")
+    middle, rpy = ([0.0] * 3, [0.0] * 3) if origin is None else (_numbers(origin.get(key)) for key in ("xyz", "rpy"))
+    roll, pitch, yaw = (rotation_about(axis, angle) for axis, angle in zip(np.eye(3), rpy, strict=True))
+    along = (yaw @ pitch @ roll)[:, 2] * (length / 2)
+    caps = [np.array(middle) + along, np.array(middle) - along]
+    parts: list[tuple[etree._Element, list[float]]] = []
+    if length > 0.0:
+        parts.append((etree.Element("cylinder", radius=repr(radius), length=repr(length)), middle))
+    parts += [(etree.Element("sphere", radius=repr(radius)), cap.tolist()) for cap in caps]
+    found = []
+    for primitive, place in parts:
+        copy = deepcopy(element)
+        for child in copy.findall("origin"):
+            copy.remove(child)
+        xyz, turn = (" ".join(map(repr, values)) for values in (place, rpy))
+        copy.insert(0, etree.Element("origin", xyz=xyz, rpy=turn))
+        geometry = copy.find("geometry")
+        assert geometry is not None
+        geometry[0] = primitive
+        found.append(copy)
+    return found
+
+
+def _has_size(shape: etree._Element) -> bool:
+    """Whether the lengths of a primitive can be read, and one is above 0."""
+    try:
+        lengths = [n for key in ("size", "radius", "length") for n in _numbers(shape.get(key, ""), 0)]
+    except ValueError:
+        return False
+    return max(lengths, default=0.0) > 0.0
+
+
+def _numbers(text: str | None, count: int = 3) -> list[float]:
+    """The numbers of an attribute; `count` zeros where it is not there."""
+    return [float(word) for word in (text or "").replace(",", " ").split()] or [0.0] * count
 
 
 def urdf_of_objects(name: str, tables: Sequence[ObjectTable], folder: Path, palette: dict[str, Colour]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
@@ -11,11 +10,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.errors import ModelError, SceneError
+from geomphys.errors import SceneError
 from geomphys.transforms import frame_from_matrix
 from geomphys.world.body_geometry import Workshop
 from geomphys.world.chains import link_index
 from geomphys.world.decomposition import Progress
+from geomphys.world.findings import Findings, NotShown
+from geomphys.world.frame_ids import distinct_frames
 from geomphys.world.inputs import JointSource, RootSource
 from geomphys.world.materials import MaterialTable, material_table
 from geomphys.world.pieces import PlacedShape, build_pieces
@@ -35,6 +36,7 @@ from geomphys.world.scene import (
 )
 from geomphys.world.scene_file import AvatarTable, Coupling, ObjectTable, SceneFile
 from geomphys.world.scene_inputs import JointsTable
+from geomphys.world.sizes import size_warnings
 from geomphys.world.trees import Tree, TreeBody, read_avatar, read_object
 
 Floats = NDArray[np.float64]
@@ -66,10 +68,11 @@ def assemble(
     trees = [read_avatar(a, path, workshop, several, mode or a.mode) for a in file.avatar]
     trees += [read_object(o, path, workshop) for o in file.object]
     bodies = [body for tree in trees for body in tree.bodies]
-    _check_frames(bodies, path)
+    renamed = distinct_frames(trees)
     _check_size(trees, bodies, path)
-    table = material_table(file.material_pair, (t.material for t in trees))
-    table.require(path, _meetings(trees))
+    known = material_table(file.material_pair)
+    known.require_known(path, ((t.material, t.name) for t in trees))
+    table, default_pairs = known.with_defaults(path, _meetings(trees))
     body_start = _starts(len(t.bodies) for t in trees)
     dof_start = _starts(0 if t.skeleton is None else len(t.skeleton.dof_names) for t in trees)
     avatar_bodies = int(body_start[len(file.avatar)])
@@ -105,6 +108,15 @@ def assemble(
         zero_pose_overlaps=(),
         triangles=tuple(b.shown for b in bodies),
         collision_triangles=tuple(b.geometry.triangles for b in bodies),
+        findings=Findings(
+            not_shown=tuple(
+                NotShown(str(t.skeleton.path), why) for t in trees if t.skeleton is not None for why in t.not_shown
+            ),
+            sizes=tuple(size_warnings(trees)),
+            without_collision=tuple(_without_collision(trees)),
+            renamed_frames=renamed,
+            default_pairs=default_pairs,
+        ),
     )
 
 
@@ -136,15 +148,6 @@ def _check_size(trees: Sequence[Tree], bodies: Sequence[TreeBody], path: Path) -
         )
 
 
-def _check_frames(bodies: Sequence[TreeBody], path: Path) -> None:
-    """Frame ids of the output name one body each, and none the world or a recorded ghost."""
-    for frame, count in Counter(b.frame for b in bodies).items():
-        if count > 1:
-            raise SceneError(f"{path}: {frame!r} names two things of the output: rename the object or the link")
-        if frame == "world" or frame.startswith("recorded/"):
-            raise ModelError(f"{path}: a link is called {frame!r}, which names another frame of the output: rename it")
-
-
 def _meetings(trees: Sequence[Tree]) -> Iterator[tuple[str, str, str, str]]:
     """Materials that can meet, and who has them: of trees not both fixed, and within an avatar in chains mode."""
     kinds: dict[tuple[str, bool], list[str]] = {}
@@ -161,6 +164,15 @@ def _meetings(trees: Sequence[Tree]) -> Iterator[tuple[str, str, str, str]]:
     for tree in trees:
         if tree.in_chains and isinstance(tree.table, AvatarTable) and tree.table.self_collision:
             yield tree.material, tree.name, tree.material, tree.name
+
+
+def _without_collision(trees: Sequence[Tree]) -> Iterator[str]:
+    """Links with a visual and nothing that could touch."""
+    for tree in trees:
+        if tree.skeleton is not None:
+            for link, body in zip(tree.skeleton.links, tree.bodies, strict=True):
+                if link.visuals and not link.collisions:
+                    yield body.name
 
 
 def _bodies(

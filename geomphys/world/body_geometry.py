@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from geomphys.errors import MeshError
 from geomphys.transforms import apply
 from geomphys.world.decomposition import Pieces, Progress, decompose
 from geomphys.world.hulls import polytope
@@ -25,6 +26,7 @@ from geomphys.world.meshes import Mesh, load_mesh, wound_outwards
 from geomphys.world.pieces import Box, Capsule, Cylinder, Hull, Sphere
 from geomphys.world.pieces import Shape as Convex
 from geomphys.world.scene_values import Decomposition
+from geomphys.world.sources import is_there
 from geomphys.world.tessellation import (
     COARSE,
     FINE,
@@ -93,6 +95,37 @@ class Workshop:
             surfaces.append(surface if still else (apply(matrix, surface[0]), surface[1]))
         return joined(surfaces)
 
+    def require_closed(self, shapes: Sequence[tuple[Shape, str]], how: Decomposition, model: Path) -> None:
+        """Raise MeshError for the meshes of a model that cannot be read, or have no inside: all of them in one line.
+
+        `shapes` are (shape, name of its link).
+        """
+        missing: dict[Path, list[str]] = {}
+        opened: dict[Path, list[str]] = {}
+        count = 0
+        for shape, link in shapes:
+            if not isinstance(shape, MeshShape):
+                continue
+            count += 1
+            if not is_there(shape.path):
+                missing.setdefault(shape.path, []).append(link)
+            elif how != "hull":
+                mesh = self.mesh(shape, f"{model}: link {link!r}")
+                if not (mesh.is_convex or mesh.is_closed):
+                    opened.setdefault(shape.path, []).append(link)
+        for found, what, remedy in (
+            (missing, "are not there", "paths are relative to the URDF"),
+            (
+                opened,
+                "are neither watertight nor convex, so they have no inside to keep out of",
+                'close their holes, or use decomposition = "hull" (their convex hulls)',
+            ),
+        ):
+            if len(found) > 1:
+                names = [f"{path if found is missing else path.name} ({', '.join(found[path])})" for path in found]
+                total = sum(map(len, found.values()))
+                raise MeshError(f"{model}: {total} of {count} collision meshes {what}: {'; '.join(names)}: {remedy}")
+
     def mesh(self, shape: MeshShape, name: str) -> Mesh:
         """The mesh of a shape."""
         key = (shape.path, shape.scale)
@@ -122,7 +155,7 @@ class Workshop:
     def _cut_mesh(self, shape: MeshShape, how: Decomposition, name: str) -> tuple[Pieces, MassProperties, Triangles]:
         mesh = self.mesh(shape, name)
         cut = decompose(mesh, how, seed=self.seed, progress=self.progress)
-        if mesh.is_watertight and (cut.method != "hull" or mesh.is_convex):
+        if mesh.is_closed and (cut.method != "hull" or mesh.is_convex):
             solid = wound_outwards(mesh)
             surface = (solid.vertices, solid.faces)
         else:  # what collides is the hull

@@ -25,7 +25,7 @@ from geomphys.errors import ConfigError, MeshError
 from geomphys.world.coacd_process import ITERATIONS, convex_parts
 from geomphys.world.coverage import covering, uncovered
 from geomphys.world.hulls import polytope
-from geomphys.world.meshes import Mesh, merged, require_closed, wound_outwards
+from geomphys.world.meshes import Mesh, require_closed, wound_outwards
 from geomphys.world.scene_values import Decomposition
 
 Floats = NDArray[np.float64]
@@ -39,6 +39,8 @@ LEAST, MOST = 1e-3, 5e-3
 """... but at least and at most these, m. Less: more pieces that stand out less."""
 FINEST = 0.01
 """CoACD goes no finer, of half the longest side of what it cuts"""
+MOST_PARTS = 1000
+"""shells of a mesh that are cut one by one; a mesh of more is cut as a whole"""
 _RECIPE = 2
 """Raised when the same mesh and parameters give other pieces than before."""
 
@@ -153,18 +155,9 @@ def _decomposed(
 
 
 def _closed_parts(mesh: Mesh) -> list[Mesh]:
-    """The connected parts of a closed mesh wound outwards; the mesh as it is if a part of it is a cavity."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    a, b = mesh.faces[:, [0, 1]].reshape(-1), mesh.faces[:, [1, 2]].reshape(-1)
-    graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(len(mesh.vertices),) * 2)
-    count, label = connected_components(graph, directed=False)
-    if count == 1 or count > 1000:
-        return [mesh]
-    owner = label[mesh.faces[:, 0]]
-    parts = [merged(mesh.name, mesh.vertices, mesh.faces[owner == k]) for k in range(count)]
-    return parts if all(part.signed_volume > 0 for part in parts) else [mesh]
+    """The closed shells of a mesh wound outwards, also of those that touch; the mesh as it is if one is a cavity."""
+    parts = mesh.shells()
+    return parts if len(parts) <= MOST_PARTS and all(part.signed_volume > 0 for part in parts) else [mesh]
 
 
 def _has_volume(points: Floats) -> bool:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import struct
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
+
+from geomphys.world.sources import note_contents
 
 MOST_NODES = 100_000
 _SIZES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
@@ -52,3 +55,27 @@ def _corners(primitive: dict[str, Any], accessors: list[dict[str, Any]]) -> int:
     """Corners of triangles of a primitive."""
     place = primitive.get("indices", primitive.get("attributes", {}).get("POSITION"))
     return 0 if place is None else int(accessors[place]["count"])
+
+
+class Neighbours:
+    """Gives a parser the buffers (.bin) that lie beside a .gltf file, up to `largest` bytes, and nothing else."""
+
+    def __init__(self, folder: Path, largest: int) -> None:
+        self.folder = folder.resolve()
+        self.largest = largest
+
+    def get(self, name: str) -> bytes:
+        """The bytes of a buffer; FileNotFoundError for anything else, ValueError for one that is too large."""
+        path = (self.folder / name).resolve()
+        if path.suffix != ".bin" or not path.is_relative_to(self.folder) or not path.is_file():
+            raise FileNotFoundError(name)
+        if path.stat().st_size > self.largest:
+            raise ValueError(name)
+        return note_contents(path, path.read_bytes())
+
+    def __getitem__(self, name: str) -> bytes:
+        return self.get(name)
+
+    def namespaced(self, namespace: Literal[""] | str) -> Neighbours:
+        """The resolver of a sub-folder; stays where it is."""
+        return self

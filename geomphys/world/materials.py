@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from geomphys.errors import SceneError
+from geomphys.world.findings import DefaultPair
 from geomphys.world.scene import Materials
 from geomphys.world.scene_file import MaterialPair
 
@@ -33,34 +35,62 @@ class MaterialTable:
     pairs: Materials
 
     def index(self, name: str) -> int:
-        """Row of a material; one without pairs has a row too."""
+        """Row of a material."""
         return self.names.index(name)
 
-    def require(self, path: Path, meetings: Iterable[tuple[str, str, str, str]]) -> None:
-        """Raise SceneError for the first two materials that can meet and have no pair.
-
-        `meetings` are (material, who has it, material, who has it).
-        """
-        for first, owner, second, other in meetings:
-            if np.isnan(self.pairs.restitution[self.index(first), self.index(second)]):
+    def require_known(self, path: Path, used: Iterable[tuple[str, str]]) -> None:
+        """Raise SceneError for the first material that no pair defines; `used` are (material, who has it)."""
+        for name, owner in used:
+            if name not in self.names:
+                near = get_close_matches(name, self.names, n=1)
+                hint = f"did you mean {near[0]!r}? " if near else ""
                 raise SceneError(
-                    f"{path}: materials {first!r} (of {owner!r}) and {second!r} (of {other!r}) can meet and have no "
-                    f"pair: add a [[material_pair]] with both{self._suggestion(first, second)}"
+                    f"{path}: material {name!r} of {owner!r} is not known: {hint}Known are {', '.join(self.names)}; add "
+                    f"a [[material_pair]] with materials = [{_quoted(name)}, {_quoted(name)}] for another"
                 )
 
-    def _suggestion(self, *materials: str) -> str:
-        known = [n for k, n in enumerate(self.names) if not np.all(np.isnan(self.pairs.restitution[k]))]
-        for name in materials:
-            near = [] if name in known else get_close_matches(name, known, n=1)
-            if near:
-                return f", or did you mean {near[0]!r} instead of {name!r}?"
-        return ""
+    def with_defaults(
+        self, path: Path, meetings: Iterable[tuple[str, str, str, str]]
+    ) -> tuple[MaterialTable, tuple[DefaultPair, ...]]:
+        """The table with every pair that can meet, and the pairs that were missing.
+
+        A missing pair takes the geometric mean of the friction and the smaller restitution of each material with itself.
+        `meetings` are (material, who has it, material, who has it). Raises SceneError for a missing pair of which a
+        material has no pair with itself.
+        """
+        restitution, friction = self.pairs.restitution.copy(), self.pairs.friction.copy()
+        found: dict[tuple[int, int], DefaultPair] = {}
+        for first, owner, second, other in meetings:
+            i, j = self.index(first), self.index(second)
+            if not np.isnan(restitution[i, j]):
+                continue
+            for name, row in ((first, i), (second, j)):
+                if np.isnan(self.pairs.restitution[row, row]):
+                    both = f"[{_quoted(first)}, {_quoted(second)}]"
+                    own = (
+                        "" if first == second else f", or one with [{_quoted(name)}, {_quoted(name)}] to derive it from"
+                    )
+                    raise SceneError(
+                        f"{path}: materials {first!r} (of {owner!r}) and {second!r} (of {other!r}) can meet and have no "
+                        f"pair, and {name!r} has none with itself: add a [[material_pair]] with materials = {both}{own}"
+                    )
+            e = float(min(self.pairs.restitution[i, i], self.pairs.restitution[j, j]))
+            mu = float(np.sqrt(self.pairs.friction[i, i] * self.pairs.friction[j, j]))
+            restitution[i, j] = restitution[j, i] = e
+            friction[i, j] = friction[j, i] = mu
+            found[i, j] = DefaultPair((first, second), (owner, other), e, mu)
+        return MaterialTable(self.names, Materials(restitution, friction)), tuple(found.values())
 
 
-def material_table(pairs: Iterable[MaterialPair], used: Iterable[str]) -> MaterialTable:
-    """The built-in pairs, overridden and extended by those of a scene, over all materials in `used`."""
+def _quoted(name: str) -> str:
+    """A name as TOML has it."""
+    return json.dumps(name, ensure_ascii=False)
+
+
+def material_table(pairs: Iterable[MaterialPair]) -> MaterialTable:
+    """The built-in pairs, overridden and extended by those of a scene."""
     pairs = tuple(pairs)
-    names = list(dict.fromkeys([*BUILT_IN, *(m for p in pairs for m in p.materials), *used]))
+    names = list(dict.fromkeys([*BUILT_IN, *(m for p in pairs for m in p.materials)]))
     restitution, friction = (np.full((len(names), len(names)), np.nan) for _ in range(2))
     rows = [(a, b, e, mu) for (a, b), (e, mu) in _PAIRS.items()]
     rows += [(*p.materials, p.restitution, p.friction) for p in pairs]

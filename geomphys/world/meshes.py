@@ -12,14 +12,23 @@ from dataclasses import dataclass
 from functools import cached_property
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.errors import MeshError
-from geomphys.world.gltf_file import gltf_claims
-from geomphys.world.sources import note_contents
+from geomphys.world.gltf_file import Neighbours, gltf_claims
+from geomphys.world.mesh_claims import (
+    announced_faces,
+    collada_unit,
+    is_ascii_stl,
+    mesh_fault,
+    stl_count,
+    without_trailer,
+)
+from geomphys.world.shells import have_volume, outward_shells, shell_labels, shell_volumes
+from geomphys.world.sources import is_there, note_contents
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -111,7 +120,7 @@ class Mesh:
         inner[self._hull.corners] = False
         if not self._lies_on_hull(self.vertices[inner]):
             return False
-        if self.is_watertight:
+        if self.is_closed:
             return abs(self._hull.volume - abs(self.signed_volume)) <= CONVEX_SLACK * self.size * self._hull.area
         return self._lies_on_hull(self.vertices[self.faces].mean(axis=1))
 
@@ -133,6 +142,21 @@ class Mesh:
         return bool(np.all(np.unique(low * len(self.vertices) + high, return_counts=True)[1] == 2))
 
     @cached_property
+    def is_closed(self) -> bool:
+        """Whether it is watertight, or made of watertight shells with an inside each that touch (`shell_labels`)."""
+        if self.is_watertight:
+            return True
+        label = shell_labels(self.vertices, self.faces)
+        return label is not None and have_volume(self.vertices, self.faces, label)
+
+    def shells(self) -> list[Mesh]:
+        """The closed shells of a closed mesh, in the order of their first vertices; itself where it is one."""
+        label = shell_labels(self.vertices, self.faces)
+        if label is None or label.max() == 0:
+            return [self]
+        return [merged(self.name, self.vertices, self.faces[label == k]) for k in range(int(label.max()) + 1)]
+
+    @cached_property
     def is_wound_alike(self) -> bool:
         """Whether neighbouring triangles turn the same way: no directed edge is there twice."""
         edges = self._edges()
@@ -152,24 +176,28 @@ class Mesh:
 def load_mesh(path: Path, scale: float | Floats = 1.0, name: str | None = None) -> Mesh:
     """Read a mesh file: all its parts in one mesh, scaled, equal vertices merged, degenerate triangles dropped.
 
+    A COLLADA file's own unit counts, glTF is in metres, the other kinds have none: they are taken for metres too.
+    Coordinates count as they stand, whatever axis a file calls up.
+
     Parameters
     ----------
     path
         A local file whose suffix is one of `SUFFIXES`.
     scale
-        One factor or three, file units to m.
+        One factor or three, applied to the coordinates in m.
     name
         What errors call the mesh; default: the path.
 
     Raises
     ------
     MeshError
-        Missing, too large, unreadable, empty, without area, NaN or infinite vertices, too many triangles.
+        Missing, too large, unreadable, cut off, empty, without area, NaN or infinite vertices, too many triangles.
     """
     name = name or str(path)
     vertices, faces = _parsed(_bytes(path, name), path, name)
     if len(faces) == 0 or len(vertices) == 0:
-        raise MeshError(f"{name}: holds no triangles")
+        points = f", only {len(vertices)} points" if len(vertices) else ""
+        raise MeshError(f"{name}: holds no triangles{points}: save it as a triangle mesh")
     if len(faces) > LARGEST_MESH:
         raise MeshError(
             f"{name}: has {len(faces)} triangles, at most {LARGEST_MESH} are read: "
@@ -185,7 +213,7 @@ def load_mesh(path: Path, scale: float | Floats = 1.0, name: str | None = None) 
 
 
 def merged(name: str, vertices: Floats, faces: Ints) -> Mesh:
-    """A mesh with vertices equal to 1e-8 m taken together and triangles without area left out.
+    """A mesh with vertices equal to 1e-8 m taken together, triangles without area left out, and repeated ones but once.
 
     Raises MeshError where no triangle has an area.
     """
@@ -198,10 +226,19 @@ def merged(name: str, vertices: Floats, faces: Ints) -> Mesh:
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
     if len(faces) == 0 or not np.any(_doubled_areas(vertices, faces) > 0):
         raise MeshError(f"{name}: all its triangles have zero area: check scale and units")
+    faces = _each_once(faces, len(vertices))
     used, index = np.unique(faces, return_inverse=True)
     mesh = Mesh(name, np.ascontiguousarray(vertices[used]), np.ascontiguousarray(index.reshape(faces.shape), np.int64))
     mesh.vertices.flags.writeable = mesh.faces.flags.writeable = False
     return mesh
+
+
+def _each_once(faces: Ints, count: int) -> Ints:
+    """Triangles (m, 3) without those that are there already, wound the same way; `count` vertices."""
+    lead = faces.argmin(axis=1)
+    a, b, c = (faces[np.arange(len(faces)), (lead + k) % 3] for k in range(3))
+    _, first = np.unique((a * count + b) * count + c, return_index=True)
+    return faces if len(first) == len(faces) else faces[np.sort(first)]
 
 
 def _unique_rows(rows: Floats) -> tuple[Ints, Ints]:
@@ -227,6 +264,7 @@ def _bytes(path: Path, name: str) -> bytes:
         raise MeshError(f"{name}: not a mesh file that is read here, expected a name that ends in one of {kinds}")
     try:
         if not path.is_file():
+            is_there(path)
             missing = (
                 "no such file; paths are relative to the file that names the mesh"
                 if not path.exists()
@@ -247,12 +285,15 @@ def _parsed(data: bytes, path: Path, name: str) -> tuple[Floats, Ints]:
     import trimesh
 
     suffix = path.suffix.lower().removeprefix(".")
-    if suffix == "stl" and len(data) >= 84:
-        count = int.from_bytes(data[80:84], "little")
-        if len(data) == 84 + 50 * count and count > LARGEST_MESH:
+    fault, unit = mesh_fault(data, suffix), 1.0
+    if fault:
+        raise MeshError(f"{name}: {fault}")
+    if suffix == "stl" and not is_ascii_stl(data):
+        if (count := stl_count(data)) > LARGEST_MESH:
             raise MeshError(f"{name}: has {count} triangles, at most {LARGEST_MESH} are read: simplify it")
+        data = without_trailer(data)
     if suffix == "dae":
-        _refuse_entities(data, name)
+        unit = _unit_of(data, name)
     if suffix in ("gltf", "glb"):
         try:
             wrong = gltf_claims(data, suffix, 3 * LARGEST_MESH)
@@ -267,7 +308,7 @@ def _parsed(data: bytes, path: Path, name: str) -> tuple[Floats, Ints]:
         except ImportError:
             raise MeshError(f"{name}: a .dae mesh needs the package pycollada: install it, or convert to glb") from None
         faults = (*faults, DaeError)
-    resolver: Any = _Neighbours(path.parent)
+    resolver: Any = Neighbours(path.parent, LARGEST_FILE)
     try:
         with np.errstate(all="ignore"):
             loaded: Any = trimesh.load(
@@ -276,8 +317,9 @@ def _parsed(data: bytes, path: Path, name: str) -> tuple[Floats, Ints]:
             if isinstance(loaded, trimesh.Scene):
                 loaded = loaded.to_mesh() if len(loaded.geometry) else None
             if not isinstance(loaded, trimesh.Trimesh):
-                raise MeshError(f"{name}: holds no triangles")
-            vertices = np.array(loaded.vertices, dtype=np.float64).reshape(-1, 3)
+                points = len(getattr(loaded, "vertices", ()))
+                raise MeshError(f"{name}: holds no triangles" + (f", only {points} points" if points else ""))
+            vertices = unit * np.array(loaded.vertices, dtype=np.float64).reshape(-1, 3)
             faces = np.array(loaded.faces, dtype=np.int64).reshape(-1, 3)
     except FileNotFoundError:
         raise MeshError(
@@ -285,6 +327,8 @@ def _parsed(data: bytes, path: Path, name: str) -> tuple[Floats, Ints]:
         ) from None
     except faults as error:
         raise MeshError(f"{name}: {_unreadable(suffix, error)}") from None
+    if len(faces) < (announced := announced_faces(data, suffix)):
+        raise MeshError(f"{name}: is cut off: {announced} faces announced, {len(faces)} there: fetch or save it again")
     if len(faces) and (faces.min() < 0 or faces.max() >= len(vertices)):
         raise MeshError(f"{name}: a triangle names a vertex that is not there: repair the file")
     return vertices, faces
@@ -295,43 +339,19 @@ def _unreadable(suffix: str, error: Exception) -> str:
     return f"is not a readable .{suffix} mesh ({type(error).__name__}): it may be cut off or of another kind; save it again"
 
 
-def _refuse_entities(data: bytes, name: str) -> None:
+def _unit_of(data: bytes, name: str) -> float:
+    """The unit of a COLLADA file, m; MeshError where it holds entities, no XML, or a unit that is none."""
     from xml.etree.ElementTree import ParseError
 
-    from defusedxml import DefusedXmlException
-    from defusedxml.ElementTree import fromstring
-
     try:
-        fromstring(data, forbid_dtd=True)
-    except (DefusedXmlException, ParseError, ValueError, LookupError) as error:
+        return collada_unit(data)
+    except (ParseError, ValueError, LookupError) as error:
         raise MeshError(f"{name}: {_unreadable('dae', error)}") from None
 
 
-class _Neighbours:
-    """Gives a parser the buffers (.bin) that lie beside a .gltf file, and nothing else."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder.resolve()
-
-    def get(self, name: str) -> bytes:
-        path = (self.folder / name).resolve()
-        if path.suffix != ".bin" or not path.is_relative_to(self.folder) or not path.is_file():
-            raise FileNotFoundError(name)
-        if path.stat().st_size > LARGEST_FILE:
-            raise ValueError(name)
-        return note_contents(path, path.read_bytes())
-
-    def __getitem__(self, name: str) -> bytes:
-        return self.get(name)
-
-    def namespaced(self, namespace: Literal[""] | str) -> _Neighbours:
-        """The resolver of a sub-folder; stays where it is."""
-        return self
-
-
 def require_closed(mesh: Mesh) -> None:
-    """Raise MeshError unless the mesh is convex or watertight."""
-    if not (mesh.is_convex or mesh.is_watertight):
+    """Raise MeshError unless the mesh is convex or closed: watertight, or of watertight shells that touch."""
+    if not (mesh.is_convex or mesh.is_closed):
         raise MeshError(
             f"{mesh.name}: is neither watertight nor convex, so it has no inside to keep out of: "
             'close its holes, or use decomposition = "hull" (its convex hull)'
@@ -339,14 +359,20 @@ def require_closed(mesh: Mesh) -> None:
 
 
 def wound_outwards(mesh: Mesh) -> Mesh:
-    """A closed mesh with its triangles counter-clockwise seen from outside; the same object where they are already."""
-    if mesh.is_wound_alike:
-        if mesh.signed_volume >= 0:
-            return mesh
-        return Mesh(mesh.name, mesh.vertices, np.ascontiguousarray(mesh.faces[:, ::-1]))
-    import trimesh
+    """A closed mesh with its triangles counter-clockwise seen from outside; the same object where they are already.
 
-    solid = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-    fix_normals: Any = trimesh.repair.fix_normals
-    fix_normals(solid, multibody=True)
-    return Mesh(mesh.name, mesh.vertices, np.array(solid.faces, dtype=np.int64))
+    Triangles that do not turn as their neighbours do are turned; a mesh that is inside out is turned as a whole; so is a
+    shell of it, but one inside another shell: that is a cavity.
+    """
+    if not mesh.is_wound_alike and mesh.is_watertight:
+        import trimesh
+
+        solid = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+        fix_normals: Any = trimesh.repair.fix_normals
+        fix_normals(solid, multibody=True)
+        return Mesh(mesh.name, mesh.vertices, np.array(solid.faces, dtype=np.int64))
+    faces = mesh.faces if mesh.signed_volume >= 0 else np.ascontiguousarray(mesh.faces[:, ::-1])
+    label = shell_labels(mesh.vertices, faces)
+    if label is not None and label.max() > 0 and np.any(shell_volumes(mesh.vertices, faces, label) < 0):
+        faces = outward_shells(mesh.vertices, faces, label)
+    return mesh if faces is mesh.faces else Mesh(mesh.name, mesh.vertices, faces)

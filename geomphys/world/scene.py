@@ -11,12 +11,14 @@ is the rotation's nine floats row by row and then the position's three. All arra
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from geomphys.world.findings import Findings
 
 if TYPE_CHECKING:
     from geomphys.world.inputs import JointSource, RootSource
@@ -177,3 +179,4 @@ class World:
     collision_triangles: tuple[
         tuple[Floats, Ints], ...
     ]  # (B,) original collision geometry, tessellated where it is a primitive
+    findings: Findings = field(default_factory=Findings)  # what a user should know of it

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError, model_validator
 
 from geomphys.errors import SceneError
+from geomphys.world.git_lfs import IS_POINTER, is_lfs_pointer
 from geomphys.world.scene_fault import explain, fault, one_line
 from geomphys.world.scene_inputs import (
     NO_DELAY,
@@ -290,6 +291,8 @@ def _read(path: Path) -> str:
         raise SceneError(f"{path}: cannot be read: {error.strerror}") from error
     if len(data) > LARGEST_FILE:
         raise SceneError(f"{path}: is larger than {LARGEST_FILE // 2**20} MiB, too large for a scene file")
+    if is_lfs_pointer(data):
+        raise SceneError(f"{path}: {IS_POINTER}")
     if data.startswith(b"\x89MCAP"):
         raise SceneError(f"{path}: is an MCAP log, expected a scene file (TOML); were log and scene swapped?")
     try:

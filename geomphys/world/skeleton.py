@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from geomphys.errors import ModelError
 from geomphys.transforms import rotation_about
-from geomphys.world.urdf_file import MeshShape, Shape, read_urdf
+from geomphys.world.free_joints import FREE_TYPES, JointEnds, links_above_free_joint
+from geomphys.world.urdf_file import MeshShape, Shape, Urdf, read_urdf
 
 Floats = NDArray[np.float64]
 
@@ -70,6 +71,7 @@ class Skeleton:
     dof_names: tuple[str, ...]  # joints that move on their own, in the order of the links
     lower: Floats  # (Q,) limits of the dofs, also those their mimic joints impose
     upper: Floats  # (Q,)
+    not_shown: tuple[str, ...] = ()  # what is wrong with visuals, which are left out
 
     def index(self, link: str) -> int | None:
         """Index of a link by name."""
@@ -155,7 +157,7 @@ class Skeleton:
 
 
 def load_skeleton(path: Path) -> Skeleton:
-    """Read a URDF.
+    """Read a URDF. Where all hangs on a floating or planar joint, the link below that is the root.
 
     Raises
     ------
@@ -166,7 +168,7 @@ def load_skeleton(path: Path) -> Skeleton:
         A mesh name that is no path to a local mesh file. The meshes themselves are not read here.
     """
     robot = read_urdf(path)
-    order = _ordered(path, robot)
+    order, robot = _below_free_joint(path, _ordered(path, robot), robot)
     place = {name: i for i, name in enumerate(order)}
     above = {joint.child: joint for joint in robot.joints}
     moving = [above[name] for name in order[1:] if above[name].type in MOVING]
@@ -213,13 +215,48 @@ def load_skeleton(path: Path) -> Skeleton:
         for name in order
     )
     lower_limits, upper_limits = _dof_limits(joints, len(free))
-    return Skeleton(path, robot.name, links, tuple(joints), tuple(free), lower_limits, upper_limits)
+    return Skeleton(path, robot.name, links, tuple(joints), tuple(free), lower_limits, upper_limits, robot.not_shown)
+
+
+def require_solid(skeleton: Skeleton) -> None:
+    """Raise ModelError for a model of which nothing can touch."""
+    if not any(link.collisions for link in skeleton.links):
+        seen = any(link.visuals for link in skeleton.links) or skeleton.not_shown
+        what = "copy the <geometry> of its visuals into" if seen else "give its links"
+        raise ModelError(
+            f"{skeleton.path}: has no collision geometry, so nothing of it can touch anything: {what} <collision> elements"
+        )
 
 
 def meshes_of(skeleton: Skeleton) -> list[Path]:
     """Mesh files of a skeleton's collision geometry, each once, in order."""
     found = [g.shape.path for link in skeleton.links for g in link.collisions if isinstance(g.shape, MeshShape)]
     return list(dict.fromkeys(found))
+
+
+def _below_free_joint(path: Path, order: list[str], robot: Urdf) -> tuple[list[str], Urdf]:
+    """Links, parents first, and the model, both without what is above a floating or planar joint that all hangs on."""
+    above = set(links_above_free_joint(JointEnds(j.type, j.parent, j.child) for j in robot.joints))
+    joints = [joint for joint in robot.joints if joint.parent not in above]
+    for joint in joints:
+        if joint.type in FREE_TYPES:
+            instead = "two prismatic joints and a revolute one" if joint.type == "planar" else "objects of their own"
+            raise ModelError(
+                f"{path}: joint {joint.name!r} is {joint.type}, which is read only where the whole model hangs on it: "
+                f"use {instead} instead"
+            )
+    lost = []
+    for link in robot.links:
+        if link.name in above and link.collisions:
+            raise ModelError(
+                f"{path}: link {link.name!r} has collision geometry and stands above the free joint that the model "
+                "hangs on, so it has no pose: make it an object of its own"
+            )
+        if link.name in above and link.visuals:
+            lost.append(f"{path}: link {link.name!r} stands above the free joint that the model hangs on")
+    links = [link for link in robot.links if link.name not in above]
+    kept = robot._replace(links=links, joints=joints, not_shown=(*robot.not_shown, *lost))
+    return [name for name in order if name not in above], kept
 
 
 def _ordered(path: Path, robot: Any) -> list[str]:

@@ -52,8 +52,12 @@ def note_contents(path: Path, data: bytes) -> bytes:
 
 
 def is_there(path: Path) -> bool:
-    """Look for something, and note whether it is there."""
-    found, sources = path.exists(), _noting.get()
+    """Look for something, and note whether it is there; what cannot be a path is not."""
+    try:
+        found = path.exists()
+    except (OSError, ValueError):
+        return False
+    sources = _noting.get()
     if sources is not None:
         sources.there[path.absolute()] = found
     return found

@@ -15,8 +15,8 @@ from geomphys.world.reach_cone import ReachCone, reach_cone
 from geomphys.world.scene import DRIVEN, FIXED, SIMULATED
 from geomphys.world.scene_file import AvatarTable, ObjectTable
 from geomphys.world.scene_values import Decomposition
-from geomphys.world.skeleton import Skeleton, load_skeleton
-from geomphys.world.tessellation import Triangles
+from geomphys.world.skeleton import Link, Skeleton, load_skeleton, require_solid
+from geomphys.world.tessellation import Triangles, joined
 from geomphys.world.urdf_file import BoxShape, CapsuleShape, CylinderShape, MeshShape, Shape, SphereShape
 
 DEFAULT_DENSITY = 1000.0
@@ -51,6 +51,7 @@ class Tree:
     chains: list[tuple[int, ...]] = field(default_factory=list)  # links
     cones: list[ReachCone] = field(default_factory=list)
     in_chains: bool = False
+    not_shown: list[str] = field(default_factory=list)  # link, what is wrong with a visual of it
 
     @property
     def topic(self) -> str | None:
@@ -76,10 +77,14 @@ def read_avatar(table: AvatarTable, path: Path, workshop: Workshop, several: boo
     """
     where = f"{path}: avatar {table.name!r}"
     skeleton = _skeleton(table.urdf, path, where)
-    bodies = _link_bodies(skeleton, table.name, f"{table.name}/" if several else "", table.decomposition, workshop)
+    prefix = f"{table.name}/" if several else ""
+    bodies, not_shown = _link_bodies(skeleton, table.name, prefix, table.decomposition, workshop)
     for body in bodies:
         body.mass = body.geometry.mass.scaled(table.density)
-    tree = Tree(table.name, table, DRIVEN, table.material, table.mass, bodies, skeleton, in_chains=mode == "chains")
+    tree = Tree(
+        table.name, table, DRIVEN, table.material, table.mass, bodies, skeleton, in_chains=mode == "chains",
+        not_shown=not_shown,
+    )  # fmt: skip
     chains = named_chains(table, skeleton, path)
     if tree.in_chains:
         tree.chains = chains or suggested_chains(skeleton)
@@ -100,10 +105,10 @@ def read_object(table: ObjectTable, path: Path, workshop: Workshop) -> Tree:
     density = DEFAULT_DENSITY if table.density is None else table.density
     if table.urdf is not None:
         skeleton = _skeleton(table.urdf, path, where)
-        bodies = _link_bodies(skeleton, table.name, f"{table.name}/", table.decomposition, workshop)
+        bodies, not_shown = _link_bodies(skeleton, table.name, f"{table.name}/", table.decomposition, workshop)
         for body in bodies:
             body.mass = body.geometry.mass.scaled(density)
-        return Tree(table.name, table, role, table.material, 0.0, bodies, skeleton)
+        return Tree(table.name, table, role, table.material, 0.0, bodies, skeleton, not_shown=not_shown)
     shapes: list[Placed] = [(_shape(table, path), np.eye(4))]
     geometry = workshop.body(shapes, table.decomposition, where)
     if geometry.mass.mass == 0.0:
@@ -132,16 +137,36 @@ def _skeleton(urdf: str, path: Path, where: str) -> Skeleton:
     target = path.parent / urdf
     if not target.is_file():
         raise SceneError(f"{where}: urdf = {urdf!r}: no such file ({target}); paths are relative to the scene file")
-    return load_skeleton(target)
+    skeleton = load_skeleton(target)
+    require_solid(skeleton)
+    return skeleton
 
 
-def _link_bodies(skeleton: Skeleton, owner: str, prefix: str, how: Decomposition, workshop: Workshop) -> list[TreeBody]:
-    bodies = []
+def _link_bodies(
+    skeleton: Skeleton, owner: str, prefix: str, how: Decomposition, workshop: Workshop
+) -> tuple[list[TreeBody], list[str]]:
+    """The bodies of a model, and what is wrong with its visuals."""
+    workshop.require_closed(
+        [(g.shape, link.name) for link in skeleton.links for g in link.collisions], how, skeleton.path
+    )
+    bodies, not_shown = [], [line.removeprefix(f"{skeleton.path}: ") for line in skeleton.not_shown]
     for link in skeleton.links:
         where = f"{skeleton.path}: link {link.name!r}"
         solids = [(g.shape, g.link_from_shape) for g in link.collisions]
         geometry = workshop.body(solids, how, where)
-        seen = [(g.shape, g.link_from_shape) for g in link.visuals or link.collisions]
-        shown = workshop.shown(seen, where)
+        shown = _shown(link, where, workshop, not_shown)
         bodies.append(TreeBody(f"{owner}/{link.name}", f"{prefix}{link.name}", geometry, NOTHING, shown))
-    return bodies
+    return bodies, not_shown
+
+
+def _shown(link: Link, where: str, workshop: Workshop, not_shown: list[str]) -> Triangles:
+    """What is shown of a link: its visuals as far as they can be read, what it collides with where it has none."""
+    surfaces = []
+    for visual in link.visuals:
+        try:
+            surfaces.append(workshop.shown([(visual.shape, visual.link_from_shape)], where))
+        except MeshError as fault:
+            not_shown.append(f"link {link.name!r}: {str(fault).removeprefix(f'{where}: ')}")
+    if surfaces:
+        return joined(surfaces)
+    return workshop.shown([(g.shape, g.link_from_shape) for g in link.collisions], where)

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from geomphys.errors import InputError, MeshError, ModelError
 from geomphys.world import urdf_file
+from geomphys.world.packages import mesh_file
 from geomphys.world.skeleton import load_skeleton
-from geomphys.world.urdf_file import BoxShape, CylinderShape, MeshShape, SphereShape, mesh_file, read_urdf
+from geomphys.world.urdf_file import BoxShape, CylinderShape, MeshShape, SphereShape, read_urdf
 from tests.world.models import ball, joint, link, urdf
 
 MESH = '<geometry><mesh filename="{}"{}/></geometry>'
@@ -125,7 +126,7 @@ def numbers(element: str) -> str:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "not well-formed XML at line 1"),
+        ("", "is empty"),
         ("<robot name='r'>\n<link></robot>", "not well-formed XML at line 2"),
         (b"\xff\xfe\x00", "not well-formed XML"),
         ('<?xml version="1.0" encoding="nonsense"?><robot/>', "not XML text in a known encoding|not well-formed"),
@@ -137,8 +138,8 @@ def numbers(element: str) -> str:
         ('<robot name="r"><link name="a&#27;"/></robot>', "not well-formed XML"),
         (f'<robot name="r">{link("a")}{link("a")}</robot>', "two links are named 'a'"),
         (
-            f'<robot name="r">{link("a")}{link("b")}{joint("j", "a", "b", "floating")}</robot>',
-            "joint 'j' has the type 'floating', only fixed, revolute, continuous, prismatic",
+            f'<robot name="r">{link("a")}{link("b")}{joint("j", "a", "b", "ball")}</robot>',
+            "joint 'j' has the type 'ball', only fixed, revolute, continuous, prismatic are supported",
         ),
         (
             '<robot name="r"><link name="a"/><joint name="j" type="fixed"/></robot>',
@@ -146,7 +147,9 @@ def numbers(element: str) -> str:
         ),
         (numbers("<geometry/>"), "link 'a' has a <collision> of nothing"),
         (numbers(""), "link 'a' has a <collision> of nothing"),
-        (numbers('<geometry><capsule radius="1"/></geometry>'), "of 'capsule', expected one of box, cylinder"),
+        (numbers("<geometry><ellipsoid/></geometry>"), "of 'ellipsoid', expected one of box, cylinder"),
+        (numbers('<geometry><capsule radius="1"/></geometry>'), "link 'a': <capsule> has no length"),
+        (numbers('<geometry><capsule radius="0" length="1"/></geometry>'), "a capsule of [0.0, 1.0] m"),
         (numbers("<geometry><mesh/></geometry>"), "a <mesh> without a filename"),
         (numbers("<geometry><sphere/></geometry>"), "link 'a': <sphere> has no radius"),
         (numbers('<geometry><sphere radius="big"/></geometry>'), "<sphere radius='big'>, expected numbers"),

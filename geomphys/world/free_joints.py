@@ -1,0 +1,46 @@
+"""Floating and planar joints above a model's root link: the pose of what hangs on them is the root's pose."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
+
+FREE_TYPES = ("floating", "planar")
+
+
+class JointEnds(NamedTuple):
+    """A joint's type and the links it joins."""
+
+    type: str
+    parent: str
+    child: str
+
+
+def joint_ends(robot: Any) -> Iterator[JointEnds]:
+    """Of the joints of a robot's XML tree, as far as they name both ends."""
+    for joint in robot.findall("joint"):
+        parent, child = joint.find("parent"), joint.find("child")
+        if parent is not None and child is not None:
+            yield JointEnds(joint.get("type", ""), parent.get("link", ""), child.get("link", ""))
+
+
+def links_above_free_joint(joints: Iterable[JointEnds]) -> list[str]:
+    """Links from the root down to the one that carries the free joint; none where there is no such joint.
+
+    Only a joint that all else hangs on counts: between it and the root lie fixed joints alone, and none of the links up
+    there carries anything else.
+    """
+    below: dict[str, list[JointEnds]] = {}
+    for joint in joints:
+        below.setdefault(joint.parent, []).append(joint)
+    children = {joint.child for row in below.values() for joint in row}
+    roots = [link for link in below if link not in children]
+    above: list[str] = []
+    link = roots[0] if len(roots) == 1 else None
+    while link is not None and link not in above and len(below.get(link, ())) == 1:
+        above.append(link)
+        joint = below[link][0]
+        if joint.type in FREE_TYPES:
+            return above
+        link = joint.child if joint.type == "fixed" else None
+    return []

@@ -1,0 +1,130 @@
+"""The closed shells that a triangle mesh is made of, also where they touch each other.
+
+A surface encloses a volume if every edge is run through as often one way as the other: its boundary is nothing. Where
+more than two triangles meet at an edge, those are neighbours that have the inside between them; so shells that touch in
+a face, an edge or a corner come apart, and each of them is closed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+THIN = 1e-9
+"""Of area times size: a shell of less volume is a sheet, which has no inside."""
+SAME = 1e-7
+"""rad; triangles at an edge with less between them lie on each other."""
+
+
+def shell_labels(vertices: Floats, faces: Ints) -> Ints | None:
+    """Which shell each triangle belongs to.
+
+    Parameters
+    ----------
+    vertices, faces
+        (n, 3) m, equal ones merged, and (m, 3).
+
+    Returns
+    -------
+    ndarray or None
+        (m,) numbers from 0, in the order of the shells' first vertices; None where the surface has a border, or an edge
+        where more than two triangles meet is not run through as often one way as the other.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    start, end = faces.reshape(-1), faces[:, [1, 2, 0]].reshape(-1)  # half-edge 3 f + k begins at corner k
+    key = np.minimum(start, end) * len(vertices) + np.maximum(start, end)
+    order = np.argsort(key, kind="stable")
+    _, first, count = np.unique(key[order], return_index=True, return_counts=True)
+    if np.any(count % 2):
+        return None
+    pairs = [np.stack([order[first[count == 2]], order[first[count == 2] + 1]], axis=1)]
+    for at, many in zip(first[count > 2].tolist(), count[count > 2].tolist(), strict=True):
+        around = _around_edge(vertices, faces, start, end, order[at : at + many])
+        if around is None:
+            return None
+        pairs.append(around)
+    joined = np.concatenate(pairs) // 3
+    graph = coo_array((np.ones(len(joined), dtype=np.int8), (joined[:, 0], joined[:, 1])), shape=(len(faces),) * 2)
+    total, label = connected_components(graph, directed=False)
+    lowest = np.full(total, len(vertices))
+    np.minimum.at(lowest, label, faces.min(axis=1))
+    rank = np.empty(total, dtype=np.int64)
+    rank[np.argsort(lowest, kind="stable")] = np.arange(total)
+    labels: Ints = rank[label]
+    return labels
+
+
+def _around_edge(vertices: Floats, faces: Ints, start: Ints, end: Ints, edges: Ints) -> Ints | None:
+    """Pairs (k / 2, 2) of the half-edges `edges` (k,) of one edge whose triangles have the inside between them."""
+    forward = start[edges] < end[edges]
+    if 2 * int(forward.sum()) != len(edges):
+        return None
+    low, high = vertices[min(start[edges[0]], end[edges[0]])], vertices[max(start[edges[0]], end[edges[0]])]
+    axis = (high - low) / np.linalg.norm(high - low)
+    arms = vertices[faces[edges // 3, (edges + 2) % 3]] - low
+    arms = arms - np.outer(arms @ axis, axis)
+    along = arms[0] / max(float(np.linalg.norm(arms[0])), 1e-300)
+    angle = np.arctan2(arms @ np.cross(axis, along), arms @ along) % (2.0 * np.pi)
+    # Seen along the axis the inside lies behind a triangle that runs forward, before one that runs back. So a wedge
+    # opens at one that runs back and closes at the next that runs forward; of two that lie on each other the one that
+    # closes comes first.
+    step = np.round(angle / SAME).astype(np.int64) % round(2.0 * np.pi / SAME)
+    order = np.lexsort((~forward, step))
+    depth = np.cumsum(np.where(forward[order], -1, 1))
+    order = np.roll(order, -(int(np.argmin(depth)) + 1))
+    opened: list[int] = []
+    found = []
+    for k in order.tolist():
+        if forward[k]:
+            found.append((edges[opened.pop()], edges[k]))
+        else:
+            opened.append(k)
+    return np.array(found, dtype=np.int64)
+
+
+def shell_volumes(vertices: Floats, faces: Ints, label: Ints) -> Floats:
+    """m³ inside each shell (s,): negative where its triangles are clockwise seen from outside."""
+    shift = vertices.mean(axis=0)
+    a, b, c = (vertices[faces[:, k]] - shift for k in range(3))
+    volumes: Floats = np.bincount(label, np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0).astype(np.float64)
+    return volumes
+
+
+def have_volume(vertices: Floats, faces: Ints, label: Ints) -> bool:
+    """Whether every shell has an inside; a sheet with two sides has none."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    area = np.bincount(label, 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
+    size = float(np.ptp(vertices, axis=0).max())
+    return bool(np.all(np.abs(shell_volumes(vertices, faces, label)) > THIN * area * size))
+
+
+def outward_shells(vertices: Floats, faces: Ints, label: Ints) -> Ints:
+    """The triangles (m, 3) with those shells turned over that are inside out and lie in no other: they are no cavities."""
+    volume = shell_volumes(vertices, faces, label)
+    negative = np.flatnonzero(volume < 0)
+    solid = np.flatnonzero(volume > 0)
+    turned = faces.copy()
+    for shell in negative.tolist():
+        point = vertices[faces[np.flatnonzero(label == shell)[0]]].mean(axis=0)
+        if not any(_is_inside(point, vertices[faces[label == other]]) for other in solid.tolist()):
+            turned[label == shell] = turned[label == shell][:, ::-1]
+    return turned
+
+
+def _is_inside(point: Floats, triangles: Floats) -> bool:
+    """Whether a point (3,) lies in a closed surface of triangles (n, 3, 3): its winding number is not 0.
+
+    The solid angles of the triangles as seen from the point add up to 4 pi times that number (van Oosterom and Strackee
+    1983).
+    """
+    a, b, c = (triangles[:, k] - point for k in range(3))
+    la, lb, lc = (np.linalg.norm(edge, axis=1) for edge in (a, b, c))
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+    flat = la * lb * lc
+    flat += np.einsum("ij,ij->i", a, b) * lc + np.einsum("ij,ij->i", b, c) * la + np.einsum("ij,ij->i", c, a) * lb
+    return abs(float(np.arctan2(volume, flat).sum()) / (2.0 * np.pi)) > 0.5
