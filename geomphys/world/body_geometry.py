@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.transforms import apply
-from geomphys.world.decomposition import Pieces, Progress, decompose
-from geomphys.world.hulls import polytope
+from geomphys.world.decomposition import Progress, decompose
 from geomphys.world.mass import (
     MassProperties,
     combined,
@@ -41,6 +40,8 @@ from geomphys.world.urdf_file import BoxShape, CapsuleShape, CylinderShape, Mesh
 Floats = NDArray[np.float64]
 Placed = tuple[Shape, Floats]
 """A shape and body_from_shape (4, 4)."""
+MeshUse = tuple[Path, tuple[float, float, float], Decomposition]
+"""A mesh file, its scale, and how it becomes convex pieces."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +60,7 @@ class Workshop:
     seed: int
     progress: Progress | None = None
     _meshes: dict[tuple[Path, tuple[float, float, float]], Mesh] = field(default_factory=dict)
-    _cut: dict[tuple[Path, tuple[float, float, float], Decomposition], tuple[Pieces, MassProperties, Triangles]] = (
-        field(default_factory=dict)
-    )
+    _cut: dict[MeshUse, tuple[list[Convex], MassProperties, Triangles]] = field(default_factory=dict)
 
     def body(self, shapes: Sequence[Placed], how: Decomposition, name: str) -> BodyGeometry:
         """Geometry of a body made of these shapes; `name` is what errors call it.
@@ -105,8 +104,7 @@ class Workshop:
             key = (shape.path, shape.scale, how)
             if key not in self._cut:
                 self._cut[key] = self._cut_mesh(shape, how, name)
-            cut, mass, surface = self._cut[key]
-            return [Hull(h) for h in cut.hulls], mass, surface
+            return self._cut[key]
         convex: Convex
         if isinstance(shape, BoxShape):
             x, y, z = shape.size
@@ -119,16 +117,19 @@ class Workshop:
             convex, mass = Cylinder(shape.radius, 0.5 * shape.length), of_cylinder(shape.radius, shape.length, 1.0)
         return [convex], mass, _tessellated(shape, FINE)
 
-    def _cut_mesh(self, shape: MeshShape, how: Decomposition, name: str) -> tuple[Pieces, MassProperties, Triangles]:
+    def _cut_mesh(
+        self, shape: MeshShape, how: Decomposition, name: str
+    ) -> tuple[list[Convex], MassProperties, Triangles]:
         mesh = self.mesh(shape, name)
         cut = decompose(mesh, how, seed=self.seed, progress=self.progress)
+        hulls = [Hull(corners) for corners in cut.hulls]
         if mesh.is_watertight and (cut.method != "hull" or mesh.is_convex):
             solid = wound_outwards(mesh)
             surface = (solid.vertices, solid.faces)
         else:  # what collides is the hull
-            hull = polytope(cut.hulls[0])
+            hull = hulls[0].polytope
             surface = fan(hull.vertices, np.split(hull.loops, np.cumsum(hull.loop_count)[:-1]))
-        return cut, of_mesh(*surface, 1.0), surface
+        return list(hulls), of_mesh(*surface, 1.0), surface
 
 
 def _tessellated(shape: Shape, segments: int) -> Triangles:
