@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.transforms import apply
-from geomphys.world.decomposition import Progress, decompose
+from geomphys.world.decomposition import Pieces, Progress, Uncut, decompose_all
 from geomphys.world.mass import (
     MassProperties,
     combined,
@@ -60,6 +60,7 @@ class Workshop:
     seed: int
     progress: Progress | None = None
     _meshes: dict[tuple[Path, tuple[float, float, float]], Mesh] = field(default_factory=dict)
+    _pieces: dict[MeshUse, Pieces] = field(default_factory=dict)
     _cut: dict[MeshUse, tuple[list[Convex], MassProperties, Triangles]] = field(default_factory=dict)
 
     def body(self, shapes: Sequence[Placed], how: Decomposition, name: str) -> BodyGeometry:
@@ -99,6 +100,20 @@ class Workshop:
             self._meshes[key] = load_mesh(shape.path, np.array(shape.scale), name=f"{name}: {shape.path}")
         return self._meshes[key]
 
+    def prepare(self, uses: Sequence[tuple[MeshShape, Decomposition, str]]) -> None:
+        """Cut meshes of bodies that will be asked for, several at once; each with the name that errors call it.
+
+        Raises MeshError.
+        """
+        new: dict[MeshUse, tuple[MeshShape, str]] = {}
+        for shape, how, name in uses:
+            key = (shape.path, shape.scale, how)
+            if key not in self._pieces:
+                new.setdefault(key, (shape, name))
+        meshes = [Uncut(self.mesh(shape, name), how) for (_, _, how), (shape, name) in new.items()]
+        cut = decompose_all(meshes, seed=self.seed, progress=self.progress)
+        self._pieces.update(zip(new, cut, strict=True))
+
     def _solid(self, shape: Shape, how: Decomposition, name: str) -> tuple[list[Convex], MassProperties, Triangles]:
         if isinstance(shape, MeshShape):
             key = (shape.path, shape.scale, how)
@@ -121,9 +136,10 @@ class Workshop:
         self, shape: MeshShape, how: Decomposition, name: str
     ) -> tuple[list[Convex], MassProperties, Triangles]:
         mesh = self.mesh(shape, name)
-        cut = decompose(mesh, how, seed=self.seed, progress=self.progress)
+        self.prepare([(shape, how, name)])
+        cut = self._pieces[shape.path, shape.scale, how]
         hulls = [Hull(corners) for corners in cut.hulls]
-        if mesh.is_watertight and (cut.method != "hull" or mesh.is_convex):
+        if mesh.is_watertight and (how != "hull" or mesh.is_convex):
             solid = wound_outwards(mesh)
             surface = (solid.vertices, solid.faces)
         else:  # what collides is the hull

@@ -21,6 +21,9 @@ COPLANAR_THIN = 1e-3
 WIDTH_ROUNDING = 1e-12
 """Of the size: edges are paired even if their widths are at least as large as the faces', by this much."""
 
+MANY_EDGES = 1_000
+"""Hulls of fewer edges have all pairs looked at, which costs nothing there."""
+
 
 class Polytope(NamedTuple):
     """A convex polytope; V corners, F faces; indices count from its first corner."""
@@ -140,17 +143,19 @@ def _edges(triangles: Ints) -> tuple[Ints, Ints]:
 def _smallest_width(vertices: Floats, normals: Floats, edges: Ints, sides: Ints) -> float:
     """Smallest extent over all directions: it lies at a face's normal or at a normal common to two antipodal edges.
 
-    Two edges are antipodal if the arc of the normals of one crosses the mirrored arc of the other. Only edges are
-    paired whose arc may hold a smaller width than the faces: see `_least_over_arcs`. The partner of such an edge has
-    the same width where the arcs cross, so it is among them too.
+    Two edges are antipodal if the arc of the normals of one crosses the mirrored arc of the other. Of many edges only
+    those are paired whose arc may hold a smaller width than the faces: see `_least_over_arcs`. The partner of such an
+    edge has the same width where the arcs cross, so it is among them too.
     """
     across, opposite = _extents(vertices, normals)
     width = float(np.min(across))
     bent = np.einsum("ij,ij->i", normals[sides[:, 0]], normals[sides[:, 1]]) < 1.0 - 1e-12
     edges, sides = edges[bent], sides[bent]
-    least = _least_over_arcs(vertices, normals, edges, sides, across, opposite)
-    thin = least <= width + WIDTH_ROUNDING * float(np.ptp(vertices, axis=0).max())
-    return _smallest_between_edges(vertices, normals, edges[thin], sides[thin], width)
+    if len(edges) > MANY_EDGES:
+        least = _least_over_arcs(vertices, normals, edges, sides, across, opposite)
+        thin = least <= width + WIDTH_ROUNDING * float(np.ptp(vertices, axis=0).max())
+        edges, sides = edges[thin], sides[thin]
+    return _smallest_between_edges(vertices, normals, edges, sides, width)
 
 
 def _extents(vertices: Floats, normals: Floats) -> tuple[Floats, Ints]:

@@ -130,6 +130,13 @@ def _skeleton(urdf: str, path: Path, where: str) -> Skeleton:
 
 
 def _link_bodies(skeleton: Skeleton, owner: str, prefix: str, how: Decomposition, workshop: Workshop) -> list[TreeBody]:
+    meshes = [
+        (g.shape, how, f"{skeleton.path}: link {link.name!r}")
+        for link in skeleton.links
+        for g in link.collisions
+        if isinstance(g.shape, MeshShape)
+    ]
+    workshop.prepare(meshes)
     bodies = []
     for link in skeleton.links:
         where = f"{skeleton.path}: link {link.name!r}"
