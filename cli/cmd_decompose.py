@@ -85,7 +85,7 @@ def _show(terminal: Terminal, meshes: tuple[DecomposedMesh, ...]) -> None:
     for heading, justify in (("mesh", "left"), ("triangles", "right"), ("pieces", "right"), ("how", "left")):
         table.add_column(heading, justify="right" if justify == "right" else "left", overflow="fold")
     for mesh in meshes:
-        how = {"hull": "its hull", "parts": "hulls of its parts", "coacd": "cut"}[mesh.pieces.method]
+        how = {"hull": "convex", "parts": "convex parts", "coacd": "cut"}[mesh.pieces.method]
         spent = "from the cache" if mesh.pieces.cached else f"{mesh.pieces.seconds:.1f} s"
         note = f"{how}, {spent}" if mesh.pieces.method == "coacd" else how
         table.add_row(printable(mesh.path.name), f"{mesh.triangles:,}", str(len(mesh.pieces.hulls)), note)
