@@ -19,7 +19,7 @@ from .options import (
     scene_option,
     written_options,
 )
-from .progress import progress_bar
+from .progress import ProgressBars, meshes_report
 from .terminal import counted
 
 if TYPE_CHECKING:
@@ -117,7 +117,11 @@ def batch(
             error = entry.error or ""
             terminal.warning(error if entry.log in error else f"{entry.log}: {error}")
 
-    with StopAtFrame(), progress_bar(terminal, folder.name, unit="logs", every=1) as bar:
+    with StopAtFrame(), ProgressBars(terminal) as bars:
+
+        def progress(done: int, total: int | None) -> None:
+            bars.show(folder.name, done, total, unit="logs", every=1)
+
         report = geomphys.run_batch(
             logs,
             scene,
@@ -131,7 +135,8 @@ def batch(
             resume=resume,
             keep_going=keep_going,
             force=force,
-            progress=bar,
+            loading=meshes_report(terminal, bars),
+            progress=progress,
             ended=tell,
         )
     if as_json:

@@ -9,6 +9,7 @@ import click
 
 from .command import command, current_terminal
 from .options import INPUT, config_of, config_options, json_option, scene_option
+from .progress import ProgressBars, meshes_report
 from .terminal import counted
 
 EXIT_FAILED = 1
@@ -36,7 +37,10 @@ def check(log: Path, scene: Path, strict: bool, as_json: bool, **options: Any) -
     from geomphys.recording.check import check_log
 
     terminal, config = current_terminal(), config_of(options)
-    report = check_log(log, load_world(scene, mode=config.mode, seed=config.seed), config)
+    with ProgressBars(terminal) as bars:
+        loading = meshes_report(terminal, bars)
+        world = load_world(scene, mode=config.mode, seed=config.seed, progress=loading)
+    report = check_log(log, world, config)
     if as_json:
         terminal.json(report.as_dict())
     else:

@@ -9,16 +9,13 @@ import click
 
 from .command import command, current_terminal
 from .options import INPUT_FILE, check_output, force_option, json_option
-from .progress import progress_bar
+from .progress import ProgressBars, meshes_report
 from .terminal import printable
 
 if TYPE_CHECKING:
     from geomphys.piece_files import DecomposedMesh
 
     from .terminal import Terminal
-
-STEPS = 100
-"""Steps of the bar a mesh."""
 
 
 @command(
@@ -62,10 +59,8 @@ def decompose(path: Path, out: Path | None, threshold: float | None, seed: int, 
     from geomphys.piece_files import decompose_file, write_pieces
 
     terminal = current_terminal()
-    with progress_bar(terminal, path.name, unit="%") as bar:
-        meshes = decompose_file(
-            path, threshold=threshold, seed=seed, progress=lambda what, share: bar(round(STEPS * share), STEPS)
-        )
+    with ProgressBars(terminal) as bars:
+        meshes = decompose_file(path, threshold=threshold, seed=seed, progress=meshes_report(terminal, bars))
     written = []
     if out is not None and several:
         out.mkdir(exist_ok=True)

@@ -21,7 +21,7 @@ from .options import (
     scene_option,
     written_options,
 )
-from .progress import ProgressBars
+from .progress import ProgressBars, meshes_report
 
 EXIT_THRESHOLD = 4
 
@@ -93,6 +93,12 @@ def replay(
             bars.show("kernels", done, known, unit="jobs")
             stop.at_frame()
 
+        moved = meshes_report(terminal, bars)
+
+        def loading(what: str, share: float) -> None:
+            moved(what, share)
+            stop.at_frame()
+
         def progress(done: int, total: int | None) -> None:
             bars.show(log.name, done, total)
             stop.at_frame()
@@ -106,6 +112,7 @@ def replay(
             timing=not no_timing,
             force=force,
             copy_input=copy_input,
+            loading=loading,
             compiling=compiling if first else None,
             progress=progress,
         )

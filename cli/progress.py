@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Protocol
 
@@ -12,6 +13,8 @@ if TYPE_CHECKING:
 
 EVERY = 16
 """Frames between two looks at the bar: drawing must cost nothing beside the work."""
+PATIENCE = 1.0
+"""s after which it is said what is being done where there is no bar"""
 
 
 class Report(Protocol):
@@ -84,9 +87,30 @@ class ProgressBars:
         """Take the bar away."""
         self._shown.close()
 
-    def show(self, title: str, done: int, total: int | None, unit: str = "frames") -> None:
+    def show(self, title: str, done: int, total: int | None, unit: str = "frames", every: int = EVERY) -> None:
         """Move the bar of this title; it takes the place of the one before."""
         if self._report is None or title != self._title:
             self._shown.close()
-            self._title, self._report = title, self._shown.enter_context(progress_bar(self._terminal, title, unit))
+            self._title, self._report = (
+                title,
+                self._shown.enter_context(progress_bar(self._terminal, title, unit, every)),
+            )
         self._report(done, total)
+
+
+def meshes_report(terminal: Terminal, bars: ProgressBars) -> Callable[[str, float], None]:
+    """Return the callback that shows how far the meshes of a scene are cut.
+
+    On a terminal it moves a bar that names the mesh; elsewhere it writes one line if that takes longer than `PATIENCE`.
+    """
+    begun, told = time.monotonic(), False
+
+    def report(what: str, share: float) -> None:
+        nonlocal told
+        if sys.stderr.isatty():
+            bars.show(what, round(100 * share), 100, unit="%", every=1)
+        elif not told and time.monotonic() - begun > PATIENCE:
+            terminal.note(f"Cutting meshes into convex pieces, once: {what}…")
+            told = True
+
+    return report

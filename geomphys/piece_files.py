@@ -11,7 +11,7 @@ import numpy as np
 
 from geomphys.errors import OutputError, SceneError
 from geomphys.sinks.base import OutputFile
-from geomphys.world.decomposition import Pieces, Progress, decompose
+from geomphys.world.decomposition import Pieces, Progress, Uncut, decompose_all
 from geomphys.world.meshes import load_mesh
 from geomphys.world.scene_file import load_scene_file
 from geomphys.world.scene_values import Decomposition
@@ -106,12 +106,13 @@ def decompose_file(
     SceneError, ModelError, MeshError
         The file or a mesh is wrong, or a mesh cannot be decomposed.
     """
-    found = []
-    for use in meshes_of_file(path):
-        mesh = load_mesh(use.path, np.array(use.scale))
-        pieces = decompose(mesh, use.how, threshold=threshold, seed=seed, progress=progress)
-        found.append(DecomposedMesh(path=use.path, scale=use.scale, triangles=len(mesh.faces), pieces=pieces))
-    return tuple(found)
+    uses = meshes_of_file(path)
+    meshes = [Uncut(load_mesh(use.path, np.array(use.scale)), use.how) for use in uses]
+    cut = decompose_all(meshes, threshold=threshold, seed=seed, progress=progress)
+    return tuple(
+        DecomposedMesh(path=use.path, scale=use.scale, triangles=len(mesh.faces), pieces=pieces)
+        for use, (mesh, _), pieces in zip(uses, meshes, cut, strict=True)
+    )
 
 
 def write_pieces(pieces: Pieces, out: Path, *, force: bool = False) -> None:

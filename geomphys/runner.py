@@ -16,6 +16,7 @@ from geomphys.pipeline import replay
 from geomphys.remote import place
 from geomphys.sinks.base import Sink
 from geomphys.summary import Summarizer, Summary
+from geomphys.world.decomposition import Progress
 from geomphys.world.scene import World
 
 
@@ -29,6 +30,7 @@ def run(
     timing: bool = True,
     force: bool = False,
     copy_input: bool = False,
+    loading: Progress | None = None,
     compiling: Callable[[int, int], None] | None = None,
     progress: Callable[[int, int | None], None] | None = None,
 ) -> Summary:
@@ -50,6 +52,9 @@ def run(
         Whether outputs that exist are replaced.
     copy_input : bool
         Whether `out` also holds the channels of the log.
+    loading : callable, optional
+        Called while meshes are cut for the first time, with what is being done and the share of it that is done. What
+        it raises ends the replay; the meshes that are cut by then are kept.
     compiling : callable, optional
         Called while kernels are compiled, with how many jobs are done and how many are known of so far. What it raises
         ends the replay.
@@ -73,7 +78,11 @@ def run(
     out, rrd = (None if path is None else place(path) for path in (out, rrd))
     _check_distinct(log, out, rrd)
     with telling(compiling):
-        world = scene if isinstance(scene, World) else load_world(scene, mode=config.mode, seed=config.seed)
+        world = (
+            scene
+            if isinstance(scene, World)
+            else load_world(scene, mode=config.mode, seed=config.seed, progress=loading)
+        )
         summarizer = Summarizer(world.body_names, world.findings)
         sinks = _sinks(log, out, rrd, timing=timing, force=force, copy_input=copy_input)
         start = time.perf_counter()

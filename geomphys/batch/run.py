@@ -23,6 +23,7 @@ from geomphys.errors import OutputError
 from geomphys.load import load_world
 from geomphys.provenance import sha256_of_file, sha256_of_log, sha256_of_world
 from geomphys.remote import is_remote, place
+from geomphys.world.decomposition import Progress
 from geomphys.world.scene import World
 
 RUNNING = ".running"
@@ -61,6 +62,7 @@ def run_batch(
     resume: bool = False,
     keep_going: bool = True,
     force: bool = False,
+    loading: Progress | None = None,
     progress: Callable[[int, int | None], None] | None = None,
     ended: Callable[[Entry], None] | None = None,
 ) -> BatchReport:
@@ -95,6 +97,9 @@ def run_batch(
         Whether the others are replayed if a log fails; otherwise none is begun after that.
     force : bool
         Whether outputs are replaced that no batch in this folder has made.
+    loading : callable, optional
+        Called while meshes are cut for the first time, with what is being done and the share of it that is done. What
+        it raises ends the batch; the meshes that are cut by then are kept.
     progress : callable, optional
         Called with the logs done and their number.
     ended : callable, optional
@@ -115,7 +120,7 @@ def run_batch(
     folder, scene, config = place(folder).resolve(), place(scene).absolute(), config or Config()
     planned = plan_logs(logs, folder)
     check_outputs(planned, folder, rrd=rrd, resume=resume, force=force)
-    world, scene_sha256 = load_world(scene, mode=config.mode, seed=config.seed), sha256_of_file(scene)
+    world, scene_sha256 = load_world(scene, mode=config.mode, seed=config.seed, progress=loading), sha256_of_file(scene)
     world_sha256 = sha256_of_world(world)
     parameters = {**json.loads(json.dumps(config.as_dict())), "timing": timing, "copy_input": copy_input}
     asked = [

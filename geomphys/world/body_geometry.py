@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from geomphys.errors import MeshError
 from geomphys.transforms import apply
-from geomphys.world.decomposition import Pieces, Progress, decompose
-from geomphys.world.hulls import polytope
+from geomphys.world.decomposition import Pieces, Progress, Uncut, decompose_all
 from geomphys.world.mass import (
     MassProperties,
     combined,
@@ -43,6 +42,8 @@ from geomphys.world.urdf_file import BoxShape, CapsuleShape, CylinderShape, Mesh
 Floats = NDArray[np.float64]
 Placed = tuple[Shape, Floats]
 """A shape and body_from_shape (4, 4)."""
+MeshUse = tuple[Path, tuple[float, float, float], Decomposition]
+"""A mesh file, its scale, and how it becomes convex pieces."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +62,8 @@ class Workshop:
     seed: int
     progress: Progress | None = None
     _meshes: dict[tuple[Path, tuple[float, float, float]], Mesh] = field(default_factory=dict)
-    _cut: dict[tuple[Path, tuple[float, float, float], Decomposition], tuple[Pieces, MassProperties, Triangles]] = (
-        field(default_factory=dict)
-    )
+    _pieces: dict[MeshUse, Pieces] = field(default_factory=dict)
+    _cut: dict[MeshUse, tuple[list[Convex], MassProperties, Triangles]] = field(default_factory=dict)
 
     def body(self, shapes: Sequence[Placed], how: Decomposition, name: str) -> BodyGeometry:
         """Geometry of a body made of these shapes; `name` is what errors call it.
@@ -133,13 +133,26 @@ class Workshop:
             self._meshes[key] = load_mesh(shape.path, np.array(shape.scale), name=f"{name}: {shape.path}")
         return self._meshes[key]
 
+    def prepare(self, uses: Sequence[tuple[MeshShape, Decomposition, str]]) -> None:
+        """Cut meshes of bodies that will be asked for, several at once; each with the name that errors call it.
+
+        Raises MeshError.
+        """
+        new: dict[MeshUse, tuple[MeshShape, str]] = {}
+        for shape, how, name in uses:
+            key = (shape.path, shape.scale, how)
+            if key not in self._pieces:
+                new.setdefault(key, (shape, name))
+        meshes = [Uncut(self.mesh(shape, name), how) for (_, _, how), (shape, name) in new.items()]
+        cut = decompose_all(meshes, seed=self.seed, progress=self.progress)
+        self._pieces.update(zip(new, cut, strict=True))
+
     def _solid(self, shape: Shape, how: Decomposition, name: str) -> tuple[list[Convex], MassProperties, Triangles]:
         if isinstance(shape, MeshShape):
             key = (shape.path, shape.scale, how)
             if key not in self._cut:
                 self._cut[key] = self._cut_mesh(shape, how, name)
-            cut, mass, surface = self._cut[key]
-            return [Hull(h) for h in cut.hulls], mass, surface
+            return self._cut[key]
         convex: Convex
         if isinstance(shape, BoxShape):
             x, y, z = shape.size
@@ -152,16 +165,20 @@ class Workshop:
             convex, mass = Cylinder(shape.radius, 0.5 * shape.length), of_cylinder(shape.radius, shape.length, 1.0)
         return [convex], mass, _tessellated(shape, FINE)
 
-    def _cut_mesh(self, shape: MeshShape, how: Decomposition, name: str) -> tuple[Pieces, MassProperties, Triangles]:
+    def _cut_mesh(
+        self, shape: MeshShape, how: Decomposition, name: str
+    ) -> tuple[list[Convex], MassProperties, Triangles]:
         mesh = self.mesh(shape, name)
-        cut = decompose(mesh, how, seed=self.seed, progress=self.progress)
-        if mesh.is_closed and (cut.method != "hull" or mesh.is_convex):
+        self.prepare([(shape, how, name)])
+        cut = self._pieces[shape.path, shape.scale, how]
+        hulls = [Hull(corners) for corners in cut.hulls]
+        if mesh.is_closed and (how != "hull" or mesh.is_convex):
             solid = wound_outwards(mesh)
             surface = (solid.vertices, solid.faces)
         else:  # what collides is the hull
-            hull = polytope(cut.hulls[0])
+            hull = hulls[0].polytope
             surface = fan(hull.vertices, np.split(hull.loops, np.cumsum(hull.loop_count)[:-1]))
-        return cut, of_mesh(*surface, 1.0), surface
+        return list(hulls), of_mesh(*surface, 1.0), surface
 
 
 def _tessellated(shape: Shape, segments: int) -> Triangles:

@@ -22,6 +22,27 @@ SLACK = 1e-9
 """Of the mesh's size: less than that is not bare."""
 
 
+class Surface:
+    """Triangles that distances are measured to, (n, 3) m and (m, 3)."""
+
+    def __init__(self, vertices: Floats, faces: Ints) -> None:
+        import fcl
+
+        model = fcl.BVHModel()
+        model.beginModel(len(vertices), len(faces))
+        model.addSubModel(vertices, faces)
+        model.endModel()
+        self._solid = fcl.CollisionObject(model)
+
+    def distance(self, points: Floats) -> Floats:
+        """Distances (n,) of points (n, 3) from the nearest triangle, on either side of it."""
+        import fcl
+
+        point = fcl.Sphere(1e-9)
+        away = [fcl.distance(self._solid, fcl.CollisionObject(point, fcl.Transform(p))) for p in points]
+        return np.array(away, dtype=np.float64)
+
+
 def covering(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> list[Floats]:
     """Grow convex pieces until together they hold every point of a surface.
 
@@ -63,16 +84,9 @@ def stands_out(vertices: Floats, faces: Ints, pieces: Sequence[Floats], samples:
 
     The points are `samples` spread over the pieces by area, the same ones each time, and as many of their corners.
     """
-    import fcl
-
     corners = np.concatenate(pieces)
     points = np.concatenate([_surface_points(pieces, samples), corners[:: -(-len(corners) // samples)]])
-    surface = fcl.BVHModel()
-    surface.beginModel(len(vertices), len(faces))
-    surface.addSubModel(vertices, faces)
-    surface.endModel()
-    solid, point = fcl.CollisionObject(surface), fcl.Sphere(1e-9)
-    away = np.array([fcl.distance(solid, fcl.CollisionObject(point, fcl.Transform(p))) for p in points])
+    away = Surface(vertices, faces).distance(points)
     far = away > 1e-6 * float(np.ptp(vertices, axis=0).max())
     outside = np.zeros(len(points), dtype=bool)
     outside[far] = _winding(vertices, faces, points[far]) < 0.5

@@ -1,31 +1,33 @@
-"""Meshes as unions of convex pieces: their hull where they are convex, else CoACD, kept on disk.
+"""Meshes as unions of convex pieces: their hull where that is near enough, else CoACD, kept on disk.
 
-A mesh of several closed parts is cut part by part, so that a table of boxes becomes exactly its boxes. Pieces of CoACD
-are grown until they hold the whole surface of the mesh (`geomphys.world.coverage`): what stays out of the pieces stays
-out of the mesh.
+A mesh of several closed parts is cut part by part, so that a table of boxes becomes exactly its boxes. A part whose hull
+stands for it within the concavity a piece may keep is not cut (`geomphys.world.convexity`). Pieces of CoACD are grown
+until they hold the whole surface of the mesh (`geomphys.world.coverage`): what stays out of the pieces stays out of the
+mesh. Several meshes are cut at once, each in a process of its own; how many at a time changes no piece.
 """
 
 from __future__ import annotations
 
-import hashlib
 import os
-import tempfile
 import time
-import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
+from threading import Event
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.cache import user_folder
 from geomphys.errors import ConfigError, MeshError
-from geomphys.world.coacd_process import ITERATIONS, convex_parts
+from geomphys.world.coacd_process import convex_parts
+from geomphys.world.convexity import is_nearly_convex
 from geomphys.world.coverage import covering, uncovered
 from geomphys.world.hulls import polytope
 from geomphys.world.meshes import Mesh, require_closed, wound_outwards
+from geomphys.world.piece_cache import CutMesh, archive_name, read_pieces, write_pieces
 from geomphys.world.scene_values import Decomposition
 
 Floats = NDArray[np.float64]
@@ -41,8 +43,8 @@ FINEST = 0.01
 """CoACD goes no finer, of half the longest side of what it cuts"""
 MOST_PARTS = 1000
 """shells of a mesh that are cut one by one; a mesh of more is cut as a whole"""
-_RECIPE = 2
-"""Raised when the same mesh and parameters give other pieces than before."""
+LOOK_EVERY = 0.2
+"""s between two reports of progress"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,12 +53,19 @@ class Pieces:
 
     name: str
     hulls: tuple[Floats, ...]  # corners (k, 3) of each piece, m, frame of the mesh
-    method: str  # "hull", "parts" (every closed part of it is convex) or "coacd"
+    method: str  # "hull", "parts" (the hulls of its closed parts) or "coacd"
     threshold: float  # concavity a piece may keep, of half the mesh's longest side
     seed: int
     uncovered: float  # m, how far the mesh's surface sticks out of the pieces
     seconds: float  # spent on it, now
     cached: bool
+
+
+class Uncut(NamedTuple):
+    """A mesh, and how it is to become convex pieces."""
+
+    mesh: Mesh
+    how: Decomposition
 
 
 def decompose(
@@ -74,13 +83,14 @@ def decompose(
     mesh
         Watertight or convex, but for ``how="hull"``.
     how
-        ``hull``: its convex hull. ``auto`` and ``coacd``: itself if it is convex, else CoACD.
+        ``hull``: its convex hull. ``auto`` and ``coacd``: its hull if it is convex or nearly so
+        (`geomphys.world.convexity`, within the threshold), else CoACD.
     threshold
         Concavity a piece may keep, 0.01 to 1 of half the mesh's longest side; None: `default_threshold`.
     seed
         Of CoACD's search.
     progress
-        Called before and after a decomposition that is not in the cache.
+        See `decompose_all`.
 
     Raises
     ------
@@ -89,26 +99,82 @@ def decompose(
     ConfigError
         A threshold out of its range.
     """
-    start = time.perf_counter()
-    if threshold is None:
-        threshold = default_threshold(mesh)
-    if not FINEST <= threshold <= 1.0:
-        raise ConfigError(f"threshold = {threshold}: must lie between {FINEST} and 1")
-    if how != "hull":
-        require_closed(mesh)
-    hulls: tuple[Floats, ...]
-    if how == "hull" or mesh.is_convex:
-        hulls, method, bare, cached = (mesh.hull_vertices,), "hull", 0.0, False
-    else:
-        hulls, method, bare, cached = _decomposed(mesh, threshold, seed, progress)
+    return decompose_all([Uncut(mesh, how)], threshold=threshold, seed=seed, progress=progress)[0]
+
+
+def decompose_all(
+    meshes: Sequence[Uncut],
+    *,
+    threshold: float | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+    processes: int | None = None,
+) -> tuple[Pieces, ...]:
+    """Convex pieces of several meshes, in their order; see `decompose`.
+
+    A mesh that is done is kept in the cache at once, whatever becomes of the others.
+
+    Parameters
+    ----------
+    progress
+        Called while meshes are cut that are not in the cache, five times a second, with the name of one that is being
+        cut and which of how many it is, and the share of them that is done. What it raises ends the work.
+    processes
+        How many are cut at a time; None: as many as there are cores.
+
+    Raises
+    ------
+    MeshError, ConfigError
+        As `decompose`, of a mesh that fails; those that are not done by then are not finished.
+    """
+    found: dict[int, Pieces] = {}
+    jobs: dict[Path, _Job] = {}
+    waiting: dict[int, Path] = {}
+    for number, (mesh, how) in enumerate(meshes):
+        start = time.perf_counter()
+        share = _checked(mesh, threshold)
+        if how != "hull":
+            require_closed(mesh)
+        if how == "hull" or mesh.is_convex:
+            cut = CutMesh((mesh.hull_vertices,), "hull", 0.0)
+            found[number] = _pieces(mesh, share, seed, cut, time.perf_counter() - start, cached=False)
+            continue
+        solid = wound_outwards(mesh)
+        archive = user_folder("pieces") / archive_name(solid, share, seed)
+        kept = read_pieces(archive)
+        if kept is not None:
+            found[number] = _pieces(mesh, share, seed, kept, time.perf_counter() - start, cached=True)
+            continue
+        jobs.setdefault(archive, _Job(solid, share, seed, archive))
+        waiting[number] = archive
+    made = dict(zip(jobs, _run(list(jobs.values()), progress, processes or cores()), strict=True))
+    for number, archive in waiting.items():
+        cut, seconds = made[archive]
+        found[number] = _pieces(meshes[number].mesh, jobs[archive].threshold, seed, cut, seconds, cached=False)
+    return tuple(found[number] for number in range(len(meshes)))
+
+
+def cores() -> int:
+    """How many processes may run at once here."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _checked(mesh: Mesh, threshold: float | None) -> float:
+    share = default_threshold(mesh) if threshold is None else threshold
+    if not FINEST <= share <= 1.0:
+        raise ConfigError(f"threshold = {share}: must lie between {FINEST} and 1")
+    return share
+
+
+def _pieces(mesh: Mesh, threshold: float, seed: int, cut: CutMesh, seconds: float, *, cached: bool) -> Pieces:
     return Pieces(
         name=mesh.name,
-        hulls=hulls,
-        method=method,
+        hulls=cut.hulls,
+        method=cut.method,
         threshold=threshold,
         seed=seed,
-        uncovered=bare,
-        seconds=time.perf_counter() - start,
+        uncovered=cut.uncovered,
+        seconds=seconds,
         cached=cached,
     )
 
@@ -119,39 +185,79 @@ def default_threshold(mesh: Mesh) -> float:
     return min(max(min(max(SHARE * half, LEAST), MOST) / half, FINEST), 1.0)
 
 
-def _decomposed(
-    mesh: Mesh, threshold: float, seed: int, progress: Progress | None
-) -> tuple[tuple[Floats, ...], str, float, bool]:
-    solid = wound_outwards(mesh)
-    parts = _closed_parts(solid)
-    if all(part.is_convex for part in parts):
-        return tuple(part.hull_vertices for part in parts), "parts", 0.0, False
-    archive = user_folder("pieces") / f"{_key(solid, threshold, seed)}.npz"
-    kept = _read(archive)
-    if kept is not None:
-        return kept[0], "coacd", kept[1], True
-    if progress is not None:
-        progress(f"convex decomposition of {mesh.name}", 0.0)
-    hulls: list[Floats] = []
-    for k, part in enumerate(parts):
-        if part.is_convex:
-            hulls.append(part.hull_vertices)
-        else:
-            share = min(max(threshold * mesh.size / part.size, FINEST), 1.0)
-            cut = [p for p in convex_parts(mesh.name, part.vertices, part.faces, share, seed) if _has_volume(p)]
-            hulls += covering(part.vertices, part.faces, cut)
+class _Job(NamedTuple):
+    """A closed mesh wound outwards that is to be cut and kept."""
+
+    mesh: Mesh
+    threshold: float
+    seed: int
+    archive: Path
+
+
+def _run(jobs: list[_Job], progress: Progress | None, processes: int) -> list[tuple[CutMesh, float]]:
+    """Cut meshes, so many at a time; the pieces and the seconds of each, in the order of the jobs."""
+    if not jobs:
+        return []
+    at_once = min(processes, len(jobs))
+    threads = max(1, processes // at_once)
+    stop = Event()
+    largest_first = sorted(range(len(jobs)), key=lambda k: (-len(jobs[k].mesh.faces), k))
+    with ThreadPoolExecutor(at_once) as pool:
+        try:
+            futures = {k: pool.submit(_timed, jobs[k], threads, stop) for k in largest_first}
+            _watch([(jobs[k], futures[k]) for k in largest_first], progress)
+            failed = (f for f in futures.values() if f.done() and f.exception() is not None)
+            next(failed, futures[0]).result()
+            return [futures[k].result() for k in range(len(jobs))]
+        finally:  # nothing is left running, however this ends
+            stop.set()
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _watch(work: list[tuple[_Job, Future[tuple[CutMesh, float]]]], progress: Progress | None) -> None:
+    """Report until all is done or something failed."""
+    count = len(work)
+    while True:
+        done = sum(future.done() for _, future in work)
         if progress is not None:
-            progress(f"convex decomposition of {mesh.name}", (k + 1) / (len(parts) + 1))
+            number, name = next(
+                ((k, job.mesh.name) for k, (job, future) in enumerate(work, 1) if not future.done()),
+                (count, work[-1][0].mesh.name),
+            )
+            progress(f"convex decomposition of {Path(name).name} ({number} of {count})", done / count)
+        if done == count or any(future.done() and future.exception() is not None for _, future in work):
+            return
+        wait([future for _, future in work if not future.done()], LOOK_EVERY, FIRST_COMPLETED)
+
+
+def _timed(job: _Job, threads: int, stop: Event) -> tuple[CutMesh, float]:
+    start = time.perf_counter()
+    cut = _cut(job, threads, stop)
+    write_pieces(job.archive, cut)
+    return cut, time.perf_counter() - start
+
+
+def _cut(job: _Job, threads: int, stop: Event) -> CutMesh:
+    solid, parts = job.mesh, _closed_parts(job.mesh)
+    concavity = 0.5 * job.threshold * solid.size
+    whole = [part.is_convex or is_nearly_convex(part, min(concavity, 0.5 * part.size)) for part in parts]
+    if all(whole):
+        return CutMesh(tuple(part.hull_vertices for part in parts), "hull" if len(parts) == 1 else "parts", 0.0)
+    hulls: list[Floats] = []
+    for part, is_whole in zip(parts, whole, strict=True):
+        if is_whole:
+            hulls.append(part.hull_vertices)
+            continue
+        share = min(max(job.threshold * solid.size / part.size, FINEST), 1.0)
+        made = convex_parts(solid.name, part.vertices, part.faces, share, job.seed, threads=threads, stop=stop)
+        hulls += covering(part.vertices, part.faces, [points for points in made if _has_volume(points)])
     bare = uncovered(solid.vertices, solid.faces, hulls)
     if bare > 1e-4 * solid.size:
         raise MeshError(
-            f"{mesh.name}: its convex pieces leave {bare * 1e3:.3g} mm of it bare: repair the mesh (does it cut "
+            f"{solid.name}: its convex pieces leave {bare * 1e3:.3g} mm of it bare: repair the mesh (does it cut "
             'through itself?) or use decomposition = "hull"'
         )
-    _write(archive, hulls, bare)
-    if progress is not None:
-        progress(f"convex decomposition of {mesh.name}", 1.0)
-    return tuple(hulls), "coacd", bare, False
+    return CutMesh(tuple(hulls), "coacd", bare)
 
 
 def _closed_parts(mesh: Mesh) -> list[Mesh]:
@@ -167,40 +273,3 @@ def _has_volume(points: Floats) -> bool:
     except MeshError:
         return False
     return True
-
-
-def _key(mesh: Mesh, threshold: float, seed: int) -> str:
-    from importlib.metadata import version
-
-    text = f"{_RECIPE} {version('coacd')} {threshold!r} {seed} {ITERATIONS} {mesh.vertices.shape} {mesh.faces.shape} "
-    digest = hashlib.sha256(text.encode())
-    digest.update(np.ascontiguousarray(mesh.vertices, dtype="<f8").tobytes())
-    digest.update(np.ascontiguousarray(mesh.faces, dtype="<i8").tobytes())
-    return digest.hexdigest()
-
-
-def _read(archive: Path) -> tuple[tuple[Floats, ...], float] | None:
-    """Pieces of the cache; None where there are none or the file is damaged, which computing them again repairs."""
-    try:
-        with archive.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
-            points, starts, bare = data["points"], data["starts"], float(data["bare"])
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-        return None
-    if points.ndim != 2 or points.dtype != np.float64 or not np.isfinite(points).all() or len(starts) < 2:
-        return None
-    return tuple(points[a:b] for a, b in pairwise(starts)), bare
-
-
-def _write(archive: Path, hulls: list[Floats], bare: float) -> None:
-    """Keep pieces; a full disk costs the next run the time, not this one its result."""
-    starts = np.concatenate([[0], np.cumsum([len(h) for h in hulls])]).astype(np.int64)
-    try:
-        handle, name = tempfile.mkstemp(dir=archive.parent, suffix=".npz")
-        try:
-            with os.fdopen(handle, "wb") as stream:
-                np.savez(stream, points=np.concatenate(hulls), starts=starts, bare=bare)
-            os.replace(name, archive)
-        except OSError:
-            Path(name).unlink(missing_ok=True)
-    except OSError:
-        return

@@ -18,6 +18,12 @@ COPLANAR = 2e-6
 COPLANAR_THIN = 1e-3
 """... and within this share of the thickness, so that the two sides of a plate stay apart."""
 
+WIDTH_ROUNDING = 1e-12
+"""Of the size: edges are paired even if their widths are at least as large as the faces', by this much."""
+
+MANY_EDGES = 1_000
+"""Hulls of fewer edges have all pairs looked at, which costs nothing there."""
+
 
 class Polytope(NamedTuple):
     """A convex polytope; V corners, F faces; indices count from its first corner."""
@@ -137,12 +143,58 @@ def _edges(triangles: Ints) -> tuple[Ints, Ints]:
 def _smallest_width(vertices: Floats, normals: Floats, edges: Ints, sides: Ints) -> float:
     """Smallest extent over all directions: it lies at a face's normal or at a normal common to two antipodal edges.
 
-    Two edges are antipodal if the arc of the normals of one crosses the mirrored arc of the other.
+    Two edges are antipodal if the arc of the normals of one crosses the mirrored arc of the other. Of many edges only
+    those are paired whose arc may hold a smaller width than the faces: see `_least_over_arcs`. The partner of such an
+    edge has the same width where the arcs cross, so it is among them too.
     """
-    along = vertices @ normals.T
-    width = float(np.min(along.max(axis=0) - along.min(axis=0)))
+    across, opposite = _extents(vertices, normals)
+    width = float(np.min(across))
     bent = np.einsum("ij,ij->i", normals[sides[:, 0]], normals[sides[:, 1]]) < 1.0 - 1e-12
     edges, sides = edges[bent], sides[bent]
+    if len(edges) > MANY_EDGES:
+        least = _least_over_arcs(vertices, normals, edges, sides, across, opposite)
+        thin = least <= width + WIDTH_ROUNDING * float(np.ptp(vertices, axis=0).max())
+        edges, sides = edges[thin], sides[thin]
+    return _smallest_between_edges(vertices, normals, edges, sides, width)
+
+
+def _extents(vertices: Floats, normals: Floats) -> tuple[Floats, Ints]:
+    """Extent (F,) of the corners along each normal, and the corner (F,) farthest against it."""
+    extents, opposite = np.empty(len(normals)), np.empty(len(normals), dtype=np.int64)
+    rows = max(1, 4_000_000 // len(vertices))
+    for start in range(0, len(normals), rows):
+        part = slice(start, start + rows)
+        along = np.ascontiguousarray((vertices @ normals[part].T).T)
+        opposite[part] = along.argmin(axis=1)
+        extents[part] = along.max(axis=1) - along.min(axis=1)
+    return extents, opposite
+
+
+def _least_over_arcs(
+    vertices: Floats, normals: Floats, edges: Ints, sides: Ints, across: Floats, opposite: Ints
+) -> Floats:
+    """Lower bounds (E,) of the width over all directions of the arc of each edge, from one side's normal to the other's.
+
+    An edge through p bounds the hull in every direction u of its arc, so the width there is at least (p - x)·u for any
+    corner x. Along the arc that is A cos t + B sin t, concave where it is positive, so it runs above the chord between
+    its values at the arc's ends. Here x are the corners opposite to both ends; the bound is the lowest point of the
+    higher of the two chords.
+    """
+    first, last = sides[:, 0], sides[:, 1]
+    p = vertices[edges[:, 0]]
+    end = np.einsum("ij,ij->i", p - vertices[opposite[first]], normals[last])  # of the chord that starts at across
+    start = np.einsum("ij,ij->i", p - vertices[opposite[last]], normals[first])  # of the one that ends at across
+    falls, rises = across[first] - end, across[last] - start
+    least: Floats = np.maximum(np.minimum(across[first], end), np.minimum(across[last], start))
+    crossing = (falls > 0.0) & (rises > 0.0) & (across[first] > start) & (across[last] > end)
+    share = (across[first] - start)[crossing] / (falls + rises)[crossing]
+    least[crossing] = across[first][crossing] - share * falls[crossing]
+    least[np.minimum(end, start) < 0.0] = 0.0  # a sinusoid that goes below zero may run below its chord there
+    return least
+
+
+def _smallest_between_edges(vertices: Floats, normals: Floats, edges: Ints, sides: Ints, width: float) -> float:
+    """The smallest of `width` and the widths between all pairs of antipodal edges."""
     direction = vertices[edges[:, 1]] - vertices[edges[:, 0]]
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     rows = max(1, 2_000_000 // max(1, len(edges)))
@@ -177,23 +229,40 @@ def _faces(vertices: Floats, triangles: Ints, normals: Floats, sides: Ints, tole
         adjacent[s].append(t)
         adjacent[t].append(s)
     corners: list[list[int]] = triangles.tolist()
+    has_flat_neighbour = _beside_a_flat_one(vertices, triangles, normals, sides, tolerance).tolist()
     face = [-1] * len(triangles)
     groups: list[list[int]] = []
     for seed in np.argsort(-area, kind="stable").tolist():
         if face[seed] >= 0:
             continue
-        n, group, queue = normals[seed], [seed], [seed]
+        group, queue = [seed], [seed]
+        face[seed] = len(groups)
+        groups.append(group)
+        if not has_flat_neighbour[seed]:
+            continue
+        n = normals[seed]
         level = (vertices @ n) - vertices[triangles[seed]].dot(n).max()
         flat: list[bool] = (np.abs(level) <= tolerance).tolist()
-        face[seed] = len(groups)
         while queue:
             for t in adjacent[queue.pop()]:
                 if face[t] < 0 and all(flat[corner] for corner in corners[t]):
-                    face[t] = len(groups)
+                    face[t] = face[seed]
                     group.append(t)
                     queue.append(t)
-        groups.append(group)
     return [_loop([corners[t] for t in group]) for group in groups]
+
+
+def _beside_a_flat_one(
+    vertices: Floats, triangles: Ints, normals: Floats, sides: Ints, tolerance: float
+) -> NDArray[np.bool_]:
+    """Whether a triangle (F,) has a neighbour that lies, to rounding, within the tolerance of its plane."""
+    found = np.zeros(len(triangles), dtype=bool)
+    top = np.max(np.einsum("tkj,tj->tk", vertices[triangles], normals), axis=1)
+    slack = 1.001 * tolerance + 1e-12 * float(np.abs(vertices).max())
+    for mine, other in (sides.T, sides.T[::-1]):
+        level = np.einsum("tkj,tj->tk", vertices[triangles[other]], normals[mine]) - top[mine, None]
+        found[mine[np.max(np.abs(level), axis=1) <= slack]] = True
+    return found
 
 
 def _loop(triangles: list[list[int]]) -> list[int]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -80,6 +81,11 @@ class Hull:
     """The convex hull of points (n, 3) in m; points inside it do no harm."""
 
     vertices: NDArray[np.float64]
+
+    @cached_property
+    def polytope(self) -> Polytope:
+        """Its corners, edges and faces; MeshError where it is flat."""
+        return polytope(np.ascontiguousarray(self.vertices, dtype=np.float64))
 
 
 Shape: TypeAlias = Sphere | Capsule | Box | Cylinder | Hull
@@ -168,7 +174,7 @@ def _row(shape: Shape, known: dict[bytes, _Row]) -> _Row:
     points = np.ascontiguousarray(shape.vertices, dtype=np.float64)
     key = points.tobytes()
     if key not in known:
-        solid = polytope(points)
+        solid = shape.polytope
         reach = float(np.max(np.linalg.norm(solid.vertices - solid.centre, axis=1)))
         centre = (float(solid.centre[0]), float(solid.centre[1]), float(solid.centre[2]))
         cells = farthest_in_cells(solid.vertices - solid.centre) if len(solid.vertices) > CLIMB else None

@@ -150,6 +150,13 @@ def _link_bodies(
         [(g.shape, link.name) for link in skeleton.links for g in link.collisions], how, skeleton.path
     )
     bodies, not_shown = [], [line.removeprefix(f"{skeleton.path}: ") for line in skeleton.not_shown]
+    meshes = [
+        (g.shape, how, f"{skeleton.path}: link {link.name!r}")
+        for link in skeleton.links
+        for g in link.collisions
+        if isinstance(g.shape, MeshShape)
+    ]
+    workshop.prepare(meshes)
     for link in skeleton.links:
         where = f"{skeleton.path}: link {link.name!r}"
         solids = [(g.shape, g.link_from_shape) for g in link.collisions]

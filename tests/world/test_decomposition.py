@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull
 from geomphys.errors import ConfigError, MeshError
 from geomphys.world import coacd_process, decomposition
 from geomphys.world.coverage import covering, stands_out, uncovered
-from geomphys.world.decomposition import Pieces, decompose, default_threshold
+from geomphys.world.decomposition import Pieces, Uncut, decompose, decompose_all, default_threshold
 from geomphys.world.mass import of_mesh
 from geomphys.world.meshes import Mesh, load_mesh
 from geomphys.world.tessellation import joined, sphere_triangles
@@ -82,7 +82,7 @@ def test_an_l_is_held_by_its_pieces_and_fills_no_notch(own_cache: Path) -> None:
     assert beyond(spread(mesh.vertices, mesh.faces), pieces.hulls) < 1e-9
     assert stands_out(mesh.vertices, mesh.faces, pieces.hulls) < 1e-3
     assert sum(ConvexHull(h).volume for h in pieces.hulls) == pytest.approx(0.003, rel=0.01)
-    assert said[0] == ("convex decomposition of ell", 0.0)
+    assert said[0] == ("convex decomposition of ell (1 of 1)", 0.0)
     assert said[-1][1] == 1.0
 
     again = decompose(mesh)
@@ -100,6 +100,78 @@ def test_an_l_is_held_by_its_pieces_and_fills_no_notch(own_cache: Path) -> None:
 def same(a: Pieces, b: Pieces) -> None:
     assert len(a.hulls) == len(b.hulls)
     assert all(np.array_equal(x, y) for x, y in zip(a.hulls, b.hulls, strict=True))
+
+
+def ells(count: int) -> list[Uncut]:
+    """L shapes of different sizes."""
+    corners, faces = ell()
+    return [Uncut(Mesh(f"ell {k}", corners * (1 + 0.2 * k), faces), "auto") for k in range(count)]
+
+
+def test_how_many_processes_cut_changes_no_piece(own_cache: Path) -> None:
+    meshes = ells(3)
+    together = decompose_all(meshes, processes=3)
+    for file in own_cache.iterdir():
+        file.unlink()
+    one_by_one = decompose_all(meshes[::-1], processes=1)[::-1]
+    for file in own_cache.iterdir():
+        file.unlink()
+    alone = decompose_all(meshes[:1], processes=4)  # with four threads
+    for a, b in zip((*together, together[0]), (*one_by_one, alone[0]), strict=True):
+        assert not b.cached
+        same(a, b)
+
+
+def test_what_was_cut_before_an_interruption_is_kept(own_cache: Path) -> None:
+    said: list[str] = []
+
+    def interrupt(what: str, share: float) -> None:
+        said.append(what)
+        if share > 0.3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        decompose_all(ells(3), processes=1, progress=interrupt)
+    assert said[0] == "convex decomposition of ell 0 (1 of 3)"
+    left = decompose_all(ells(3), processes=1)
+    assert [pieces.cached for pieces in left] in ([True, False, False], [True, True, False])
+
+
+def test_meshes_of_the_cache_start_nothing_and_say_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    decompose_all(ells(2))
+    monkeypatch.setattr(coacd_process.subprocess, "Popen", lambda *_, **__: pytest.fail("a process was started"))
+    monkeypatch.setattr(decomposition, "is_nearly_convex", lambda *_: pytest.fail("measured again"))
+    again = decompose_all(ells(2), progress=lambda what, share: pytest.fail(f"said {what}"))
+    assert all(pieces.cached for pieces in again)
+
+
+def test_the_same_mesh_twice_is_cut_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs: list[str] = []
+    cut = decomposition._cut
+    monkeypatch.setattr(decomposition, "_cut", lambda job, *more: runs.append(job.mesh.name) or cut(job, *more))
+    first, second = decompose_all(ells(1) * 2)
+    assert runs == ["ell 0"]
+    same(first, second)
+
+
+def test_a_mesh_that_fails_ends_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(coacd_process, "_ended", lambda *_: -11)
+    with pytest.raises(MeshError, match="ell 0: convex decomposition failed"):
+        decompose_all(ells(3), processes=1)
+
+
+def test_a_ball_with_a_shallow_dent_is_its_hull_without_coacd(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(coacd_process, "_ended", lambda *_: pytest.fail("CoACD was started"))
+    corners, faces = sphere_triangles(0.1, 32)
+    corners = corners.copy()
+    corners[-1, 2] -= (
+        0.003  # 1.1 mm below the ring around it: less than the threshold's 2 mm, and more than CONVEX_SLACK
+    )
+    mesh = Mesh("dented", corners, faces)
+    assert not mesh.is_convex
+    pieces = decompose(mesh)
+    assert (pieces.method, len(pieces.hulls)) == ("hull", 1)
+    assert np.array_equal(pieces.hulls[0], mesh.hull_vertices)
 
 
 def test_the_hull_of_anything_on_request() -> None:
@@ -132,19 +204,19 @@ def test_the_threshold_is_a_share_of_the_size_within_bounds_in_metres() -> None:
     ],
 )
 def test_what_coacd_fails_at_is_told(monkeypatch: pytest.MonkeyPatch, parts: list[np.ndarray], says: str) -> None:
-    def broken(command: list[str], **_: object) -> object:
+    def broken(command: list[str], *_: object) -> int:
         starts = np.concatenate([[0], np.cumsum([len(p) for p in parts])]).astype(np.int64)
         np.savez(command[-1], points=np.concatenate([np.zeros((0, 3)), *parts]), starts=starts)
-        return type("Done", (), {"returncode": 0})
+        return 0
 
-    monkeypatch.setattr(coacd_process.subprocess, "run", broken)
+    monkeypatch.setattr(coacd_process, "_ended", broken)
     with pytest.raises(MeshError, match=says) as caught:
         decompose(Mesh("ell", *ell()))
     assert 'decomposition = "hull"' in str(caught.value)
 
 
 def test_a_crash_of_coacd_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(coacd_process.subprocess, "run", lambda *_, **__: type("Done", (), {"returncode": -11}))
+    monkeypatch.setattr(coacd_process, "_ended", lambda *_: -11)
     with pytest.raises(MeshError, match="CoACD ended with -11"):
         decompose(Mesh("ell", *ell()))
 
