@@ -14,7 +14,7 @@ from geomphys.config import Config
 from geomphys.errors import LogError
 from geomphys.recording.channels import Content, Joints, kind_of, make_reader
 from geomphys.recording.decoders import BadMessageError
-from geomphys.recording.matching import side_of
+from geomphys.recording.name_words import side_of
 from geomphys.recording.naming import add_names, listed, similar
 from geomphys.recording.plan import Plan, is_static
 from geomphys.recording.reader import LogChannel, LogReader, RawMessage
