@@ -64,15 +64,18 @@ def guess_unit(ranges: Mapping[str, Range], limits: Mapping[str, Range]) -> Unit
 def mirrored_joints(ranges: Mapping[str, Range], limits: Mapping[str, Range]) -> tuple[str, ...]:
     """Joints whose recorded angles fit their limits far better with the opposite sign.
 
+    One among many that do not is more likely one of odd limits: less than a tenth of the joints is none.
+
     Parameters
     ----------
     ranges, limits
         Joint -> least and largest angle, and its limits; both in rad.
     """
-    found, likely = [], []
+    found, likely, judged = [], [], 0
     for name, (low, high) in ranges.items():
         if not is_telling(limits[name]) or high - low < MOVED:
             continue
+        judged += 1
         as_is, mirrored = _share_inside((low, high), limits[name]), _share_inside((-high, -low), limits[name])
         if mirrored < 0.9 or outside((low, high), limits[name], 1.0) < OPPOSITE:
             continue
@@ -80,6 +83,8 @@ def mirrored_joints(ranges: Mapping[str, Range], limits: Mapping[str, Range]) ->
             found.append(name)
         elif as_is <= 0.7:
             likely.append(name)
+    if 10 * len(found) < judged:
+        return ()
     return tuple(n for n in ranges if n in found or (n in likely and len(found) > 1))
 
 

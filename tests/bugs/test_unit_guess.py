@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from geomphys_cli.main import run
 
+import geomphys
 from tests.recording.log_files import joints, pose, write_log
 
 HAND = """<robot name="hand">
@@ -117,3 +118,15 @@ def test_the_reported_logs(shared_dir, tmp_path, capsys) -> None:
         assert 'unit = "rad"' in text
         assert "angle_unit" not in found
         assert ("angle_sign" in found) == ((log, urdf) == ("sign", "hand"))
+
+
+def test_no_real_recording_is_taken_for_another_unit_or_sign(shared_dir, tmp_path) -> None:
+    models, recordings = shared_dir / "models", shared_dir / "recordings"
+    for log, urdf in (
+        ("adroit_door_00_ros2", "adroit/adroit_hand.urdf"),
+        ("cmu_02_06_protobuf", "cmu_body/cmu_subject_02.urdf"),
+        ("dfki_pillow_a_ros2", "human_hands/dfki_glove_right.urdf"),
+        ("leap_grab_protobuf", "human_hands/leap_grab_right.urdf"),
+    ):
+        (avatar,) = geomphys.draft_scene(recordings / f"{log}.mcap", [models / urdf], folder=tmp_path).avatars
+        assert (avatar.unit.unit, avatar.unit.doubt, avatar.mirrored) == ("rad", "", ())

@@ -73,6 +73,13 @@ def test_a_joint_is_mirrored_where_the_opposite_sign_fits_far_better():
     assert mirrored_joints(back, limits) == ("flex",)
 
 
+def test_one_joint_among_many_has_odd_limits():
+    ranges = {f"j{k}": (0.0, 1.2) for k in range(30)} | {"odd": (-1.2, 0.0)}
+    assert mirrored_joints(ranges, dict.fromkeys(ranges, (-0.1, 1.5))) == ()
+    few = {n: ranges[n] for n in ("j0", "j1", "odd")}
+    assert mirrored_joints(few, dict.fromkeys(few, (-0.1, 1.5))) == ("odd",)
+
+
 def test_no_recording_of_random_people_within_their_limits_is_mirrored():
     random = np.random.default_rng(5)
     for _ in range(300):
