@@ -28,6 +28,10 @@ PLAUSIBLE_SPEED = 2.0
 """m/s; people's hands and bodies do not go faster on the average."""
 PLAUSIBLE_EXTENT = 5.0
 """m; a recording in which nothing leaves this distance from the origin, at plausible speeds, is in metres."""
+FAR = 50.0
+"""m; positions further from the origin are suspicious by themselves."""
+FEW = 20
+"""Positions of a pose from which on its speed tells something."""
 ABOVE = 0.05
 """m; what stays this far on one side of 0 is above a floor, what goes this far beyond it is not."""
 TALL = 0.5
@@ -127,7 +131,9 @@ def _unit(motions: Sequence[PoseMotion]) -> tuple[LengthUnit, str, bool]:
     extent = max(b - a for m in motions for a, b in zip(m.low, m.high, strict=True))
     farthest = max(abs(v) for m in motions for v in (*m.low, *m.high))
     speed = max(m.speed for m in motions)
-    if speed <= PLAUSIBLE_SPEED and (speed > 0 or farthest < 50.0):
+    if speed <= PLAUSIBLE_SPEED and (speed > 0 or farthest < FAR):
+        return "m", "", True
+    if farthest < FAR and max(m.samples for m in motions) < FEW:
         return "m", "", True
     if farthest <= PLAUSIBLE_EXTENT and speed <= 5 * PLAUSIBLE_SPEED:
         return "m", "", True

@@ -108,7 +108,7 @@ class RootRoute:
 
     def _add(self, time: int, value: Seven) -> None:
         """Take in a pose in the recorded space, in metres."""
-        if math.isfinite(value[0] + value[1] + value[2]):
+        if abs(value[0]) + abs(value[1]) + abs(value[2]) < VALUE_LIMIT:
             self.samples.take(time, value[0], value[1], value[2])
         self.stream.add(time, value)
 
