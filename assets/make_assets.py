@@ -12,12 +12,14 @@ import body
 import gallery
 import hand
 import mug
+import robot_hand
 
 
 def make(folder: Path) -> dict[str, str]:
     """Write everything into ``folder``; returns what each set consists of."""
     return {
         "hand": f"{hand.make(folder / 'hand')} triangles",
+        "robot_hand": f"{robot_hand.make(folder / 'robot_hand')} joints",
         "mug": f"{mug.make(folder / 'mug')} triangles",
         "body": f"{body.make(folder / 'body')} links",
         "gallery": f"{gallery.make(folder / 'gallery', folder / 'ball', folder / 'scenes' / 'gallery.toml')} triangles",

@@ -34,10 +34,10 @@ from .options import INPUT, check_output, force_option, json_option, urdf_option
 @json_option
 @force_option
 def init(log: Path, urdfs: tuple[Path, ...], out: Path, recover: bool, as_json: bool, force: bool) -> None:
-    """Write a first scene file for LOG: its topics, joints matched by name, units, what is left to fill in.
+    """Write a first scene file for LOG: its topics, joints matched by name, units, recorded space, what is left to fill in.
 
-    It can be replayed as it is; comments marked CHECK say what was guessed and what only you can know, such as where
-    the tracker sits on the hand.
+    If something of the log fits the URDF, it can be replayed as it is; comments marked CHECK say what was guessed and
+    what only you can know, such as where the tracker sits on the hand.
     """
     from geomphys.draft import draft_scene
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,8 @@ from .terminal import counted, fields, heading
 
 if TYPE_CHECKING:
     from geomphys.draft import SceneDraft
-    from geomphys.draft_text import AvatarDraft
+    from geomphys.draft_avatar import AvatarDraft
+    from geomphys.recording.recorded_space import SpaceGuess
 
     from .terminal import Terminal
 
@@ -19,10 +20,16 @@ if TYPE_CHECKING:
 def show_draft(terminal: Terminal, draft: SceneDraft, log: Path, out: Path) -> None:
     """Print what was found for each avatar, and what to do next."""
     rows = [(avatar.name, list(_found(avatar))) for avatar in draft.avatars]
+    space = list(space_lines(draft.space))
+    if space:
+        rows.append(("Space", space))
     left = [p.name for p in draft.others.poses] + list(draft.others.joints)
     if left:
-        more = f" and {len(left) - 6} more" if len(left) > 6 else ""
-        rows.append(("Not used", [", ".join(left[:6]) + more]))
+        rows.append(("Not used", [_some(left)]))
+    if not draft.is_replayable:
+        rows.append(
+            ("But", ["it cannot be replayed yet: nothing in it follows a topic; fill in the lines in comments"])
+        )
     names = (shlex.quote(str(log)), shlex.quote(str(out)))
     rows.append(
         ("Next", [f"look at the lines of {out} marked CHECK, then", "geomphys check {} --scene {}".format(*names)])
@@ -37,14 +44,51 @@ def _found(avatar: AvatarDraft) -> Iterator[str]:
     else:
         yield f"root {avatar.root_link}: follows {avatar.root.name}"
     if not avatar.joints_topic:
-        guesses = f"; {counted(len(avatar.matches), 'guess')} in comments" if avatar.matches else ""
-        yield f"joints: none of the log has a name of the URDF{guesses}".replace("guesss", "guesses")
+        guesses = counted(len(avatar.matches), "guess", "guesses")
+        what = (
+            f"; {guesses} in comments"
+            if avatar.matches
+            else "; names to fill in are in comments"
+            if avatar.guessed_topic
+            else ""
+        )
+        yield f"joints: none of the log has a name of the URDF, so all stand still{what}"
+        if avatar.two_sides:
+            yield f"side: {avatar.guessed_topic} has a left and a right hand, and nothing says which this is"
         return
     by_name = sum(m.how == "name" for m in avatar.matches)
-    yield f"joints: {by_name} by name from {avatar.joints_topic}, {avatar.unit.unit} ({avatar.unit.reason})"
+    how = f"{by_name} by name" if by_name else f"{len(avatar.used)} under other names"
+    yield f"joints: {how} from {avatar.joints_topic}, {avatar.unit.unit} ({avatar.unit.reason})"
+    if avatar.unit.doubt:
+        yield f"unit: {avatar.unit.doubt}"
+    if avatar.mirrored:
+        yield f"sign: opposite in {_some(avatar.mirrored)}? They would be within their limits"
     renamed = sum(m.how == "spelling" for m in avatar.matches)
-    guessed = sum(m.how == "guess" for m in avatar.matches)
-    if renamed or guessed:
-        yield f"names: {renamed} spelled otherwise and renamed, {guessed} only alike and left in comments"
+    guessed = sum(m.how == "guess" and m.is_used for m in avatar.matches)
+    alike = len(avatar.matches) - by_name - renamed - guessed
+    if renamed or guessed or alike:
+        told = (
+            f"{renamed} spelled otherwise",
+            f"{guessed} guessed and renamed",
+            f"{alike} only alike and left in comments",
+        )
+        yield f"names: {', '.join(t for t, n in zip(told, (renamed, guessed, alike), strict=True) if n)}"
+    if avatar.joint_choices:
+        yield f"or: the same joints are on {_some(avatar.joint_choices)}"
     if avatar.unmatched_joints:
-        yield f"{counted(len(avatar.unmatched_joints), 'joint')} not recorded: {', '.join(avatar.unmatched_joints[:6])}"
+        yield f"{counted(len(avatar.unmatched_joints), 'joint')} not recorded, they stand still: {_some(avatar.unmatched_joints)}"
+
+
+def space_lines(space: SpaceGuess) -> Iterator[str]:
+    """Yield what was found of the recorded space, where it is not the usual one."""
+    for said, reason, sure in (
+        (f"{space.up} is up", space.up_reason, space.up_sure),
+        (f"lengths are in {space.unit}", space.unit_reason, space.unit_sure),
+    ):
+        if reason:
+            yield f"{said}: {reason}" if sure else f"perhaps {said}: {reason}"
+
+
+def _some(names: Sequence[str]) -> str:
+    """Return the first names, and how many more there are."""
+    return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")

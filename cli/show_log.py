@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from .show_draft import space_lines
 from .terminal import counted, fields, heading, printable
 
 if TYPE_CHECKING:
@@ -32,6 +33,8 @@ FROM_1990 = 631_152_000
 
 def show_log(terminal: Terminal, log: LogInfo) -> None:
     """Print what a log holds: the file, its topics, and what was found in them."""
+    from geomphys.recording.inspect import log_space
+
     size = f"{log.size_bytes / 1e6:,.1f} MB" + (f" in {len(log.files)} files" if len(log.files) > 1 else "")
     rows = [("Size", [size]), ("Messages", [f"{log.messages:,} in {log.duration_s:,.2f} s"])]
     if log.first_ns is not None:
@@ -44,6 +47,9 @@ def show_log(terminal: Terminal, log: LogInfo) -> None:
         rows.append(("Damage", [log.damage]))
     if log.notes:
         rows.append(("Files", list(log.notes)))
+    space = list(space_lines(log_space(log)))
+    if space:
+        rows.append(("Space", space))
     narrow = terminal.width < NARROW
     terminal.result(heading(Path(log.path).name), fields(rows), "", _list_of(log) if narrow else _topics(log.topics))
     found = [(topic.topic, list(_found(topic, terminal.verbose))) for topic in log.topics]

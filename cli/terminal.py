@@ -45,9 +45,9 @@ def plain(value: Any) -> Any:
     return value
 
 
-def counted(number: int, what: str) -> str:
+def counted(number: int, what: str, several: str = "") -> str:
     """Return a number and what it counts, in the plural but for one."""
-    return f"{number:,} {what}" if number == 1 else f"{number:,} {what}s"
+    return f"{number:,} {what}" if number == 1 else f"{number:,} {several or what + 's'}"
 
 
 def heading(name: str, rest: str = "") -> Text:

@@ -10,24 +10,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from geomphys.draft_height import lowest_link
-from geomphys.draft_text import AvatarDraft, Others, scene_text
-from geomphys.errors import LogError, MeshError, OutputError
-from geomphys.recording.inspect import LogInfo, TopicInfo, inspect_log
-from geomphys.recording.kinds import short_names
-from geomphys.recording.matching import (
-    JointMatch,
-    PoseCandidate,
-    UnitGuess,
-    guess_unit,
-    is_request,
-    match_joints,
-    rank_roots,
-    side_of,
+from geomphys.draft_avatar import (
+    AvatarDraft,
+    find_joints,
+    find_root,
+    hand_sides,
+    is_of_either_hand,
+    judge_angles,
 )
+from geomphys.draft_height import lowest_link
+from geomphys.draft_text import Others, scene_text
+from geomphys.errors import LogError, MeshError, OutputError
+from geomphys.recording.inspect import LogInfo, TopicInfo, inspect_log, log_space
+from geomphys.recording.kinds import short_names
+from geomphys.recording.name_words import side_of
 from geomphys.recording.naming import listed
 from geomphys.recording.plan import is_static
+from geomphys.recording.recorded_space import SpaceGuess
+from geomphys.recording.root_poses import PoseCandidate, is_request
 from geomphys.recording.samples import JOINTS, POSES
+from geomphys.recording.space import RecordedSpace
 from geomphys.remote import place
 from geomphys.world.chains import suggested_chains
 from geomphys.world.meshes import load_mesh, require_closed
@@ -37,8 +39,6 @@ from geomphys.world.urdf_file import MeshShape
 
 TALL = 0.8
 """m; an avatar whose links reach further in its zero pose is a body, which yields limb by limb; a smaller one a hand."""
-UNLIKELY = -3.0
-"""A pose that scores less is not taken for a root: it says itself that it is something else."""
 
 
 @dataclass(frozen=True)
@@ -49,10 +49,16 @@ class SceneDraft:
     log: LogInfo
     avatars: tuple[AvatarDraft, ...]
     others: Others  # poses and joints of the log that no avatar follows
+    space: SpaceGuess
+
+    @property
+    def is_replayable(self) -> bool:
+        """Whether the scene can be replayed as it is: something in it follows the log."""
+        return any(a.root is not None or a.joints_topic for a in self.avatars)
 
     def as_dict(self) -> dict[str, Any]:
         """All of it as plain values."""
-        return dataclasses.asdict(self)
+        return {**dataclasses.asdict(self), "replayable": self.is_replayable}
 
     def write(self, path: Path | str, *, force: bool = False) -> None:
         """Write the scene file; OutputError if it is there (without `force`) or cannot be written."""
@@ -70,8 +76,9 @@ def draft_scene(
 ) -> SceneDraft:
     """Draft a scene file for a log and the avatars it is of.
 
-    Joints are matched by name, units and the topic of the root are guessed; the text says which is which. It can be
-    replayed as it is: what has no match is left out, in comments.
+    Joints are matched by name, units, the recorded space and the topic of the root are guessed; the text says which is
+    which. What has no match is left out, in comments; unless that is all (`SceneDraft.is_replayable`), it can be replayed
+    as it is.
 
     Parameters
     ----------
@@ -103,100 +110,87 @@ def draft_scene(
     if unreadable is not None and not poses and not any(t.joints for t in joints):
         why = unreadable.problem or f"{log}: topic {unreadable.topic}: a message {unreadable.bad_reason}"
         raise LogError(f"{why}; nothing else in the log has poses or joint values")
+    skeletons = [load_skeleton(Path(urdf)) for urdf in urdfs]
+    for skeleton in skeletons:
+        require_solid(skeleton)
+    hands = hand_sides(skeletons, [*(p.name for p in poses), *(t.topic for t in joints)])
     avatars: list[AvatarDraft] = []
-    for urdf in urdfs:
+    for skeleton, hand in zip(skeletons, hands, strict=True):
         taken = {a.root.name for a in avatars if a.root is not None}
         free = [p for p in poses if p.name not in taken]
-        avatars.append(_avatar(Path(urdf), Path(folder), free, joints, {a.name for a in avatars}))
+        avatars.append(_avatar(skeleton, Path(folder), hand, free, joints, avatars))
     others = Others(
         poses=tuple(p for p in poses if p.name not in {a.root.name for a in avatars if a.root is not None}),
         joints=tuple(t.topic for t in joints if t.topic not in {a.joints_topic for a in avatars}),
     )
+    space = log_space(info, {a.root.name for a in avatars if a.root is not None})
     heights = [
         lowest_link(
             place(log),
-            load_skeleton(Path(urdf)),
+            skeleton,
             avatar.root.name,
             f"{avatar.joints_topic}#{avatar.side}" if avatar.side else avatar.joints_topic,
-            {m.recorded: m.joint for m in avatar.matches if m.how != "guess"},
+            {m.recorded: m.joint for m in avatar.used},
             avatar.unit.unit == "deg",
+            RecordedSpace.of(space.table),
             recover=recover,
         )
-        for urdf, avatar in zip(urdfs, avatars, strict=True)
+        for skeleton, avatar in zip(skeletons, avatars, strict=True)
         if avatar.root is not None and not avatar.tall
     ]
-    text = scene_text(info, avatars, others, min((h for h in heights if h is not None), default=0.0))
+    text = scene_text(info, avatars, others, space, min((h for h in heights if h is not None), default=0.0))
     parse_scene(text, Path(folder) / "scene.toml")
-    return SceneDraft(text, info, tuple(avatars), others)
+    return SceneDraft(text, info, tuple(avatars), others, space)
 
 
 def _avatar(
-    urdf: Path, folder: Path, poses: Sequence[PoseCandidate], topics: Sequence[TopicInfo], names: set[str]
+    skeleton: Skeleton,
+    folder: Path,
+    hand: str,
+    poses: Sequence[PoseCandidate],
+    topics: Sequence[TopicInfo],
+    before: Sequence[AvatarDraft],
 ) -> AvatarDraft:
-    """What an avatar follows."""
-    skeleton = load_skeleton(urdf)
-    require_solid(skeleton)
-    topic, side, matches = _joints(skeleton, topics)
-    sure = [m for m in matches if m.how != "guess"]
-    ranked = rank_roots(
-        poses,
-        skeleton.links[0].name,
-        [urdf.stem],
-        topic.topic if topic is not None and sure else "",
-        topic.messages if topic is not None else 0,
-    )
-    root = ranked[0][1] if ranked and ranked[0][0] > UNLIKELY else None
+    """What an avatar follows, `before` being the avatars that have what they follow already."""
+    joints = find_joints(skeleton, topics, hand, {(a.joints_topic, a.side) for a in before})
+    matches = joints.matches if joints is not None else ()
+    used = [m for m in matches if m.is_used]
+    topic = joints.topic if joints is not None else _any_joints(topics)
+    recorded = [n for n in topic.joints if _sayable(n)] if topic is not None else []
+    if hand:
+        recorded = [n for n in recorded if side_of(n) in ("", hand)]
+    root, choices = find_root(skeleton, poses, hand, joints)
+    angles = judge_angles(skeleton, topic, used or matches)
     mimics = {j.name for j in skeleton.joints if j is not None and j.mimics is not None}
-    recorded = () if topic is None else topic.joints
     found = {m.recorded for m in matches} | mimics
+    path, stem = os.path.relpath(skeleton.path, folder), skeleton.path.stem
     return AvatarDraft(
-        name=_name(urdf.stem, names),
-        urdf=Path(os.path.relpath(urdf, folder)).as_posix(),
+        name=_name(stem, {a.name for a in before}),
+        urdf=Path(path).as_posix(),
         root_link=skeleton.links[0].name,
         tall=_height(skeleton) > TALL,
         hull=_needs_hull(skeleton),
+        hand=hand,
         root=root,
-        root_choices=tuple(c.name for _, c in ranked if c is not root),
-        joints_topic="" if topic is None or not sure else topic.topic,
-        side=side,
-        unit=_unit(skeleton, topic, sure),
+        root_choices=choices,
+        joints_topic=joints.topic.topic if joints is not None and used else "",
+        joint_choices=joints.others if joints is not None and used else (),
+        side=joints.side if joints is not None else "",
+        unit=angles.unit,
+        mirrored=angles.mirrored,
         matches=matches,
-        unmatched_recorded=tuple(n for n in recorded if n not in found) if sure else (),
+        unmatched_recorded=tuple(n for n in recorded if n not in found),
         unmatched_joints=tuple(n for n in skeleton.dof_names if n not in {m.joint for m in matches}),
-        guessed_topic=topic.topic if topic is not None and matches and not sure else "",
+        guessed_topic=topic.topic if topic is not None and not used else "",
+        two_sides=joints is not None and is_of_either_hand(hand, joints.topic.joints, skeleton.dof_names),
         chains=tuple(_chains(skeleton)),
     )
 
 
-def _joints(skeleton: Skeleton, topics: Sequence[TopicInfo]) -> tuple[TopicInfo | None, str, tuple[JointMatch, ...]]:
-    """The topic that has most of a tree's joints, the side of the glove it must name, and what matches."""
-    best: tuple[tuple[float, ...], TopicInfo, str, tuple[JointMatch, ...]] | None = None
-    own = {s for s in (side_of(n) for n in (skeleton.path.stem, skeleton.links[0].name)) if s}
-    for topic in topics:
-        if topic.messages == 0:
-            continue
-        matches = match_joints((n for n in topic.joints if _sayable(n)), skeleton.dof_names)
-        sure = sum(m.how != "guess" for m in matches)
-        sides = {side_of(topic.topic), *topic.sides} - {""}
-        wrong = bool(own and sides and not own & sides)
-        rank = (-wrong, sure, len(matches), not is_request(topic.topic), topic.messages)
-        side = next(iter(own & set(topic.sides)), min(topic.sides, default="")) if len(topic.sides) > 1 else ""
-        if matches and (best is None or rank > best[0]):
-            best = rank, topic, side, matches
-    return (None, "", ()) if best is None else best[1:]
-
-
-def _unit(skeleton: Skeleton, topic: TopicInfo | None, sure: Sequence[JointMatch]) -> UnitGuess:
-    """The unit of a topic's angles."""
-    if topic is not None and topic.kind == "glove":
-        return UnitGuess("deg", "gloves of this type send degrees")
-    if topic is None:
-        return UnitGuess("rad", "")
-    turning = {j.name for j in skeleton.joints if j is not None and j.type in ("revolute", "continuous")}
-    place = {name: i for i, name in enumerate(skeleton.dof_names)}
-    used = {m.recorded: place[m.joint] for m in sure if m.joint in turning and m.recorded in topic.ranges}
-    limits = {n: (float(skeleton.lower[c]), float(skeleton.upper[c])) for n, c in used.items()}
-    return guess_unit({n: topic.ranges[n] for n in used}, limits)
+def _any_joints(topics: Sequence[TopicInfo]) -> TopicInfo | None:
+    """A topic to fill in names of by hand where none has a name that is alike."""
+    some = [t for t in topics if t.messages and t.joints and not is_request(t.topic)]
+    return max(some, key=lambda t: t.messages, default=None)
 
 
 def pose_candidates(info: LogInfo) -> list[PoseCandidate]:

@@ -13,6 +13,7 @@ from geomphys.recording.channels import Joints, kind_of, make_reader
 from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.plan import split_topic
 from geomphys.recording.reader import open_log
+from geomphys.recording.space import RecordedSpace
 from geomphys.recording.streams import VALUE_LIMIT, Seven, good_pose
 from geomphys.transforms import matrix_from_pose
 from geomphys.world.skeleton import Skeleton
@@ -22,7 +23,15 @@ SAMPLES = 400
 
 
 def lowest_link(
-    log: Path, skeleton: Skeleton, root: str, joints: str, names: Mapping[str, str], degrees: bool, *, recover: bool
+    log: Path,
+    skeleton: Skeleton,
+    root: str,
+    joints: str,
+    names: Mapping[str, str],
+    degrees: bool,
+    space: RecordedSpace,
+    *,
+    recover: bool,
 ) -> float | None:
     """Lowest height [m] of a link's origin in evenly chosen frames of a log; None without a good pose.
 
@@ -37,6 +46,8 @@ def lowest_link(
         Recorded joint -> joint of the URDF.
     degrees : bool
         Whether the recorded angles are in degrees.
+    space : RecordedSpace
+        The space of the recorded poses.
     """
     columns = {name: i for i, name in enumerate(skeleton.dof_names)}
     used = {recorded: columns[joint] for recorded, joint in names.items()}
@@ -83,5 +94,6 @@ def lowest_link(
     if not poses:
         return None
     begin = np.zeros(len(columns)) if first is None else first
-    links = skeleton.forward(np.array([begin if a is None else a for a in taken]), matrix_from_pose(np.array(poses)))
+    world_from_root = matrix_from_pose(np.array([space.to_world(space.metres(pose)) for pose in poses]))
+    links = skeleton.forward(np.array([begin if a is None else a for a in taken]), world_from_root)
     return float(links[..., 2, 3].min())

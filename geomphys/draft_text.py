@@ -2,39 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from geomphys.draft_avatar import AvatarDraft
+from geomphys.draft_joints import TOLD, joint_lines, named, quoted
 from geomphys.recording.inspect import LogInfo, TopicInfo
-from geomphys.recording.matching import JointMatch, PoseCandidate, UnitGuess
 from geomphys.recording.naming import plain
-
-FAR = 50.0
-"""m; positions further from the origin than this are probably millimetres."""
-TOLD = 12
-"""Names of a list in a comment."""
-
-
-@dataclass(frozen=True)
-class AvatarDraft:
-    """What an avatar of a drafted scene follows, and how that was found."""
-
-    name: str
-    urdf: str  # path, as the scene file names it
-    root_link: str
-    tall: bool  # a body, not a hand
-    hull: bool  # a mesh of it has holes
-    root: PoseCandidate | None
-    root_choices: tuple[str, ...]  # the other poses, likeliest first
-    joints_topic: str  # "" if none matches
-    side: str  # of a glove topic that holds several; else ""
-    unit: UnitGuess
-    matches: tuple[JointMatch, ...]
-    unmatched_recorded: tuple[str, ...]
-    unmatched_joints: tuple[str, ...]
-    guessed_topic: str  # topic whose joints are only alike; "" if there is a better one or none
-    chains: tuple[tuple[str, str, str], ...]  # name, base link, tip link
+from geomphys.recording.recorded_space import SpaceGuess
+from geomphys.recording.root_poses import PoseCandidate
+from geomphys.recording.space import RecordedSpace
 
 
 @dataclass(frozen=True)
@@ -45,12 +22,12 @@ class Others:
     joints: tuple[str, ...]
 
 
-def scene_text(log: LogInfo, avatars: Sequence[AvatarDraft], others: Others, lowest: float) -> str:
+def scene_text(log: LogInfo, avatars: Sequence[AvatarDraft], others: Others, space: SpaceGuess, lowest: float) -> str:
     """TOML of a scene in which these avatars follow a log; `lowest` is how low [m] the links of hands come."""
-    lines = [*_head(log, avatars)]
+    lines = [*_head(log, avatars), *_recording(space)]
     for avatar in avatars:
         lines += ["", *_avatar(avatar)]
-    lines += ["", *_example(avatars, lowest), "", *_tracked(others)]
+    lines += ["", *_example(avatars, space, lowest), "", *_tracked(others)]
     return "\n".join(lines).rstrip("\n") + "\n"
 
 
@@ -68,8 +45,25 @@ def _head(log: LogInfo, avatars: Sequence[AvatarDraft]) -> Iterator[str]:
         yield f"#   {plain(topic.topic):<{widest}}  {what}{used.get(topic.topic, '')}"
     yield ""
     yield "[scene]"
-    yield f"name = {_quoted(_title(name))}"
+    yield f"name = {quoted(_title(name))}"
     yield "gravity = [0.0, 0.0, -9.81]"
+
+
+def _recording(space: SpaceGuess) -> Iterator[str]:
+    """The recorded space, where it is not that of the world: what is sure, and what is only suggested in comments."""
+    if not space.up_reason and not space.unit_reason:
+        return
+    yield ""
+    sure = bool((space.up_reason and space.up_sure) or (space.unit_reason and space.unit_sure))
+    yield f"{'' if sure else '# '}[recording]                     # the space of the log"
+    for key, value, reason, is_sure in (
+        ("up", space.up, space.up_reason, space.up_sure),
+        ("unit", space.unit, space.unit_reason, space.unit_sure),
+    ):
+        if reason:
+            hidden = "" if is_sure else "# "
+            question = "" if is_sure else "; uncomment it if that is so"
+            yield f'{hidden}{key} = "{value}"{" " * (12 - len(key) - len(value))}# CHECK: {reason}{question}'
 
 
 def _users(avatars: Sequence[AvatarDraft]) -> dict[str, str]:
@@ -99,8 +93,8 @@ def _content(topic: TopicInfo) -> str:
 
 def _avatar(avatar: AvatarDraft) -> Iterator[str]:
     yield "[[avatar]]"
-    yield f"name = {_quoted(avatar.name)}"
-    yield f"urdf = {_quoted(avatar.urdf)}"
+    yield f"name = {quoted(avatar.name)}"
+    yield f"urdf = {quoted(avatar.urdf)}"
     if avatar.tall:
         yield 'mode = "chains"                # arms, legs, neck bend; "rigid" moves the body as one'
     else:
@@ -111,13 +105,13 @@ def _avatar(avatar: AvatarDraft) -> Iterator[str]:
     yield ""
     yield from _root(avatar)
     yield ""
-    yield from _joints(avatar)
+    yield from joint_lines(avatar)
     for name, base, tip in avatar.chains:
         yield ""
         yield "[[avatar.chain]]"
-        yield f"name = {_quoted(name.replace('/', '_').replace('#', '_'))}"
-        yield f"base = {_quoted(base)}"
-        yield f"tip = {_quoted(tip)}"
+        yield f"name = {quoted(name.replace('/', '_').replace('#', '_'))}"
+        yield f"base = {quoted(base)}"
+        yield f"tip = {quoted(tip)}"
 
 
 def _root(avatar: AvatarDraft) -> Iterator[str]:
@@ -125,55 +119,22 @@ def _root(avatar: AvatarDraft) -> Iterator[str]:
     if avatar.root is None:
         yield "# CHECK: no pose of the log looks like that of the root link; it stands still here."
         for name in avatar.root_choices[:TOLD]:
-            yield f"# topic = {_quoted(name)}"
+            yield f"# topic = {quoted(name)}"
     else:
-        others = f"; else: {_named(avatar.root_choices)}" if avatar.root_choices else ""
+        others = f"; else: {named(avatar.root_choices)}" if avatar.root_choices else ""
         yield f"# CHECK: is it the pose of {plain(avatar.root_link)!r}{others}"
-        yield f"topic = {_quoted(avatar.root.name)}"
-        low, high = avatar.root.low, avatar.root.high
-        if max(abs(v) for v in (*low, *high)) > FAR:
-            yield "# CHECK: its positions go beyond 50 m. Metres are expected; if they are millimetres, convert the log."
+        yield f"topic = {quoted(avatar.root.name)}"
     yield f"# CHECK: where {plain(avatar.root_link)!r} is, seen from the tracker: measure it."
     yield "position = [0.0, 0.0, 0.0]"
     yield "orientation = [0.0, 0.0, 0.0, 1.0]"
 
 
-def _joints(avatar: AvatarDraft) -> Iterator[str]:
-    guesses = [m for m in avatar.matches if m.how == "guess"]
-    spelled = [m for m in avatar.matches if m.how == "spelling"]
-    topic = avatar.joints_topic or avatar.guessed_topic
-    hidden = "" if avatar.joints_topic else "# "
-    if not topic:
-        yield "# No topic of the log has joints of this URDF: all stay at 0."
-        if avatar.unmatched_joints:
-            yield f"# The URDF has {_named(avatar.unmatched_joints)}"
-        return
-    if hidden:
-        yield "# CHECK: no recorded joint has a name of this URDF. If the guesses below are right, uncomment them all."
-    yield hidden + "[avatar.joints]"
-    yield hidden + f"topic = {_quoted(topic + ('#' + avatar.side if avatar.side else ''))}"
-    yield hidden + f'unit = "{avatar.unit.unit}"                   # CHECK: {plain(avatar.unit.reason)}'
-    if avatar.unmatched_joints:
-        yield f"# Not recorded, they stay at 0: {_named(avatar.unmatched_joints)}"
-    if avatar.unmatched_recorded:
-        yield f"# Recorded, but of no use here: {_named(avatar.unmatched_recorded)}"
-    if not spelled and not guesses:
-        return
-    yield ""
-    yield hidden + "[avatar.joints.rename]            # recorded name = joint of the URDF"
-    for match in spelled:
-        yield f"{_quoted(match.recorded)} = {_quoted(match.joint)}"
-    if guesses and not hidden:
-        yield "# CHECK: only alike; uncomment what is right."
-    for match in guesses:
-        yield f"# {_quoted(match.recorded)} = {_quoted(match.joint)}"
-
-
-def _example(avatars: Sequence[AvatarDraft], lowest: float) -> Iterator[str]:
+def _example(avatars: Sequence[AvatarDraft], space: SpaceGuess, lowest: float) -> Iterator[str]:
     """A thing to run into: a floor for a body, a table for hands."""
     roots = [a.root for a in avatars if a.root is not None]
-    low = [min((r.low[i] for r in roots), default=0.0) for i in range(3)]
-    high = [max((r.high[i] for r in roots), default=0.0) for i in range(3)]
+    recorded = RecordedSpace.of(space.table)
+    corners = [recorded.point(p) for r in roots for p in (r.low, r.high)] or [(0.0, 0.0, 0.0)]
+    low, high = ([pick(c[i] for c in corners) for i in range(3)] for pick in (min, max))
     x, y = (round((a + b) / 2, 2) + 0.0 for a, b in zip(low[:2], high[:2], strict=True))
     if avatars and all(a.tall for a in avatars):
         name, size, z, why = "floor", [10.0, 10.0, 0.1], -0.05, "its top is at z = 0"
@@ -194,7 +155,7 @@ def _example(avatars: Sequence[AvatarDraft], lowest: float) -> Iterator[str]:
 def _tracked(others: Others) -> Iterator[str]:
     """Things whose poses the log has, as objects to uncomment."""
     if others.joints:
-        yield f"# Joints of the log that nothing here follows: {_named(others.joints)}"
+        yield f"# Joints of the log that nothing here follows: {named(others.joints)}"
     if not others.poses:
         return
     yield "# Poses of the log that nothing here follows. A tracked thing is an object with a topic, such as:"
@@ -202,29 +163,19 @@ def _tracked(others: Others) -> Iterator[str]:
     first = others.poses[0]
     for line in (
         "[[object]]",
-        f"name = {_quoted(_title(first.name.rsplit('/', 1)[-1].rsplit('#', 1)[-1]))}",
+        f"name = {quoted(_title(first.name.rsplit('/', 1)[-1].rsplit('#', 1)[-1]))}",
         'class = "fixed"                 # where it was recorded; "driven": it yields when blocked',
-        f"topic = {_quoted(first.name)}",
+        f"topic = {quoted(first.name)}",
         "box = [0.1, 0.1, 0.1]           # or mesh, sphere, cylinder, capsule, urdf",
         'material = "wood"',
     ):
         yield f"# {line}"
     if len(others.poses) > 1:
         yield "#"
-        yield f"# The others: {_named([p.name for p in others.poses[1:]])}"
+        yield f"# The others: {named([p.name for p in others.poses[1:]])}"
 
 
 def _title(name: str) -> str:
     """A name for a scene or an object from that of a file or a topic."""
     stem = plain(name.rsplit(".mcap", 1)[0]).replace("/", "_").replace("#", "_").strip()
     return stem or "scene"
-
-
-def _named(names: Sequence[str]) -> str:
-    more = f" and {len(names) - TOLD} more" if len(names) > TOLD else ""
-    return ", ".join(plain(n) for n in names[:TOLD]) + more
-
-
-def _quoted(text: str) -> str:
-    """A string of TOML."""
-    return json.dumps(text, ensure_ascii=False)

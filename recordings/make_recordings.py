@@ -15,6 +15,7 @@ import gallery_hand
 import hand_ball
 import hand_mug
 import mcap_files
+import robot_glove
 import two_arms
 import wall_slide
 
@@ -26,6 +27,7 @@ EXPERIMENTS = {
     "avatar_box": (avatar_box.make, "protobuf"),
     "hand_mug": (hand_mug.make, "ros2"),
     "hand_ball": (hand_ball.make, "json"),
+    "robot_glove": (robot_glove.make, "ros2"),
 }
 
 

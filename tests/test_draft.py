@@ -94,16 +94,16 @@ def test_of_a_topic_with_two_gloves_the_right_one_is_named(tmp_path, hand):
 
 def test_what_only_looks_alike_stays_in_comments(tmp_path, hand):
     items = [pose("/p", 1 + k / 50, (0, 0, 1, 0, 0, 0, 1)) for k in range(9)]
-    items += [joints("/joints", 1 + k / 50, {"finger_index_mcp_q": 0.1}) for k in range(9)]
+    items += [joints("/joints", 1 + k / 50, {"index_bend": 0.1}) for k in range(9)]
     draft, tables, report = drafted(tmp_path, hand, items)
     assert "joints" not in tables["avatar"][0]
     assert report.joints == ()
-    assert '# "finger_index_mcp_q" = "index_mcp_flex"' in draft.text
+    assert '# "index_bend" = "index_' in draft.text
     uncommented = draft.text.replace("# [avatar.joints", "[avatar.joints").replace(
         '# topic = "/joints"', 'topic = "/joints"'
     )
-    uncommented = uncommented.replace("# unit", "unit").replace('# "finger', '"finger')
-    assert tomllib.loads(uncommented)["avatar"][0]["joints"]["rename"] == {"finger_index_mcp_q": "index_mcp_flex"}
+    uncommented = uncommented.replace("# unit", "unit").replace('# "index', '"index')
+    assert tomllib.loads(uncommented)["avatar"][0]["joints"]["rename"].keys() == {"index_bend"}
 
 
 def test_names_that_would_break_the_file_are_quoted_or_left_out(tmp_path, hand):
@@ -114,10 +114,39 @@ def test_names_that_would_break_the_file_are_quoted_or_left_out(tmp_path, hand):
     assert len(tables["object"]) == 1
 
 
-def test_millimetres_are_suspected(tmp_path, hand):
-    items = [pose("/wrist", 1 + k / 50, (300.0 + k, 0, 900, 0, 0, 0, 1)) for k in range(9)]
-    draft, _, _ = drafted(tmp_path, hand, items)
-    assert "millimetres" in draft.text
+def twin(value, up, unit):
+    """The same pose in a space with that axis up, in that unit: only the space is rotated, not the body's own axes."""
+    x, y, z, *rotation = value
+    a, b, c, d = rotation
+    if up == "y":
+        h = math.sqrt(0.5)
+        x, y, z = x, z, -y
+        a, b, c, d = h * (a - d), h * (b + c), h * (c - b), h * (d + a)
+    n = {"m": 1, "cm": 100, "mm": 1000}[unit]
+    return (n * x, n * y, n * z, a, b, c, d)
+
+
+@pytest.mark.parametrize("up", ["z", "y"])
+@pytest.mark.parametrize("unit", ["m", "mm"])
+def test_the_recorded_space_is_noticed_and_the_table_stands_where_it_would(tmp_path, hand, up, unit):
+    def wrist(k):
+        return (0.5 + 0.1 * math.sin(k / 9), 0.3 + 0.4 * math.sin(k / 7), 0.9 + 0.1 * math.sin(k / 5), 0, 0, 0, 1)
+
+    items = [pose("/wrist", 1 + k / 50, twin(wrist(k), up, unit)) for k in range(150)]
+    items += [pose("/head", 1 + k / 50, twin((0.1, 0, 1.6, 0, 0, 0, 1), up, unit)) for k in range(150)]
+    items += [joints("/glove", 1 + k / 50, {"index_mcp_flex": wave(k), "index_pip_flex": wave(k)}) for k in range(150)]
+    draft, tables, report = drafted(tmp_path, hand, items)
+    expected = {k: v for k, v in {"up": up, "unit": unit}.items() if v not in ("z", "m")}
+    assert tables.get("recording", {}) == expected
+    assert not report.warnings
+    low = min(wrist(k)[2] - 0.05 * math.sin(wave(k)) for k in range(150))
+    assert tables["object"][0]["position"] == pytest.approx([0.5, 0.3, low - 0.025], abs=6e-3)
+    if expected:
+        without = tmp_path / "scenes" / "without.toml"
+        head, _, tail = draft.text.partition("[recording]")
+        without.write_text(head + tail[tail.index("[[avatar]]") :])
+        told = check_log(tmp_path / "log.mcap", geomphys.load_world(without)).warnings
+        assert len([w for w in told if "in [recording]" in w]) == len(expected)
 
 
 def test_a_log_without_motion_is_refused(tmp_path, hand):

@@ -15,6 +15,7 @@ from typing import Any
 
 from geomphys.config import Config
 from geomphys.errors import DamagedLogError, LogError
+from geomphys.recording.diagnostics import Diagnostic, as_records
 from geomphys.recording.frames import FrameSource
 from geomphys.recording.plan import JointInput, Plan, make_plan
 from geomphys.recording.reader import open_log
@@ -75,8 +76,8 @@ class CheckReport:
     space: SpaceReport | None = None  # None: that of the world, in metres
 
     def as_dict(self) -> dict[str, Any]:
-        """All of it as plain values."""
-        return dataclasses.asdict(self)
+        """All of it as plain values; `diagnostics` has errors and warnings with their keys."""
+        return {**dataclasses.asdict(self), "diagnostics": as_records(self.errors, self.warnings)}
 
 
 def check_log(log: Path | str, world: World, config: Config | None = None) -> CheckReport:
@@ -101,19 +102,19 @@ def check_log(log: Path | str, world: World, config: Config | None = None) -> Ch
     try:
         reader = open_log(log, recover=config.recover)
     except DamagedLogError as problem:
-        errors.append(str(problem))
+        errors.append(Diagnostic(str(problem), "damaged"))
         config = dataclasses.replace(config, recover=True)
         reader = open_log(log, recover=True)
     plan = make_plan(reader, world, config)
-    errors += plan.problems
+    errors += [Diagnostic(problem, "input") for problem in plan.problems]
     recording, mapped = None, tuple[JointMapping, ...]()
     if not plan.problems:
         try:
             recording, mapped = _frames(log, world, config)
         except LogError as problem:
-            errors.append(str(problem))
+            errors.append(Diagnostic(str(problem), "input"))
     if recording is not None and recording.frames == 0:
-        errors.append(f"{log}: gives no frame")
+        errors.append(Diagnostic(f"{log}: gives no frame", "no_frames"))
     return CheckReport(
         log=str(log),
         scene=str(world.path),

@@ -15,7 +15,7 @@ from geomphys.errors import LogError
 from geomphys.recording.channels import Content, Joints, kind_of, make_reader
 from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.layouts import PoseLayout
-from geomphys.recording.matching import side_of
+from geomphys.recording.name_words import side_of
 from geomphys.recording.naming import add_names, listed, plain, similar
 from geomphys.recording.plan import ClockInput, JointInput, Plan, PoseInput, is_static
 from geomphys.recording.reader import LogChannel, LogReader, RawMessage

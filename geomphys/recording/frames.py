@@ -159,7 +159,7 @@ class Run:
                 self.still_angles[column], self.recorded[column] = value, True
         self.lower = np.where(self.recorded, scene.dofs.lower, -np.inf)
         self.upper = np.where(self.recorded, scene.dofs.upper, np.inf)
-        self.least, self.most = np.zeros_like(self.still_angles), np.zeros_like(self.still_angles)
+        self.least, self.most = np.full_like(self.still_angles, np.inf), np.full_like(self.still_angles, -np.inf)
         self.outside_frames = np.zeros(len(self.still_angles), dtype=np.int64)
         self.count = self.held = self.bad_messages = self.late = self.lost_frames = 0
         self.first_time = self.last_time = NEVER

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -15,12 +16,14 @@ from geomphys.recording.check import CheckReport, check_log
 from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.naming import KEPT, add_names
 from geomphys.recording.reader import LogChannel, LogReader, RawMessage, open_log
+from geomphys.recording.recorded_space import Corner, MotionSamples, PoseMotion, SpaceGuess, guess_space
 from geomphys.recording.samples import USES
 from geomphys.recording.streams import VALUE_LIMIT, good_pose
 
-__all__ = ["CheckReport", "LogInfo", "TopicInfo", "check_log", "inspect_log"]
+__all__ = ["CheckReport", "LogInfo", "TopicInfo", "check_log", "inspect_log", "log_space"]
 
-Corner = tuple[float, float, float]
+MOVING = 64
+"""Frames of a topic whose motion is looked at."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,7 @@ class TopicInfo:
     sides: tuple[str, ...]  # of gloves
     ranges: dict[str, tuple[float, float]]  # joint -> least and largest good value, as recorded
     boxes: dict[str, tuple[Corner, Corner]]  # child frame ("" without one) -> box of its good positions, m
+    motions: dict[str, PoseMotion]  # the same frames -> how it moved, as recorded; of the first `MOVING` of a topic
     bad_samples: int  # not finite, or without a unit quaternion
     bad_messages: int  # cannot be decoded
     bad_reason: str  # why the first of them cannot; "" without any
@@ -102,6 +106,19 @@ def inspect_log(path: Path | str, *, recover: bool = False) -> LogInfo:
         return _info(reader, tuple(topics))
 
 
+def log_space(info: LogInfo, roots: Collection[str] = ()) -> SpaceGuess:
+    """Judge the space of a log, by its single poses and by those that `roots` follow (``topic`` or ``topic#child``).
+
+    Poses in other frames than the roots', or than most, do not count.
+    """
+    used = [(t, c) for t in info.topics for c in t.motions if not c or t.kind == "pose" or f"{t.topic}#{c}" in roots]
+    frames = Counter(t.motions[c].frame for t, c in used)
+    own = [t.motions[c].frame for t, c in used if t.topic in roots or f"{t.topic}#{c}" in roots]
+    frame = own[0] if own else frames.most_common(1)[0][0] if frames else ""
+    names = [n for t, c in used for n in (t.topic, t.schema, c)]
+    return guess_space([t.motions[c] for t, c in used if t.motions[c].frame == frame], [*names, frame])
+
+
 def _info(reader: LogReader, topics: tuple[TopicInfo, ...]) -> LogInfo:
     some = reader.messages > 0
     damage = reader.damage
@@ -134,6 +151,7 @@ class _Survey:
     sides: set[str] = field(default_factory=set)
     ranges: dict[str, tuple[float, float]] = field(default_factory=dict)
     boxes: dict[str, tuple[Corner, Corner]] = field(default_factory=dict)
+    samples: dict[str, MotionSamples] = field(default_factory=dict)
     bad_samples: int = 0
     bad_messages: int = 0
     bad_reason: str = ""
@@ -178,7 +196,7 @@ class _Survey:
         else:
             add_names(self.frames, [p.child for p in content if p.child])
             for pose in content:
-                self._take_pose(pose)
+                self._take_pose(pose, raw.log_time)
 
     def _take_value(self, name: str, value: float) -> None:
         if not abs(value) < VALUE_LIMIT:
@@ -188,7 +206,7 @@ class _Survey:
         if name in self.ranges or len(self.ranges) < KEPT:
             self.ranges[name] = (min(least, value), max(most, value))
 
-    def _take_pose(self, pose: Pose) -> None:
+    def _take_pose(self, pose: Pose, time: int) -> None:
         if good_pose(pose.value) is None:
             self.bad_samples += 1
             return
@@ -197,6 +215,8 @@ class _Survey:
         if pose.child in self.boxes or len(self.boxes) < KEPT:
             low, high = (min(a, x), min(b, y), min(c, z)), (max(d, x), max(e, y), max(f, z))
             self.boxes[pose.child] = (low, high)
+        if pose.child in self.samples or len(self.samples) < MOVING:
+            self.samples.setdefault(pose.child, MotionSamples(frame=pose.frame)).take(time, x, y, z)
 
     def info(self) -> TopicInfo:
         """Sum up."""
@@ -224,6 +244,7 @@ class _Survey:
             sides=tuple(sorted(self.sides)),
             ranges=dict(sorted(self.ranges.items())),
             boxes=dict(sorted(self.boxes.items())),
+            motions={k: m for k, s in sorted(self.samples.items()) if (m := s.motion()) is not None},
             bad_samples=self.bad_samples,
             bad_messages=self.bad_messages,
             bad_reason=self.bad_reason,

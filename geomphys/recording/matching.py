@@ -1,38 +1,37 @@
-"""Guesses about a log: which recorded joint is which joint of a URDF, in which unit, which pose is that of its root.
+"""Guesses which recorded joint is which joint of a URDF, by their names.
 
-A guess is for a person to confirm, so every one comes with how sure it is or why it was made.
+A guess is for a person to confirm, so every one comes with how sure it is. Guesses are one to one: of all ways to pair the
+names, the one whose scores sum up highest.
 """
 
 from __future__ import annotations
 
 import difflib
-import math
-import re
 from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
-from geomphys.recording.naming import COMPARED, LENGTH
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from geomphys.recording.joint_meaning import WRIST, JointMeaning, joint_meanings
+from geomphys.recording.name_words import FINGERS, side_of, words_of_all
+from geomphys.recording.naming import LENGTH
 
 LIKELY = 0.5
-"""Share of common words from which on two names may mean the same joint."""
-OVER = 0.5
-"""rad; an angle this far outside its limits is not what people do: it is of the other unit."""
+"""Score from which on two names may mean the same joint."""
+SURE = 0.7
+"""Score from which on a guess is used unless a person says no."""
+COMPARED = 400
+"""Names of each side that are guessed among."""
 
-_SAME_WORD = {
-    "pinky": "little", "pinkie": "little", "small": "little", "lf": "little", "lfj": "little",
-    "forefinger": "index", "ff": "index", "ffj": "index", "mf": "middle", "mfj": "middle",
-    "rf": "ring", "rfj": "ring", "th": "thumb", "thj": "thumb", "wrj": "wrist",
-    "stretch": "flex", "flexion": "flex", "bend": "flex", "pitch": "flex", "extension": "flex",
-    "spread": "abd", "abduction": "abd", "adduction": "abd", "splay": "abd", "yaw": "abd",
-    "rotation": "rot", "roll": "rot", "l": "left", "lh": "left", "r": "right", "rh": "right",
-}  # fmt: skip
-_NO_MEANING = {"joint", "angle", "pos", "position", "state", "states", "the", "finger", "hand", "human"}
+_ONLY_ALIKE = 0.65
+"""Highest score of names that have words or letters in common and no more."""
+_TIE = 0.01
+_NO_MEANING = {"joint", "j", "angle", "pos", "position", "state", "states", "the", "finger", "hand", "human", "glove"}
+_TELLING = {*FINGERS, WRIST, "cmc", "mcp", "pip", "dip", "ip", "flex", "abd", "rot", "left", "right"}
 
-_ROOT_WORDS = {"wrist", "hand", "palm", "root", "base", "pelvis", "hips", "hip", "forearm", "torso", "body"}
-_TRACKER_WORDS = {"tracker", "glove", "mocap", "vicon", "optitrack", "vive", "leap", "qualisys"}
-_OTHER_WORDS = {"target", "targets", "goal", "desired", "command", "commands", "cmd", "reference", "setpoint", "action"}
-_THING_WORDS = {"object", "objects", "scene", "door", "handle", "head", "hmd", "camera", "table"}
+How = Literal["name", "spelling", "guess"]
 
 
 @dataclass(frozen=True)
@@ -41,30 +40,32 @@ class JointMatch:
 
     recorded: str
     joint: str
-    how: Literal["name", "spelling", "guess"]  # equal; equal but for spelling and synonyms; only alike
+    how: How  # equal; equal but for spelling and synonyms; a guess
+    score: float = 1.0  # 0 to 1, how sure
+
+    @property
+    def is_used(self) -> bool:
+        """Whether a drafted scene goes by it; else it stands in a comment."""
+        return self.how != "guess" or self.score >= SURE
 
 
-class UnitGuess(NamedTuple):
-    """The unit of recorded angles, and what speaks for it."""
-
-    unit: Literal["rad", "deg"]
-    reason: str
-
-
-def words(name: str) -> list[str]:
-    """Words of a name in one spelling: ``IndexMCPStretch`` and ``index_mcp_flex`` are the same three."""
-    parts = re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|[0-9]+", name[:LENGTH])
-    return [_SAME_WORD.get(p.lower(), p.lower()) for p in parts]
-
-
-def side_of(name: str) -> str:
-    """``left``, ``right``, or "" for a name that says neither or both."""
-    sides = {"left", "right"} & set(words(name))
-    return sides.pop() if len(sides) == 1 else ""
-
-
-def match_joints(recorded: Iterable[str], joints: Iterable[str]) -> tuple[JointMatch, ...]:
+def match_joints(
+    recorded: Iterable[str],
+    joints: Iterable[str],
+    *,
+    side: str = "",
+    shape: Mapping[str, JointMeaning] | None = None,
+) -> tuple[JointMatch, ...]:
     """Pair recorded names with the joints of a URDF, each at most once: the surest first.
+
+    Parameters
+    ----------
+    recorded, joints
+        Names of each.
+    side
+        ``left`` or ``right`` if the URDF is a hand of that side: names of the other side are then not looked at.
+    shape
+        Joint of the URDF -> what its tree of links says it is.
 
     Returns
     -------
@@ -72,133 +73,122 @@ def match_joints(recorded: Iterable[str], joints: Iterable[str]) -> tuple[JointM
         In the order of `joints`.
     """
     free_recorded, free_joints = dict.fromkeys(recorded), dict.fromkeys(joints)
-    order = list(free_joints)
+    order = {joint: i for i, joint in enumerate(free_joints)}
     found: list[JointMatch] = []
 
-    def take(name: str, joint: str, how: Literal["name", "spelling", "guess"]) -> None:
-        found.append(JointMatch(name, joint, how))
+    def take(name: str, joint: str, how: How, score: float = 1.0) -> None:
+        found.append(JointMatch(name, joint, how, score))
         del free_recorded[name], free_joints[joint]
 
     for name in [n for n in free_joints if n in free_recorded]:
         take(name, name, "name")
-    sides = {side_of(n) for n in (*free_recorded, *free_joints)} - {""}
-    ignored = _NO_MEANING | sides if len(sides) == 1 else _NO_MEANING  # nothing to tell apart
+    if side:
+        for name in [n for n in free_recorded if side_of(n) not in ("", side)]:
+            del free_recorded[name]
+    meant = joint_meanings(free_recorded), joint_meanings(order, shape)
+    for name, joint in list(_spelled_alike(free_recorded, free_joints, side)):
+        if _likeness(meant[0][name], meant[1][joint]) != 0.0:
+            take(name, joint, "spelling")
+    for name, joint, score in _assigned(list(free_recorded)[:COMPARED], list(free_joints)[:COMPARED], meant, side):
+        take(name, joint, "guess", score)
+    return tuple(sorted(found, key=lambda m: order[m.joint]))
+
+
+def _spelled_alike(recorded: Iterable[str], joints: Iterable[str], side: str) -> Iterable[tuple[str, str]]:
+    """Names that are the same words, each the only one of its words."""
+    sides = {side_of(n) for n in (*recorded, *joints)} - {""}
+    ignored = _NO_MEANING | ({"left", "right"} if side or len(sides) == 1 else set())
     keys: dict[frozenset[str], list[str]] = {}
-    for name in free_recorded:
-        keys.setdefault(_key(name, ignored), []).append(name)
+    for name, key in _keys(recorded, joints, ignored).items():
+        keys.setdefault(key, []).append(name)
     by_joint: dict[frozenset[str], list[str]] = {}
-    for joint in free_joints:
-        by_joint.setdefault(_key(joint, ignored), []).append(joint)
+    for joint, key in _keys(joints, recorded, ignored).items():
+        by_joint.setdefault(key, []).append(joint)
     for key, names in by_joint.items():
         if key and len(names) == 1 and len(keys.get(key, ())) == 1:
-            take(keys[key][0], names[0], "spelling")
-    rest = sorted(
-        (-score, joint, name)
-        for joint in list(free_joints)[:COMPARED]
-        for name in list(free_recorded)[:COMPARED]
-        if (score := _alike(name, joint, ignored)) >= LIKELY
-    )
-    for _, joint, name in rest:
-        if joint in free_joints and name in free_recorded:
-            take(name, joint, "guess")
-    place = {joint: i for i, joint in enumerate(order)}
-    return tuple(sorted(found, key=lambda m: place[m.joint]))
+            yield keys[key][0], names[0]
 
 
-def guess_unit(ranges: Mapping[str, tuple[float, float]], limits: Mapping[str, tuple[float, float]]) -> UnitGuess:
-    """Tell radians from degrees.
-
-    Parameters
-    ----------
-    ranges
-        Recorded name -> least and largest value. Only revolute joints.
-    limits
-        The same names -> lower and upper limit of the joint, rad; infinite where there is none.
-    """
-    if not ranges:
-        return UnitGuess("rad", "there is no angle to judge by")
-    name, largest = max(((n, max(-low, high)) for n, (low, high) in ranges.items()), key=lambda x: (x[1], x[0]))
-    if largest > 2 * math.pi:
-        return UnitGuess("deg", f"{name} reaches {largest:.4g}: as radians that is more than a whole turn")
-    outside = [sum(_excess(ranges[n], limits[n], scale) > OVER for n in ranges) for scale in (1.0, math.pi / 180.0)]
-    if outside[0] > len(ranges) // 4 and outside[1] == 0:
-        what = f"{outside[0]} of {len(ranges)} joints would be far outside their limits as radians"
-        return UnitGuess("deg", what + ", as degrees none is")
-    return UnitGuess("rad", f"no value is above {largest:.3g}")
+def _keys(names: Iterable[str], others: Iterable[str], ignored: Set[str]) -> dict[str, frozenset[str]]:
+    """The words of names that tell them apart: a word that all have and no other side's name has, is a prefix."""
+    keys = {n: frozenset(w for w in found if w not in ignored) for n, found in words_of_all(names).items()}
+    theirs = [frozenset(w for w in found if w not in ignored) for found in words_of_all(others).values()]
+    if len(keys) < 3 or len(theirs) < 3 or frozenset.intersection(*theirs):
+        return keys
+    prefix = frozenset.intersection(*keys.values()) - _TELLING - frozenset.union(*theirs)
+    return {n: key - prefix for n, key in keys.items()}
 
 
-@dataclass(frozen=True)
-class PoseCandidate:
-    """A pose of a log that a root or an object could follow."""
-
-    name: str  # as in a scene file: `topic` or `topic#child`
-    messages: int
-    low: tuple[float, float, float]  # m, corner of the box of its positions
-    high: tuple[float, float, float]
-
-
-def rank_roots(
-    candidates: Sequence[PoseCandidate], root_link: str, names: Iterable[str], joints_topic: str, messages: int
-) -> list[tuple[float, PoseCandidate]]:
-    """Poses that may be that of an avatar's root, likeliest first.
-
-    Parameters
-    ----------
-    candidates
-    root_link
-        Name of the URDF's root link.
-    names
-        What else tells which avatar it is: the name of its file.
-    joints_topic
-        The topic of its joints, "" if there is none, with this many `messages`.
-    """
-    told = [root_link, *names]
-    sides = {s for s in map(side_of, [*told, joints_topic]) if s}
-    own = {w for name in told for w in words(name)} - _NO_MEANING - {"left", "right"}
-    scored = []
-    for candidate in candidates:
-        here = words(candidate.name)
-        score = 2.0 * len(own & set(here)) + 2.0 * bool(_ROOT_WORDS & set(here)) + bool(_TRACKER_WORDS & set(here))
-        if candidate.name.rsplit("#", 1)[-1].rsplit("/", 1)[-1] == root_link:
-            score += 6.0
-        score -= 4.0 * bool((_OTHER_WORDS | _THING_WORDS) & set(here))
-        if candidate.messages < 2:
-            score -= 6.0
-        elif messages and abs(candidate.messages - messages) <= 0.2 * messages:
-            score += 1.0
-        side = side_of(candidate.name)
-        if side and sides:
-            score += 3.0 if side in sides else -20.0
-        scored.append((score, candidate))
-    return sorted(scored, key=lambda item: (-item[0], item[1].name))
+def _assigned(
+    recorded: Sequence[str],
+    joints: Sequence[str],
+    meant: tuple[Mapping[str, JointMeaning], Mapping[str, JointMeaning]],
+    side: str,
+) -> list[tuple[str, str, float]]:
+    """The pairs whose scores sum up highest, those below `LIKELY` left out."""
+    if not recorded or not joints:
+        return []
+    two_sides = not side and len({meant[0][n].side for n in recorded} - {""}) == 2
+    scores = np.array([[_score(name, joint, meant, two_sides) for joint in joints] for name in recorded])
+    rows, columns = linear_sum_assignment(scores, maximize=True)
+    partner = dict(zip(rows.tolist(), columns.tolist(), strict=True))
+    unpaired = [r for r in range(len(recorded)) if partner.get(r) is None or scores[r, partner[r]] < LIKELY]
+    idle = [c for c in range(len(joints)) if c not in {p for r, p in partner.items() if scores[r, p] >= LIKELY}]
+    pairs = []
+    for row, column in partner.items():
+        score = float(scores[row, column])
+        if score < LIKELY:
+            continue
+        tied = (scores[unpaired, column] >= score - _TIE).any() or (scores[row, idle] >= score - _TIE).any()
+        pairs.append((recorded[row], joints[column], min(score, _ONLY_ALIKE) if tied else score))
+    return pairs
 
 
-def is_request(topic: str) -> bool:
-    """Whether a topic's name says that it is what was asked for, not what was measured."""
-    return bool(_OTHER_WORDS & set(words(topic)))
-
-
-def _key(name: str, ignored: Set[str]) -> frozenset[str]:
-    """The words of a name that tell joints apart."""
-    return frozenset(w for w in words(name) if w not in ignored)
-
-
-def _alike(a: str, b: str, ignored: Set[str]) -> float:
-    """How much two names have in common, 0 to 1; 0 if they are of different sides or numbers."""
-    one, other = _key(a, ignored), _key(b, ignored)
-    if side_of(a) and side_of(b) and side_of(a) != side_of(b):
+def _score(
+    name: str, joint: str, meant: tuple[Mapping[str, JointMeaning], Mapping[str, JointMeaning]], two_sides: bool
+) -> float:
+    """How sure it is that a recorded name and a joint are the same, 0 to 1."""
+    one, other = meant[0][name], meant[1][joint]
+    if one.side and other.side and one.side != other.side:
         return 0.0
-    numbers = [{w for w in k if w.isdigit()} for k in (one, other)]
-    if numbers[0] != numbers[1] or not one or not other:
+    score = _likeness(one, other)
+    if score is None:
+        score = min(_alike(name, joint, one, other), _ONLY_ALIKE)
+    return 0.9 * _ONLY_ALIKE * score if two_sides and one.side and not other.side else score
+
+
+def _likeness(one: JointMeaning, other: JointMeaning) -> float | None:
+    """How much two joints of fingers are the same, 0 to 1: 0 if they are surely not. None if neither is of a finger."""
+    if not one.finger and not other.finger:
+        return None
+    if one.finger != other.finger:
         return 0.0
-    common = len(one & other) / len(one | other)
+    score = 0.4 * min(one.finger_sure, other.finger_sure)
+    if one.segment == other.segment:
+        score += 0.35 * min(one.segment_sure, other.segment_sure)
+    elif one.segment and other.segment:
+        return 0.0
+    else:
+        score += 0.1
+    if one.motion == other.motion:
+        score += 0.25 * min(one.motion_sure, other.motion_sure)
+    elif one.motion and other.motion:
+        if one.finger != "thumb" or "flex" in (one.motion, other.motion):
+            return 0.0
+        score += 0.1  # abduction and rotation of a thumb go by each other's names
+    else:
+        score += 0.1
+    return score
+
+
+def _alike(a: str, b: str, one: JointMeaning, other: JointMeaning) -> float:
+    """How much two names have in common, 0 to 1; 0 if they are of different numbers."""
+    keys = [m.rest | ({m.motion} - {""}) | ({m.number} - {""}) for m in (one, other)]
+    if one.number != other.number or not keys[0] or not keys[1]:
+        return 0.0
+    common = len(keys[0] & keys[1]) / len(keys[0] | keys[1])
     spelled = difflib.SequenceMatcher(None, a.lower()[:LENGTH], b.lower()[:LENGTH], autojunk=False)
     if spelled.real_quick_ratio() < 0.85:
         return common
     ratio = spelled.ratio()
     return max(common, ratio) if ratio >= 0.85 else common
-
-
-def _excess(span: tuple[float, float], limits: tuple[float, float], scale: float) -> float:
-    """How far values reach outside of limits, rad."""
-    return max(limits[0] - scale * span[0], scale * span[1] - limits[1], 0.0)

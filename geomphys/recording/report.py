@@ -4,26 +4,26 @@ from __future__ import annotations
 
 import dataclasses
 import fnmatch
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from geomphys.recording.channels import kind_of
+from geomphys.recording.diagnostics import Diagnostic, Key
 from geomphys.recording.frame_plan import FrameUse
 from geomphys.recording.held import held_warning
-from geomphys.recording.matching import guess_unit
 from geomphys.recording.naming import closest, listed, plain
 from geomphys.recording.plan import split_topic
-from geomphys.recording.routes import JointRoute, RootRoute
-from geomphys.world.scene import DRIVEN
+from geomphys.recording.routes import JointRoute
+from geomphys.recording.sample_warnings import furthest_back, most_repeated, time_warnings, uneven_warnings
+from geomphys.recording.unit_warnings import angle_warnings, space_warnings
 
 if TYPE_CHECKING:
     from geomphys.recording.frames import FrameSource, Run
 
 TOLD = 8  # names told in a warning
-FAR = 50.0  # m from the origin from which positions are probably millimetres
 
 
 @dataclass(frozen=True)
@@ -188,157 +188,126 @@ def _outside_limits(source: FrameSource, run: Run) -> Iterator[OutsideLimits]:
 def _warnings(source: FrameSource, run: Run, report: RecordingReport) -> Iterator[str]:
     """One line for everything a user should know of."""
     if report.recovered:
-        yield f"the log is damaged: {report.recovered}"
-    yield from source.reader.notes
-    yield from run.times.warnings()
-    yield from source.known.warnings
-    if run.watch is not None:
-        clock = source.plan.clock
-        yield from run.watch.warnings((clock.topic, clock.child) if clock is not None else None)
-    yield from _uneven_warnings(source, run)
+        yield Diagnostic(f"the log is damaged: {report.recovered}", "damaged")
+    yield from (Diagnostic(text, "files") for text in source.reader.notes)
+    yield from time_warnings(source, run)
+    yield from uneven_warnings(source, run)
     held = held_warning(source, run)
     if held:
-        yield held
+        yield Diagnostic(held, "held")
     for topic in source.topics:
         for channel in source.reader.of_topic(topic):
             if channel.messages and channel.key not in source.plan.keys | source.frames.keys:
                 what = f"{channel.messages} messages ({plain(channel.schema_name)}, {plain(channel.encoding)})"
-                yield f"topic {plain(topic)}: {what} of another kind than the rest are not used"
+                yield Diagnostic(
+                    f"topic {plain(topic)}: {what} of another kind than the rest are not used", "mixed_kinds"
+                )
     for topic, child in sorted(source.known.only.items()):
         others = sum(r.others for key, r in run.routes.items() if source.reader.channels[key].topic == topic)
         if others:
-            yield f"topic {plain(topic)}: {others} poses of other frames than {child!r} are not used"
+            text = f"topic {plain(topic)}: {others} poses of other frames than {child!r} are not used"
+            yield Diagnostic(text, "other_frames")
     clock = source.plan.clock
     if clock is not None and source.config.rate is None and sum(c.messages for c in clock.channels) == 1:
-        yield f"topic {clock.topic}, the frame clock, has a single message: one frame; see --clock and --rate"
-    yield from _unit_warnings(source, run)
+        text = f"topic {clock.topic}, the frame clock, has a single message: one frame; see --clock and --rate"
+        yield Diagnostic(text, "single_message_clock")
+    yield from space_warnings(source, run)
+    yield from angle_warnings(source, run)
     yield from _name_warnings(source, run, report)
-    for count, text in (
-        (sum(root.unplaced for root in run.roots), "poses have no transform of their frame near enough in time"),
-        (report.bad_messages, "messages could not be decoded"),
+    counts: tuple[tuple[int, Key, str], ...] = (
+        (
+            sum(root.unplaced for root in run.roots),
+            "unplaced",
+            "poses have no transform of their frame near enough in time",
+        ),
+        (report.bad_messages, "bad_messages", "messages could not be decoded"),
         (
             report.bad_samples,
+            "bad_samples",
             "samples are not finite, marked as not valid or have no unit quaternion; they count as missing",
         ),
-        (report.late, f"messages came more than {source.config.max_delay:g} s late, after the frames of their time"),
-        (report.lost_frames, "of these were of the frame clock: no frame came of them"),
-        (report.out_of_order, f"messages were out of order and were put in their place{_furthest_back(run)}"),
+        (
+            report.late,
+            "late",
+            f"messages came more than {source.config.max_delay:g} s late, after the frames of their time",
+        ),
+        (report.lost_frames, "lost_frames", "of these were of the frame clock: no frame came of them"),
+        (
+            report.out_of_order,
+            "out_of_order",
+            f"messages were out of order and were put in their place{furthest_back(run)}",
+        ),
         (
             report.duplicates,
-            f"messages repeat a time of their stream; the first of them counts{_most_repeated(source, run)}",
+            "duplicates",
+            f"messages repeat a time of their stream; the first of them counts{most_repeated(source, run)}",
         ),
-    ):
-        if count:
-            yield f"{count} {text}"
+    )
+    yield from (Diagnostic(f"{count} {text}", key) for count, key, text in counts if count)
     if report.outside_limits:
         worst = max(report.outside_limits, key=lambda o: o.amount)
         what = "were clamped to their limits" if worst.clamped else "are outside of their limits and are kept"
-        yield f"{len(report.outside_limits)} joints {what}: {worst.joint} of {worst.tree} by {worst.amount:.3g} at most"
-
-
-def _furthest_back(run: Run) -> str:
-    """Which topic went back furthest in time, and by how much."""
-    every: list[RootRoute | JointRoute] = [*run.roots, *run.joints]
-    routes = [r for r in every if r.out_of_order]
-    worst = max(routes, key=lambda r: r.furthest_back, default=None)
-    if worst is None:
-        return ""
-    return f": up to {worst.furthest_back / 1e9:.3f} s behind, on topic {plain(worst.input.topic)}"
-
-
-def _most_repeated(source: FrameSource, run: Run) -> str:
-    """Which topic repeats its times most, and what to do where that loses much of it."""
-    streams = [(r.stream.duplicates, r.input.topic) for r in run.roots]
-    streams += [(r.stream.duplicates, r.input.topic) for r in run.joints if r.stream is not None]
-    count, topic = max(streams, default=(0, ""))
-    total = sum(c.messages for c in source.reader.of_topic(topic))
-    if 2 * count <= total or source.config.time == "log":
-        return ""
-    return f": {count} of the {total} of topic {plain(topic)}; --time log goes by when the log received the messages"
-
-
-def _uneven_warnings(source: FrameSource, run: Run) -> Iterator[str]:
-    """Messages of joints that have not one position a name."""
-    for topic in sorted({route.input.topic for route in run.joints}):
-        met = max((r.uneven for r in run.joints if r.input.topic == topic), key=lambda u: u.bare + u.fewer + u.more)
-        total = sum(c.messages for c in source.reader.of_topic(topic))
-        kinds = (
-            (met.bare, "have no positions"),
-            (met.fewer, "have fewer positions than names"),
+        text = (
+            f"{len(report.outside_limits)} joints {what}: {worst.joint} of {worst.tree} by {worst.amount:.3g} at most"
         )
-        told = " and ".join(f"{count} {what}" for count, what in kinds if count)
-        if told:
-            yield f"topic {plain(topic)}: of {total} messages {told}; these are no samples of its joints"
-        if met.more:
-            told = f"{met.more} have more positions than names; those beyond are not used"
-            yield f"topic {plain(topic)}: of {total} messages {told}"
-
-
-def _unit_warnings(source: FrameSource, run: Run) -> Iterator[str]:
-    """Positions and angles that look as if they were in another unit."""
-    world = source.world
-    for pose in source.plan.poses:
-        facts = source.known.streams.get((pose.topic, pose.child))
-        recorded = facts.value if facts is not None else None
-        distance = max(map(abs, source.space.metres(recorded)[:3])) if recorded is not None else 0.0
-        if distance > FAR:
-            yield (
-                f"topic {pose.topic}: begins {distance:.4g} m from the origin; if these are millimetres, say "
-                'unit = "mm" under [recording]'
-            )
-    most = np.maximum(np.abs(run.least), np.abs(run.most))
-    for route in run.joints:
-        i = route.input
-        columns = [c for c in (*route.columns, *route.constants) if not run.prismatic[c]]
-        if not columns:
-            continue
-        if i.degrees:
-            largest = math.degrees(max(most[c] for c in columns))
-            if i.source.unit == "deg" and 0 < largest <= math.pi:
-                yield (
-                    f"topic {i.topic}: read as degrees, but no angle is above {largest:.3g}; are these radians? "
-                    'then say unit = "rad"'
-                )
-            continue
-        driven = world.scene.trees.role[i.source.tree] == DRIVEN
-        limited = [c for c in columns if driven or math.isfinite(run.upper[c])]
-        worst = max(limited, key=lambda c: float(most[c]), default=None)
-        if worst is not None and most[worst] > 2 * math.pi:
-            what = f"{world.dof_names[worst]} reaches {most[worst]:.4g} rad, more than a whole turn"
-        else:
-            ranges = {world.dof_names[c]: (float(run.least[c]), float(run.most[c])) for c in limited}
-            limits = {world.dof_names[c]: (float(run.lower[c]), float(run.upper[c])) for c in limited}
-            guess = guess_unit(ranges, limits)
-            what = guess.reason if guess.unit == "deg" else ""
-        if what:
-            yield f'topic {i.topic}: {what}; if these are degrees, say unit = "deg"'
+        yield Diagnostic(text, "outside_limits")
 
 
 def _name_warnings(source: FrameSource, run: Run, report: RecordingReport) -> Iterator[str]:
     """Names without a partner."""
-    for found, text in (
-        (report.unmatched_recorded, "recorded joints match no joint of the scene and are not used"),
-        (report.unmatched_joints, "joints are not recorded and stay at 0"),
-    ):
+    groups: tuple[tuple[tuple[Unmatched, ...], Key, str], ...] = (
+        (
+            report.unmatched_recorded,
+            "unmatched_recorded",
+            "recorded joints match no joint of the scene and are not used",
+        ),
+        (report.unmatched_joints, "unmatched_joints", "joints are not recorded and stay at 0"),
+    )
+    for found, key, text in groups:
         if found:
             told = [
                 plain(u.name) + (f" (did you mean {plain(u.suggestion)}?)" if u.suggestion else "")
                 for u in found[:TOLD]
             ]
             more = f" and {len(found) - TOLD} more" if len(found) > TOLD else ""
-            yield f"{len(found)} {text}: {', '.join(told)}{more}"
+            yield Diagnostic(f"{len(found)} {text}: {', '.join(told)}{more}", key)
     if report.ignored_mimics:
-        yield f"recorded values of joints that follow another are not used: {listed(report.ignored_mimics, TOLD)}"
+        text = f"recorded values of joints that follow another are not used: {listed(report.ignored_mimics, TOLD)}"
+        yield Diagnostic(text, "recorded_mimics")
+    yield from _still_avatars(source)
     for route in run.joints:
         topic, _ = split_topic(route.input.topic, source.reader.topics)
         names = set(source.known.names.get(topic, ())) | route.names
         absent = sorted(n for n in route.input.source.rename if n not in names)
         if absent:
-            yield f"topic {topic}: `rename` speaks of {listed(absent, TOLD)}, which the log does not have"
+            text = f"topic {topic}: `rename` speaks of {listed(absent, TOLD)}, which the log does not have"
+            yield Diagnostic(text, "unknown_rename")
         joints = [n for n, column in route.input.source.dofs.items() if not run.recorded[column]]
         idle = [p for p in route.input.source.ignore if not any(fnmatch.fnmatchcase(n, p) for n in (*names, *joints))]
         if idle:
-            yield f"topic {topic}: `ignore` has {listed(idle, TOLD)}, which no joint is called"
+            text = f"topic {topic}: `ignore` has {listed(idle, TOLD)}, which no joint is called"
+            yield Diagnostic(text, "unknown_ignore")
         sides = source.known.sides.get(topic, set())
         if len(sides) > 1 and not route.input.side:
-            yield f"topic {topic}: holds gloves of several sides; name one as {topic}#{plain(min(sides))}"
+            text = f"topic {topic}: holds gloves of several sides; name one as {topic}#{plain(min(sides))}"
+            yield Diagnostic(text, "several_gloves")
+
+
+def _still_avatars(source: FrameSource) -> Iterator[str]:
+    """Avatars without a joint topic though the log has joint values that nothing follows."""
+    world, used = source.world, {i.topic for i in source.plan.joints}
+    free = sorted(
+        {
+            c.topic
+            for c in source.reader.channels.values()
+            if c.messages
+            and c.topic not in used
+            and (kind := kind_of(c)) is not None
+            and kind.what in ("joints", "glove")
+        }
+    )
+    for tree in range(world.avatar_count if free else 0):
+        joints = int((world.scene.dofs.tree == tree).sum())
+        if joints and all(i.source.tree != tree for i in source.plan.joints):
+            text = f"the {joints} joints of {world.tree_names[tree]} stand still at 0, nothing feeds them; the log has "
+            yield Diagnostic(f"{text}joint values on {listed(free, TOLD)}", "joints_without_topic")

@@ -15,6 +15,7 @@ from geomphys.recording.frame_chain import FrameChain, FrameTrack, FrameTracks
 from geomphys.recording.naming import add_names
 from geomphys.recording.plan import JointInput, PoseInput, is_static
 from geomphys.recording.poses import Seven, compose
+from geomphys.recording.recorded_space import MotionSamples
 from geomphys.recording.streams import VALUE_LIMIT, JointStream, PoseStream, good_pose
 
 Floats = NDArray[np.float64]
@@ -47,6 +48,7 @@ class RootRoute:
         self.metres = any(kind.metres for c in source.channels if (kind := kind_of(c)) is not None)
         self.latest = NEVER
         self.out_of_order = self.unplaced = self.furthest_back = 0
+        self.samples = MotionSamples()
         self.tracker_from_root: Seven = (*source.source.position, *source.source.orientation)
         self._tracks = tracks
         self._chains: dict[str, FrameChain | None] = {}
@@ -77,7 +79,7 @@ class RootRoute:
         value = pose.value if self.metres else self.space.metres(pose.value)
         chain = self.chain(pose.frame)
         if chain is None:
-            self.stream.add(time, value)
+            self._add(time, value)
         elif not chain.moving:
             self._add_placed(chain, time, value)
         elif self.static:
@@ -103,7 +105,13 @@ class RootRoute:
     def _add_placed(self, chain: FrameChain, time: int, value: Seven) -> None:
         placed = _placed(chain, time, value)
         self.unplaced += placed is None and good_pose(value) is not None
-        self.stream.add(time, MISSING if placed is None else placed)
+        self._add(time, MISSING if placed is None else placed)
+
+    def _add(self, time: int, value: Seven) -> None:
+        """Take in a pose in the recorded space, in metres."""
+        if abs(value[0]) + abs(value[1]) + abs(value[2]) < VALUE_LIMIT:
+            self.samples.take(time, value[0], value[1], value[2])
+        self.stream.add(time, value)
 
     def world_from_root(self, value: Seven) -> Seven:
         """Pose of the root where the tracker has the pose `value` in the recorded space.

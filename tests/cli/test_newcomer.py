@@ -92,7 +92,7 @@ def test_units_that_look_wrong_are_warned_of(folder: Path, root: Path, capsys: p
     scene = (folder / "scene.toml").read_text()
     (folder / "deg.toml").write_text(scene.replace('"rad"', '"deg"'))
     assert run(["check", str(folder / "hand.mcap"), "-s", str(folder / "deg.toml")]) == 0
-    assert 'then say unit = "rad"' in capsys.readouterr().out
+    assert 'say unit = "rad" if these are radians' in capsys.readouterr().out
     large = f'[[object]]\nname = "big"\nclass = "fixed"\nmesh = "{root}/assets/mug/mug.obj"\nscale = 1000.0\n'
     (folder / "big.toml").write_text(scene + "\n" + large + "position = [0.0, 0.0, 5000.0]\n")
     assert run(["check", str(folder / "hand.mcap"), "-s", str(folder / "big.toml")]) == 0

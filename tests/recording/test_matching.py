@@ -1,12 +1,14 @@
-"""Guesses about a log: names, units, roots."""
+"""Which recorded joint is which joint of a URDF, by names."""
 
 from __future__ import annotations
 
-import math
+import itertools
 
 import pytest
 
-from geomphys.recording.matching import PoseCandidate, guess_unit, match_joints, rank_roots, side_of, words
+from geomphys.recording.joint_meaning import JointMeaning, joint_meanings
+from geomphys.recording.matching import match_joints
+from geomphys.recording.name_words import common_side, side_of, words
 
 GLOVE = ["ThumbMCPSpread", "ThumbMCPStretch", "IndexMCPStretch", "IndexPIPStretch", "PinkyMCPSpread", "PinkyDIPStretch"]
 HAND = ["thumb_mcp_flex", "index_mcp_flex", "index_pip_flex", "little_mcp_abd", "little_dip_flex", "wrist_dev"]
@@ -61,44 +63,114 @@ def test_what_is_only_alike_is_a_guess_and_numbers_are_never_mixed_up():
     assert match_joints(["joint_1", "joint_2"], ["joint_3", "joint_12"]) == ()
 
 
-@pytest.mark.parametrize("factor", [1.0, math.degrees(1.0)])
-def test_radians_and_degrees_are_told_apart(factor):
-    limits = {f"j{k}": (-0.3, 1.6) for k in range(8)}
-    bent = dict.fromkeys(limits, (-0.1 * factor, 1.2 * factor))
-    barely = dict.fromkeys(limits, (0.0, 0.1 * factor))  # up to 5.7 as degrees: no whole turn as radians
-    for ranges in (bent, barely):
-        guess = guess_unit(ranges, limits)
-        assert guess.unit == ("rad" if factor == 1.0 else "deg")
-        assert guess.reason
+def by_joint(recorded, joints, **options):
+    return {m.joint: m.recorded for m in match_joints(recorded, joints, **options) if m.is_used}
 
 
-def test_joints_without_limits_are_radians_until_they_pass_a_turn():
-    limits = {"spin": (-math.inf, math.inf)}
-    assert guess_unit({"spin": (0.0, 6.2)}, limits).unit == "rad"
-    assert guess_unit({"spin": (-6.4, 0.0)}, limits).unit == "deg"
-    assert guess_unit({}, {}).unit == "rad"
+FINGERS = {
+    "thumb": ("thumb", "th", "Thumb"),
+    "index": ("index", "ff", "first", "pointer", "if"),
+    "middle": ("middle", "mf"),
+    "ring": ("ring", "rf"),
+    "little": ("little", "lf", "pinky", "small"),
+}
+SEGMENTS = {
+    "mcp_flex": ("mcp_flexion", "proximal", "mcp_fle", "knuckle"),
+    "pip_flex": ("pip", "intermediate", "middle", "pip_bend"),
+    "dip_flex": ("dip", "distal", "dip_fle"),
+    "mcp_abd": ("spread", "abduction", "aa", "mcp_adduction"),
+}
+OURS = [f"{f}_{s}" for f in ("index", "middle", "ring", "little") for s in SEGMENTS]
 
 
-def candidate(name, messages=100):
-    return PoseCandidate(name, messages, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+@pytest.mark.parametrize("styles", [*itertools.product(range(2), range(4))], ids=str)
+@pytest.mark.parametrize("prefix", ["", "right_", "R_", "rh_", "glove_r_"])
+def test_fingers_and_segments_go_by_many_names(prefix, styles):
+    finger, segment = styles
+
+    def spelled(joint):
+        f, s = joint.split("_", 1)
+        names, parts = FINGERS[f], SEGMENTS[s]
+        return f"{prefix}{names[finger % len(names)]}_{parts[segment % len(parts)]}"
+
+    recorded = {spelled(j): j for j in OURS}
+    assert {m.joint: m.recorded for m in match_joints(recorded, OURS, side="right")} == {
+        j: r for r, j in recorded.items()
+    }
 
 
-@pytest.mark.parametrize(
-    ("names", "root", "file", "first"),
-    [
-        (("/tracker/wrist_target", "/tracker/wrist", "/object/mug"), "forearm", "hand", "/tracker/wrist"),
-        (("/tracker/left_hand", "/tracker/right_hand"), "right_palm", "leap", "/tracker/right_hand"),
-        (("/tracker/left_hand", "/tracker/right_hand"), "palm", "glove_l", "/tracker/left_hand"),
-        (("/tf#mug", "/tf#base_link", "/tf#hand"), "base_link", "robot", "/tf#base_link"),
-        (("/tracker/head", "/tracker/right_controller"), "base_link", "allegro_right", "/tracker/right_controller"),
-        (("/vicon/a7",), "pelvis", "body", "/vicon/a7"),
-    ],
-)
-def test_the_root_is_the_pose_that_says_so(names, root, file, first):
-    ranked = rank_roots([candidate(n) for n in names], root, [file], "/joints", 100)
-    assert ranked[0][1].name == first
+def test_numbers_count_from_the_palm_or_as_shadow_counts_towards_it():
+    hand = ["index_mcp_abd", "index_mcp_flex", "index_pip_flex", "index_dip_flex"]
+    assert list(by_joint([f"index_j{k}" for k in (1, 2, 3, 4)], hand).values()) == [f"index_j{k}" for k in (1, 2, 3, 4)]
+    assert list(by_joint([f"rh_FFJ{k}" for k in (1, 2, 3, 4)], hand).values()) == [f"rh_FFJ{k}" for k in (4, 3, 2, 1)]
+    assert list(by_joint([f"FFJ{k}" for k in range(4)], hand).values()) == [f"FFJ{k}" for k in (3, 2, 1, 0)]
 
 
-def test_a_pose_that_came_once_is_no_root_beside_one_that_moves():
-    ranked = rank_roots([candidate("/hand/start", 1), candidate("/p")], "hand", [], "", 0)
-    assert ranked[0][1].name == "/p"
+def test_numbers_alone_are_left_to_a_person():
+    hand = [f"{f}_{s}" for f in ("index", "middle", "ring") for s in SEGMENTS]
+    hand += ["thumb_cmc_abd", "thumb_cmc_flex", "thumb_mcp_flex", "thumb_ip_flex"]
+    found = match_joints([f"joint_{k}" for k in range(16)], hand)
+    assert not any(m.is_used for m in found)
+    assert {m.joint: m.recorded for m in found}["middle_mcp_flex"] == "joint_5"
+
+
+def test_what_all_names_of_one_side_have_is_a_prefix():
+    found = by_joint([f"joint_{k}" for k in range(1, 8)], [f"panda_joint{k}" for k in range(1, 8)])
+    assert found == {f"panda_joint{k}": f"joint_{k}" for k in range(1, 8)}
+    assert not by_joint([f"left_leg_{k}" for k in range(3)], [f"left_arm_{k}" for k in range(3)])
+    assert by_joint([f"joint_{k}" for k in range(4)], [f"joint_{k}.0" for k in range(4)]) == {
+        f"joint_{k}.0": f"joint_{k}" for k in range(4)
+    }
+
+
+def test_three_segments_of_a_thumb_are_its_own_three():
+    thumb = ["thumb_cmc_flex", "thumb_mcp_flex", "thumb_ip_flex"]
+    assert list(by_joint(["ThumbMCPStretch", "ThumbPIPStretch", "ThumbDIPStretch"], thumb)) == thumb
+    assert list(by_joint(["thumb_proximal", "thumb_intermediate", "thumb_distal"], thumb)) == thumb
+
+
+def test_the_shape_of_a_hand_stands_in_for_names():
+    shape = {"joint_a": JointMeaning(finger="index", segment="pip", motion="flex", finger_sure=0.8, segment_sure=0.9)}
+    assert by_joint(["IndexPIPStretch", "RingPIPStretch"], ["joint_a"], shape=shape) == {"joint_a": "IndexPIPStretch"}
+    assert not by_joint(["RingPIPStretch"], ["joint_a"], shape=shape)
+
+
+def test_of_two_hands_in_one_topic_each_urdf_gets_its_own_names():
+    both = [f"{side}_{j}" for side in ("left", "right") for j in OURS]
+    for side in ("left", "right"):
+        assert by_joint(both, OURS, side=side) == {j: f"{side}_{j}" for j in OURS}
+    assert not by_joint(both, OURS)  # nothing says which
+
+
+def test_two_that_are_alike_in_the_same_way_are_left_to_a_person():
+    found = match_joints(["index_mcp_1", "index_mcp_1b"], ["index_mcp_flex"])
+    assert not any(m.is_used for m in found)
+    assert not any(m.is_used for m in match_joints(["shoulder_x"], ["shoulder_y", "shoulder_z"]))
+
+
+def test_middle_is_a_finger_or_a_segment():
+    found = joint_meanings(["middle_middle", "index_middle", "middle_distal", "MiddleIndexAb"])
+    assert [(m.finger, m.segment) for m in found.values()] == [
+        ("middle", "pip"), ("index", "pip"), ("middle", "dip"), ("middle", ""),
+    ]  # fmt: skip
+
+
+def test_sides_are_read_in_every_spelling():
+    left = [
+        "left_hand",
+        "LeftHand",
+        "lefthand",
+        "hand_l",
+        "hand_L",
+        "lh_palm",
+        "l_index",
+        "LIndex",
+        "lindex",
+        "lhand",
+        "/tf#lwrist",
+    ]
+    assert {side_of(n) for n in left} == {"left"}
+    assert {side_of(n.replace("left", "right").replace("Left", "Right")) for n in left[:3]} == {"right"}
+    assert {side_of(n) for n in ("palm", "ring", "rear", "label", "roll", "lower", "upright", "lr", "world")} == {""}
+    assert common_side(["l_a", "l_b", "c"]) == "left"
+    assert common_side(["l_a", "r_a"]) == ""

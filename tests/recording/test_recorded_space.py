@@ -1,117 +1,128 @@
-"""The recorded space: axes, unit and origin of a log in the world, as closed forms and by twins."""
+"""Which axis is up in a log and in which unit it is: no false alarm on any recording, its twins are noticed."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 
 import numpy as np
 import pytest
 
-from geomphys.config import Config
-from geomphys.recording.frames import FrameSource
-from geomphys.recording.poses import IDENTITY, compose, invert
-from geomphys.recording.space import RecordedSpace
-from geomphys.transforms import quaternion_from_rpy, rotation_from_quaternion
-from geomphys.world.scene_inputs import RecordingTable
-from tests.recording.log_files import S, Tree, joints, make_world, pose, transforms, turned, write_log
+from geomphys.recording.channels import Joints, kind_of, make_reader
+from geomphys.recording.reader import open_log
+from geomphys.recording.recorded_space import SAMPLES, MotionSamples, guess_space
 
-OFFSET = (0.01, -0.02, 0.03, *turned(0.4, axis=1))
-HAND = Tree(root="/wrist", offset=OFFSET, topic="/glove", joints=("a",))
-MUG = Tree(name="mug", root="/tf#mug", avatar=False)
-TABLE = Tree(name="table", avatar=False, rest=(1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0))
-TURNED_UP = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))  # +90 degrees about x: y to z
+UNITS = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
 
 
-def moves(t: float) -> tuple[float, ...]:
-    return (0.3 * math.sin(t), 0.1 * t, 0.5 + 0.1 * math.cos(2 * t), *turned(0.8 * math.sin(t), axis=0))
+def read_paths(log):
+    """Topic and frame -> times and positions of a log; names of its topics."""
+    paths = {}
+    with open_log(log) as reader:
+        reading = {k: make_reader(c, kind) for k, c in reader.channels.items() if (kind := kind_of(c)) is not None}
+        for raw in reader.read(set(reading)):
+            content = reading[raw.key](raw.data)
+            for pose in () if isinstance(content, Joints) else content:
+                key = reader.channels[raw.key].topic, pose.child
+                paths.setdefault(key, []).append((raw.log_time, *pose.value[:3]))
+        return paths, [c.topic for c in reader.channels.values()]
 
 
-def frames_of(tmp_path, items, recording=None, trees=(HAND, MUG, TABLE)):
-    log = write_log(tmp_path / "log.mcap", sorted(items, key=lambda item: item.log_time), encoding="protobuf")
-    with FrameSource(log, make_world(*trees, recording=recording), Config()) as source:
-        return list(source)
+def guess(paths, names, up="z", unit="m"):
+    """The guess for a twin of a log, recorded with another axis up or in another unit."""
+    motions, n = [], UNITS[unit]
+    for path in paths.values():
+        samples = MotionSamples()
+        for time, x, y, z in path:
+            samples.take(time, *((n * x, n * z, -n * y) if up == "y" else (n * x, n * y, n * z)))
+        motions.append(samples.motion())
+    return guess_space(motions, names)
 
 
-def recorded_as(value, *, unit=1.0, up="z"):
-    """A pose in the world as a log of another space has it."""
-    if up == "y":
-        value = compose(invert((0.0, 0.0, 0.0, *TURNED_UP)), value)
-    return (*(x * unit for x in value[:3]), *value[3:])
+def counts(logs):
+    """How often a twin is noticed, by what it is: and for sure, and wrongly for sure."""
+    found = Counter()
+    for log in logs:
+        paths, names = read_paths(log)
+        for up in ("z", "y"):
+            for unit in UNITS:
+                space = guess(paths, names, up, unit)
+                found[up, unit, "up"] += space.up == up
+                found[up, unit, "unit"] += (space.unit != "m") == (unit != "m")
+                found[up, unit, "wrong"] += (space.up_sure and space.up == "y" != up) or (
+                    space.unit_sure and space.unit not in ("m", unit)
+                )
+    return found
 
 
-def log_of(unit=1.0, up="z"):
-    """A hand, and a mug on a cart that moves: its transforms are of the same space."""
-    items = []
-    for k in range(80):
-        t = k / 50
-        cart, mug = moves(t + 1.0), moves(2 * t)
-        items.append(pose("/wrist", t, recorded_as(moves(t), unit=unit, up=up)))
-        items.append(joints("/glove", t, {"a": t}))
-        items.append(transforms("/tf", t, {"cart": recorded_as(cart, unit=unit, up=up)}))
-        inner = compose(invert(cart), mug)
-        items.append(transforms("/tf", t, {"mug": (*(x * unit for x in inner[:3]), *inner[3:])}, frame="cart"))
-    return items
+@pytest.fixture(scope="module")
+def shared_counts(shared_dir):
+    return counts(sorted((shared_dir / "recordings").glob("*.mcap")))
 
 
-@pytest.mark.parametrize(("unit", "name"), [(1.0, "m"), (100.0, "cm"), (1000.0, "mm")])
-@pytest.mark.parametrize("up", ["y", "z"])
-def test_a_log_in_another_space_gives_the_frames_of_its_twin_in_metres_with_z_up(tmp_path, unit, name, up):
-    twin = frames_of(tmp_path, log_of())
-    frames = frames_of(tmp_path, log_of(unit, up), {"unit": name, "up": up})
-    assert len(frames) == len(twin) == 80
-    for a, b in zip(frames, twin, strict=True):
-        np.testing.assert_allclose(a.roots, b.roots, rtol=0, atol=1e-12)
-        assert a.angles == b.angles
-        assert (a.time_ns, a.held) == (b.time_ns, b.held)
+def test_no_false_alarm_on_real_recordings_and_most_twins_are_noticed(shared_counts):
+    total = 24
+    assert shared_counts["z", "m", "up"] == shared_counts["z", "m", "unit"] == total
+    assert shared_counts["z", "mm", "unit"] == shared_counts["y", "mm", "unit"] == total
+    assert shared_counts["y", "m", "up"] >= 20
+    assert shared_counts["z", "cm", "unit"] >= 21
+    assert all(shared_counts[up, unit, "wrong"] == 0 for up in "zy" for unit in ("m", "mm"))
 
 
-def test_y_up_is_the_right_handed_rotation_about_x_that_takes_y_to_z():
-    space = RecordedSpace.of(RecordingTable(up="y"))
-    for recorded, world in (((1, 0, 0), (1, 0, 0)), ((0, 1, 0), (0, 0, 1)), ((0, 0, 1), (0, -1, 0))):
-        assert space.point(recorded) == pytest.approx(world, abs=1e-15)
-    x, y, z, *q = space.to_world((0.1, 0.2, 0.3, 0.0, 0.0, 0.0, 1.0))
-    assert (x, y, z) == pytest.approx((0.1, -0.3, 0.2), abs=1e-15)
-    assert q == pytest.approx(TURNED_UP, abs=1e-15)  # a body whose axes were those of the space lies on its back
+def test_no_false_alarm_on_our_recordings(root):
+    logs = [p for p in sorted((root / "recordings").glob("*.mcap")) if p.stem != "robot_glove"]
+    found = counts(logs)
+    assert found["z", "m", "up"] == found["z", "m", "unit"] == len(logs)
+    assert found["z", "mm", "unit"] == len(logs)
+    paths, names = read_paths(root / "recordings" / "robot_glove.mcap")
+    assert guess(paths, names)[:3:2] == ("y", True)
 
 
-def test_the_space_is_placed_in_the_world_after_its_axes_are_turned():
-    space = RecordedSpace.of(RecordingTable(up="y", unit="mm", position=(1.0, 2.0, 3.0), rpy=(0.0, 0.0, 90.0)))
-    # (100, 200, 300) mm -> (0.1, 0.2, 0.3) m -> y up: (0.1, -0.3, 0.2) -> by 90 degrees about z: (0.3, 0.1, 0.2)
-    assert space.point((100, 200, 300)) == pytest.approx((1.3, 2.1, 3.2), abs=1e-15)
-
-
-def test_where_the_space_is_put_the_whole_recording_is_but_not_what_the_scene_file_places(tmp_path):
-    """The tracker's offset stays in the tracker's frame, a table of the scene where it is."""
-    placed = (0.5, -0.4, 0.3, *quaternion_from_rpy((10.0, 20.0, 30.0)))
-    twin = frames_of(tmp_path, log_of())
-    frames = frames_of(tmp_path, log_of(), {"position": placed[:3], "rpy": (10.0, 20.0, 30.0)})
-    for a, b in zip(frames, twin, strict=True):
-        for tree in (0, 1):
-            np.testing.assert_allclose(a.roots[tree], compose(placed, tuple(b.roots[tree])), rtol=0, atol=1e-14)
-        assert tuple(a.roots[2]) == tuple(b.roots[2]) == TABLE.rest
-    hand = frames[10]
-    tracker = compose(placed, moves(hand.time_ns / S))
-    back = rotation_from_quaternion(tracker[3:]).T @ (hand.roots[0, :3] - tracker[:3])
-    assert back == pytest.approx(OFFSET[:3], abs=1e-12)
-
-
-def test_the_space_of_the_world_changes_nothing_to_the_bit():
-    space = RecordedSpace.of(RecordingTable())
-    value = (-0.0, 0.1, 1e-300, 0.1825741858350554, 0.3651483716701107, 0.5477225575051661, 0.7302967433402214)
-    assert space.to_world(space.metres(value)) is value or space.to_world(space.metres(value)) == value
-    assert math.copysign(1.0, space.to_world(space.metres(value))[0]) == -1.0
-    assert space.world_from_space == IDENTITY
-
-
-def test_composing_and_inverting_are_those_of_matrices():
+def walk(*, low=(-1, -1, 0.8), high=(1, 1, 1.2), seconds=10.0, speed=1.0):
     rng = np.random.default_rng(3)
+    place, path = np.mean((low, high), axis=0), []
+    for k in range(round(seconds * 60)):
+        place = np.clip(place + rng.normal(0, speed / 60, 3), low, high)
+        path.append((k * 10**9 // 60, *place))
+    return path
 
-    def matrix(p):
-        m = np.eye(4)
-        m[:3, :3], m[:3, 3] = rotation_from_quaternion(p[3:]), p[:3]
-        return m
 
-    for _ in range(100):
-        a, b = ((*rng.normal(size=3), *(q / np.linalg.norm(q))) for q in rng.normal(size=(2, 4)))
-        np.testing.assert_allclose(matrix(compose(a, b)), matrix(a) @ matrix(b), atol=1e-14)
-        np.testing.assert_allclose(matrix(invert(a)), np.linalg.inv(matrix(a)), atol=1e-14)
+def test_a_single_outlier_is_no_millimetre():
+    path = walk()
+    path[100] = (path[100][0], 1e6, 0.0, 0.0)
+    assert guess({"a": path}, []).unit == "m"
+
+
+def test_walking_far_is_no_centimetre():
+    path = [(k * 10**9 // 60, 1.4 * k / 60, 30.0, 1.0) for k in range(6000)]
+    assert guess({"a": path}, []).unit == "m"
+
+
+def test_a_table_frame_in_which_the_hand_dips_below_zero_is_z_up():
+    random = np.random.default_rng(11)
+    for least in (-0.3, 0.1):
+        places = random.uniform((-0.3, least, -0.04), (0.3, 0.5, 0.3), (600, 3))
+        path = [(k * 10**9, *p) for k, p in enumerate(places)]
+        assert guess({"a": path}, ["/optitrack/hand"]).up == "z"
+
+
+def test_the_name_of_a_system_makes_a_suggestion_sure():
+    path = walk(low=(-0.3, 0.1, -0.3), high=(0.3, 0.5, 0.3))
+    alone, named = guess({"a": path}, ["/tracker"]), guess({"a": path}, ["/openxr/hand"])
+    assert (alone.up, alone.up_sure, named.up, named.up_sure) == ("y", False, "y", True)
+
+
+def test_nothing_is_said_of_nothing():
+    assert guess_space([], []).up_reason == guess({"a": [(0, 0.0, 0.0, 0.0)] * 3}, []).unit_reason == ""
+
+
+def test_memory_is_bounded_and_the_samples_are_even():
+    samples = MotionSamples()
+    for k in range(100_000):
+        samples.take(k * 10**7, math.sin(k / 1000), 0.0, 1.0)
+    assert len(samples.times) < SAMPLES
+    steps = np.diff(samples.times)
+    assert steps.min() == steps[:-1].max()
+    assert samples.times[-1] > 0.98e5 * 10**7
+    motion = samples.motion()
+    assert (motion.low[0], motion.high[0]) == pytest.approx((-1, 1), abs=0.01)

@@ -1,0 +1,129 @@
+"""The unit of recorded angles, and their sign, judged by their ranges and the limits of the joints they are for.
+
+One function decides for `geomphys init`, `check` and `replay`, so that none contradicts another. Small values never speak
+for degrees: as degrees anything small fits any limits. Limits that leave no room (0 to 0, what an exporter writes that
+knows none) say nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Literal, NamedTuple
+
+Range = tuple[float, float]
+
+TURN = 2 * math.pi + 0.02
+"""Values beyond this are no radians of a joint: more than a whole turn."""
+FAR_OUTSIDE = math.radians(45)
+"""rad; people and calibrations leave limits by less than this."""
+LIKELY_ANGLE = math.radians(200)
+"""rad; what a joint without limits may be expected to reach."""
+FULL_SCALES = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 65535.0)
+"""Largest values of sensors and of shares of a range."""
+MOVED = 0.15
+"""rad; a joint that moves by less says nothing of its sign."""
+OPPOSITE = 0.25
+"""rad; what stays closer to its limits than this may be as it is."""
+
+
+class UnitGuess(NamedTuple):
+    """The unit of recorded angles, and what speaks for it."""
+
+    unit: Literal["rad", "deg"]
+    reason: str
+    doubt: str = ""  # why the values are probably no angles at all; "" if they may be
+
+
+def guess_unit(ranges: Mapping[str, Range], limits: Mapping[str, Range]) -> UnitGuess:
+    """Tell radians from degrees, and both from values that are no angles.
+
+    Parameters
+    ----------
+    ranges
+        Joint -> least and largest value as recorded. Only joints that turn.
+    limits
+        The same joints -> lower and upper limit, rad; infinite where there is none.
+    """
+    if not ranges:
+        return UnitGuess("rad", "there is no angle to judge by")
+    known = {n: limits[n] for n in ranges if is_telling(limits[n])}
+    judged = known or ranges  # a wheel without limits may turn as often as it likes
+    name, largest = max(((n, _largest(ranges[n])) for n in judged), key=lambda item: (item[1], item[0]))
+    unit: Literal["rad", "deg"] = "deg" if largest > TURN else "rad"
+    scale = math.pi / 180.0 if unit == "deg" else 1.0
+    inside = sum(outside(ranges[n], known[n], scale) <= math.radians(5) for n in known)
+    fits = f"{inside} of {len(known)} joints within their limits" if known else "no limits to compare with"
+    if unit == "deg":
+        reason = f"{name} reaches {largest:.3g}, more than a whole turn as radians; {fits} as degrees"
+    else:
+        reason = f"no value is above {largest:.3g}; {fits}"
+    return UnitGuess(unit, reason, _doubt(ranges, limits, unit))
+
+
+def mirrored_joints(ranges: Mapping[str, Range], limits: Mapping[str, Range]) -> tuple[str, ...]:
+    """Joints whose recorded angles fit their limits far better with the opposite sign.
+
+    One among many that do not is more likely one of odd limits: less than a tenth of the joints is none.
+
+    Parameters
+    ----------
+    ranges, limits
+        Joint -> least and largest angle, and its limits; both in rad.
+    """
+    found, likely, judged = [], [], 0
+    for name, (low, high) in ranges.items():
+        if not is_telling(limits[name]) or high - low < MOVED:
+            continue
+        judged += 1
+        as_is, mirrored = _share_inside((low, high), limits[name]), _share_inside((-high, -low), limits[name])
+        if mirrored < 0.9 or outside((low, high), limits[name], 1.0) < OPPOSITE:
+            continue
+        if as_is <= 0.5:
+            found.append(name)
+        elif as_is <= 0.7:
+            likely.append(name)
+    if 10 * len(found) < judged:
+        return ()
+    return tuple(n for n in ranges if n in found or (n in likely and len(found) > 1))
+
+
+def is_telling(limits: Range) -> bool:
+    """Whether limits say anything: finite, and with room between them."""
+    return math.isfinite(limits[0]) and math.isfinite(limits[1]) and limits[1] - limits[0] > 1e-6
+
+
+def outside(span: Range, limits: Range, scale: float) -> float:
+    """How far values, `scale` of them a rad, reach outside of limits, rad."""
+    return max(limits[0] - scale * span[0], scale * span[1] - limits[1], 0.0)
+
+
+def _doubt(ranges: Mapping[str, Range], limits: Mapping[str, Range], unit: Literal["rad", "deg"]) -> str:
+    """Why values are probably no angles: they fill a sensor's scale, or fit in neither unit."""
+    largest = max(map(_largest, ranges.values()))
+    full = next((f for f in FULL_SCALES if math.isclose(largest, f, rel_tol=1e-6)), 0.0)
+    slack = 1e-6 * full
+    filled = sum(abs(low) <= slack and high >= full - slack for low, high in ranges.values())
+    if full and filled >= 3 and 2 * filled >= len(ranges) and min(low for low, _ in ranges.values()) >= -slack:
+        return f"{filled} of {len(ranges)} joints go from 0 to exactly {full:.0f}: shares of a range, no angles?"
+    if unit == "rad":
+        return ""
+    far = sum(
+        outside(span, limits[n], math.pi / 180.0) > FAR_OUTSIDE
+        if is_telling(limits[n])
+        else math.radians(_largest(span)) > LIKELY_ANGLE
+        for n, span in ranges.items()
+    )
+    if 2 * far < len(ranges):
+        return ""
+    return f"values up to {largest:.4g} fit neither radians nor degrees ({far} of {len(ranges)} joints): raw sensor values?"
+
+
+def _largest(span: Range) -> float:
+    return max(-span[0], span[1])
+
+
+def _share_inside(span: Range, limits: Range) -> float:
+    """Share of a span that lies within limits widened by 5 degrees, for what people do."""
+    slack = math.radians(5)
+    return max(0.0, min(span[1], limits[1] + slack) - max(span[0], limits[0] - slack)) / (span[1] - span[0])

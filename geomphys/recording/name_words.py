@@ -1,0 +1,80 @@
+"""The words of a name in one spelling, and the side it is of: joints, links and topics of many makers say the same otherwise."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable
+
+from geomphys.recording.naming import LENGTH
+
+FINGERS = ("thumb", "index", "middle", "ring", "little")
+
+_SAME_WORD = {
+    "pinky": "little", "pinkie": "little", "small": "little", "lf": "little", "lfj": "little",
+    "forefinger": "index", "pointer": "index", "first": "index", "if": "index", "ff": "index", "ffj": "index",
+    "mf": "middle", "mfj": "middle", "mid": "middle", "rf": "ring", "rfj": "ring",
+    "th": "thumb", "thj": "thumb", "wrj": "wrist",
+    "stretch": "flex", "flexion": "flex", "fle": "flex", "bend": "flex", "curl": "flex", "pitch": "flex",
+    "extension": "flex", "ext": "flex",
+    "spread": "abd", "abduction": "abd", "adduction": "abd", "abad": "abd", "splay": "abd", "yaw": "abd", "aa": "abd",
+    "ab": "abd", "add": "abd", "dev": "abd", "deviation": "abd",
+    "rotation": "rot", "rotate": "rot", "roll": "rot", "twist": "rot", "opposition": "rot", "opp": "rot",
+    "tm": "cmc", "metacarpal": "cmc", "proximal": "mcp", "prox": "mcp", "knuckle": "mcp", "mpj": "mcp",
+    "intermediate": "pip", "medial": "pip", "pij": "pip", "distal": "dip", "dist": "dip", "dij": "dip", "ij": "ip",
+    "l": "left", "lh": "left", "r": "right", "rh": "right",
+}  # fmt: skip
+"""Word -> how it is told here; segments of a finger by the joint at their near end."""
+
+_NAMED = (*FINGERS, "pinky", "pinkie", "pointer", "forefinger")
+_SIDED = (*_NAMED, "hand", "glove", "wrist", "palm", "arm", "forearm", "elbow", "shoulder", "finger", "hip", "knee", "ankle",
+          "foot", "leg", "toes", "femur", "tibia", "humerus", "radius", "clavicle", "controller")  # fmt: skip
+_AFTER_FINGER = {"finger", "tip", "joint", "j", "cmc", "tm", "mcp", "pip", "dip", "ip", "proximal", "intermediate",
+                 "middle", "distal", "flex", "flexion", "fle", "bend", "abd", "abduction", "spread", "aa", "rot",
+                 "yaw", "pitch", "roll", "l", "r"}  # fmt: skip
+
+
+def words(name: str) -> list[str]:
+    """Words of a name in one spelling: ``IndexMCPStretch`` and ``index_mcp_flex`` are the same three."""
+    parts = re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|[0-9]+", name[:LENGTH])
+    return [_SAME_WORD.get(w, w) for part in parts for w in _split(part.lower())]
+
+
+def words_of_all(names: Iterable[str]) -> dict[str, list[str]]:
+    """Words of names, without a number that all end in: ``joint_4.0`` among ``joint_0.0`` … is number 4."""
+    found = {n: words(n) for n in names}
+    while len(found) > 2 and all(len(w) > 1 and w[-1].isdigit() and w[-2].isdigit() for w in found.values()):
+        if len({w[-1] for w in found.values()}) > 1:
+            break
+        found = {n: w[:-1] for n, w in found.items()}
+    return found
+
+
+def side_of(name: str) -> str:
+    """``left``, ``right``, or "" for a name that says neither or both."""
+    sides = {"left", "right"} & set(words(name))
+    return sides.pop() if len(sides) == 1 else ""
+
+
+def common_side(names: Iterable[str]) -> str:
+    """The side that names are of; "" if none says one, or some are of each (one in ten may be of the other)."""
+    count = Counter(s for s in map(side_of, names) if s)
+    if not count:
+        return ""
+    side, most = count.most_common(1)[0]
+    return side if most >= 0.9 * count.total() else ""
+
+
+def _split(word: str) -> list[str]:
+    """Parts of what is written as one word: ``lefthand``, ``rindex``, ``indexmcp``."""
+    if word in _SAME_WORD or word in _AFTER_FINGER or len(word) < 4:
+        return [word]
+    for side in ("left", "right"):
+        if word.startswith(side) and word[len(side) :] in _SIDED:
+            return [side, word[len(side) :]]
+    if word[0] in "lr" and word[1:] in _SIDED:
+        return [word[0], word[1:]]
+    for finger in _NAMED:
+        if word.startswith(finger) and word[len(finger) :] in _AFTER_FINGER:
+            return [finger, word[len(finger) :]]
+    return [word]
