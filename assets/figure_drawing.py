@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 from figure_scenes import Experiment, Shot
 
-from geomphys.diff.drawing import Painted, View, png, render
+from geomphys.analysis.diff.drawing import Painted, View, png, render
+from geomphys.numerics.transforms import rotation_from_quaternion
+from geomphys.output import colours, frame_columns
 from geomphys.results import FrameResult
-from geomphys.sinks import colours, series
-from geomphys.transforms import rotation_from_quaternion
-from geomphys.world.scene import DRIVEN, World
+from geomphys.scene.arrays import DRIVEN, World
 
 SIZE = (480, 360)
 SMOOTH = 3
@@ -36,8 +36,8 @@ def before_and_after(world: World, result: FrameResult, later: FrameResult | Non
 def _half(world: World, result: FrameResult, shot: Shot, target: np.ndarray, *, corrected: bool) -> np.ndarray:
     recorded = np.where((world.scene.bodies.role == DRIVEN)[:, None], result.recorded, result.corrected)
     poses = result.corrected if corrected else recorded
-    moved = series.moved(result.recorded[None], result.corrected[None])[0]
-    touching = series.touching([result], len(world.body_names))[0]
+    moved = frame_columns.moved(result.recorded[None], result.corrected[None])[0]
+    touching = frame_columns.touching([result], len(world.body_names))[0]
     palette = colours.of_trees(world.file)
     solid, glass = [], []
     for body, name in enumerate(world.body_names):

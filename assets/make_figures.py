@@ -20,9 +20,9 @@ from figure_scenes import EXPERIMENTS, PAPER, Experiment  # noqa: E402
 
 from geomphys.bench.experiments import load_experiment, places  # noqa: E402
 from geomphys.bench.machine import describe_machine  # noqa: E402
-from geomphys.block import FRAMES  # noqa: E402
 from geomphys.config import Config  # noqa: E402
-from geomphys.pipeline import Pipeline  # noqa: E402
+from geomphys.engine.frame_buffer import FRAMES  # noqa: E402
+from geomphys.engine.pipeline import Pipeline  # noqa: E402
 from geomphys.results import Metrics  # noqa: E402
 
 REPEATS = 5

@@ -15,7 +15,7 @@ from .terminal import counted, fields, heading, printable
 if TYPE_CHECKING:
     from rich.text import Text
 
-    from geomphys.audit import AuditReport
+    from geomphys.analysis.audit import AuditReport
 
     from .terminal import Terminal
 

@@ -77,7 +77,7 @@ def replay(
     os.environ.setdefault("RUST_LOG", "off")  # what the rerun SDK writes to stderr by itself comes as an error too
 
     import geomphys
-    from geomphys.kernel import are_compiled, cache_folder
+    from geomphys.jit.kernel import are_compiled, cache_folder
 
     terminal.detail(f"kernels: {cache_folder()}")
 

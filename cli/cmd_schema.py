@@ -14,6 +14,6 @@ from .command import command, current_terminal
 )
 def schema() -> None:
     """Print the JSON Schema of the scene file, for editors that complete and check TOML."""
-    from geomphys.world.scene_file import scene_json_schema
+    from geomphys.scene.scene_file import scene_json_schema
 
     current_terminal().json(scene_json_schema())

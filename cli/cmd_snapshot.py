@@ -33,7 +33,7 @@ from .options import INPUT_FILE, OUTPUT_FILE, check_output, force_option
 @force_option
 def snapshot(result: Path, out: Path, frame: int, whole: bool, size: tuple[int, int], force: bool) -> None:
     """Make a picture of one frame of OUT (.rrd or .mcap), as the rerun viewer shows it."""
-    from geomphys.snapshot import take_snapshot
+    from geomphys.viewer.snapshot import take_snapshot
 
     check_output(out, force=force, inputs=(result,))
     take_snapshot(result, out, frame=frame, size=size, whole=whole)

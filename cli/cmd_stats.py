@@ -15,7 +15,7 @@ from .terminal import counted, fields, heading, table_in
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from geomphys.stats import Distribution, OutputStatistics, Statistics
+    from geomphys.analysis.stats import Distribution, OutputStatistics, Statistics
 
     from .terminal import Terminal
 

@@ -22,7 +22,7 @@ from .options import INPUT_FILE
 @click.option("--web", is_flag=True, help="In the browser, served on 127.0.0.1 only.")
 def view(out: Path, web: bool) -> None:
     """Open OUT (.rrd or .mcap) in the rerun viewer."""
-    from geomphys.view import view_result
+    from geomphys.viewer.view import view_result
 
     current_terminal().detail(f"viewer: {out}")
     view_result(out, web=web)

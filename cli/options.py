@@ -26,7 +26,7 @@ class Place(click.Path):
         if "://" not in str(value):
             return super().convert(value, param, ctx)
         from geomphys.errors import InputError
-        from geomphys.remote import is_remote, place
+        from geomphys.storage.remote_files import is_remote, place
 
         try:
             found = place(value)

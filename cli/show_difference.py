@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
-    from geomphys.diff.channels import ChannelDifference
-    from geomphys.diff.measures import Measure
-    from geomphys.diff.report import OutputDifference
+    from geomphys.analysis.diff.channels import ChannelDifference
+    from geomphys.analysis.diff.measures import Measure
+    from geomphys.analysis.diff.report import OutputDifference
 
     from .terminal import Terminal
 

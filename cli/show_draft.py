@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from .terminal import counted, fields, heading
 
 if TYPE_CHECKING:
-    from geomphys.draft import SceneDraft
-    from geomphys.draft_avatar import AvatarDraft
+    from geomphys.authoring.avatar_draft import AvatarDraft
+    from geomphys.authoring.draft import SceneDraft
     from geomphys.recording.recorded_space import SpaceGuess
 
     from .terminal import Terminal

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from geomphys.recording.check import CheckReport, SpaceReport
     from geomphys.recording.inspect import LogInfo, TopicInfo
     from geomphys.recording.report import RecordingReport
-    from geomphys.world.findings import Findings
+    from geomphys.scene.findings import Findings
 
     from .terminal import Terminal
 

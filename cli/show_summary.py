@@ -12,7 +12,7 @@ from .terminal import counted, fields, heading, printable
 if TYPE_CHECKING:
     from rich.text import Text
 
-    from geomphys.summary import Summary
+    from geomphys.output.summary import Summary
 
     from .terminal import Terminal
 
@@ -123,7 +123,7 @@ def _times(summary: Summary) -> Iterator[str]:
 
 def _written(path: str) -> str:
     """Return a file and its size."""
-    from geomphys.remote import place
+    from geomphys.storage.remote_files import place
 
     size = place(path).stat().st_size
     return f"{path} ({size / 1e6:,.1f} MB)"

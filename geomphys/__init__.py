@@ -11,15 +11,19 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     __version__: str
-    from geomphys.audit import AuditReport, audit_output
+    from geomphys.analysis.audit import AuditReport, audit_output
+    from geomphys.analysis.diff.compare import compare_outputs
+    from geomphys.analysis.diff.overlay import write_overlay
+    from geomphys.analysis.diff.page import write_page
+    from geomphys.analysis.diff.report import OutputDifference
+    from geomphys.analysis.plots import plot_output
+    from geomphys.analysis.stats import Statistics, statistics_of
+    from geomphys.authoring.draft import SceneDraft, draft_scene
+    from geomphys.authoring.piece_files import DecomposedMesh, decompose_file, write_pieces
     from geomphys.batch.run import BatchReport, run_batch
     from geomphys.bench.run import run_bench
     from geomphys.config import Config
-    from geomphys.diff.compare import compare_outputs
-    from geomphys.diff.overlay import write_overlay
-    from geomphys.diff.page import write_page
-    from geomphys.diff.report import OutputDifference
-    from geomphys.draft import SceneDraft, draft_scene
+    from geomphys.engine.pipeline import replay
     from geomphys.errors import (
         ClusterError,
         ConfigError,
@@ -34,23 +38,19 @@ if TYPE_CHECKING:
         ViewerError,
     )
     from geomphys.load import load_world
-    from geomphys.output_log import OutputLog, open_output
-    from geomphys.piece_files import DecomposedMesh, decompose_file, write_pieces
-    from geomphys.pipeline import replay
-    from geomphys.plots import plot_output
+    from geomphys.output.output_log import OutputLog, open_output
+    from geomphys.output.summary import Summarizer, Summary
     from geomphys.recording.check import CheckReport, check_log
     from geomphys.recording.inspect import LogInfo, inspect_log
+    from geomphys.replays import run
     from geomphys.results import Contacts, Frame, FrameResult, Metrics, Penetrations
-    from geomphys.runner import run
-    from geomphys.snapshot import take_snapshot
-    from geomphys.stats import Statistics, statistics_of
-    from geomphys.summary import Summarizer, Summary
-    from geomphys.view import view_result
-    from geomphys.world.scene import Scene, World
-    from geomphys.world.scene_file import scene_json_schema
+    from geomphys.scene.arrays import Scene, World
+    from geomphys.scene.scene_file import scene_json_schema
+    from geomphys.viewer.snapshot import take_snapshot
+    from geomphys.viewer.view import view_result
 
 _HOME = {
-    "AuditReport": "audit",
+    "AuditReport": "analysis.audit",
     "BatchReport": "batch.run",
     "CheckReport": "recording.check",
     "ClusterError": "errors",
@@ -58,7 +58,7 @@ _HOME = {
     "ConfigError": "errors",
     "Contacts": "results",
     "DamagedLogError": "errors",
-    "DecomposedMesh": "piece_files",
+    "DecomposedMesh": "authoring.piece_files",
     "Frame": "results",
     "FrameResult": "results",
     "GeomphysError": "errors",
@@ -68,38 +68,38 @@ _HOME = {
     "MeshError": "errors",
     "Metrics": "results",
     "ModelError": "errors",
-    "OutputDifference": "diff.report",
+    "OutputDifference": "analysis.diff.report",
     "OutputError": "errors",
-    "OutputLog": "output_log",
+    "OutputLog": "output.output_log",
     "Penetrations": "results",
-    "Scene": "world.scene",
-    "SceneDraft": "draft",
+    "Scene": "scene.arrays",
+    "SceneDraft": "authoring.draft",
     "SceneError": "errors",
-    "Statistics": "stats",
-    "Summarizer": "summary",
-    "Summary": "summary",
+    "Statistics": "analysis.stats",
+    "Summarizer": "output.summary",
+    "Summary": "output.summary",
     "ViewerError": "errors",
-    "World": "world.scene",
-    "audit_output": "audit",
+    "World": "scene.arrays",
+    "audit_output": "analysis.audit",
     "check_log": "recording.check",
-    "compare_outputs": "diff.compare",
-    "decompose_file": "piece_files",
-    "draft_scene": "draft",
+    "compare_outputs": "analysis.diff.compare",
+    "decompose_file": "authoring.piece_files",
+    "draft_scene": "authoring.draft",
     "inspect_log": "recording.inspect",
     "load_world": "load",
-    "open_output": "output_log",
-    "plot_output": "plots",
-    "replay": "pipeline",
-    "run": "runner",
+    "open_output": "output.output_log",
+    "plot_output": "analysis.plots",
+    "replay": "engine.pipeline",
+    "run": "replays",
     "run_batch": "batch.run",
     "run_bench": "bench.run",
-    "scene_json_schema": "world.scene_file",
-    "statistics_of": "stats",
-    "take_snapshot": "snapshot",
-    "view_result": "view",
-    "write_overlay": "diff.overlay",
-    "write_page": "diff.page",
-    "write_pieces": "piece_files",
+    "scene_json_schema": "scene.scene_file",
+    "statistics_of": "analysis.stats",
+    "take_snapshot": "viewer.snapshot",
+    "view_result": "viewer.view",
+    "write_overlay": "analysis.diff.overlay",
+    "write_page": "analysis.diff.page",
+    "write_pieces": "authoring.piece_files",
 }
 
 __all__ = [

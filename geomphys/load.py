@@ -9,14 +9,14 @@ import numpy as np
 
 from geomphys.collision.penetration import make_scratch, separation
 from geomphys.errors import ConfigError
-from geomphys.kept_worlds import find_world, keep_world
-from geomphys.remote import is_remote, place
-from geomphys.transforms import compose, frame_from_matrix, matrix_from_frame
-from geomphys.world.assembly import assemble, exclude
-from geomphys.world.decomposition import Progress
-from geomphys.world.scene import Floats, World
-from geomphys.world.scene_file import load_scene_file
-from geomphys.world.sources import noted_sources
+from geomphys.numerics.transforms import compose, frame_from_matrix, matrix_from_frame
+from geomphys.scene.arrays import Floats, World
+from geomphys.scene.assembly import assemble, exclude
+from geomphys.scene.decomposition import Progress
+from geomphys.scene.scene_cache import find_world, keep_world
+from geomphys.scene.scene_file import load_scene_file
+from geomphys.scene.source_files import noted_sources
+from geomphys.storage.remote_files import is_remote, place
 
 CLOSE = 5e-6
 """m; bodies nearer than this in the zero pose count as overlapping there: no clearance could be kept between them."""
@@ -31,7 +31,7 @@ def load_world(path: Path | str, *, mode: str | None = None, seed: int = 0, prog
         The scene file; the paths in it are relative to it.
     mode
         ``rigid`` or ``chains`` for all avatars; None leaves it to the file. An avatar in chains mode without chains in
-        the file gets those of `geomphys.world.chains.suggested_chains`.
+        the file gets those of `geomphys.scene.chains.suggested_chains`.
     seed
         Of the convex decomposition.
     progress

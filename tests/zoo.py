@@ -16,8 +16,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 import geomphys
-from geomphys.audit import audit_output
-from geomphys.draft import draft_scene
+from geomphys.analysis.audit import audit_output
+from geomphys.authoring.draft import draft_scene
 from geomphys.load import load_world
 from geomphys.recording.check import check_log
 from recordings.mcap_files import Recording, write

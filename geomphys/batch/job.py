@@ -16,12 +16,12 @@ from geomphys import __version__
 from geomphys.config import Config
 from geomphys.errors import GeomphysError, OutputError, SceneError
 from geomphys.load import load_world
-from geomphys.output_log import open_output
-from geomphys.provenance import sha256_of_file, sha256_of_world
-from geomphys.remote import is_remote, move
-from geomphys.runner import run
-from geomphys.temporary import TemporaryFolder
-from geomphys.world.scene import World
+from geomphys.output.output_log import open_output
+from geomphys.output.provenance import sha256_of_file, sha256_of_world
+from geomphys.replays import run
+from geomphys.scene.arrays import World
+from geomphys.storage.remote_files import is_remote, move
+from geomphys.storage.temporary_folders import TemporaryFolder
 
 STOP = "stop"
 """File in the folder of running jobs; as soon as it is there they end at the frame they are in."""

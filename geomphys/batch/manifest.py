@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from geomphys.errors import OutputError
-from geomphys.provenance import sha256_of_file
-from geomphys.remote import is_remote
+from geomphys.output.provenance import sha256_of_file
+from geomphys.storage.remote_files import is_remote
 
 FILE = "manifest.json"
 FORMAT = 1

@@ -10,7 +10,7 @@ from typing import cast
 
 from geomphys.errors import LogError, OutputError
 from geomphys.recording.bag import METADATA
-from geomphys.remote import RemotePath, is_remote, place
+from geomphys.storage.remote_files import RemotePath, is_remote, place
 
 PARTIAL = ".partial.mcap"
 

@@ -13,18 +13,18 @@ from pathlib import Path
 from typing import Any, cast
 
 from geomphys import __version__
-from geomphys.batch.engines import Control, Finished, run_in_processes, run_on_cluster
-from geomphys.batch.far_lock import LOCK, lock_or_refuse, own_far
+from geomphys.batch.executors import Control, Finished, run_in_processes, run_on_cluster
 from geomphys.batch.job import STOP, Job, Outcome
 from geomphys.batch.manifest import Entry, Manifest
 from geomphys.batch.plan import PlannedLog, plan_logs
+from geomphys.batch.remote_lock import LOCK, lock_or_refuse, own_far
 from geomphys.config import Config
 from geomphys.errors import OutputError
 from geomphys.load import load_world
-from geomphys.provenance import sha256_of_file, sha256_of_log, sha256_of_world
-from geomphys.remote import is_remote, place
-from geomphys.world.decomposition import Progress
-from geomphys.world.scene import World
+from geomphys.output.provenance import sha256_of_file, sha256_of_log, sha256_of_world
+from geomphys.scene.arrays import World
+from geomphys.scene.decomposition import Progress
+from geomphys.storage.remote_files import is_remote, place
 
 RUNNING = ".running"
 """Folder in the batch's folder for what is not complete."""
@@ -78,7 +78,7 @@ def run_batch(
     scene : Path or str
         The scene file.
     folder : Path or str
-        Where the outputs go; made if it is not there. Like logs and scene it may be a URL; see `geomphys.remote`.
+        Where the outputs go; made if it is not there. Like logs and scene it may be a URL; see `geomphys.storage.remote_files`.
     config : Config, optional
         All parameters; None: the defaults.
     rrd : bool
@@ -244,7 +244,7 @@ def _placed(out: Path) -> Path:
 def _own(folder: Path) -> Iterator[Path]:
     """Make the folder, keep other batches out of it, and yield an empty folder in it for what is not complete.
 
-    Behind a URL an object does that, see `geomphys.batch.far_lock`.
+    Behind a URL an object does that, see `geomphys.batch.remote_lock`.
     """
     running = folder / RUNNING
     if is_remote(running):

@@ -12,7 +12,7 @@ import pickle
 import threading
 from multiprocessing.connection import wait
 
-from geomphys.batch.held_signals import take_signals
+from geomphys.batch.deferred_signals import take_signals
 
 
 def begin_worker(world: bytes) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.errors import ConfigError
-from geomphys.world.scene import BOX, CAPSULE, CYLINDER, SPHERE, Pieces
+from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, SPHERE, Pieces
 
 Floats = NDArray[np.float64]
 

@@ -14,11 +14,11 @@ from geomphys.bench.depth_engines import Coal, DepthPeer, Fcl
 from geomphys.bench.figures import DepthEngine, DepthFigures, figures_of
 from geomphys.bench.pair_loop import measure_pairs
 from geomphys.collision.penetration import make_scratch
-from geomphys.packed import pack
+from geomphys.jit.packed_records import pack
+from geomphys.numerics.transforms import compose, frame_from_matrix, matrix_from_frame, matrix_from_pose
 from geomphys.results import FrameResult
-from geomphys.transforms import compose, frame_from_matrix, matrix_from_frame, matrix_from_pose
-from geomphys.world.pieces import Box, Capsule, Cylinder, Hull, PlacedShape, Shape, Sphere, build_pieces
-from geomphys.world.scene import BOX, CAPSULE, CYLINDER, SPHERE, Pieces, World
+from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, SPHERE, Pieces, World
+from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PlacedShape, Shape, Sphere, build_pieces
 
 Floats = NDArray[np.float64]
 

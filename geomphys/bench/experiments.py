@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.block import FRAMES
 from geomphys.config import Config
+from geomphys.engine.frame_buffer import FRAMES
 from geomphys.errors import ConfigError
 from geomphys.load import load_world
 from geomphys.recording.frames import FrameSource
 from geomphys.results import Frame
-from geomphys.world.scene import World
+from geomphys.scene.arrays import World
 
 Floats = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from importlib import metadata
 from pathlib import Path
 
 from geomphys.errors import GeomphysError
-from geomphys.kernel import are_compiled
+from geomphys.jit.kernel import are_compiled
 
 PACKAGES = ("numpy", "numba", "llvmlite", "mujoco", "coal", "python-fcl")
 """Whose versions bear on the figures; those that are not installed are left out."""

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from geomphys.bench.experiments import Experiment
 from geomphys.bench.figures import ExperimentFigures, PeerFrames, Stage, figures_of
-from geomphys.block import FRAMES, Block
 from geomphys.config import Config
-from geomphys.foresight import Track
-from geomphys.pipeline import Pipeline
+from geomphys.engine.frame_buffer import FRAMES, Block
+from geomphys.engine.look_ahead import Track
+from geomphys.engine.pipeline import Pipeline
 from geomphys.results import Frame, FrameResult
-from geomphys.world.scene import DRIVEN, World
+from geomphys.scene.arrays import DRIVEN, World
 
 Floats = NDArray[np.float64]
 

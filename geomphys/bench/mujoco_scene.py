@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.errors import ConfigError
-from geomphys.transforms import (
+from geomphys.numerics.transforms import (
     compose,
     matrix_from_frame,
     matrix_from_pose,
     pose_from_matrix,
 )
-from geomphys.world.scene import (
+from geomphys.scene.arrays import (
     BOX,
     CAPSULE,
     CYLINDER,

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.penetration import Scratch, separation
-from geomphys.kernel import kernel
-from geomphys.world.scene import Floats, Pieces
+from geomphys.jit.kernel import kernel
+from geomphys.scene.arrays import Floats, Pieces
 
 
 @kernel

@@ -15,11 +15,11 @@ from geomphys.bench.experiments import Experiment
 from geomphys.bench.figures import Curve
 from geomphys.bench.measure import PeerMaker, measure
 from geomphys.config import Config
+from geomphys.engine.state import make_machine
 from geomphys.load import load_world
-from geomphys.machine import make_machine
+from geomphys.numerics.transforms import apply, matrix_from_pose
 from geomphys.results import Frame
-from geomphys.transforms import apply, matrix_from_pose
-from geomphys.world.scene import World
+from geomphys.scene.arrays import World
 
 Floats = NDArray[np.float64]
 

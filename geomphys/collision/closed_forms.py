@@ -11,8 +11,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from geomphys.kernel import kernel
-from geomphys.vec3 import Vec, add_scaled, cross, dot, norm, perpendicular, scale, sub
+from geomphys.jit.kernel import kernel
+from geomphys.numerics.vec3 import Vec, add_scaled, cross, dot, norm, perpendicular, scale, sub
 
 PARALLEL = 1e-28
 """Square of the sine below which two axes are parallel to rounding."""

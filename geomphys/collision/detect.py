@@ -12,9 +12,9 @@ from geomphys.collision.extent import gap_along
 from geomphys.collision.penetration import Scratch, clearance, separation
 from geomphys.collision.support import shapes_of
 from geomphys.collision.sweep import Boxes, apart, near_trees
-from geomphys.kernel import kernel, outlined
-from geomphys.vec3 import Vec
-from geomphys.world.scene import DRIVEN, Pieces, Scene
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import Vec
+from geomphys.scene.arrays import DRIVEN, Pieces, Scene
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

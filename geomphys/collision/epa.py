@@ -15,10 +15,10 @@ import numpy as np
 from geomphys.collision.gjk import difference, set_pair
 from geomphys.collision.scratch import MAX_CORNERS, MAX_FACES, Room
 from geomphys.collision.support import Core, vec_at
-from geomphys.kernel import kernel, outlined
-from geomphys.memory import float_at, int_at, set_float, set_int
-from geomphys.vec3 import Rot, Vec, add_scaled, cross, dot, norm, perpendicular, scale, sub
-from geomphys.world.scene import CYLINDER
+from geomphys.jit.addresses import float_at, int_at, set_float, set_int
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import Rot, Vec, add_scaled, cross, dot, norm, perpendicular, scale, sub
+from geomphys.scene.arrays import CYLINDER
 
 GONE = 0
 SURFACE = 1

@@ -13,10 +13,10 @@ from geomphys.collision.epa import blend
 from geomphys.collision.gjk import difference, on_triangle, set_pair
 from geomphys.collision.scratch import Room
 from geomphys.collision.support import Core, vec_at
-from geomphys.kernel import kernel, outlined
-from geomphys.memory import int32_at
-from geomphys.vec3 import Rot, Vec, add, cross, dot, norm, rotate, scale, sub
-from geomphys.world.scene import BOX, CAPSULE
+from geomphys.jit.addresses import int32_at
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import Rot, Vec, add, cross, dot, norm, rotate, scale, sub
+from geomphys.scene.arrays import BOX, CAPSULE
 
 
 @kernel

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from geomphys.collision.support import Shapes, core_of, position_of, radius_of, rotation_of, support
-from geomphys.kernel import kernel
-from geomphys.vec3 import Vec, dot, neg, rotate_back
+from geomphys.jit.kernel import kernel
+from geomphys.numerics.vec3 import Vec, dot, neg, rotate_back
 
 
 @kernel

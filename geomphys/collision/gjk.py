@@ -14,9 +14,9 @@ from typing import TypeAlias
 import numpy as np
 
 from geomphys.collision.support import Core, support
-from geomphys.kernel import kernel
-from geomphys.memory import set_float
-from geomphys.vec3 import Rot, Vec, add_scaled, cross, dot, neg, rotate, rotate_back, scale, sub
+from geomphys.jit.addresses import set_float
+from geomphys.jit.kernel import kernel
+from geomphys.numerics.vec3 import Rot, Vec, add_scaled, cross, dot, neg, rotate, rotate_back, scale, sub
 
 Weights: TypeAlias = tuple[float, float, float, float]
 

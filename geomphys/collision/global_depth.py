@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.detect import Near
-from geomphys.kernel import kernel
-from geomphys.world.scene import Pieces
+from geomphys.jit.kernel import kernel
+from geomphys.scene.arrays import Pieces
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

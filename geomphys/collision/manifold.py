@@ -14,10 +14,10 @@ import numpy as np
 
 from geomphys.collision.scratch import MAX_POLYGON, Room, Scratch, room_of
 from geomphys.collision.support import Shapes, position_of, rotation_of, shapes_of, vec_at
-from geomphys.kernel import inlined, kernel, outlined
-from geomphys.memory import address, float_at, int_at, set_float
-from geomphys.vec3 import Vec, add, add_scaled, cross, dot, neg, norm, rotate, rotate_back, scale, sub
-from geomphys.world.scene import BOX, CAPSULE, CYLINDER, SPHERE, Floats, Pieces
+from geomphys.jit.addresses import address, float_at, int_at, set_float
+from geomphys.jit.kernel import inlined, kernel, outlined
+from geomphys.numerics.vec3 import Vec, add, add_scaled, cross, dot, neg, norm, rotate, rotate_back, scale, sub
+from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, SPHERE, Floats, Pieces
 
 SLOP = 1e-3
 """m; points whose surfaces lie farther apart than this beyond the deepest ones are no contact."""

@@ -11,9 +11,9 @@ from geomphys.collision.exhaustive import exhaustive
 from geomphys.collision.gjk import OVERLAP, closest, difference
 from geomphys.collision.scratch import Room, Scratch, make_scratch, room_of
 from geomphys.collision.support import Shapes, core_of, position_of, radius_of, rotation_of, shapes_of, vec_at
-from geomphys.kernel import inlined, kernel, outlined
-from geomphys.memory import float_at, int_at
-from geomphys.vec3 import (
+from geomphys.jit.addresses import float_at, int_at
+from geomphys.jit.kernel import inlined, kernel, outlined
+from geomphys.numerics.vec3 import (
     Vec,
     add,
     add_scaled,
@@ -25,7 +25,7 @@ from geomphys.vec3 import (
     rotate_back,
     sub,
 )
-from geomphys.world.scene import BOX, CAPSULE, CYLINDER, SPHERE, Floats, Pieces
+from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, SPHERE, Floats, Pieces
 
 __all__ = ["Scratch", "Separation", "clearance", "make_scratch", "separation"]
 

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from geomphys.collision.manifold import manifold
 from geomphys.collision.penetration import Scratch, make_scratch, separation
-from geomphys.kernel import kernel
-from geomphys.world.pieces import PlacedShape, Shape, build_pieces
-from geomphys.world.scene import Floats, Pieces
+from geomphys.jit.kernel import kernel
+from geomphys.scene.arrays import Floats, Pieces
+from geomphys.scene.pieces import PlacedShape, Shape, build_pieces
 
 
 class PairSeparation(NamedTuple):

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from geomphys.kernel import kernel
-from geomphys.memory import address
-from geomphys.world.scene import Floats, Ints
+from geomphys.jit.addresses import address
+from geomphys.jit.kernel import kernel
+from geomphys.scene.arrays import Floats, Ints
 
 MAX_CORNERS = 2048
 """Of the expanding polytope."""

@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from geomphys.kernel import inlined, kernel
-from geomphys.memory import address, float_at, int32_at, int_at
-from geomphys.vec3 import Quat, Rot, Vec, dot, quat_unit, rot_from_quat, rot_mul, rotate
-from geomphys.world.cells import cell_of
-from geomphys.world.scene import CAPSULE, CYLINDER, HULL, Floats, Pieces
+from geomphys.jit.addresses import address, float_at, int32_at, int_at
+from geomphys.jit.kernel import inlined, kernel
+from geomphys.numerics.vec3 import Quat, Rot, Vec, dot, quat_unit, rot_from_quat, rot_mul, rotate
+from geomphys.scene.arrays import CAPSULE, CYLINDER, HULL, Floats, Pieces
+from geomphys.scene.direction_cells import cell_of
 
 
 class Shapes(NamedTuple):

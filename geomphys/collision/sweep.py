@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.kernel import kernel, outlined
-from geomphys.packed import pack
-from geomphys.world.scene import BOX, CAPSULE, CYLINDER, SPHERE, Pieces, Scene
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.packed_records import pack
+from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, SPHERE, Pieces, Scene
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

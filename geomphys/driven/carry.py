@@ -17,8 +17,8 @@ from geomphys.driven.escape import ALONG, CARRIED, is_mover
 from geomphys.driven.hold import Carried
 from geomphys.driven.places import Places, row_of
 from geomphys.driven.state import DrivenRoom, DrivenState
-from geomphys.kernel import kernel, outlined
-from geomphys.vec3 import (
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import (
     Vec,
     add,
     add_scaled,
@@ -32,8 +32,8 @@ from geomphys.vec3 import (
     scale,
     sub,
 )
-from geomphys.world.kinematics import frame_rotation, orientation_of, place_tree, position_of
-from geomphys.world.scene import Scene
+from geomphys.scene.arrays import Scene
+from geomphys.scene.kinematics import frame_rotation, orientation_of, place_tree, position_of
 
 Floats = NDArray[np.float64]
 

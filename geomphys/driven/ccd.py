@@ -25,10 +25,21 @@ from numpy.typing import NDArray
 
 from geomphys.driven.posture import Joints, lower_bend, upper_bend, world_axis
 from geomphys.driven.reach_cones import fit_angles
-from geomphys.kernel import kernel, outlined
-from geomphys.vec3 import Vec, add, add_scaled, cross, dot, norm, quat_from_rotation_vector, quat_rotate, scale, sub
-from geomphys.world.kinematics import orientation_of, pose_body, position_of
-from geomphys.world.scene import JOINT_FIXED, JOINT_PRISMATIC, Scene
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import (
+    Vec,
+    add,
+    add_scaled,
+    cross,
+    dot,
+    norm,
+    quat_from_rotation_vector,
+    quat_rotate,
+    scale,
+    sub,
+)
+from geomphys.scene.arrays import JOINT_FIXED, JOINT_PRISMATIC, Scene
+from geomphys.scene.kinematics import orientation_of, pose_body, position_of
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -28,10 +28,10 @@ from geomphys.driven.chains import FREE, STUCK, place_posture
 from geomphys.driven.places import Places
 from geomphys.driven.posture import Joints
 from geomphys.driven.shift import lies_along, shift_link
-from geomphys.kernel import kernel, outlined
-from geomphys.vec3 import Vec, add, add_scaled, dot, norm, quat_rotate, scale, sub, unit
-from geomphys.world.kinematics import orientation_of
-from geomphys.world.scene import JOINT_FIXED, Scene
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import Vec, add, add_scaled, dot, norm, quat_rotate, scale, sub, unit
+from geomphys.scene.arrays import JOINT_FIXED, Scene
+from geomphys.scene.kinematics import orientation_of
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.kernel import kernel
-from geomphys.world.scene import DRIVEN, Scene
+from geomphys.jit.kernel import kernel
+from geomphys.scene.arrays import DRIVEN, Scene
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

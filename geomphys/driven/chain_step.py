@@ -28,8 +28,8 @@ from geomphys.driven.overlap import INTERPOLATED, LEAST_DISTANCE
 from geomphys.driven.pace import excused_change
 from geomphys.driven.posture import lower_bend, upper_bend
 from geomphys.driven.state import DrivenRoom, DrivenState
-from geomphys.kernel import kernel, outlined
-from geomphys.world.scene import DRIVEN, Scene
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.scene.arrays import DRIVEN, Scene
 
 Floats = NDArray[np.float64]
 

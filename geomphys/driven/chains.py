@@ -34,9 +34,9 @@ from geomphys.driven.rows import (
     take_measures,
     unknown_now,
 )
-from geomphys.kernel import kernel, outlined
-from geomphys.world.kinematics import place_tree, pose_tree
-from geomphys.world.scene import Scene
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.scene.arrays import Scene
+from geomphys.scene.kinematics import place_tree, pose_tree
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

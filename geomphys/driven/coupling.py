@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import math
 
-from geomphys.kernel import kernel
-from geomphys.world.scene import Trees
+from geomphys.jit.kernel import kernel
+from geomphys.scene.arrays import Trees
 
 REST_LENGTH = 1e-9  # m or rad: a smaller offset that hardly moves is none
 REST_SPEED = 1e-7  # m/s or rad/s

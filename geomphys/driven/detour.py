@@ -16,9 +16,9 @@ from geomphys.collision.detect import Axes, Near, pair_separation
 from geomphys.collision.penetration import Scratch
 from geomphys.driven.escape import DEEPER, concerns
 from geomphys.driven.places import Places, place_at, row_of
-from geomphys.kernel import kernel, outlined
-from geomphys.vec3 import Vec, add_scaled, dot, norm, sub
-from geomphys.world.scene import DRIVEN, Scene
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import Vec, add_scaled, dot, norm, sub
+from geomphys.scene.arrays import DRIVEN, Scene
 
 Ints = NDArray[np.int64]
 

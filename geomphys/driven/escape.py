@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from geomphys.collision.detect import Axes, Near, near_pairs_of_trees
 from geomphys.collision.penetration import Scratch
 from geomphys.collision.sweep import Boxes, apart, near_trees, update_boxes
-from geomphys.kernel import kernel, outlined
-from geomphys.vec3 import Vec, add_scaled, cross, dot, norm, perpendicular, unit
-from geomphys.world.scene import DRIVEN, SIMULATED, Scene
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import Vec, add_scaled, cross, dot, norm, perpendicular, unit
+from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from geomphys.driven.coupling import relax_offset
 from geomphys.driven.escape import ALONG, LOOSE
-from geomphys.kernel import kernel, outlined
-from geomphys.vec3 import Vec, quat_conjugate, quat_from_rotation_vector, quat_mul, quat_unit, rotation_vector
-from geomphys.world.kinematics import orientation_of, pose_tree
-from geomphys.world.scene import DRIVEN, Scene
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import Vec, quat_conjugate, quat_from_rotation_vector, quat_mul, quat_unit, rotation_vector
+from geomphys.scene.arrays import DRIVEN, Scene
+from geomphys.scene.kinematics import orientation_of, pose_tree
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

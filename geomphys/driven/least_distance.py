@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, outlined
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

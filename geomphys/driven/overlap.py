@@ -23,9 +23,9 @@ from geomphys.driven.detour import DETOUR, goes_through
 from geomphys.driven.escape import ALONG, Rescue, ask_to_hold, concerns, escape
 from geomphys.driven.least_distance import SOLVED, LeastDistance, solve_least_distance
 from geomphys.driven.places import Places, distance, limit_of, place_at, relative_way, row_of
-from geomphys.kernel import kernel, outlined
-from geomphys.vec3 import Vec, dot, norm
-from geomphys.world.scene import DRIVEN, Scene
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import Vec, dot, norm
+from geomphys.scene.arrays import DRIVEN, Scene
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -20,9 +20,9 @@ from geomphys.driven.escape import ALONG, ASKED
 from geomphys.driven.overlap import eliminate_overlap
 from geomphys.driven.places import Places, place_at, row_of
 from geomphys.driven.state import DrivenRoom, DrivenState
-from geomphys.kernel import kernel, outlined
-from geomphys.vec3 import Vec, add_scaled, dot, norm, sub
-from geomphys.world.scene import DRIVEN, Scene
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import Vec, add_scaled, dot, norm, sub
+from geomphys.scene.arrays import DRIVEN, Scene
 
 Floats = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.detect import Near
-from geomphys.kernel import kernel
-from geomphys.vec3 import Vec, norm, sub
-from geomphys.world.scene import Scene
+from geomphys.jit.kernel import kernel
+from geomphys.numerics.vec3 import Vec, norm, sub
+from geomphys.scene.arrays import Scene
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.kernel import kernel
-from geomphys.vec3 import Vec, cross, dot, quat_rotate, sub
-from geomphys.world.kinematics import orientation_of, pose_tree, position_of
-from geomphys.world.scene import DRIVEN, JOINT_FIXED, JOINT_PRISMATIC, Scene
+from geomphys.jit.kernel import kernel
+from geomphys.numerics.vec3 import Vec, cross, dot, quat_rotate, sub
+from geomphys.scene.arrays import DRIVEN, JOINT_FIXED, JOINT_PRISMATIC, Scene
+from geomphys.scene.kinematics import orientation_of, pose_tree, position_of
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

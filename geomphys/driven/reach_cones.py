@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.driven.posture import lower_bend, upper_bend
-from geomphys.kernel import kernel, outlined
-from geomphys.vec3 import Vec, add, add_scaled, cross, dot, norm, perpendicular, rotate, scale, sub, unit
-from geomphys.world.kinematics import frame_rotation, joint_value
-from geomphys.world.scene import JOINT_FIXED, Scene
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import Vec, add, add_scaled, cross, dot, norm, perpendicular, rotate, scale, sub, unit
+from geomphys.scene.arrays import JOINT_FIXED, Scene
+from geomphys.scene.kinematics import frame_rotation, joint_value
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

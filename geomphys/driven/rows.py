@@ -27,9 +27,9 @@ from geomphys.driven.least_distance import LeastDistance
 from geomphys.driven.places import Places, row_of
 from geomphys.driven.posture import ROOT_WEIGHT, Joints, add_effects
 from geomphys.driven.reach_cones import cone_angle, cone_bound, cone_row
-from geomphys.kernel import kernel, outlined
-from geomphys.vec3 import Vec, add, dot, norm, sub
-from geomphys.world.scene import Scene
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import Vec, add, dot, norm, sub
+from geomphys.scene.arrays import Scene
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from geomphys.driven.ccd import CcdRoom, helps, pose_way, set_bend
 from geomphys.driven.posture import Joints, world_axis
 from geomphys.driven.reach_cones import cone_angle, cone_bound
-from geomphys.kernel import kernel, outlined
-from geomphys.vec3 import (
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import (
     Quat,
     Vec,
     cross,
@@ -31,8 +31,8 @@ from geomphys.vec3 import (
     scale,
     sub,
 )
-from geomphys.world.kinematics import orientation_of, position_of
-from geomphys.world.scene import JOINT_PRISMATIC, Scene
+from geomphys.scene.arrays import JOINT_PRISMATIC, Scene
+from geomphys.scene.kinematics import orientation_of, position_of
 
 Floats = NDArray[np.float64]
 

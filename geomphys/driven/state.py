@@ -16,7 +16,7 @@ from geomphys.driven.least_distance import LeastDistance
 from geomphys.driven.places import Places
 from geomphys.driven.posture import Joints, PostureState
 from geomphys.driven.steps import Stir
-from geomphys.world.scene import Scene
+from geomphys.scene.arrays import Scene
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

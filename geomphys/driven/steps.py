@@ -15,10 +15,10 @@ from geomphys.collision.support import shapes_of
 from geomphys.driven.chain_room import is_chained
 from geomphys.driven.places import Places, distance, limit_of, row_of
 from geomphys.driven.posture import Joints
-from geomphys.kernel import kernel, outlined
-from geomphys.vec3 import Vec, add, add_scaled, norm, slerp, sub
-from geomphys.world.kinematics import orientation_of, pose_tree, position_of, set_pose
-from geomphys.world.scene import DRIVEN, SIMULATED, Scene
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import Vec, add, add_scaled, norm, slerp, sub
+from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
+from geomphys.scene.kinematics import orientation_of, pose_tree, position_of, set_pose
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

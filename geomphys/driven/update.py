@@ -30,10 +30,10 @@ from geomphys.driven.pace import is_too_fast, last_place, slow_down
 from geomphys.driven.places import Places, place_at, row_of
 from geomphys.driven.state import DrivenRoom, DrivenState
 from geomphys.driven.steps import MOST_STEPS, is_recorded, measure_stir, recording_between, steps_needed
-from geomphys.kernel import kernel, outlined
-from geomphys.vec3 import dot, norm, sub, unit
-from geomphys.world.kinematics import place_tree
-from geomphys.world.scene import DRIVEN, Scene
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import dot, norm, sub, unit
+from geomphys.scene.arrays import DRIVEN, Scene
+from geomphys.scene.kinematics import place_tree
 
 Floats = NDArray[np.float64]
 

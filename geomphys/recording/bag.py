@@ -10,7 +10,7 @@ from typing import Any
 from geomphys.errors import DamagedLogError, LogError
 from geomphys.recording.formats import CONVERT_SQLITE
 from geomphys.recording.naming import listed
-from geomphys.remote import is_remote
+from geomphys.storage.remote_files import is_remote
 
 METADATA = "metadata.yaml"
 METADATA_LIMIT = 4 * 2**20

@@ -21,10 +21,10 @@ from geomphys.recording.plan import JointInput, Plan, make_plan
 from geomphys.recording.reader import open_log
 from geomphys.recording.report import RecordingReport
 from geomphys.recording.space import RecordedSpace
-from geomphys.remote import place
-from geomphys.world.findings import Findings
-from geomphys.world.scene import World
-from geomphys.world.scene_inputs import RecordingTable
+from geomphys.scene.arrays import World
+from geomphys.scene.findings import Findings
+from geomphys.scene.scene_inputs import RecordingTable
+from geomphys.storage.remote_files import place
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from geomphys.world.git_lfs import IS_POINTER, is_lfs_pointer
+from geomphys.scene.git_lfs import IS_POINTER, is_lfs_pointer
 
 LOOKED_AT = 512
 """Bytes from the beginning of a file that are looked at."""

@@ -31,7 +31,7 @@ from geomphys.recording.stamp_watch import StampWatch
 from geomphys.recording.times import MessageTimes, Watermark
 from geomphys.recording.wiring import wire
 from geomphys.results import FLAG_BEFORE_FIRST, FLAG_CLAMPED, FLAG_HELD, FLAG_OUTSIDE_LIMITS, Frame
-from geomphys.world.scene import JOINT_PRISMATIC, World
+from geomphys.scene.arrays import JOINT_PRISMATIC, World
 
 Floats = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from geomphys.recording.channels import kind_of, not_understood
 from geomphys.recording.naming import listed, similar
 from geomphys.recording.reader import LogChannel, LogReader
 from geomphys.recording.samples import JOINTS, PARTS, POSES, USES, What
-from geomphys.world.inputs import JointSource, RootSource
-from geomphys.world.scene import World
+from geomphys.scene.arrays import World
+from geomphys.scene.inputs import JointSource, RootSource
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ from geomphys.recording.records import (
 )
 from geomphys.recording.scan import TIME_LIMIT, FileScan, Span, scan_file
 from geomphys.recording.summary import scan_summary
-from geomphys.remote import RemotePath, is_remote, place
+from geomphys.storage.remote_files import RemotePath, is_remote, place
 
 PENDING_LIMIT = 256 * 2**20
 """Bytes of messages that are held to bring them into the order of their times."""

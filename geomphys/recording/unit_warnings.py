@@ -11,7 +11,7 @@ from geomphys.recording.channels import kind_of
 from geomphys.recording.diagnostics import Diagnostic
 from geomphys.recording.naming import listed, plain
 from geomphys.recording.recorded_space import guess_space
-from geomphys.world.scene import DRIVEN
+from geomphys.scene.arrays import DRIVEN
 
 if TYPE_CHECKING:
     from geomphys.recording.frames import FrameSource, Run

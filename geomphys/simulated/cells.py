@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from geomphys.collision.support import vec_at
-from geomphys.kernel import kernel
-from geomphys.memory import float_at, set_float
-from geomphys.vec3 import Quat, Rot, Vec
+from geomphys.jit.addresses import float_at, set_float
+from geomphys.jit.kernel import kernel
+from geomphys.numerics.vec3 import Quat, Rot, Vec
 
 __all__ = ["add_vec", "quat_at", "rot_at", "set_quat", "set_vec", "vec_at"]
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from geomphys.kernel import kernel
-from geomphys.memory import float_at, int_at, set_int
+from geomphys.jit.addresses import float_at, int_at, set_int
+from geomphys.jit.kernel import kernel
+from geomphys.scene.arrays import FIXED
+from geomphys.simulated.contact_points import normal_speed
+from geomphys.simulated.driven_paths import load_paths
+from geomphys.simulated.driven_targets import follow_paths, follow_wishes, take_recoil
+from geomphys.simulated.impulse_accumulation import commit
 from geomphys.simulated.impulses import collide
-from geomphys.simulated.ledger import commit
 from geomphys.simulated.motion import load_velocities, refresh
-from geomphys.simulated.paths import load_paths
-from geomphys.simulated.points import normal_speed
-from geomphys.simulated.resting import set_limits, stop_slow_approach
+from geomphys.simulated.resting_contact import set_limits, stop_slow_approach
 from geomphys.simulated.state import (
     AT_COUNT,
     AT_THRESHOLD,
@@ -36,8 +38,6 @@ from geomphys.simulated.state import (
     pair_at,
     row,
 )
-from geomphys.simulated.wishes import follow_paths, follow_wishes, take_recoil
-from geomphys.world.scene import FIXED
 
 MOST_HITS = 3  # of a pair at one moment: what then still approaches is stopped, all of it together
 

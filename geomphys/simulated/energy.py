@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import math
 
-from geomphys.kernel import kernel
-from geomphys.memory import float_at, int_at, set_float, set_int
+from geomphys.jit.addresses import float_at, int_at, set_float, set_int
+from geomphys.jit.kernel import kernel
+from geomphys.numerics.vec3 import dot, scale
 from geomphys.simulated.cells import set_vec, vec_at
-from geomphys.simulated.sleep import stirs
+from geomphys.simulated.sleeping import stirs
 from geomphys.simulated.state import (
     AT_COUNT,
     AT_ENERGY,
@@ -39,7 +40,6 @@ from geomphys.simulated.state import (
     motion_of,
     pair_at,
 )
-from geomphys.vec3 import dot, scale
 
 BEFORE = 0  # J: of a body, at the step's start
 EXCESS = 1  # J: what the bodies of an island that touched something have gained

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import math
 
-from geomphys.kernel import kernel
-from geomphys.memory import float_at, int_at, set_float, set_int
+from geomphys.jit.addresses import float_at, int_at, set_float, set_int
+from geomphys.jit.kernel import kernel
+from geomphys.numerics.vec3 import (
+    add,
+    quat_mul,
+    quat_rotate,
+    sub,
+)
 from geomphys.simulated.cells import quat_at, set_quat, set_vec, vec_at
+from geomphys.simulated.driven_paths import lay_courses
 from geomphys.simulated.integrate import angular_momentum
 from geomphys.simulated.motion import refresh
-from geomphys.simulated.paths import lay_courses
-from geomphys.simulated.sleep import REST_TIME, note_rest
+from geomphys.simulated.sleeping import REST_TIME, note_rest
 from geomphys.simulated.state import (
     AT_COUNT,
     AT_RECOIL,
@@ -53,12 +59,6 @@ from geomphys.simulated.state import (
     slot_at,
     start_of,
     velocity_of,
-)
-from geomphys.vec3 import (
-    add,
-    quat_mul,
-    quat_rotate,
-    sub,
 )
 
 QUARANTINED = 64

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from geomphys.collision.scratch import Scratch, room_of
 from geomphys.collision.support import shapes_of
-from geomphys.kernel import inlined, kernel
-from geomphys.memory import address, set_float, set_int
+from geomphys.jit.addresses import address, set_float, set_int
+from geomphys.jit.kernel import inlined, kernel
+from geomphys.scene.arrays import Floats, Pieces
 from geomphys.simulated.cells import set_vec
 from geomphys.simulated.state import (
     AT_ARM,
@@ -60,7 +61,6 @@ from geomphys.simulated.state import (
     GRAVITY,
     SimulatedState,
 )
-from geomphys.world.scene import Floats, Pieces
 
 
 @inlined

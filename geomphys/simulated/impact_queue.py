@@ -6,8 +6,8 @@ out. Where it stands is kept with the pair (`PLACE`), as is when it is due (`DUE
 
 from __future__ import annotations
 
-from geomphys.kernel import kernel
-from geomphys.memory import float_at, int_at, set_float, set_int
+from geomphys.jit.addresses import float_at, int_at, set_float, set_int
+from geomphys.jit.kernel import kernel
 from geomphys.simulated.state import (
     AT_HEAP,
     DUE,

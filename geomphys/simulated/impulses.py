@@ -18,10 +18,11 @@ from __future__ import annotations
 
 import math
 
-from geomphys.kernel import kernel
-from geomphys.memory import float_at, int_at, set_float, set_int
+from geomphys.jit.addresses import float_at, int_at, set_float, set_int
+from geomphys.jit.kernel import kernel
+from geomphys.numerics.vec3 import dot
 from geomphys.simulated.cells import vec_at
-from geomphys.simulated.points import normal_speed, push, speed_at
+from geomphys.simulated.contact_points import normal_speed, push, speed_at
 from geomphys.simulated.state import (
     BINORMAL,
     DISTURBED,
@@ -53,7 +54,6 @@ from geomphys.simulated.state import (
     owner,
     row,
 )
-from geomphys.vec3 import dot
 
 SWEEPS = 300
 UNFELT = 0.1  # of the precision asked for: smaller changes of velocity do not call for another visit to a row

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 
-from geomphys.kernel import kernel
-from geomphys.vec3 import (
+from geomphys.jit.kernel import kernel
+from geomphys.numerics.vec3 import (
     Quat,
     Rot,
     Vec,

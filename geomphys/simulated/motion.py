@@ -2,8 +2,21 @@
 
 from __future__ import annotations
 
-from geomphys.kernel import kernel
-from geomphys.memory import float_at, set_float
+from geomphys.jit.addresses import float_at, set_float
+from geomphys.jit.kernel import kernel
+from geomphys.numerics.vec3 import (
+    Quat,
+    Vec,
+    norm,
+    quat_conjugate,
+    quat_from_rotation_vector,
+    quat_mul,
+    quat_unit,
+    rot_from_quat,
+    rot_mul,
+    rotate,
+    rotation_vector,
+)
 from geomphys.simulated.cells import add_vec, quat_at, rot_at, set_quat, set_vec, vec_at
 from geomphys.simulated.integrate import angular_velocity, inverse_inertia, turn_freely
 from geomphys.simulated.state import (
@@ -32,19 +45,6 @@ from geomphys.simulated.state import (
     has_changed,
     motion_of,
     velocity_of,
-)
-from geomphys.vec3 import (
-    Quat,
-    Vec,
-    norm,
-    quat_conjugate,
-    quat_from_rotation_vector,
-    quat_mul,
-    quat_unit,
-    rot_from_quat,
-    rot_mul,
-    rotate,
-    rotation_vector,
 )
 
 

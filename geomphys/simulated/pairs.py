@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from geomphys.kernel import kernel
-from geomphys.memory import float_at, int_at, set_float, set_int
-from geomphys.simulated.boxes import apart, body_box, box_all, piece_box, reach_ahead
+from geomphys.jit.addresses import float_at, int_at, set_float, set_int
+from geomphys.jit.kernel import kernel
+from geomphys.numerics.vec3 import (
+    norm,
+    sub,
+)
 from geomphys.simulated.cells import vec_at
 from geomphys.simulated.motion import point_at
 from geomphys.simulated.state import (
@@ -67,10 +70,7 @@ from geomphys.simulated.state import (
     pair_at,
     set_how_many,
 )
-from geomphys.vec3 import (
-    norm,
-    sub,
-)
+from geomphys.simulated.swept_boxes import apart, body_box, box_all, piece_box, reach_ahead
 
 
 @kernel

@@ -11,9 +11,9 @@ from typing import NamedTuple
 from geomphys.collision.manifold import Faces
 from geomphys.collision.scratch import Room
 from geomphys.collision.support import Shapes
-from geomphys.kernel import kernel
-from geomphys.memory import float_at, int_at, set_int
-from geomphys.world.scene import SIMULATED, Floats, Ints
+from geomphys.jit.addresses import float_at, int_at, set_int
+from geomphys.jit.kernel import kernel
+from geomphys.scene.arrays import SIMULATED, Floats, Ints
 
 # Columns of `motion`, one row a body. Since its base time τ0 a body moves as
 #   reference point  p + v τ + ½ a τ²,   orientation  exp(w τ + d τ (τ - h)) q,

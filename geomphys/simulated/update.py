@@ -11,23 +11,24 @@ from __future__ import annotations
 import math
 
 from geomphys.collision.scratch import Scratch
-from geomphys.kernel import kernel
-from geomphys.memory import float_at, int_at, set_float, set_int
-from geomphys.simulated.approach import first_touch, look
+from geomphys.jit.addresses import float_at, int_at, set_float, set_int
+from geomphys.jit.kernel import kernel
+from geomphys.numerics.vec3 import norm
+from geomphys.scene.arrays import DRIVEN, Floats, Pieces
 from geomphys.simulated.cells import vec_at
 from geomphys.simulated.collisions import resolve
+from geomphys.simulated.contact_points import add_rows
 from geomphys.simulated.energy import note_energies, note_fresh_energies, take_excess
 from geomphys.simulated.frame import QUARANTINED, begin, finish, mark_all, put_back, undo_put_back
 from geomphys.simulated.header import header_of
 from geomphys.simulated.impact_queue import empty_queue, put, take_out
-from geomphys.simulated.ledger import drop_rows
+from geomphys.simulated.impulse_accumulation import drop_rows
+from geomphys.simulated.islands import concerns_changed, mark_meeting
 from geomphys.simulated.motion import move_bases
 from geomphys.simulated.pairs import any_beyond_range, find_pairs
-from geomphys.simulated.parting import any_short, push_apart
-from geomphys.simulated.points import add_rows
-from geomphys.simulated.resting import FEW_SWEEPS, SWEEPS, hold
-from geomphys.simulated.sleep import wake
-from geomphys.simulated.spread import concerns_changed, mark_meeting
+from geomphys.simulated.position_projection import any_short, push_apart
+from geomphys.simulated.resting_contact import FEW_SWEEPS, SWEEPS, hold
+from geomphys.simulated.sleeping import wake
 from geomphys.simulated.state import (
     ARM,
     AT_ARM,
@@ -78,8 +79,7 @@ from geomphys.simulated.state import (
     pair_at,
     row,
 )
-from geomphys.vec3 import norm
-from geomphys.world.scene import DRIVEN, Floats, Pieces
+from geomphys.simulated.time_of_impact import first_touch, look
 
 STEP = 1.0 / 240.0  # s: contact forces are constant for no longer
 SPARE = 0.01  # share of a step by which one may be longer: times of messages are rounded

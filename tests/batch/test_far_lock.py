@@ -14,10 +14,10 @@ from typing import cast
 import pytest
 from geomphys_cli.main import run
 
-from geomphys.batch.far_lock import LOCK, own_far
-from geomphys.cache import user_folder
+from geomphys.batch.remote_lock import LOCK, own_far
 from geomphys.errors import OutputError
-from geomphys.remote import RemotePath, place
+from geomphys.storage.cache import user_folder
+from geomphys.storage.remote_files import RemotePath, place
 from tests.cli.press import SCENE, write_log
 from tests.servers import s3_server
 
@@ -25,8 +25,8 @@ pytestmark = pytest.mark.filterwarnings("ignore:datetime.datetime.utc:Deprecatio
 
 HOLD = """
 import sys
-from geomphys.batch.far_lock import own_far
-from geomphys.remote import RemotePath
+from geomphys.batch.remote_lock import own_far
+from geomphys.storage.remote_files import RemotePath
 with own_far(RemotePath(sys.argv[1])):
     print("held", flush=True)
     input()
@@ -36,7 +36,7 @@ with own_far(RemotePath(sys.argv[1])):
 def use_cache(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Be a user, or a machine, with this cache."""
     folder.mkdir()
-    monkeypatch.setattr("geomphys.batch.far_lock.user_folder", lambda name: folder)
+    monkeypatch.setattr("geomphys.batch.remote_lock.user_folder", lambda name: folder)
 
 
 @pytest.fixture

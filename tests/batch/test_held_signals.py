@@ -12,7 +12,7 @@ from types import FrameType
 
 import pytest
 
-from geomphys.batch.held_signals import STOPPING, blocked_in_children, signals_held
+from geomphys.batch.deferred_signals import STOPPING, blocked_in_children, signals_held
 
 
 class Came(BaseException):
@@ -89,7 +89,7 @@ def test_what_the_block_raises_is_not_lost_for_a_signal() -> None:
 def test_a_child_starts_with_the_signals_blocked_and_takes_them_when_it_says_so() -> None:
     code = (
         "import os, signal\n"
-        "from geomphys.batch.held_signals import STOPPING, take_signals\n"
+        "from geomphys.batch.deferred_signals import STOPPING, take_signals\n"
         "os.kill(os.getpid(), signal.SIGINT)\n"
         "print('still here', flush=True)\n"
         "take_signals()\n"

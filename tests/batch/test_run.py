@@ -14,12 +14,12 @@ from pathlib import Path
 import pytest
 
 import geomphys
-from geomphys.batch.engines import largest_first
+from geomphys.batch.executors import largest_first
 from geomphys.batch.job import Job
 from geomphys.batch.manifest import Entry, Manifest
-from geomphys.remote import place
+from geomphys.storage.remote_files import place
 from tests.cli.press import SCENE, write_log
-from tests.world.models import cube, stl
+from tests.scene.models import cube, stl
 
 LONG = 15_000
 """Frames of a log that takes some seconds."""

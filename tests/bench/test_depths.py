@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from geomphys.bench.depths import Loop, Pairs, compare_depths, random_pairs, shape_of
-from geomphys.world.pieces import Box, Capsule, Cylinder, Hull, PlacedShape, Shape, Sphere, build_pieces
+from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PlacedShape, Shape, Sphere, build_pieces
 
 
 def pairs_of(*shapes: Shape, places: list[tuple[float, float, float]]) -> Pairs:

@@ -15,7 +15,7 @@ from geomphys.bench.scaling import SINK, Curve, block_of_pieces, curves, room_of
 from geomphys.config import Config
 from geomphys.errors import ConfigError, InputError
 from geomphys.results import FrameResult
-from geomphys.world.scene import DRIVEN, World
+from geomphys.scene.arrays import DRIVEN, World
 
 FRAMES = 70  # more than a block
 

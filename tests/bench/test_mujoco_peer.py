@@ -11,9 +11,9 @@ from geomphys.bench.experiments import Experiment
 from geomphys.bench.measure import measure
 from geomphys.bench.scaling import room_of_objects, slide
 from geomphys.config import Config
-from geomphys.pipeline import Pipeline
+from geomphys.engine.pipeline import Pipeline
 from geomphys.results import FrameResult
-from geomphys.world.scene import DRIVEN, World
+from geomphys.scene.arrays import DRIVEN, World
 
 mujoco = pytest.importorskip("mujoco")
 

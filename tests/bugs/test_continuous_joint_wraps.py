@@ -9,14 +9,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from geomphys.analysis.diff.channels import Tolerance
+from geomphys.analysis.diff.motion import JointChannel
 from geomphys.config import Config
-from geomphys.diff.channels import Tolerance
-from geomphys.diff.motion import JointChannel
 from geomphys.load import load_world
 from geomphys.recording.frames import FrameSource
-from geomphys.world.scene import World
+from geomphys.scene.arrays import World
 from tests.recording.log_files import Tree, joints, make_world, pose, write_log
-from tests.world.models import joint, link, urdf
+from tests.scene.models import joint, link, urdf
 
 TURN = 2 * np.pi
 

@@ -9,12 +9,12 @@ import pytest
 
 from geomphys.errors import InputError, LogError, MeshError, SceneError
 from geomphys.load import load_world
-from geomphys.output_log import open_output
+from geomphys.output.output_log import open_output
 from geomphys.recording.reader import open_log
-from geomphys.world.meshes import load_mesh
-from geomphys.world.scene import CAPSULE
+from geomphys.scene.arrays import CAPSULE
+from geomphys.scene.meshes import load_mesh
 from tests.cli.press import command_line
-from tests.world.models import ball, cube, joint, link, stl, urdf
+from tests.scene.models import ball, cube, joint, link, stl, urdf
 from tests.zoo import through_all
 
 POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:" + "ab" * 32 + "\nsize 68484\n"
@@ -63,8 +63,8 @@ def test_a_capsule_goes_all_the_way_and_viewers_get_what_they_know(tmp_path: Pat
 
 def test_the_parts_of_a_capsule_stand_where_it_stands(tmp_path: Path) -> None:
     """The hulls of both are the same: the union of the parts is the capsule."""
-    from geomphys.sinks.description import urdf_for_viewers
-    from geomphys.world.skeleton import load_skeleton
+    from geomphys.output.urdf_description import urdf_for_viewers
+    from geomphys.scene.skeleton import load_skeleton
 
     path = urdf(tmp_path / "a.urdf", link("palm", CAPSULE_SHAPE))
     text = urdf_for_viewers(path, {"palm": "palm"}, (1, 2, 3, 255))

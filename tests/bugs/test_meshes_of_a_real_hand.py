@@ -9,7 +9,7 @@ import pytest
 
 from geomphys.errors import MeshError
 from geomphys.load import load_world
-from tests.world.models import ball, cube, ell, joint, link, stl, urdf
+from tests.scene.models import ball, cube, ell, joint, link, stl, urdf
 from tests.zoo import through_all
 
 MESH = '<geometry><mesh filename="{}"/></geometry>'

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.driven.logs import Thing, play
-from tests.world.models import joint, link, urdf
+from tests.scene.models import joint, link, urdf
 
 
 def test_a_recorded_minus_zero_stays(tmp_path: Path) -> None:

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from geomphys.draft import draft_scene
+from geomphys.authoring.draft import draft_scene
 from geomphys.errors import ModelError
 from geomphys.load import load_world
 from tests.cli.press import command_line
-from tests.world.models import ball, joint, urdf
+from tests.scene.models import ball, joint, urdf
 from tests.zoo import made_log, through_all
 
 SEEN = '<link name="{}"><visual><geometry><sphere radius="0.05"/></geometry></visual></link>'

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from geomphys.authoring.draft import draft_scene
 from geomphys.config import Config
-from geomphys.draft import draft_scene
 from geomphys.errors import LogError
 from geomphys.load import load_world
 from geomphys.recording.check import check_log

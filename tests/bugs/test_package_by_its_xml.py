@@ -10,7 +10,7 @@ import pytest
 from geomphys.errors import MeshError
 from geomphys.load import load_world
 from tests.cli.press import command_line
-from tests.world.models import ball, cube, joint, stl, urdf
+from tests.scene.models import ball, cube, joint, stl, urdf
 from tests.zoo import through_all
 
 MESH = '<link name="palm"><collision><geometry><mesh filename="package://my_hand/meshes/{}.stl"/></geometry></collision></link>'

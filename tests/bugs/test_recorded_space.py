@@ -8,11 +8,11 @@ import tomllib
 
 import pytest
 from geomphys_cli.main import run
+from tests.test_draft import twin
 
 from geomphys.recording.channels import Joints, kind_of, make_reader
 from geomphys.recording.reader import open_log
 from tests.recording.log_files import joints, pose, write_log
-from tests.test_draft import twin
 
 
 def write_twin(source, path, up, unit):

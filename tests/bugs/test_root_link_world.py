@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geomphys.diff.compare import compare_outputs
-from geomphys.output_log import open_output
+from geomphys.analysis.diff.compare import compare_outputs
+from geomphys.output.output_log import open_output
 from tests.cli.press import command_line
-from tests.world.models import ball, joint, urdf
+from tests.scene.models import ball, joint, urdf
 from tests.zoo import Outcome, through_all
 
 

@@ -6,11 +6,11 @@ import math
 import tomllib
 
 import pytest
+from tests.test_draft import HAND
 
 import geomphys
 from geomphys.recording.check import check_log
 from tests.recording.log_files import joints, pose, transforms, write_log
-from tests.test_draft import HAND
 
 JOINTS = ("index_mcp_flex", "index_pip_flex")
 SPELLED = {

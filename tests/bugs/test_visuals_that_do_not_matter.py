@@ -9,7 +9,7 @@ import pytest
 from geomphys.errors import InputError
 from geomphys.load import load_world
 from tests.cli.press import command_line
-from tests.world.models import ball, cube, joint, stl, urdf
+from tests.scene.models import ball, cube, joint, stl, urdf
 from tests.zoo import through_all
 
 LINK = (
@@ -90,7 +90,7 @@ def test_the_shared_case(shared_dir: Path) -> None:
 
 
 def test_the_log_has_the_warning_at_its_first_frame(tmp_path: Path) -> None:
-    from geomphys.output_log import open_output
+    from geomphys.output.output_log import open_output
 
     outcome = through_all(model(tmp_path, "visual", WRONG["no size"]), tmp_path)
     rows = [(frame.index, row.text) for frame in open_output(outcome.out).frames(["/log"]) for row in frame.log]

@@ -19,7 +19,7 @@ from mcap.reader import make_reader
 
 import geomphys
 from tests.cli.press import SCENE, Case, write_log
-from tests.world.models import ball, cube, joint, link, stl, urdf
+from tests.scene.models import ball, cube, joint, link, stl, urdf
 
 MAGIC = b"\x89MCAP0\r\n"
 LIMIT_MB = 1024

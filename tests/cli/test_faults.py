@@ -198,7 +198,7 @@ def test_ctrl_c_ahead_of_the_first_frame_leaves_a_readable_part_or_none(case: Ca
     """A part without frames has its metadata, says that it is not complete, and reads as one."""
     words = ("replay", case.log, "-s", case.scene, "-o", tmp_path / "out.mcap", "--rrd", tmp_path / "out.rrd")
     code = (
-        "import geomphys.pipeline as p, os, signal\n"
+        "import geomphys.engine.pipeline as p, os, signal\n"
         "p.Pipeline.__init__ = lambda *a: os.kill(os.getpid(), signal.SIGINT)\n"
     )
     outcome = command_line(*words, code=code)

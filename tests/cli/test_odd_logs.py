@@ -13,7 +13,7 @@ from geomphys_cli.main import run
 from tests.cli.press import SCENE, write_log
 from tests.recording import log_files
 from tests.recording.log_files import glove, joints, pose
-from tests.world.models import ball, joint, urdf
+from tests.scene.models import ball, joint, urdf
 
 FINGERS = ("thumb", "index", "middle")
 TOPIC = "/glove/joint_states"

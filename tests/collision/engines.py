@@ -6,7 +6,7 @@ import coal
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.world.scene import BOX, CAPSULE, CYLINDER, SPHERE, Pieces
+from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, SPHERE, Pieces
 
 
 def coal_shape(pieces: Pieces, k: int) -> coal.CollisionGeometry:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from geomphys.collision.manifold import manifold
 from geomphys.collision.penetration import make_scratch, separation
-from geomphys.world.pieces import Box, Capsule, Cylinder, Hull, PlacedShape, Shape, Sphere, build_pieces
+from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PlacedShape, Shape, Sphere, build_pieces
 
 Array = NDArray[np.float64]
 SCRATCH = make_scratch()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from geomphys.world.pieces import Box, Capsule, Cylinder, Sphere
+from geomphys.scene.pieces import Box, Capsule, Cylinder, Sphere
 from tests.collision.pairs import Pair, check_certificate, pose
 
 LYING = Rotation.from_euler("y", 90, degrees=True)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from geomphys.config import Config
-from geomphys.machine import make_machine
-from geomphys.packed import pack
-from geomphys.pipeline import Pipeline
-from geomphys.step import measure_recorded, place_recording
-from geomphys.world.scene import FIXED
+from geomphys.engine.pipeline import Pipeline
+from geomphys.engine.state import make_machine
+from geomphys.engine.step import measure_recorded, place_recording
+from geomphys.jit.packed_records import pack
+from geomphys.scene.arrays import FIXED
 from tests.driven.logs import Engine, Run, play
 from tests.laws.test_driven_random import random_scene
 

@@ -9,10 +9,10 @@ from geomphys.collision.exhaustive import exhaustive
 from geomphys.collision.gjk import OVERLAP, closest
 from geomphys.collision.scratch import Scratch, room_of
 from geomphys.collision.support import core_of, position_of, rotation_of, shapes_of
-from geomphys.kernel import kernel
-from geomphys.vec3 import norm, rot_transposed_mul, rotate_back, sub
-from geomphys.world.pieces import Box, Capsule, Shape
-from geomphys.world.scene import Floats, Pieces
+from geomphys.jit.kernel import kernel
+from geomphys.numerics.vec3 import norm, rot_transposed_mul, rotate_back, sub
+from geomphys.scene.arrays import Floats, Pieces
+from geomphys.scene.pieces import Box, Capsule, Shape
 from tests.collision.pairs import SCRATCH, Pair, pose, random_hull, random_turn
 
 

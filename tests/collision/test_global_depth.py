@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from geomphys.transforms import apply
+from geomphys.numerics.transforms import apply
 from tests.driven.logs import Engine, Run, Thing, play
-from tests.world.models import link, urdf
+from tests.scene.models import link, urdf
 
 PARTS = ((0.1, 0.04, 0.06, "0 0 0"), (0.03, 0.12, 0.03, "0.05 0.02 0.04"), (0.05, 0.05, 0.1, "-0.04 -0.03 0.03"))
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from geomphys.collision.manifold import SLOP
-from geomphys.world.pieces import Box, Capsule, Cylinder, Hull, Shape, Sphere
+from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, Shape, Sphere
 from tests.collision.pairs import Pair, height, pose, random_hull, random_turn
 
 TABLE = Box((1.0, 1.0, 0.5))

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from geomphys.world.pieces import Box, Capsule, Cylinder, Hull, Shape, Sphere
+from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, Shape, Sphere
 from tests.collision.engines import coal_place, coal_shape
 from tests.collision.pairs import Array, Pair, check_certificate, pose
 

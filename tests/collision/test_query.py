@@ -7,7 +7,7 @@ import pytest
 
 from geomphys.collision.query import query
 from geomphys.errors import MeshError
-from geomphys.world.pieces import Box, Hull
+from geomphys.scene.pieces import Box, Hull
 from tests.collision.pairs import pose
 
 

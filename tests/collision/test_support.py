@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from geomphys.collision.support import core_of, place_pieces, shapes_of, support
-from geomphys.kernel import kernel
-from geomphys.world.pieces import Box, Capsule, Cylinder, Hull, PlacedShape, Shape, Sphere, build_pieces
-from geomphys.world.scene import Floats, Pieces
+from geomphys.jit.kernel import kernel
+from geomphys.scene.arrays import Floats, Pieces
+from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PlacedShape, Shape, Sphere, build_pieces
 from tests.collision.pairs import extent, pose, random_hull
 
 RNG = np.random.default_rng(3)

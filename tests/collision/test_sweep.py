@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from geomphys.collision.support import place_pieces
 from geomphys.collision.sweep import Boxes, make_boxes, near_trees, update_boxes
-from geomphys.packed import pack
-from geomphys.world import scene as s
-from geomphys.world.pieces import Box, Capsule, Cylinder, Hull, Sphere
+from geomphys.jit.packed_records import pack
+from geomphys.scene import arrays as s
+from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, Sphere
 from tests.simulated.scenes import Thing, make_scene
 
 

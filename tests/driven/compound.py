@@ -8,8 +8,8 @@ import numpy as np
 
 from geomphys.driven.posture import Joints, make_joints
 from geomphys.load import load_world
-from geomphys.world.scene import World
-from tests.world.models import joint, link, urdf
+from geomphys.scene.arrays import World
+from tests.scene.models import joint, link, urdf
 
 CONE = [[0.9, 0.1, -0.3], [0.5, 0.8, -0.3], [-0.6, 0.7, -0.4], [-0.7, -0.3, -0.6], [0.3, -0.8, -0.5]]
 NOTCHED = [[0.9, 0.1, 0.3], [0.1, 0.15, -1.0], [-0.6, 0.9, 0.2], [-0.7, -0.3, -0.6], [0.3, -0.8, -0.5]]

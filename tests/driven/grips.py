@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tests.world.models import joint, link, urdf
+from tests.scene.models import joint, link, urdf
 
 GRIP = (
     '[[avatar]]\nname="grip"\nurdf="grip.urdf"\nmode="rigid"\nmaterial="human"\n'

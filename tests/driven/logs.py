@@ -15,14 +15,14 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation, Slerp
 
 from geomphys.config import Config
+from geomphys.engine.pipeline import replay
 from geomphys.load import load_world
-from geomphys.pipeline import replay
+from geomphys.numerics.transforms import compose, matrix_from_frame, matrix_from_pose
 from geomphys.results import FrameResult
-from geomphys.transforms import compose, matrix_from_frame, matrix_from_pose
-from geomphys.world.scene import DRIVEN, World
+from geomphys.scene.arrays import DRIVEN, World
 from tests.collision.engines import coal_place, coal_shape
 from tests.recording.log_files import Item, joints, pose, write_log
-from tests.world.models import stl
+from tests.scene.models import stl
 
 Floats = NDArray[np.float64]
 

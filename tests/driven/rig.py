@@ -15,11 +15,11 @@ from geomphys.driven.chain_loop import free_chains
 from geomphys.driven.chain_room import make_chain_room
 from geomphys.driven.places import make_places
 from geomphys.driven.posture import make_joints
+from geomphys.jit.packed_records import pack
 from geomphys.load import load_world
-from geomphys.packed import pack
-from geomphys.world.kinematics import joint_origins, place_tree, pose_tree
-from geomphys.world.scene import World
-from tests.world.models import urdf
+from geomphys.scene.arrays import World
+from geomphys.scene.kinematics import joint_origins, place_tree, pose_tree
+from tests.scene.models import urdf
 
 
 class Rig:

@@ -11,7 +11,7 @@ from geomphys.driven.ccd import wanted_turn
 from geomphys.driven.reach_cones import cone_angle
 from tests.driven.compound import CONE, shoulder
 from tests.driven.rig import Rig, rig
-from tests.world.models import joint, link
+from tests.scene.models import joint, link
 
 CHAIN = '[[avatar.chain]]\nname = "c"\nbase = "base"\ntip = "tip"\n'
 ROD = '<origin xyz="{0} 0 0" rpy="0 1.5707963267948966 0"/><geometry><cylinder radius="0.01" length="0.1"/></geometry>'

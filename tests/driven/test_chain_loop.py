@@ -11,7 +11,7 @@ from geomphys.driven.chains import FREE, STUCK
 from geomphys.driven.shift import shift_link
 from tests.driven.compound import CONE, shoulder
 from tests.driven.rig import Rig, rig
-from tests.world.models import ball, joint, link
+from tests.scene.models import ball, joint, link
 
 GAP = 2e-6
 ROD = '<origin xyz="{0} 0 0" rpy="0 1.5707963267948966 0"/><geometry><cylinder radius="0.01" length="{1}"/></geometry>'

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import yourdfpy
 
+from geomphys.numerics.transforms import compose, matrix_from_pose, pose_from_matrix
 from geomphys.results import FLAG_NOT_CONVERGED
-from geomphys.transforms import compose, matrix_from_pose, pose_from_matrix
 from tests.driven.logs import Run, Thing, assert_free, chatter, play
-from tests.world.models import joint, link, urdf
+from tests.scene.models import joint, link, urdf
 
 BONE = '<origin xyz="0 0 -0.03"/><geometry><{}/></geometry>'
 BOX = BONE.format('box size="0.02 0.02 0.05"')

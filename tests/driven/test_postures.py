@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from geomphys.driven.reach_cones import cone_angle
-from geomphys.packed import pack
+from geomphys.jit.packed_records import pack
 from tests.driven.compound import CAPSULE, NOTCHED, limit
 from tests.driven.logs import Run, Thing, assert_free, play
-from tests.world.models import joint, link, urdf
+from tests.scene.models import joint, link, urdf
 
 
 def avatar(folder: Path, parts: list[str], rest: str) -> str:

@@ -15,7 +15,7 @@ from geomphys.driven.reach_cones import (
     limb_direction,
     signed_angle,
 )
-from geomphys.packed import pack
+from geomphys.jit.packed_records import pack
 from tests.driven.compound import CONE, NOTCHED, joints_of, shoulder
 
 

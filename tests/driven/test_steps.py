@@ -9,11 +9,11 @@ from scipy.spatial.transform import Rotation
 from geomphys.collision.detect import find_near, pair_separation
 from geomphys.driven.places import place_at
 from geomphys.driven.steps import _change, make_stir, measure_stir, steps_needed
-from geomphys.packed import pack
-from geomphys.world.kinematics import place_tree, pose_tree
+from geomphys.jit.packed_records import pack
+from geomphys.scene.kinematics import place_tree, pose_tree
 from tests.driven.rig import Rig, rig
 from tests.driven.test_chain_loop import chain, finger, rod
-from tests.world.models import joint, link
+from tests.scene.models import joint, link
 
 GAP = 2e-6
 FAR = 1e3

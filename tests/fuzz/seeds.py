@@ -24,7 +24,7 @@ from tests.cli.press import write_log as write_press
 from tests.fuzz.targets import _KINDS, CUBE, MODEL
 from tests.recording.log_files import Item, joints, pose, transforms, turned, write_log
 from tests.recording.made_messages import make
-from tests.world.test_scene_file import FULL
+from tests.scene.test_scene_file import FULL
 
 CORPUS = Path(__file__).with_name("corpus")
 ROOT = Path(__file__).resolve().parents[2]

@@ -6,18 +6,18 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
+from geomphys.analysis.stats import statistics_of
 from geomphys.config import Config
 from geomphys.errors import GeomphysError
 from geomphys.load import load_world
-from geomphys.output_log import open_output
+from geomphys.output.output_log import open_output
 from geomphys.recording.channels import kind_of, make_reader
 from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.frames import FrameSource
 from geomphys.recording.inspect import inspect_log
 from geomphys.recording.reader import LogChannel
-from geomphys.stats import statistics_of
-from geomphys.world.meshes import SUFFIXES, load_mesh, require_closed, wound_outwards
-from geomphys.world.skeleton import load_skeleton
+from geomphys.scene.meshes import SUFFIXES, load_mesh, require_closed, wound_outwards
+from geomphys.scene.skeleton import load_skeleton
 from tests.recording.log_files import Tree, make_world
 from tests.recording.made_messages import make, pairs
 

@@ -8,7 +8,7 @@ import tomllib
 
 import pytest
 
-from geomphys.world.scene_file import parse_scene
+from geomphys.scene.scene_file import parse_scene
 from tests.house import inputs
 from tests.house.listing import DOCUMENT, LIST, listing
 from tests.house.reference import REFERENCE, reference

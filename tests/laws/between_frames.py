@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation, Slerp
 
-from geomphys.world.scene import DRIVEN
+from geomphys.scene.arrays import DRIVEN
 from tests.driven.logs import Engine, Floats, Run
 
 CLEAR = 1e-6  # m, kept while following

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from geomphys.results import FLAG_BLOCKED
 from tests.driven.logs import FREE, GAP, Run, Thing, assert_free, chatter, line, play, wander
-from tests.world.models import joint, link, urdf
+from tests.scene.models import joint, link, urdf
 
 TABLE = Thing(name="table", shape=("box", 2, 2, 0.1), at=(0, 0, -0.05))
 HALF = 0.05

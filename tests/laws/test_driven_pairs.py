@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.driven.logs import GAP, Thing, assert_free, line, play, wander
-from tests.world.models import joint, link, urdf
+from tests.scene.models import joint, link, urdf
 
 CUBE = ("box", 0.1, 0.1, 0.1)
 

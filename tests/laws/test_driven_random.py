@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from tests.driven.logs import Engine, Run, Thing, assert_free, play, wander
 from tests.laws.between_frames import Between
-from tests.world.models import link, urdf
+from tests.scene.models import link, urdf
 
 
 def shape(rng: np.random.Generator, size: float) -> tuple[str | float, ...] | np.ndarray:

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from geomphys.world.pieces import Box, Cylinder, Sphere
+from geomphys.scene.pieces import Box, Cylinder, Sphere
 from tests.simulated.scenes import GRAVITY, Player, Thing
 
 BRICK = Box((0.1, 0.06, 0.03))  # three different moments

@@ -12,7 +12,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 import geomphys
 from tests.driven.logs import Thing, play, wander
-from tests.world.models import joint, link, urdf
+from tests.scene.models import joint, link, urdf
 
 FRAMES = 150  # more than two blocks of the pipeline
 HAND = '[[avatar]]\nname="hand"\nurdf="hand.urdf"\nmaterial="human"\nroot={topic="/wrist"}\njoints={topic="/angles"}\n'

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from geomphys.world import scene as s
-from geomphys.world.pieces import Box, Capsule, Sphere
+from geomphys.scene import arrays as s
+from geomphys.scene.pieces import Box, Capsule, Sphere
 from tests.simulated.scenes import Player, Thing
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from geomphys.world.pieces import Box, Cylinder, Hull, Shape
+from geomphys.scene.pieces import Box, Cylinder, Hull, Shape
 from tests.collision.pairs import Pair, check_certificate, minkowski_depth, pose, random_hull, random_turn
 
 SEEDS = range(int(os.environ.get("GEOMPHYS_PENETRATION_SEEDS", "12")))

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import geomphys
 from geomphys.config import Config
-from geomphys.output_log import open_output
+from geomphys.output.output_log import open_output
 from geomphys.results import FLAG_IMPACT_BOUND
 from tests.laws.replayed import GRAVITY, SPACE, Run, floor, play, thing, turned
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from geomphys.simulated.touches import write_touches
-from geomphys.world import scene as s
-from geomphys.world.pieces import Box, Capsule, Cylinder, Hull, Shape, Sphere
+from geomphys.scene import arrays as s
+from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, Shape, Sphere
+from geomphys.simulated.frame_contacts import write_touches
 from tests.simulated.scenes import FRICTION, GRAVITY, Player, Thing, floor
 
 MU = FRICTION[0, 0]

@@ -6,7 +6,7 @@ import coal
 import numpy as np
 import pytest
 
-from geomphys.world.pieces import Box, Capsule, Cylinder, Hull, Shape, Sphere
+from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, Shape, Sphere
 from tests.collision.engines import coal_place, coal_shape
 from tests.collision.pairs import Pair, check_certificate, pose, random_hull, random_turn, searched_depth
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from geomphys.world.scene import DRIVEN
+from geomphys.scene.arrays import DRIVEN
 from tests.driven.logs import Engine, Floats, Run, Thing, play, wander
 from tests.laws.between_frames import lines
-from tests.world.models import joint, link, urdf
+from tests.scene.models import joint, link, urdf
 
 KINDS = ("cell", "box", "carried", "lidless", "slot", "fork", "door", "shut door")
 CLOSED = ("cell", "box", "carried")

@@ -19,8 +19,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 from mcap_ros2._dynamic import serialize_dynamic
 
 from geomphys.recording.definitions import STANDARD_TYPES
-from geomphys.world.inputs import JointSource, RootSource
-from geomphys.world.scene import (
+from geomphys.scene.arrays import (
     DRIVEN,
     FIXED,
     JOINT_FIXED,
@@ -35,8 +34,9 @@ from geomphys.world.scene import (
     Trees,
     World,
 )
-from geomphys.world.scene_file import SceneFile
-from geomphys.world.scene_inputs import RecordingTable
+from geomphys.scene.inputs import JointSource, RootSource
+from geomphys.scene.scene_file import SceneFile
+from geomphys.scene.scene_inputs import RecordingTable
 
 S = 10**9
 IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)

@@ -9,7 +9,7 @@ import pytest
 
 from geomphys.config import Config
 from geomphys.recording.frames import FrameSource
-from geomphys.world.scene import JOINT_PRISMATIC
+from geomphys.scene.arrays import JOINT_PRISMATIC
 from tests.recording.log_files import S, Tree, joints, make_world, pose, write_log
 
 HAND = Tree(root="/wrist", topic="/glove", joints=("a", "b", "slide"), kinds={"slide": JOINT_PRISMATIC})

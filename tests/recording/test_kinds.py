@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from google.protobuf import json_format
 
+from geomphys.authoring.draft import pose_candidates
 from geomphys.config import Config
-from geomphys.draft import pose_candidates
 from geomphys.errors import LogError
 from geomphys.recording.channels import Joints, Pose, kind_of, make_reader
 from geomphys.recording.decoders import BadMessageError

@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from geomphys.collision.penetration import make_scratch, separation
 from geomphys.collision.support import place_pieces
-from geomphys.simulated.make import make_simulated_state
+from geomphys.scene import arrays as s
+from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PlacedShape, Shape, Sphere, build_pieces
+from geomphys.simulated.allocation import make_simulated_state
 from geomphys.simulated.update import simulate
-from geomphys.world import scene as s
-from geomphys.world.pieces import Box, Capsule, Cylinder, Hull, PlacedShape, Shape, Sphere, build_pieces
 
 MATERIALS = ("wood", "human", "metal", "ice", "rubber")
 RESTITUTION = np.array(

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from geomphys.collision.penetration import separation
 from geomphys.collision.support import place_pieces
-from geomphys.world import scene as s
-from geomphys.world.pieces import Box, Capsule, Sphere
+from geomphys.scene import arrays as s
+from geomphys.scene.pieces import Box, Capsule, Sphere
 from tests.simulated.scenes import Player, Thing, floor
 
 DT = 1 / 30

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from geomphys.scene import arrays as s
+from geomphys.scene.pieces import Box, Cylinder, Sphere
 from geomphys.simulated.state import TREE
 from geomphys.simulated.update import simulate
-from geomphys.world import scene as s
-from geomphys.world.pieces import Box, Cylinder, Sphere
 from tests.simulated.scenes import FRICTION, Player, Thing, floor
 
 HERE = (0.0, 0.0, 0.0, 1.0)

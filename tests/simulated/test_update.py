@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from geomphys.simulated.make import make_simulated_state
+from geomphys.scene import arrays as s
+from geomphys.scene.pieces import Box, Capsule, Cylinder, Sphere
+from geomphys.simulated.allocation import make_simulated_state
+from geomphys.simulated.frame_contacts import write_touches
 from geomphys.simulated.state import AWAKE
-from geomphys.simulated.touches import write_touches
 from geomphys.simulated.update import IMPACT_BOUND, QUARANTINED
-from geomphys.world import scene as s
-from geomphys.world.pieces import Box, Capsule, Cylinder, Sphere
 from tests.simulated.scenes import GRAVITY, Player, Thing, floor, make_scene
 
 

@@ -1,0 +1,1 @@
+"""Checks, statistics, comparisons and plots of results."""

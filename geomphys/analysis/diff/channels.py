@@ -1,0 +1,91 @@
+"""What a comparison of a channel takes and gives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from geomphys.analysis.diff.measures import Measure
+from geomphys.output.output_log import OutputFrame
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tolerance:
+    """Up to where a difference counts as none.
+
+    With both at zero everything has to be equal. With one above zero only lengths, angles, and whether frames, bodies
+    and joints are there at all are judged: pairs gained and lost, counts, flags, impulses and texts are reported and do
+    not decide. (Which of two frames is the first to touch is a matter of the last bit.)
+    """
+
+    m: float = 0.0
+    rad: float = 0.0
+
+    @property
+    def exact(self) -> bool:
+        """Whether everything has to be equal."""
+        return self.m == 0.0 and self.rad == 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sets:
+    """What is in one output and not in the other: counts over all frames."""
+
+    gained: int = 0  # in b alone
+    lost: int = 0  # in a alone
+    first_frame: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelDifference:
+    """What became of a channel. `parts` are its bodies, joints, pairs of bodies, or figures.
+
+    `metres`, `radians` and `others` (other units) have the same parts, as far as they have that unit.
+    """
+
+    channel: str
+    kind: str  # "bodies", "joints", "pairs", "fields" or "lines"
+    equal: bool
+    first_frame: int | None
+    metres: dict[str, Measure] = field(default_factory=dict)
+    radians: dict[str, Measure] = field(default_factory=dict)
+    others: dict[str, Measure] = field(default_factory=dict)
+    whole_m: Measure | None = None
+    whole_rad: Measure | None = None
+    sets: dict[str, Sets] = field(default_factory=dict)
+    only_a: tuple[str, ...] = ()
+    only_b: tuple[str, ...] = ()
+
+    def parts(self) -> tuple[str, ...]:
+        """Names of all parts."""
+        return tuple(dict.fromkeys([*self.metres, *self.radians, *self.others, *self.sets]))
+
+    def most_different(self) -> tuple[str, ...]:
+        """Names of the parts that differ: first the largest difference of each unit and the most gained and lost, then the
+        second ones, and so on.
+        """
+        measures = (self.metres, self.radians, self.others)
+        scales = [{name: measure.max for name, measure in group.items() if measure.max > 0.0} for group in measures]
+        scales.append({name: float(sets.gained + sets.lost) for name, sets in self.sets.items()})
+        places: dict[str, int] = {}
+        for scale in scales:
+            ordered = sorted(set(scale.values()), reverse=True)
+            for name, value in scale.items():
+                rank = ordered.index(value)
+                places[name] = min(rank, places.get(name, rank))
+        return tuple(sorted((name for name in self.parts() if name in places), key=lambda name: places[name]))
+
+
+class Channel(Protocol):
+    """Compares one channel."""
+
+    def add(self, a: OutputFrame, b: OutputFrame) -> float:
+        """Take two frames of the same time; returns the largest difference of a length, m."""
+
+    def result(self) -> ChannelDifference:
+        """What it came to."""
+
+
+def earliest(*frames: int | None) -> int | None:
+    """The first of some frames, None standing for no frame."""
+    return min((frame for frame in frames if frame is not None), default=None)

@@ -1,0 +1,221 @@
+"""Compares two outputs: both are read side by side, a frame at a time, so that memory does not grow with their length."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from defusedxml import ElementTree
+
+from geomphys.analysis.diff.channels import Channel, Tolerance
+from geomphys.analysis.diff.derived import ContactChannel, LogChannel, MetricsChannel, PenetrationChannel
+from geomphys.analysis.diff.measures import Envelope, Peak, Peaks
+from geomphys.analysis.diff.motion import JointChannel, PoseChannel
+from geomphys.analysis.diff.report import Curves, Matching, OutputDifference
+from geomphys.errors import ConfigError, LogError
+from geomphys.output.decoders import Poses
+from geomphys.output.output_log import OutputFrame, OutputLog, open_output
+
+CHANNELS = ("/tf", "/recorded/tf", "joint_states", "/contacts", "/penetration", "/metrics", "/log")
+"""What can be compared; ``joint_states`` stands for the joint values of every avatar."""
+
+PEAKS = 4
+"""Frames that are kept to be shown."""
+APART_NS = 500_000_000
+"""ns; they lie at least this far apart."""
+
+
+class PeakPoses(NamedTuple):
+    """What is kept of a frame that stands out."""
+
+    body: str  # frame id of the one that is furthest off
+    a: Poses
+    b: Poses
+
+
+def compare_outputs(
+    a: Path | str,
+    b: Path | str,
+    *,
+    tolerance_m: float = 0.0,
+    tolerance_rad: float = 0.0,
+    channels: Collection[str] = CHANNELS,
+    progress: Callable[[int, int | None], None] | None = None,
+) -> OutputDifference:
+    """Compare two outputs channel by channel. Frames are matched by their times, bodies and joints by their names.
+
+    Parameters
+    ----------
+    a, b : Path or str
+        Output logs.
+    tolerance_m, tolerance_rad : float
+        Up to where lengths [m] and angles [rad] count as equal. With both 0 everything has to be equal, bit for bit;
+        see `Tolerance` for what decides with one above 0.
+    channels : collection of str
+        Which of `CHANNELS` to compare.
+    progress : callable, optional
+        Called with the frames compared and their number.
+
+    Raises
+    ------
+    ConfigError
+        A tolerance is negative, or a channel unknown.
+    LogError
+        A file is no output, is damaged, or has no frame.
+    """
+    tolerance = Tolerance(m=tolerance_m, rad=tolerance_rad)
+    if not (tolerance_m >= 0.0 and tolerance_rad >= 0.0):
+        raise ConfigError(f"tolerance = {min(tolerance_m, tolerance_rad)}: must not be negative")
+    unknown = set(channels) - set(CHANNELS)
+    if unknown or not channels:
+        raise ConfigError(f"channel = {', '.join(sorted(unknown))}: choose among {', '.join(CHANNELS)}")
+    one, other = open_output(a), open_output(b)
+    wanted = [name for name in CHANNELS if name in channels]
+    first_a, first_b = _first(one, wanted), _first(other, wanted)
+    compared: dict[str, Channel] = {}
+    for name in wanted:
+        compared |= _comparers(name, tolerance, one, other, first_a, first_b)
+    trace = _Trace(compared)
+    counts = dict.fromkeys(("compared", "only_a", "only_b"), 0)
+    firsts: dict[str, int | None] = {"only_a": None, "only_b": None}
+    total = max(one.frame_count, other.frame_count)
+    for frame_a, frame_b in matched(one.frames(wanted), other.frames(wanted)):
+        if frame_a is not None and frame_b is not None:
+            counts["compared"] += 1
+            trace.add(frame_a, frame_b)
+        else:
+            frame = frame_a or frame_b
+            assert frame is not None
+            side = "only_b" if frame_a is None else "only_a"
+            counts[side] += 1
+            firsts[side] = frame.index if firsts[side] is None else firsts[side]
+        if progress is not None:
+            progress(sum(counts.values()), total)
+    results = {name: comparer.result() for name, comparer in compared.items()}
+    if not counts["compared"]:
+        results = {name: dataclasses.replace(result, equal=False) for name, result in results.items()}
+    files_a, files_b = _digests(one), _digests(other)
+    return OutputDifference(
+        a=str(a),
+        b=str(b),
+        equal=all(channel.equal for channel in results.values()) and not counts["only_a"] and not counts["only_b"],
+        tolerance=tolerance,
+        frames=Matching(
+            a=one.frame_count,
+            b=other.frame_count,
+            **counts,
+            first_only_a=firsts["only_a"],
+            first_only_b=firsts["only_b"],
+            offset_s=(first_b.time_ns - first_a.time_ns) / 1e9,
+        ),
+        channels=results,
+        parameters={
+            name: (one.metadata.get(name), other.metadata.get(name))
+            for name in dict.fromkeys([*one.metadata, *other.metadata])
+            if one.metadata.get(name) != other.metadata.get(name)
+        },
+        attachments=tuple(
+            name for name in sorted(files_a.keys() | files_b.keys()) if files_a.get(name) != files_b.get(name)
+        ),
+        curves=trace.curves(),
+        peaks=tuple(trace.peaks.largest_first()),
+    )
+
+
+def _first(output: OutputLog, channels: Collection[str]) -> OutputFrame:
+    for frame in output.frames(channels):
+        return frame
+    raise LogError(f"{output.path}: holds no frame")
+
+
+def _comparers(
+    name: str, tolerance: Tolerance, a: OutputLog, b: OutputLog, first_a: OutputFrame, first_b: OutputFrame
+) -> dict[str, Channel]:
+    """Topic -> what compares it."""
+    if name in ("/tf", "/recorded/tf"):
+        return {name: PoseChannel(name, tolerance, first_a, first_b)}
+    if name == "joint_states":
+        sliding = joints_of_type(a, "prismatic") | joints_of_type(b, "prismatic")
+        whole = joints_of_type(a, "continuous") & joints_of_type(b, "continuous")
+        topics = dict.fromkeys([*a.joint_topics, *b.joint_topics])
+        return {topic: JointChannel(topic, tolerance, sliding, whole) for topic in topics}
+    kinds: dict[str, Callable[[Tolerance], Channel]] = {
+        "/contacts": ContactChannel,
+        "/penetration": PenetrationChannel,
+        "/metrics": MetricsChannel,
+        "/log": LogChannel,
+    }
+    return {name: kinds[name](tolerance)}
+
+
+def joints_of_type(output: OutputLog, kind: str) -> frozenset[str]:
+    """Names of the joints of a type in the URDFs attached to an output, as ``prismatic``: their values are lengths."""
+    names: set[str] = set()
+    for name, data in output.attachments().items():
+        if name.endswith(".urdf"):
+            joints = ElementTree.fromstring(data).iter("joint")
+            names.update(joint.get("name", "") for joint in joints if joint.get("type") == kind)
+    return frozenset(names)
+
+
+def matched(
+    a: Iterator[OutputFrame], b: Iterator[OutputFrame]
+) -> Iterator[tuple[OutputFrame | None, OutputFrame | None]]:
+    """Frames of the same time together, others alone, in the order of their times."""
+    one, other = next(a, None), next(b, None)
+    while one is not None or other is not None:
+        if other is None or (one is not None and one.time_ns < other.time_ns):
+            yield one, None
+            one = next(a, None)
+        elif one is None or other.time_ns < one.time_ns:
+            yield None, other
+            other = next(b, None)
+        else:
+            yield one, other
+            one, other = next(a, None), next(b, None)
+
+
+def _digests(output: OutputLog) -> dict[str, str]:
+    return {name: hashlib.sha256(data).hexdigest() for name, data in output.attachments().items()}
+
+
+@dataclass
+class _Trace:
+    """Hands frames to the comparers and keeps what is drawn."""
+
+    channels: dict[str, Channel]
+
+    def __post_init__(self) -> None:
+        self.peaks = Peaks(PEAKS, APART_NS)
+        self._position, self._angle, self._joints, self._contacts, self._depth = (Envelope() for _ in range(5))
+
+    def add(self, a: OutputFrame, b: OutputFrame) -> None:
+        joints = 0.0
+        for name, channel in self.channels.items():
+            largest = channel.add(a, b)
+            if isinstance(channel, PoseChannel) and name == "/tf":
+                self._position.add(a.index, largest)
+                self._angle.add(a.index, channel.turn)
+                if self.peaks.wants(largest, a.time_ns):
+                    body = channel.compared[int(channel.differences.argmax())]
+                    self.peaks.add(Peak(largest, a.index, a.time_ns, PeakPoses(body, a.tf, b.tf)))
+            elif isinstance(channel, JointChannel):
+                joints = max(joints, channel.turn)
+            elif isinstance(channel, ContactChannel):
+                self._contacts.add(a.index, float(channel.changed))
+            elif isinstance(channel, PenetrationChannel):
+                self._depth.add(a.index, largest)
+        self._joints.add(a.index, joints)
+
+    def curves(self) -> Curves:
+        return Curves(
+            position_m=self._position.points(),
+            angle_rad=self._angle.points(),
+            joints_rad=self._joints.points(),
+            contacts=self._contacts.points(),
+            penetration_m=self._depth.points(),
+        )

@@ -1,0 +1,232 @@
+"""What is derived of a motion compared: contacts and penetrations as sets of pairs, figures, and lines of the log."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.analysis.diff.channels import ChannelDifference, Sets, Tolerance, earliest
+from geomphys.analysis.diff.measures import Spread
+from geomphys.output.decoders import METRICS, ContactRow, PenetrationRow
+from geomphys.output.output_log import OutputFrame
+
+Floats = NDArray[np.float64]
+Pair = tuple[str, str]
+
+
+class ContactChannel:
+    """``/contacts`` as a set of pairs of bodies; of pairs in both, how far points and depths are apart.
+
+    The distance of two sets of points is the largest distance of a point to the nearest of the other set.
+    """
+
+    def __init__(self, tolerance: Tolerance) -> None:
+        self._tolerance = tolerance
+        self._metres, self._impulses = Spread(tolerance.m), Spread(0.0)
+        self._sets = PairSets()
+        self.changed = 0  # pairs gained and lost in the last frame
+
+    def add(self, a: OutputFrame, b: OutputFrame) -> float:
+        """See `Channel.add`."""
+        self.changed = 0
+        if a.contacts == b.contacts:
+            pairs = dict.fromkeys(_name(row.body_a, row.body_b) for row in a.contacts)
+            for spread in (self._metres, self._impulses):
+                spread.add(spread.rows(list(pairs)), np.zeros(len(pairs)), a.index)
+            return 0.0
+        one, other = by_pair(a.contacts), by_pair(b.contacts)
+        largest = 0.0
+        for pair in sorted(one.keys() | other.keys()):
+            in_a, in_b = one.get(pair), other.get(pair)
+            if in_a is None or in_b is None:
+                self._sets.add(pair, gained=in_a is None, frame=a.index)
+                self.changed += 1
+                continue
+            apart = max(apart_points(in_a, in_b), abs(max(r.depth for r in in_a) - max(r.depth for r in in_b)))
+            name = _name(*pair)
+            self._metres.add(self._metres.rows([name]), np.array([apart]), a.index)
+            impulse = abs(sum(r.normal_impulse for r in in_a) - sum(r.normal_impulse for r in in_b))
+            self._impulses.add(self._impulses.rows([name]), np.array([impulse]), a.index)
+            largest = max(largest, apart)
+        return largest
+
+    def result(self) -> ChannelDifference:
+        """See `Channel.result`."""
+        metres, impulses = self._metres.whole(), self._impulses.whole()
+        first = metres.first_frame
+        if self._tolerance.exact:
+            first = earliest(first, self._sets.first, impulses.first_frame)
+        return ChannelDifference(
+            channel="/contacts",
+            kind="pairs",
+            equal=first is None,
+            first_frame=first,
+            metres=self._metres.each(),
+            others=self._impulses.each(),
+            whole_m=metres,
+            sets=self._sets.each(),
+        )
+
+
+class PenetrationChannel:
+    """``/penetration``: pairs gained and lost, and the length of the difference of PD_g, m."""
+
+    def __init__(self, tolerance: Tolerance) -> None:
+        self._tolerance = tolerance
+        self._metres = Spread(tolerance.m)
+        self._sets = PairSets()
+
+    def add(self, a: OutputFrame, b: OutputFrame) -> float:
+        """See `Channel.add`."""
+        if a.penetrations == b.penetrations:
+            pairs = dict.fromkeys(_name(row.body_a, row.body_b) for row in a.penetrations)
+            self._metres.add(self._metres.rows(list(pairs)), np.zeros(len(pairs)), a.index)
+            return 0.0
+        one, other = _depths(a.penetrations), _depths(b.penetrations)
+        largest = 0.0
+        for pair in sorted(one.keys() | other.keys()):
+            in_a, in_b = one.get(pair), other.get(pair)
+            if in_a is None or in_b is None:
+                self._sets.add(pair, gained=in_a is None, frame=a.index)
+                continue
+            apart = max(float(np.linalg.norm(in_a[0] - in_b[0])), abs(in_a[1] - in_b[1]))
+            self._metres.add(self._metres.rows([_name(*pair)]), np.array([apart]), a.index)
+            largest = max(largest, apart)
+        return largest
+
+    def result(self) -> ChannelDifference:
+        """See `Channel.result`."""
+        metres = self._metres.whole()
+        first = earliest(metres.first_frame, self._sets.first if self._tolerance.exact else None)
+        return ChannelDifference(
+            channel="/penetration",
+            kind="pairs",
+            equal=first is None,
+            first_frame=first,
+            metres=self._metres.each(),
+            whole_m=metres,
+            sets=self._sets.each(),
+        )
+
+
+class MetricsChannel:
+    """``/metrics``: every figure of a frame."""
+
+    def __init__(self, tolerance: Tolerance) -> None:
+        self._tolerance = tolerance
+        self._spreads = (Spread(tolerance.m), Spread(tolerance.rad), Spread(0.0))
+        names: tuple[list[str], list[str], list[str]] = ([], [], [])
+        for name in METRICS:
+            if name != "frame":
+                names[0 if name.endswith("_m") else 1 if name.endswith("_rad") else 2].append(name)
+        self._names = names
+        self._rows = tuple(spread.rows(part) for spread, part in zip(self._spreads, names, strict=True))
+
+    def add(self, a: OutputFrame, b: OutputFrame) -> float:
+        """See `Channel.add`; metres are not handed on, they only repeat those of other channels."""
+        for spread, names, rows in zip(self._spreads, self._names, self._rows, strict=True):
+            values = np.array([abs(float(a.metrics.get(n, 0)) - float(b.metrics.get(n, 0))) for n in names])
+            spread.add(rows, values, a.index)
+        return 0.0
+
+    def result(self) -> ChannelDifference:
+        """See `Channel.result`."""
+        metres, radians, others = self._spreads
+        firsts = [metres.whole().first_frame, radians.whole().first_frame]
+        if self._tolerance.exact:
+            firsts.append(others.whole().first_frame)
+        first = earliest(*firsts)
+        return ChannelDifference(
+            channel="/metrics",
+            kind="fields",
+            equal=first is None,
+            first_frame=first,
+            metres=metres.each(),
+            radians=radians.each(),
+            others=others.each(),
+            whole_m=metres.whole(),
+            whole_rad=radians.whole(),
+        )
+
+
+class LogChannel:
+    """``/log``: lines gained and lost."""
+
+    def __init__(self, tolerance: Tolerance) -> None:
+        self._tolerance = tolerance
+        self._gained = self._lost = 0
+        self._first: int | None = None
+
+    def add(self, a: OutputFrame, b: OutputFrame) -> float:
+        """See `Channel.add`."""
+        if a.log != b.log:
+            gained, lost = set(b.log) - set(a.log), set(a.log) - set(b.log)
+            self._gained += len(gained)
+            self._lost += len(lost)
+            self._first = a.index if self._first is None else self._first
+        return 0.0
+
+    def result(self) -> ChannelDifference:
+        """See `Channel.result`."""
+        sets = Sets(gained=self._gained, lost=self._lost, first_frame=self._first)
+        return ChannelDifference(
+            channel="/log",
+            kind="lines",
+            equal=self._first is None or not self._tolerance.exact,
+            first_frame=self._first,
+            sets={"lines": sets} if self._first is not None else {},
+        )
+
+
+class PairSets:
+    """Pairs gained and lost, counted by pair."""
+
+    def __init__(self) -> None:
+        self._pairs: dict[Pair, Sets] = {}
+        self.first: int | None = None
+        """First frame of any."""
+
+    def add(self, pair: Pair, *, gained: bool, frame: int) -> None:
+        """Count a pair that stands in one output alone."""
+        old = self._pairs.get(pair, Sets(first_frame=frame))
+        self._pairs[pair] = Sets(gained=old.gained + gained, lost=old.lost + (not gained), first_frame=old.first_frame)
+        self.first = frame if self.first is None else self.first
+
+    def each(self) -> dict[str, Sets]:
+        """Name of a pair -> its counts."""
+        return {_name(*pair): self._pairs[pair] for pair in sorted(self._pairs)}
+
+
+def by_pair(rows: Sequence[ContactRow]) -> dict[Pair, list[ContactRow]]:
+    """Contacts by their bodies, whichever of the two comes first."""
+    found: dict[Pair, list[ContactRow]] = {}
+    for row in rows:
+        pair = (row.body_a, row.body_b) if row.body_a <= row.body_b else (row.body_b, row.body_a)
+        found.setdefault(pair, []).append(row)
+    return found
+
+
+def apart_points(a: Sequence[ContactRow], b: Sequence[ContactRow]) -> float:
+    """Hausdorff distance of two sets of contact points, m."""
+    one, other = np.array([row.point for row in a]), np.array([row.point for row in b])
+    distances = np.linalg.norm(one[:, None] - other[None], axis=2)
+    return float(max(distances.min(axis=1).max(), distances.min(axis=0).max()))
+
+
+def _depths(rows: Sequence[PenetrationRow]) -> dict[Pair, tuple[Floats, float]]:
+    """Pair -> PD_g of the body that comes first by name, and the deepest pair of pieces."""
+    found: dict[Pair, tuple[Floats, float]] = {}
+    for row in rows:
+        pd = np.array(row.pd)
+        if row.body_a <= row.body_b:
+            found[row.body_a, row.body_b] = (pd, row.largest)
+        else:
+            found[row.body_b, row.body_a] = (-pd, row.largest)
+    return found
+
+
+def _name(a: str, b: str) -> str:
+    """What a pair of bodies is called, whichever comes first."""
+    return f"{min(a, b)} | {max(a, b)}"

@@ -1,0 +1,172 @@
+"""Motion compared: poses of bodies and values of joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.analysis.diff.channels import ChannelDifference, Tolerance, earliest
+from geomphys.analysis.diff.measures import Spread
+from geomphys.numerics.transforms import angle_between
+from geomphys.output.decoders import Poses
+from geomphys.output.output_log import OutputFrame
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class PoseChannel:
+    """``/tf`` or ``/recorded/tf``: distance of the origins, and angle of the turn between them."""
+
+    def __init__(self, channel: str, tolerance: Tolerance, first_a: OutputFrame, first_b: OutputFrame) -> None:
+        self._channel, self._first = channel, (first_a, first_b)
+        self._metres, self._radians = Spread(tolerance.m), Spread(tolerance.rad)
+        self._layout: tuple[tuple[str, ...], tuple[str, ...], Ints, Ints, Ints] | None = None
+        self._names: tuple[set[str], set[str]] = (set(), set())
+        self.differences: Floats = np.zeros(0)  # m, of the last frame
+        self.compared: tuple[str, ...] = ()  # names of `differences`
+        self.turn = 0.0  # largest angle of the last frame, rad
+
+    def add(self, a: OutputFrame, b: OutputFrame) -> float:
+        """See `Channel.add`."""
+        return self._add(self._poses(a), self._poses(b), a.index)
+
+    def result(self) -> ChannelDifference:
+        """See `Channel.result`. Bodies that only the first frames have are compared between these."""
+        a, b = (self._poses(frame) for frame in self._first)
+        seen = (self._names[0] | set(a.names), self._names[1] | set(b.names))
+        rest = [name for name in a.names if name in b.names and not self._metres.has(name)]
+        if rest:
+            self._add(_chosen(a, rest), _chosen(b, rest), self._first[0].index)
+        metres, radians = self._metres.whole(), self._radians.whole()
+        only_a, only_b = tuple(sorted(seen[0] - seen[1])), tuple(sorted(seen[1] - seen[0]))
+        first = earliest(metres.first_frame, radians.first_frame)
+        if only_a or only_b:
+            first = self._first[0].index
+        return ChannelDifference(
+            channel=self._channel,
+            kind="bodies",
+            equal=first is None,
+            first_frame=first,
+            metres=self._metres.each(),
+            radians=self._radians.each(),
+            whole_m=metres,
+            whole_rad=radians,
+            only_a=only_a,
+            only_b=only_b,
+        )
+
+    def _poses(self, frame: OutputFrame) -> Poses:
+        return frame.tf if self._channel == "/tf" else frame.recorded
+
+    def _add(self, a: Poses, b: Poses, frame: int) -> float:
+        layout = self._layout
+        if layout is None or layout[0] != a.names or layout[1] != b.names:
+            layout = self._layout = self._match(a.names, b.names)
+        _, _, rows_a, rows_b, rows = layout
+        one, other = a.values[rows_a], b.values[rows_b]
+        if np.array_equal(one, other):
+            self.differences = radians = np.zeros(len(rows))
+        else:
+            self.differences = np.linalg.norm(one[:, :3] - other[:, :3], axis=1)
+            radians = angle_between(one[:, 3:], other[:, 3:])
+        self.turn = float(radians.max(initial=0.0))
+        self._metres.add(rows, self.differences, frame)
+        self._radians.add(rows, radians, frame)
+        return float(self.differences.max(initial=0.0))
+
+    def _match(
+        self, a: tuple[str, ...], b: tuple[str, ...]
+    ) -> tuple[tuple[str, ...], tuple[str, ...], Ints, Ints, Ints]:
+        self._names[0].update(a)
+        self._names[1].update(b)
+        places = {name: row for row, name in enumerate(b)}
+        self.compared = tuple(name for name in a if name in places)
+        rows_a = np.array([row for row, name in enumerate(a) if name in places], np.int64)
+        rows_b = np.array([places[name] for name in self.compared], np.int64)
+        self._radians.rows(self.compared)
+        return a, b, rows_a, rows_b, self._metres.rows(self.compared)
+
+
+class JointChannel:
+    """Joint values of one topic; `sliding` names the joints whose values are lengths, `whole` those that go all round.
+
+    Values of the latter that are a whole turn apart are the same angle, unless everything has to be equal bit for bit.
+    """
+
+    def __init__(
+        self, topic: str, tolerance: Tolerance, sliding: frozenset[str], whole: frozenset[str] = frozenset()
+    ) -> None:
+        self._topic, self._sliding = topic, sliding
+        self._whole = frozenset[str]() if tolerance.exact else whole
+        self._metres, self._radians = Spread(tolerance.m), Spread(tolerance.rad)
+        self._only: tuple[set[str], set[str]] = (set(), set())
+        self._first_only: int | None = None
+        self._layout: tuple[tuple[str, ...], tuple[str, ...]] | None = None
+        self.turn = 0.0  # largest difference of an angle in the last frame, rad
+        self._rows: tuple[Ints, Ints, NDArray[np.bool_], Ints, Ints]
+        self._turns: NDArray[np.bool_]
+
+    def add(self, a: OutputFrame, b: OutputFrame) -> float:
+        """See `Channel.add`."""
+        self.turn = 0.0
+        one, other = a.joints.get(self._topic), b.joints.get(self._topic)
+        if one is None or other is None:
+            if one is not other:
+                self._first_only = self._first_only if self._first_only is not None else a.index
+                present = one or other
+                assert present is not None
+                self._only[0 if other is None else 1].update(present.names)
+            return 0.0
+        if self._layout != (one.names, other.names):
+            self._layout = (one.names, other.names)
+            self._match(one.names, other.names, a.index)
+        rows_a, rows_b, slides, metres, radians = self._rows
+        away = np.abs(one.values[rows_a] - other.values[rows_b])
+        if self._turns.any():
+            rest = np.remainder(away, 2 * np.pi)
+            away = np.where(self._turns, np.minimum(rest, 2 * np.pi - rest), away)
+        self._metres.add(metres, away[slides], a.index)
+        self._radians.add(radians, away[~slides], a.index)
+        self.turn = float(away[~slides].max(initial=0.0))
+        return float(away[slides].max(initial=0.0))
+
+    def result(self) -> ChannelDifference:
+        """See `Channel.result`."""
+        metres, radians = self._metres.whole(), self._radians.whole()
+        first = earliest(metres.first_frame, radians.first_frame, self._first_only)
+        return ChannelDifference(
+            channel=self._topic,
+            kind="joints",
+            equal=first is None,
+            first_frame=first,
+            metres=self._metres.each(),
+            radians=self._radians.each(),
+            whole_m=metres if self._metres.each() else None,
+            whole_rad=radians,
+            only_a=tuple(sorted(self._only[0])),
+            only_b=tuple(sorted(self._only[1])),
+        )
+
+    def _match(self, a: tuple[str, ...], b: tuple[str, ...], frame: int) -> None:
+        places = {name: row for row, name in enumerate(b)}
+        common = [name for name in a if name in places]
+        self._only[0].update(set(a) - set(b))
+        self._only[1].update(set(b) - set(a))
+        if set(a) != set(b) and self._first_only is None:
+            self._first_only = frame
+        self._turns = np.array([name in self._whole for name in common], bool)
+        self._rows = (
+            np.array([row for row, name in enumerate(a) if name in places], np.int64),
+            np.array([places[name] for name in common], np.int64),
+            np.array([name in self._sliding for name in common], bool),
+            self._metres.rows([name for name in common if name in self._sliding]),
+            self._radians.rows([name for name in common if name not in self._sliding]),
+        )
+
+
+def _chosen(poses: Poses, names: Sequence[str]) -> Poses:
+    rows = [poses.names.index(name) for name in names]
+    return Poses(tuple(names), poses.values[rows])

@@ -1,0 +1,113 @@
+"""What two outputs differ in, as a record and as JSON."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.analysis.diff.channels import ChannelDifference, Tolerance, earliest
+from geomphys.analysis.diff.measures import Measure, Peak
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Matching:
+    """How the frames of two outputs were brought together by their times."""
+
+    a: int
+    b: int
+    compared: int
+    only_a: int = 0
+    only_b: int = 0
+    first_only_a: int | None = None  # as `a` counts
+    first_only_b: int | None = None  # as `b` counts
+    offset_s: float  # by how much the first frame of `b` is later than that of `a`
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curves:
+    """Differences over the compared frames, for the eye: at most some thousand points, each the largest of its stretch."""
+
+    position_m: tuple[Ints, Floats]  # frames, largest of /tf
+    angle_rad: tuple[Ints, Floats]
+    joints_rad: tuple[Ints, Floats]
+    contacts: tuple[Ints, Floats]  # pairs gained and lost
+    penetration_m: tuple[Ints, Floats]
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutputDifference:
+    """The comparison of two outputs. Frames are counted as `a` counts them.
+
+    `equal` says that all frames of one have a twin in the other and that no channel differs by more than the
+    tolerance; where no two frames have the same time no channel counts as equal. Parameters, input and scene may
+    differ: they are causes, not results.
+    """
+
+    a: str
+    b: str
+    equal: bool
+    tolerance: Tolerance
+    frames: Matching
+    channels: dict[str, ChannelDifference]
+    parameters: dict[str, tuple[str | None, str | None]]  # name -> values of a and b, where they differ
+    attachments: tuple[str, ...]  # names of scene file and URDFs that differ
+    curves: Curves
+    peaks: tuple[Peak, ...] = field(repr=False)
+    """Frames of the largest differences of a position, largest first; each keeps its `PeakPoses`."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """The comparison as JSON has it: numbers in SI units, without the curves."""
+        return {
+            "equal": self.equal,
+            "a": self.a,
+            "b": self.b,
+            "tolerance_m": self.tolerance.m,
+            "tolerance_rad": self.tolerance.rad,
+            "frames": dataclasses.asdict(self.frames),
+            "channels": {name: _channel(channel) for name, channel in self.channels.items()},
+            "parameters": {name: {"a": a, "b": b} for name, (a, b) in self.parameters.items()},
+            "attachments": list(self.attachments),
+        }
+
+
+def _channel(channel: ChannelDifference) -> dict[str, Any]:
+    """A channel: its own figures, then those of its parts under the name of what they are."""
+    whole: dict[str, Any] = {"equal": channel.equal}
+    whole |= _figures(channel.whole_m, "_m") | _figures(channel.whole_rad, "_rad")
+    whole["first_frame"] = channel.first_frame
+    if channel.kind in ("pairs", "lines"):
+        whole["gained"] = sum(sets.gained for sets in channel.sets.values())
+        whole["lost"] = sum(sets.lost for sets in channel.sets.values())
+    if channel.only_a or channel.only_b:
+        whole |= {"only_a": list(channel.only_a), "only_b": list(channel.only_b)}
+    if channel.kind != "lines":
+        whole[channel.kind] = {name: _part(channel, name) for name in channel.parts()}
+    return whole
+
+
+def _part(channel: ChannelDifference, name: str) -> dict[str, Any]:
+    measures = [(channel.metres.get(name), "_m"), (channel.radians.get(name), "_rad"), (channel.others.get(name), "")]
+    if channel.channel == "/contacts":
+        measures[2] = (measures[2][0], "_Ns")
+    part: dict[str, Any] = {}
+    for measure, unit in measures:
+        part |= _figures(measure, unit)
+    sets = channel.sets.get(name)
+    if channel.kind == "pairs":
+        part |= {"gained": sets.gained if sets else 0, "lost": sets.lost if sets else 0}
+    known = [measure for measure, _ in measures if measure is not None]
+    part["first_frame"] = earliest(*(m.first_frame for m in known), sets.first_frame if sets else None)
+    part["worst_frame"] = next((m.worst_frame for m in known if m.worst_frame is not None), None)
+    part["frames"] = max((m.frames for m in known), default=0)
+    return part
+
+
+def _figures(measure: Measure | None, unit: str) -> dict[str, float]:
+    return {} if measure is None else {f"max{unit}": measure.max, f"rms{unit}": measure.rms}

@@ -1,0 +1,384 @@
+"""A result as a figure for print: frame times by stage, penetration, correction and contacts over the frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.errors import ConfigError, LogError
+from geomphys.output.output_log import OutputFrame, OutputLog, open_output
+from geomphys.output.sink import OutputFile
+from geomphys.storage.remote_files import place
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+PANELS = ("time", "penetration", "correction", "contacts")
+"""What a figure can show, one above the other."""
+FORMATS = (".png", ".svg", ".pdf")
+
+COLUMNS = 3000
+"""Points of a curve at most; of longer recordings each is the largest (of times the mean) of its frames."""
+LOG_FROM = 30.0
+"""Ratio of the 99th percentile to the median of the frame times from which their axis is logarithmic."""
+HEADROOM = 1.35
+"""A linear axis of times ends at this much above the 99.5th percentile; what is beyond is marked at the rim."""
+LINE_POINTS = 300
+"""Points of a stage's line on a logarithmic axis, each the median of its bins: dashes can be told apart then."""
+VISIBLE = 1e-3
+"""Share of all the time from which a stage is shown."""
+
+_WIDTH_INCHES = 7.2
+_HEIGHTS = {"time": 2.5, "penetration": 1.7, "correction": 1.7, "contacts": 1.3}
+_DPI = 200
+# of Paul Tol's schemes, told apart by the colour-blind: stages by turns dark and light, so that neighbours differ in grey
+_STAGES = ("#332288", "#ee8866", "#228833", "#ddcc77", "#aa3377", "#88ccee", "#4477aa", "#cccccc", "#666633")
+_BLUE, _RED, _GREEN = "#4477aa", "#cc3311", "#228833"
+_PALE = "#a9afb6"
+_DASHED = (0, (5.0, 1.5))
+_DOTTED = (0, (1.2, 1.2))
+_DASHES: tuple[Any, ...] = ("solid", (0, (5.0, 1.2)), (0, (1.2, 1.0)), (0, (5.0, 1.2, 1.2, 1.2)), (0, (2.5, 1.0)))
+_INK = "#22262b"
+_STYLE: Any = {
+    "font.family": "sans-serif",
+    "font.size": 8.0,
+    "axes.labelsize": 8.0,
+    "axes.titlesize": 9.0,
+    "axes.edgecolor": "#6b727b",
+    "axes.labelcolor": _INK,
+    "text.color": _INK,
+    "xtick.color": "#4d545c",
+    "ytick.color": "#4d545c",
+    "axes.linewidth": 0.6,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.grid.axis": "y",
+    "grid.color": "#e1e4e8",
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "lines.linewidth": 0.8,
+    "legend.frameon": False,
+    "legend.fontsize": 7.5,
+    "legend.handlelength": 1.9,
+    "legend.borderaxespad": 0.2,
+    "svg.hashsalt": "geomphys",
+    "svg.fonttype": "path",
+    "pdf.fonttype": 42,
+}
+
+
+def plot_output(
+    output: Path | str,
+    out: Path | str,
+    *,
+    panels: Collection[str] = PANELS,
+    scale: str = "auto",
+    force: bool = False,
+    progress: Callable[[int, int | None], None] | None = None,
+) -> None:
+    """Draw an output's curves over its frames. The same output gives the same bytes.
+
+    Parameters
+    ----------
+    output : Path or str
+        The output log.
+    out : Path or str
+        The picture; its ending says what it becomes: PNG, SVG or PDF.
+    panels : collection of str
+        Which of `PANELS` to show. ``time`` needs the channel ``/timing`` and is left out of the default without it.
+    scale : str
+        Of the frame times: ``linear`` (stages stacked), ``log`` (stages as lines, smoothed by a median), or ``auto``,
+        which is logarithmic where a few frames would press all others flat.
+    force : bool
+        Whether a file that is there is replaced.
+    progress : callable, optional
+        Called with the frames read and their number.
+
+    Raises
+    ------
+    ConfigError
+        An unknown panel, scale or ending.
+    LogError
+        `output` is none, has no frame, or has no stage times and `panels` asks for nothing else.
+    OutputError
+        The picture exists without `force`, or cannot be written.
+    """
+    out, log = place(out), open_output(output)
+    if unknown := set(panels) - set(PANELS) or not panels:
+        raise ConfigError(f"panel = {unknown}: choose among {', '.join(PANELS)}")
+    if scale not in ("auto", "linear", "log"):
+        raise ConfigError(f"scale = {scale!r}: choose auto, linear or log")
+    if out.suffix.lower() not in FORMATS:
+        raise ConfigError(f"{out}: ends in {out.suffix!r}; choose {', '.join(FORMATS)}")
+    file = OutputFile(out, force)
+    curves = _read(log, progress)
+    shown = [panel for panel in PANELS if panel in panels and (panel != "time" or curves.stages)]
+    if not shown:
+        raise LogError(f"{log.path}: has no stage times; it was replayed with --no-timing")
+    figure = _draw(log, curves, shown, scale)
+    try:
+        with file.temporary.open("wb") as stream:
+            _save(figure, stream, out.suffix.lower()[1:])
+    except OSError as problem:
+        file.discard()
+        raise file.error(problem) from problem
+    file.publish(complete=True)
+
+
+class Binned:
+    """A curve in at most twice `COLUMNS` bins of equally many frames: mean and largest of each."""
+
+    def __init__(self) -> None:
+        self.stride = 1
+        self._in_last = 0
+        self._sums: list[float] = []
+        self._tops: list[float] = []
+
+    def add(self, value: float) -> None:
+        """Take the value of the next frame."""
+        if self._sums and self._in_last < self.stride:
+            self._in_last += 1
+            self._sums[-1] += value
+            self._tops[-1] = max(self._tops[-1], value)
+            return
+        if len(self._sums) == 2 * COLUMNS:
+            self._sums = [a + b for a, b in zip(self._sums[::2], self._sums[1::2], strict=True)]
+            self._tops = [max(a, b) for a, b in zip(self._tops[::2], self._tops[1::2], strict=True)]
+            self.stride *= 2
+        self._sums.append(value)
+        self._tops.append(value)
+        self._in_last = 1
+
+    def mean(self) -> Floats:
+        """(n,) mean of each bin."""
+        counts = np.full(len(self._sums), self.stride)
+        counts[-1] = self._in_last
+        means: Floats = np.array(self._sums) / counts
+        return means
+
+    def top(self) -> Floats:
+        """(n,) largest of each bin."""
+        return np.array(self._tops)
+
+
+class _Curves:
+    """What a figure is drawn from; every curve has the same bins."""
+
+    def __init__(self) -> None:
+        self.frames = 0
+        self.first = 0
+        self.values: dict[str, Binned] = {}
+        self.stages: dict[str, Binned] = {}
+
+    def add(self, frame: OutputFrame) -> None:
+        if self.frames == 0:
+            self.first = frame.index
+        deepest = max((float(np.linalg.norm(row.pd)) for row in frame.penetrations), default=0.0)
+        metrics = frame.metrics
+        values = {
+            "recorded": 1e3 * metrics["recorded_penetration_m"],
+            "global": 1e3 * deepest,
+            "residual": 1e3 * metrics["residual_penetration_m"],
+            "moved": 1e3 * metrics["correction_m"],
+            "turned": float(np.degrees(metrics["correction_rad"])),
+            "contacts": metrics["contacts"],
+            "impacts": metrics["impacts"],
+        }
+        for name, value in values.items():
+            self.values.setdefault(name, Binned()).add(value)
+        times = {stage.name: stage.ns / 1e3 for stage in frame.timing}
+        for name in dict.fromkeys([*self.stages, *times]):
+            if name not in self.stages:
+                self.stages[name] = Binned()
+                for _ in range(self.frames):
+                    self.stages[name].add(0.0)
+            self.stages[name].add(times.get(name, 0.0))
+        self.frames += 1
+
+    def x(self) -> Floats:
+        """Frame number at which each bin begins."""
+        bins = self.values["recorded"]
+        starts: Floats = self.first + bins.stride * np.arange(len(bins.top()), dtype=np.float64)
+        return starts
+
+
+def _read(log: OutputLog, progress: Callable[[int, int | None], None] | None) -> _Curves:
+    curves = _Curves()
+    for frame in log.frames(["/penetration", "/metrics", "/timing"]):
+        curves.add(frame)
+        if progress is not None:
+            progress(curves.frames, log.frame_count)
+    if curves.frames == 0:
+        raise LogError(f"{log.path}: holds no frame")
+    return curves
+
+
+def _draw(log: OutputLog, curves: _Curves, panels: list[str], scale: str) -> Figure:
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    heights = [_HEIGHTS[panel] for panel in panels]
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(_WIDTH_INCHES, sum(heights) + 0.55), dpi=_DPI, layout="constrained")
+        rows: Any = figure.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=heights)
+        axes: list[Axes] = [row[0] for row in rows]
+        for panel, axis in zip(panels, axes, strict=True):
+            if panel == "time":
+                _draw_times(axis, curves, scale)
+            else:
+                {"penetration": _draw_penetration, "correction": _draw_correction, "contacts": _draw_contacts}[panel](
+                    axis, curves
+                )
+        figure.align_ylabels(axes)
+        axes[-1].set_xlabel("frame")
+        axes[-1].set_xlim(curves.first, curves.first + max(curves.frames - 1, 1))
+        axes[-1].xaxis.set_major_formatter(lambda value, _: f"{value:,.0f}")
+        seconds = (log.end_ns - log.start_ns) / 1e9
+        title = f"{log.path.stem}: {curves.frames:,} frames in {seconds:,.1f} s"
+        figure.suptitle(title, x=0.012, horizontalalignment="left", fontsize=9.0, fontweight="bold")
+        _freeze(figure)
+    return figure
+
+
+def _freeze(figure: Figure) -> None:
+    """Lay the panels out once and round their places: the solver of the layout varies in the last bits from run to run,
+    and the names of an SVG's parts are hashes of such numbers.
+    """
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    for axis in figure.axes:
+        x, y, width, height = axis.get_position().bounds
+        axis.set_position((round(x, 6), round(y, 6), round(width, 6), round(height, 6)))
+
+
+def _draw_times(axis: Axes, curves: _Curves, scale: str) -> None:
+    """Times of the step's stages, stacked, or on a logarithmic axis as lines."""
+    x, whole = curves.x(), curves.stages.get("step")
+    stages = {name: series for name, series in curves.stages.items() if name.startswith("step.") and series.top().any()}
+    stages = {name: series for name, series in stages.items() if name.count(".") == 1} or stages
+    parts = {name.removeprefix("step."): series.mean() for name, series in stages.items()}
+    total = whole.mean() if whole is not None else np.sum(list(parts.values()), axis=0)
+    parts = {name: values for name, values in parts.items() if values.sum() > VISIBLE * total.sum()}
+    rest = np.maximum(total - np.sum(list(parts.values()), axis=0), 0.0) if parts else total
+    if rest.sum() > 0.02 * total.sum():
+        parts["other"] = rest
+    if scale == "auto":
+        typical = max(float(np.median(total)), 1e-3)
+        scale = "log" if float(np.percentile(total, 99)) / typical > LOG_FROM else "linear"
+    axis.set_ylabel("frame time [µs]")
+    if scale == "log":
+        axis.plot(x, total, color=_PALE, label="whole", linewidth=0.6)
+        for k, (name, values) in enumerate(parts.items()):
+            at, middle = _medians(x, values)
+            colour, dashes = _STAGES[k % len(_STAGES)], _DASHES[k % len(_DASHES)]
+            axis.plot(
+                at, np.where(middle > 0, middle, np.nan), color=colour, linestyle=dashes, label=name, linewidth=1.1
+            )
+        axis.set_yscale("log")
+        axis.set_ylim(bottom=max(0.1, float(np.percentile(total[total > 0], 1)) / 10) if total.any() else 0.1)
+    else:
+        axis.stackplot(x, *parts.values(), labels=list(parts), colors=_STAGES, linewidth=0.0)
+        top = HEADROOM * float(np.percentile(total, 99.5))
+        beyond = total > top
+        if top > 0:
+            axis.set_ylim(0.0, top)
+        if beyond.any():
+            label = f"beyond: up to {total.max():,.0f} µs"
+            axis.plot(
+                x[beyond], np.full(int(beyond.sum()), top), "v", color=_INK, markersize=3, clip_on=False, label=label
+            )
+    axis.yaxis.set_major_formatter(lambda value, _: f"{value:,g}")
+    _legend(axis, reverse=scale == "linear")
+
+
+def _medians(x: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """Medians of at most `LINE_POINTS` equal stretches of a curve, at the middles of these."""
+    length = -(-len(values) // LINE_POINTS)
+    starts = range(0, len(values), length)
+    middles: Floats = np.array([np.median(values[k : k + length]) for k in starts])
+    return np.array([x[k : k + length].mean() for k in starts]), middles
+
+
+def _draw_penetration(axis: Axes, curves: _Curves) -> None:
+    x = curves.x()
+    axis.set_ylabel("penetration [mm]")
+    recorded, depth, left = (curves.values[name].top() for name in ("recorded", "global", "residual"))
+    axis.fill_between(x, recorded, color=_BLUE, alpha=0.25, linewidth=0.0)
+    axis.plot(x, recorded, color=_BLUE, label="as recorded, deepest piece")
+    axis.plot(x, depth, color=_RED, linestyle=_DASHED, label="global depth PD", linewidth=1.0)
+    axis.plot(x, left, color=_INK, linestyle=_DOTTED, label=f"left (largest {left.max():.2g} mm)", linewidth=1.4)
+    axis.set_ylim(bottom=0.0)
+    _legend(axis)
+
+
+def _draw_correction(axis: Axes, curves: _Curves) -> None:
+    x = curves.x()
+    axis.set_ylabel("correction [mm]")
+    moved, turned = curves.values["moved"].top(), curves.values["turned"].top()
+    axis.plot(x, moved, color=_BLUE, label="moved")
+    axis.set_ylim(bottom=0.0)
+    if turned.max() > 1e-3:
+        axis.plot([], [], color=_RED, linestyle=_DASHED, label="turned")  # for the legend
+        angles = axis.twinx()
+        angles.plot(x, turned, color=_RED, linestyle=_DASHED)
+        angles.set_ylabel("turned [°]", color=_RED)
+        angles.set_ylim(bottom=0.0)
+        angles.grid(False)
+        angles.spines["right"].set_visible(True)
+        _legend(axis)
+
+
+def _draw_contacts(axis: Axes, curves: _Curves) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    x = curves.x()
+    axis.set_ylabel("contacts")
+    contacts, impacts = curves.values["contacts"].top(), curves.values["impacts"].top()
+    axis.fill_between(x, contacts, step="post", color=_BLUE, alpha=0.55, linewidth=0.0, label="contact points")
+    if impacts.any():
+        hit = impacts > 0
+        axis.plot(
+            x[hit],
+            impacts[hit],
+            "o",
+            color=_INK,
+            markersize=2.6,
+            markeredgecolor="white",
+            markeredgewidth=0.4,
+            label="impacts",
+        )
+        _legend(axis)
+    axis.set_ylim(bottom=0.0)
+    axis.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=4))
+
+
+def _legend(axis: Axes, *, reverse: bool = False) -> None:
+    """A legend above the panel, where it hides nothing."""
+    handles, labels = axis.get_legend_handles_labels()
+    if reverse:
+        handles, labels = handles[::-1], labels[::-1]
+    axis.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(labels))
+
+
+def _save(figure: Figure, stream: Any, kind: str) -> None:
+    """Write a figure without the date, which would differ from run to run."""
+    import matplotlib as mpl
+
+    metadata: dict[str, dict[str, Any]] = {
+        "png": {"Software": None},
+        "svg": {"Date": None, "Creator": None},
+        "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+    }
+    with mpl.rc_context(_STYLE):
+        figure.savefig(stream, format=kind, metadata=metadata[kind], facecolor="white")

@@ -1,0 +1,224 @@
+"""Figures of one output or many: percentiles of penetration, correction, speeds, jerks and stage times."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.errors import LogError
+from geomphys.numerics.motion_rates import MotionMeter
+from geomphys.numerics.quantiles import Quantiles
+from geomphys.output.output_log import OutputFrame, open_output
+from geomphys.output.summary import FLAG_NAMES, RESIDUAL_LIMIT_M
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_METRICS = (
+    "recorded_penetration_m",
+    "residual_penetration_m",
+    "correction_m",
+    "correction_rad",
+    "contacts",
+    "iterations",
+)
+_MOTIONS = ("recorded", "corrected", "correction")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Distribution:
+    """A series of values >= 0 in figures, in the unit of its name."""
+
+    count: int
+    mean: float
+    p50: float
+    p90: float
+    p95: float
+    p99: float
+    max: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutputStatistics:
+    """An output, or all together, in figures. SI units.
+
+    `values` holds, over frames: ``recorded_penetration_m``, ``correction_m`` and ``correction_rad`` where they are above
+    0, ``contacts`` of the frames in contact, ``residual_penetration_m`` and ``iterations`` of all; and of the fastest
+    driven body of a frame ``recorded_speed_m_s``, ``corrected_speed_m_s``, ``correction_speed_m_s`` (of the offset
+    between the two) and the same three as ``…_jerk_m_s3``. `stages` holds ns by stage.
+    """
+
+    name: str
+    complete: bool
+    frames: int
+    duration_s: float
+    frames_in_contact: int
+    frames_penetrating: int
+    frames_with_residual: int
+    impacts: int
+    fallbacks: int
+    held_frames: int
+    flags: dict[str, int]
+    values: dict[str, Distribution]
+    stages: dict[str, Distribution]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Statistics:
+    """Outputs one by one, and all together."""
+
+    outputs: tuple[OutputStatistics, ...]
+    all: OutputStatistics
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything by name, of plain Python types: fit for JSON."""
+        return dataclasses.asdict(self)
+
+
+def statistics_of(
+    outputs: Sequence[Path | str], *, progress: Callable[[int, int | None], None] | None = None
+) -> Statistics:
+    """Read outputs and return their figures; memory does not grow with their length.
+
+    Parameters
+    ----------
+    outputs : sequence of Path or str
+        Output logs, at least one.
+    progress : callable, optional
+        Called with the frames read and their number.
+
+    Raises
+    ------
+    LogError
+        A file is no output, is damaged, or has no frame.
+    ValueError
+        `outputs` is empty.
+    """
+    if not outputs:
+        raise ValueError("statistics of no output at all")
+    logs = [open_output(path) for path in outputs]
+    total, done = sum(log.frame_count for log in logs), 0
+    together = _Series()
+    found: list[OutputStatistics] = []
+    for log in logs:
+        series = _Series() if len(logs) > 1 else together
+        motion = _Motion()
+        for frame in log.frames(["/tf", "/recorded/tf", "/metrics", "/timing"]):
+            moved = motion.add(frame)
+            series.add(frame, moved)
+            if series is not together:
+                together.add(frame, moved)
+            done += 1
+            if progress is not None:
+                progress(done, total)
+        if series.frames == 0:
+            raise LogError(f"{log.path}: holds no frame")
+        duration = (log.end_ns - log.start_ns) / 1e9
+        series.duration_s = duration
+        if series is not together:
+            together.duration_s += duration
+        found.append(series.statistics(str(log.path), log.complete))
+    return Statistics(outputs=tuple(found), all=together.statistics("all", all(o.complete for o in found)))
+
+
+class _Motion:
+    """Speeds and jerks of the driven bodies from one frame to the next."""
+
+    def __init__(self) -> None:
+        self._meter = MotionMeter()
+        self._layout: tuple[tuple[str, ...], tuple[str, ...], Ints] | None = None
+
+    def add(self, frame: OutputFrame) -> dict[str, float]:
+        """Take a frame; name -> value of the body that has the largest."""
+        names = (frame.recorded.names, frame.tf.names)
+        if self._layout is None or self._layout[:2] != names:
+            rows = [frame.tf.names.index(name.removeprefix("recorded/")) for name in frame.recorded.names]
+            self._layout = (*names, np.array(rows, np.int64))
+        recorded, corrected = frame.recorded.values[:, :3], frame.tf.values[self._layout[2], :3]
+        places = np.stack([recorded, corrected, corrected - recorded])
+        speeds, jerks = self._meter.add(np.array([frame.time_ns], np.int64), places[None])
+        found = dict(zip((f"{name}_speed_m_s" for name in _MOTIONS), speeds[0].tolist(), strict=True))
+        found |= zip((f"{name}_jerk_m_s3" for name in _MOTIONS), jerks[0].tolist(), strict=True)
+        return {name: value for name, value in found.items() if not math.isnan(value)}
+
+
+@dataclass
+class _Series:
+    """What is gathered of one output, or of all."""
+
+    frames: int = 0
+    duration_s: float = 0.0
+    _in_contact: int = 0
+    _penetrating: int = 0
+    _residual: int = 0
+    _impacts: int = 0
+    _fallbacks: int = 0
+    _held: int = 0
+    _flags: dict[int, int] = field(default_factory=dict)
+    _values: dict[str, Quantiles] = field(default_factory=dict)
+    _stages: dict[str, Quantiles] = field(default_factory=dict)
+
+    def add(self, frame: OutputFrame, moved: dict[str, float]) -> None:
+        metrics = frame.metrics
+        self.frames += 1
+        self._in_contact += metrics["contacts"] > 0
+        self._penetrating += metrics["recorded_penetration_m"] > RESIDUAL_LIMIT_M
+        self._residual += metrics["residual_penetration_m"] > RESIDUAL_LIMIT_M
+        self._impacts += int(metrics["impacts"])
+        self._fallbacks += int(metrics["fallbacks"])
+        self._held += bool(metrics["held"])
+        flags = int(metrics["flags"])
+        for bit in FLAG_NAMES:
+            if flags & bit:
+                self._flags[bit] = self._flags.get(bit, 0) + 1
+        for name in _METRICS:
+            value = float(metrics[name])
+            if value > 0.0 or name in ("residual_penetration_m", "iterations"):
+                self._take(self._values, name, value)
+        for name, value in moved.items():
+            self._take(self._values, name, value)
+        for stage in frame.timing:
+            self._take(self._stages, stage.name, float(stage.ns))
+
+    def statistics(self, name: str, complete: bool) -> OutputStatistics:
+        motions = [f"{motion}_{unit}" for unit in ("speed_m_s", "jerk_m_s3") for motion in _MOTIONS]
+        return OutputStatistics(
+            name=name,
+            complete=complete,
+            frames=self.frames,
+            duration_s=self.duration_s,
+            frames_in_contact=self._in_contact,
+            frames_penetrating=self._penetrating,
+            frames_with_residual=self._residual,
+            impacts=self._impacts,
+            fallbacks=self._fallbacks,
+            held_frames=self._held,
+            flags={FLAG_NAMES[bit]: self._flags[bit] for bit in FLAG_NAMES if bit in self._flags},
+            values={key: _distribution(self._values.get(key, Quantiles(1))) for key in (*_METRICS, *motions)},
+            stages={key: _distribution(values) for key, values in self._stages.items()},
+        )
+
+    @staticmethod
+    def _take(series: dict[str, Quantiles], name: str, value: float) -> None:
+        if name not in series:
+            series[name] = Quantiles()
+        series[name].add(value)
+
+
+def _distribution(values: Quantiles) -> Distribution:
+    return Distribution(
+        count=values.count,
+        mean=values.total / values.count if values.count else 0.0,
+        p50=values.median(),
+        p90=values.quantile(0.90),
+        p95=values.quantile(0.95),
+        p99=values.quantile(0.99),
+        max=values.largest,
+    )

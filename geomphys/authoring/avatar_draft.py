@@ -1,0 +1,172 @@
+"""What an avatar of a drafted scene follows: the topic of its joints, their names and unit, the pose of its root."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+from geomphys.authoring.finger_joints import finger_joints
+from geomphys.recording.angle_units import UnitGuess, guess_unit, mirrored_joints
+from geomphys.recording.inspect import TopicInfo
+from geomphys.recording.matching import JointMatch, match_joints
+from geomphys.recording.name_words import common_side, side_of
+from geomphys.recording.root_poses import PoseCandidate, is_request, rank_roots
+from geomphys.scene.skeleton import Skeleton
+
+UNLIKELY = -3.0
+"""A pose that scores less is not taken for a root: it says itself that it is something else."""
+
+
+@dataclass(frozen=True)
+class AvatarDraft:
+    """What an avatar of a drafted scene follows, and how that was found."""
+
+    name: str
+    urdf: str  # path, as the scene file names it
+    root_link: str
+    tall: bool  # a body, not a hand
+    hull: bool  # a mesh of it has holes
+    hand: str  # left, right, or "" where nothing says a side
+    root: PoseCandidate | None
+    root_choices: tuple[str, ...]  # the other poses, likeliest first
+    joints_topic: str  # "" if none matches
+    joint_choices: tuple[str, ...]  # other topics that match as well
+    side: str  # of a glove topic that holds several; else ""
+    unit: UnitGuess
+    mirrored: tuple[str, ...]  # joints that would fit their limits with the opposite sign
+    matches: tuple[JointMatch, ...]
+    unmatched_recorded: tuple[str, ...]
+    unmatched_joints: tuple[str, ...]
+    guessed_topic: str  # topic whose joints are only alike; "" if there is a better one or none
+    two_sides: bool  # that topic has a left and a right hand, and nothing says which this is
+    chains: tuple[tuple[str, str, str], ...]  # name, base link, tip link
+
+    @property
+    def used(self) -> tuple[JointMatch, ...]:
+        """Matches that the scene goes by."""
+        return tuple(m for m in self.matches if m.is_used)
+
+
+@dataclass(frozen=True)
+class JointTopic:
+    """The topic that a tree's joints are likely on."""
+
+    topic: TopicInfo
+    side: str  # part to name after `#`: of a topic with several gloves
+    matches: tuple[JointMatch, ...]
+    others: tuple[str, ...]  # topics that match no worse
+
+
+@dataclass(frozen=True)
+class AnglesGuess:
+    """The unit of a topic's angles, and the joints whose sign is the opposite."""
+
+    unit: UnitGuess
+    mirrored: tuple[str, ...] = ()
+
+
+def hand_sides(skeletons: Sequence[Skeleton], told: Collection[str]) -> list[str]:
+    """The side of each avatar, "" where nothing says one.
+
+    Its URDF says it by the names of the file, the robot, the links and the joints. Of two hands of which one says its
+    side, the other is the other; a single hand is of the only side that the poses of the log are of.
+
+    Parameters
+    ----------
+    skeletons
+    told
+        Names of the log's poses and joint topics.
+    """
+    sides = []
+    for skeleton in skeletons:
+        names = [link.name for link in skeleton.links[1:]] + [j.name for j in skeleton.joints if j is not None]
+        likely = [side_of(n) for n in (skeleton.path.stem, skeleton.name, skeleton.links[0].name)]
+        sides.append(next((s for s in likely if s), common_side(names)))
+    if len(sides) == 2 and sorted(sides)[0] == "" and sorted(sides)[1]:
+        known = "".join(sides)
+        sides = [s or ("left" if known == "right" else "right") for s in sides]
+    if sides == [""]:
+        sides = [common_side(told)]
+    return sides
+
+
+def find_joints(
+    skeleton: Skeleton, topics: Sequence[TopicInfo], hand: str, taken: Collection[tuple[str, str]]
+) -> JointTopic | None:
+    """The topic that has most of a tree's joints, the part of it to name, and what matches; None if nothing is alike.
+
+    Parameters
+    ----------
+    skeleton
+    topics
+        With joints, of names a scene file can hold.
+    hand
+        The tree's side, or "".
+    taken
+        Topics and parts that other avatars follow.
+    """
+    shape = finger_joints(skeleton)
+    ranked: list[tuple[tuple[int, int, int, bool, bool, int], JointTopic]] = []
+    for topic in topics:
+        if topic.messages == 0:
+            continue
+        for side in topic.sides if len(topic.sides) > 1 else ("",):
+            matches = match_joints(topic.joints, skeleton.dof_names, side=hand, shape=shape)
+            if not matches:
+                continue
+            sides = {side_of(topic.topic) or common_side(topic.joints), *((side,) if side else topic.sides)} - {""}
+            wrong = bool(hand and sides and hand not in sides)
+            used = sum(m.is_used for m in matches)
+            free = (topic.topic, side) not in taken
+            rank = (-wrong, used, len(matches), not is_request(topic.topic), free, topic.messages)
+            ranked.append((rank, JointTopic(topic, side, matches, ())))
+    if not ranked:
+        return None
+    rank, best = max(ranked, key=lambda item: item[0])
+    others = [
+        f"{j.topic.topic}#{j.side}" if j.side else j.topic.topic
+        for r, j in ranked
+        if r[:2] == rank[:2] and j is not best
+    ]
+    return JointTopic(best.topic, best.side, best.matches, tuple(o for o in others if not is_request(o)))
+
+
+def judge_angles(skeleton: Skeleton, topic: TopicInfo | None, matches: Sequence[JointMatch]) -> AnglesGuess:
+    """The unit of a topic's angles, and which joints are mirrored: those that turn, not those that slide."""
+    if topic is None:
+        return AnglesGuess(UnitGuess("rad", ""))
+    turning = {j.name for j in skeleton.joints if j is not None and j.type in ("revolute", "continuous")}
+    column = {name: i for i, name in enumerate(skeleton.dof_names)}
+    used = {m.joint: m.recorded for m in matches if m.joint in turning and m.recorded in topic.ranges}
+    ranges = {joint: topic.ranges[recorded] for joint, recorded in used.items()}
+    limits = {j: (float(skeleton.lower[column[j]]), float(skeleton.upper[column[j]])) for j in used}
+    guess = guess_unit(ranges, limits)
+    if topic.kind == "glove":
+        guess = UnitGuess("deg", "gloves of this type send degrees")
+    scale = math.pi / 180.0 if guess.unit == "deg" else 1.0
+    rad = {j: (scale * low, scale * high) for j, (low, high) in ranges.items()}
+    return AnglesGuess(guess, () if guess.doubt else mirrored_joints(rad, limits))
+
+
+def find_root(
+    skeleton: Skeleton, poses: Sequence[PoseCandidate], hand: str, joints: JointTopic | None
+) -> tuple[PoseCandidate | None, tuple[str, ...]]:
+    """The pose that the root follows, None if none looks like it; and the other poses, likeliest first."""
+    sure = joints if joints is not None and any(m.is_used for m in joints.matches) else None
+    ranked = rank_roots(
+        poses,
+        skeleton.links[0].name,
+        [skeleton.path.stem],
+        sure.topic.topic if sure is not None else "",
+        sure.topic.messages if sure is not None else 0,
+        hand,
+    )
+    root = ranked[0][1] if ranked and ranked[0][0] > UNLIKELY else None
+    return root, tuple(c.name for _, c in ranked if c is not root)
+
+
+def is_of_either_hand(hand: str, names: Collection[str], joints: Collection[str]) -> bool:
+    """Whether names are of a left and of a right hand while the joints of a tree, and nothing else, say which it is."""
+    sides = {side_of(n) for n in names} - {""}
+    return not hand and len(sides) == 2 and not any(side_of(j) for j in joints)

@@ -1,0 +1,90 @@
+"""The part of a drafted scene file on the joints of an avatar: topic, unit, sign, names that are renamed or to be filled in."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+
+from geomphys.authoring.avatar_draft import AvatarDraft
+from geomphys.recording.matching import JointMatch
+from geomphys.recording.naming import plain
+
+TOLD = 12
+"""Names of a list in a comment."""
+FILLED_IN = 60
+"""Lines to fill in."""
+
+
+def joint_lines(avatar: AvatarDraft) -> Iterator[str]:
+    """TOML of the joints of an avatar, in comments where nothing is sure."""
+    topic = avatar.joints_topic or avatar.guessed_topic
+    if not topic:
+        yield "# No topic of the log has joints of this URDF: all stay at 0."
+        if avatar.unmatched_joints:
+            yield f"# The URDF has {named(avatar.unmatched_joints)}"
+        return
+    hidden = "" if avatar.joints_topic else "# "
+    if hidden:
+        yield "# CHECK: no recorded joint has a name of this URDF, so all its joints stand still. If the guesses below are"
+        yield "# right, uncomment them all; fill in what is missing."
+    if avatar.two_sides:
+        yield "# CHECK: the topic has a left and a right hand, and nothing says which of them this is."
+    yield hidden + "[avatar.joints]"
+    if avatar.joint_choices:
+        yield f"# CHECK: or another topic with such joints: {named(avatar.joint_choices)}"
+    yield hidden + f"topic = {quoted(topic + ('#' + avatar.side if avatar.side else ''))}"
+    yield hidden + f'unit = "{avatar.unit.unit}"                   # CHECK: {plain_line(avatar.unit.reason)}'
+    if avatar.unit.doubt:
+        yield f"# CHECK: {plain_line(avatar.unit.doubt)} Convert them, or map them to rad by `scale` and `offset`."
+    if avatar.mirrored:
+        yield "# CHECK: recorded with the opposite sign? These joints would then be within their limits; uncomment it if so."
+        yield f"# sign = {{ {', '.join(f'{quoted(j)} = -1' for j in avatar.mirrored)} }}"
+    if avatar.unmatched_joints:
+        yield f"# Not recorded, they stay at 0: {named(avatar.unmatched_joints)}"
+    if avatar.unmatched_recorded and not hidden:
+        yield f"# Recorded, but of no use here: {named(avatar.unmatched_recorded)}; if that is meant so:"
+        yield f"# ignore = [{', '.join(quoted(n) for n in avatar.unmatched_recorded[:FILLED_IN])}]"
+    yield from _rename(avatar, hidden)
+
+
+def _rename(avatar: AvatarDraft, hidden: str) -> Iterator[str]:
+    """The table of recorded names that are otherwise in the URDF, and lines to fill in."""
+    spelled = [m for m in avatar.matches if m.how == "spelling"]
+    guessed = [m for m in avatar.matches if m.how == "guess" and m.is_used]
+    alike = [m for m in avatar.matches if not m.is_used]
+    open_names = avatar.unmatched_recorded[:FILLED_IN] if avatar.unmatched_joints else ()
+    if not spelled and not guessed and not alike and not open_names:
+        return
+    yield ""
+    yield hidden + "[avatar.joints.rename]            # recorded name = joint of the URDF"
+    yield from (_pair(m) for m in spelled)
+    if guessed:
+        yield "# CHECK: guessed from finger, segment and motion."
+        yield from (_pair(m) for m in guessed)
+    if alike:
+        if not hidden:
+            yield "# CHECK: only alike; uncomment what is right."
+        yield from (f"# {_pair(m)}" for m in alike)
+    if open_names:
+        yield f"# CHECK: fill in a joint and uncomment; free are {named(avatar.unmatched_joints)}"
+        yield from (f'# {quoted(n)} = ""' for n in open_names)
+
+
+def _pair(match: JointMatch) -> str:
+    return f"{quoted(match.recorded)} = {quoted(match.joint)}"
+
+
+def plain_line(text: str) -> str:
+    """A reason as one line of a comment."""
+    return "".join(c if c.isprintable() else "?" for c in text)
+
+
+def named(names: Sequence[str]) -> str:
+    """Names with commas between them, the first `TOLD` of them."""
+    more = f" and {len(names) - TOLD} more" if len(names) > TOLD else ""
+    return ", ".join(plain(n) for n in names[:TOLD]) + more
+
+
+def quoted(text: str) -> str:
+    """A string of TOML."""
+    return json.dumps(text, ensure_ascii=False)

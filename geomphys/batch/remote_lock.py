@@ -1,0 +1,139 @@
+"""One batch at a time in a folder behind a URL: an object that says who is at work there.
+
+The object is made by a conditional write, of which a store lets one succeed. It stays when its batch is killed. On the
+machine and for the user it was made by, it is then known to be left over and is taken over: while a batch runs it keeps
+a file in the user's cache locked as well (``flock``), whose random name in the object tells that this is the file.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import socket
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from typing import Any
+
+from geomphys.errors import OutputError
+from geomphys.storage.cache import user_folder
+from geomphys.storage.remote_files import RemotePath
+
+LOCK = "lock.json"
+"""Name of the object."""
+
+
+def lock_or_refuse(file: int, busy: str) -> None:
+    """Lock an open file or folder until it is closed; raises OutputError, which begins with `busy`, if it is locked."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as problem:
+        raise OutputError(f"{busy}; wait for it, or choose another folder") from problem
+
+
+@contextmanager
+def own_far(path: RemotePath) -> Iterator[None]:
+    """Hold the object at `path` in the block.
+
+    Raises OutputError if another batch holds it, naming who and how to remove what a crashed one left.
+    """
+    local = _open_local(path)
+    try:
+        lock_or_refuse(local, f"{_folder(path)}: another batch of this machine is at work there")
+        mine = {
+            "host": socket.gethostname(),
+            "pid": os.getpid(),
+            "began": datetime.now(UTC).isoformat(timespec="seconds"),
+            "machine": _identity(local),
+            "batch": uuid.uuid4().hex,
+        }
+        _take(path, mine)
+        try:
+            yield
+        finally:
+            _give_back(path, mine)
+    finally:
+        os.close(local)
+
+
+def _take(path: RemotePath, mine: dict[str, Any]) -> None:
+    """Make the object; one that a batch of this machine left which is gone is replaced."""
+    data = (json.dumps(mine, indent=1) + "\n").encode()
+    try:
+        left = _read(path)
+        if left is not None and _is_of(left, mine):  # its batch would keep the local file locked, if it lived
+            path.unlink(missing_ok=True)
+        path.create(data)
+        holder = _read(path)
+    except FileExistsError:
+        raise _refused(path, _read_or_none(path)) from None
+    except OSError as problem:
+        raise OutputError(f"{path}: cannot be written ({problem.strerror or problem})") from problem
+    if holder != mine:  # the store does not know conditional writes
+        raise _refused(path, holder)
+
+
+def _give_back(path: RemotePath, mine: dict[str, Any]) -> None:
+    try:
+        if _read(path) == mine:
+            path.unlink(missing_ok=True)
+    except OSError as problem:
+        raise OutputError(f"{path}: cannot be removed ({problem.strerror or problem}); remove it") from problem
+
+
+def _is_of(left: dict[str, Any], mine: dict[str, Any]) -> bool:
+    return all(left.get(key) == mine[key] for key in ("host", "machine"))
+
+
+def _refused(path: RemotePath, holder: dict[str, Any] | None) -> OutputError:
+    holder = holder or {}
+    host, pid, began = (str(holder.get(key, "unknown"))[:100] for key in ("host", "pid", "began"))
+    return OutputError(
+        f"{_folder(path)}: another batch is at work there (process {pid} on {host!r} since {began}); wait for it, choose "
+        f"another folder, or, if that process is no more, remove {path}"
+    )
+
+
+def _read(path: RemotePath) -> dict[str, Any] | None:
+    """What the object says: None if it is not there, nothing if it is none of ours; raises OSError."""
+    try:
+        content = json.loads(path.read_bytes())
+    except FileNotFoundError:
+        return None
+    except ValueError:
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+def _read_or_none(path: RemotePath) -> dict[str, Any] | None:
+    try:
+        return _read(path)
+    except OSError:
+        return None
+
+
+def _folder(path: RemotePath) -> RemotePath:
+    """The folder of the batch."""
+    return path.parent.parent
+
+
+def _open_local(path: RemotePath) -> int:
+    """The file of this user and machine that is locked while a batch works at that URL."""
+    local = user_folder("locks") / hashlib.sha256(str(path).encode()).hexdigest()[:32]
+    try:
+        return os.open(local, os.O_CREAT | os.O_RDWR, 0o600)
+    except OSError as problem:
+        raise OutputError(f"{local}: cannot be written ({problem.strerror or problem})") from problem
+
+
+def _identity(local: int) -> str:
+    """What tells the locked file from that of any other user or machine: random, written when it is first locked."""
+    found = os.pread(local, 64, 0).decode("ascii", "replace")
+    if len(found) != 32:
+        found = uuid.uuid4().hex
+        os.ftruncate(local, 0)
+        os.pwrite(local, found.encode(), 0)
+    return found

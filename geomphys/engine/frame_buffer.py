@@ -1,0 +1,194 @@
+"""Results of a block of frames as flat arrays: what the compiled step writes and Python takes apart."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.collision.detect import Near
+from geomphys.collision.global_depth import GlobalDepths
+from geomphys.collision.manifold import manifold
+from geomphys.collision.penetration import Scratch
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.stage_clock import STAGES
+from geomphys.results import Contacts, Metrics, Penetrations
+from geomphys.scene.arrays import SIMULATED, Scene
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+FRAMES = 64  # a block
+CONTACTS = 1 << 14  # rows for a block
+SPARE = 1 << 12  # rows a frame may need; a block ends early when fewer are left
+
+# columns of `Block.lengths` and `Block.numbers`
+RECORDED, RESIDUAL, CORRECTION, TURN = range(4)
+ITERATIONS, IMPACTS, FALLBACKS, FLAGS = range(4)
+
+
+class Block(NamedTuple):
+    """Up to N frames. M bodies move: `moving` names them; the others stay as in `rest`."""
+
+    moving: Ints  # (M,) bodies
+    rest: Floats  # (B, 7) poses of the bodies that stand still
+    recorded: Floats  # (N, M, 7)
+    corrected: Floats  # (N, M, 7)
+    angles: Floats  # (N, Q)
+    lengths: Floats  # (N, 4) m, m, m, rad
+    numbers: Ints  # (N, 4)
+    cycles: Ints  # (N, S + 1) of each stage and of the whole step
+    counts: Ints  # (N, S + 1)
+    contact_end: Ints  # (N + 1,) rows of the contact arrays after each frame; [0] is 0
+    contact_bodies: Ints  # (c, 2)
+    contact_values: Floats  # (c, 9) point, normal, depth, normal and tangential impulse
+    depth_end: Ints  # (N + 1,)
+    depth_bodies: Ints  # (d, 2)
+    depth_numbers: Ints  # (d, 2) convex pairs, method
+    depth_values: Floats  # (d, 4) PD_g, largest
+
+
+def make_block(moving: Ints, rest: Floats, dofs: int, frames: int = FRAMES) -> Block:
+    """Room for `frames` frames."""
+    stages = len(STAGES) + 1
+    ints, floats = np.int64, np.float64
+    return Block(
+        moving, rest, np.zeros((frames, len(moving), 7)), np.zeros((frames, len(moving), 7)), np.zeros((frames, dofs)),
+        np.zeros((frames, 4)), np.zeros((frames, 4), ints), np.zeros((frames, stages), ints), np.zeros((frames, stages), ints),
+        np.zeros(frames + 1, ints), np.zeros((CONTACTS, 2), ints), np.zeros((CONTACTS, 9), floats),
+        np.zeros(frames + 1, ints), np.zeros((CONTACTS, 2), ints), np.zeros((CONTACTS, 2), ints), np.zeros((CONTACTS, 4)),
+    )  # fmt: skip
+
+
+@kernel
+def has_room(block: Block, frame: int) -> bool:
+    """Whether a frame's contacts and depths surely fit."""
+    return (
+        frame < len(block.angles)
+        and len(block.contact_bodies) - block.contact_end[frame] >= SPARE
+        and len(block.depth_bodies) - block.depth_end[frame] >= SPARE
+    )
+
+
+@kernel
+def write_depths(block: Block, frame: int, depths: GlobalDepths, method: int) -> None:
+    """Append the global depths of a frame."""
+    row = block.depth_end[frame]
+    for k in range(min(depths.filled[0], len(block.depth_bodies) - row)):
+        block.depth_bodies[row, 0], block.depth_bodies[row, 1] = depths.body_a[k], depths.body_b[k]
+        block.depth_numbers[row, 0], block.depth_numbers[row, 1] = depths.pairs[k], method
+        for i in range(3):
+            block.depth_values[row, i] = depths.pd[k, i]
+        block.depth_values[row, 3] = depths.largest[k]
+        row += 1
+    block.depth_end[frame + 1] = row
+
+
+@outlined
+def write_contacts(
+    scene: Scene, frames: Floats, near: Near, offsets: Floats, points_a: Floats, points_b: Floats, block: Block, frame: int,
+    scratch: Scratch,
+) -> float:  # fmt: skip
+    """Append the contact manifolds of the near pairs of a frame.
+
+    Parameters
+    ----------
+    scene, frames
+        The scene and its pieces' final world frames (P, 12).
+    near
+        The pairs in contact; those with simulated bodies are left to the simulated loop.
+    offsets
+        (T, 3) m; how far each tree was moved out. A contact's depth is how far it parted the two surfaces.
+    points_a, points_b
+        (4, 3) scratch.
+    block, frame
+        Where they go.
+    scratch
+        For the narrow phase.
+
+    Returns
+    -------
+    float
+        The deepest overlap that is left, m.
+    """
+    row, deepest = block.contact_end[frame], 0.0
+    for k in range(near.filled[0]):
+        s = near.separation[k]
+        deepest = max(deepest, -s)
+        if scene.trees.role[near.tree_a[k]] == SIMULATED or scene.trees.role[near.tree_b[k]] == SIMULATED:
+            continue
+        n = (near.normal[k, 0], near.normal[k, 1], near.normal[k, 2])
+        pa = (near.point_a[k, 0], near.point_a[k, 1], near.point_a[k, 2])
+        pb = (near.point_b[k, 0], near.point_b[k, 1], near.point_b[k, 2])
+        parted = 0.0
+        for i in range(3):
+            parted += n[i] * (offsets[near.tree_a[k], i] - offsets[near.tree_b[k], i])
+        count = manifold(scene.pieces, frames, near.a[k], near.b[k], s, n, pa, pb, points_a, points_b, scratch)
+        for j in range(count):
+            if row == len(block.contact_bodies):
+                break
+            block.contact_bodies[row, 0] = scene.pieces.body[near.a[k]]
+            block.contact_bodies[row, 1] = scene.pieces.body[near.b[k]]
+            for i in range(3):
+                block.contact_values[row, i] = 0.5 * (points_a[j, i] + points_b[j, i])
+                block.contact_values[row, 3 + i] = n[i]
+            block.contact_values[row, 6] = max(parted, 0.0)
+            block.contact_values[row, 7] = block.contact_values[row, 8] = 0.0
+            row += 1
+    block.contact_end[frame + 1] = row
+    return deepest
+
+
+def contacts_of(block: Block, frame: int) -> Contacts:
+    """A frame's contacts, as arrays of their own."""
+    rows = slice(block.contact_end[frame], block.contact_end[frame + 1])
+    bodies, values = block.contact_bodies[rows], block.contact_values[rows].copy()
+    return Contacts(
+        bodies[:, 0].copy(),
+        bodies[:, 1].copy(),
+        values[:, 0:3],
+        values[:, 3:6],
+        values[:, 6],
+        values[:, 7],
+        values[:, 8],
+    )
+
+
+def penetrations_of(block: Block, frame: int) -> Penetrations:
+    """A frame's penetration depths, as arrays of their own."""
+    rows = slice(block.depth_end[frame], block.depth_end[frame + 1])
+    bodies, numbers, values = (
+        block.depth_bodies[rows].copy(),
+        block.depth_numbers[rows].copy(),
+        block.depth_values[rows].copy(),
+    )
+    return Penetrations(bodies[:, 0], bodies[:, 1], values[:, :3], numbers[:, 0], values[:, 3], numbers[:, 1])
+
+
+def metrics_of(block: Block, frame: int, held: bool, flags: int, motion: Floats) -> Metrics:
+    """A frame's figures; `flags` are added to its own, `motion` (4,) are its speeds and jerks."""
+    lengths, numbers = block.lengths[frame], block.numbers[frame]
+    return Metrics(
+        contacts=int(block.contact_end[frame + 1] - block.contact_end[frame]),
+        recorded_penetration_m=float(lengths[RECORDED]),
+        residual_penetration_m=float(lengths[RESIDUAL]),
+        iterations=int(numbers[ITERATIONS]),
+        impacts=int(numbers[IMPACTS]),
+        fallbacks=int(numbers[FALLBACKS]),
+        correction_m=float(lengths[CORRECTION]),
+        correction_rad=float(lengths[TURN]),
+        held=held,
+        flags=int(numbers[FLAGS]) | flags,
+        recorded_speed_m_s=float(motion[0]),
+        correction_speed_m_s=float(motion[1]),
+        recorded_jerk_m_s3=float(motion[2]),
+        correction_jerk_m_s3=float(motion[3]),
+    )
+
+
+def poses_of(block: Block, rows: Floats) -> Floats:
+    """All bodies' poses (B, 7) of a frame, from its rows (M, 7) of those that move."""
+    poses = block.rest.copy()
+    poses[block.moving] = rows
+    return poses

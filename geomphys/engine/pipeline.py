@@ -1,0 +1,251 @@
+"""The pipeline: frames go in, results come out; and the replay of a whole log."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.config import Config
+from geomphys.engine.frame_buffer import FRAMES, Block, contacts_of, make_block, metrics_of, penetrations_of, poses_of
+from geomphys.engine.log_messages import Message, Narrator
+from geomphys.engine.look_ahead import Track, step_aside
+from geomphys.engine.state import NEAR_PAIRS, Knobs, make_machine
+from geomphys.engine.step import WHOLE, run_block
+from geomphys.errors import GeomphysError
+from geomphys.jit.packed_records import pack
+from geomphys.jit.stage_clock import FORESIGHT, STAGES, ns_per_cycle
+from geomphys.load import load_world
+from geomphys.numerics.motion_rates import MotionMeter
+from geomphys.output.provenance import provenance_of
+from geomphys.output.sink import Sink
+from geomphys.recording.frames import FrameSource
+from geomphys.recording.report import RecordingReport
+from geomphys.results import Frame, FrameResult
+from geomphys.scene.arrays import DRIVEN, Scene, World
+from geomphys.storage.remote_files import place
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass
+class Chunk:
+    """Some frames in a row and their results."""
+
+    frames: list[Frame]
+    track: Track
+    decode_ns: int  # a frame
+    motion: Floats  # (n, 4) speeds and jerks, as in `Metrics`; taken when the results are final
+    is_last: bool = False
+
+
+class Pipeline:
+    """A scene ready to run: takes frames, gives results, remembers what lies between.
+
+    Results come one chunk late, so that foresight can still change them.
+    """
+
+    def __init__(self, world: World, config: Config) -> None:
+        self.world = world
+        self.machine = make_machine(world.scene, config.seed)
+        self.knobs = Knobs(config.gap, config.max_iterations, config.max_impacts)
+        self.blocks = [self._make_block() for _ in range(3)]
+        self._packed = pack(world.scene), pack(self.machine)
+        self._packed_blocks = {id(block): pack(block) for block in self.blocks}
+        self._last_ns: int | None = None
+        self._narrator = Narrator()
+        self._meter = MotionMeter()
+
+    def _make_block(self) -> Block:
+        scene = self.world.scene
+        moving = np.flatnonzero(scene.trees.moving[scene.bodies.tree]).astype(np.int64)
+        return make_block(moving, self.machine.recorded.copy(), len(scene.dofs.lower))
+
+    def run(self, track: Track, first: int, last: int, block: Block, hasty: bool = False) -> int:
+        """Step through rows `first` to `last` of a track into `block`; returns how many were done.
+
+        A hasty run is a trial, that stops at the first frame in which a tree is wedged.
+        """
+        rows = slice(first, last)
+        count: int = run_block(
+            *self._packed, track.roots[rows], track.angles[rows], track.dts[rows], track.drifts[rows], self.knobs, hasty,
+            self._packed_blocks[id(block)],
+        )  # fmt: skip
+        if (count == 0 and not hasty) or self.machine.room.near.lost[0]:
+            raise GeomphysError(
+                f"more than {NEAR_PAIRS} pairs of convex pieces are near each other at once; decompose the meshes into fewer"
+            )
+        return count
+
+    def chunks(self, batches: Iterator[tuple[list[Frame], int]]) -> Iterator[Chunk]:
+        """Run batches of frames, each with what a frame of it took to decode [ns]; yields them with their results."""
+        before: Chunk | None = None
+        for frames, decode_ns in batches:
+            while frames:
+                block = (
+                    self.blocks[1] if before is not None and before.track.block is self.blocks[0] else self.blocks[0]
+                )
+                track = self._track(frames, block)
+                count = self.run(track, 0, len(frames), block)
+                chunk = Chunk(frames[:count], track.cut(count), decode_ns, np.zeros((count, 4)))
+                frames = frames[count:]
+                self._last_ns = chunk.frames[-1].time_ns
+                step_aside(self, None if before is None else before.track, chunk.track, self.blocks[2])
+                if before is not None:
+                    self._measure_motion(before)
+                    yield before
+                before = chunk
+        if before is not None:
+            self._measure_motion(before)
+            before.is_last = True
+            yield before
+
+    def _track(self, frames: list[Frame], block: Block) -> Track:
+        times = [frames[0].time_ns if self._last_ns is None else self._last_ns, *(frame.time_ns for frame in frames)]
+        return Track(
+            roots=np.stack([frame.roots for frame in frames]),
+            angles=np.stack([frame.angles for frame in frames]),
+            dts=np.diff(np.array(times, dtype=np.int64)).astype(np.float64) * 1e-9,
+            drifts=np.zeros((len(frames), len(self.world.scene.trees.role), 3)),
+            block=block,
+            before=self.machine.state(),
+            foresight=np.zeros((len(frames), 2), np.int64),
+        )
+
+    @property
+    def scene(self) -> Scene:
+        """The scene."""
+        return self.world.scene
+
+    def _measure_motion(self, chunk: Chunk) -> None:
+        block, count = chunk.track.block, len(chunk.frames)
+        driven = self.world.scene.bodies.role[block.moving] == DRIVEN
+        recorded, corrected = (poses[:count, driven, :3] for poses in (block.recorded, block.corrected))
+        times = np.array([frame.time_ns for frame in chunk.frames], dtype=np.int64)
+        rates = np.hstack(self._meter.add(times, np.stack([recorded, corrected - recorded], axis=1)))
+        chunk.motion[...] = np.nan_to_num(rates, nan=0.0)
+
+    def result(self, chunk: Chunk, row: int, encode_ns: int, messages: tuple[Message, ...] = ()) -> FrameResult:
+        """The result of a frame of a chunk; `encode_ns` is what the sinks took for the frame before."""
+        block, frame, scale = chunk.track.block, chunk.frames[row], ns_per_cycle()
+        ahead, trials = chunk.track.foresight[row]
+        stages = [("decode", chunk.decode_ns, 1), ("step", int((block.cycles[row, WHOLE] + ahead) * scale), 1)]
+        stages += [
+            (name, int(block.cycles[row, k] * scale), int(block.counts[row, k])) for k, name in enumerate(STAGES)
+        ]
+        stages.append((FORESIGHT, int(ahead * scale), int(trials)))
+        metrics = metrics_of(block, row, frame.held, frame.flags, chunk.motion[row])
+        return FrameResult(
+            frame=frame,
+            recorded=poses_of(block, block.recorded[row]),
+            corrected=poses_of(block, block.corrected[row]),
+            angles=block.angles[row].copy(),
+            contacts=contacts_of(block, row),
+            penetrations=penetrations_of(block, row),
+            metrics=metrics,
+            timing=(*stages, ("encode", encode_ns, 1)),
+            messages=(*self._narrator.tell(metrics), *messages),
+        )
+
+
+def replay(
+    log: Path | str,
+    scene: Path | str | World,
+    *,
+    config: Config | None = None,
+    sinks: Sequence[Sink] = (),
+    progress: Callable[[int, int | None], None] | None = None,
+) -> Iterator[FrameResult]:
+    """Replay a log in a scene; yields one result a frame.
+
+    Parameters
+    ----------
+    log
+        An MCAP file or a ROS 2 bag directory.
+    scene
+        A scene file or the world it was loaded into.
+    config
+        All parameters; None: the defaults.
+    sinks
+        Opened before the first frame, given every frame, closed after the last; closed as incomplete if the replay ends
+        early (an error, or the caller stops iterating).
+    progress
+        Called after each frame with the number of frames done and, if known, of all.
+
+    Yields
+    ------
+    FrameResult
+        In order of time. The stage `encode` of a frame is what the sinks took for the frame before it.
+
+    Raises
+    ------
+    InputError
+        The log, the scene or a model is wrong.
+    OutputError
+        A sink cannot write.
+    """
+    config = config or Config()
+    world = scene if isinstance(scene, World) else load_world(scene, mode=config.mode, seed=config.seed)
+    opened: list[Sink] = []
+    complete = False
+    try:
+        with FrameSource(place(log), world, config) as source:
+            if sinks:
+                provenance = provenance_of(place(log), world, config)
+                for sink in sinks:
+                    sink.open(world, config, provenance)
+                    opened.append(sink)
+            yield from _results(source, Pipeline(world, config), sinks, progress)
+        complete = True
+    finally:
+        with ExitStack() as closing:  # one that fails to close keeps none of the others open
+            for sink in reversed(opened):
+                closing.callback(sink.close, complete)
+
+
+def _batches(source: FrameSource) -> Iterator[tuple[list[Frame], int]]:
+    frames = iter(source)
+    while True:
+        start = time.perf_counter_ns()
+        batch = [frame for _, frame in zip(range(FRAMES), frames, strict=False)]
+        if not batch:
+            return
+        yield batch, (time.perf_counter_ns() - start) // len(batch)
+
+
+def _messages(report: RecordingReport) -> Iterator[tuple[str, str]]:
+    """Level and text of what is told of a recording at its end."""
+    yield from (("info", str(use)) for use in report.transforms)
+    yield from (("warning", text) for text in report.warnings)
+
+
+def _of_scene(world: World) -> tuple[Message, ...]:
+    """What is told of a scene when a replay begins."""
+    findings = world.findings
+    return (*(("warning", text) for text in findings.warnings), *(("info", text) for text in findings.notes))
+
+
+def _results(
+    source: FrameSource, pipeline: Pipeline, sinks: Sequence[Sink], progress: Callable[[int, int | None], None] | None
+) -> Iterator[FrameResult]:
+    done, encode_ns = 0, 0
+    for chunk in pipeline.chunks(_batches(source)):
+        for row in range(len(chunk.frames)):
+            ends = chunk.is_last and row == len(chunk.frames) - 1
+            messages = () if done else _of_scene(pipeline.world)
+            messages += tuple(_messages(source.report)) if ends else ()
+            result = pipeline.result(chunk, row, encode_ns, messages)
+            start = time.perf_counter_ns()
+            for sink in sinks:
+                sink.write(result)
+            encode_ns = time.perf_counter_ns() - start
+            done += 1
+            if progress is not None:
+                progress(done, source.expected_frames)
+            yield result

@@ -1,0 +1,112 @@
+"""Containment: a driven body that becomes non-finite is put back to its last good state, within the frame.
+
+Inputs are bounded and checked where they are read, so this is for what numbers at the edge of float, or a fault, make of
+them on the way. Simulated bodies are put back by their own loop (`geomphys.simulated.frame.finish`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.collision.sweep import update_boxes
+from geomphys.driven.hold import drop_lag
+from geomphys.engine.state import Machine
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.results import FLAG_QUARANTINED
+from geomphys.scene.arrays import DRIVEN, Scene
+from geomphys.scene.kinematics import place_tree
+
+Floats = NDArray[np.float64]
+
+FARTHEST = 1e15  # m, m/s, rad/s: beyond, a square may overflow
+
+
+@kernel
+def _is_good(value: float) -> bool:
+    """Whether a number is finite and can be squared; false for NaN."""
+    return abs(value) < FARTHEST
+
+
+@kernel
+def _is_sound(scene: Scene, m: Machine, tree: int) -> bool:
+    """Whether everything that a driven tree carries on is finite."""
+    for i in range(3):
+        if not (_is_good(m.driven.offset[tree, i]) and _is_good(m.driven.speed[tree, i])):
+            return False
+    for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+        for k in range(7):
+            if not _is_good(m.corrected[body, k]):
+                return False
+    for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+        if not (_is_good(m.driven.posture.bend[q]) and _is_good(m.driven.posture.speed[q])):
+            return False
+    return True
+
+
+@kernel
+def keep_posture(m: Machine) -> None:
+    """Keep the angles of the end of the last frame: what `contain_driven` goes back to."""
+    for q in range(len(m.posture)):
+        angle = m.driven.angles[q] + m.driven.posture.bend[q]
+        if _is_good(angle):
+            m.posture[q] = angle
+
+
+@outlined
+def _put_back(scene: Scene, m: Machine, tree: int, roots: Floats, angles: Floats, first: bool) -> None:
+    """A tree goes back to where it was at the frame's start, at rest; in the first frame to where it was recorded."""
+    p, posture = m.room.places, m.driven.posture
+    root = scene.trees.body_start[tree]
+    for body in range(root, scene.trees.body_start[tree + 1]):
+        for k in range(7):
+            m.corrected[body, k] = m.recorded[body, k] if first else m.start[body, k]
+    for i in range(3):
+        m.driven.offset[tree, i] = p.current[tree, i] = p.goal[tree, i] = m.corrected[root, i] - roots[tree, i]
+        m.driven.speed[tree, i] = 0.0
+    drop_lag(scene, m.driven.lag, tree)
+    for k in range(7):
+        m.driven.roots[tree, k] = roots[tree, k]
+    for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+        posture.bend[q], posture.speed[q], m.driven.angles[q] = 0.0, 0.0, angles[q]
+        m.room.chains.angles[q] = angles[q]
+        if m.room.joints.held[q] == 1 and not first:
+            posture.bend[q] = m.posture[q] - angles[q]
+            m.room.chains.angles[q] = m.posture[q]
+    place_tree(scene, tree, m.corrected, p.frames)
+    place_tree(scene, tree, m.corrected, p.moved)
+    update_boxes(scene, p.frames, m.boxes, tree)
+    begin = scene.bodies.piece_start[root]
+    end = scene.bodies.piece_start[scene.trees.body_start[tree + 1]]
+    for i in range(begin, end):
+        for k in range(12):
+            m.driven.frames[i, k] = p.frames[i, k]
+
+
+@outlined
+def contain_driven(scene: Scene, m: Machine, roots: Floats, angles: Floats, first: bool) -> int:
+    """Put every driven tree that is not finite back to its last good state.
+
+    Parameters
+    ----------
+    scene, m
+        The scene and the machine, whose `start` and `posture` hold the last good state.
+    roots, angles
+        (T, 7) and (Q,): the recording up to which the driven loop has gone.
+    first
+        Whether nothing came before.
+
+    Returns
+    -------
+    int
+        `FLAG_QUARANTINED` if there was one, else 0.
+    """
+    flags = 0
+    for tree in range(len(scene.trees.role)):
+        if scene.trees.role[tree] == DRIVEN and not _is_sound(scene, m, tree):
+            _put_back(scene, m, tree, roots, angles, first)
+            flags = FLAG_QUARANTINED
+    if flags != 0:  # remembered directions may stem from what is not finite
+        for k in range(len(m.axes.rows)):
+            m.axes.rows[k, 0] = -1.0
+    return flags

@@ -1,0 +1,287 @@
+"""One frame, compiled: every stage in order. The only module that knows them all."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.collision.detect import find_near
+from geomphys.collision.global_depth import global_depths
+from geomphys.collision.sweep import update_boxes
+from geomphys.driven.escape import LOOSE
+from geomphys.driven.steps import is_recorded, recording_between
+from geomphys.driven.update import Outcome, update_driven
+from geomphys.engine.coupled_step import (
+    bend_way,
+    note_courses,
+    predict_simulated,
+    pull_freely,
+    shift_driven,
+    simulate_bodies,
+    turns_of,
+    yield_to_simulated,
+)
+from geomphys.engine.frame_buffer import (
+    CORRECTION,
+    FALLBACKS,
+    FLAGS,
+    IMPACTS,
+    ITERATIONS,
+    RECORDED,
+    RESIDUAL,
+    TURN,
+    Block,
+    has_room,
+    write_contacts,
+    write_depths,
+)
+from geomphys.engine.quarantine import contain_driven, keep_posture
+from geomphys.engine.state import Knobs, Machine
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.stage_clock import cycles
+from geomphys.results import FLAG_BLOCKED, FLAG_NOT_CONVERGED, FLAG_STARTED_INSIDE, FLAG_WEDGED
+from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
+from geomphys.scene.kinematics import place_tree, pose_tree
+from geomphys.simulated.frame_contacts import deepest_overlap, deepest_overlap_at_start, write_touches
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+CONTACT_GAPS = 3.0  # surfaces nearer than this many gaps are in contact
+LEFT = 1e-5  # m: an overlap that is left is told of from here on
+BLOCKED_FROM = 1e-4  # m: what touches something this far from its recorded place, that is free, is blocked
+
+KINEMATICS, RECORDED_DEPTH, OVERLAP, IMPULSES, CONTACTS, WHOLE = range(6)
+
+
+@outlined
+def place_recording(scene: Scene, m: Machine, roots: Floats, angles: Floats) -> None:
+    """Forward kinematics of all trees the recording moves; their pieces and boxes as recorded."""
+    for tree in range(len(scene.trees.role)):
+        if not is_recorded(scene, tree):
+            continue
+        pose_tree(scene, m.room.origins, tree, roots, angles, m.recorded)
+        place_tree(scene, tree, m.recorded, m.room.places.base)
+        update_boxes(scene, m.room.places.base, m.boxes, tree)
+
+
+@outlined
+def measure_recorded(scene: Scene, m: Machine) -> float:
+    """Overlaps of the recorded poses: fills `near` and `depths`; returns the deepest [m] of driven bodies with fixed and
+    other driven ones.
+    """
+    near = m.room.near
+    find_near(scene, m.room.places.base, m.boxes, m.still, 0.0, math.inf, near, m.room.places.found, m.axes, m.scratch)
+    global_depths(scene.pieces, near, m.depths)
+    deepest = 0.0
+    for k in range(near.filled[0]):
+        if scene.trees.role[near.tree_b[k]] != SIMULATED:
+            deepest = max(deepest, -near.separation[k])
+    return deepest
+
+
+@outlined
+def find_contacts(scene: Scene, m: Machine, gap: float, first: bool, block: Block, frame: int) -> tuple[float, float]:
+    """Contacts of the final poses, written to `block`; returns the deepest overlaps that are left [m]: of all, of driven
+    bodies.
+    """
+    places, near = m.room.places, m.room.near
+    for tree in range(len(scene.trees.role)):
+        if scene.trees.role[tree] == DRIVEN:
+            update_boxes(scene, places.frames, m.boxes, tree)
+    room = CONTACT_GAPS * gap
+    find_near(scene, places.frames, m.boxes, m.still, room, math.inf, near, places.found, m.axes, m.scratch)
+    of_driven = write_contacts(
+        scene, places.frames, near, m.driven.offset, m.points_a, m.points_b, block, frame, m.scratch
+    )
+    deepest = of_driven
+    if len(m.simulated.free) > 0:
+        if first:
+            left = deepest_overlap_at_start(scene.pieces, m.simulated, places.frames, m.scratch)
+        else:
+            left = deepest_overlap(scene.pieces, m.simulated, places.frames, m.scratch)
+        deepest = max(deepest, left)
+        block.contact_end[frame + 1] = write_touches(
+            m.simulated, m.corrected, block.contact_bodies, block.contact_values, block.contact_end[frame + 1]
+        )
+    return deepest, of_driven
+
+
+@kernel
+def measure_correction(scene: Scene, m: Machine, lengths: Floats) -> None:
+    """Largest distance and angle of a driven body from where it was recorded, into `lengths`."""
+    far, turn = 0.0, 0.0
+    for body in range(len(scene.bodies.role)):
+        if scene.bodies.role[body] != DRIVEN:
+            continue
+        square, cosine = 0.0, 0.0
+        for k in range(3):
+            square += (m.corrected[body, k] - m.recorded[body, k]) ** 2
+        for k in range(3, 7):
+            cosine += (m.corrected[body, k] - m.recorded[body, k]) ** 2
+        far = max(far, np.sqrt(square))
+        turn = max(turn, 4.0 * np.arcsin(min(1.0, 0.5 * np.sqrt(cosine))))
+    lengths[CORRECTION], lengths[TURN] = far, turn
+
+
+@kernel
+def keep_poses(scene: Scene, m: Machine) -> None:
+    """Poses of what moves, at the start of a frame or a part of one."""
+    for body in range(len(m.start)):
+        if scene.trees.moving[scene.bodies.tree[body]] == 1:
+            for k in range(7):
+                m.start[body, k] = m.corrected[body, k]
+    keep_posture(m)
+
+
+@outlined
+def drive(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float, first: bool, knobs: Knobs) -> Outcome:
+    """The driven loop's turn: driven bodies go on to the roots (T, 7) and angles (Q,) recorded `dt` [s] later."""
+    if not first:
+        predict_simulated(scene, m, dt)
+    if len(m.simulated.free) > 0:
+        pull_freely(scene, m, dt)
+    done = update_driven(
+        scene, m.driven, m.room, m.boxes, roots, angles, m.recorded, dt, knobs.gap, knobs.rounds, m.axes, m.scratch
+    )
+    shift_driven(scene, m)
+    return done
+
+
+@kernel
+def step(
+    scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float, knobs: Knobs, block: Block, frame: int
+) -> None:
+    """One frame: from the recorded roots (T, 7) and angles (Q,) to its row of `block`.
+
+    `dt` [s] is the time since the frame before it; the first frame's does not matter.
+    """
+    lengths, numbers, clock = block.lengths[frame], block.numbers[frame], block.cycles[frame]
+    first = m.driven.started[0] == 0
+    t0 = cycles()
+    keep_poses(scene, m)
+    place_recording(scene, m, roots, angles)
+    t1 = cycles()
+    lengths[RECORDED] = measure_recorded(scene, m)
+    t2 = cycles()
+    if len(m.simulated.free) > 0:
+        note_courses(scene, m, roots, dt, first)
+    parts = 1 if first else turns_of(scene, m, dt)
+    impacts, flags, simulating = 0, 0, 0
+    done = Outcome(0, 0, 0, True)
+    for part in range(parts):
+        last = part == parts - 1
+        if part > 0:
+            keep_poses(scene, m)
+        if last and parts > 1:
+            place_recording(scene, m, roots, angles)
+        if last:
+            more = drive(scene, m, roots, angles, dt / parts, first, knobs)
+        else:
+            recording_between(
+                scene, m.room.origins, m.driven.lag.roots, m.driven.lag.angles, roots, angles, 1.0 / (parts - part),
+                m.roots, m.angles, m.recorded,
+            )  # fmt: skip
+            bend_way(scene, m, dt, part, parts)
+            more = drive(scene, m, m.roots, m.angles, dt / parts, first, knobs)
+        done = Outcome(
+            done.rounds + more.rounds,
+            max(done.method, more.method),
+            done.rescues + more.rescues,
+            done.converged and more.converged,
+        )
+        now_at, bent = (roots, angles) if last else (m.roots, m.angles)
+        flags |= contain_driven(scene, m, now_at, bent, first)
+        t3 = cycles()
+        if not first and len(m.simulated.free) > 0:
+            now, flagged = simulate_bodies(scene, m, dt / parts, knobs, impacts, part > 0)
+            impacts, flags = impacts + now, flags | flagged
+            if yield_to_simulated(scene, m, knobs) > 0:
+                flags |= contain_driven(scene, m, now_at, bent, first)
+        simulating += cycles() - t3
+    t4 = cycles()
+    write_depths(block, frame, m.depths, done.method)
+    lengths[RESIDUAL], left = find_contacts(scene, m, knobs.gap, first, block, frame)
+    measure_correction(scene, m, lengths)
+    t5 = cycles()
+    for k in range(len(block.moving)):
+        for i in range(7):
+            block.recorded[frame, k, i] = m.recorded[block.moving[k], i]
+            block.corrected[frame, k, i] = m.corrected[block.moving[k], i]
+    for k in range(len(angles)):
+        block.angles[frame, k] = angles[k]
+        if m.room.joints.held[k] == 1:
+            block.angles[frame, k] = m.room.chains.angles[k]
+        elif m.driven.lag.behind[scene.dofs.tree[k]] == 1:
+            block.angles[frame, k] = m.driven.angles[k]
+    numbers[ITERATIONS], numbers[IMPACTS], numbers[FALLBACKS], numbers[FLAGS] = (
+        done.rounds,
+        impacts,
+        done.rescues,
+        flags,
+    )
+    if not done.converged or (left if first else lengths[RESIDUAL]) > LEFT:
+        numbers[FLAGS] |= FLAG_NOT_CONVERGED
+    for tree in range(len(scene.trees.role)):
+        if m.room.places.held[tree] != LOOSE and m.room.places.escapes[0] == 0:
+            numbers[FLAGS] |= FLAG_WEDGED
+    touches = block.contact_end[frame + 1] > block.contact_end[frame]
+    if lengths[RECORDED] == 0.0 and touches and lengths[CORRECTION] > BLOCKED_FROM:
+        numbers[FLAGS] |= FLAG_BLOCKED
+    if first and (lengths[RECORDED] > 0.0 or lengths[RESIDUAL] > LEFT):
+        numbers[FLAGS] |= FLAG_STARTED_INSIDE
+    clock[KINEMATICS], clock[RECORDED_DEPTH], clock[OVERLAP] = t1 - t0, t2 - t1, t4 - t2 - simulating
+    clock[IMPULSES], clock[CONTACTS], clock[WHOLE] = simulating, t5 - t4, t5 - t0
+    counts = block.counts[frame]
+    counts[KINEMATICS], counts[RECORDED_DEPTH], counts[OVERLAP] = len(block.moving), m.depths.filled[0], done.rounds
+    counts[IMPULSES], counts[WHOLE] = impacts, 1
+    counts[CONTACTS] = block.contact_end[frame + 1] - block.contact_end[frame]
+
+
+@kernel
+def run_block(
+    scene: Scene,
+    m: Machine,
+    roots: Floats,
+    angles: Floats,
+    dts: Floats,
+    drifts: Floats,
+    knobs: Knobs,
+    hasty: bool,
+    block: Block,
+) -> int:
+    """Step through frames.
+
+    Parameters
+    ----------
+    scene, m, knobs
+        The scene, the machine, which is brought up to date, and the configuration.
+    roots, angles, dts, drifts
+        (N, T, 7), (N, Q), (N,) and (N, T, 3): the recording, the times between frames [s], and where trees are to step
+        aside.
+    hasty
+        Stop at the first frame in which a tree is wedged.
+    block
+        Takes the results.
+
+    Returns
+    -------
+    int
+        How many frames were done before `block` had no more room: at least one.
+    """
+    m.room.places.hasty[0] = 1 if hasty else 0
+    block.contact_end[0] = block.depth_end[0] = 0
+    for frame in range(len(dts)):
+        if not has_room(block, frame):
+            return frame
+        for tree in range(drifts.shape[1]):
+            for i in range(3):
+                m.driven.drift[tree, i] = drifts[frame, tree, i]
+        step(scene, m, roots[frame], angles[frame], dts[frame], knobs, block, frame)
+        if m.room.near.lost[0] > 0:  # more than there is room for: the caller ends the replay
+            return frame
+        if hasty and block.numbers[frame, FALLBACKS] > 0:
+            return frame
+    return len(dts)

@@ -1,0 +1,1 @@
+"""Compiled kernels: decorators, records, and the stage clock."""

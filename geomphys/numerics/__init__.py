@@ -1,0 +1,1 @@
+"""Vectors, transforms, rates of motion and quantiles."""

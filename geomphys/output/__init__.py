@@ -1,0 +1,1 @@
+"""Sinks for results, provenance and summary, and reading an output back."""

@@ -1,0 +1,69 @@
+"""The colours of the rerun recording, as red, green, blue, opacity of 0 to 255."""
+
+from __future__ import annotations
+
+import zlib
+
+from geomphys.scene.scene_file import SceneFile
+
+Colour = tuple[int, int, int, int]
+
+FREE: Colour = (226, 190, 166, 255)
+"""A link where it was recorded."""
+CORRECTED: Colour = (120, 178, 214, 255)
+"""A link moved from where it was recorded."""
+TOUCHING: Colour = (242, 142, 43, 255)
+"""A link in contact."""
+GHOST: Colour = (220, 40, 100, 80)
+"""The recorded pose of a link that was moved."""
+HIDDEN: Colour = (0, 0, 0, 0)
+CONTACT: Colour = (200, 30, 30, 255)
+DEPTH: Colour = (130, 60, 190, 255)
+"""Vectors of global penetration depth."""
+
+_MATERIALS: dict[str, Colour] = {
+    "wood": (205, 194, 176, 255),
+    "human": FREE,
+    "metal": (160, 170, 184, 255),
+}
+_OTHERS: tuple[Colour, ...] = (
+    (143, 170, 129, 255),
+    (171, 143, 178, 255),
+    (128, 165, 168, 255),
+    (190, 170, 120, 255),
+    (176, 132, 128, 255),
+)
+_LOOSE: tuple[Colour, ...] = (
+    (72, 128, 170, 255),
+    (92, 150, 96, 255),
+    (168, 88, 96, 255),
+    (140, 104, 168, 255),
+    (60, 150, 150, 255),
+)
+"""Things that move by themselves stand out from what stands still."""
+_SHADES = (1.0, 0.90, 1.10, 0.95, 1.05)
+
+
+def of_material(name: str) -> Colour:
+    """Colour of that material; one the palette does not know has one of a few, always the same."""
+    return _MATERIALS.get(name) or _OTHERS[zlib.crc32(name.encode()) % len(_OTHERS)]
+
+
+def of_object(name: str, material: str, *, simulated: bool) -> Colour:
+    """Colour of an object: a shade of its material, so that neighbours differ; a colour of its own if it is simulated."""
+    number = zlib.crc32(name.encode())
+    if simulated:
+        return _LOOSE[number % len(_LOOSE)]
+    shade = _SHADES[number % len(_SHADES)]
+    red, green, blue, opacity = of_material(material)
+    return (min(255, int(red * shade)), min(255, int(green * shade)), min(255, int(blue * shade)), opacity)
+
+
+def of_trees(file: SceneFile) -> dict[str, Colour]:
+    """Colour of every avatar and object of a scene by its name."""
+    avatars = {table.name: of_material(table.material) for table in file.avatar}
+    objects = {
+        table.name: of_object(table.name, table.material, simulated=table.class_ == "simulated")
+        for table in file.object
+    }
+    return avatars | objects

@@ -1,0 +1,107 @@
+"""What a batch of frames comes to, column by column: the arrays that the rerun recording is written from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.output.contact_arrows import ARROW_LONGEST, ARROW_SCALE, arrow_lengths
+from geomphys.results import FrameResult
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+DIFFERENCE = 1e-4
+"""From which difference of a coordinate [m] or of a quaternion's component on a pose counts as moved, for the eye."""
+
+
+def moved(recorded: Floats, corrected: Floats) -> Flags:
+    """(n, b) whether a body is drawn as moved from where it was recorded; poses are (n, b, 7)."""
+    far: Flags = np.abs(corrected - recorded).max(axis=2) > DIFFERENCE
+    return far
+
+
+def touching(results: Sequence[FrameResult], bodies: int) -> Flags:
+    """(n, b) whether a body has a contact in a frame."""
+    found = np.zeros((len(results), bodies), bool)
+    for row, result in enumerate(results):
+        found[row, result.contacts.body_a] = True
+        found[row, result.contacts.body_b] = True
+    return found
+
+
+def changes(rows: NDArray[np.generic], before: NDArray[np.generic] | None) -> Flags:
+    """(n,) whether a row of (n, k) differs from the one before; `before` is that of the first, None if there is none."""
+    changed = np.ones(len(rows), bool)
+    if before is not None:
+        changed[0] = bool((rows[0] != before).any())
+    changed[1:] = (rows[1:] != rows[:-1]).any(axis=1)
+    return changed
+
+
+def counted(held: Sequence[int], before: int) -> tuple[Ints, Ints]:
+    """Rows that hold anything or end what was held, and how much each holds; `before` is the count before the first."""
+    counts = np.array(held)
+    previous = np.concatenate([[before], counts[:-1]])
+    rows = np.flatnonzero((counts > 0) | (previous > 0))
+    return rows, counts[rows]
+
+
+def contact_arrows(results: Sequence[FrameResult]) -> tuple[Floats, Floats]:
+    """Points (k, 3) and arrows (k, 3) of all contacts of the frames, m."""
+    points = np.concatenate([result.contacts.point for result in results])
+    normals = np.concatenate([result.contacts.normal for result in results])
+    depths = np.concatenate([result.contacts.depth for result in results])
+    return points, normals * arrow_lengths(depths)[:, None]
+
+
+def depth_arrows(results: Sequence[FrameResult]) -> tuple[Floats, Floats]:
+    """Origins (k, 3) and arrows (k, 3) of the global penetration depths of the frames, m.
+
+    An arrow begins amid the contacts of its pair, or at the recorded origin of the body it moves if there are none.
+    """
+    origins: list[Floats] = []
+    for result in results:
+        contacts, pairs = result.contacts, result.penetrations
+        for a, b in zip(pairs.body_a, pairs.body_b, strict=True):
+            same = (contacts.body_a == a) & (contacts.body_b == b) | (contacts.body_a == b) & (contacts.body_b == a)
+            origins.append(contacts.point[same].mean(axis=0) if same.any() else result.recorded[a, :3])
+    vectors = np.concatenate([result.penetrations.pd for result in results])
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    scales = np.minimum(ARROW_SCALE, np.divide(ARROW_LONGEST, lengths, out=np.zeros_like(lengths), where=lengths > 0))
+    return np.array(origins).reshape(-1, 3), scales * vectors
+
+
+def figures(results: Sequence[FrameResult]) -> dict[str, Floats]:
+    """Plot name -> (n,) values, in the units that the names of the plots state."""
+    metrics = [result.metrics for result in results]
+    deepest = [
+        float(np.sqrt(np.einsum("ij,ij->i", r.penetrations.pd, r.penetrations.pd)).max(initial=0.0)) for r in results
+    ]
+    return {
+        "penetration_mm/recorded": 1e3 * np.array([m.recorded_penetration_m for m in metrics]),
+        "penetration_mm/global": 1e3 * np.array(deepest),
+        "penetration_mm/remaining": 1e3 * np.array([m.residual_penetration_m for m in metrics]),
+        "correction/mm": 1e3 * np.array([m.correction_m for m in metrics]),
+        "correction/degrees": np.degrees([m.correction_rad for m in metrics]),
+        "contacts/contacts": np.array([m.contacts for m in metrics], float),
+        "contacts/impacts": np.array([m.impacts for m in metrics], float),
+    }
+
+
+def stage_times(results: Sequence[FrameResult], depth: int) -> dict[str, tuple[Ints, Floats]]:
+    """Stage name -> rows and µs, of ``step`` and what is under it, with at most `depth` parts in their names.
+
+    What decodes and encodes works in batches: its times are spikes that would hide the others.
+    """
+    found: dict[str, tuple[list[int], list[float]]] = {}
+    for row, result in enumerate(results):
+        for name, ns, _ in result.timing:
+            if name.split(".")[0] == "step" and name.count(".") < depth:
+                rows, values = found.setdefault(name, ([], []))
+                rows.append(row)
+                values.append(ns / 1e3)
+    return {name: (np.array(rows), np.array(values)) for name, (rows, values) in found.items()}

@@ -1,0 +1,235 @@
+"""The output log: every channel of a replay in one MCAP file that Foxglove and the rerun viewer show as it is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from google.protobuf.message import Message
+from mcap_protobuf.schema import build_file_descriptor_set
+from numpy.typing import NDArray
+
+from geomphys import __version__
+from geomphys.config import Config
+from geomphys.errors import LogError, OutputError
+from geomphys.output.finite import check_finite
+from geomphys.output.input_copy import InputCopy
+from geomphys.output.mcap_writer import McapFile
+from geomphys.output.message_templates import stamp_field
+from geomphys.output.messages import (
+    JOINT_STATE_DEFINITION,
+    STRING_DEFINITION,
+    ContactArrowsMessage,
+    ContactPointsMessage,
+    ContactsMessage,
+    FrameMessages,
+    JointStateMessage,
+    TransformsMessage,
+    head_of,
+    string_message,
+)
+from geomphys.output.proto.geomphys_pb2 import Contacts, FrameMetrics, PenetrationDepths, Timing
+from geomphys.output.provenance import RECORD, Provenance
+from geomphys.output.sink import ContextManaged, OutputFile
+from geomphys.output.urdf_description import descriptions
+from geomphys.results import FrameResult
+from geomphys.scene.arrays import DRIVEN, FIXED, World
+
+_LAST_TIME = (1 << 31) * 1_000_000_000  # ns; a ROS 2 stamp counts seconds in 31 bits
+
+_PROTOBUF: dict[str, type[Message]] = {
+    "/tf": FrameTransforms,
+    "/recorded/tf": FrameTransforms,
+    "/contacts": Contacts,
+    "/contacts/points": PointCloud,
+    "/contacts/scene": SceneUpdate,
+    "/penetration": PenetrationDepths,
+    "/metrics": FrameMetrics,
+    "/timing": Timing,
+    "/log": Log,
+}
+
+
+class McapSink(ContextManaged):
+    """Writes the output log.
+
+    A message stands at its frame's time, which is its log time, publish time and stamp; its sequence number is the
+    frame's. ``/contacts``, ``/penetration`` and ``/metrics`` have a message every frame, ``/contacts/points`` and
+    ``/contacts/scene`` one wherever there are contacts and one without any where they end.
+
+    Parameters
+    ----------
+    path : Path
+        The file; it appears when complete, as ``STEM.partial.mcap`` if closed before.
+    timing : bool
+        Whether to write ``/timing``, the only channel that differs between two runs.
+    force : bool
+        Whether a file that is there may be replaced.
+    copy_input : Path, optional
+        A log whose channels are copied too, under topics prefixed ``/input``.
+
+    Raises
+    ------
+    OutputError
+        From `open`: the file exists, its folder does not. From `write`: a number is not finite, a time cannot be
+        written (before 0 or after 2038), the disk is full.
+    """
+
+    def __init__(self, path: Path, *, timing: bool = True, force: bool = False, copy_input: Path | None = None) -> None:
+        self._path = path
+        self._timing = timing
+        self._force = force
+        self._input_path = copy_input
+        self._output: OutputFile | None = None
+        self._stream: BinaryIO | None = None
+
+    def open(self, world: World, config: Config, provenance: Provenance) -> None:
+        """Begin the file; see `Sink.open`."""
+        output = OutputFile(self._path, self._force)
+        self._world, self._provenance = world, provenance
+        self._descriptions = descriptions(world)
+        self._attachments = _attachments(world)
+        self._input = InputCopy(self._input_path, config.recover) if self._input_path else None
+        try:
+            self._stream = output.temporary.open("wb")
+        except OSError as problem:
+            raise output.error(problem) from problem
+        self._output = output
+        self._file = McapFile(self._stream, f"geomphys {__version__}")
+        self._declare_channels()
+        self._prepare_messages()
+        self._begun = False
+        self._had_contacts = True  # so that the first frame says that there are none
+
+    def write(self, result: FrameResult) -> None:
+        """Add a frame; see `Sink.write`."""
+        if self._output is None:
+            raise OutputError(f"{self._path}: a frame was written before the output was opened")
+        time = result.frame.time_ns
+        if not 0 <= time < _LAST_TIME:
+            raise OutputError(
+                f"{self._path}: frame {result.frame.index}: the time {time / 1e9} s cannot be written, it must lie "
+                "between 0 (1970) and 2**31 s (2038); shift the log's clock"
+            )
+        check_finite(result, self._world.body_names)
+        try:
+            if self._input is not None:
+                self._input.copy_until(time, self._file)
+            self._write(result, time)
+        except OSError as problem:
+            raise self._output.error(problem) from problem
+
+    def close(self, complete: bool) -> None:
+        """Finish the file and give it its name; see `Sink.close`."""
+        if self._output is None or self._stream is None:
+            return
+        output, stream = self._output, self._stream
+        self._output = self._stream = None
+        damage: LogError | None = None
+        try:
+            with stream:
+                if not self._begun:
+                    self._begin(0)
+                if self._input is not None:
+                    try:
+                        self._input.close(self._file, rest=complete)
+                    except LogError as problem:
+                        damage, complete = problem, False
+                self._file.add_metadata(RECORD, self._provenance.record(complete=complete))
+                self._file.finish()
+        except OSError as problem:
+            output.discard()
+            raise output.error(problem) from problem
+        output.publish(complete)
+        if damage is not None:
+            raise damage
+
+    def _write(self, result: FrameResult, time: int) -> None:
+        frame, stamp, put = result.frame.index, stamp_field(time), self._put
+        head = head_of(frame, stamp)
+        if not self._begun:
+            self._begin(time)
+            put("/tf", self._all_transforms.encode(result.corrected, stamp), time, frame)
+        else:
+            put("/tf", self._transforms.encode(result.corrected[self._moving], stamp), time, frame)
+        put("/recorded/tf", self._recorded.encode(result.recorded[self._driven], stamp), time, frame)
+        for topic, message, start, end in self._joints:
+            put(topic, message.encode(result.angles[start:end], time), time, frame)
+        contacts = result.contacts
+        put("/contacts", self._contacts.encode(contacts, head), time, frame)
+        has_contacts = len(contacts.depth) > 0
+        if has_contacts or self._had_contacts:
+            put("/contacts/points", self._points.encode(contacts, stamp), time, frame)
+            put("/contacts/scene", self._arrows.encode(contacts, stamp), time, frame)
+        self._had_contacts = has_contacts
+        put("/penetration", self._figures.penetration(result.penetrations, head), time, frame)
+        put("/metrics", self._figures.metrics(result.metrics, head), time, frame)
+        if self._timing:
+            put("/timing", self._figures.timing(result.timing, head), time, frame)
+        for level, text in result.messages:
+            put("/log", self._figures.log(level, text, time), time, frame)
+
+    def _put(self, topic: str, data: bytes, time: int, frame: int) -> None:
+        self._file.add_message(self._channels[topic], time, data, sequence=frame & 0xFFFFFFFF)
+
+    def _declare_channels(self) -> None:
+        file, schemas = self._file, dict[str, int]()
+        self._channels: dict[str, int] = {}
+        string = file.add_schema("std_msgs/msg/String", "ros2msg", STRING_DEFINITION)
+        for topic in self._descriptions:
+            self._channels[topic] = file.add_channel(topic, "cdr", string)
+        for topic, kind in _PROTOBUF.items():
+            if topic == "/timing" and not self._timing:
+                continue
+            name = kind.DESCRIPTOR.full_name
+            if name not in schemas:
+                data = build_file_descriptor_set(kind).SerializeToString(deterministic=True)
+                schemas[name] = file.add_schema(name, "protobuf", data)
+            self._channels[topic] = file.add_channel(topic, "protobuf", schemas[name])
+        self._joints: list[tuple[str, JointStateMessage, int, int]] = []
+        joint_state = file.add_schema("sensor_msgs/msg/JointState", "ros2msg", JOINT_STATE_DEFINITION)
+        for tree in range(self._world.avatar_count):
+            topic = (
+                "/joint_states" if self._world.avatar_count == 1 else f"/{self._world.tree_names[tree]}/joint_states"
+            )
+            start, end = (int(column) for column in self._world.scene.trees.dof_start[tree : tree + 2])
+            self._channels[topic] = file.add_channel(topic, "cdr", joint_state)
+            self._joints.append((topic, JointStateMessage(self._world.dof_names[start:end]), start, end))
+
+    def _prepare_messages(self) -> None:
+        world = self._world
+        bodies, trees = world.scene.bodies, world.scene.trees
+        moves = (bodies.role != FIXED) | (trees.moving[bodies.tree] != 0)
+        self._moving: NDArray[np.int64] = np.flatnonzero(moves)
+        self._driven: NDArray[np.int64] = np.flatnonzero(bodies.role == DRIVEN)
+        names = world.frame_names
+        self._all_transforms = TransformsMessage(names)
+        self._transforms = TransformsMessage([names[b] for b in self._moving])
+        self._recorded = TransformsMessage([f"recorded/{names[b]}" for b in self._driven])
+        self._contacts = ContactsMessage(world.body_names)
+        self._points = ContactPointsMessage()
+        self._arrows = ContactArrowsMessage()
+        self._figures = FrameMessages(world.body_names)
+
+    def _begin(self, time: int) -> None:
+        """What stands once in the file, at the time of the first frame."""
+        self._begun = True
+        for topic, text in self._descriptions.items():
+            self._put(topic, string_message(text), time, 0)
+        for name, media_type, data in self._attachments:
+            self._file.add_attachment(name, media_type, data, time)
+
+
+def _attachments(world: World) -> list[tuple[str, str, bytes]]:
+    """Name, media type and bytes of the scene file and the URDFs (``TREE.urdf``)."""
+    files = [(world.path.name, "application/toml", world.path)]
+    files += [(f"{tree}.urdf", "application/xml", path) for tree, path in sorted(world.urdfs.items())]
+    try:
+        return [(name, media_type, path.read_bytes()) for name, media_type, path in files]
+    except OSError as problem:
+        raise OutputError(f"{problem.filename}: cannot be attached to the output ({problem.strerror})") from problem

@@ -1,0 +1,45 @@
+"""A sink that keeps every result: for callers with short recordings, and the double of the others in tests."""
+
+from __future__ import annotations
+
+from geomphys.config import Config
+from geomphys.output.provenance import Provenance
+from geomphys.output.sink import ContextManaged
+from geomphys.results import FrameResult
+from geomphys.scene.arrays import World
+
+
+class MemorySink(ContextManaged):
+    """Keeps what it is given.
+
+    Attributes
+    ----------
+    results : list of FrameResult
+        In the order written.
+    world, config, provenance
+        As given to `open`; None before.
+    complete : bool or None
+        As given to `close`; None before.
+    """
+
+    def __init__(self) -> None:
+        self.results: list[FrameResult] = []
+        self.world: World | None = None
+        self.config: Config | None = None
+        self.provenance: Provenance | None = None
+        self.complete: bool | None = None
+
+    def open(self, world: World, config: Config, provenance: Provenance) -> None:
+        """Begin, forgetting what an earlier run left."""
+        self.results = []
+        self.world, self.config, self.provenance = world, config, provenance
+        self.complete = None
+
+    def write(self, result: FrameResult) -> None:
+        """Keep a frame."""
+        self.results.append(result)
+
+    def close(self, complete: bool) -> None:
+        """Remember how the run ended."""
+        if self.complete is None:
+            self.complete = complete

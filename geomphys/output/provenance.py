@@ -1,0 +1,113 @@
+"""What an output was made from: hashes of the inputs, the seed and every parameter, as the output's metadata record.
+
+The record ``geomphys`` holds strings: ``version``, ``input_sha256``, ``scene_sha256``, ``world_sha256``, ``seed``,
+every field of `Config` under its own name (numbers, true/false and null as in JSON) and ``complete``. It holds no
+wall clock, path or host name, so the same run gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from geomphys import __version__
+from geomphys.config import Config
+from geomphys.errors import LogError, SceneError
+from geomphys.scene.arrays import Scene, World
+from geomphys.storage.remote_files import open_whole
+
+RECORD = "geomphys"
+IDENTITY = ("version", "input_sha256", "scene_sha256", "world_sha256", "complete")
+"""Keys of the record that are no parameters."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Provenance:
+    """Where an output comes from. Hashes are SHA-256 in hexadecimal."""
+
+    version: str = __version__
+    input_sha256: str
+    scene_sha256: str
+    """Of the scene file alone."""
+    world_sha256: str
+    """Of what the scene file stands for: convex pieces, skeletons, masses, materials. Changes with a mesh or a URDF."""
+    parameters: dict[str, str] = field(default_factory=dict)
+    """Every parameter by name, `seed` among them."""
+
+    def record(self, *, complete: bool) -> dict[str, str]:
+        """The metadata record; `complete` is false if the run ended early."""
+        return {
+            "version": self.version,
+            "input_sha256": self.input_sha256,
+            "scene_sha256": self.scene_sha256,
+            "world_sha256": self.world_sha256,
+            **self.parameters,
+            "complete": "true" if complete else "false",
+        }
+
+
+def provenance_of(log: Path, world: World, config: Config) -> Provenance:
+    """Provenance of a replay of `log` in `world`; reads the log once to hash it.
+
+    Raises LogError or SceneError if a file cannot be read.
+    """
+    try:
+        input_sha256 = sha256_of_log(log)
+    except OSError as problem:
+        raise LogError(f"{log}: cannot be read ({problem.strerror})") from problem
+    try:
+        scene_sha256 = sha256_of_file(world.path)
+    except OSError as problem:
+        raise SceneError(f"{world.path}: cannot be read ({problem.strerror})") from problem
+    return Provenance(
+        input_sha256=input_sha256,
+        scene_sha256=scene_sha256,
+        world_sha256=sha256_of_world(world),
+        parameters={name: _text(value) for name, value in config.as_dict().items()},
+    )
+
+
+def sha256_of_file(path: Path) -> str:
+    """SHA-256 of a file's bytes; OSError if it cannot be read."""
+    with open_whole(path) as stream:
+        return hashlib.file_digest(cast(Any, stream), "sha256").hexdigest()
+
+
+def sha256_of_log(path: Path) -> str:
+    """SHA-256 of a log: of the file's bytes, or of a bag directory as one line ``name NUL sha256`` a file, sorted."""
+    if not path.is_dir():
+        return sha256_of_file(path)
+    digest = hashlib.sha256()
+    for part in sorted(p for p in path.rglob("*") if p.is_file()):
+        digest.update(f"{part.relative_to(path).as_posix()}\0{sha256_of_file(part)}\n".encode())
+    return digest.hexdigest()
+
+
+def sha256_of_world(world: World) -> str:
+    """SHA-256 of a world's arrays and names: all that a replay's result depends on beside log and parameters."""
+    digest = hashlib.sha256()
+    for names in (world.tree_names, world.body_names, world.frame_names, world.dof_names):
+        digest.update(json.dumps(names).encode())
+    _update(digest, world.scene)
+    return digest.hexdigest()
+
+
+def _update(digest: hashlib._Hash, part: Scene | tuple[object, ...] | np.ndarray) -> None:
+    if isinstance(part, np.ndarray):
+        if part.dtype.kind == "i":
+            part = part.astype(np.int64)  # how wide the numbers are kept is no matter
+        digest.update(f"{part.dtype.str}{part.shape}".encode())
+        digest.update(np.ascontiguousarray(part).tobytes())
+        return
+    for inner in part:
+        if isinstance(inner, (tuple, np.ndarray)):
+            _update(digest, inner)
+
+
+def _text(value: object) -> str:
+    return value if isinstance(value, str) else json.dumps(value)

@@ -1,0 +1,151 @@
+"""How the rerun viewer opens a result: the scene at a good view, the plots under it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from geomphys.output import colours
+from geomphys.output.camera import Eye
+
+if TYPE_CHECKING:
+    from rerun.blueprint import Blueprint
+
+SCENE = ("world",)
+SHOWN = ("world", "bodies")
+RECORDED = ("world", "recorded")
+CONTACTS = ("world", "contacts")
+DEPTHS = ("world", "penetration_depths")
+PLOTS = ("plots",)
+LOG = ("log",)
+
+_PLOTS = {
+    "penetration_mm": "Penetration [mm]",
+    "correction": "Correction [mm, °]",
+    "contacts": "Contacts",
+    "stages_us": "Stages [µs]",
+}
+LINES = {
+    "penetration_mm/recorded": (*colours.GHOST[:3], 255),
+    "penetration_mm/global": colours.DEPTH,
+    "penetration_mm/remaining": (70, 200, 120, 255),
+    "correction/mm": colours.CORRECTED,
+    "correction/degrees": (226, 190, 120, 255),
+    "contacts/contacts": colours.TOUCHING,
+    "contacts/impacts": (150, 160, 174, 255),
+}
+"""Colours of plotted lines; others have the viewer's."""
+
+_METRICS = {
+    "Penetration [m]": {"recorded": "recorded_penetration_m", "remaining": "residual_penetration_m"},
+    "Correction [m]": {"largest": "correction_m"},
+    "Contacts": {"contacts": "contacts"},
+}
+_METRIC_COLOURS = {
+    "recorded_penetration_m": (*colours.GHOST[:3], 255),
+    "residual_penetration_m": (70, 200, 120, 255),
+    "correction_m": colours.CORRECTED,
+    "contacts": colours.TOUCHING,
+}
+
+
+def blueprint(eye: Eye, *, rate: float, frames: tuple[int, int], stages_us: float = 0.0, log: bool = True) -> Blueprint:
+    """Layout of a rerun recording.
+
+    Parameters
+    ----------
+    eye : Eye
+        Where the scene is seen from.
+    rate : float
+        Hz; frames a second when played.
+    frames : (int, int)
+        First and last frame: what the plots show.
+    stages_us : float
+        Where the axis of the stage times ends; 0 without any.
+    log : bool
+        Whether the log has lines.
+    """
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+    begin, end = (rr.TimeRangeBoundary.absolute(seq=frame) for frame in frames)
+    span = rr.TimeRange(start=begin, end=end)
+    plots = [
+        _plot(rrb, span, origin="/".join((*PLOTS, name)), name=title, **_range(rrb, name, stages_us))
+        for name, title in _PLOTS.items()
+        if stages_us > 0.0 or name != "stages_us"
+    ]
+    time = rrb.TimePanel(state="collapsed", timeline="frame", fps=rate, loop_mode="all")
+    below = [*plots, _log(rrb, "/".join(LOG))] if log else plots
+    return _layout(rrb, _scene(rrb, "/".join(SCENE), eye), below, time)
+
+
+def mcap_blueprint(eye: Eye, joint_topics: Sequence[str]) -> Blueprint:
+    """Layout of an output log as the viewer's own importer reads it."""
+    import rerun as rr
+    import rerun.blueprint as rrb
+    from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
+
+    def line(title: str, name: str) -> Any:
+        mapping = VisualizerComponentMapping(
+            target="Scalars:scalars",
+            source_kind=ComponentSourceKind.SourceComponent,
+            source_component="geomphys.FrameMetrics:message",
+            selector=f".{name}",
+        )
+        look = rr.SeriesLines(names=title, widths=1.5, colors=_METRIC_COLOURS[name])
+        return look.visualizer(mappings=[mapping])
+
+    plots = [
+        _plot(rrb, None, origin="/metrics", name=title, overrides={"/metrics": [line(*one) for one in lines.items()]})
+        for title, lines in _METRICS.items()
+    ]
+    plots += [_plot(rrb, None, origin=f"{topic}/position", name=topic) for topic in joint_topics]
+    time = rrb.TimePanel(state="collapsed", timeline="message_log_time", loop_mode="all")
+    return _layout(rrb, _scene(rrb, "/", eye, background=(38, 40, 44)), [*plots, _log(rrb, "/log")], time)
+
+
+def _scene(rrb: Any, origin: str, eye: Eye, background: tuple[int, int, int] = (244, 244, 246)) -> Any:
+    return rrb.Spatial3DView(
+        origin=origin,
+        name="Scene",
+        eye_controls=rrb.EyeControls3D(position=eye.position, look_target=eye.target, eye_up=(0.0, 0.0, 1.0)),
+        line_grid=False,
+        background=rrb.Background(color=background),
+        defaults=_solid(),
+    )
+
+
+def _solid() -> list[Any]:
+    """Shapes of URDFs are drawn solid: the viewer's own choice is glass with wires."""
+    import rerun as rr
+
+    shapes = (rr.Boxes3D, rr.Capsules3D, rr.Cylinders3D, rr.Ellipsoids3D)
+    return [shape.from_fields(fill_mode="solid") for shape in shapes]
+
+
+def _plot(rrb: Any, span: Any, **options: Any) -> Any:
+    """Curves over the whole recording; recordings begin free as a rule, so the legend hides least at the left."""
+    legend = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)
+    axis = rrb.TimeAxis(link="LinkToGlobal") if span is None else rrb.TimeAxis(view_range=span)
+    return rrb.TimeSeriesView(axis_x=axis, plot_legend=legend, **options)
+
+
+def _range(rrb: Any, name: str, stages_us: float) -> dict[str, Any]:
+    """A few slow frames do not press the curves of the times flat: they run out of the plot."""
+    return {"axis_y": rrb.ScalarAxis(range=(0.0, stages_us))} if name == "stages_us" else {}
+
+
+def _log(rrb: Any, origin: str) -> Any:
+    columns = [rrb.encodings.TextLogColumn("LogLevel"), rrb.encodings.TextLogColumn("Body")]
+    return rrb.TextLogView(origin=origin, name="Log", columns=rrb.TextLogColumns(text_log_columns=columns))
+
+
+def _layout(rrb: Any, scene: Any, below: Sequence[Any], time: Any) -> Blueprint:
+    layout: Blueprint = rrb.Blueprint(
+        rrb.Vertical(scene, rrb.Horizontal(*below), row_shares=[2.6, 1.0]),
+        time,
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+    )
+    return layout

@@ -1,0 +1,242 @@
+"""What a replay came to, in a handful of figures: gathered frame by frame in bounded memory."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from geomphys import results
+from geomphys.engine.log_messages import is_of_flag
+from geomphys.numerics.quantiles import Quantiles
+from geomphys.results import FrameResult
+from geomphys.scene.findings import Findings
+
+RESIDUAL_LIMIT_M = 1e-5
+"""A driven body that overlaps by no more than this is free (m)."""
+
+MESSAGES_KEPT = 100
+"""Different texts kept of the messages of a replay; what is beyond is only counted."""
+
+FLAG_NAMES = {
+    results.FLAG_HELD: "held",
+    results.FLAG_BEFORE_FIRST: "before_first",
+    results.FLAG_CLAMPED: "clamped",
+    results.FLAG_OUTSIDE_LIMITS: "outside_limits",
+    results.FLAG_NOT_CONVERGED: "not_converged",
+    results.FLAG_IMPACT_BOUND: "impact_bound",
+    results.FLAG_QUARANTINED: "quarantined",
+    results.FLAG_BLOCKED: "blocked",
+    results.FLAG_STARTED_INSIDE: "started_inside",
+    results.FLAG_WEDGED: "wedged",
+}
+"""Name of each bit of `Metrics.flags`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Deepest:
+    """The frame and pair of bodies in which the recording lay deepest inside something."""
+
+    frame: int
+    body_a: str
+    body_b: str
+    depth_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Message:
+    """A message of a replay: what it says, how often it came, and the first frame it came in."""
+
+    level: str  # "info", "warning" or "error"
+    text: str
+    first_frame: int
+    count: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageTime:
+    """Times of one stage: per frame the median, the 95th percentile and the largest, and the sum (ns)."""
+
+    median_ns: float
+    p95_ns: float
+    max_ns: float
+    total_ns: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Summary:
+    """A replay in figures, in SI units. Frames are counted from 0; depths are >= 0, 0 being free of overlap."""
+
+    log: str
+    scene: str
+    out: str | None
+    rrd: str | None
+    frames: int
+    start_s: float  # time of the first frame
+    duration_s: float  # from the first frame to the last
+    contacts: int  # contact points of all frames
+    frames_in_contact: int
+    frames_penetrating: int  # the recording overlapped by more than RESIDUAL_LIMIT_M
+    recorded_penetration_max_m: float
+    recorded_penetration_median_m: float  # over the frames that penetrate
+    deepest: Deepest | None
+    residual_penetration_max_m: float
+    residual_penetration_frame: int | None  # where it is largest; None if it is 0 everywhere
+    frames_with_residual: int  # more than RESIDUAL_LIMIT_M
+    correction_max_m: float
+    correction_max_rad: float
+    held_frames: int
+    impacts: int
+    fallbacks: int
+    flags: dict[str, int]  # name of a flag: frames that carry it; only flags that occurred
+    timing: dict[str, StageTime]  # the stages `decode`, `step`, `encode`, as far as they were measured
+    elapsed_s: float  # on the wall clock, reading and writing included, compiling the kernels not
+    messages: tuple[Message, ...]
+    findings: Findings  # of the scene: what is not shown, cannot touch, is named otherwise, is taken by default
+    messages_dropped: int  # messages beyond the first MESSAGES_KEPT different texts
+
+    @property
+    def warnings(self) -> tuple[Message, ...]:
+        """The messages that are not mere information."""
+        return tuple(message for message in self.messages if message.level != "info")
+
+    @property
+    def information(self) -> tuple[Message, ...]:
+        """The messages that are mere information and in no flag: where the recorded poses were brought to."""
+        return tuple(m for m in self.messages if m.level == "info" and not is_of_flag(m.text))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Every figure by name, nested, of plain Python types: fit for JSON."""
+        return dataclasses.asdict(self)
+
+
+@dataclass
+class Summarizer:
+    """Gathers a `Summary` from the frames of a replay; memory does not grow with their number.
+
+    `body_names` and `findings` are those of the world that is replayed.
+    """
+
+    body_names: tuple[str, ...]
+    findings: Findings = field(default_factory=Findings)
+    frames: int = 0
+    _first_ns: int = 0
+    _earliest_ns: int = 0
+    _latest_ns: int = 0
+    _contacts: int = 0
+    _frames_in_contact: int = 0
+    _recorded: Quantiles = field(default_factory=Quantiles)
+    _deepest: Deepest | None = None
+    _residual: float = 0.0
+    _residual_frame: int | None = None
+    _frames_with_residual: int = 0
+    _correction_m: float = 0.0
+    _correction_rad: float = 0.0
+    _held: int = 0
+    _impacts: int = 0
+    _fallbacks: int = 0
+    _flags: dict[int, int] = field(default_factory=dict)
+    _stages: dict[str, Quantiles] = field(default_factory=dict)
+    _messages: dict[tuple[str, str], tuple[int, int]] = field(default_factory=dict)
+    _messages_dropped: int = 0
+
+    def add(self, result: FrameResult) -> None:
+        """Count one more frame."""
+        metrics, frame = result.metrics, result.frame
+        if self.frames == 0:
+            self._first_ns = self._earliest_ns = self._latest_ns = frame.time_ns
+        self._earliest_ns = min(self._earliest_ns, frame.time_ns)
+        self._latest_ns = max(self._latest_ns, frame.time_ns)
+        self.frames += 1
+        self._contacts += metrics.contacts
+        self._frames_in_contact += metrics.contacts > 0
+        self._held += metrics.held
+        self._impacts += metrics.impacts
+        self._fallbacks += metrics.fallbacks
+        self._correction_m = max(self._correction_m, metrics.correction_m)
+        self._correction_rad = max(self._correction_rad, metrics.correction_rad)
+        if metrics.recorded_penetration_m > RESIDUAL_LIMIT_M:
+            self._recorded.add(metrics.recorded_penetration_m)
+        if metrics.residual_penetration_m > self._residual:
+            self._residual = metrics.residual_penetration_m
+            self._residual_frame = frame.index
+        self._frames_with_residual += metrics.residual_penetration_m > RESIDUAL_LIMIT_M
+        if metrics.flags:
+            for bit in FLAG_NAMES:
+                if metrics.flags & bit:
+                    self._flags[bit] = self._flags.get(bit, 0) + 1
+        self._add_pairs(result)
+        for stage, ns, _ in result.timing:
+            if "." not in stage:
+                self._stages.setdefault(stage, Quantiles()).add(float(ns))
+        for level, text in result.messages:
+            self.add_message(level, text, frame.index)
+
+    def _add_pairs(self, result: FrameResult) -> None:
+        """Look for the deepest pair of bodies."""
+        largest = result.penetrations.largest
+        if len(largest) == 0:
+            return
+        row = int(largest.argmax())
+        depth = float(largest[row])
+        if self._deepest is None or depth > self._deepest.depth_m:
+            self._deepest = Deepest(
+                frame=result.frame.index,
+                body_a=self.body_names[int(result.penetrations.body_a[row])],
+                body_b=self.body_names[int(result.penetrations.body_b[row])],
+                depth_m=depth,
+            )
+
+    def add_message(self, level: str, text: str, frame: int) -> None:
+        """Count a message; a text that came before only counts up."""
+        key = (level, text)
+        if key in self._messages:
+            first, count = self._messages[key]
+            self._messages[key] = (first, count + 1)
+        elif len(self._messages) < MESSAGES_KEPT:
+            self._messages[key] = (frame, 1)
+        else:
+            self._messages_dropped += 1
+
+    def summary(
+        self, *, log: Path, scene: Path, out: Path | None = None, rrd: Path | None = None, elapsed_s: float = 0.0
+    ) -> Summary:
+        """Return the figures so far, with the names of the files they belong to and the time it took (s)."""
+        return Summary(
+            log=str(log),
+            scene=str(scene),
+            out=None if out is None else str(out),
+            rrd=None if rrd is None else str(rrd),
+            frames=self.frames,
+            start_s=self._first_ns / 1e9,
+            duration_s=(self._latest_ns - self._earliest_ns) / 1e9,
+            contacts=self._contacts,
+            frames_in_contact=self._frames_in_contact,
+            frames_penetrating=self._recorded.count,
+            recorded_penetration_max_m=self._recorded.largest,
+            recorded_penetration_median_m=self._recorded.median(),
+            deepest=self._deepest,
+            residual_penetration_max_m=self._residual,
+            residual_penetration_frame=self._residual_frame,
+            frames_with_residual=self._frames_with_residual,
+            correction_max_m=self._correction_m,
+            correction_max_rad=self._correction_rad,
+            held_frames=self._held,
+            impacts=self._impacts,
+            fallbacks=self._fallbacks,
+            flags={FLAG_NAMES[bit]: self._flags[bit] for bit in FLAG_NAMES if bit in self._flags},
+            timing={
+                name: StageTime(
+                    median_ns=times.median(), p95_ns=times.quantile(0.95), max_ns=times.largest, total_ns=times.total
+                )
+                for name, times in sorted(self._stages.items())
+            },
+            elapsed_s=elapsed_s,
+            messages=tuple(
+                Message(level=level, text=text, first_frame=first, count=count)
+                for (level, text), (first, count) in self._messages.items()
+            ),
+            findings=self.findings,
+            messages_dropped=self._messages_dropped,
+        )

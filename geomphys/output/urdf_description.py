@@ -1,0 +1,208 @@
+"""URDF texts for viewers: of the avatars, of articulated objects, and of the plain objects of the scene.
+
+Viewers place a URDF's links by the frame ids of ``/tf``. So links are named here as their frames are (that differs
+from the file where there are several avatars, and for objects), and meshes are referred to by absolute ``file://``
+addresses, the only ones that the rerun viewer opens. The URDFs as they are stand in the output's attachments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from copy import deepcopy
+from pathlib import Path
+
+import numpy as np
+from defusedxml import ElementTree as SafeTree
+from defusedxml.common import DefusedXmlException
+from lxml import etree
+
+from geomphys.errors import MeshError, ModelError
+from geomphys.numerics.transforms import rotation_about
+from geomphys.output.colours import Colour, of_trees
+from geomphys.scene.arrays import World
+from geomphys.scene.free_joints import joint_ends, links_above_free_joint
+from geomphys.scene.packages import MeshFinder
+from geomphys.scene.scene_file import ObjectTable
+from geomphys.scene.urdf_elements import SHAPES
+
+WORLD = "world"
+
+
+def descriptions(world: World) -> dict[str, str]:
+    """Topic -> URDF text: ``/robot_description`` of the only avatar, ``/NAME/robot_description`` of all others.
+
+    Objects without a URDF of their own stand together in ``/objects/robot_description``. Raises ModelError or
+    MeshError if a URDF cannot be read.
+    """
+    texts: dict[str, str] = {}
+    palette = of_trees(world.file)
+    for tree, name in enumerate(world.tree_names):
+        if name in world.urdfs:
+            topic = "/robot_description" if tree == 0 and world.avatar_count == 1 else f"/{name}/robot_description"
+            texts[topic] = urdf_for_viewers(world.urdfs[name], _frames_of(world, tree), palette[name])
+    plain = [table for table in world.file.object if table.name not in world.urdfs]
+    if plain:
+        name = "objects"
+        while name in world.tree_names:
+            name += "_"
+        texts[f"/{name}/robot_description"] = urdf_of_objects(name, plain, world.path.absolute().parent, palette)
+    return texts
+
+
+def urdf_for_viewers(path: Path, frames: dict[str, str], colour: Colour) -> str:
+    """Text of the URDF at `path` with links named as in `frames` (link name -> frame id) and meshes by ``file://``.
+
+    What has no colour of its own gets `colour`. A capsule, which few viewers know, becomes a cylinder and two spheres;
+    links above a free joint that the model hangs on are left out, and visuals without a shape that can be drawn. A mesh
+    that is not found keeps its name. Raises ModelError.
+    """
+    try:
+        data = path.read_bytes()
+        SafeTree.fromstring(data)  # refuses what an XML file can do to its reader
+        tree = etree.fromstring(data)
+    except (OSError, SafeTree.ParseError, DefusedXmlException, etree.XMLSyntaxError) as problem:
+        raise ModelError(f"{path}: cannot be read as a URDF ({problem})") from problem
+    _drop_above_free_joint(tree)
+    for kind in ("visual", "collision"):
+        for element in list(tree.iter(kind)):
+            _make_drawable(element)
+    for link in tree.iter("link"):
+        _rename(link, "name", frames)
+    for joint in tree.iter("joint"):
+        for end in ("parent", "child"):
+            for element in joint.findall(end):
+                _rename(element, "link", frames)
+    finder = MeshFinder(path.absolute().parent)
+    for mesh in tree.iter("mesh"):
+        with suppress(MeshError):  # a visual's: no collision mesh is without its file here
+            mesh.set("filename", finder.find(mesh.get("filename", "")).resolve().as_uri())
+    for visual in tree.iter("visual"):
+        if visual.find("material") is None:
+            visual.append(_material(colour))
+    text: str = etree.tostring(tree, encoding="unicode")
+    return text + "\n"
+
+
+def _drop_above_free_joint(robot: etree._Element) -> None:
+    """Take out the links above a floating or planar joint that all hangs on, and the joints there."""
+    above = links_above_free_joint(joint_ends(robot))
+    for joint in robot.findall("joint") if above else []:
+        parent = joint.find("parent")
+        if parent is not None and parent.get("link") in above:
+            robot.remove(joint)
+    for link in robot.findall("link"):
+        if link.get("name") in above:
+            robot.remove(link)
+
+
+def _make_drawable(element: etree._Element) -> None:
+    """Write a visual or collision element in shapes that every viewer knows; one that has none is taken out."""
+    parent, geometry = element.getparent(), element.find("geometry")
+    if parent is None or parent.tag != "link" or (geometry is not None and geometry.find("mesh") is not None):
+        return
+    shape = geometry[0] if geometry is not None and len(geometry) == 1 else None
+    if shape is None or shape.tag not in SHAPES or not _has_size(shape):
+        parent.remove(element)
+    elif shape.tag == "capsule":
+        at = parent.index(element)
+        for part in reversed(_capsule_parts(element, shape)):
+            parent.insert(at, part)
+        parent.remove(element)
+
+
+def _capsule_parts(element: etree._Element, shape: etree._Element) -> list[etree._Element]:
+    """A visual or collision element of a capsule as one of a cylinder and two of spheres."""
+    radius, length = float(shape.get("radius", "0")), float(shape.get("length", "0"))
+    origin = element.find("origin")
+    middle, rpy = ([0.0] * 3, [0.0] * 3) if origin is None else (_numbers(origin.get(key)) for key in ("xyz", "rpy"))
+    roll, pitch, yaw = (rotation_about(axis, angle) for axis, angle in zip(np.eye(3), rpy, strict=True))
+    along = (yaw @ pitch @ roll)[:, 2] * (length / 2)
+    caps = [np.array(middle) + along, np.array(middle) - along]
+    parts: list[tuple[etree._Element, list[float]]] = []
+    if length > 0.0:
+        parts.append((etree.Element("cylinder", radius=repr(radius), length=repr(length)), middle))
+    parts += [(etree.Element("sphere", radius=repr(radius)), cap.tolist()) for cap in caps]
+    found = []
+    for primitive, place in parts:
+        copy = deepcopy(element)
+        for child in copy.findall("origin"):
+            copy.remove(child)
+        xyz, turn = (" ".join(map(repr, values)) for values in (place, rpy))
+        copy.insert(0, etree.Element("origin", xyz=xyz, rpy=turn))
+        geometry = copy.find("geometry")
+        assert geometry is not None
+        geometry[0] = primitive
+        found.append(copy)
+    return found
+
+
+def _has_size(shape: etree._Element) -> bool:
+    """Whether the lengths of a primitive can be read, and one is above 0."""
+    try:
+        lengths = [n for key in ("size", "radius", "length") for n in _numbers(shape.get(key, ""), 0)]
+    except ValueError:
+        return False
+    return max(lengths, default=0.0) > 0.0
+
+
+def _numbers(text: str | None, count: int = 3) -> list[float]:
+    """The numbers of an attribute; `count` zeros where it is not there."""
+    return [float(word) for word in (text or "").replace(",", " ").split()] or [0.0] * count
+
+
+def urdf_of_objects(name: str, tables: Sequence[ObjectTable], folder: Path, palette: dict[str, Colour]) -> str:
+    """URDF in which every object is a link of its name that floats in the link ``world``; `folder` is the scene's."""
+    robot = etree.Element("robot", name=name)
+    etree.SubElement(robot, "link", name=WORLD)
+    for table in tables:
+        link = etree.SubElement(robot, "link", name=table.name)
+        for geometry, height in _geometries(table, folder):
+            visual = etree.SubElement(link, "visual")
+            if height:
+                etree.SubElement(visual, "origin", xyz=f"0 0 {height!r}", rpy="0 0 0")
+            etree.SubElement(visual, "geometry").append(geometry)
+            visual.append(_material(palette[table.name]))
+        joint = etree.SubElement(robot, "joint", name=f"{WORLD} {table.name}", type="floating")
+        etree.SubElement(joint, "parent", link=WORLD)
+        etree.SubElement(joint, "child", link=table.name)
+    text: str = etree.tostring(robot, encoding="unicode", pretty_print=True)
+    return text
+
+
+def _geometries(table: ObjectTable, folder: Path) -> list[tuple[etree._Element, float]]:
+    """Elements and the height each is moved up by; a capsule is a cylinder and two spheres."""
+    if table.mesh is not None:
+        scale = f"{table.scale!r} {table.scale!r} {table.scale!r}"
+        address = (folder / table.mesh).resolve().as_uri()
+        return [(etree.Element("mesh", filename=address, scale=scale), 0.0)]
+    if table.box is not None:
+        return [(etree.Element("box", size=" ".join(map(repr, table.box))), 0.0)]
+    if table.sphere is not None:
+        return [(etree.Element("sphere", radius=repr(table.sphere)), 0.0)]
+    radius, length = table.cylinder or table.capsule or (0.0, 0.0)
+    body = (etree.Element("cylinder", radius=repr(radius), length=repr(length)), 0.0)
+    if table.cylinder is not None:
+        return [body]
+    return [body, *((etree.Element("sphere", radius=repr(radius)), side * length / 2) for side in (1.0, -1.0))]
+
+
+def _material(colour: Colour) -> etree._Element:
+    red, green, blue, opacity = (channel / 255 for channel in colour)
+    material = etree.Element("material", name="colour {} {} {}".format(*colour))
+    etree.SubElement(material, "color", rgba=f"{red:.3f} {green:.3f} {blue:.3f} {opacity:.3f}")
+    return material
+
+
+def _frames_of(world: World, tree: int) -> dict[str, str]:
+    """Link name -> frame id of a tree's bodies."""
+    name = world.tree_names[tree]
+    start, end = world.scene.trees.body_start[tree : tree + 2]
+    bodies = range(int(start), int(end))
+    return {world.body_names[b].removeprefix(f"{name}/"): world.frame_names[b] for b in bodies}
+
+
+def _rename(element: etree._Element, attribute: str, names: dict[str, str]) -> None:
+    name = element.get(attribute)
+    if name is not None:
+        element.set(attribute, names.get(name, name))

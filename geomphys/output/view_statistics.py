@@ -1,0 +1,127 @@
+"""What there is to see in a replay, gathered while it runs in bounded memory: the point of view is chosen from it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.numerics.transforms import rotation_from_quaternion
+from geomphys.output.camera import Eye, Moment, choose_eye
+from geomphys.results import FrameResult
+from geomphys.scene.arrays import DRIVEN, FIXED, World
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+FRAMES = 600
+"""Frames at most that are kept, of all and of those where something happens."""
+MOMENTS = 8
+"""Frames of a touch whose contact points should be seen past the avatar itself."""
+_SPREAD = 2.0
+"""How many times as large as where things happen the view may become for the rest of the motion."""
+
+_BOX = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+_BOX_FACES = np.array(
+    [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4),
+     (1, 5, 7), (1, 7, 3)]
+)  # fmt: skip
+
+
+class Sightings:
+    """Where bodies were, and where they touched, evenly over a replay.
+
+    Parameters
+    ----------
+    world : World
+    """
+
+    def __init__(self, world: World) -> None:
+        bodies = world.scene.bodies
+        moving = (bodies.role != FIXED) | (world.scene.trees.moving[bodies.tree] != 0)
+        active = np.flatnonzero(moving & (bodies.role != FIXED))
+        driven = active[bodies.role[active] == DRIVEN]
+        self._world = world
+        self._bodies = driven if len(driven) else active
+        self._still_bodies = np.flatnonzero(~moving)
+        self._is_driven = bodies.role == DRIVEN
+        self._still: Floats | None = None
+        self._all = _Thinned()
+        self._eventful = _Thinned()
+        shapes = [world.triangles[body][0] for body in self._bodies]
+        lows = np.array([s.min(axis=0) if len(s) else np.zeros(3) for s in shapes]).reshape(-1, 3)
+        highs = np.array([s.max(axis=0) if len(s) else np.zeros(3) for s in shapes]).reshape(-1, 3)
+        self._solid = np.array([len(s) > 0 for s in shapes], bool)
+        self._corners = lows[:, None] + (highs - lows)[:, None] * _BOX  # (b, 8, 3) body frame
+
+    def add(self, results: Sequence[FrameResult]) -> None:
+        """Take in frames, in order."""
+        if results and self._still is None:
+            self._still = results[0].corrected
+        for result in results:
+            contacts = result.contacts
+            mine = self._is_driven[contacts.body_a] | self._is_driven[contacts.body_b]
+            happens = bool(mine.any()) or result.metrics.correction_m > 0.0
+            entry = (result.corrected[self._bodies], contacts.point[mine])
+            self._all.add(entry)
+            if happens:
+                self._eventful.add(entry)
+
+    def eye(self) -> Eye:
+        """Where to look from: near where things happen, with the rest of the motion in view if that is not far off."""
+        motion, eventful = self._boxes(self._all), self._boxes(self._eventful)
+        points = motion
+        if len(eventful):
+            low, high = np.percentile(eventful, [1, 99], axis=0)
+            middle, half = (low + high) / 2, (high - low) / 2
+            reach = np.maximum(half, 0.5 * half.max()) * _SPREAD
+            near = np.abs(motion - middle) <= reach
+            points = np.concatenate([eventful, motion[near.all(axis=1)]])
+        return choose_eye(points, self._standing(), self._moments())
+
+    def _boxes(self, kept: _Thinned) -> Floats:
+        """Corners (n, 3) of the boxes of all bodies in the frames that were kept, world frame."""
+        poses = np.array([pose for pose, _ in kept.entries]).reshape(-1, len(self._bodies), 7)[:, self._solid]
+        rotations = rotation_from_quaternion(poses[..., 3:])
+        corners = np.einsum("nbij,bkj->nbki", rotations, self._corners[self._solid]) + poses[:, :, None, :3]
+        flat: Floats = corners.reshape(-1, 3)
+        return flat
+
+    def _moments(self) -> list[Moment]:
+        """Contact points and what of the avatar may hide them, of some frames of a touch."""
+        touching = [entry for entry in self._eventful.entries if len(entry[1])]
+        moments = []
+        for pose, points in touching[:: max(1, -(-len(touching) // MOMENTS))]:
+            rotations = rotation_from_quaternion(pose[:, 3:])
+            corners = np.einsum("bij,bkj->bki", rotations, self._corners) + pose[:, None, :3]
+            moments.append(
+                Moment(points[:: max(1, len(points) // 4)], corners[self._solid][:, _BOX_FACES].reshape(-1, 3, 3))
+            )
+        return moments
+
+    def _standing(self) -> Floats:
+        """Triangles (n, 3, 3) of what never moves."""
+        triangles = [np.zeros((0, 3, 3))]
+        if self._still is not None:
+            for body in self._still_bodies:
+                vertices, faces = self._world.collision_triangles[body]
+                rotation = rotation_from_quaternion(self._still[body, 3:])
+                triangles.append((vertices @ rotation.T + self._still[body, :3])[faces])
+        return np.concatenate(triangles)
+
+
+class _Thinned:
+    """Entries of a row of any length, evenly chosen, at most `FRAMES` of them."""
+
+    def __init__(self) -> None:
+        self.entries: list[tuple[Floats, Floats]] = []
+        self._stride, self._met = 1, 0
+
+    def add(self, entry: tuple[Floats, Floats]) -> None:
+        if self._met % self._stride == 0:
+            self.entries.append(entry)
+            if len(self.entries) > FRAMES:
+                self.entries = self.entries[::2]
+                self._stride *= 2
+        self._met += 1

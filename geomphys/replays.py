@@ -1,0 +1,129 @@
+"""One log from files to files: a replay driven to its end, and what it came to."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Generator
+from contextlib import closing
+from pathlib import Path
+
+from geomphys.config import Config
+from geomphys.engine.pipeline import replay
+from geomphys.errors import LogError, OutputError
+from geomphys.jit.compiling.crew import telling
+from geomphys.jit.kernel import are_compiled
+from geomphys.load import load_world
+from geomphys.output.sink import Sink
+from geomphys.output.summary import Summarizer, Summary
+from geomphys.scene.arrays import World
+from geomphys.scene.decomposition import Progress
+from geomphys.storage.remote_files import place
+
+
+def run(
+    log: Path | str,
+    scene: Path | str | World,
+    *,
+    out: Path | str | None = None,
+    rrd: Path | str | None = None,
+    config: Config | None = None,
+    timing: bool = True,
+    force: bool = False,
+    copy_input: bool = False,
+    loading: Progress | None = None,
+    compiling: Callable[[int, int], None] | None = None,
+    progress: Callable[[int, int | None], None] | None = None,
+) -> Summary:
+    """Replay a log to its end, write what is asked for, and return its figures.
+
+    Parameters
+    ----------
+    log : Path or str
+        An MCAP file or a ROS 2 bag directory.
+    scene : Path, str or World
+        The scene file, or the world it was loaded into.
+    out, rrd : Path or str, optional
+        The MCAP and the rerun recording to write; neither: only the figures.
+    config : Config, optional
+        All parameters; None: the defaults.
+    timing : bool
+        Whether `out` has the channel ``/timing`` and `rrd` the plots of it, all that may differ between two runs.
+    force : bool
+        Whether outputs that exist are replaced.
+    copy_input : bool
+        Whether `out` also holds the channels of the log.
+    loading : callable, optional
+        Called while meshes are cut for the first time, with what is being done and the share of it that is done. What
+        it raises ends the replay; the meshes that are cut by then are kept.
+    compiling : callable, optional
+        Called while kernels are compiled, with how many jobs are done and how many are known of so far. What it raises
+        ends the replay.
+    progress : callable, optional
+        Called after each frame with the frames done and their number if it is known. What it raises ends the replay at
+        that frame; the outputs are then closed as partial.
+
+    Returns
+    -------
+    Summary
+        In SI units.
+
+    Raises
+    ------
+    InputError
+        The log, the scene or a model is wrong.
+    OutputError
+        An output exists without `force`, is an input, or cannot be written.
+    """
+    log, config = place(log), config or Config()
+    out, rrd = (None if path is None else place(path) for path in (out, rrd))
+    _check_distinct(log, out, rrd)
+    with telling(compiling):
+        world = (
+            scene
+            if isinstance(scene, World)
+            else load_world(scene, mode=config.mode, seed=config.seed, progress=loading)
+        )
+        summarizer = Summarizer(world.body_names, world.findings)
+        sinks = _sinks(log, out, rrd, timing=timing, force=force, copy_input=copy_input)
+        start = time.perf_counter()
+        results = replay(log, world, config=config, sinks=sinks, progress=progress)
+        assert isinstance(results, Generator)
+        compiled = are_compiled()
+        with closing(results):
+            for result in results:
+                if not compiled:
+                    start, compiled = time.perf_counter(), True
+                summarizer.add(result)
+        elapsed = time.perf_counter() - start
+    if summarizer.frames == 0:
+        cut = [
+            f"{name} = {value:g} s"
+            for name, value in (("start", config.start), ("end", config.end))
+            if value is not None
+        ]
+        why = f"with {' and '.join(cut)} nothing is left of it" if cut else "`geomphys check` tells why"
+        raise LogError(f"{log}: gave no frame in the scene {world.path}; {why}")
+    return summarizer.summary(log=log, scene=world.path, out=out, rrd=rrd, elapsed_s=elapsed)
+
+
+def _check_distinct(log: Path, out: Path | None, rrd: Path | None) -> None:
+    """Raise OutputError if an output would overwrite the log or the other output."""
+    for path in (out, rrd):
+        if path is not None and path.exists() and log.exists() and path.samefile(log):
+            raise OutputError(f"{path}: is the log itself; choose another name for the output")
+    if out is not None and rrd is not None and out.resolve() == rrd.resolve():
+        raise OutputError(f"{out}: is named as MCAP and as rerun recording; give them different names")
+
+
+def _sinks(log: Path, out: Path | None, rrd: Path | None, *, timing: bool, force: bool, copy_input: bool) -> list[Sink]:
+    """Make the sinks that write the files asked for; what they need is imported only then."""
+    sinks: list[Sink] = []
+    if out is not None:
+        from geomphys.output.mcap_sink import McapSink
+
+        sinks.append(McapSink(out, force=force, timing=timing, copy_input=log if copy_input else None))
+    if rrd is not None:
+        from geomphys.output.rerun_sink import RerunSink
+
+        sinks.append(RerunSink(rrd, force=force, timing=timing))
+    return sinks

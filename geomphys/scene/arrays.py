@@ -1,0 +1,182 @@
+"""The scene as the kernels see it: flat arrays that never change in a run.
+
+Everything is a *tree*: an avatar is a tree of links with role DRIVEN, an articulated object a tree of links with role
+FIXED, any other object a tree of one link. A link is a *body*; a body is a union of convex *pieces*. Trees, bodies and
+pieces are sorted: avatars first, in the order of the scene file, then objects; the bodies of a tree stand together in
+topological order (parents first), the pieces of a body stand together.
+
+Lengths are metres, angles radians, masses kilograms. A *pose* row is ``(px, py, pz, qx, qy, qz, qw)``; a *frame* row
+is the rotation's nine floats row by row and then the position's three. All arrays are C-contiguous float64 or int64.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.scene.findings import Findings
+
+if TYPE_CHECKING:
+    from geomphys.scene.inputs import JointSource, RootSource
+    from geomphys.scene.scene_file import SceneFile
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Ints32 = NDArray[np.int32]
+
+# roles of a body
+FIXED = 0
+SIMULATED = 1
+DRIVEN = 2
+
+# kinds of a piece
+SPHERE = 0
+CAPSULE = 1
+BOX = 2
+CYLINDER = 3
+HULL = 4
+
+# kinds of a joint
+JOINT_FIXED = 0
+JOINT_REVOLUTE = 1
+JOINT_PRISMATIC = 2
+
+
+class Pieces(NamedTuple):
+    """P convex pieces. Vertices, planes and loops exist for boxes and hulls; they stand in the piece's own frame."""
+
+    kind: Ints  # (P,) SPHERE … HULL
+    size: Floats  # (P, 3) sphere (r, 0, 0); capsule and cylinder (r, half height without caps, 0) along z; box half extents
+    body: Ints  # (P,) the body it belongs to
+    local: Floats  # (P, 12) body_from_piece as a frame row
+    centre: Floats  # (P, 3) an inner point, piece frame (the hull's volume centroid; 0 for the others)
+    reach: Floats  # (P,) radius of a ball about `centre` that holds the piece
+    thickness: Floats  # (P,) smallest width over all directions
+    vertex_start: Ints  # (P + 1,) rows of `vertices`
+    vertices: Floats  # (V, 3)
+    neighbour_start: Ints32  # (V + 1,) rows of `neighbours`
+    neighbours: Ints32  # (N,) vertices joined by an edge of the hull, as indices local to the piece
+    cell_start: Ints  # (P,) where the piece's CELLS entries of `cells` begin; -1: it has none
+    cells: Ints32  # where climbing to the farthest corner begins, by the direction's cell; indices local to the piece
+    face_start: Ints  # (P + 1,) rows of `planes` and of `loop_start`
+    planes: Floats  # (F, 4) outward unit normal and offset: n·x <= d; coplanar triangles merged
+    loop_start: Ints  # (F + 1,) rows of `loops`
+    loops: Ints  # (L,) the face's vertices, counter-clockwise seen from outside, as indices local to the piece
+
+
+class Bodies(NamedTuple):
+    """B bodies (links of avatars, links of articulated objects, plain objects)."""
+
+    role: Ints  # (B,) FIXED, SIMULATED, DRIVEN
+    tree: Ints  # (B,) the tree it belongs to
+    piece_start: Ints  # (B + 1,)
+    material: Ints  # (B,) index into `Materials`
+    mass: Floats  # (B,) kg, of the geometry (density x volume) or as stated; 0 for a body without geometry
+    com: Floats  # (B, 3) centre of mass, body frame
+    inertia: Floats  # (B, 3) principal moments about the centre of mass, kg m²
+    principal: Floats  # (B, 4) body_from_principal rotation, x y z w
+    # joint to the parent body of the same tree (a tree's root has parent -1 and JOINT_FIXED)
+    parent: Ints  # (B,)
+    joint: Ints  # (B,) JOINT_FIXED, JOINT_REVOLUTE (also continuous), JOINT_PRISMATIC
+    origin: Floats  # (B, 12) parent_from_joint as a frame row
+    axis: Floats  # (B, 3) unit, joint frame
+    dof: Ints  # (B,) column of the angles, -1 for a fixed joint; a mimic joint has its master's
+    multiplier: Floats  # (B,) angle = multiplier * dof + offset (1 and 0 but for mimic joints)
+    offset: Floats  # (B,)
+
+
+class Trees(NamedTuple):
+    """T trees, avatars first."""
+
+    body_start: Ints  # (T + 1,)
+    dof_start: Ints  # (T + 1,) columns of the angles
+    role: Ints  # (T,)
+    moving: (
+        Ints  # (T,) 1 if its pose or a joint comes from the recording or from physics, 0 if it stands still for ever
+    )
+    rest: Floats  # (T, 7) pose of the root body where no topic says otherwise
+    mass: Floats  # (T,) m of the coupling (6)
+    stiffness: Floats  # (T,) K; infinite for a rigid coupling
+    damping: Floats  # (T,) R
+    chains: Ints  # (T,) 1 for an avatar in chains mode
+    self_collision: Ints  # (T,)
+
+
+class Dofs(NamedTuple):
+    """Q degrees of freedom of all trees."""
+
+    lower: Floats  # (Q,) -inf where there is no limit
+    upper: Floats  # (Q,)
+    tree: Ints  # (Q,)
+    chain: Ints  # (Q,) index into `Chains`, -1 outside every chain
+
+
+class Chains(NamedTuple):
+    """C kinematic chains of all avatars."""
+
+    tree: Ints  # (C,)
+    body_start: Ints  # (C + 1,) rows of `bodies`
+    bodies: Ints  # (M,) bodies of the chain from just below its base to its tip
+
+
+class ReachCones(NamedTuple):
+    """R reach cones: polygons on the unit sphere."""
+
+    joint_start: Ints  # (R + 1,) rows of `joints`
+    joints: Ints  # (J,) bodies whose joints make up the compound joint, root first
+    limb: Floats  # (R, 3) limb direction in the last joint's frame at zero angles
+    direction_start: Ints  # (R + 1,) rows of `directions`
+    directions: Floats  # (D, 3) unit, the polygon's corners in the frame the first joint sits in
+
+
+class Materials(NamedTuple):
+    """Restitution and friction per pair of materials, symmetric; NaN where no pair is known (it cannot meet)."""
+
+    restitution: Floats  # (K, K)
+    friction: Floats  # (K, K)
+
+
+class Scene(NamedTuple):
+    """All of it. `excluded[a, b]` is 1 for bodies of avatars (index < L) of the same tree that may overlap."""
+
+    gravity: Floats  # (3,)
+    pieces: Pieces
+    bodies: Bodies
+    trees: Trees
+    dofs: Dofs
+    chains: Chains
+    cones: ReachCones
+    materials: Materials
+    excluded: Ints  # (L, L) symmetric; the avatars' bodies are the first L
+    initial_velocity: (
+        Floats  # (B, 6) of the centre of mass [m/s] and angular [rad/s], world frame; 0 but for simulated bodies
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class World:
+    """A scene with its names and what shows it: what a replay needs beside a log."""
+
+    file: SceneFile
+    path: Path
+    scene: Scene
+    tree_names: tuple[str, ...]  # (T,)
+    body_names: tuple[str, ...]  # (B,) `object`, `object/link` or `avatar/link`: names of /contacts
+    frame_names: tuple[str, ...]  # (B,) child frame ids of /tf: the link's name alone if there is one avatar
+    dof_names: tuple[str, ...]  # (Q,) joint names
+    avatar_count: int
+    roots: tuple[RootSource, ...]
+    joints: tuple[JointSource, ...]
+    urdfs: dict[str, Path]  # tree name -> URDF
+    zero_pose_overlaps: tuple[tuple[str, str], ...]  # body names of pairs left out as they overlap in the zero pose
+    triangles: tuple[
+        tuple[Floats, Ints], ...
+    ]  # (B,) what is shown of each body: vertices (n, 3), faces (m, 3), body frame
+    collision_triangles: tuple[
+        tuple[Floats, Ints], ...
+    ]  # (B,) original collision geometry, tessellated where it is a primitive
+    findings: Findings = field(default_factory=Findings)  # what a user should know of it

@@ -1,0 +1,356 @@
+"""A scene file's avatars and objects as trees of bodies, in flat arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from difflib import get_close_matches
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.errors import SceneError
+from geomphys.numerics.transforms import frame_from_matrix
+from geomphys.scene.arrays import (
+    DRIVEN,
+    FIXED,
+    JOINT_FIXED,
+    JOINT_PRISMATIC,
+    JOINT_REVOLUTE,
+    Bodies,
+    Chains,
+    Dofs,
+    ReachCones,
+    Scene,
+    Trees,
+    World,
+)
+from geomphys.scene.body_geometry import Workshop
+from geomphys.scene.chains import link_index
+from geomphys.scene.decomposition import Progress
+from geomphys.scene.findings import Findings, NotShown
+from geomphys.scene.frame_ids import distinct_frames
+from geomphys.scene.inputs import JointSource, RootSource
+from geomphys.scene.materials import MaterialTable, material_table
+from geomphys.scene.pieces import PlacedShape, build_pieces
+from geomphys.scene.scene_file import AvatarTable, Coupling, ObjectTable, SceneFile
+from geomphys.scene.scene_inputs import JointsTable
+from geomphys.scene.sizes import size_warnings
+from geomphys.scene.trees import Tree, TreeBody, read_avatar, read_object
+
+Floats = NDArray[np.float64]
+
+MOST_BODIES = 5000
+"""Of all objects and links."""
+MOST_FREEDOMS = 3000
+"""Three a driven object or avatar, and one a joint of an avatar in chains mode."""
+_JOINTS = {"fixed": JOINT_FIXED, "revolute": JOINT_REVOLUTE, "continuous": JOINT_REVOLUTE, "prismatic": JOINT_PRISMATIC}
+
+
+def assemble(
+    file: SceneFile,
+    path: Path,
+    *,
+    mode: str | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> World:
+    """Everything a scene file names, read and laid out; `excluded` holds neighbours and `ignore_pairs` only.
+
+    Raises
+    ------
+    SceneError, ModelError, MeshError
+        With the file, the key or element, and the value that is wrong.
+    """
+    workshop = Workshop(seed, progress)
+    several = len(file.avatar) > 1
+    trees = [read_avatar(a, path, workshop, several, mode or a.mode) for a in file.avatar]
+    trees += [read_object(o, path, workshop) for o in file.object]
+    bodies = [body for tree in trees for body in tree.bodies]
+    renamed = distinct_frames(trees)
+    _check_size(trees, bodies, path)
+    known = material_table(file.material_pair)
+    known.require_known(path, ((t.material, t.name) for t in trees))
+    table, default_pairs = known.with_defaults(path, _meetings(trees))
+    body_start = _starts(len(t.bodies) for t in trees)
+    dof_start = _starts(0 if t.skeleton is None else len(t.skeleton.dof_names) for t in trees)
+    avatar_bodies = int(body_start[len(file.avatar)])
+    chains = _chains(trees, body_start)
+    scene = Scene(
+        gravity=np.array(file.scene.gravity, dtype=np.float64),
+        pieces=build_pieces([PlacedShape(s, local, k) for k, b in enumerate(bodies) for s, local in b.geometry.pieces]),
+        bodies=_bodies(trees, bodies, table, body_start, dof_start),
+        trees=_trees(trees, body_start, dof_start),
+        dofs=_dofs(trees, chains, body_start, dof_start),
+        chains=chains,
+        cones=_cones(trees, body_start),
+        materials=table.pairs,
+        excluded=_excluded(trees, body_start, avatar_bodies, path),
+        initial_velocity=_velocities(trees, body_start),
+    )
+    return World(
+        file=file,
+        path=path,
+        scene=scene,
+        tree_names=tuple(t.name for t in trees),
+        body_names=tuple(b.name for b in bodies),
+        frame_names=tuple(b.frame for b in bodies),
+        dof_names=tuple(n for t in trees if t.skeleton is not None for n in t.skeleton.dof_names),
+        avatar_count=len(file.avatar),
+        roots=tuple(
+            RootSource(tree=k, topic=t.topic, position=t.place[0], orientation=t.place[1], delay=t.delay)
+            for k, t in enumerate(trees)
+            if t.topic is not None
+        ),
+        joints=tuple(_joint_sources(trees, dof_start, path)),
+        urdfs={t.name: t.skeleton.path for t in trees if t.skeleton is not None},
+        zero_pose_overlaps=(),
+        triangles=tuple(b.shown for b in bodies),
+        collision_triangles=tuple(b.geometry.triangles for b in bodies),
+        findings=Findings(
+            not_shown=tuple(
+                NotShown(str(t.skeleton.path), why) for t in trees if t.skeleton is not None for why in t.not_shown
+            ),
+            sizes=tuple(size_warnings(trees)),
+            without_collision=tuple(_without_collision(trees)),
+            renamed_frames=renamed,
+            default_pairs=default_pairs,
+        ),
+    )
+
+
+def exclude(world: World, pairs: Sequence[tuple[int, int]]) -> World:
+    """The world with these pairs of avatar bodies, which overlap in the zero pose, left out of collision and listed."""
+    excluded = world.scene.excluded.copy()
+    for a, b in pairs:
+        excluded[a, b] = excluded[b, a] = 1
+    return replace(
+        world,
+        scene=world.scene._replace(excluded=excluded),
+        zero_pose_overlaps=tuple((world.body_names[a], world.body_names[b]) for a, b in pairs),
+    )
+
+
+def _check_size(trees: Sequence[Tree], bodies: Sequence[TreeBody], path: Path) -> None:
+    """Memory grows with the square of these."""
+    if len(bodies) > MOST_BODIES:
+        raise SceneError(
+            f"{path}: has {len(bodies)} bodies (objects and links), at most {MOST_BODIES} are replayed: "
+            "leave out what nothing comes near"
+        )
+    driven = [t for t in trees if t.role == DRIVEN]
+    free = 3 * len(driven) + sum(len(t.skeleton.dof_names) for t in driven if t.skeleton is not None and t.in_chains)
+    if free > MOST_FREEDOMS:
+        raise SceneError(
+            f"{path}: what is driven has {free} degrees of freedom that may yield, at most {MOST_FREEDOMS} are replayed: "
+            "use fewer driven objects, or avatars in rigid mode"
+        )
+
+
+def _meetings(trees: Sequence[Tree]) -> Iterator[tuple[str, str, str, str]]:
+    """Materials that can meet, and who has them: of trees not both fixed, and within an avatar in chains mode."""
+    kinds: dict[tuple[str, bool], list[str]] = {}
+    for tree in trees:
+        if any(b.geometry.pieces for b in tree.bodies):
+            kinds.setdefault((tree.material, tree.role == FIXED), []).append(tree.name)
+    rows = list(kinds.items())
+    for i, ((first, still), owners) in enumerate(rows):
+        if len(owners) > 1 and not still:
+            yield first, owners[0], first, owners[1]
+        for (second, rests), others in rows[i + 1 :]:
+            if not (still and rests):
+                yield first, owners[0], second, others[0]
+    for tree in trees:
+        if tree.in_chains and isinstance(tree.table, AvatarTable) and tree.table.self_collision:
+            yield tree.material, tree.name, tree.material, tree.name
+
+
+def _without_collision(trees: Sequence[Tree]) -> Iterator[str]:
+    """Links with a visual and nothing that could touch."""
+    for tree in trees:
+        if tree.skeleton is not None:
+            for link, body in zip(tree.skeleton.links, tree.bodies, strict=True):
+                if link.visuals and not link.collisions:
+                    yield body.name
+
+
+def _bodies(
+    trees: Sequence[Tree],
+    bodies: Sequence[TreeBody],
+    table: MaterialTable,
+    body_start: NDArray[np.int64],
+    dof_start: NDArray[np.int64],
+) -> Bodies:
+    count = len(bodies)
+    parent, joint, dof = np.full(count, -1), np.full(count, JOINT_FIXED), np.full(count, -1)
+    origin = np.tile(frame_from_matrix(np.eye(4)), (count, 1))
+    axis = np.tile([1.0, 0.0, 0.0], (count, 1))
+    multiplier, offset = np.ones(count), np.zeros(count)
+    for t, tree in enumerate(trees):
+        if tree.skeleton is None:
+            continue
+        for k, entry in enumerate(tree.skeleton.joints):
+            row = int(body_start[t]) + k
+            if entry is None:
+                continue
+            parent[row], joint[row] = body_start[t] + entry.parent, _JOINTS[entry.type]
+            origin[row], axis[row] = frame_from_matrix(entry.parent_from_joint), entry.axis
+            if entry.dof >= 0:
+                dof[row] = dof_start[t] + entry.dof
+                multiplier[row], offset[row] = entry.multiplier, entry.offset
+    principal = [b.mass.principal() for b in bodies]
+    return Bodies(
+        role=np.array([t.role for t in trees for _ in t.bodies], dtype=np.int64),
+        tree=np.repeat(np.arange(len(trees)), np.diff(body_start)),
+        piece_start=_starts(len(b.geometry.pieces) for b in bodies),
+        material=np.array([table.index(t.material) for t in trees for _ in t.bodies], dtype=np.int64),
+        mass=np.array([b.mass.mass for b in bodies], dtype=np.float64),
+        com=np.array([b.mass.com for b in bodies], dtype=np.float64).reshape(-1, 3),
+        inertia=np.array([p[0] for p in principal], dtype=np.float64).reshape(-1, 3),
+        principal=np.array([p[1] for p in principal], dtype=np.float64).reshape(-1, 4),
+        parent=parent,
+        joint=joint,
+        origin=origin,
+        axis=axis,
+        dof=dof,
+        multiplier=multiplier,
+        offset=offset,
+    )
+
+
+def _trees(trees: Sequence[Tree], body_start: NDArray[np.int64], dof_start: NDArray[np.int64]) -> Trees:
+    rest, stiffness, damping, moving, self_collision = [], [], [], [], []
+    for tree in trees:
+        position, orientation = tree.place
+        rest.append((*position, *orientation) if tree.topic is None else (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+        coupling = tree.table.coupling or Coupling()
+        stiffness.append(np.inf if isinstance(coupling, str) else coupling.stiffness)
+        damping.append(np.inf if isinstance(coupling, str) else coupling.damping)
+        moving.append(int(tree.role != FIXED or tree.topic is not None or tree.table.joints is not None))
+        self_collision.append(int(isinstance(tree.table, AvatarTable) and tree.table.self_collision))
+    return Trees(
+        body_start=body_start,
+        dof_start=dof_start,
+        role=np.array([t.role for t in trees], dtype=np.int64),
+        moving=np.array(moving, dtype=np.int64),
+        rest=np.array(rest, dtype=np.float64).reshape(-1, 7),
+        mass=np.array([t.mass for t in trees], dtype=np.float64),
+        stiffness=np.array(stiffness, dtype=np.float64),
+        damping=np.array(damping, dtype=np.float64),
+        chains=np.array([t.in_chains for t in trees], dtype=np.int64),
+        self_collision=np.array(self_collision, dtype=np.int64),
+    )
+
+
+def _chains(trees: Sequence[Tree], body_start: NDArray[np.int64]) -> Chains:
+    rows = [(t, links) for t, tree in enumerate(trees) for links in tree.chains]
+    return Chains(
+        tree=np.array([t for t, _ in rows], dtype=np.int64),
+        body_start=_starts(len(links) for _, links in rows),
+        bodies=np.array([body_start[t] + k for t, links in rows for k in links], dtype=np.int64),
+    )
+
+
+def _dofs(trees: Sequence[Tree], chains: Chains, body_start: NDArray[np.int64], dof_start: NDArray[np.int64]) -> Dofs:
+    lower, upper = np.full(dof_start[-1], -np.inf), np.full(dof_start[-1], np.inf)
+    chain = np.full(dof_start[-1], -1, dtype=np.int64)
+    of_body = {int(b): c for c in range(len(chains.tree)) for b in chains.bodies[slice(*chains.body_start[c : c + 2])]}
+    for t, tree in enumerate(trees):
+        if tree.skeleton is None:
+            continue
+        here = slice(dof_start[t], dof_start[t + 1])
+        lower[here], upper[here] = tree.skeleton.lower, tree.skeleton.upper
+        for k, joint in enumerate(tree.skeleton.joints):
+            if joint is not None and joint.dof >= 0 and joint.mimics is None:
+                chain[dof_start[t] + joint.dof] = of_body.get(int(body_start[t]) + k, -1)
+    return Dofs(lower=lower, upper=upper, tree=np.repeat(np.arange(len(trees)), np.diff(dof_start)), chain=chain)
+
+
+def _cones(trees: Sequence[Tree], body_start: NDArray[np.int64]) -> ReachCones:
+    rows = [(t, cone) for t, tree in enumerate(trees) for cone in tree.cones]
+    return ReachCones(
+        joint_start=_starts(len(cone.links) for _, cone in rows),
+        joints=np.array([body_start[t] + k for t, cone in rows for k in cone.links], dtype=np.int64),
+        limb=np.array([cone.limb for _, cone in rows], dtype=np.float64).reshape(-1, 3),
+        direction_start=_starts(len(cone.directions) for _, cone in rows),
+        directions=np.concatenate([np.zeros((0, 3)), *(cone.directions for _, cone in rows)]),
+    )
+
+
+def _excluded(trees: Sequence[Tree], body_start: NDArray[np.int64], count: int, path: Path) -> NDArray[np.int64]:
+    excluded = np.eye(count, dtype=np.int64)
+    for t, tree in enumerate(trees):
+        if tree.skeleton is None or not isinstance(tree.table, AvatarTable):
+            continue
+        pairs = sorted(tree.skeleton.neighbours())
+        for k, names in enumerate(tree.table.ignore_pairs):
+            where = f"{path}: avatar {tree.name!r}: ignore_pairs[{k}]"
+            first, second = (link_index(tree.skeleton, name, where) for name in names)
+            pairs.append((first, second))
+        for a, b in pairs:
+            i, j = body_start[t] + a, body_start[t] + b
+            excluded[i, j] = excluded[j, i] = 1
+    return excluded
+
+
+def _velocities(trees: Sequence[Tree], body_start: NDArray[np.int64]) -> Floats:
+    rows = np.zeros((int(body_start[-1]), 6))
+    for t, tree in enumerate(trees):
+        if isinstance(tree.table, ObjectTable):
+            rows[body_start[t], :3] = tree.table.velocity or 0.0
+            rows[body_start[t], 3:] = tree.table.angular_velocity or 0.0
+    return rows
+
+
+def _joint_sources(trees: Sequence[Tree], dof_start: NDArray[np.int64], path: Path) -> Iterator[JointSource]:
+    for t, tree in enumerate(trees):
+        table: JointsTable | None = tree.table.joints
+        if table is None or tree.skeleton is None:
+            continue
+        mimics = tuple(j.name for j in tree.skeleton.joints if j is not None and j.dof >= 0 and j.mimics is not None)
+        names = [*tree.skeleton.dof_names, *mimics]
+        for recorded, joint in table.rename.items():
+            _check_joint(joint, names, f"joints.rename.{recorded} = {joint!r}", tree, path)
+        for key in ("sign", "scale", "offset"):
+            for joint, value in getattr(table, key).items():
+                what = f"joints.{key}.{joint} = {value}"
+                _check_joint(joint, names, what, tree, path)
+                if joint in mimics:
+                    raise SceneError(
+                        f"{path}: {tree.name!r}: {what}: this joint follows another by the URDF, its recorded values "
+                        "are not used: leave it out"
+                    )
+        factors = {joint: float(value) for joint, value in table.scale.items()}
+        for joint, value in table.sign.items():
+            factors[joint] = value * factors.get(joint, 1.0)
+        yield JointSource(
+            tree=t,
+            topic=table.topic,
+            unit=table.unit,
+            rename=dict(table.rename),
+            dofs={name: int(dof_start[t]) + k for k, name in enumerate(tree.skeleton.dof_names)},
+            mimics=mimics,
+            ignore=table.ignore,
+            factors=factors,
+            offsets=dict(table.offset),
+            delay=table.delay,
+            continuous=tuple(
+                j.name
+                for j in tree.skeleton.joints
+                if j is not None and j.type == "continuous" and j.dof >= 0 and j.mimics is None
+            ),
+        )
+
+
+def _check_joint(joint: str, names: Sequence[str], what: str, tree: Tree, path: Path) -> None:
+    """Raise SceneError if a name is that of no moving joint of a tree."""
+    if joint in names or tree.skeleton is None:
+        return
+    near = get_close_matches(joint, names, n=1)
+    hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(names[:8])}"
+    raise SceneError(f"{path}: {tree.name!r}: {what}: no moving joint of this name in {tree.skeleton.path}, {hint}")
+
+
+def _starts(counts: Iterator[int] | Sequence[int]) -> NDArray[np.int64]:
+    return np.concatenate([[0], np.cumsum(np.fromiter(counts, dtype=np.int64))]).astype(np.int64)

@@ -1,0 +1,193 @@
+"""What a body is made of: convex pieces to collide with, mass, triangles to show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.errors import MeshError
+from geomphys.numerics.transforms import apply
+from geomphys.scene.decomposition import Pieces, Progress, Uncut, decompose_all
+from geomphys.scene.mass import (
+    MassProperties,
+    combined,
+    of_box,
+    of_capsule,
+    of_cylinder,
+    of_mesh,
+    of_sphere,
+)
+from geomphys.scene.meshes import Mesh, load_mesh, wound_outwards
+from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, Sphere
+from geomphys.scene.pieces import Shape as Convex
+from geomphys.scene.scene_values import Decomposition
+from geomphys.scene.source_files import is_there
+from geomphys.scene.tessellation import (
+    COARSE,
+    FINE,
+    Triangles,
+    box_triangles,
+    capsule_triangles,
+    cylinder_triangles,
+    fan,
+    joined,
+    sphere_triangles,
+)
+from geomphys.scene.urdf_file import BoxShape, CapsuleShape, CylinderShape, MeshShape, Shape, SphereShape
+
+Floats = NDArray[np.float64]
+Placed = tuple[Shape, Floats]
+"""A shape and body_from_shape (4, 4)."""
+MeshUse = tuple[Path, tuple[float, float, float], Decomposition]
+"""A mesh file, its scale, and how it becomes convex pieces."""
+
+
+@dataclass(frozen=True, eq=False)
+class BodyGeometry:
+    """A body of unit density in its own frame."""
+
+    pieces: tuple[tuple[Convex, Floats], ...]  # convex shapes with body_from_piece (4, 4)
+    mass: MassProperties  # at 1 kg/m³; shapes that overlap count twice
+    triangles: Triangles  # of what it collides with, before any decomposition
+
+
+@dataclass(eq=False)
+class Workshop:
+    """Makes the geometry of bodies; reads and cuts each mesh once."""
+
+    seed: int
+    progress: Progress | None = None
+    _meshes: dict[tuple[Path, tuple[float, float, float]], Mesh] = field(default_factory=dict)
+    _pieces: dict[MeshUse, Pieces] = field(default_factory=dict)
+    _cut: dict[MeshUse, tuple[list[Convex], MassProperties, Triangles]] = field(default_factory=dict)
+
+    def body(self, shapes: Sequence[Placed], how: Decomposition, name: str) -> BodyGeometry:
+        """Geometry of a body made of these shapes; `name` is what errors call it.
+
+        Raises MeshError.
+        """
+        pieces: list[tuple[Convex, Floats]] = []
+        masses: list[MassProperties] = []
+        surfaces: list[Triangles] = []
+        for shape, matrix in shapes:
+            convex, mass, surface = self._solid(shape, how, name)
+            pieces += [(c, matrix) for c in convex]
+            still = np.array_equal(matrix, np.eye(4))
+            masses.append(mass if still else mass.moved(matrix))
+            surfaces.append(surface if still else (apply(matrix, surface[0]), surface[1]))
+        mass = masses[0] if len(masses) == 1 else combined(masses)
+        return BodyGeometry(tuple(pieces), mass, joined(surfaces))
+
+    def shown(self, shapes: Sequence[Placed], name: str) -> Triangles:
+        """Triangles of shapes for the eye; meshes need not be closed."""
+        surfaces = []
+        for shape, matrix in shapes:
+            if isinstance(shape, MeshShape):
+                mesh = self.mesh(shape, name)
+                surface = (mesh.vertices, mesh.faces)
+            else:
+                surface = _tessellated(shape, COARSE)
+            still = np.array_equal(matrix, np.eye(4))
+            surfaces.append(surface if still else (apply(matrix, surface[0]), surface[1]))
+        return joined(surfaces)
+
+    def require_closed(self, shapes: Sequence[tuple[Shape, str]], how: Decomposition, model: Path) -> None:
+        """Raise MeshError for the meshes of a model that cannot be read, or have no inside: all of them in one line.
+
+        `shapes` are (shape, name of its link).
+        """
+        missing: dict[Path, list[str]] = {}
+        opened: dict[Path, list[str]] = {}
+        count = 0
+        for shape, link in shapes:
+            if not isinstance(shape, MeshShape):
+                continue
+            count += 1
+            if not is_there(shape.path):
+                missing.setdefault(shape.path, []).append(link)
+            elif how != "hull":
+                mesh = self.mesh(shape, f"{model}: link {link!r}")
+                if not (mesh.is_convex or mesh.is_closed):
+                    opened.setdefault(shape.path, []).append(link)
+        for found, what, remedy in (
+            (missing, "are not there", "paths are relative to the URDF"),
+            (
+                opened,
+                "are neither watertight nor convex, so they have no inside to keep out of",
+                'close their holes, or use decomposition = "hull" (their convex hulls)',
+            ),
+        ):
+            if len(found) > 1:
+                names = [f"{path if found is missing else path.name} ({', '.join(found[path])})" for path in found]
+                total = sum(map(len, found.values()))
+                raise MeshError(f"{model}: {total} of {count} collision meshes {what}: {'; '.join(names)}: {remedy}")
+
+    def mesh(self, shape: MeshShape, name: str) -> Mesh:
+        """The mesh of a shape."""
+        key = (shape.path, shape.scale)
+        if key not in self._meshes:
+            self._meshes[key] = load_mesh(shape.path, np.array(shape.scale), name=f"{name}: {shape.path}")
+        return self._meshes[key]
+
+    def prepare(self, uses: Sequence[tuple[MeshShape, Decomposition, str]]) -> None:
+        """Cut meshes of bodies that will be asked for, several at once; each with the name that errors call it.
+
+        Raises MeshError.
+        """
+        new: dict[MeshUse, tuple[MeshShape, str]] = {}
+        for shape, how, name in uses:
+            key = (shape.path, shape.scale, how)
+            if key not in self._pieces:
+                new.setdefault(key, (shape, name))
+        meshes = [Uncut(self.mesh(shape, name), how) for (_, _, how), (shape, name) in new.items()]
+        cut = decompose_all(meshes, seed=self.seed, progress=self.progress)
+        self._pieces.update(zip(new, cut, strict=True))
+
+    def _solid(self, shape: Shape, how: Decomposition, name: str) -> tuple[list[Convex], MassProperties, Triangles]:
+        if isinstance(shape, MeshShape):
+            key = (shape.path, shape.scale, how)
+            if key not in self._cut:
+                self._cut[key] = self._cut_mesh(shape, how, name)
+            return self._cut[key]
+        convex: Convex
+        if isinstance(shape, BoxShape):
+            x, y, z = shape.size
+            convex, mass = Box((0.5 * x, 0.5 * y, 0.5 * z)), of_box(shape.size, 1.0)
+        elif isinstance(shape, SphereShape):
+            convex, mass = Sphere(shape.radius), of_sphere(shape.radius, 1.0)
+        elif isinstance(shape, CapsuleShape):
+            convex, mass = Capsule(shape.radius, 0.5 * shape.length), of_capsule(shape.radius, shape.length, 1.0)
+        else:
+            convex, mass = Cylinder(shape.radius, 0.5 * shape.length), of_cylinder(shape.radius, shape.length, 1.0)
+        return [convex], mass, _tessellated(shape, FINE)
+
+    def _cut_mesh(
+        self, shape: MeshShape, how: Decomposition, name: str
+    ) -> tuple[list[Convex], MassProperties, Triangles]:
+        mesh = self.mesh(shape, name)
+        self.prepare([(shape, how, name)])
+        cut = self._pieces[shape.path, shape.scale, how]
+        hulls = [Hull(corners) for corners in cut.hulls]
+        if mesh.is_closed and (how != "hull" or mesh.is_convex):
+            solid = wound_outwards(mesh)
+            surface = (solid.vertices, solid.faces)
+        else:  # what collides is the hull
+            hull = hulls[0].polytope
+            surface = fan(hull.vertices, np.split(hull.loops, np.cumsum(hull.loop_count)[:-1]))
+        return list(hulls), of_mesh(*surface, 1.0), surface
+
+
+def _tessellated(shape: Shape, segments: int) -> Triangles:
+    if isinstance(shape, BoxShape):
+        return box_triangles(shape.size)
+    if isinstance(shape, SphereShape):
+        return sphere_triangles(shape.radius, segments)
+    if isinstance(shape, CapsuleShape):
+        return capsule_triangles(shape.radius, shape.length, segments)
+    if isinstance(shape, CylinderShape):
+        return cylinder_triangles(shape.radius, shape.length, segments)
+    raise AssertionError(f"no primitive: {shape}")

@@ -1,0 +1,97 @@
+"""Kinematic chains of an avatar: those its scene file names, else those its tree suggests."""
+
+from __future__ import annotations
+
+from difflib import get_close_matches
+from pathlib import Path
+
+from geomphys.errors import SceneError
+from geomphys.scene.scene_file import AvatarTable
+from geomphys.scene.skeleton import Skeleton
+
+
+def named_chains(avatar: AvatarTable, skeleton: Skeleton, path: Path) -> list[tuple[int, ...]]:
+    """Links of each `[[avatar.chain]]`, from just below its base to its tip.
+
+    Raises SceneError that names the avatar and the chain: unknown links, a tip that does not hang on the base, no
+    moving joint in between, a link that two chains share.
+    """
+    chains: list[tuple[int, ...]] = []
+    owner: dict[int, str] = {}
+    for chain in avatar.chain:
+        where = f"{path}: chain {chain.name!r} of avatar {avatar.name!r}"
+        base, tip = (link_index(skeleton, name, where) for name in (chain.base, chain.tip))
+        links = [tip]
+        while links[-1] != base:
+            joint = skeleton.joints[links[-1]]
+            if joint is None:
+                raise SceneError(f"{where}: the tip {chain.tip!r} does not hang on the base {chain.base!r}")
+            links.append(joint.parent)
+        links = links[-2::-1]
+        if not any(_moves(skeleton, link) for link in links):
+            raise SceneError(f"{where}: no joint moves between {chain.base!r} and {chain.tip!r}")
+        for link in links:
+            if link in owner:
+                name = skeleton.links[link].name
+                raise SceneError(f"{where}: the link {name!r} belongs to chain {owner[link]!r} already")
+            owner[link] = chain.name
+        chains.append(tuple(links))
+    return chains
+
+
+def suggested_chains(skeleton: Skeleton) -> list[tuple[int, ...]]:
+    """Chains of a tree without any in the scene file, as in `named_chains`.
+
+    A *limb* is a branch that leads through at least two moving joints. A link where two or more limbs begin is a
+    fork; a chain goes from the last fork above a tip (the root if there is none) down the way with the most moving
+    joints. So a hand gets its fingers, each hanging on the palm, and a body its arms, legs and neck. Where just two
+    limbs begin at the end of a longer one (a thumb and fingers at the end of an arm), the way goes on through the
+    longer of the two, and the other hangs off it. A tree without a limb has a chain for each branch with a joint: fingers of
+    one joint.
+    """
+    return _branches(skeleton, 2) or _branches(skeleton, 1)
+
+
+def _branches(skeleton: Skeleton, least: int) -> list[tuple[int, ...]]:
+    """`suggested_chains`, if a limb leads through at least so many moving joints."""
+    children = skeleton.children()
+    reach = [0] * len(skeleton.links)  # moving joints on the longest way down from a link
+    for link in reversed(range(len(skeleton.links))):
+        reach[link] = max((reach[c] + _moves(skeleton, c) for c in children[link]), default=0)
+    chains: list[tuple[int, ...]] = []
+    todo: list[int] = [0]  # links that chains may hang on
+    while todo:
+        base = todo.pop(0)
+        for start in children[base]:
+            links, count = [start], int(_moves(skeleton, start))
+            ended = False
+            while children[links[-1]]:
+                below = children[links[-1]]
+                lengths = [reach[c] + _moves(skeleton, c) for c in below]
+                limbs = [length for length in lengths if length >= least]
+                if len(limbs) >= 3 or (len(limbs) == 2 and count <= max(limbs)):
+                    todo.append(links[-1])
+                    ended = True
+                    break
+                best = lengths.index(max(lengths))
+                links.append(below[best])
+                count += _moves(skeleton, below[best])
+            if not ended and count >= least:
+                chains.append(tuple(links))
+    return chains
+
+
+def link_index(skeleton: Skeleton, name: str, where: str) -> int:
+    """Index of a link; SceneError with a suggestion where there is none of this name."""
+    found = skeleton.index(name)
+    if found is None:
+        near = get_close_matches(name, [link.name for link in skeleton.links], n=1)
+        hint = f", did you mean {near[0]!r}?" if near else ""
+        raise SceneError(f"{where}: no link {name!r} in {skeleton.path}{hint}")
+    return found
+
+
+def _moves(skeleton: Skeleton, link: int) -> bool:
+    """Whether the joint above a link moves on its own."""
+    joint = skeleton.joints[link]
+    return joint is not None and joint.dof >= 0 and joint.mimics is None

@@ -1,0 +1,110 @@
+"""CoACD in a process of its own: ``python -m geomphys.scene.coacd_process IN.npz OUT.npz``.
+
+CoACD is C++ behind ctypes: it writes to the standard output, cannot be interrupted and takes its process with it when
+it fails. Here it can do none of that to a replay. The process ends when its standard input does, so with the one that
+started it, however that ends.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from itertools import pairwise
+from threading import Event, Thread
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.errors import MeshError
+from geomphys.storage.temporary_folders import TemporaryFolder
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+LONGEST = 900.0
+"""s; a mesh that takes longer is refused"""
+LOOK_EVERY = 0.1
+"""s between two looks at whether it is to stop"""
+ITERATIONS = 60
+"""of the tree search for each cut; CoACD's own 150 take twice as long for pieces that stand out as far"""
+
+
+def convex_parts(
+    name: str,
+    vertices: Floats,
+    faces: Ints,
+    threshold: float,
+    seed: int,
+    *,
+    threads: int = 1,
+    stop: Event | None = None,
+) -> list[Floats]:
+    """Parts of a closed mesh as point clouds (k, 3) whose hulls fill it, as CoACD cuts them.
+
+    `threshold` is the concavity (0.01 to 1, of half the longest side) a part may keep; `threads` changes no part. Raises
+    MeshError if CoACD fails, takes longer than `LONGEST`, or gives nothing or NaN, or if `stop` is set meanwhile.
+    """
+    hint = 'simplify or repair it, or use decomposition = "hull"'
+    with TemporaryFolder() as folder:
+        source, target = folder / "mesh.npz", folder / "parts.npz"
+        np.savez(source, vertices=vertices, faces=faces, threshold=threshold, seed=seed)
+        command = [sys.executable, "-P", "-m", __name__, str(source), str(target)]
+        code = _ended(command, threads, stop or Event())
+        if code is None:
+            raise MeshError(f"{name}: convex decomposition took more than {LONGEST:.0f} s: {hint}")
+        if code or not target.is_file():
+            raise MeshError(f"{name}: convex decomposition failed (CoACD ended with {code}): {hint}")
+        with np.load(target, allow_pickle=False) as archive:
+            points, starts = archive["points"], archive["starts"]
+    if len(starts) < 2:
+        raise MeshError(f"{name}: convex decomposition gave no pieces: {hint}")
+    if not np.isfinite(points).all():
+        raise MeshError(f"{name}: convex decomposition gave pieces that are NaN or infinite: {hint}")
+    return [points[a:b] for a, b in pairwise(starts)]
+
+
+def _ended(command: list[str], threads: int, stop: Event) -> int | None:
+    """Run a command to its end; its exit code, or None if it took too long. It is killed if `stop` is set."""
+    environment = os.environ | {"OMP_NUM_THREADS": str(threads), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment
+    ) as process:
+        latest = time.monotonic() + LONGEST
+        try:
+            while time.monotonic() < latest and not stop.is_set():
+                try:
+                    return process.wait(LOOK_EVERY)
+                except subprocess.TimeoutExpired:
+                    continue
+            return -9 if stop.is_set() else None
+        finally:
+            process.kill()
+
+
+def _main(source: str, target: str) -> None:
+    Thread(target=_end_with_parent, daemon=True).start()
+    import coacd
+
+    with np.load(source, allow_pickle=False) as archive:
+        mesh = coacd.Mesh(archive["vertices"], archive["faces"].astype(np.int32))
+        threshold, seed = float(archive["threshold"]), int(archive["seed"])
+    coacd.set_log_level("off")
+    parts = [
+        np.asarray(points, dtype=np.float64)
+        for points, _ in coacd.run_coacd(mesh, threshold=threshold, seed=seed, mcts_iterations=ITERATIONS)
+    ]
+    starts = np.concatenate([[0], np.cumsum([len(p) for p in parts])]).astype(np.int64)
+    np.savez(target, points=np.concatenate([np.zeros((0, 3)), *parts]), starts=starts)
+
+
+def _end_with_parent() -> None:
+    """End this process when the other end of its standard input is closed: CoACD itself cannot be interrupted."""
+    while os.read(0, 1):
+        pass
+    os._exit(1)
+
+
+if __name__ == "__main__":
+    _main(*sys.argv[1:])

@@ -1,0 +1,235 @@
+"""Convex shapes, and the flat arrays the collision kernels read them from.
+
+A shape stands in its own frame: spheres, boxes, capsules and cylinders about its origin, the last two along z. Hulls
+are computed once: their corners, edges and faces, an inner point and the smallest width.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.errors import MeshError
+from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, HULL, SPHERE, Floats, Ints, Pieces
+from geomphys.scene.direction_cells import CELLS, farthest_in_cells
+from geomphys.scene.hulls import Polytope, polytope
+
+
+def _check(what: str, **lengths: float) -> None:
+    for name, value in lengths.items():
+        if not (math.isfinite(value) and value > 0.0):
+            raise MeshError(f"{what}: {name} = {value} is not a length above zero")
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A ball about the origin; `radius` > 0 in m."""
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        """Raise MeshError if the radius is not a length above zero."""
+        _check("sphere", radius=self.radius)
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """All points within `radius` of the segment from -half_height to +half_height along z [m]; half_height may be 0."""
+
+    radius: float
+    half_height: float
+
+    def __post_init__(self) -> None:
+        """Raise MeshError if a length is out of its range."""
+        _check("capsule", radius=self.radius)
+        if self.half_height != 0.0:
+            _check("capsule", half_height=self.half_height)
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box about the origin with half edge lengths `half_extents` [m] along x, y, z."""
+
+    half_extents: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        """Raise MeshError if a length is out of its range."""
+        x, y, z = self.half_extents
+        _check("box", x=x, y=y, z=z)
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A solid cylinder about the origin along z: `radius` and `half_height` in m."""
+
+    radius: float
+    half_height: float
+
+    def __post_init__(self) -> None:
+        """Raise MeshError if a length is out of its range."""
+        _check("cylinder", radius=self.radius, half_height=self.half_height)
+
+
+@dataclass(frozen=True, eq=False)
+class Hull:
+    """The convex hull of points (n, 3) in m; points inside it do no harm."""
+
+    vertices: NDArray[np.float64]
+
+    @cached_property
+    def polytope(self) -> Polytope:
+        """Its corners, edges and faces; MeshError where it is flat."""
+        return polytope(np.ascontiguousarray(self.vertices, dtype=np.float64))
+
+
+Shape: TypeAlias = Sphere | Capsule | Box | Cylinder | Hull
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedShape:
+    """A shape as a piece of a body: `local` (4, 4) is body_from_piece, `body` the body's index."""
+
+    shape: Shape
+    local: NDArray[np.float64]
+    body: int
+
+
+CLIMB = 24
+"""Hulls of more corners are climbed over their edges, smaller ones searched from end to end (measured cut-over)."""
+
+
+class _Row(NamedTuple):
+    """What one piece adds to the arrays."""
+
+    kind: int
+    size: tuple[float, float, float]
+    centre: tuple[float, float, float]
+    reach: float
+    thickness: float
+    polytope: Polytope
+    cells: Ints | None = None
+
+
+def _box_polytope() -> Polytope:
+    """The cube from -1 to 1: corner i has +1 in x, y, z where bit 0, 1, 2 of i is set."""
+    corners = np.array([[1.0 if i >> k & 1 else -1.0 for k in range(3)] for i in range(8)])
+    neighbours = np.array([i ^ 1 << k for i in range(8) for k in range(3)])
+    planes, loops = np.zeros((6, 4)), []
+    for k in range(3):
+        u, v = 1 << (k + 1) % 3, 1 << (k + 2) % 3
+        for side in (0, 1):
+            planes[2 * k + side, k] = 1.0 if side else -1.0
+            around = [0, u, u | v, v] if side else [0, v, u | v, u]
+            loops.append([c | side << k for c in around])
+    planes[:, 3] = 1.0
+    return Polytope(
+        vertices=corners,
+        neighbour_count=np.full(8, 3),
+        neighbours=neighbours,
+        planes=planes,
+        loop_count=np.full(6, 4),
+        loops=np.array(loops).reshape(-1),
+        centre=np.zeros(3),
+        thickness=2.0,
+    )
+
+
+_CUBE = _box_polytope()
+_NOTHING = Polytope(
+    vertices=np.zeros((0, 3)),
+    neighbour_count=np.zeros(0, dtype=np.int64),
+    neighbours=np.zeros(0, dtype=np.int64),
+    planes=np.zeros((0, 4)),
+    loop_count=np.zeros(0, dtype=np.int64),
+    loops=np.zeros(0, dtype=np.int64),
+    centre=np.zeros(3),
+    thickness=0.0,
+)
+_ORIGIN = (0.0, 0.0, 0.0)
+
+
+def _row(shape: Shape, known: dict[bytes, _Row]) -> _Row:
+    if isinstance(shape, Sphere):
+        r = float(shape.radius)
+        return _Row(SPHERE, (r, 0.0, 0.0), _ORIGIN, r, 2.0 * r, _NOTHING)
+    if isinstance(shape, Capsule):
+        r, h = float(shape.radius), float(shape.half_height)
+        return _Row(CAPSULE, (r, h, 0.0), _ORIGIN, r + h, 2.0 * r, _NOTHING)
+    if isinstance(shape, Cylinder):
+        r, h = float(shape.radius), float(shape.half_height)
+        return _Row(CYLINDER, (r, h, 0.0), _ORIGIN, math.hypot(r, h), 2.0 * min(r, h), _NOTHING)
+    if isinstance(shape, Box):
+        x, y, z = (float(v) for v in shape.half_extents)
+        half = np.array((x, y, z))
+        planes = _CUBE.planes.copy()
+        planes[:, 3] = np.repeat(half, 2)
+        solid = _CUBE._replace(vertices=_CUBE.vertices * half, planes=planes)
+        return _Row(BOX, (x, y, z), _ORIGIN, math.sqrt(x * x + y * y + z * z), 2.0 * min(x, y, z), solid)
+    points = np.ascontiguousarray(shape.vertices, dtype=np.float64)
+    key = points.tobytes()
+    if key not in known:
+        solid = shape.polytope
+        reach = float(np.max(np.linalg.norm(solid.vertices - solid.centre, axis=1)))
+        centre = (float(solid.centre[0]), float(solid.centre[1]), float(solid.centre[2]))
+        cells = farthest_in_cells(solid.vertices - solid.centre) if len(solid.vertices) > CLIMB else None
+        known[key] = _Row(HULL, _ORIGIN, centre, reach, solid.thickness, solid, cells)
+    return known[key]
+
+
+def _starts(counts: Sequence[int] | Ints) -> Ints:
+    return np.concatenate(([0], np.cumsum(np.asarray(counts, dtype=np.int64)))).astype(np.int64)
+
+
+def _stacked(parts: Sequence[NDArray[np.float64]], columns: int) -> Floats:
+    return np.ascontiguousarray(np.concatenate([np.zeros((0, columns)), *parts]), dtype=np.float64)
+
+
+def _joined(parts: Sequence[NDArray[np.int64]]) -> Ints:
+    return np.concatenate([np.zeros(0, dtype=np.int64), *parts]).astype(np.int64)
+
+
+def build_pieces(placed: Sequence[PlacedShape]) -> Pieces:
+    """Arrays of the pieces, in the order given.
+
+    Hulls of the same points are computed once. The neighbours of a hull's corner are those of a triangulation of its
+    surface, so that climbing over them ends at the farthest corner in any direction; the faces are maximal: triangles
+    that lie in one plane are one face.
+
+    Raises
+    ------
+    MeshError
+        For a hull that is flat, has fewer than four corners or holds NaN; for lengths that are not above zero.
+    """
+    known: dict[bytes, _Row] = {}
+    rows = [_row(p.shape, known) for p in placed]
+    solids = [r.polytope for r in rows]
+    has_cells = np.array([r.cells is not None for r in rows], dtype=bool)
+    local = np.empty((len(placed), 12))
+    for k, p in enumerate(placed):
+        local[k, :9] = p.local[:3, :3].reshape(9)
+        local[k, 9:] = p.local[:3, 3]
+    return Pieces(
+        kind=np.array([r.kind for r in rows], dtype=np.int64),
+        size=np.array([r.size for r in rows], dtype=np.float64).reshape(-1, 3),
+        body=np.array([p.body for p in placed], dtype=np.int64),
+        local=local,
+        centre=np.array([r.centre for r in rows], dtype=np.float64).reshape(-1, 3),
+        reach=np.array([r.reach for r in rows], dtype=np.float64),
+        thickness=np.array([r.thickness for r in rows], dtype=np.float64),
+        vertex_start=_starts([len(s.vertices) for s in solids]),
+        vertices=_stacked([s.vertices for s in solids], 3),
+        neighbour_start=_starts(_joined([s.neighbour_count for s in solids])).astype(np.int32),
+        neighbours=_joined([s.neighbours for s in solids]).astype(np.int32),
+        cell_start=np.where(has_cells, CELLS * (np.cumsum(has_cells) - 1), -1).astype(np.int64),
+        cells=_joined([r.cells for r in rows if r.cells is not None]).astype(np.int32),
+        face_start=_starts([len(s.planes) for s in solids]),
+        planes=_stacked([s.planes for s in solids], 4),
+        loop_start=_starts(_joined([s.loop_count for s in solids])),
+        loops=_joined([s.loops for s in solids]),
+    )

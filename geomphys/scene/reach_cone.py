@@ -1,0 +1,128 @@
+"""Reach cones: polygons on the unit sphere that the direction of a compound joint's limb must stay in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.errors import SceneError
+from geomphys.scene.scene_file import ReachConeTable
+from geomphys.scene.skeleton import Skeleton
+
+Floats = NDArray[np.float64]
+
+SAME_CENTRE = 1e-3
+"""m; how far apart the axes of a compound joint may pass."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReachCone:
+    """A checked cone; joints are given by the links below them, root first."""
+
+    links: tuple[int, ...]
+    limb: Floats  # (3,) unit, last joint's frame at zero angles
+    directions: Floats  # (n, 3) unit, corners in the frame the first joint sits in, counter-clockwise seen from outside
+
+
+def reach_cone(table: ReachConeTable, skeleton: Skeleton, where: str, path: Path) -> ReachCone:
+    """Check a reach cone against its skeleton.
+
+    The joints must turn (no prismatic, no mimic joints), each must hang on the one before it, links with fixed joints
+    in between not counting, and their axes must pass through one centre. The polygon's sides must not cross or touch
+    each other, nor be half circles. Its inside is the smaller part of the sphere, whichever way round its corners are
+    given.
+
+    Raises SceneError that names the file, the cone and the joint or direction.
+    """
+    by_name = {j.name: link for link, j in enumerate(skeleton.joints) if j is not None}
+    links = []
+    for name in table.joints:
+        if name not in by_name:
+            raise SceneError(f"{path}: {where}: no joint {name!r} in {skeleton.path}")
+        joint = skeleton.joints[by_name[name]]
+        if joint is None or joint.type not in ("revolute", "continuous") or joint.mimics is not None:
+            raise SceneError(
+                f"{path}: {where}: joint {name!r} does not turn on its own, a reach cone needs joints that do"
+            )
+        links.append(by_name[name])
+    _check_row(links, skeleton, where, path)
+    limb = _unit(np.array([table.limb], dtype=np.float64))[0]
+    directions = _unit(np.array(table.directions, dtype=np.float64))
+    _check_polygon(directions, where, path)
+    if area_left_of(directions) > 2.0 * np.pi:
+        directions = np.ascontiguousarray(directions[::-1])
+    return ReachCone(tuple(links), limb, directions)
+
+
+def _check_row(links: Sequence[int], skeleton: Skeleton, where: str, path: Path) -> None:
+    """Each joint hangs on the one before it, and all turn about one centre."""
+    zero = skeleton.forward()
+    centre = zero[links[0], :3, 3]
+    for above, link in pairwise(links):
+        joint = skeleton.joints[link]
+        name = "" if joint is None else joint.name
+        here = link
+        while here != above:
+            entry = skeleton.joints[here]
+            if entry is None or (here != link and entry.dof >= 0):
+                raise SceneError(f"{path}: {where}: joint {name!r} does not hang on the joint before it in the list")
+            here = entry.parent
+        away = float(np.linalg.norm(zero[link, :3, 3] - centre))
+        if away > SAME_CENTRE:
+            raise SceneError(
+                f"{path}: {where}: joint {name!r} sits {away:.4g} m off the first one, expected one centre"
+            )
+
+
+def _check_polygon(directions: Floats, where: str, path: Path) -> None:
+    """Neighbouring corners differ and are not opposite; sides that are no neighbours do not meet."""
+    count = len(directions)
+    after = np.roll(directions, -1, axis=0)
+    for k in range(count):
+        away = np.linalg.norm(directions[k] - after[k])
+        if away < 1e-6 or away > 2.0 - 1e-9:
+            fault = "equals" if away < 1e-6 else "is opposite to"
+            raise SceneError(f"{path}: {where}: directions[{k}] {fault} the next one, they span no side of a polygon")
+    for i in range(count):
+        for j in range(i + 2, count - (i == 0)):
+            if _arcs_meet(directions[i], after[i], directions[j], after[j]):
+                raise SceneError(f"{path}: {where}: the sides after directions[{i}] and directions[{j}] cross")
+
+
+def area_left_of(directions: Floats) -> float:
+    """Area [sr] on the left of the polygon's sides: the sum of its angles there less that of a flat polygon."""
+    before, after = np.roll(directions, 1, axis=0), np.roll(directions, -1, axis=0)
+    towards = np.cross(directions, after)
+    back = np.cross(directions, before)
+    angles = np.arctan2(
+        np.einsum("ij,ij->i", np.cross(towards, back), directions), np.einsum("ij,ij->i", towards, back)
+    )
+    return float(np.sum(angles % (2.0 * np.pi)) - (len(directions) - 2) * np.pi)
+
+
+def _arcs_meet(a: Floats, b: Floats, c: Floats, d: Floats) -> bool:
+    """Whether two great-circle arcs, each shorter than a half circle, share a point."""
+    first, second = np.cross(a, b), np.cross(c, d)
+    point = np.cross(first, second)
+    if np.linalg.norm(point) < 1e-12:  # on one circle: an end of one lies on the other
+        return any(_on_arc(p, c, d) for p in (a, b)) or any(_on_arc(p, a, b) for p in (c, d))
+    return any(_on_arc(p, a, b) and _on_arc(p, c, d) for p in (point, -point))
+
+
+def _on_arc(point: Floats, a: Floats, b: Floats) -> bool:
+    """Whether a point of the arc's circle lies between its ends."""
+    normal = np.cross(a, b)
+    if abs(float(normal @ point)) > 1e-9 * float(np.linalg.norm(normal) * np.linalg.norm(point)):
+        return False
+    slack = -1e-12 * float(np.linalg.norm(point))
+    return bool(np.cross(a, point) @ normal >= slack and np.cross(point, b) @ normal >= slack)
+
+
+def _unit(vectors: Floats) -> Floats:
+    lengths: Floats = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.where(lengths == 1.0, vectors, vectors / lengths)

@@ -1,0 +1,137 @@
+"""The tables of a scene file that speak of a recording: its space, the pose of a root, the values of joints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+from geomphys.numerics.transforms import quaternion_from_rpy, quaternion_product
+from geomphys.scene.scene_file_errors import fault
+from geomphys.scene.scene_values import (
+    Angles,
+    Axis,
+    Coordinate,
+    Factor,
+    FrameIds,
+    Position,
+    Quaternion,
+    Seconds,
+    Sign,
+    Text,
+    sequence,
+    upright,
+)
+
+NO_DELAY: Any = Field(default=0.0, description="s, added to the times of the topic: positive makes it later")
+
+
+class Table(BaseModel):
+    """A table of a scene file: unknown keys, other types and numbers that are not finite are faults."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, populate_by_name=False)
+
+
+class RecordingTable(Table):
+    """`[recording]`: the space a log was recorded in, and where it is in the world.
+
+    A recorded position p is at  position + R(rotation) R(up) (unit p)  in the world, and a recorded rotation q becomes
+    rotation up q, where `up` = "y" is the rotation by +90 degrees about x, which takes y to z and z to -y.
+    """
+
+    up: Axis = Field(default="z", description="axis of the recorded space that points up")
+    unit: Literal["m", "mm", "cm"] = Field(default="m", description="of recorded positions")
+    frame: FrameIds = Field(
+        default=(), description="frame id of that space in the log, or several that all are; default: found in the log"
+    )
+    position: Position = Field(default=(0.0, 0.0, 0.0), description="m, of its origin in the world")
+    orientation: Quaternion = Field(default=(0.0, 0.0, 0.0, 1.0), description="x y z w, in the world")
+    rpy: Angles | None = Field(default=None, description="degrees, instead of orientation")
+
+    @property
+    def rotation(self) -> Quaternion:
+        """Rotation x y z w from recorded axes to those of the world, `up` included."""
+        placed = self.orientation if self.rpy is None else quaternion_from_rpy(self.rpy)
+        if self.up == "z":
+            return placed
+        x, y, z, w = (float(v) for v in quaternion_product(placed, upright(self.up)))
+        return (x, y, z, w)
+
+    @model_validator(mode="after")
+    def _check(self) -> RecordingTable:
+        check_one_rotation(self, "orientation", "rpy")
+        return self
+
+
+class RootTable(Table):
+    """Pose of an avatar's root link: with a topic the offset tracker_from_root, without one its pose in the world."""
+
+    topic: Text | None = None
+    delay: Seconds = NO_DELAY
+    position: Position = (0.0, 0.0, 0.0)
+    orientation: Quaternion = (0.0, 0.0, 0.0, 1.0)
+    rpy: Angles | None = Field(default=None, description="roll, pitch, yaw about fixed axes, degrees")
+    up: Axis | None = Field(default=None, description="its own axis that points up")
+
+    @property
+    def rotation(self) -> Quaternion:
+        """The rotation x y z w, however it is written."""
+        return rotation_of(self.orientation, self.rpy, self.up)
+
+    @model_validator(mode="after")
+    def _check(self) -> RootTable:
+        check_one_rotation(self, "orientation", "rpy", "up")
+        check_delay(self, self.topic)
+        return self
+
+
+class JointsTable(Table):
+    """Where joint values come from: q = sign · scale · (recorded value in rad or m) + offset."""
+
+    topic: Text
+    delay: Seconds = NO_DELAY
+    unit: Literal["rad", "deg"] | None = Field(default=None, description="default: the message type's own, else rad")
+    rename: dict[Text, Text] = Field(default_factory=dict, description="recorded name = joint name of the URDF")
+    ignore: Annotated[
+        tuple[Text, ...],
+        BeforeValidator(sequence),
+        Field(max_length=1000, description="patterns (*, ?, [...]) of recorded joints that are left out"),
+    ] = ()
+    sign: dict[Text, Sign] = Field(default_factory=dict, description="joint name of the URDF = 1 or -1")
+    offset: dict[Text, Coordinate] = Field(default_factory=dict, description="joint name of the URDF = rad or m")
+    scale: dict[Text, Factor] = Field(default_factory=dict, description="joint name of the URDF = factor")
+
+    @model_validator(mode="after")
+    def _check(self) -> JointsTable:
+        check_unique(self.rename.values(), "rename gives two recorded joints the name {!r}")
+        return self
+
+
+def rotation_of(orientation: Quaternion, rpy: Angles | None, up: Axis | None) -> Quaternion:
+    """Rotation x y z w that is written in one of three ways."""
+    if rpy is not None:
+        return quaternion_from_rpy(rpy)
+    return orientation if up is None else upright(up)
+
+
+def check_delay(table: Table, topic: str | None) -> None:
+    """Raise a fault if a table without a topic has a delay."""
+    if topic is None and "delay" in table.model_fields_set:
+        raise fault("delay: shifts the times of a topic, and there is none: leave delay out")
+
+
+def check_unique(values: Iterable[str], text: str) -> None:
+    """Raise a fault with the first value that comes twice."""
+    seen: set[str] = set()
+    for value in values:
+        if value in seen:
+            raise fault(text.format(value))
+        seen.add(value)
+
+
+def check_one_rotation(table: Table, *keys: str) -> None:
+    """Raise a fault that names both if a table has its rotation written in two of these ways."""
+    given = [key for key in keys if key in table.model_fields_set]
+    if len(given) > 1:
+        raise fault(f"has both {' and '.join(given)}, each of which is its rotation: keep one of them")

@@ -1,0 +1,113 @@
+"""The values a scene file is written in: names, lengths, rotations, with the bounds they must keep."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal, TypeAlias
+
+from pydantic import BeforeValidator, Field, WithJsonSchema
+
+from geomphys.numerics.transforms import quaternion_from_rpy
+from geomphys.scene.scene_file_errors import fault
+
+UNIT_TOLERANCE = 1e-2
+"""How far the norm of a quaternion may be from 1; within that it is normalised."""
+LONGEST_DELAY = 600.0
+"""s by which the times of a topic may be shifted"""
+
+_RESERVED = ("world", "recorded")
+_UPRIGHT = {"z": (0.0, 0.0, 0.0), "y": (90.0, 0.0, 0.0)}  # rpy that takes this axis to z
+
+
+def sequence(value: object) -> object:
+    """TOML arrays come as lists, the model holds tuples."""
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _printable(value: object) -> object:
+    """Names and topics go to terminals and channels: no control characters, no blanks around."""
+    if isinstance(value, str):
+        if not value or value != value.strip():
+            raise fault("must not be empty or have blanks around it")
+        if len(value) > 512:
+            raise fault("is longer than 512 characters")
+        if any(not c.isprintable() for c in value):
+            raise fault("holds a control character")
+    return value
+
+
+def _plain_name(value: object) -> object:
+    """Names of objects, avatars and chains are parts of frame ids and topics."""
+    if isinstance(_printable(value), str) and isinstance(value, str):
+        if "/" in value or "#" in value:
+            raise fault("must not hold '/' or '#'")
+        if value in _RESERVED:
+            raise fault("is reserved, it names a frame of the output: choose another")
+    return value
+
+
+def _unit(value: object) -> object:
+    """Quaternions within `UNIT_TOLERANCE` of norm 1; exactly unit ones stay as they are, bit for bit."""
+    if isinstance(value, tuple) and len(value) == 4 and all(isinstance(v, int | float) for v in value):
+        norm = math.hypot(*value)
+        if math.isfinite(norm):
+            if abs(norm - 1.0) > UNIT_TOLERANCE:
+                raise fault(f"is not a unit quaternion x y z w: its norm is {norm:.6g}, expected 1")
+            if abs(norm - 1.0) > 1e-12:
+                return tuple(v / norm for v in value)
+    return value
+
+
+def _one_or_more(value: object) -> object:
+    """A text alone is as good as a list of one."""
+    return (value,) if isinstance(value, str) else sequence(value)
+
+
+def _whole(value: object) -> object:
+    """1.0 is as good as 1; true is not."""
+    if isinstance(value, bool):
+        raise fault("expected 1 or -1")
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+def _factor(value: object) -> object:
+    """A factor of zero would make a joint stand still without a word."""
+    if isinstance(value, int | float) and value == 0:
+        raise fault("would make the joint stand still: leave the joint out by `ignore` instead")
+    return value
+
+
+Length: TypeAlias = Annotated[float, Field(ge=1e-6, le=1e5)]
+Coordinate: TypeAlias = Annotated[float, Field(ge=-1e6, le=1e6)]
+Rate: TypeAlias = Annotated[float, Field(ge=-1e6, le=1e6)]
+Direction: TypeAlias = Annotated[tuple[Coordinate, Coordinate, Coordinate], BeforeValidator(sequence)]
+Position: TypeAlias = Annotated[tuple[Coordinate, Coordinate, Coordinate], BeforeValidator(sequence)]
+Velocity: TypeAlias = Annotated[tuple[Rate, Rate, Rate], BeforeValidator(sequence)]
+Quaternion: TypeAlias = Annotated[tuple[float, float, float, float], BeforeValidator(_unit), BeforeValidator(sequence)]
+Degrees: TypeAlias = Annotated[float, Field(ge=-3600.0, le=3600.0)]
+Angles: TypeAlias = Annotated[tuple[Degrees, Degrees, Degrees], BeforeValidator(sequence)]
+Axis: TypeAlias = Literal["y", "z"]
+Seconds: TypeAlias = Annotated[float, Field(ge=-LONGEST_DELAY, le=LONGEST_DELAY)]
+Sign: TypeAlias = Annotated[Literal[1, -1], BeforeValidator(_whole)]
+Factor: TypeAlias = Annotated[float, Field(ge=-1e6, le=1e6), BeforeValidator(_factor)]
+Lengths2: TypeAlias = Annotated[tuple[Length, Length], BeforeValidator(sequence)]
+Lengths3: TypeAlias = Annotated[tuple[Length, Length, Length], BeforeValidator(sequence)]
+Name: TypeAlias = Annotated[str, BeforeValidator(_plain_name)]
+Text: TypeAlias = Annotated[str, BeforeValidator(_printable)]
+FrameIds: TypeAlias = Annotated[
+    tuple[Text, ...],
+    Field(min_length=1),
+    BeforeValidator(_one_or_more),
+    WithJsonSchema(
+        {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}], "default": []}
+    ),
+]
+Pair: TypeAlias = Annotated[tuple[Text, Text], BeforeValidator(sequence)]
+Mass: TypeAlias = Annotated[float, Field(ge=1e-9, le=1e9)]
+Density: TypeAlias = Annotated[float, Field(ge=1e-6, le=1e6)]
+Decomposition: TypeAlias = Literal["auto", "hull", "coacd"]
+
+
+def upright(axis: Axis) -> tuple[float, float, float, float]:
+    """Rotation x y z w that takes an axis to z: none for z, +90 degrees about x for y (so that z goes to -y)."""
+    return quaternion_from_rpy(_UPRIGHT[axis])

@@ -1,0 +1,179 @@
+"""The avatars and objects of a scene file as trees of bodies: their URDFs and meshes read, nothing laid out yet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from geomphys.errors import MeshError, SceneError
+from geomphys.scene.arrays import DRIVEN, FIXED, SIMULATED
+from geomphys.scene.body_geometry import BodyGeometry, Placed, Workshop
+from geomphys.scene.chains import named_chains, suggested_chains
+from geomphys.scene.mass import NOTHING, MassProperties
+from geomphys.scene.reach_cone import ReachCone, reach_cone
+from geomphys.scene.scene_file import AvatarTable, ObjectTable
+from geomphys.scene.scene_values import Decomposition
+from geomphys.scene.skeleton import Link, Skeleton, load_skeleton, require_solid
+from geomphys.scene.tessellation import Triangles, joined
+from geomphys.scene.urdf_file import BoxShape, CapsuleShape, CylinderShape, MeshShape, Shape, SphereShape
+
+DEFAULT_DENSITY = 1000.0
+"""kg/m³, where a scene file gives neither density nor mass"""
+DRIVEN_MASS = 0.4
+"""kg, of a driven object without mass or density: that of a hand"""
+_ROLES = {"fixed": FIXED, "simulated": SIMULATED, "driven": DRIVEN}
+
+
+@dataclass(eq=False)
+class TreeBody:
+    """A body and its names."""
+
+    name: str  # of contacts
+    frame: str  # child frame id of the output
+    geometry: BodyGeometry
+    mass: MassProperties
+    shown: Triangles
+
+
+@dataclass(eq=False)
+class Tree:
+    """An avatar or object: its bodies in the order of the links of its skeleton, or one body without a skeleton."""
+
+    name: str
+    table: AvatarTable | ObjectTable
+    role: int
+    material: str
+    mass: float  # kg, of the coupling
+    bodies: list[TreeBody]
+    skeleton: Skeleton | None = None
+    chains: list[tuple[int, ...]] = field(default_factory=list)  # links
+    cones: list[ReachCone] = field(default_factory=list)
+    in_chains: bool = False
+    not_shown: list[str] = field(default_factory=list)  # link, what is wrong with a visual of it
+
+    @property
+    def topic(self) -> str | None:
+        """Where the root's pose comes from."""
+        return self.table.root.topic if isinstance(self.table, AvatarTable) else self.table.topic
+
+    @property
+    def delay(self) -> float:
+        """Seconds that are added to the times of its topic."""
+        return self.table.root.delay if isinstance(self.table, AvatarTable) else self.table.delay
+
+    @property
+    def place(self) -> tuple[tuple[float, float, float], tuple[float, float, float, float]]:
+        """Position and orientation: of the root in the world, or in the tracker's frame."""
+        held = self.table.root if isinstance(self.table, AvatarTable) else self.table
+        return held.position, held.rotation
+
+
+def read_avatar(table: AvatarTable, path: Path, workshop: Workshop, several: bool, mode: str) -> Tree:
+    """An avatar's tree; `several`: whether the output's frame ids need the avatar's name.
+
+    Raises SceneError, ModelError, MeshError.
+    """
+    where = f"{path}: avatar {table.name!r}"
+    skeleton = _skeleton(table.urdf, path, where)
+    prefix = f"{table.name}/" if several else ""
+    bodies, not_shown = _link_bodies(skeleton, table.name, prefix, table.decomposition, workshop)
+    for body in bodies:
+        body.mass = body.geometry.mass.scaled(table.density)
+    tree = Tree(
+        table.name, table, DRIVEN, table.material, table.mass, bodies, skeleton, in_chains=mode == "chains",
+        not_shown=not_shown,
+    )  # fmt: skip
+    chains = named_chains(table, skeleton, path)
+    if tree.in_chains:
+        tree.chains = chains or suggested_chains(skeleton)
+    tree.cones = [
+        reach_cone(cone, skeleton, f"reach_cone[{k}] of avatar {table.name!r}", path)
+        for k, cone in enumerate(table.reach_cone)
+    ]
+    return tree
+
+
+def read_object(table: ObjectTable, path: Path, workshop: Workshop) -> Tree:
+    """An object's tree.
+
+    Raises SceneError, ModelError, MeshError.
+    """
+    where = f"{path}: object {table.name!r}"
+    role = _ROLES[table.class_]
+    density = DEFAULT_DENSITY if table.density is None else table.density
+    if table.urdf is not None:
+        skeleton = _skeleton(table.urdf, path, where)
+        bodies, not_shown = _link_bodies(skeleton, table.name, f"{table.name}/", table.decomposition, workshop)
+        for body in bodies:
+            body.mass = body.geometry.mass.scaled(density)
+        return Tree(table.name, table, role, table.material, 0.0, bodies, skeleton, not_shown=not_shown)
+    shapes: list[Placed] = [(_shape(table, path), np.eye(4))]
+    geometry = workshop.body(shapes, table.decomposition, where)
+    if geometry.mass.mass == 0.0:
+        raise MeshError(f"{where}: {table.mesh} encloses no volume: check its triangles")
+    mass = table.mass
+    if mass is None and role == DRIVEN and table.density is None:
+        mass = DRIVEN_MASS
+    solid = geometry.mass.scaled(density) if mass is None else geometry.mass.with_mass(mass)
+    body = TreeBody(table.name, table.name, geometry, solid, workshop.shown(shapes, where))
+    return Tree(table.name, table, role, table.material, solid.mass, [body])
+
+
+def _shape(table: ObjectTable, path: Path) -> Shape:
+    if table.box is not None:
+        return BoxShape(table.box)
+    if table.sphere is not None:
+        return SphereShape(table.sphere)
+    if table.cylinder is not None:
+        return CylinderShape(*table.cylinder)
+    if table.capsule is not None:
+        return CapsuleShape(*table.capsule)
+    return MeshShape(path.parent / str(table.mesh), (table.scale,) * 3)
+
+
+def _skeleton(urdf: str, path: Path, where: str) -> Skeleton:
+    target = path.parent / urdf
+    if not target.is_file():
+        raise SceneError(f"{where}: urdf = {urdf!r}: no such file ({target}); paths are relative to the scene file")
+    skeleton = load_skeleton(target)
+    require_solid(skeleton)
+    return skeleton
+
+
+def _link_bodies(
+    skeleton: Skeleton, owner: str, prefix: str, how: Decomposition, workshop: Workshop
+) -> tuple[list[TreeBody], list[str]]:
+    """The bodies of a model, and what is wrong with its visuals."""
+    workshop.require_closed(
+        [(g.shape, link.name) for link in skeleton.links for g in link.collisions], how, skeleton.path
+    )
+    bodies, not_shown = [], [line.removeprefix(f"{skeleton.path}: ") for line in skeleton.not_shown]
+    meshes = [
+        (g.shape, how, f"{skeleton.path}: link {link.name!r}")
+        for link in skeleton.links
+        for g in link.collisions
+        if isinstance(g.shape, MeshShape)
+    ]
+    workshop.prepare(meshes)
+    for link in skeleton.links:
+        where = f"{skeleton.path}: link {link.name!r}"
+        solids = [(g.shape, g.link_from_shape) for g in link.collisions]
+        geometry = workshop.body(solids, how, where)
+        shown = _shown(link, where, workshop, not_shown)
+        bodies.append(TreeBody(f"{owner}/{link.name}", f"{prefix}{link.name}", geometry, NOTHING, shown))
+    return bodies, not_shown
+
+
+def _shown(link: Link, where: str, workshop: Workshop, not_shown: list[str]) -> Triangles:
+    """What is shown of a link: its visuals as far as they can be read, what it collides with where it has none."""
+    surfaces = []
+    for visual in link.visuals:
+        try:
+            surfaces.append(workshop.shown([(visual.shape, visual.link_from_shape)], where))
+        except MeshError as fault:
+            not_shown.append(f"link {link.name!r}: {str(fault).removeprefix(f'{where}: ')}")
+    if surfaces:
+        return joined(surfaces)
+    return workshop.shown([(g.shape, g.link_from_shape) for g in link.collisions], where)

@@ -1,0 +1,186 @@
+"""Memory for the simulated loop of a scene."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from geomphys.collision.support import place_pieces
+from geomphys.collision.sweep import local_boxes
+from geomphys.scene.arrays import DRIVEN, HULL, SIMULATED, SPHERE, Floats, Ints, Scene
+from geomphys.simulated.state import (
+    ARM,
+    FIRST,
+    HEADER,
+    INERTIA,
+    KEPT_COLUMNS,
+    KIND_COLUMNS,
+    LAST,
+    LIGHTNESS,
+    MASS,
+    MATERIAL,
+    MOTION_COLUMNS,
+    MOVES,
+    OFFSET,
+    PAIR_COLUMNS,
+    POINT,
+    PRINCIPAL,
+    ROLE,
+    ROW_COLUMNS,
+    ROW_INTS,
+    SLOT_SIZE,
+    TOLD,
+    TREE,
+    TURN,
+    WISH_ARM,
+    SimulatedState,
+)
+
+WIDE = 4.0  # a still body wider along x than this many median widths is looked at each time
+MOST_PAIRS = 4096
+MOST_POINTS = 4096
+
+
+def piece_arms(scene: Scene, motion: Floats) -> Floats:
+    """(P,) m: how far from its body's reference point a piece's surface reaches; of a ball, its centre only."""
+    pieces = scene.pieces
+    arms = np.zeros(len(pieces.kind))
+    for i in range(len(arms)):
+        local = pieces.local[i]
+        centre = local[:9].reshape(3, 3) @ pieces.centre[i] + local[9:]
+        arms[i] = np.linalg.norm(centre - motion[pieces.body[i], OFFSET : OFFSET + 3])
+        if pieces.kind[i] != SPHERE:
+            arms[i] += pieces.reach[i]
+    return arms
+
+
+def piece_local_boxes(scene: Scene) -> Floats:
+    """(P, 7) centre and half extents of every piece's box in its own frame, and radius of a ball about its centre [m]."""
+    pieces = scene.pieces
+    centre, half = local_boxes(pieces)
+    boxes = np.zeros((len(pieces.kind), 7))
+    boxes[:, :3], boxes[:, 3:6] = centre, half
+    for i, kind in enumerate(pieces.kind):
+        if kind == HULL:
+            corners = pieces.vertices[pieces.vertex_start[i] : pieces.vertex_start[i + 1]]
+            boxes[i, 6] = np.linalg.norm(corners - centre[i], axis=1).max()
+        else:
+            boxes[i, 6] = pieces.reach[i]
+    return boxes
+
+
+def piece_boxes(scene: Scene, poses: Floats, local: Floats) -> Floats:
+    """(P, 6) low and high corner of every piece's box with the bodies at `poses` (B, 7) [m]."""
+    frames = np.zeros((len(local), 12))
+    place_pieces(scene.pieces, poses, frames)
+    turn = frames[:, :9].reshape(-1, 3, 3)
+    centre = frames[:, 9:] + np.einsum("pij,pj->pi", turn, local[:, :3])
+    half = np.minimum(np.einsum("pij,pj->pi", np.abs(turn), local[:, 3:6]), local[:, 6:])
+    return np.concatenate([centre - half, centre + half], axis=1)
+
+
+def body_balls(scene: Scene, local: Floats) -> Floats:
+    """(B, 4) centre in the body frame and radius of a ball that holds each body [m]."""
+    pieces, balls = scene.pieces, np.zeros((len(scene.bodies.role), 4))
+    for body, (first, last) in enumerate(itertools.pairwise(scene.bodies.piece_start)):
+        if first < last:
+            turn = pieces.local[first:last, :9].reshape(-1, 3, 3)
+            centres = pieces.local[first:last, 9:] + np.einsum("pij,pj->pi", turn, local[first:last, :3])
+            balls[body, :3] = 0.5 * (centres.min(axis=0) + centres.max(axis=0))
+            balls[body, 3] = (np.linalg.norm(centres - balls[body, :3], axis=1) + local[first:last, 6]).max()
+    return balls
+
+
+def body_boxes(scene: Scene, boxes: Floats) -> Floats:
+    """(B, 6) boxes of the bodies from those of their pieces; (inf, -inf) where there are none."""
+    out = np.tile([np.inf] * 3 + [-np.inf] * 3, (len(scene.bodies.role), 1))
+    for i, body in enumerate(scene.pieces.body):
+        out[body, :3] = np.minimum(out[body, :3], boxes[i, :3])
+        out[body, 3:] = np.maximum(out[body, 3:], boxes[i, 3:])
+    return out
+
+
+def body_rows(scene: Scene) -> tuple[Floats, Ints]:
+    """`motion` and `kinds` with what never changes filled in."""
+    bodies, count = scene.bodies, len(scene.bodies.role)
+    motion, kinds = np.zeros((count, MOTION_COLUMNS)), np.zeros((count, KIND_COLUMNS), np.int64)
+    free, driven = bodies.role == SIMULATED, bodies.role == DRIVEN
+    motion[free, OFFSET : OFFSET + 3] = bodies.com[free]
+    motion[free, LIGHTNESS] = 1.0 / bodies.mass[free]
+    motion[free, MASS] = bodies.mass[free]
+    motion[driven, MASS] = scene.trees.mass[bodies.tree[driven]]
+    motion[:, INERTIA : INERTIA + 3] = bodies.inertia
+    motion[:, PRINCIPAL : PRINCIPAL + 4] = bodies.principal
+    motion[:, WISH_ARM : WISH_ARM + 3] = bodies.com
+    motion[:, TOLD] = np.nan
+    kinds[:, ROLE], kinds[:, TREE], kinds[:, MATERIAL] = bodies.role, bodies.tree, bodies.material
+    kinds[:, FIRST], kinds[:, LAST] = bodies.piece_start[:-1], bodies.piece_start[1:]
+    kinds[:, MOVES] = scene.trees.moving[bodies.tree]
+    return motion, kinds
+
+
+def make_simulated_state(
+    scene: Scene, poses: Floats, max_pairs: int = MOST_PAIRS, max_points: int = MOST_POINTS
+) -> SimulatedState:
+    """Memory for the simulated loop of a scene.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    poses
+        (B, 7) world poses of all bodies at the start; those of what never moves stay.
+    max_pairs, max_points
+        Room for pairs of pieces that may meet in a frame, and for contact points. Where it is too small for a frame,
+        simulated bodies stay where they are for that frame, and it is reported.
+    """
+    motion, kinds = body_rows(scene)
+    motion[:, POINT : POINT + 3], motion[:, TURN : TURN + 4] = poses[:, :3], poses[:, 3:]
+    bodies, trees = len(kinds), len(scene.trees.role)
+    local = piece_local_boxes(scene)
+    arms, boxes = piece_arms(scene, motion), piece_boxes(scene, poses, local)
+    np.maximum.at(motion[:, ARM], scene.pieces.body, arms)
+    hulls = body_boxes(scene, boxes)
+    free = np.flatnonzero(scene.bodies.role == SIMULATED)
+    moves = kinds[:, MOVES] == 1
+    still = np.flatnonzero(~moves & np.isfinite(hulls[:, 0]))
+    width = hulls[still, 3] - hulls[still, 0]
+    narrow = width <= WIDE * np.median(width) if len(still) else np.zeros(0, bool)
+    ordered = still[narrow][np.argsort(hulls[still[narrow], 0], kind="stable")]
+    possible = len(boxes) * int(np.isin(scene.pieces.body, free).sum())
+    pairs, points = max(1, min(max_pairs, possible)), max(4, min(max_points, 4 * possible))
+    return SimulatedState(
+        free=free,
+        paths=np.flatnonzero(moves & (scene.bodies.role != SIMULATED)),
+        still=ordered,
+        still_low=np.ascontiguousarray(hulls[ordered, 0]),
+        widest=float(width[narrow].max(initial=0.0)),
+        others=np.concatenate([np.flatnonzero(moves), still[~narrow]]),
+        arm=arms,
+        boxes=boxes,
+        local_boxes=local,
+        balls=body_balls(scene, local),
+        body_boxes=hulls,
+        materials=np.ascontiguousarray(np.stack([scene.materials.restitution, scene.materials.friction])),
+        gravity=scene.gravity.copy(),
+        motion=motion,
+        kinds=kinds,
+        pairs=np.zeros((pairs, PAIR_COLUMNS), np.int64),
+        kept=np.zeros((pairs, KEPT_COLUMNS)),
+        old_pairs=np.zeros((pairs + 1, PAIR_COLUMNS), np.int64),
+        old_kept=np.zeros((pairs + 1, KEPT_COLUMNS)),
+        counts=np.zeros(8, np.int64),
+        rows=np.zeros((points, ROW_COLUMNS)),
+        row_of=np.zeros((points, ROW_INTS), np.int64),
+        velocity=np.zeros((bodies, 6)),
+        shove=np.zeros((bodies, 6)),
+        heft=np.zeros(bodies),
+        energy=np.zeros((bodies, 4)),
+        recoil=np.zeros((trees, 3)),
+        heap=np.zeros(pairs, np.int64),
+        found=np.zeros(bodies, np.int64),
+        points=np.zeros((2, 4, 3)),
+        old_slots=np.zeros((4, SLOT_SIZE)),
+        header=np.zeros(HEADER, np.int64),
+    )

@@ -1,0 +1,1 @@
+"""Caches, temporary folders, and files behind URLs."""

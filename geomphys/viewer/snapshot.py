@@ -1,0 +1,184 @@
+"""A picture of one frame of a result, taken by the rerun viewer without a screen."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from geomphys.errors import InputError, ViewerError
+from geomphys.output.output_log import open_output
+from geomphys.output.sink import OutputFile
+from geomphys.viewer.view import ADDRESS, counts_from_1970, quiet_environment, viewer_command, viewer_file
+
+if TYPE_CHECKING:
+    from rerun.experimental import ViewerClient
+
+SETTLED = 3
+"""Equal pictures in a row that show that the viewer has loaded and drawn everything."""
+PAUSE = 0.2
+"""s; between two pictures."""
+PATIENCE = 60.0
+"""s; after which a viewer that has not settled is given up."""
+WINDOW_PATIENCE = 15.0
+"""s; how long the window around a scene that has settled may go on changing."""
+
+
+def take_snapshot(
+    result: Path, out: Path, *, frame: int = 0, size: tuple[int, int] = (1280, 960), whole: bool = False
+) -> None:
+    """Write a picture of a frame as PNG.
+
+    Parameters
+    ----------
+    result : Path
+        A rerun recording (``.rrd``) or an output log (``.mcap``).
+    out : Path
+        The picture; replaced if it is there.
+    frame : int
+        The frame's number.
+    size : (int, int)
+        Width and height of the viewer's window in points.
+    whole : bool
+        Whether the picture shows the whole window, plots and all; otherwise it shows the scene.
+
+    Raises
+    ------
+    InputError
+        The file is no result, or has no such frame.
+    ViewerError
+        There is no Vulkan driver, or the viewer does not draw the frame.
+    OutputError
+        The picture cannot be written.
+    """
+    output = OutputFile(out, force=True)
+    log = open_output(result) if result.suffix == ".mcap" else None
+    time_ns = log.time_of(frame) if log is not None else 0
+    with viewer_file(result) as recording, _running(recording, size) as client:
+        _wait_until_loaded(client, result)
+        if log is None:
+            _check_frame(client, result, frame)
+            client.set_time("frame", sequence=frame, play_state="paused")
+        elif counts_from_1970(log):
+            client.set_time("message_log_time", timestamp=np.datetime64(time_ns, "ns"), play_state="paused")
+        else:
+            client.set_time("message_log_time", duration=np.timedelta64(time_ns, "ns"), play_state="paused")
+        picture = _settled_picture(client, result, whole)
+    try:
+        output.temporary.write_bytes(picture)
+    except OSError as problem:
+        raise output.error(problem) from problem
+    output.publish(complete=True)
+
+
+@contextlib.contextmanager
+def _running(recording: Path, size: tuple[int, int]) -> Iterator[ViewerClient]:
+    """A viewer without a window, and a client of it."""
+    from rerun.experimental import ViewerClient
+
+    with socket.socket() as probe:
+        probe.bind((ADDRESS, 0))
+        port = probe.getsockname()[1]
+    options = ["--headless", "--hide-welcome-screen", "--bind", ADDRESS, "--port", str(port)]
+    command = [*viewer_command(), *options, "--window-size", f"{size[0]}x{size[1]}", str(recording)]
+    with tempfile.TemporaryFile() as messages:
+        environment = {**quiet_environment(), "RUST_LOG": "error"}  # what it logs it also shows, over the scene
+        process = subprocess.Popen(command, env=environment, stdout=messages, stderr=messages, start_new_session=True)
+        try:
+            yield _connected(ViewerClient, f"rerun+http://{ADDRESS}:{port}/proxy", process, messages)
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGTERM)
+            try:
+                process.wait(timeout=5)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def _connected(client: Any, address: str, process: subprocess.Popen[bytes], messages: Any) -> ViewerClient:
+    end = time.monotonic() + PATIENCE
+    while True:
+        try:
+            connected: ViewerClient = client.connect(address)
+            connected.get_state()
+        except ConnectionError as problem:
+            if process.poll() is not None or time.monotonic() > end:
+                raise ViewerError(_why(process, messages)) from problem
+            time.sleep(0.1)
+        else:
+            return connected
+
+
+def _why(process: subprocess.Popen[bytes], messages: Any) -> str:
+    """Why the viewer does not answer, from what it printed."""
+    messages.seek(0)
+    text = messages.read().decode(errors="replace")
+    if "adapter" in text.lower() or "vulkan" in text.lower():
+        return (
+            "the rerun viewer found no graphics adapter; install a Vulkan driver "
+            "(a software one will do: mesa-vulkan-drivers on Debian and Ubuntu)"
+        )
+    lines = [line for line in text.splitlines() if line.strip()]
+    said = lines[-1].strip() if lines else "it said nothing"
+    return f"the rerun viewer did not start (exit code {process.poll()}): {said}"
+
+
+def _wait_until_loaded(client: ViewerClient, result: Path) -> None:
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        state = client.get_state()
+        if not state.loading and state.recordings and state.recordings[0].timelines and state.views:
+            return
+        time.sleep(0.05)
+    raise ViewerError(f"{result}: the rerun viewer did not load it in {PATIENCE:.0f} s")
+
+
+def _check_frame(client: ViewerClient, result: Path, frame: int) -> None:
+    for timeline in client.get_state().recordings[0].timelines:
+        if timeline.name == "frame" and timeline.start is not None and timeline.end is not None:
+            if timeline.start <= frame <= timeline.end:
+                return
+            raise InputError(f"{result}: has no frame {frame}; it has {timeline.start} to {timeline.end}")
+    raise InputError(f"{result}: has no timeline 'frame': it is no recording that geomphys replay wrote")
+
+
+def _settled_picture(client: ViewerClient, result: Path, whole: bool) -> bytes:
+    """The picture once the scene is drawn; raises ViewerError if it is not, or not whole.
+
+    The window around it may go on refining: of a long recording the viewer does so for minutes.
+    """
+    scenes = [view for view in client.get_state().views if view.view_class == "3D"]
+    if not scenes:
+        raise ViewerError(f"{result}: the rerun viewer shows no scene of it")
+    picture, settled = _settled(client, scenes[0].view_id, PATIENCE)
+    if not settled:
+        raise ViewerError(f"{result}: the rerun viewer's picture did not settle in {PATIENCE:.0f} s")
+    shown = [view for view in client.get_state().views if view.view_class == "3D"]
+    errors = [report.summary for view in shown[:1] for report in view.reports if report.severity == "error"]
+    if errors:
+        raise ViewerError(f"{result}: the rerun viewer cannot draw all of the scene: {errors[0]}")
+    return _settled(client, None, WINDOW_PATIENCE)[0] if whole else picture
+
+
+def _settled(client: ViewerClient, view: Any, patience: float) -> tuple[bytes, bool]:
+    """The last picture of a view (None: the window), and whether it was the last of `SETTLED` equal ones in a row."""
+    end = time.monotonic() + patience
+    last, equal = b"", 0
+    while equal < SETTLED:
+        if time.monotonic() > end:
+            return last, False
+        picture = client.take_screenshot(view, max_size=None)
+        equal = equal + 1 if picture == last else 1
+        last = picture
+        time.sleep(PAUSE)
+    return last, True

@@ -1,0 +1,147 @@
+"""Shows a result in the rerun viewer, in a window or in the browser."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from defusedxml import ElementTree
+
+from geomphys.errors import InputError, ViewerError
+from geomphys.numerics.transforms import rotation_from_quaternion
+from geomphys.output.camera import choose_eye
+from geomphys.output.decoders import Poses
+from geomphys.output.output_log import OutputLog, open_output
+from geomphys.output.output_scene import world_of_output
+from geomphys.output.rerun_blueprint import mcap_blueprint
+from geomphys.output.rerun_stream import UNIX_FROM, RerunStream
+from geomphys.scene.arrays import FIXED
+from geomphys.storage.temporary_folders import TemporaryFolder
+
+ADDRESS = "127.0.0.1"
+"""Where the viewer listens: to this machine only."""
+
+
+def view_result(path: Path, *, web: bool = False) -> None:
+    """Open a result in the viewer and wait until it is closed.
+
+    Parameters
+    ----------
+    path : Path
+        A rerun recording (``.rrd``) or an output log (``.mcap``).
+    web : bool
+        In the browser, served on 127.0.0.1 until interrupted.
+
+    Raises
+    ------
+    InputError
+        The file is none of the two, or no result.
+    ViewerError
+        There is no screen, or the viewer failed.
+    """
+    _check_result(path)
+    if not web and sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise ViewerError("there is no screen here; use --web, or geomphys snapshot for a picture of a frame")
+    with viewer_file(path) as recording:
+        options = ["--port", "auto", "--bind", ADDRESS, "--server-memory-limit", "75%"]
+        if web:
+            options += ["--web-viewer"]
+        command = [*viewer_command(), *options, str(recording)]
+        code = subprocess.run(command, env=quiet_environment(), check=False).returncode
+    if code > 0:
+        raise ViewerError(f"{path}: the viewer ended with exit code {code}; its messages are above")
+
+
+def viewer_command() -> list[str]:
+    """The viewer's program; raises ViewerError if it is not installed."""
+    try:
+        import rerun_cli
+    except ImportError as problem:
+        raise ViewerError("the rerun viewer is not installed; install rerun-sdk") from problem
+    program = Path(rerun_cli.__file__).parent / ("rerun.exe" if sys.platform == "win32" else "rerun")
+    if not program.is_file():
+        raise ViewerError(f"the rerun viewer is not installed: {program} is missing; install rerun-sdk again")
+    return [str(program)]
+
+
+def quiet_environment() -> dict[str, str]:
+    """The environment with the viewer's usage statistics off: it sends none where ``CI`` is set."""
+    return {**os.environ, "CI": "1"}
+
+
+@contextmanager
+def viewer_file(path: Path) -> Iterator[Path]:
+    """What the viewer is given to show a result: a rerun recording, made of an output log where it is one.
+
+    Raises InputError if the file is no result.
+    """
+    _check_result(path)
+    if path.suffix == ".rrd":
+        yield path
+    else:
+        with TemporaryFolder() as folder:
+            recording = folder / f"{path.stem}.rrd"
+            _convert(path, recording)
+            yield recording
+
+
+def _check_result(path: Path) -> None:
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such file; name a .rrd or .mcap that geomphys replay wrote")
+    if path.suffix == ".mcap":
+        open_output(path)
+    elif path.suffix != ".rrd":
+        raise InputError(f"{path}: is neither a rerun recording (.rrd) nor an output log (.mcap)")
+
+
+def counts_from_1970(output: OutputLog) -> bool:
+    """Whether an output's times are dates in the viewer; otherwise they are durations of a clock of its own."""
+    return output.start_ns >= UNIX_FROM
+
+
+def _convert(path: Path, recording: Path) -> None:
+    """Write an output log as a rerun recording, with a layout made for it."""
+    output = open_output(path)
+    things = _objects(output.descriptions())
+    places: list[np.ndarray] = []
+    standing = np.zeros((0, 3, 3))
+    for number, poses in enumerate(output.sample(64)):
+        if number == 0:
+            standing = _standing(output, poses)
+        own = [name not in things for name in poses.names]
+        if number > 0:  # the first frame has the fixed objects too
+            places.append(poses.values[own if any(own) else slice(None), :3])
+    points = np.concatenate(places) if places else np.zeros((0, 3))
+    if len(points):  # what hangs on the origins of links reaches further than these
+        margin = 0.04 + 0.1 * float(np.linalg.norm(np.ptp(points, axis=0)))
+        points = np.concatenate([points - margin, points + margin])
+    stream = RerunStream(recording, path.stem, path.stem)
+    stream.send_output_log(path, counts_from_1970(output))
+    stream.finish(output.metadata, mcap_blueprint(choose_eye(points, standing), output.joint_topics))
+
+
+def _standing(output: OutputLog, first: Poses) -> np.ndarray:
+    """Triangles (n, 3, 3) of what never moves, which may hide the motion; none where the scene's files are gone."""
+    found = [np.zeros((0, 3, 3))]
+    try:
+        world = world_of_output(output)
+    except InputError:
+        return found[0]
+    bodies, moving = world.scene.bodies, world.scene.trees.moving
+    for body in np.flatnonzero((bodies.role == FIXED) & (moving[bodies.tree] == 0)):
+        if world.frame_names[body] in first.names:
+            vertices, faces = world.collision_triangles[body]
+            pose = first.values[first.names.index(world.frame_names[body])]
+            found.append((vertices @ rotation_from_quaternion(pose[3:]).T + pose[:3])[faces])
+    return np.concatenate(found)
+
+
+def _objects(descriptions: dict[str, str]) -> set[str]:
+    """Frames of the objects without a URDF of their own, which may roll far away."""
+    texts = [text for topic, text in descriptions.items() if topic.strip("/").startswith("objects")]
+    return {link.get("name", "") for text in texts for link in ElementTree.fromstring(text).iter("link")}

@@ -1,1 +1,0 @@
-"""What never changes in a run: scene, models, pieces, masses."""

@@ -1,0 +1,63 @@
+"""What is gathered of a difference, against the same on whole arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from geomphys.analysis.diff.measures import Envelope, Peak, Peaks, Spread
+
+
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("tolerance", [0.0, 0.5])
+def test_spread_is_largest_rms_and_first(seed: int, tolerance: float) -> None:
+    random = np.random.default_rng(seed)
+    table = random.choice([0.0, 0.0, 1e-3, 0.5, 2.0], size=random.integers(1, (40, 5)))
+    names = [f"body {k}" for k in range(table.shape[1])]
+    spread = Spread(tolerance)
+    rows = spread.rows(names)
+    for frame, row in enumerate(table):
+        assert spread.add(rows, row, 10 + frame) == bool((row > tolerance).any())
+    for name, column in zip(names, table.T, strict=True):
+        measure, over = spread.each()[name], np.flatnonzero(column > tolerance)
+        assert measure.max == column.max()
+        assert measure.rms == pytest.approx(np.sqrt(np.mean(column**2)))
+        assert measure.frames == len(over)
+        assert measure.first_frame == (10 + over[0] if len(over) else None)
+        assert measure.worst_frame == (10 + int(column.argmax()) if column.any() else None)
+    assert spread.whole().max == table.max()
+    assert spread.whole().rms == pytest.approx(np.sqrt(np.mean(table**2)))
+
+
+def test_things_may_come_late_and_go() -> None:
+    spread = Spread(0.0)
+    spread.add(spread.rows(["a"]), np.array([1.0]), 0)
+    spread.add(spread.rows(["b", "a"]), np.array([3.0, 0.0]), 1)
+    assert list(spread.each()) == ["a", "b"]
+    assert spread.each()["a"].rms == pytest.approx(np.sqrt(0.5))
+    assert spread.each()["b"].rms == 3.0
+    assert spread.has("b")
+    assert not spread.has("c")
+
+
+@pytest.mark.parametrize("length", [1, 2, 3, 16, 17, 333])
+@pytest.mark.parametrize("capacity", [2, 16, 50])
+def test_an_envelope_keeps_the_largest_of_every_stretch(length: int, capacity: int) -> None:
+    series = np.random.default_rng(length).random(length).tolist()
+    envelope = Envelope(capacity)
+    for frame, value in enumerate(series):
+        envelope.add(frame, value)
+    frames, tops = envelope.points()
+    assert len(frames) <= capacity
+    ends = [*frames[1:], len(series)]
+    assert [max(series[a:b]) for a, b in zip(frames, ends, strict=True)] == tops.tolist()
+
+
+def test_peaks_lie_apart() -> None:
+    peaks = Peaks(2, apart_ns=100)
+    for frame, value in enumerate([1.0, 3.0, 2.0, 0.0, 0.5, 4.0, 0.7, 2.5]):
+        time = 60 * frame
+        if peaks.wants(value, time):
+            peaks.add(Peak(value, frame, time, None))
+    assert [(peak.value, peak.frame) for peak in peaks.largest_first()] == [(4.0, 5), (3.0, 1)]
+    assert not peaks.wants(0.0, 10_000)

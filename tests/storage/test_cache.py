@@ -1,0 +1,52 @@
+"""Where costly things are kept."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from geomphys.storage import cache
+
+
+@pytest.fixture(autouse=True)
+def forgotten() -> Iterator[None]:
+    """No folder is remembered from before, nor after."""
+    cache.user_folder.cache_clear()
+    yield
+    cache.user_folder.cache_clear()
+
+
+def test_the_users_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert cache.user_folder("pieces") == tmp_path / "geomphys" / "pieces"
+    assert (tmp_path / "geomphys" / "pieces").is_dir()
+
+
+def test_a_home_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    monkeypatch.setattr(cache.tempfile, "gettempdir", lambda: str(tmp_path / "temp"))
+    folder = cache.user_folder("pieces")
+    assert folder.parent.parent == tmp_path / "temp"
+    assert folder.is_dir()
+
+
+def test_nobody_elses_folder_in_a_place_for_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    monkeypatch.setattr(cache.tempfile, "tempdir", str(tmp_path))
+    shared = tmp_path / f"geomphys-{os.getuid()}"
+    shared.mkdir()
+    shared.chmod(0o777)
+    assert not cache.user_folder("kernels").is_relative_to(shared)
+    cache.user_folder.cache_clear()
+    shared.chmod(0o700)
+    assert cache.user_folder("kernels") == shared / "kernels"
+    cache.user_folder.cache_clear()
+    (shared / "kernels").rmdir()
+    shared.rename(tmp_path / "another")
+    shared.symlink_to(tmp_path / "another")
+    assert not cache.user_folder("kernels").is_relative_to(shared)

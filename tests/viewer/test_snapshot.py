@@ -1,0 +1,141 @@
+"""Pictures of a frame, taken for real where there is a Vulkan driver."""
+
+from __future__ import annotations
+
+import glob
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from geomphys.config import Config
+from geomphys.errors import InputError, LogError, OutputError, ViewerError
+from geomphys.output import colours
+from geomphys.output.camera import Eye, choose_eye
+from geomphys.output.mcap_sink import McapSink
+from geomphys.output.provenance import provenance_of
+from geomphys.output.rerun_sink import RerunSink
+from geomphys.viewer import snapshot, view
+from geomphys.viewer.snapshot import take_snapshot
+from geomphys.viewer.view import viewer_file
+from tests.made import Results
+from tests.output.made_world import frames, make_world
+
+needs_vulkan = pytest.mark.skipif(
+    not glob.glob("/usr/share/vulkan/icd.d/*.json"),
+    reason="there is no Vulkan driver: apt-get install mesa-vulkan-drivers",
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Outputs of the same frames: out.rrd and out.mcap."""
+    folder = tmp_path_factory.mktemp("out")
+    world = make_world(folder / "scene", avatars=("hand",))
+    provenance = provenance_of(world.path, world, Config())
+    with RerunSink(folder / "out.rrd") as drawn, McapSink(folder / "out.mcap") as log:
+        for sink in (drawn, log):
+            sink.open(world, Config(), provenance)
+        for result in frames(world, 30):
+            drawn.write(result)
+            log.write(result)
+    return folder
+
+
+def pixels(path: Path) -> NDArray[np.float64]:
+    from matplotlib.image import imread
+
+    return np.asarray(imread(path), np.float64)[:, :, :3]
+
+
+def share_of(picture: NDArray[np.float64], colour: colours.Colour) -> float:
+    """Share of the pixels that have the colour's hue, in whatever light."""
+    wanted = np.array(colour[:3]) / np.linalg.norm(colour[:3])
+    lit = picture.max(axis=2) > 0.15
+    unit = picture / np.maximum(np.linalg.norm(picture, axis=2, keepdims=True), 1e-9)
+    return float((lit & (unit @ wanted > 0.9995)).mean())
+
+
+@needs_vulkan
+def test_the_picture_of_a_recording_is_of_that_frame(folder: Path) -> None:
+    free, touching, again = (folder / f"{name}.png" for name in ("free", "touching", "again"))
+    take_snapshot(folder / "out.rrd", free, frame=1, size=(800, 600))
+    take_snapshot(folder / "out.rrd", touching, frame=4, size=(800, 600))
+    take_snapshot(folder / "out.rrd", again, frame=1, size=(800, 600))
+    assert np.abs(pixels(free) - pixels(again)).max() < 0.02
+    assert share_of(pixels(free), colours.TOUCHING) < 1e-4 < share_of(pixels(touching), colours.TOUCHING)
+
+
+@needs_vulkan
+def test_the_picture_of_an_output_log_shows_its_scene(folder: Path) -> None:
+    one, other = folder / "one.png", folder / "other.png"
+    take_snapshot(folder / "out.mcap", one, frame=1, size=(800, 600))
+    take_snapshot(folder / "out.mcap", other, frame=6, size=(800, 600), whole=True)
+    assert pixels(other).shape[:2] == (600, 800)
+    scene = pixels(one)
+    assert len(np.unique(scene.reshape(-1, 3), axis=0)) > 20, "something is drawn"
+
+
+@needs_vulkan
+def test_a_frame_that_is_not_there_is_told(folder: Path) -> None:
+    with pytest.raises(InputError, match="has no frame 30; it has 0 to 29"):
+        take_snapshot(folder / "out.rrd", folder / "x.png", frame=30)
+    assert not (folder / "x.png").exists()
+
+
+def test_a_frame_that_is_not_in_the_log_is_told(folder: Path) -> None:
+    with pytest.raises(LogError, match="has no frame 30; its last one is 29"):
+        take_snapshot(folder / "out.mcap", folder / "x.png", frame=30)
+
+
+def test_without_a_driver_the_remedy_is_told(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("VK_ICD_FILENAMES", "/nowhere.json")
+    monkeypatch.setenv("VK_DRIVER_FILES", "/nowhere.json")
+    monkeypatch.setenv("WGPU_BACKEND", "vulkan")
+    monkeypatch.setattr(snapshot, "PATIENCE", 20.0)
+    with pytest.raises(ViewerError, match=r"no graphics adapter; install a Vulkan driver"):
+        take_snapshot(folder / "out.rrd", folder / "x.png", frame=1)
+
+
+@pytest.mark.parametrize("name", ["gone.rrd", "gone.mcap"])
+def test_a_file_that_is_missing_is_told(folder: Path, name: str) -> None:
+    with pytest.raises(InputError, match=name):
+        take_snapshot(folder / name, folder / "x.png")
+
+
+def test_a_file_of_another_kind_is_told(folder: Path) -> None:
+    (folder / "notes.txt").write_text("no result")
+    with pytest.raises(InputError, match=r"neither a rerun recording \(.rrd\) nor an output log"):
+        take_snapshot(folder / "notes.txt", folder / "x.png")
+    with pytest.raises(OutputError, match="does not exist"):
+        take_snapshot(folder / "out.rrd", folder / "nowhere" / "x.png")
+
+
+def test_an_output_log_becomes_a_recording_for_the_viewer(folder: Path) -> None:
+    from rerun.chunk import RrdReader
+
+    with viewer_file(folder / "out.mcap") as recording:
+        entities = {str(chunk.entity_path) for chunk in RrdReader(recording).stream()}
+        assert len(RrdReader(recording).blueprints()) == 1
+    assert entities >= {"/tf", "/metrics", "/contacts/points", "/joint_states"}
+    assert any("visual_geometries" in entity for entity in entities), "shapes of the robot description"
+    assert not recording.exists()
+
+
+def test_the_view_of_an_output_log_minds_what_stands_in_the_way(
+    landed: Results, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    standing: list[NDArray[np.float64]] = []
+
+    def kept(points: NDArray[np.float64], triangles: NDArray[np.float64]) -> Eye:
+        standing.append(triangles.reshape(-1, 3))
+        return choose_eye(points, triangles)
+
+    monkeypatch.setattr(view, "choose_eye", kept)
+    with viewer_file(landed.out):
+        pass
+    (corners,) = standing
+    wall = np.abs(corners[:, 0]) < 1e-9  # of the gallery's west wall the side to the room
+    assert wall.any()
+    assert corners[wall, 2].max() > 2.0
