@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from geomphys.batch.run import BatchReport, run_batch
     from geomphys.bench.run import run_bench
     from geomphys.config import Config
-    from geomphys.engine.pipeline import replay
     from geomphys.errors import (
         ClusterError,
         ConfigError,
@@ -42,7 +41,7 @@ if TYPE_CHECKING:
     from geomphys.output.summary import Summarizer, Summary
     from geomphys.recording.check import CheckReport, check_log
     from geomphys.recording.inspect import LogInfo, inspect_log
-    from geomphys.replays import run
+    from geomphys.replays import replay, run
     from geomphys.results import Contacts, Frame, FrameResult, Metrics, Penetrations
     from geomphys.scene.arrays import Scene, World
     from geomphys.scene.scene_file import scene_json_schema
@@ -89,7 +88,7 @@ _HOME = {
     "load_world": "load",
     "open_output": "output.output_log",
     "plot_output": "analysis.plots",
-    "replay": "engine.pipeline",
+    "replay": "replays",
     "run": "replays",
     "run_batch": "batch.run",
     "run_bench": "bench.run",

@@ -1,18 +1,15 @@
-"""The pipeline: frames go in, results come out; and the replay of a whole log."""
+"""The pipeline: frames go in, in chunks, and results come out."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.config import Config
-from geomphys.engine.frame_buffer import FRAMES, Block, contacts_of, make_block, metrics_of, penetrations_of, poses_of
+from geomphys.engine.frame_buffer import Block, contacts_of, make_block, metrics_of, penetrations_of, poses_of
 from geomphys.engine.log_messages import Message, Narrator
 from geomphys.engine.look_ahead import Track, step_aside
 from geomphys.engine.state import NEAR_PAIRS, Knobs, make_machine
@@ -20,15 +17,9 @@ from geomphys.engine.step import WHOLE, run_block
 from geomphys.errors import GeomphysError
 from geomphys.jit.packed_records import pack
 from geomphys.jit.stage_clock import FORESIGHT, STAGES, ns_per_cycle
-from geomphys.load import load_world
 from geomphys.numerics.motion_rates import MotionMeter
-from geomphys.output.provenance import provenance_of
-from geomphys.output.sink import Sink
-from geomphys.recording.frames import FrameSource
-from geomphys.recording.report import RecordingReport
 from geomphys.results import Frame, FrameResult
 from geomphys.scene.arrays import DRIVEN, Scene, World
-from geomphys.storage.remote_files import place
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -152,100 +143,3 @@ class Pipeline:
             timing=(*stages, ("encode", encode_ns, 1)),
             messages=(*self._narrator.tell(metrics), *messages),
         )
-
-
-def replay(
-    log: Path | str,
-    scene: Path | str | World,
-    *,
-    config: Config | None = None,
-    sinks: Sequence[Sink] = (),
-    progress: Callable[[int, int | None], None] | None = None,
-) -> Iterator[FrameResult]:
-    """Replay a log in a scene; yields one result a frame.
-
-    Parameters
-    ----------
-    log
-        An MCAP file or a ROS 2 bag directory.
-    scene
-        A scene file or the world it was loaded into.
-    config
-        All parameters; None: the defaults.
-    sinks
-        Opened before the first frame, given every frame, closed after the last; closed as incomplete if the replay ends
-        early (an error, or the caller stops iterating).
-    progress
-        Called after each frame with the number of frames done and, if known, of all.
-
-    Yields
-    ------
-    FrameResult
-        In order of time. The stage `encode` of a frame is what the sinks took for the frame before it.
-
-    Raises
-    ------
-    InputError
-        The log, the scene or a model is wrong.
-    OutputError
-        A sink cannot write.
-    """
-    config = config or Config()
-    world = scene if isinstance(scene, World) else load_world(scene, mode=config.mode, seed=config.seed)
-    opened: list[Sink] = []
-    complete = False
-    try:
-        with FrameSource(place(log), world, config) as source:
-            if sinks:
-                provenance = provenance_of(place(log), world, config)
-                for sink in sinks:
-                    sink.open(world, config, provenance)
-                    opened.append(sink)
-            yield from _results(source, Pipeline(world, config), sinks, progress)
-        complete = True
-    finally:
-        with ExitStack() as closing:  # one that fails to close keeps none of the others open
-            for sink in reversed(opened):
-                closing.callback(sink.close, complete)
-
-
-def _batches(source: FrameSource) -> Iterator[tuple[list[Frame], int]]:
-    frames = iter(source)
-    while True:
-        start = time.perf_counter_ns()
-        batch = [frame for _, frame in zip(range(FRAMES), frames, strict=False)]
-        if not batch:
-            return
-        yield batch, (time.perf_counter_ns() - start) // len(batch)
-
-
-def _messages(report: RecordingReport) -> Iterator[tuple[str, str]]:
-    """Level and text of what is told of a recording at its end."""
-    yield from (("info", str(use)) for use in report.transforms)
-    yield from (("warning", text) for text in report.warnings)
-
-
-def _of_scene(world: World) -> tuple[Message, ...]:
-    """What is told of a scene when a replay begins."""
-    findings = world.findings
-    return (*(("warning", text) for text in findings.warnings), *(("info", text) for text in findings.notes))
-
-
-def _results(
-    source: FrameSource, pipeline: Pipeline, sinks: Sequence[Sink], progress: Callable[[int, int | None], None] | None
-) -> Iterator[FrameResult]:
-    done, encode_ns = 0, 0
-    for chunk in pipeline.chunks(_batches(source)):
-        for row in range(len(chunk.frames)):
-            ends = chunk.is_last and row == len(chunk.frames) - 1
-            messages = () if done else _of_scene(pipeline.world)
-            messages += tuple(_messages(source.report)) if ends else ()
-            result = pipeline.result(chunk, row, encode_ns, messages)
-            start = time.perf_counter_ns()
-            for sink in sinks:
-                sink.write(result)
-            encode_ns = time.perf_counter_ns() - start
-            done += 1
-            if progress is not None:
-                progress(done, source.expected_frames)
-            yield result

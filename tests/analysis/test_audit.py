@@ -119,7 +119,15 @@ def test_nothing_of_the_engine_is_used_once_the_scene_is_read(
     }
     assert imported <= {
         f"geomphys.{name}"
-        for name in ("errors", "output_log", "output_world", "provenance", "remote", "transforms", "world.scene")
+        for name in (
+            "errors",
+            "numerics.transforms",
+            "output.output_log",
+            "output.output_scene",
+            "output.provenance",
+            "scene.arrays",
+            "storage.remote_files",
+        )
     }
     begun: list[str] = []
     read = audit.world_of_output

@@ -15,9 +15,9 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation, Slerp
 
 from geomphys.config import Config
-from geomphys.engine.pipeline import replay
 from geomphys.load import load_world
 from geomphys.numerics.transforms import compose, matrix_from_frame, matrix_from_pose
+from geomphys.replays import replay
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import DRIVEN, World
 from tests.collision.engines import coal_place, coal_shape

@@ -11,8 +11,8 @@ import pytest
 
 from geomphys.config import Config
 from geomphys.engine.frame_buffer import FRAMES
-from geomphys.engine.pipeline import replay
 from geomphys.errors import InputError
+from geomphys.replays import replay
 from geomphys.results import FLAG_NOT_CONVERGED, FLAG_STARTED_INSIDE, FrameResult
 from tests.driven.logs import Engine, Run, Thing, assert_free, line, play, wander
 

@@ -13,7 +13,7 @@ import pytest
 from geomphys_cli.main import run as command
 
 import geomphys
-from geomphys.engine import pipeline
+from geomphys import replays
 from geomphys.engine.pipeline import Pipeline
 from geomphys.output.output_log import open_output
 from geomphys.results import FLAG_QUARANTINED
@@ -46,7 +46,7 @@ def poisoned(monkeypatch: pytest.MonkeyPatch, poison: Poison, at: int = 3) -> No
             poison(self.machine)
         return before(self, *arguments, **more)
 
-    monkeypatch.setattr(pipeline, "FRAMES", CHUNK)
+    monkeypatch.setattr(replays, "FRAMES", CHUNK)
     monkeypatch.setattr(Pipeline, "run", run)
 
 

@@ -12,8 +12,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from geomphys.config import Config
-from geomphys.engine.pipeline import replay
 from geomphys.load import load_world
+from geomphys.replays import replay
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import World
 from tests.recording.log_files import pose, write_log
