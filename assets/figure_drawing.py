@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from figure_scenes import Experiment, Shot
 
-from geomphys.analysis.diff.drawing import Painted, View, png, render
+from geomphys.analysis.diff.drawing import Surface, View, png, render
 from geomphys.numerics.transforms import rotation_from_quaternion
 from geomphys.output import colours, frame_columns
 from geomphys.results import FrameResult
@@ -53,7 +53,7 @@ def _half(world: World, result: FrameResult, shot: Shot, target: np.ndarray, *, 
                 )
             elif moved[body]:
                 colour = INSIDE
-        (glass if name in shot.glass else solid).append(Painted(corners[faces], colour))
+        (glass if name in shot.glass else solid).append(Surface(corners[faces], colour))
     a, e = np.radians([shot.azimuth, shot.elevation])
     direction = np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)])
     width, height = (SMOOTH * side for side in SIZE)

@@ -176,7 +176,7 @@ def _show(terminal: Terminal, report: BatchReport) -> None:
 
     rows: list[list[str | Text]] = []
     for entry in report.entries:
-        status = "as it was" if entry.out in report.kept else entry.status
+        status = "as it was" if entry.out in report.up_to_date else entry.status
         style = {"done": "green", "failed": "bold red"}.get(entry.status, "yellow")
         rows.append([printable(entry.out), Text(status, style=style), *_figures(entry)])
     columns = ["output", "status", "frames", "recorded", "left", "moved by"]
@@ -195,8 +195,8 @@ def _figures(entry: Entry) -> list[str]:
 def _sums(report: BatchReport) -> Iterator[str]:
     """Yield how many logs came to what."""
     yield f"{counted(len(report.entries), 'log')}: {report.count('done')} done"
-    if report.kept:
-        yield f"{len(report.kept)} of them before"
+    if report.up_to_date:
+        yield f"{len(report.up_to_date)} of them before"
     for status in ("failed", "interrupted", "pending"):
         if report.count(status):
             yield f"{report.count(status)} {status}"

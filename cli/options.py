@@ -26,10 +26,10 @@ class Place(click.Path):
         if "://" not in str(value):
             return super().convert(value, param, ctx)
         from geomphys.errors import InputError
-        from geomphys.storage.remote_files import is_remote, place
+        from geomphys.storage.remote_files import as_path, is_remote
 
         try:
-            found = place(value)
+            found = as_path(value)
             if not is_remote(found):
                 return super().convert(str(found), param, ctx)
             if self.exists and found.suffix != self.unseen_suffix and not found.exists():

@@ -60,7 +60,7 @@ def show_difference(terminal: Terminal, difference: OutputDifference) -> None:
 
 def _silent(channel: ChannelDifference) -> bool:
     """Return whether there is nothing to say of a channel that is equal."""
-    measures = [channel.whole_m, channel.whole_rad, *channel.others.values()]
+    measures = [channel.overall_m, channel.overall_rad, *channel.others.values()]
     return not channel.sets and not any(m is not None and m.max for m in measures)
 
 
@@ -75,7 +75,7 @@ def _table(channel: ChannelDifference, limit: int | None, width: int) -> Table:
     """Return a line for each part that differs."""
     headers = _headers(channel)
     lines: dict[tuple[str, ...], list[str]] = {}
-    for part in channel.most_different():
+    for part in channel.largest_differences():
         cells = dict(_cells(channel, part))
         lines.setdefault(tuple(cells.get(header, "") for header in headers), []).append(part)
     rows = [[_named(names, whole=limit is None), *texts] for texts, names in list(lines.items())[:limit]]
@@ -97,7 +97,7 @@ def _named(names: list[str], *, whole: bool) -> str:
 
 def _headers(channel: ChannelDifference) -> list[str]:
     """Return the columns that have anything in them."""
-    found = dict.fromkeys(header for part in channel.most_different() for header, _ in _cells(channel, part))
+    found = dict.fromkeys(header for part in channel.largest_differences() for header, _ in _cells(channel, part))
     order = ["largest", "RMS", "turned", "RMS turn", "gained", "lost", "first frame", "worst frame", "frames"]
     return [header for header in order if header in found]
 

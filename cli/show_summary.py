@@ -123,9 +123,9 @@ def _times(summary: Summary) -> Iterator[str]:
 
 def _written(path: str) -> str:
     """Return a file and its size."""
-    from geomphys.storage.remote_files import place
+    from geomphys.storage.remote_files import as_path
 
-    size = place(path).stat().st_size
+    size = as_path(path).stat().st_size
     return f"{path} ({size / 1e6:,.1f} MB)"
 
 

@@ -16,7 +16,7 @@ from geomphys.scene.decomposition import Progress
 from geomphys.scene.scene_cache import find_world, keep_world
 from geomphys.scene.scene_file import load_scene_file
 from geomphys.scene.source_files import noted_sources
-from geomphys.storage.remote_files import is_remote, place
+from geomphys.storage.remote_files import as_path, is_remote
 
 CLOSE = 5e-6
 """m; bodies nearer than this in the zero pose count as overlapping there: no clearance could be kept between them."""
@@ -46,7 +46,7 @@ def load_world(path: Path | str, *, mode: str | None = None, seed: int = 0, prog
     """
     if mode not in (None, "rigid", "chains"):
         raise ConfigError(f"mode = {mode!r}: expected rigid or chains")
-    path = place(path)
+    path = as_path(path)
     is_local = not is_remote(path)
     kept = find_world(path, mode, seed) if is_local else None
     if kept is not None:

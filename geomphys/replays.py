@@ -23,7 +23,7 @@ from geomphys.recording.report import RecordingReport
 from geomphys.results import Frame, FrameResult
 from geomphys.scene.arrays import World
 from geomphys.scene.decomposition import Progress
-from geomphys.storage.remote_files import place
+from geomphys.storage.remote_files import as_path
 
 
 def replay(
@@ -67,9 +67,9 @@ def replay(
     opened: list[Sink] = []
     complete = False
     try:
-        with FrameSource(place(log), world, config) as source:
+        with FrameSource(as_path(log), world, config) as source:
             if sinks:
-                provenance = provenance_of(place(log), world, config)
+                provenance = provenance_of(as_path(log), world, config)
                 for sink in sinks:
                     sink.open(world, config, provenance)
                     opened.append(sink)
@@ -135,8 +135,8 @@ def run(
     OutputError
         An output exists without `force`, is an input, or cannot be written.
     """
-    log, config = place(log), config or Config()
-    out, rrd = (None if path is None else place(path) for path in (out, rrd))
+    log, config = as_path(log), config or Config()
+    out, rrd = (None if path is None else as_path(path) for path in (out, rrd))
     _check_distinct(log, out, rrd)
     with telling(compiling):
         world = (

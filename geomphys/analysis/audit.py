@@ -23,7 +23,7 @@ from geomphys.output.output_log import OutputFrame, open_output
 from geomphys.output.output_scene import world_of_output
 from geomphys.output.provenance import sha256_of_world
 from geomphys.scene.arrays import FIXED, SIMULATED, World
-from geomphys.storage.remote_files import place
+from geomphys.storage.remote_files import as_path
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -37,7 +37,7 @@ BISECTIONS = 12
 NORMALS = 4
 """Pairs of triangles that meet whose normals are tried as ways out."""
 LARGEST_DEPTH_M = 10.0
-OVERLAPS_KEPT = 10_000
+MAX_OVERLAPS = 10_000
 """Overlaps that are listed; what is beyond is only counted."""
 
 
@@ -109,10 +109,10 @@ def audit_output(
         The scene's files are gone or have changed; `scene` names others.
     """
     log = open_output(output)
-    world = world_of_output(log, None if scene is None else place(scene))
+    world = world_of_output(log, None if scene is None else as_path(scene))
     auditor = _Auditor(world, log.path, recorded)
     frames = overlapping = broken = dropped = 0
-    kept: list[Overlap] = []
+    listed: list[Overlap] = []
     deepest: Overlap | None = None
     for frame in log.frames(["/tf", "/recorded/tf"] if recorded else ["/tf"]):
         found = list(auditor.overlaps(frame))
@@ -122,9 +122,9 @@ def audit_output(
         for overlap in found:
             if deepest is None or overlap.depth_at_most_m > deepest.depth_at_most_m:
                 deepest = overlap
-        room = OVERLAPS_KEPT - len(kept)
-        kept += found[:room]
-        dropped += max(0, len(found) - room)
+        capacity = MAX_OVERLAPS - len(listed)
+        listed += found[:capacity]
+        dropped += max(0, len(found) - capacity)
         if progress is not None:
             progress(frames, log.frame_count)
     if frames == 0:
@@ -139,7 +139,7 @@ def audit_output(
         frames_overlapping=overlapping,
         frames_broken=broken,
         deepest=deepest,
-        overlaps=tuple(kept),
+        overlaps=tuple(listed),
         overlaps_dropped=dropped,
         same_world=sha256_of_world(world) == log.metadata.get("world_sha256"),
     )
@@ -191,20 +191,25 @@ class _Auditor:
         """Pairs that overlap in a frame, sorted by their bodies."""
         if not self._used:
             return
-        self._place(frame)
+        self._update_poses(frame)
         used, poses = self._used, self._poses
         rotations = rotation_from_quaternion(poses[used, 3:])
         corners = np.stack([self._shapes[body].corners for body in used])
-        placed = np.einsum("bij,bcj->bci", rotations, corners) + poses[used, None, :3]
+        world_corners = np.einsum("bij,bcj->bci", rotations, corners) + poses[used, None, :3]
         low, high = np.empty((len(poses), 3)), np.empty((len(poses), 3))
-        low[used], high[used] = placed.min(axis=1), placed.max(axis=1)
-        turn = dict(zip(used, rotations, strict=True))
+        low[used], high[used] = world_corners.min(axis=1), world_corners.max(axis=1)
+        rotation_of = dict(zip(used, rotations, strict=True))
         a, b = self._ends.T
-        near = np.flatnonzero(((low[a] <= high[b]) & (low[b] <= high[a])).all(axis=1))
-        for one, other in self._ends[near].tolist():
+        close = np.flatnonzero(((low[a] <= high[b]) & (low[b] <= high[a])).all(axis=1))
+        for one, other in self._ends[close].tolist():
             self.tests += 1
             pair = _Pair(
-                self._shapes[one], self._shapes[other], turn[one], turn[other], poses[one, :3], poses[other, :3]
+                self._shapes[one],
+                self._shapes[other],
+                rotation_of[one],
+                rotation_of[other],
+                poses[one, :3],
+                poses[other, :3],
             )
             if pair.overlaps(np.zeros(3)):
                 depth = pair.depth()
@@ -217,7 +222,7 @@ class _Auditor:
                     broken=depth > self._limit(one, other),
                 )
 
-    def _place(self, frame: OutputFrame) -> None:
+    def _update_poses(self, frame: OutputFrame) -> None:
         """Take the poses of a frame; bodies that it does not name stay where they are."""
         for name, pose in zip(frame.tf.names, frame.tf.values, strict=True):
             if name in self._index:
@@ -243,51 +248,54 @@ class _Pair:
 
     a: _Shape
     b: _Shape
-    turn_a: Floats
-    turn_b: Floats
-    place_a: Floats
-    place_b: Floats
+    rotation_a: Floats
+    rotation_b: Floats
+    position_a: Floats
+    position_b: Floats
 
     def overlaps(self, shift: Floats) -> bool:
         """Whether they overlap once a is moved by `shift` (3,) m."""
         import fcl
 
-        place_a = self.place_a + shift
-        one = fcl.CollisionObject(self.a.collider, fcl.Transform(self.turn_a, place_a))
-        other = fcl.CollisionObject(self.b.collider, fcl.Transform(self.turn_b, self.place_b))
+        position_a = self.position_a + shift
+        one = fcl.CollisionObject(self.a.collider, fcl.Transform(self.rotation_a, position_a))
+        other = fcl.CollisionObject(self.b.collider, fcl.Transform(self.rotation_b, self.position_b))
         if fcl.collide(one, other, fcl.CollisionRequest(), fcl.CollisionResult()):
             return True
-        inside_b = (self.a.inner @ self.turn_a.T + place_a - self.place_b) @ self.turn_b
-        inside_a = (self.b.inner @ self.turn_b.T + self.place_b - place_a) @ self.turn_a
+        inside_b = (self.a.inner @ self.rotation_a.T + position_a - self.position_b) @ self.rotation_b
+        inside_a = (self.b.inner @ self.rotation_b.T + self.position_b - position_a) @ self.rotation_a
         return _any_inside(inside_b, self.b) or _any_inside(inside_a, self.a)
 
     def depth(self) -> float:
         """The least of the distances along some directions that set a free, m: an upper bound of the depth."""
         best = LARGEST_DEPTH_M
         for direction in [*self._likely(), *_DIRECTIONS]:
-            best = min(best, self._way_out(direction, best))
+            best = min(best, self._separation_along(direction, best))
         return best
 
     def _likely(self) -> list[Floats]:
         """Directions that may be short ways out: between the middles, and along normals of triangles that meet."""
         import fcl
 
-        one = fcl.CollisionObject(self.a.collider, fcl.Transform(self.turn_a, self.place_a))
-        other = fcl.CollisionObject(self.b.collider, fcl.Transform(self.turn_b, self.place_b))
+        one = fcl.CollisionObject(self.a.collider, fcl.Transform(self.rotation_a, self.position_a))
+        other = fcl.CollisionObject(self.b.collider, fcl.Transform(self.rotation_b, self.position_b))
         result = fcl.CollisionResult()
         fcl.collide(one, other, fcl.CollisionRequest(num_max_contacts=NORMALS, enable_contact=True), result)
-        middle_a = self.turn_a @ (0.5 * (self.a.low + self.a.high)) + self.place_a
-        middle_b = self.turn_b @ (0.5 * (self.b.low + self.b.high)) + self.place_b
+        middle_a = self.rotation_a @ (0.5 * (self.a.low + self.a.high)) + self.position_a
+        middle_b = self.rotation_b @ (0.5 * (self.b.low + self.b.high)) + self.position_b
         found = [middle_a - middle_b]
         for contact in result.contacts:
-            for shape, turn, triangle in ((self.a, self.turn_a, contact.b1), (self.b, self.turn_b, contact.b2)):
+            for shape, rotation_of, triangle in (
+                (self.a, self.rotation_a, contact.b1),
+                (self.b, self.rotation_b, contact.b2),
+            ):
                 corners = shape.triangles[triangle]
-                normal = turn @ np.cross(corners[1] - corners[0], corners[2] - corners[0])
+                normal = rotation_of @ np.cross(corners[1] - corners[0], corners[2] - corners[0])
                 found.append(-normal if shape is self.a else normal)
         lengths = [float(np.linalg.norm(direction)) for direction in found]
         return [direction / length for direction, length in zip(found, lengths, strict=True) if length > 0.0]
 
-    def _way_out(self, direction: Floats, bound: float) -> float:
+    def _separation_along(self, direction: Floats, bound: float) -> float:
         """Distance along a direction at which the shapes first found apart stay so; not more than `bound` matters."""
         if self.overlaps(bound * direction):
             return bound
@@ -329,14 +337,14 @@ def _shape(vertices: Floats, faces: Ints) -> _Shape:
     used = np.unique(faces)
     ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
     graph = coo_matrix((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(len(vertices), len(vertices)))
-    _, part = connected_components(graph, directed=False)
-    _, firsts = np.unique(part[used], return_index=True)
+    _, component = connected_components(graph, directed=False)
+    _, first_frames = np.unique(component[used], return_index=True)
     low, high = vertices[used].min(axis=0), vertices[used].max(axis=0)
     ends_of_box = np.stack([low, high])
     corners = np.array(
         [[ends_of_box[i, 0], ends_of_box[j, 1], ends_of_box[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)]
     )
-    return _Shape(model, low, high, corners, vertices[used[firsts]], vertices[faces])
+    return _Shape(model, low, high, corners, vertices[used[first_frames]], vertices[faces])
 
 
 def _any_inside(points: Floats, shape: _Shape) -> bool:

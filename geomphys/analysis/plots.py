@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from geomphys.errors import ConfigError, LogError
 from geomphys.output.output_log import OutputFrame, OutputLog, open_output
 from geomphys.output.sink import OutputFile
-from geomphys.storage.remote_files import place
+from geomphys.storage.remote_files import as_path
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -114,7 +114,7 @@ def plot_output(
     OutputError
         The picture exists without `force`, or cannot be written.
     """
-    out, log = place(out), open_output(output)
+    out, log = as_path(out), open_output(output)
     if unknown := set(panels) - set(PANELS) or not panels:
         raise ConfigError(f"panel = {unknown}: choose among {', '.join(PANELS)}")
     if scale not in ("auto", "linear", "log"):
@@ -264,11 +264,11 @@ def _freeze(figure: Figure) -> None:
 
 def _draw_times(axis: Axes, curves: _Curves, scale: str) -> None:
     """Times of the step's stages, stacked, or on a logarithmic axis as lines."""
-    x, whole = curves.x(), curves.stages.get("step")
+    x, overall = curves.x(), curves.stages.get("step")
     stages = {name: series for name, series in curves.stages.items() if name.startswith("step.") and series.top().any()}
     stages = {name: series for name, series in stages.items() if name.count(".") == 1} or stages
     parts = {name.removeprefix("step."): series.mean() for name, series in stages.items()}
-    total = whole.mean() if whole is not None else np.sum(list(parts.values()), axis=0)
+    total = overall.mean() if overall is not None else np.sum(list(parts.values()), axis=0)
     parts = {name: values for name, values in parts.items() if values.sum() > VISIBLE * total.sum()}
     rest = np.maximum(total - np.sum(list(parts.values()), axis=0), 0.0) if parts else total
     if rest.sum() > 0.02 * total.sum():
@@ -325,13 +325,13 @@ def _draw_penetration(axis: Axes, curves: _Curves) -> None:
 def _draw_correction(axis: Axes, curves: _Curves) -> None:
     x = curves.x()
     axis.set_ylabel("correction [mm]")
-    moved, turned = curves.values["moved"].top(), curves.values["turned"].top()
+    moved, rotated = curves.values["moved"].top(), curves.values["turned"].top()
     axis.plot(x, moved, color=_BLUE, label="moved")
     axis.set_ylim(bottom=0.0)
-    if turned.max() > 1e-3:
+    if rotated.max() > 1e-3:
         axis.plot([], [], color=_RED, linestyle=_DASHED, label="turned")  # for the legend
         angles = axis.twinx()
-        angles.plot(x, turned, color=_RED, linestyle=_DASHED)
+        angles.plot(x, rotated, color=_RED, linestyle=_DASHED)
         angles.set_ylabel("turned [°]", color=_RED)
         angles.set_ylim(bottom=0.0)
         angles.grid(False)

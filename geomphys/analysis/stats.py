@@ -142,8 +142,8 @@ class _Motion:
             rows = [frame.tf.names.index(name.removeprefix("recorded/")) for name in frame.recorded.names]
             self._layout = (*names, np.array(rows, np.int64))
         recorded, corrected = frame.recorded.values[:, :3], frame.tf.values[self._layout[2], :3]
-        places = np.stack([recorded, corrected, corrected - recorded])
-        speeds, jerks = self._meter.add(np.array([frame.time_ns], np.int64), places[None])
+        positions = np.stack([recorded, corrected, corrected - recorded])
+        speeds, jerks = self._meter.add(np.array([frame.time_ns], np.int64), positions[None])
         found = dict(zip((f"{name}_speed_m_s" for name in _MOTIONS), speeds[0].tolist(), strict=True))
         found |= zip((f"{name}_jerk_m_s3" for name in _MOTIONS), jerks[0].tolist(), strict=True)
         return {name: value for name, value in found.items() if not math.isnan(value)}

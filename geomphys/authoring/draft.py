@@ -35,7 +35,7 @@ from geomphys.scene.meshes import load_mesh, require_closed
 from geomphys.scene.scene_file import parse_scene
 from geomphys.scene.skeleton import Skeleton, load_skeleton, require_solid
 from geomphys.scene.urdf_file import MeshShape
-from geomphys.storage.remote_files import place
+from geomphys.storage.remote_files import as_path
 
 TALL = 0.8
 """m; an avatar whose links reach further in its zero pose is a body, which yields limb by limb; a smaller one a hand."""
@@ -98,7 +98,7 @@ def draft_scene(
     ModelError, MeshError
         A URDF or one of its meshes is wrong.
     """
-    info = inspect_log(place(log), recover=recover)
+    info = inspect_log(as_path(log), recover=recover)
     poses, joints = pose_candidates(info), [t for t in info.topics if t.kind in JOINTS and _sayable(t.topic)]
     if not poses and not joints:
         found = listed([f"{t.topic} ({t.schema or 'no schema'}, {t.encoding})" for t in info.topics], 6)
@@ -108,8 +108,8 @@ def draft_scene(
         )
     unreadable = next((t for t in info.topics if t.bad_reason or t.problem), None)
     if unreadable is not None and not poses and not any(t.joints for t in joints):
-        why = unreadable.problem or f"{log}: topic {unreadable.topic}: a message {unreadable.bad_reason}"
-        raise LogError(f"{why}; nothing else in the log has poses or joint values")
+        reason = unreadable.problem or f"{log}: topic {unreadable.topic}: a message {unreadable.bad_reason}"
+        raise LogError(f"{reason}; nothing else in the log has poses or joint values")
     skeletons = [load_skeleton(Path(urdf)) for urdf in urdfs]
     for skeleton in skeletons:
         require_solid(skeleton)
@@ -126,7 +126,7 @@ def draft_scene(
     space = log_space(info, {a.root.name for a in avatars if a.root is not None})
     heights = [
         lowest_link(
-            place(log),
+            as_path(log),
             skeleton,
             avatar.root.name,
             f"{avatar.joints_topic}#{avatar.side}" if avatar.side else avatar.joints_topic,

@@ -70,7 +70,7 @@ def lowest_link(
         stride = max(
             1, sum(reader.channels[k].messages for k in reading if reader.channels[k].topic == root_topic) // SAMPLES
         )
-        met = 0
+        samples_seen = 0
         for raw in reader.read(set(reading)):
             try:
                 content = reading[raw.key](raw.data)
@@ -87,8 +87,8 @@ def lowest_link(
             good = [
                 pose for p in content if (not child or p.child == child) and (pose := good_pose(p.value)) is not None
             ]
-            met += 1
-            if good and (met - 1) % stride == 0:
+            samples_seen += 1
+            if good and (samples_seen - 1) % stride == 0:
                 poses.append(good[0])
                 taken.append(None if first is None else angles * scale)
     if not poses:

@@ -9,7 +9,7 @@ from geomphys.authoring.avatar_draft import AvatarDraft
 from geomphys.recording.matching import JointMatch
 from geomphys.recording.naming import plain
 
-TOLD = 12
+MAX_NAMES = 12
 """Names of a list in a comment."""
 FILLED_IN = 60
 """Lines to fill in."""
@@ -80,9 +80,9 @@ def plain_line(text: str) -> str:
 
 
 def named(names: Sequence[str]) -> str:
-    """Names with commas between them, the first `TOLD` of them."""
-    more = f" and {len(names) - TOLD} more" if len(names) > TOLD else ""
-    return ", ".join(plain(n) for n in names[:TOLD]) + more
+    """Names with commas between them, the first `MAX_NAMES` of them."""
+    more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
+    return ", ".join(plain(n) for n in names[:MAX_NAMES]) + more
 
 
 def quoted(text: str) -> str:

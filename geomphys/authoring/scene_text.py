@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from geomphys.authoring.avatar_draft import AvatarDraft
-from geomphys.authoring.joints_text import TOLD, joint_lines, named, quoted
+from geomphys.authoring.joints_text import MAX_NAMES, joint_lines, named, quoted
 from geomphys.recording.inspect import LogInfo, TopicInfo
 from geomphys.recording.naming import plain
 from geomphys.recording.recorded_space import SpaceGuess
@@ -118,7 +118,7 @@ def _root(avatar: AvatarDraft) -> Iterator[str]:
     yield "[avatar.root]"
     if avatar.root is None:
         yield "# CHECK: no pose of the log looks like that of the root link; it stands still here."
-        for name in avatar.root_choices[:TOLD]:
+        for name in avatar.root_choices[:MAX_NAMES]:
             yield f"# topic = {quoted(name)}"
     else:
         others = f"; else: {named(avatar.root_choices)}" if avatar.root_choices else ""
@@ -137,18 +137,18 @@ def _example(avatars: Sequence[AvatarDraft], space: SpaceGuess, lowest: float) -
     low, high = ([pick(c[i] for c in corners) for i in range(3)] for pick in (min, max))
     x, y = (round((a + b) / 2, 2) + 0.0 for a, b in zip(low[:2], high[:2], strict=True))
     if avatars and all(a.tall for a in avatars):
-        name, size, z, why = "floor", [10.0, 10.0, 0.1], -0.05, "its top is at z = 0"
+        name, size, z, reason = "floor", [10.0, 10.0, 0.1], -0.05, "its top is at z = 0"
     else:
         size = [round(min(b - a, 10.0) + 0.8, 1) for a, b in zip(low[:2], high[:2], strict=True)] + [0.05]
         z = round(lowest - 0.025, 3) + 0.0
-        name, why = "table", "its top is where the recorded links came lowest"
+        name, reason = "table", "its top is where the recorded links came lowest"
     yield "# CHECK: an example of an object; put your own things here. class: fixed, simulated or driven;"
     yield "# shape: box, sphere, cylinder, capsule, mesh or urdf (`geomphys schema` lists every key)."
     yield "[[object]]"
     yield f'name = "{name}"'
     yield 'class = "fixed"'
     yield f"box = {size}"
-    yield f"position = {[x, y, z]}   # of its middle; {why}"
+    yield f"position = {[x, y, z]}   # of its middle; {reason}"
     yield 'material = "wood"'
 
 

@@ -11,7 +11,7 @@ STOPPING = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextmanager
-def signals_held() -> Iterator[None]:
+def signals_deferred() -> Iterator[None]:
     """Keep the signals that come until the end, and give them to their handlers then.
 
     Masking them would not do: Python runs handlers in the main thread whichever thread the system picks. Keep it short.

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from geomphys.batch.deferred_signals import blocked_in_children, signals_held
+from geomphys.batch.deferred_signals import blocked_in_children, signals_deferred
 from geomphys.batch.job import Job, Outcome, failure, run_job
 from geomphys.batch.worker import begin_worker
 from geomphys.errors import ClusterError
@@ -42,7 +42,7 @@ class Control:
     """Tells the jobs that run to stop."""
 
 
-LOOK_EVERY_S = 0.1
+POLL_S = 0.1
 """s; a signal waits so long at most."""
 END_WITHIN_S = 10.0
 """s; processes whose jobs have ended and that do not end by themselves in this time are killed."""
@@ -64,14 +64,14 @@ def run_in_processes(
     suspects: Waiting = deque()
     while (waiting or suspects) and control.go():
         alone = bool(suspects)
-        lost = yield from _run_until_one_dies(suspects if alone else waiting, world, 1 if alone else count, control)
+        lost = yield from _run_until_process_dies(suspects if alone else waiting, world, 1 if alone else count, control)
         if alone and lost:
             yield lost[0][0], Outcome(status="failed", error="its process died twice; was it short of memory?")
         else:
             suspects.extend(lost)
 
 
-def _run_until_one_dies(
+def _run_until_process_dies(
     queue: Waiting, world: World, count: int, control: Control
 ) -> Generator[Finished, None, list[tuple[int, Job]]]:
     """Run a queue until it is empty or a process dies; returns the jobs that ran when it died."""
@@ -82,13 +82,13 @@ def _run_until_one_dies(
     try:
         while (running or queue) and not lost:
             while queue and len(running) < (count if are_compiled() else 1) and control.go():
-                with signals_held(), blocked_in_children():
+                with signals_deferred(), blocked_in_children():
                     running[executor.submit(run_job, queue[0][1])] = queue[0]
                 queue.popleft()
             if not running:
                 break
-            with signals_held():
-                ended, _ = wait(running, timeout=LOOK_EVERY_S, return_when=FIRST_COMPLETED)
+            with signals_deferred():
+                ended, _ = wait(running, timeout=POLL_S, return_when=FIRST_COMPLETED)
             for future in sorted(ended, key=lambda f: running[f][0]):
                 index, job = running.pop(future)
                 error = future.exception()
@@ -113,19 +113,19 @@ def _end(executor: ProcessPoolExecutor, running: Iterable[Future[Outcome]]) -> N
     ending = threading.Thread(target=executor.shutdown, kwargs={"cancel_futures": True}, daemon=True)
     ending.start()
     try:
-        _look_until(lambda: all(future.done() for future in running), None)
-        _look_until(lambda: not ending.is_alive(), END_WITHIN_S)
+        _poll_until(lambda: all(future.done() for future in running), None)
+        _poll_until(lambda: not ending.is_alive(), END_WITHIN_S)
     finally:
         if ending.is_alive():
             for process in multiprocessing.active_children():
                 process.kill()
 
 
-def _look_until(done: Callable[[], bool], limit_s: float | None) -> None:
+def _poll_until(done: Callable[[], bool], limit_s: float | None) -> None:
     """Wait until something is done, or for `limit_s`; nothing is held up by an exception that comes meanwhile."""
     begin = time.monotonic()
     while not done() and (limit_s is None or time.monotonic() - begin < limit_s):
-        time.sleep(LOOK_EVERY_S / 10)
+        time.sleep(POLL_S / 10)
 
 
 def largest_first(jobs: Sequence[Job]) -> list[tuple[int, Job]]:

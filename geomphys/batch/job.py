@@ -26,9 +26,9 @@ from geomphys.storage.temporary_folders import TemporaryFolder
 STOP = "stop"
 """File in the folder of running jobs; as soon as it is there they end at the frame they are in."""
 
-LOOK_EVERY_S = 0.2
+POLL_S = 0.2
 """s; between two looks for `STOP`."""
-LOOK_FAR_EVERY_S = 5.0
+REMOTE_POLL_S = 5.0
 """s; likewise, where it lies behind a URL."""
 
 Status = Literal["done", "failed", "interrupted"]
@@ -86,8 +86,8 @@ def run_job(job: Job) -> Outcome:
         raise GeomphysError(
             f"this worker has geomphys {__version__}, the batch was begun by {job.version}; install the same version"
         )
-    own = TemporaryFolder() if is_remote(job.running) else None
-    place = job.running / f"{job.out.stem}.{uuid.uuid4().hex}" if own is None else own.path
+    output_folder = TemporaryFolder() if is_remote(job.running) else None
+    place = job.running / f"{job.out.stem}.{uuid.uuid4().hex}" if output_folder is None else output_folder.path
     try:
         place.mkdir(exist_ok=True)
         outcome = _replay(job, place)
@@ -98,14 +98,14 @@ def run_job(job: Job) -> Outcome:
     except OSError as error:
         outcome = Outcome(status="failed", error=f"{error.filename or job.out}: {error.strerror or error}")
     finally:
-        _keep_partials(job, place)
+        _move_partials(job, place)
         shutil.rmtree(place, ignore_errors=True)
-        if own is not None:
-            own.close()
+        if output_folder is not None:
+            output_folder.close()
     return outcome
 
 
-class _StopAskedError(Exception):
+class _StopRequestedError(Exception):
     """Somebody made the file `STOP`."""
 
 
@@ -123,7 +123,7 @@ def _replay(job: Job, place: Path) -> Outcome:
             copy_input=job.copy_input,
             progress=_Stopping(job.running / STOP),
         )
-    except _StopAskedError:
+    except _StopRequestedError:
         return Outcome(status="interrupted", error="stopped before its end")
     record = open_output(out).metadata
     if record["scene_sha256"] != job.scene_sha256:
@@ -176,7 +176,7 @@ def _publish(job: Job, place: Path) -> None:
             _partial(target).unlink(missing_ok=True)
 
 
-def _keep_partials(job: Job, place: Path) -> None:
+def _move_partials(job: Job, place: Path) -> None:
     for target in (job.out, job.rrd):
         if target is not None and (place / _partial(target).name).is_file():
             move(place / _partial(target).name, _partial(target))
@@ -196,6 +196,6 @@ class _Stopping:
     def __call__(self, done: int, total: int | None) -> None:
         now = time.monotonic()
         if now >= self._next:
-            self._next = now + (LOOK_FAR_EVERY_S if is_remote(self._sign) else LOOK_EVERY_S)
+            self._next = now + (REMOTE_POLL_S if is_remote(self._sign) else POLL_S)
             if self._sign.exists():
-                raise _StopAskedError
+                raise _StopRequestedError

@@ -55,7 +55,7 @@ class Entry:
             and self.rrd == other.rrd
         )
 
-    def outputs_are_whole(self, folder: Path) -> bool:
+    def outputs_are_complete(self, folder: Path) -> bool:
         """Whether the outputs are there and are the bytes that were written."""
         files = ((self.out, self.out_sha256), (self.rrd, self.rrd_sha256))
         return all(

@@ -10,7 +10,7 @@ from typing import cast
 
 from geomphys.errors import LogError, OutputError
 from geomphys.recording.bag import METADATA
-from geomphys.storage.remote_files import RemotePath, is_remote, place
+from geomphys.storage.remote_files import RemotePath, as_path, is_remote
 
 PARTIAL = ".partial.mcap"
 
@@ -40,9 +40,9 @@ def plan_logs(inputs: Sequence[Path | str], folder: Path | str) -> tuple[Planned
         Two different logs would have the same output.
     """
     found: dict[str, Path] = {}
-    own = place(folder).resolve()
-    for given in map(place, inputs):
-        for name, log in _logs_of(given, own):
+    output_folder = as_path(folder).resolve()
+    for given in map(as_path, inputs):
+        for name, log in _logs_of(given, output_folder):
             log = log.resolve()
             other = found.setdefault(name, log)
             if other != log:
@@ -59,7 +59,7 @@ def plan_logs(inputs: Sequence[Path | str], folder: Path | str) -> tuple[Planned
     return tuple(PlannedLog(name, found[name]) for name in names)
 
 
-def _logs_of(given: Path, own: Path) -> Iterator[tuple[str, Path]]:
+def _logs_of(given: Path, output_folder: Path) -> Iterator[tuple[str, Path]]:
     """Name and path of each log of one input."""
     if (is_remote(given) and given.suffix == ".mcap") or given.is_file():
         yield given.stem, given
@@ -68,7 +68,7 @@ def _logs_of(given: Path, own: Path) -> Iterator[tuple[str, Path]]:
     elif (given / METADATA).is_file():
         yield given.resolve().name, given
     else:
-        logs = sorted(_below(given, own))
+        logs = sorted(_below(given, output_folder))
         if not logs:
             raise LogError(f"{given}: holds neither an MCAP file nor a ROS 2 bag")
         for log in logs:
@@ -76,31 +76,31 @@ def _logs_of(given: Path, own: Path) -> Iterator[tuple[str, Path]]:
             yield (within if log.is_dir() else within.with_suffix("")).as_posix(), log
 
 
-def _below(folder: Path, own: Path) -> Iterator[Path]:
+def _below(folder: Path, output_folder: Path) -> Iterator[Path]:
     """MCAP files and bags in a folder and its subfolders."""
     if is_remote(folder):
-        yield from _below_url(folder, own)
+        yield from _below_url(folder, output_folder)
         return
     for directory, folders, files in os.walk(folder):
-        here = Path(directory)
-        if here.resolve() == own and here != folder:
+        current = Path(directory)
+        if current.resolve() == output_folder and current != folder:
             folders.clear()
             continue
-        if METADATA in files and here != folder:
+        if METADATA in files and current != folder:
             folders.clear()
-            yield here
+            yield current
             continue
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         for name in files:
             if _is_log(name):
-                yield here / name
+                yield current / name
 
 
 def _is_log(name: str) -> bool:
     return name.endswith(".mcap") and not name.endswith(PARTIAL) and not name.startswith(".")
 
 
-def _below_url(folder: RemotePath, own: Path) -> Iterator[Path]:
+def _below_url(folder: RemotePath, output_folder: Path) -> Iterator[Path]:
     """The same of a folder behind a URL."""
     files = folder.files()
     bags = {file.parent for file in files if file.name == METADATA} - {folder}
@@ -109,6 +109,8 @@ def _below_url(folder: RemotePath, own: Path) -> Iterator[Path]:
     )
     for file in files:
         hidden = any(part.startswith(".") for part in file.relative_to(folder).parts)
-        inside = any(file.is_relative_to(bag) for bag in bags) or (own != folder and file.is_relative_to(own))
+        inside = any(file.is_relative_to(bag) for bag in bags) or (
+            output_folder != folder and file.is_relative_to(output_folder)
+        )
         if _is_log(file.name) and not hidden and not inside:
             yield cast(Path, file)

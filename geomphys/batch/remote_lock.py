@@ -35,7 +35,7 @@ def lock_or_refuse(file: int, busy: str) -> None:
 
 
 @contextmanager
-def own_far(path: RemotePath) -> Iterator[None]:
+def remote_lock_held(path: RemotePath) -> Iterator[None]:
     """Hold the object at `path` in the block.
 
     Raises OutputError if another batch holds it, naming who and how to remove what a crashed one left.
@@ -43,28 +43,28 @@ def own_far(path: RemotePath) -> Iterator[None]:
     local = _open_local(path)
     try:
         lock_or_refuse(local, f"{_folder(path)}: another batch of this machine is at work there")
-        mine = {
+        own_record = {
             "host": socket.gethostname(),
             "pid": os.getpid(),
             "began": datetime.now(UTC).isoformat(timespec="seconds"),
             "machine": _identity(local),
             "batch": uuid.uuid4().hex,
         }
-        _take(path, mine)
+        _take(path, own_record)
         try:
             yield
         finally:
-            _give_back(path, mine)
+            _give_back(path, own_record)
     finally:
         os.close(local)
 
 
-def _take(path: RemotePath, mine: dict[str, Any]) -> None:
+def _take(path: RemotePath, own_record: dict[str, Any]) -> None:
     """Make the object; one that a batch of this machine left which is gone is replaced."""
-    data = (json.dumps(mine, indent=1) + "\n").encode()
+    data = (json.dumps(own_record, indent=1) + "\n").encode()
     try:
         left = _read(path)
-        if left is not None and _is_of(left, mine):  # its batch would keep the local file locked, if it lived
+        if left is not None and _is_of(left, own_record):  # its batch would keep the local file locked, if it lived
             path.unlink(missing_ok=True)
         path.create(data)
         holder = _read(path)
@@ -72,20 +72,20 @@ def _take(path: RemotePath, mine: dict[str, Any]) -> None:
         raise _refused(path, _read_or_none(path)) from None
     except OSError as problem:
         raise OutputError(f"{path}: cannot be written ({problem.strerror or problem})") from problem
-    if holder != mine:  # the store does not know conditional writes
+    if holder != own_record:  # the store does not know conditional writes
         raise _refused(path, holder)
 
 
-def _give_back(path: RemotePath, mine: dict[str, Any]) -> None:
+def _give_back(path: RemotePath, own_record: dict[str, Any]) -> None:
     try:
-        if _read(path) == mine:
+        if _read(path) == own_record:
             path.unlink(missing_ok=True)
     except OSError as problem:
         raise OutputError(f"{path}: cannot be removed ({problem.strerror or problem}); remove it") from problem
 
 
-def _is_of(left: dict[str, Any], mine: dict[str, Any]) -> bool:
-    return all(left.get(key) == mine[key] for key in ("host", "machine"))
+def _is_of(left: dict[str, Any], own_record: dict[str, Any]) -> bool:
+    return all(left.get(key) == own_record[key] for key in ("host", "machine"))
 
 
 def _refused(path: RemotePath, holder: dict[str, Any] | None) -> OutputError:

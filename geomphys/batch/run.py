@@ -17,14 +17,14 @@ from geomphys.batch.executors import Control, Finished, run_in_processes, run_on
 from geomphys.batch.job import STOP, Job, Outcome
 from geomphys.batch.manifest import Entry, Manifest
 from geomphys.batch.plan import PlannedLog, plan_logs
-from geomphys.batch.remote_lock import LOCK, lock_or_refuse, own_far
+from geomphys.batch.remote_lock import LOCK, lock_or_refuse, remote_lock_held
 from geomphys.config import Config
 from geomphys.errors import OutputError
 from geomphys.load import load_world
 from geomphys.output.provenance import sha256_of_file, sha256_of_log, sha256_of_world
 from geomphys.scene.arrays import World
 from geomphys.scene.decomposition import Progress
-from geomphys.storage.remote_files import is_remote, place
+from geomphys.storage.remote_files import as_path, is_remote
 
 RUNNING = ".running"
 """Folder in the batch's folder for what is not complete."""
@@ -37,7 +37,7 @@ class BatchReport:
     folder: str
     manifest: str
     entries: tuple[Entry, ...]
-    kept: tuple[str, ...]  # outputs that `resume` found to be good already
+    up_to_date: tuple[str, ...]  # outputs that `resume` found to be good already
 
     def count(self, status: str) -> int:
         """How many logs have that status: ``done``, ``failed``, ``interrupted`` or ``pending``."""
@@ -117,13 +117,13 @@ def run_batch(
     ClusterError
         The Dask scheduler cannot be reached.
     """
-    folder, scene, config = place(folder).resolve(), place(scene).absolute(), config or Config()
+    folder, scene, config = as_path(folder).resolve(), as_path(scene).absolute(), config or Config()
     planned = plan_logs(logs, folder)
     check_outputs(planned, folder, rrd=rrd, resume=resume, force=force)
     world, scene_sha256 = load_world(scene, mode=config.mode, seed=config.seed, progress=loading), sha256_of_file(scene)
     world_sha256 = sha256_of_world(world)
     parameters = {**json.loads(json.dumps(config.as_dict())), "timing": timing, "copy_input": copy_input}
-    asked = [
+    requested = [
         Entry(
             log=str(plan.log),
             out=f"{plan.name}.mcap",
@@ -135,19 +135,19 @@ def run_batch(
         )
         for plan in planned
     ]
-    with _own(folder) as running:
+    with _working_folder(folder) as running:
         manifest = Manifest.load(folder)
-        kept = tuple(e.out for e in asked if resume and _is_good(manifest.entries.get(e.out), e, folder))
-        todo = [entry for entry in asked if entry.out not in kept]
+        up_to_date = tuple(e.out for e in requested if resume and _is_good(manifest.entries.get(e.out), e, folder))
+        todo = [entry for entry in requested if entry.out not in up_to_date]
         manifest.entries |= {entry.out: entry for entry in todo}
         manifest.save()
         tasks = [
             Job(
-                log=place(entry.log),
+                log=as_path(entry.log),
                 scene=scene,
                 scene_sha256=scene_sha256,
                 world_sha256=world_sha256,
-                out=_placed(folder / entry.out),
+                out=_absolute(folder / entry.out),
                 rrd=None if entry.rrd is None else folder / entry.rrd,
                 config=config,
                 timing=timing,
@@ -160,9 +160,9 @@ def run_batch(
 
         control = Control(go=lambda: keep_going or not failed, stop=(running / STOP).touch)
         finished = _engine(tasks, world, jobs, scheduler, control)
-        done = len(kept)
+        done = len(up_to_date)
         if progress is not None:
-            progress(done, len(asked))
+            progress(done, len(requested))
         with closing(finished):
             for index, outcome in finished:
                 entry = _entry(todo[index], outcome)
@@ -173,12 +173,12 @@ def run_batch(
                 if ended is not None:
                     ended(entry)
                 if progress is not None:
-                    progress(done, len(asked))
+                    progress(done, len(requested))
     return BatchReport(
         folder=str(folder),
         manifest=str(manifest.path),
-        entries=tuple(manifest.entries[entry.out] for entry in asked),
-        kept=kept,
+        entries=tuple(manifest.entries[entry.out] for entry in requested),
+        up_to_date=up_to_date,
     )
 
 
@@ -213,7 +213,7 @@ def _processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _is_good(entry: Entry | None, asked: Entry, folder: Path) -> bool:
+def _is_good(entry: Entry | None, requested: Entry, folder: Path) -> bool:
     """Whether an entry of an earlier batch is what is asked for, and its outputs are whole.
 
     What cannot be read is neither: the replay tells what is wrong with it.
@@ -221,17 +221,19 @@ def _is_good(entry: Entry | None, asked: Entry, folder: Path) -> bool:
     if entry is None or entry.status != "done":
         return False
     try:
-        return entry.is_made_from(asked, sha256_of_log(place(asked.log))) and entry.outputs_are_whole(folder)
+        return entry.is_made_from(requested, sha256_of_log(as_path(requested.log))) and entry.outputs_are_complete(
+            folder
+        )
     except OSError:
         return False
 
 
-def _entry(asked: Entry, outcome: Outcome) -> Entry:
+def _entry(requested: Entry, outcome: Outcome) -> Entry:
     facts = {field.name: getattr(outcome, field.name) for field in dataclasses.fields(outcome)}
-    return dataclasses.replace(asked, **{**facts, "scene_sha256": outcome.scene_sha256 or asked.scene_sha256})
+    return dataclasses.replace(requested, **{**facts, "scene_sha256": outcome.scene_sha256 or requested.scene_sha256})
 
 
-def _placed(out: Path) -> Path:
+def _absolute(out: Path) -> Path:
     """The path itself, its folder made."""
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -241,14 +243,14 @@ def _placed(out: Path) -> Path:
 
 
 @contextmanager
-def _own(folder: Path) -> Iterator[Path]:
+def _working_folder(folder: Path) -> Iterator[Path]:
     """Make the folder, keep other batches out of it, and yield an empty folder in it for what is not complete.
 
     Behind a URL an object does that, see `geomphys.batch.remote_lock`.
     """
     running = folder / RUNNING
     if is_remote(running):
-        with own_far(running / LOCK):
+        with remote_lock_held(running / LOCK):
             try:
                 (running / STOP).unlink(missing_ok=True)
             except OSError as problem:

@@ -46,7 +46,7 @@ class Coal:
         self._coal = coal
         self.name = f"coal {coal.__version__}"
         self._shapes = [self._shape(pieces, k) for k in range(len(pieces.kind))]
-        self._places = self._placed(frames)
+        self._transforms = self._transforms_of(frames)
         self._request, self._result = coal.CollisionRequest(), coal.CollisionResult()
         self._request.enable_contact = True
         self._request.num_max_contacts = 1
@@ -54,10 +54,10 @@ class Coal:
     def run(self, first: int, last: int) -> None:
         """Find the contacts of some pairs."""
         collide, request, result = self._coal.collide, self._request, self._result
-        shapes, places = self._shapes, self._places
+        shapes, experiment_files = self._shapes, self._transforms
         for k in range(2 * first, 2 * last, 2):
             result.clear()
-            collide(shapes[k], places[k], shapes[k + 1], places[k + 1], request, result)
+            collide(shapes[k], experiment_files[k], shapes[k + 1], experiment_files[k + 1], request, result)
 
     def answers(self) -> Floats:
         """Normals and minus the depths of all pairs."""
@@ -71,14 +71,14 @@ class Coal:
 
     def all(self, frames: Floats) -> Floats:
         """Normals and minus the depths with the pieces elsewhere."""
-        before, self._places = self._places, self._placed(frames)
+        before, self._transforms = self._transforms, self._transforms_of(frames)
         answers = self.answers()
-        self._places = before
+        self._transforms = before
         return answers
 
-    def _placed(self, frames: Floats) -> list[Any]:
-        rotations, places = frames[:, :9].reshape(-1, 3, 3), frames[:, 9:]
-        pairs = zip(rotations, places, strict=True)
+    def _transforms_of(self, frames: Floats) -> list[Any]:
+        rotations, experiment_files = frames[:, :9].reshape(-1, 3, 3), frames[:, 9:]
+        pairs = zip(rotations, experiment_files, strict=True)
         return [self._coal.Transform3s(np.ascontiguousarray(r), np.ascontiguousarray(p)) for r, p in pairs]
 
     def _shape(self, pieces: Pieces, k: int) -> Any:
@@ -106,7 +106,7 @@ class Fcl:
         self._fcl = fcl
         self.name = f"python-fcl {fcl.__version__}"
         self._shapes = [self._shape(pieces, k) for k in range(len(pieces.kind))]
-        self._objects = self._placed(frames)
+        self._objects = self._transforms_of(frames)
         self._request: Callable[[], Any] = lambda: fcl.CollisionRequest(num_max_contacts=1, enable_contact=True)
 
     def run(self, first: int, last: int) -> None:
@@ -125,7 +125,7 @@ class Fcl:
 
     def all(self, frames: Floats) -> Floats:
         """Normals and minus the depths with the pieces elsewhere."""
-        before, self._objects = self._objects, self._placed(frames)
+        before, self._objects = self._objects, self._transforms_of(frames)
         answers = self.answers()
         self._objects = before
         return answers
@@ -136,7 +136,7 @@ class Fcl:
         self._fcl.collide(self._objects[2 * pair], self._objects[2 * pair + 1], self._request(), result)
         return result
 
-    def _placed(self, frames: Floats) -> list[Any]:
+    def _transforms_of(self, frames: Floats) -> list[Any]:
         fcl = self._fcl
         return [
             fcl.CollisionObject(shape, fcl.Transform(frame[:9].reshape(3, 3), frame[9:]))

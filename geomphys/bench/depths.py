@@ -66,7 +66,7 @@ def random_pairs(seed: int = 0, corner_counts: Sequence[int] = CORNERS) -> list[
     return sets
 
 
-class MetPairs:
+class EncounteredPairs:
     """Gathers the pairs of pieces that overlap in the recorded poses of an experiment."""
 
     def __init__(self, name: str) -> None:
@@ -179,7 +179,7 @@ def compare_depths(pairs: Pairs, repeats: int, with_peers: bool) -> DepthFigures
     engines: dict[str, Callable[[int, int], None]] = {"loop": loop.run, "call": loop.run_singly}
     engines |= {peer.name: peer.run for peer in peers}
     times = _times(engines, loop.count, repeats)
-    own = float(np.median(times["loop"]))
+    own_bit = float(np.median(times["loop"]))
     rows = []
     for name in engines:
         answers = next((peer.answers() for peer in peers if peer.name == name), exact)
@@ -191,7 +191,7 @@ def compare_depths(pairs: Pairs, repeats: int, with_peers: bool) -> DepthFigures
             DepthEngine(
                 engine=f"geomphys, {name}" if name in ("loop", "call") else name,
                 ns=figures_of(times[name]),
-                ratio=own / float(np.median(times[name])),
+                ratio=own_bit / float(np.median(times[name])),
                 missed=int(np.sum(answers[:, 3] == 0.0)),
                 deviation=figures_of(np.abs(answers[:, 3] / exact[:, 3] - 1.0)),
                 residual_m=figures_of(left),

@@ -21,7 +21,7 @@ from geomphys.scene.arrays import World
 
 Floats = NDArray[np.float64]
 
-OWN = {
+BUNDLED = {
     "gallery": ("recordings/gallery_hand.mcap", "assets/scenes/gallery.toml"),
     "wall_slide": ("recordings/wall_slide.mcap", "assets/scenes/wall_slide.toml"),
     "finger_snip": ("recordings/finger_snip.mcap", "assets/scenes/finger_snip.toml"),
@@ -41,11 +41,11 @@ REAL = {
 }
 """Name -> log and scene in the folder of real recordings: $GEOMPHYS_SHARED, or `shared` beside the checkout."""
 
-NAMES = (*OWN, *REAL)
+NAMES = (*BUNDLED, *REAL)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Place:
+class ExperimentFiles:
     """Files of an experiment."""
 
     name: str
@@ -68,7 +68,7 @@ class Experiment:
     decode_ns: Floats  # (n,) ns a frame took to decode, mean of its batch; empty for frames that were made up
 
 
-def places(folder: Path | None, only: Sequence[str]) -> list[Place]:
+def experiment_files(folder: Path | None, only: Sequence[str]) -> list[ExperimentFiles]:
     """Files of the experiments, in the order of `NAMES`.
 
     Parameters
@@ -86,17 +86,19 @@ def places(folder: Path | None, only: Sequence[str]) -> list[Place]:
     unknown = [name for name in only if name not in NAMES]
     if unknown:
         raise ConfigError(f"experiment = {unknown[0]!r}: expected one of {', '.join(NAMES)}")
-    own = folder if folder is not None else Path(__file__).resolve().parents[2]
-    real = Path(os.environ.get("GEOMPHYS_SHARED", own.parent / "shared"))
-    rows = [(name, own, files) for name, files in OWN.items()] + [(name, real, files) for name, files in REAL.items()]
+    own_bit = folder if folder is not None else Path(__file__).resolve().parents[2]
+    real = Path(os.environ.get("GEOMPHYS_SHARED", own_bit.parent / "shared"))
+    rows = [(name, own_bit, files) for name, files in BUNDLED.items()] + [
+        (name, real, files) for name, files in REAL.items()
+    ]
     return [
-        Place(name=name, log=root / log, scene=root / scene)
+        ExperimentFiles(name=name, log=root / log, scene=root / scene)
         for name, root, (log, scene) in rows
         if not only or name in only
     ]
 
 
-def load_experiment(place: Place, config: Config) -> Experiment:
+def load_experiment(chosen: ExperimentFiles, config: Config) -> Experiment:
     """Read the scene and decode the whole log.
 
     Raises
@@ -104,10 +106,10 @@ def load_experiment(place: Place, config: Config) -> Experiment:
     InputError
         The log, the scene or a model is wrong.
     """
-    world = load_world(place.scene, mode=config.mode, seed=config.seed)
+    world = load_world(chosen.scene, mode=config.mode, seed=config.seed)
     frames: list[Frame] = []
     times: list[float] = []
-    with FrameSource(place.log, world, config) as source:
+    with FrameSource(chosen.log, world, config) as source:
         coming = iter(source)
         while True:
             start = time.perf_counter_ns()
@@ -116,4 +118,4 @@ def load_experiment(place: Place, config: Config) -> Experiment:
                 break
             times += [(time.perf_counter_ns() - start) / len(batch)] * len(batch)
             frames += batch
-    return Experiment(name=place.name, world=world, frames=frames, decode_ns=np.array(times))
+    return Experiment(name=chosen.name, world=world, frames=frames, decode_ns=np.array(times))

@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 TIMESTEP = 0.002  # s
 SERVO = 100.0  # rad/s; natural frequency of the critically damped servos that hold the joints at the recorded angles
 LIGHTEST = 1e-3  # of an avatar's mass: the least a link weighs, as MuJoCo takes no massless one
-LEAST_INERTIA = 1e-8  # kg m²
+MIN_INERTIA = 1e-8  # kg m²
 ALL = 0x7FFFFFFF
 
 
@@ -126,12 +126,12 @@ def _add_tree(
             if jointed:
                 _add_joint(mujoco, spec, owner, world, body)
         made[body] = owner
-        least = LIGHTEST * float(scene.trees.mass[tree]) if role == DRIVEN else 0.0
+        min_mass = LIGHTEST * float(scene.trees.mass[tree]) if role == DRIVEN else 0.0
         owner.explicitinertial = True
-        owner.mass = max(scale * float(bodies.mass[body]), least)
+        owner.mass = max(scale * float(bodies.mass[body]), min_mass)
         owner.ipos = bodies.com[body]
         owner.iquat = _wxyz(bodies.principal[body])
-        owner.inertia = np.maximum(scale * bodies.inertia[body], LEAST_INERTIA if role == DRIVEN else 0.0)
+        owner.inertia = np.maximum(scale * bodies.inertia[body], MIN_INERTIA if role == DRIVEN else 0.0)
         _add_geoms(mujoco, spec, owner, world, body, np.eye(4), bits)
 
 
@@ -144,8 +144,8 @@ def _add_weld(mujoco: Any, spec: Any, body: int, pose: Floats) -> None:
         name1=mocap_name(body),
         name2=body_name(body),
     )
-    anchor, place, turn, torque_scale = [0.0] * 3, [0.0] * 3, [1.0, 0.0, 0.0, 0.0], [1.0]
-    weld.data[:11] = anchor + place + turn + torque_scale
+    anchor, position, orientation, torque_scale = [0.0] * 3, [0.0] * 3, [1.0, 0.0, 0.0, 0.0], [1.0]
+    weld.data[:11] = anchor + position + orientation + torque_scale
 
 
 def _add_joint(mujoco: Any, spec: Any, owner: Any, world: World, body: int) -> None:
@@ -172,9 +172,9 @@ def _collision_bits(world: World, tree: int) -> tuple[int, int]:
     """Contype and conaffinity of a tree's geoms: two collide where one's type meets the other's affinity."""
     if tree >= world.avatar_count:
         return 1, ALL
-    own = 1 << (1 + tree % 30)
+    own_bit = 1 << (1 + tree % 30)
     collides_with_itself = world.scene.trees.chains[tree] == 1 and world.scene.trees.self_collision[tree] == 1
-    return own, ALL if collides_with_itself else ALL & ~own
+    return own_bit, ALL if collides_with_itself else ALL & ~own_bit
 
 
 def _exclude(spec: Any, world: World) -> None:
@@ -196,9 +196,9 @@ def _add_geoms(
     material = int(world.scene.bodies.material[body])
     friction = float(world.scene.materials.friction[material, material])
     for k in range(world.scene.bodies.piece_start[body], world.scene.bodies.piece_start[body + 1]):
-        place = pose_from_matrix(compose(owner_from_body, matrix_from_frame(pieces.local[k])))
+        position = pose_from_matrix(compose(owner_from_body, matrix_from_frame(pieces.local[k])))
         kind = int(pieces.kind[k])
-        geom = owner.add_geom(type=types[kind], pos=place[:3], quat=_wxyz(place[3:]))
+        geom = owner.add_geom(type=types[kind], pos=position[:3], quat=_wxyz(position[3:]))
         geom.contype, geom.conaffinity = bits
         if math.isfinite(friction):
             geom.friction[0] = friction

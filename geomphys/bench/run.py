@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from geomphys.bench.depths import MetPairs, compare_depths, random_pairs
-from geomphys.bench.experiments import load_experiment, places
+from geomphys.bench.depths import EncounteredPairs, compare_depths, random_pairs
+from geomphys.bench.experiments import experiment_files, load_experiment
 from geomphys.bench.figures import Curve, DepthFigures, ExperimentFigures, Report
 from geomphys.bench.machine import compile_seconds, describe_machine, kernels_are_compiled
 from geomphys.bench.measure import PeerMaker, measure
@@ -58,8 +58,8 @@ def run_bench(
     if repeats < 1:
         raise ConfigError(f"repeats = {repeats}: must be at least 1")
     config = config or Config()
-    found = places(folder, only)
-    present = [place for place in found if place.exists]
+    found = experiment_files(folder, only)
+    present = [source for source in found if source.exists]
     if not present:
         wanted = found[0]
         raise InputError(f"{wanted.log}: no such recording; name the folder that holds recordings/ and assets/")
@@ -67,7 +67,7 @@ def run_bench(
     parts = len(present) + (1 if depths else 0) + (len(OBJECTS) + len(HANDS) + len(PIECES) if scaling else 0)
     done = 0
 
-    def tell() -> None:
+    def report() -> None:
         nonlocal done
         done += 1
         if progress is not None:
@@ -78,20 +78,20 @@ def run_bench(
     ready = warm_up()
     experiments: list[ExperimentFigures] = []
     met = []
-    for place in present:
-        pairs = MetPairs(place.name)
-        experiment = load_experiment(place, config)
+    for source in present:
+        pairs = EncounteredPairs(source.name)
+        experiment = load_experiment(source, config)
         bends = bool(experiment.world.scene.trees.chains.any())  # nothing of one body could yield as it does
         fitting = engines[1:] if bends else engines
         experiments.append(measure(experiment, config, repeats, fitting, pairs if depths else None))
         met.append(pairs.pairs())
-        tell()
+        report()
     compared: list[DepthFigures] = []
     if depths:
         sets = [*random_pairs(config.seed), *(pairs for pairs in met if pairs is not None)]
         compared = [compare_depths(pairs, repeats, peers) for pairs in sets]
-        tell()
-    grown: list[Curve] = list(curves(config, repeats, engines[:1], tell)) if scaling else []
+        report()
+    scaling_curves: list[Curve] = list(curves(config, repeats, engines[:1], report)) if scaling else []
     return Report(
         machine=machine,
         kernels_were_cached=were_cached,
@@ -99,9 +99,9 @@ def run_bench(
         compile_s=compile_seconds() if compiling else None,
         repeats=repeats,
         experiments=tuple(experiments),
-        missing=tuple(place.name for place in found if not place.exists),
+        missing=tuple(source.name for source in found if not source.exists),
         depths=tuple(compared),
-        curves=tuple(grown),
+        curves=tuple(scaling_curves),
     )
 
 

@@ -26,9 +26,9 @@ Floats = NDArray[np.float64]
 FRAMES = 256
 HERTZ = 60.0
 SINK = 0.01  # m the recorded hand goes into the table
-RADIUS, TURNS = 0.05, 2.0  # m; the circle a hand slides on
+RADIUS, REVOLUTIONS = 0.05, 2.0  # m; the circle a hand slides on
 SIDE = 0.8  # m of the table before each hand
-ROOM = (12.0, 12.0, 3.0)  # m
+EXTENT = (12.0, 12.0, 3.0)  # m
 OBJECTS = (20, 60, 200, 600, 2000)
 HANDS = (1, 2, 4, 8)
 PIECES = (1, 3, 10, 50, 200)
@@ -38,15 +38,15 @@ def warm_up() -> float:
     """Seconds until the first frames of a small world are done: the kernels' loading or compiling."""
     with tempfile.TemporaryDirectory(prefix="geomphys-bench-") as folder:
         start = time.perf_counter()
-        world = room_of_objects(Path(folder), 2, ball=True)
+        world = world_of_objects(Path(folder), 2, ball=True)
         measure(slide("warm-up", world, 8), Config(), 1)
         return time.perf_counter() - start
 
 
-def curves(config: Config, repeats: int, peers: Sequence[PeerMaker], tell: Callable[[], None]) -> Iterator[Curve]:
-    """Measure the three curves; `tell` is called after each point."""
+def curves(config: Config, repeats: int, peers: Sequence[PeerMaker], report: Callable[[], None]) -> Iterator[Curve]:
+    """Measure the three curves; `report` is called after each point."""
     families: tuple[tuple[str, str, tuple[int, ...], Callable[[Path, int], World]], ...] = (
-        ("fixed objects spread over a room", "objects", OBJECTS, room_of_objects),
+        ("fixed objects spread over a room", "objects", OBJECTS, world_of_objects),
         ("hands on a table", "hands", HANDS, table_of_hands),
         ("pieces of the object under the hand", "pieces", PIECES, block_of_pieces),
     )
@@ -56,19 +56,19 @@ def curves(config: Config, repeats: int, peers: Sequence[PeerMaker], tell: Calla
             with tempfile.TemporaryDirectory(prefix="geomphys-bench-") as folder:
                 world = make(Path(folder), size)
                 points.append(measure(slide(f"{size} {variable}", world, FRAMES), config, repeats, peers))
-            tell()
+            report()
         growth = points[-1].step.median / points[0].step.median
         yield Curve(name=name, variable=variable, sizes=sizes, points=tuple(points), growth=growth)
 
 
-def room_of_objects(folder: Path, count: int, ball: bool = False) -> World:
+def world_of_objects(folder: Path, count: int, ball: bool = False) -> World:
     """A table under a hand, and boxes up to `count` objects anywhere in a room but within half a metre of the hand."""
     random = np.random.default_rng(0)
     tables = [_box("table", (SIDE, SIDE, 0.1), (0.0, 0.0, -0.05))]
     while len(tables) < count:
-        place = random.uniform(-0.5, 0.5, 3) * ROOM
-        if np.linalg.norm(place) > 0.5 + SIDE:
-            tables.append(_box(f"box_{len(tables)}", tuple(random.uniform(0.05, 0.2, 3)), tuple(place)))
+        position = random.uniform(-0.5, 0.5, 3) * EXTENT
+        if np.linalg.norm(position) > 0.5 + SIDE:
+            tables.append(_box(f"box_{len(tables)}", tuple(random.uniform(0.05, 0.2, 3)), tuple(position)))
     if ball:
         tables.append(
             '[[object]]\nname = "ball"\nclass = "simulated"\nsphere = 0.02\n'
@@ -108,7 +108,7 @@ def slide(name: str, world: World, count: int) -> Experiment:
     )
     frames = []
     for k in range(count):
-        angle = 2.0 * math.pi * TURNS * k / FRAMES
+        angle = 2.0 * math.pi * REVOLUTIONS * k / FRAMES
         roots = world.scene.trees.rest.copy()
         for hand in range(world.avatar_count):
             roots[hand, 0] += RADIUS * math.cos(angle)
@@ -119,11 +119,11 @@ def slide(name: str, world: World, count: int) -> Experiment:
     return Experiment(name=name, world=world, frames=frames, decode_ns=np.zeros(0))
 
 
-def _box(name: str, size: tuple[float, ...], place: tuple[float, ...]) -> str:
+def _box(name: str, size: tuple[float, ...], position: tuple[float, ...]) -> str:
     """A fixed box in a scene file."""
     return (
         f'[[object]]\nname = "{name}"\nclass = "fixed"\nbox = {[float(v) for v in size]}\n'
-        f'position = {[float(v) for v in place]}\nmaterial = "wood"\n'
+        f'position = {[float(v) for v in position]}\nmaterial = "wood"\n'
     )
 
 

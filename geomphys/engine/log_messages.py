@@ -36,28 +36,28 @@ _TEXTS = {
 }
 
 
-class Narrator:
+class FrameReporter:
     """Turns the flags of frames into messages: one where a state begins, none while it lasts."""
 
     def __init__(self) -> None:
         self._flags = 0
-        self._wedged = False
+        self._infeasible = False
 
-    def tell(self, metrics: Metrics) -> tuple[Message, ...]:
+    def report(self, metrics: Metrics) -> tuple[Message, ...]:
         """Messages of a frame."""
-        begun = metrics.flags & ~self._flags
+        started = metrics.flags & ~self._flags
         self._flags = metrics.flags
-        told = [text for flag, text in _TEXTS.items() if begun & flag]
-        wedged = metrics.fallbacks > 0 and not metrics.flags & FLAG_WEDGED
-        if wedged and not self._wedged:
-            told.append(
+        texts = [text for flag, text in _TEXTS.items() if started & flag]
+        infeasible = metrics.fallbacks > 0 and not metrics.flags & FLAG_WEDGED
+        if infeasible and not self._infeasible:
+            texts.append(
                 (
                     "warning",
                     "a body was wedged: its overlaps leave no way out; it was put where it is free, or its posture held",
                 )
             )
-        self._wedged = wedged
-        return tuple(told)
+        self._infeasible = infeasible
+        return tuple(texts)
 
 
 def is_of_flag(message: str) -> bool:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from geomphys.config import Config
 from geomphys.engine.frame_buffer import Block, contacts_of, make_block, metrics_of, penetrations_of, poses_of
-from geomphys.engine.log_messages import Message, Narrator
+from geomphys.engine.log_messages import FrameReporter, Message
 from geomphys.engine.look_ahead import Track, step_aside
 from geomphys.engine.state import NEAR_PAIRS, Knobs, make_machine
 from geomphys.engine.step import WHOLE, run_block
@@ -50,7 +50,7 @@ class Pipeline:
         self._packed = pack(world.scene), pack(self.machine)
         self._packed_blocks = {id(block): pack(block) for block in self.blocks}
         self._last_ns: int | None = None
-        self._narrator = Narrator()
+        self._reporter = FrameReporter()
         self._meter = MotionMeter()
 
     def _make_block(self) -> Block:
@@ -141,5 +141,5 @@ class Pipeline:
             penetrations=penetrations_of(block, row),
             metrics=metrics,
             timing=(*stages, ("encode", encode_ns, 1)),
-            messages=(*self._narrator.tell(metrics), *messages),
+            messages=(*self._reporter.report(metrics), *messages),
         )

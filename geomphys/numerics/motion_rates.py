@@ -23,9 +23,9 @@ class MotionMeter:
 
     def __init__(self) -> None:
         self._times = np.zeros(0, np.int64)
-        self._places = np.zeros((0, 0, 0, 3))
+        self._positions = np.zeros((0, 0, 0, 3))
 
-    def add(self, times: Ints, places: Floats) -> tuple[Floats, Floats]:
+    def add(self, times: Ints, positions: Floats) -> tuple[Floats, Floats]:
         """Take n frames.
 
         Parameters
@@ -41,22 +41,22 @@ class MotionMeter:
             (speeds (n, k) [m/s], jerks (n, k) [m/s³]) of the body that has the largest; NaN where there are too few frames
             without a gap (or no body).
         """
-        if self._places.shape[1:] != places.shape[1:]:
-            self._times, self._places = times[:0], places[:0]
+        if self._positions.shape[1:] != positions.shape[1:]:
+            self._times, self._positions = times[:0], positions[:0]
         known = len(self._times)
-        times, places = np.concatenate([self._times, times]), np.concatenate([self._places, places])
-        self._times, self._places = times[-ORDER:], places[-ORDER:]
+        times, positions = np.concatenate([self._times, times]), np.concatenate([self._positions, positions])
+        self._times, self._positions = times[-ORDER:], positions[-ORDER:]
         steps = np.diff(times, prepend=times[:1]) * 1e-9
         fine = (steps > 0.0) & (steps <= LONGEST_STEP_S)
-        speeds, whole = np.full(places.shape[:2], np.nan), fine
-        jerks, differences, factor = speeds.copy(), places, 1.0
+        speeds, whole = np.full(positions.shape[:2], np.nan), fine
+        jerks, differences, factor = speeds.copy(), positions, 1.0
         for order in range(1, ORDER + 1):
             span = (times[order:] - times[:-order]) * 1e-9
             with np.errstate(divide="ignore", invalid="ignore"):  # frames at one time: no derivative there
                 differences = np.diff(differences, axis=0) / span[:, None, None, None]
             factor *= order
             found = speeds if order == 1 else jerks
-            if order in (1, ORDER) and places.shape[2]:
+            if order in (1, ORDER) and positions.shape[2]:
                 rows = np.flatnonzero(whole[order:])
                 vectors = differences[rows]
                 found[rows + order] = factor * np.sqrt(np.einsum("nkbj,nkbj->nkb", vectors, vectors).max(axis=2))

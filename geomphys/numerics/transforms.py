@@ -124,8 +124,8 @@ def matrix_from_frame(frame: ArrayLike) -> Floats:
 def frame_from_matrix(matrix: ArrayLike) -> Floats:
     """Frame rows (..., 12) of matrices (..., 4, 4)."""
     matrix = np.asarray(matrix, dtype=np.float64)
-    turn = matrix[..., :3, :3].reshape(*matrix.shape[:-2], 9)
-    return np.concatenate([turn, matrix[..., :3, 3]], axis=-1)
+    rotation = matrix[..., :3, :3].reshape(*matrix.shape[:-2], 9)
+    return np.concatenate([rotation, matrix[..., :3, 3]], axis=-1)
 
 
 def compose(a_from_b: ArrayLike, b_from_c: ArrayLike) -> Floats:
@@ -137,9 +137,9 @@ def invert(a_from_b: ArrayLike) -> Floats:
     """b_from_a of rigid matrices (..., 4, 4)."""
     matrix = np.asarray(a_from_b, dtype=np.float64)
     inverse = np.zeros_like(matrix)
-    turn = np.swapaxes(matrix[..., :3, :3], -1, -2)
-    inverse[..., :3, :3] = turn
-    inverse[..., :3, 3] = -(turn @ matrix[..., :3, 3:])[..., 0]
+    rotation = np.swapaxes(matrix[..., :3, :3], -1, -2)
+    inverse[..., :3, :3] = rotation
+    inverse[..., :3, 3] = -(rotation @ matrix[..., :3, 3:])[..., 0]
     inverse[..., 3, 3] = 1.0
     return inverse
 

@@ -16,8 +16,8 @@ _ELEVATIONS = np.radians([28.0, 45.0, 15.0, 65.0])  # best liked first
 _RAYS = 4_000_000  # pairs of a ray and a triangle that are tried at most
 
 
-_NEAR = 0.15  # of that radius: what is this near to a contact does not count as hiding it
-_CLEAR = 0.7  # of that radius: how far the eye likes to stay from what stands still
+_IGNORED = 0.15  # of that radius: what is this near to a contact does not count as hiding it
+_CLEARANCE = 0.7  # of that radius: how far the eye likes to stay from what stands still
 
 
 class Moment(NamedTuple):
@@ -27,14 +27,14 @@ class Moment(NamedTuple):
     triangles: Floats  # (m, 3, 3) of what moves and may hide them
 
 
-class Eye(NamedTuple):
+class Viewpoint(NamedTuple):
     """A point of view, world frame, m."""
 
     position: Floats  # (3,)
     target: Floats  # (3,)
 
 
-def choose_eye(points: Floats, triangles: Floats, moments: Sequence[Moment] = ()) -> Eye:
+def choose_viewpoint(points: Floats, triangles: Floats, moments: Sequence[Moment] = ()) -> Viewpoint:
     """The direction from which most of the points are seen, and the contacts of most of the moments.
 
     Parameters
@@ -51,38 +51,40 @@ def choose_eye(points: Floats, triangles: Floats, moments: Sequence[Moment] = ()
     target = (low + high) / 2
     radius = max(float(np.linalg.norm(high - low)) / 2, 0.1) + 0.02
     candidates = [
-        (np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)]), 0.04 * rank + 0.003 * turn)
+        (np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)]), 0.04 * rank + 0.003 * azimuth_rank)
         for rank, e in enumerate(_ELEVATIONS)
-        for turn, a in enumerate(_AZIMUTHS)
+        for azimuth_rank, a in enumerate(_AZIMUTHS)
     ]
     eyes = np.array([target + _DISTANCE * radius * direction for direction, _ in candidates])
-    dislike = np.array([d for _, d in candidates])
+    penalty = np.array([d for _, d in candidates])
     sample = points[:: max(1, len(points) // 24)]
     if len(triangles):
         sample = sample[:: max(1, len(sample) * len(triangles) * len(eyes) // _RAYS)]
         triangles = triangles[:: max(1, len(sample) * len(triangles) * len(eyes) // _RAYS)]
-    seen = np.array([_share_seen(eye, sample, triangles) for eye in eyes])
+    visible = np.array([_visible_share(eye, sample, triangles) for eye in eyes])
     if len(triangles):  # not right before a wall
-        around = _CLEAR * radius * np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]) - _CLEAR * radius
-        seen -= [0.5 * (1.0 - _share_seen(eye, eye + around, triangles, 0.0)) for eye in eyes]
+        around = (
+            _CLEARANCE * radius * np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]) - _CLEARANCE * radius
+        )
+        visible -= [0.5 * (1.0 - _visible_share(eye, eye + around, triangles, 0.0)) for eye in eyes]
     if moments:
-        near = _NEAR * radius
-        shown = [[_share_seen(eye, m.points, m.triangles, near) for m in moments] for eye in eyes]
-        seen = (seen + np.mean(shown, axis=1)) / 2
-    best = int(np.argmax(seen - dislike))
-    return Eye(eyes[best], target)
+        ignored = _IGNORED * radius
+        shown = [[_visible_share(eye, m.points, m.triangles, ignored) for m in moments] for eye in eyes]
+        visible = (visible + np.mean(shown, axis=1)) / 2
+    best = int(np.argmax(visible - penalty))
+    return Viewpoint(eyes[best], target)
 
 
-def _share_seen(eye: Floats, points: Floats, triangles: Floats, near: float | None = None) -> float:
+def _visible_share(eye: Floats, points: Floats, triangles: Floats, ignored: float | None = None) -> float:
     """Share of points that no triangle hides from the eye (Möller and Trumbore's test for each pair).
 
-    What is nearer to a point than `near` (m; None: a thirtieth of the way) does not hide it.
+    What is nearer to a point than `ignored` (m; None: a thirtieth of the way) does not hide it.
     """
     if len(triangles) == 0:
         return 1.0
     a, ab, ac = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     rays = points - eye
-    end = 0.97 if near is None else 1.0 - near / np.linalg.norm(rays, axis=1)[:, None]
+    end = 0.97 if ignored is None else 1.0 - ignored / np.linalg.norm(rays, axis=1)[:, None]
     p = np.cross(rays[:, None], ac[None])
     determinant = np.einsum("ntk,tk->nt", p, ab)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -26,14 +26,14 @@ _MATERIALS: dict[str, Colour] = {
     "human": FREE,
     "metal": (160, 170, 184, 255),
 }
-_OTHERS: tuple[Colour, ...] = (
+_FALLBACKS: tuple[Colour, ...] = (
     (143, 170, 129, 255),
     (171, 143, 178, 255),
     (128, 165, 168, 255),
     (190, 170, 120, 255),
     (176, 132, 128, 255),
 )
-_LOOSE: tuple[Colour, ...] = (
+_SIMULATED: tuple[Colour, ...] = (
     (72, 128, 170, 255),
     (92, 150, 96, 255),
     (168, 88, 96, 255),
@@ -46,14 +46,14 @@ _SHADES = (1.0, 0.90, 1.10, 0.95, 1.05)
 
 def of_material(name: str) -> Colour:
     """Colour of that material; one the palette does not know has one of a few, always the same."""
-    return _MATERIALS.get(name) or _OTHERS[zlib.crc32(name.encode()) % len(_OTHERS)]
+    return _MATERIALS.get(name) or _FALLBACKS[zlib.crc32(name.encode()) % len(_FALLBACKS)]
 
 
 def of_object(name: str, material: str, *, simulated: bool) -> Colour:
     """Colour of an object: a shade of its material, so that neighbours differ; a colour of its own if it is simulated."""
     number = zlib.crc32(name.encode())
     if simulated:
-        return _LOOSE[number % len(_LOOSE)]
+        return _SIMULATED[number % len(_SIMULATED)]
     shade = _SHADES[number % len(_SHADES)]
     red, green, blue, opacity = of_material(material)
     return (min(255, int(red * shade)), min(255, int(green * shade)), min(255, int(blue * shade)), opacity)

@@ -22,12 +22,12 @@ def arrow_lengths(depths: Floats) -> Floats:
 
 def arrow_orientations(directions: Floats) -> Floats:
     """Rotations (n, 4), x y z w, that turn the x axis to the unit vectors `directions` (n, 3)."""
-    turned = np.empty((len(directions), 4))
-    turned[:, 0] = 0.0
-    turned[:, 1] = -directions[:, 2]
-    turned[:, 2] = directions[:, 1]
-    turned[:, 3] = 1.0 + directions[:, 0]
-    back = turned[:, 3] < 1e-12  # along -x: half a turn about z
-    turned[back] = (0.0, 0.0, 1.0, 0.0)
-    turned /= np.linalg.norm(turned, axis=1, keepdims=True)
-    return turned
+    orientations = np.empty((len(directions), 4))
+    orientations[:, 0] = 0.0
+    orientations[:, 1] = -directions[:, 2]
+    orientations[:, 2] = directions[:, 1]
+    orientations[:, 3] = 1.0 + directions[:, 0]
+    reversed_ = orientations[:, 3] < 1e-12  # along -x: half a turn about z
+    orientations[reversed_] = (0.0, 0.0, 1.0, 0.0)
+    orientations /= np.linalg.norm(orientations, axis=1, keepdims=True)
+    return orientations

@@ -30,21 +30,21 @@ def check_finite(result: FrameResult, body_names: Sequence[str]) -> None:
         total += float(np.vdot(pairs.pd, pairs.pd) + np.vdot(pairs.largest, pairs.largest))
     if not math.isfinite(total):
         raise OutputError(
-            f"frame {result.frame.index}: {_place(result, body_names)}; nothing after the frame before is written"
+            f"frame {result.frame.index}: {_first_non_finite(result, body_names)}; nothing after the frame before is written"
         )
 
 
-def _place(result: FrameResult, body_names: Sequence[str]) -> str:
+def _first_non_finite(result: FrameResult, body_names: Sequence[str]) -> str:
     for name, poses in (("corrected", result.corrected), ("recorded", result.recorded)):
         bad = np.flatnonzero(~np.isfinite(poses).all(axis=1))
         if len(bad):
             return f"the {name} pose of {body_names[bad[0]]} is not finite: {poses[bad[0]].tolist()}"
-    parts = {
+    columns = {
         "angle": result.angles,
         **_columns("contact", result.contacts),
         **_columns("penetration", result.penetrations),
     }
-    for name, values in parts.items():
+    for name, values in columns.items():
         if not np.isfinite(values).all():
             return f"{name} is not finite: {values[~np.isfinite(values)][0]}"
     return f"a figure is not finite: {result.metrics}"

@@ -20,17 +20,17 @@ DIFFERENCE = 1e-4
 
 def moved(recorded: Floats, corrected: Floats) -> Flags:
     """(n, b) whether a body is drawn as moved from where it was recorded; poses are (n, b, 7)."""
-    far: Flags = np.abs(corrected - recorded).max(axis=2) > DIFFERENCE
-    return far
+    is_moved: Flags = np.abs(corrected - recorded).max(axis=2) > DIFFERENCE
+    return is_moved
 
 
 def touching(results: Sequence[FrameResult], bodies: int) -> Flags:
     """(n, b) whether a body has a contact in a frame."""
-    found = np.zeros((len(results), bodies), bool)
+    touched = np.zeros((len(results), bodies), bool)
     for row, result in enumerate(results):
-        found[row, result.contacts.body_a] = True
-        found[row, result.contacts.body_b] = True
-    return found
+        touched[row, result.contacts.body_a] = True
+        touched[row, result.contacts.body_b] = True
+    return touched
 
 
 def changes(rows: NDArray[np.generic], before: NDArray[np.generic] | None) -> Flags:
@@ -42,9 +42,9 @@ def changes(rows: NDArray[np.generic], before: NDArray[np.generic] | None) -> Fl
     return changed
 
 
-def counted(held: Sequence[int], before: int) -> tuple[Ints, Ints]:
+def counted(counts_per_frame: Sequence[int], before: int) -> tuple[Ints, Ints]:
     """Rows that hold anything or end what was held, and how much each holds; `before` is the count before the first."""
-    counts = np.array(held)
+    counts = np.array(counts_per_frame)
     previous = np.concatenate([[before], counts[:-1]])
     rows = np.flatnonzero((counts > 0) | (previous > 0))
     return rows, counts[rows]
@@ -97,11 +97,11 @@ def stage_times(results: Sequence[FrameResult], depth: int) -> dict[str, tuple[I
 
     What decodes and encodes works in batches: its times are spikes that would hide the others.
     """
-    found: dict[str, tuple[list[int], list[float]]] = {}
+    touched: dict[str, tuple[list[int], list[float]]] = {}
     for row, result in enumerate(results):
         for name, ns, _ in result.timing:
             if name.split(".")[0] == "step" and name.count(".") < depth:
-                rows, values = found.setdefault(name, ([], []))
+                rows, values = touched.setdefault(name, ([], []))
                 rows.append(row)
                 values.append(ns / 1e3)
-    return {name: (np.array(rows), np.array(values)) for name, (rows, values) in found.items()}
+    return {name: (np.array(rows), np.array(values)) for name, (rows, values) in touched.items()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from geomphys.output.mcap_writer import McapFile
+from geomphys.output.mcap_writer import McapWriter
 from geomphys.recording.reader import RawMessage, open_log
 
 PREFIX = "/input"
@@ -30,20 +30,20 @@ class InputCopy:
         self._channels: dict[tuple[object, ...], int] = {}
         self._schemas: dict[tuple[str, str, bytes], int] = {}
 
-    def copy_until(self, time: int, file: McapFile) -> None:
+    def copy_until(self, time: int, file: McapWriter) -> None:
         """Copy the messages logged up to `time` [ns]."""
         while self._next is not None and self._next.log_time <= time:
             self._copy(self._next, file)
             self._next = next(self._items, None)
 
-    def close(self, file: McapFile, rest: bool) -> None:
+    def close(self, file: McapWriter, rest: bool) -> None:
         """Stop; with `rest` the remaining messages are copied first."""
         while rest and self._next is not None:
             self._copy(self._next, file)
             self._next = next(self._items, None)
         self._reader.close()
 
-    def _copy(self, message: RawMessage, file: McapFile) -> None:
+    def _copy(self, message: RawMessage, file: McapWriter) -> None:
         channel = self._reader.channels[message.key]
         schema = (channel.schema_name, channel.schema_encoding, channel.schema_data)
         key = (channel.topic, channel.encoding, *schema)

@@ -19,7 +19,7 @@ from geomphys.config import Config
 from geomphys.errors import LogError, OutputError
 from geomphys.output.finite import check_finite
 from geomphys.output.input_copy import InputCopy
-from geomphys.output.mcap_writer import McapFile
+from geomphys.output.mcap_writer import McapWriter
 from geomphys.output.message_templates import stamp_field
 from geomphys.output.messages import (
     JOINT_STATE_DEFINITION,
@@ -100,10 +100,10 @@ class McapSink(ContextManaged):
         except OSError as problem:
             raise output.error(problem) from problem
         self._output = output
-        self._file = McapFile(self._stream, f"geomphys {__version__}")
+        self._file = McapWriter(self._stream, f"geomphys {__version__}")
         self._declare_channels()
         self._prepare_messages()
-        self._begun = False
+        self._started = False
         self._had_contacts = True  # so that the first frame says that there are none
 
     def write(self, result: FrameResult) -> None:
@@ -133,7 +133,7 @@ class McapSink(ContextManaged):
         damage: LogError | None = None
         try:
             with stream:
-                if not self._begun:
+                if not self._started:
                     self._begin(0)
                 if self._input is not None:
                     try:
@@ -152,7 +152,7 @@ class McapSink(ContextManaged):
     def _write(self, result: FrameResult, time: int) -> None:
         frame, stamp, put = result.frame.index, stamp_field(time), self._put
         head = head_of(frame, stamp)
-        if not self._begun:
+        if not self._started:
             self._begin(time)
             put("/tf", self._all_transforms.encode(result.corrected, stamp), time, frame)
         else:
@@ -218,7 +218,7 @@ class McapSink(ContextManaged):
 
     def _begin(self, time: int) -> None:
         """What stands once in the file, at the time of the first frame."""
-        self._begun = True
+        self._started = True
         for topic, text in self._descriptions.items():
             self._put(topic, string_message(text), time, 0)
         for name, media_type, data in self._attachments:

@@ -36,7 +36,7 @@ _MESSAGE = struct.Struct("<BQHIQQ")
 _MESSAGE_FIELDS = 22  # bytes of a message record that its length counts beside the data
 
 
-class McapFile:
+class McapWriter:
     """Writes records to a stream; the stream is the caller's to open and close.
 
     Parameters
@@ -179,10 +179,10 @@ class McapFile:
             )
         )
         index_start = self._position
-        places: dict[int, int] = {}
+        index_offsets: dict[int, int] = {}
         for channel, entries in index.items():
             self._counts[channel] += len(entries) // 2
-            places[channel] = self._position
+            index_offsets[channel] = self._position
             body = struct.pack(f"<HI{len(entries)}Q", channel, len(entries) * 8, *entries)
             self._put(struct.pack("<BQ", Opcode.MESSAGE_INDEX, len(body)) + body)
         self._chunks.append(
@@ -191,7 +191,7 @@ class McapFile:
                 message_end_time=last,
                 chunk_start_offset=start,
                 chunk_length=length,
-                message_index_offsets=places,
+                message_index_offsets=index_offsets,
                 message_index_length=self._position - index_start,
                 compression="zstd",
                 compressed_size=len(packed),

@@ -44,7 +44,7 @@ from geomphys.recording.records import (
     unpack_chunk,
     walk,
 )
-from geomphys.storage.remote_files import place
+from geomphys.storage.remote_files import as_path
 
 CHANNELS = ("/tf", "/recorded/tf", "joint_states", "/contacts", "/penetration", "/metrics", "/timing", "/log")
 """What `OutputLog.frames` can read; ``joint_states`` stands for those of every avatar."""
@@ -179,13 +179,13 @@ class OutputLog:
         unknown = set(channels) - set(CHANNELS)
         if unknown:
             raise ValueError(f"no such channel: {sorted(unknown)}; there are {CHANNELS}")
-        wanted = {topic for topic in channels if topic.startswith("/")} | {"/tf", "/metrics"}
+        requested = {topic for topic in channels if topic.startswith("/")} | {"/tf", "/metrics"}
         if "joint_states" in channels:
-            wanted.update(self.joint_topics)
+            requested.update(self.joint_topics)
         decoder = _FrameDecoder(frozenset(channels))
         pending: list[tuple[str, OutputMessage]] = []
         with self._reading() as (stream, reader):
-            for topic, message in self._messages(stream, reader, wanted):
+            for topic, message in self._messages(stream, reader, requested):
                 if topic == "/tf" and pending:  # every frame begins with /tf
                     yield decoder.decode(pending)
                     pending = []
@@ -246,9 +246,9 @@ class OutputLog:
         summary = reader.get_summary()
         if summary is None:
             raise BadRecordError("it has no summary")
-        wanted = {number: channel.topic for number, channel in summary.channels.items() if channel.topic in topics}
+        requested = {number: channel.topic for number, channel in summary.channels.items() if channel.topic in topics}
         for chunk in sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset):
-            if chunk.message_end_time < starting_at or wanted.keys().isdisjoint(chunk.message_index_offsets):
+            if chunk.message_end_time < starting_at or requested.keys().isdisjoint(chunk.message_index_offsets):
                 continue
             stream.seek(chunk.chunk_start_offset)
             _, length = HEAD.unpack(stream.read(HEAD.size))
@@ -256,14 +256,14 @@ class OutputLog:
                 raise BadRecordError(f"a chunk of {length} bytes is longer than the limit of {CHUNK_LIMIT}")
             body = stream.read(length)
             head = read_chunk_head(body, length)
-            data, trouble = unpack_chunk(head, body[head.head_length : head.head_length + head.data_length])
-            if trouble:
-                raise BadRecordError(f"the chunk at byte {chunk.chunk_start_offset} {trouble}")
+            data, damage = unpack_chunk(head, body[head.head_length : head.head_length + head.data_length])
+            if damage:
+                raise BadRecordError(f"the chunk at byte {chunk.chunk_start_offset} {damage}")
             for opcode, begin, end in walk(data):
                 if opcode == Opcode.MESSAGE:
                     number, sequence, time, _ = MESSAGE.unpack_from(data, begin)
-                    if number in wanted and time >= starting_at:
-                        yield wanted[number], OutputMessage(sequence, time, data[begin + MESSAGE.size : end])
+                    if number in requested and time >= starting_at:
+                        yield requested[number], OutputMessage(sequence, time, data[begin + MESSAGE.size : end])
 
     @contextmanager
     def _reading(self) -> Iterator[tuple[BinaryIO, SeekingReader]]:
@@ -281,7 +281,7 @@ class OutputLog:
 
 def open_output(path: Path | str) -> OutputLog:
     """Open an output log; raises LogError if it is none, DamagedLogError if it is damaged."""
-    return OutputLog(place(path))
+    return OutputLog(as_path(path))
 
 
 class _FrameDecoder:

@@ -19,7 +19,7 @@ from geomphys import __version__
 from geomphys.config import Config
 from geomphys.errors import LogError, SceneError
 from geomphys.scene.arrays import Scene, World
-from geomphys.storage.remote_files import open_whole
+from geomphys.storage.remote_files import open_sequential
 
 RECORD = "geomphys"
 IDENTITY = ("version", "input_sha256", "scene_sha256", "world_sha256", "complete")
@@ -74,7 +74,7 @@ def provenance_of(log: Path, world: World, config: Config) -> Provenance:
 
 def sha256_of_file(path: Path) -> str:
     """SHA-256 of a file's bytes; OSError if it cannot be read."""
-    with open_whole(path) as stream:
+    with open_sequential(path) as stream:
         return hashlib.file_digest(cast(Any, stream), "sha256").hexdigest()
 
 
@@ -83,8 +83,8 @@ def sha256_of_log(path: Path) -> str:
     if not path.is_dir():
         return sha256_of_file(path)
     digest = hashlib.sha256()
-    for part in sorted(p for p in path.rglob("*") if p.is_file()):
-        digest.update(f"{part.relative_to(path).as_posix()}\0{sha256_of_file(part)}\n".encode())
+    for file in sorted(p for p in path.rglob("*") if p.is_file()):
+        digest.update(f"{file.relative_to(path).as_posix()}\0{sha256_of_file(file)}\n".encode())
     return digest.hexdigest()
 
 
@@ -97,14 +97,14 @@ def sha256_of_world(world: World) -> str:
     return digest.hexdigest()
 
 
-def _update(digest: hashlib._Hash, part: Scene | tuple[object, ...] | np.ndarray) -> None:
-    if isinstance(part, np.ndarray):
-        if part.dtype.kind == "i":
-            part = part.astype(np.int64)  # how wide the numbers are kept is no matter
-        digest.update(f"{part.dtype.str}{part.shape}".encode())
-        digest.update(np.ascontiguousarray(part).tobytes())
+def _update(digest: hashlib._Hash, file: Scene | tuple[object, ...] | np.ndarray) -> None:
+    if isinstance(file, np.ndarray):
+        if file.dtype.kind == "i":
+            file = file.astype(np.int64)  # how wide the numbers are kept is no matter
+        digest.update(f"{file.dtype.str}{file.shape}".encode())
+        digest.update(np.ascontiguousarray(file).tobytes())
         return
-    for inner in part:
+    for inner in file:
         if isinstance(inner, (tuple, np.ndarray)):
             _update(digest, inner)
 

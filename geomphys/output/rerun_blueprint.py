@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from geomphys.output import colours
-from geomphys.output.camera import Eye
+from geomphys.output.camera import Viewpoint
 
 if TYPE_CHECKING:
     from rerun.blueprint import Blueprint
@@ -49,7 +49,9 @@ _METRIC_COLOURS = {
 }
 
 
-def blueprint(eye: Eye, *, rate: float, frames: tuple[int, int], stages_us: float = 0.0, log: bool = True) -> Blueprint:
+def blueprint(
+    eye: Viewpoint, *, rate: float, frames: tuple[int, int], stages_us: float = 0.0, log: bool = True
+) -> Blueprint:
     """Layout of a rerun recording.
 
     Parameters
@@ -80,7 +82,7 @@ def blueprint(eye: Eye, *, rate: float, frames: tuple[int, int], stages_us: floa
     return _layout(rrb, _scene(rrb, "/".join(SCENE), eye), below, time)
 
 
-def mcap_blueprint(eye: Eye, joint_topics: Sequence[str]) -> Blueprint:
+def mcap_blueprint(eye: Viewpoint, joint_topics: Sequence[str]) -> Blueprint:
     """Layout of an output log as the viewer's own importer reads it."""
     import rerun as rr
     import rerun.blueprint as rrb
@@ -105,7 +107,7 @@ def mcap_blueprint(eye: Eye, joint_topics: Sequence[str]) -> Blueprint:
     return _layout(rrb, _scene(rrb, "/", eye, background=(38, 40, 44)), [*plots, _log(rrb, "/log")], time)
 
 
-def _scene(rrb: Any, origin: str, eye: Eye, background: tuple[int, int, int] = (244, 244, 246)) -> Any:
+def _scene(rrb: Any, origin: str, eye: Viewpoint, background: tuple[int, int, int] = (244, 244, 246)) -> Any:
     return rrb.Spatial3DView(
         origin=origin,
         name="Scene",

@@ -20,7 +20,7 @@ from geomphys.output.rerun_blueprint import CONTACTS, DEPTHS, LINES, LOG, PLOTS,
 from geomphys.output.rerun_stream import UNIX_FROM, RerunStream, Times
 from geomphys.output.shading import shaded
 from geomphys.output.sink import ContextManaged, OutputFile
-from geomphys.output.view_statistics import Sightings
+from geomphys.output.view_statistics import ViewStatistics
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import DRIVEN, FIXED, World
 
@@ -85,13 +85,13 @@ class RerunSink(ContextManaged):
         self._results: list[FrameResult] = []
         self._last: FrameResult | None = None
         self._last_states: NDArray[np.int64] | None = None
-        self._still: Floats | None = None  # (B, 7) poses of the first frame
+        self._static: Floats | None = None  # (B, 7) poses of the first frame
         self._unix = True
         self._sent = self._first_ns = 0
         self._first_frame = 0
         self._logged = False
         self._stages_us = 0.0  # where their axis ends
-        self._sightings = Sightings(world)
+        self._view_statistics = ViewStatistics(world)
         self._plotted: set[str] = set()
         self._send_shapes()
 
@@ -152,11 +152,11 @@ class RerunSink(ContextManaged):
             return
         corrected = np.stack([result.corrected for result in results])
         recorded = np.stack([result.recorded for result in results])
-        if self._still is None:
-            self._still = corrected[0]
+        if self._static is None:
+            self._static = corrected[0]
             self._first_ns, self._first_frame = results[0].frame.time_ns, results[0].frame.index
             self._unix = self._first_ns >= UNIX_FROM
-            self._send_still(corrected[0])
+            self._send_static(corrected[0])
         frames = np.array([r.frame.index for r in results])
         times = Times(frames, np.array([r.frame.time_ns for r in results]), self._unix)
         self._send_poses(times, corrected)
@@ -164,11 +164,11 @@ class RerunSink(ContextManaged):
         self._send_contacts(times, results)
         self._send_plots(times, results)
         self._send_log(times, results)
-        self._sightings.add(results)
+        self._view_statistics.add(results)
         self._last = results[-1]
         self._sent += len(results)
 
-    def _send_still(self, poses: Floats) -> None:
+    def _send_static(self, poses: Floats) -> None:
         import rerun as rr
 
         for body in np.flatnonzero(~self._is_moving):
@@ -255,7 +255,7 @@ class RerunSink(ContextManaged):
         rate = 1e9 * (self._sent - 1) / elapsed if elapsed > 0 else 60.0
         last = self._last.frame.index if self._last is not None else 0
         return blueprint(
-            self._sightings.eye(),
+            self._view_statistics.viewpoint(),
             rate=rate,
             frames=(self._first_frame, last),
             stages_us=self._stages_us,

@@ -16,7 +16,7 @@ from geomphys.scene.findings import Findings
 RESIDUAL_LIMIT_M = 1e-5
 """A driven body that overlaps by no more than this is free (m)."""
 
-MESSAGES_KEPT = 100
+MAX_MESSAGES = 100
 """Different texts kept of the messages of a replay; what is beyond is only counted."""
 
 FLAG_NAMES = {
@@ -194,7 +194,7 @@ class Summarizer:
         if key in self._messages:
             first, count = self._messages[key]
             self._messages[key] = (first, count + 1)
-        elif len(self._messages) < MESSAGES_KEPT:
+        elif len(self._messages) < MAX_MESSAGES:
             self._messages[key] = (frame, 1)
         else:
             self._messages_dropped += 1

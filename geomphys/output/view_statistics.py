@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.numerics.transforms import rotation_from_quaternion
-from geomphys.output.camera import Eye, Moment, choose_eye
+from geomphys.output.camera import Moment, Viewpoint, choose_viewpoint
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import DRIVEN, FIXED, World
 
@@ -29,7 +29,7 @@ _BOX_FACES = np.array(
 )  # fmt: skip
 
 
-class Sightings:
+class ViewStatistics:
     """Where bodies were, and where they touched, evenly over a replay.
 
     Parameters
@@ -44,11 +44,11 @@ class Sightings:
         driven = active[bodies.role[active] == DRIVEN]
         self._world = world
         self._bodies = driven if len(driven) else active
-        self._still_bodies = np.flatnonzero(~moving)
+        self._static_bodies = np.flatnonzero(~moving)
         self._is_driven = bodies.role == DRIVEN
-        self._still: Floats | None = None
+        self._first_poses: Floats | None = None
         self._all = _Thinned()
-        self._eventful = _Thinned()
+        self._event_frames = _Thinned()
         shapes = [world.triangles[body][0] for body in self._bodies]
         lows = np.array([s.min(axis=0) if len(s) else np.zeros(3) for s in shapes]).reshape(-1, 3)
         highs = np.array([s.max(axis=0) if len(s) else np.zeros(3) for s in shapes]).reshape(-1, 3)
@@ -57,32 +57,32 @@ class Sightings:
 
     def add(self, results: Sequence[FrameResult]) -> None:
         """Take in frames, in order."""
-        if results and self._still is None:
-            self._still = results[0].corrected
+        if results and self._first_poses is None:
+            self._first_poses = results[0].corrected
         for result in results:
             contacts = result.contacts
-            mine = self._is_driven[contacts.body_a] | self._is_driven[contacts.body_b]
-            happens = bool(mine.any()) or result.metrics.correction_m > 0.0
-            entry = (result.corrected[self._bodies], contacts.point[mine])
+            is_driven = self._is_driven[contacts.body_a] | self._is_driven[contacts.body_b]
+            has_event = bool(is_driven.any()) or result.metrics.correction_m > 0.0
+            entry = (result.corrected[self._bodies], contacts.point[is_driven])
             self._all.add(entry)
-            if happens:
-                self._eventful.add(entry)
+            if has_event:
+                self._event_frames.add(entry)
 
-    def eye(self) -> Eye:
+    def viewpoint(self) -> Viewpoint:
         """Where to look from: near where things happen, with the rest of the motion in view if that is not far off."""
-        motion, eventful = self._boxes(self._all), self._boxes(self._eventful)
+        motion, event_points = self._boxes(self._all), self._boxes(self._event_frames)
         points = motion
-        if len(eventful):
-            low, high = np.percentile(eventful, [1, 99], axis=0)
+        if len(event_points):
+            low, high = np.percentile(event_points, [1, 99], axis=0)
             middle, half = (low + high) / 2, (high - low) / 2
             reach = np.maximum(half, 0.5 * half.max()) * _SPREAD
-            near = np.abs(motion - middle) <= reach
-            points = np.concatenate([eventful, motion[near.all(axis=1)]])
-        return choose_eye(points, self._standing(), self._moments())
+            nearby = np.abs(motion - middle) <= reach
+            points = np.concatenate([event_points, motion[nearby.all(axis=1)]])
+        return choose_viewpoint(points, self._static_triangles(), self._moments())
 
-    def _boxes(self, kept: _Thinned) -> Floats:
+    def _boxes(self, sample: _Thinned) -> Floats:
         """Corners (n, 3) of the boxes of all bodies in the frames that were kept, world frame."""
-        poses = np.array([pose for pose, _ in kept.entries]).reshape(-1, len(self._bodies), 7)[:, self._solid]
+        poses = np.array([pose for pose, _ in sample.entries]).reshape(-1, len(self._bodies), 7)[:, self._solid]
         rotations = rotation_from_quaternion(poses[..., 3:])
         corners = np.einsum("nbij,bkj->nbki", rotations, self._corners[self._solid]) + poses[:, :, None, :3]
         flat: Floats = corners.reshape(-1, 3)
@@ -90,7 +90,7 @@ class Sightings:
 
     def _moments(self) -> list[Moment]:
         """Contact points and what of the avatar may hide them, of some frames of a touch."""
-        touching = [entry for entry in self._eventful.entries if len(entry[1])]
+        touching = [entry for entry in self._event_frames.entries if len(entry[1])]
         moments = []
         for pose, points in touching[:: max(1, -(-len(touching) // MOMENTS))]:
             rotations = rotation_from_quaternion(pose[:, 3:])
@@ -100,14 +100,14 @@ class Sightings:
             )
         return moments
 
-    def _standing(self) -> Floats:
+    def _static_triangles(self) -> Floats:
         """Triangles (n, 3, 3) of what never moves."""
         triangles = [np.zeros((0, 3, 3))]
-        if self._still is not None:
-            for body in self._still_bodies:
+        if self._first_poses is not None:
+            for body in self._static_bodies:
                 vertices, faces = self._world.collision_triangles[body]
-                rotation = rotation_from_quaternion(self._still[body, 3:])
-                triangles.append((vertices @ rotation.T + self._still[body, :3])[faces])
+                rotation = rotation_from_quaternion(self._first_poses[body, 3:])
+                triangles.append((vertices @ rotation.T + self._first_poses[body, :3])[faces])
         return np.concatenate(triangles)
 
 
@@ -116,12 +116,12 @@ class _Thinned:
 
     def __init__(self) -> None:
         self.entries: list[tuple[Floats, Floats]] = []
-        self._stride, self._met = 1, 0
+        self._stride, self._offered = 1, 0
 
     def add(self, entry: tuple[Floats, Floats]) -> None:
-        if self._met % self._stride == 0:
+        if self._offered % self._stride == 0:
             self.entries.append(entry)
             if len(self.entries) > FRAMES:
                 self.entries = self.entries[::2]
                 self._stride *= 2
-        self._met += 1
+        self._offered += 1

@@ -24,7 +24,7 @@ from geomphys.recording.space import RecordedSpace
 from geomphys.scene.arrays import World
 from geomphys.scene.findings import Findings
 from geomphys.scene.scene_inputs import RecordingTable
-from geomphys.storage.remote_files import place
+from geomphys.storage.remote_files import as_path
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def check_log(log: Path | str, world: World, config: Config | None = None) -> Ch
     LogError
         The log cannot be read at all.
     """
-    log, config = place(log), config or Config()
+    log, config = as_path(log), config or Config()
     errors: list[str] = []
     try:
         reader = open_log(log, recover=config.recover)

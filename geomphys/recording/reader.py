@@ -34,7 +34,7 @@ from geomphys.recording.records import (
 )
 from geomphys.recording.scan import TIME_LIMIT, FileScan, Span, scan_file
 from geomphys.recording.summary import scan_summary
-from geomphys.storage.remote_files import RemotePath, is_remote, place
+from geomphys.storage.remote_files import RemotePath, as_path, is_remote
 
 PENDING_LIMIT = 256 * 2**20
 """Bytes of messages that are held to bring them into the order of their times."""
@@ -340,4 +340,4 @@ def open_log(path: Path | str, *, recover: bool = False) -> LogReader:
     DamagedLogError
         Cut off or corrupt and `recover` is off; the text says how many messages and seconds are intact.
     """
-    return LogReader(place(path), recover=recover)
+    return LogReader(as_path(path), recover=recover)

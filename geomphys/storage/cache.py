@@ -31,14 +31,14 @@ def user_folder(name: str) -> Path:
         try:
             base.mkdir(mode=0o700, parents=True, exist_ok=True)
             folder.mkdir(exist_ok=True)
-            if os.access(folder, os.W_OK) and (base != shared or _is_ours(base)):
+            if os.access(folder, os.W_OK) and (base != shared or _is_own(base)):
                 return folder
         except OSError:
             continue
     return Path(tempfile.mkdtemp(prefix="geomphys-"))
 
 
-def _is_ours(folder: Path) -> bool:
+def _is_own(folder: Path) -> bool:
     """Whether nobody else can have put something into a folder that stands where everybody may make one."""
     about = folder.lstat()
     return stat.S_ISDIR(about.st_mode) and about.st_uid == os.getuid() and not about.st_mode & 0o022

@@ -1,6 +1,6 @@
 """Files behind URLs (``s3://``, ``https://``, whatever fsspec knows), read by range, with the part of `Path` used here.
 
-Only what the user names is opened: `place` makes a place of a URL on the command line or in a call, and a name that
+Only what the user names is opened: `as_path` makes a place of a URL on the command line or in a call, and a name that
 stands in a file is taken as a path below the folder of the file that the user named, never as a URL. fsspec is in the
 extra ``remote``; it is imported where the first URL is met, and what it and its libraries raise becomes OSError here.
 """
@@ -41,7 +41,7 @@ class Status(NamedTuple):
     st_mtime_ns: int = 0
 
 
-def place(name: str | os.PathLike[str]) -> Path:
+def as_path(name: str | os.PathLike[str]) -> Path:
     """The place a user named: a local path, or a file or folder behind a URL.
 
     Parameters
@@ -81,10 +81,10 @@ def is_remote(path: object) -> TypeGuard[RemotePath]:
     return isinstance(path, RemotePath)
 
 
-def open_whole(path: Path) -> BinaryIO:
+def open_sequential(path: Path) -> BinaryIO:
     """Open a place to read it from its beginning to its end; raises OSError."""
     if is_remote(path):
-        return path.open("rb", whole=True)
+        return path.open("rb", sequential=True)
     return path.open("rb")
 
 
@@ -252,16 +252,16 @@ class RemotePath:
         """The files in a folder whose names fit the pattern."""
         return (file for file in self.rglob(pattern) if file.parent == self)
 
-    def open(self, mode: str = "rb", *, whole: bool = False) -> BinaryIO:
-        """Open for reading, by range; `whole`: it will be read from its beginning to its end. Raises OSError."""
+    def open(self, mode: str = "rb", *, sequential: bool = False) -> BinaryIO:
+        """Open for reading, by range; `sequential`: it will be read from its beginning to its end. Raises OSError."""
         if mode != "rb":
             raise OSError(errno.EROFS, "can only be written as a whole", self.url)
-        how: dict[str, Any] = {"block_size": STREAMED, "cache_type": "readahead"}
-        if not whole:
-            how = {"block_size": BLOCK, "cache_type": "blockcache", "cache_options": {"maxblocks": BLOCKS}}
+        options: dict[str, Any] = {"block_size": STREAMED, "cache_type": "readahead"}
+        if not sequential:
+            options = {"block_size": BLOCK, "cache_type": "blockcache", "cache_options": {"maxblocks": BLOCKS}}
         with as_os_errors(self.url):
-            file = self._system().open(self._inside, "rb", **how)
-            if not whole and not file.seekable():
+            file = self._system().open(self._inside, "rb", **options)
+            if not sequential and not file.seekable():
                 file.close()
                 raise OSError(errno.ESPIPE, NO_PARTS, self.url)
         return cast(BinaryIO, RangeStream(file, self.url))
@@ -278,7 +278,7 @@ class RemotePath:
 
     def read_bytes(self) -> bytes:
         """The whole content; raises OSError."""
-        with self.open(whole=True) as stream:
+        with self.open(sequential=True) as stream:
             return stream.read()
 
     def read_text(self, encoding: str = "utf-8") -> str:
@@ -329,6 +329,6 @@ class RemotePath:
             try:
                 self._fs, self._inside = fsspec.core.url_to_fs(self.url, use_listings_cache=False)
             except (ImportError, ValueError, TypeError) as problem:
-                why = " ".join(str(problem).split())
-                raise InputError(f"{self.url}: such a URL cannot be opened here ({why})") from None
+                reason = " ".join(str(problem).split())
+                raise InputError(f"{self.url}: such a URL cannot be opened here ({reason})") from None
         return self._fs

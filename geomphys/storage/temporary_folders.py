@@ -28,13 +28,13 @@ class TemporaryFolder:
     """
 
     def __init__(self) -> None:
-        _sweep_once(tempfile.gettempdir())
+        _remove_stale_once(tempfile.gettempdir())
         self.path = Path(tempfile.mkdtemp(prefix=PREFIX))
-        begun = self.path / f"{LOCK}.new"
-        lock = os.open(begun, os.O_CREAT | os.O_RDWR, 0o600)
+        unfinished = self.path / f"{LOCK}.new"
+        lock = os.open(unfinished, os.O_CREAT | os.O_RDWR, 0o600)
         self._remove = weakref.finalize(self, _remove, self.path, lock)
         fcntl.flock(lock, fcntl.LOCK_EX)
-        begun.rename(self.path / LOCK)
+        unfinished.rename(self.path / LOCK)
 
     def close(self) -> None:
         """Remove the folder and all that is in it."""
@@ -68,7 +68,7 @@ def sweep(folder: Path) -> None:
 
 
 @lru_cache(maxsize=4)
-def _sweep_once(folder: str) -> None:
+def _remove_stale_once(folder: str) -> None:
     sweep(Path(folder))
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from geomphys.errors import InputError, ViewerError
 from geomphys.output.output_log import open_output
 from geomphys.output.sink import OutputFile
-from geomphys.viewer.view import ADDRESS, counts_from_1970, quiet_environment, viewer_command, viewer_file
+from geomphys.viewer.view import ADDRESS, counts_from_1970, offline_environment, viewer_command, viewer_file
 
 if TYPE_CHECKING:
     from rerun.experimental import ViewerClient
@@ -64,7 +64,7 @@ def take_snapshot(
     log = open_output(result) if result.suffix == ".mcap" else None
     time_ns = log.time_of(frame) if log is not None else 0
     with viewer_file(result) as recording, _running(recording, size) as client:
-        _wait_until_loaded(client, result)
+        _wait_for_load(client, result)
         if log is None:
             _check_frame(client, result, frame)
             client.set_time("frame", sequence=frame, play_state="paused")
@@ -91,7 +91,7 @@ def _running(recording: Path, size: tuple[int, int]) -> Iterator[ViewerClient]:
     options = ["--headless", "--hide-welcome-screen", "--bind", ADDRESS, "--port", str(port)]
     command = [*viewer_command(), *options, "--window-size", f"{size[0]}x{size[1]}", str(recording)]
     with tempfile.TemporaryFile() as messages:
-        environment = {**quiet_environment(), "RUST_LOG": "error"}  # what it logs it also shows, over the scene
+        environment = {**offline_environment(), "RUST_LOG": "error"}  # what it logs it also shows, over the scene
         process = subprocess.Popen(command, env=environment, stdout=messages, stderr=messages, start_new_session=True)
         try:
             yield _connected(ViewerClient, f"rerun+http://{ADDRESS}:{port}/proxy", process, messages)
@@ -113,13 +113,13 @@ def _connected(client: Any, address: str, process: subprocess.Popen[bytes], mess
             connected.get_state()
         except ConnectionError as problem:
             if process.poll() is not None or time.monotonic() > end:
-                raise ViewerError(_why(process, messages)) from problem
+                raise ViewerError(_failure_reason(process, messages)) from problem
             time.sleep(0.1)
         else:
             return connected
 
 
-def _why(process: subprocess.Popen[bytes], messages: Any) -> str:
+def _failure_reason(process: subprocess.Popen[bytes], messages: Any) -> str:
     """Why the viewer does not answer, from what it printed."""
     messages.seek(0)
     text = messages.read().decode(errors="replace")
@@ -133,7 +133,7 @@ def _why(process: subprocess.Popen[bytes], messages: Any) -> str:
     return f"the rerun viewer did not start (exit code {process.poll()}): {said}"
 
 
-def _wait_until_loaded(client: ViewerClient, result: Path) -> None:
+def _wait_for_load(client: ViewerClient, result: Path) -> None:
     end = time.monotonic() + PATIENCE
     while time.monotonic() < end:
         state = client.get_state()

@@ -14,7 +14,7 @@ from defusedxml import ElementTree
 
 from geomphys.errors import InputError, ViewerError
 from geomphys.numerics.transforms import rotation_from_quaternion
-from geomphys.output.camera import choose_eye
+from geomphys.output.camera import choose_viewpoint
 from geomphys.output.decoders import Poses
 from geomphys.output.output_log import OutputLog, open_output
 from geomphys.output.output_scene import world_of_output
@@ -52,7 +52,7 @@ def view_result(path: Path, *, web: bool = False) -> None:
         if web:
             options += ["--web-viewer"]
         command = [*viewer_command(), *options, str(recording)]
-        code = subprocess.run(command, env=quiet_environment(), check=False).returncode
+        code = subprocess.run(command, env=offline_environment(), check=False).returncode
     if code > 0:
         raise ViewerError(f"{path}: the viewer ended with exit code {code}; its messages are above")
 
@@ -69,7 +69,7 @@ def viewer_command() -> list[str]:
     return [str(program)]
 
 
-def quiet_environment() -> dict[str, str]:
+def offline_environment() -> dict[str, str]:
     """The environment with the viewer's usage statistics off: it sends none where ``CI`` is set."""
     return {**os.environ, "CI": "1"}
 
@@ -108,24 +108,24 @@ def _convert(path: Path, recording: Path) -> None:
     """Write an output log as a rerun recording, with a layout made for it."""
     output = open_output(path)
     things = _objects(output.descriptions())
-    places: list[np.ndarray] = []
-    standing = np.zeros((0, 3, 3))
+    positions: list[np.ndarray] = []
+    static_triangles = np.zeros((0, 3, 3))
     for number, poses in enumerate(output.sample(64)):
         if number == 0:
-            standing = _standing(output, poses)
-        own = [name not in things for name in poses.names]
+            static_triangles = _static_triangles(output, poses)
+        follows_tf = [name not in things for name in poses.names]
         if number > 0:  # the first frame has the fixed objects too
-            places.append(poses.values[own if any(own) else slice(None), :3])
-    points = np.concatenate(places) if places else np.zeros((0, 3))
+            positions.append(poses.values[follows_tf if any(follows_tf) else slice(None), :3])
+    points = np.concatenate(positions) if positions else np.zeros((0, 3))
     if len(points):  # what hangs on the origins of links reaches further than these
         margin = 0.04 + 0.1 * float(np.linalg.norm(np.ptp(points, axis=0)))
         points = np.concatenate([points - margin, points + margin])
     stream = RerunStream(recording, path.stem, path.stem)
     stream.send_output_log(path, counts_from_1970(output))
-    stream.finish(output.metadata, mcap_blueprint(choose_eye(points, standing), output.joint_topics))
+    stream.finish(output.metadata, mcap_blueprint(choose_viewpoint(points, static_triangles), output.joint_topics))
 
 
-def _standing(output: OutputLog, first: Poses) -> np.ndarray:
+def _static_triangles(output: OutputLog, first: Poses) -> np.ndarray:
     """Triangles (n, 3, 3) of what never moves, which may hide the motion; none where the scene's files are gone."""
     found = [np.zeros((0, 3, 3))]
     try:

@@ -14,10 +14,10 @@ from typing import cast
 import pytest
 from geomphys_cli.main import run
 
-from geomphys.batch.remote_lock import LOCK, own_far
+from geomphys.batch.remote_lock import LOCK, remote_lock_held
 from geomphys.errors import OutputError
 from geomphys.storage.cache import user_folder
-from geomphys.storage.remote_files import RemotePath, place
+from geomphys.storage.remote_files import RemotePath, as_path
 from tests.cli.press import SCENE, write_log
 from tests.servers import s3_server
 
@@ -43,25 +43,25 @@ def use_cache(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[RemotePath]:
     """A lock in memory; the user's cache is a new one."""
     use_cache(tmp_path / "cache", monkeypatch)
-    path = cast(RemotePath, place(f"memory://{tmp_path.name}/out/.running/{LOCK}"))
+    path = cast(RemotePath, as_path(f"memory://{tmp_path.name}/out/.running/{LOCK}"))
     yield path
     path.unlink(missing_ok=True)
 
 
 def test_the_object_is_there_while_the_batch_is(lock: RemotePath) -> None:
-    with own_far(lock):
+    with remote_lock_held(lock):
         content = json.loads(lock.read_bytes())
         assert content["pid"] == os.getpid()
         assert set(content) == {"host", "pid", "began", "machine", "batch"}
     assert not lock.exists()
-    with pytest.raises(ZeroDivisionError), own_far(lock):
+    with pytest.raises(ZeroDivisionError), remote_lock_held(lock):
         raise ZeroDivisionError
     assert not lock.exists()
 
 
 def test_a_second_of_this_machine_is_refused(lock: RemotePath) -> None:
-    with own_far(lock):
-        with pytest.raises(OutputError, match="another batch of this machine"), own_far(lock):
+    with remote_lock_held(lock):
+        with pytest.raises(OutputError, match="another batch of this machine"), remote_lock_held(lock):
             pass
         assert lock.exists()
 
@@ -71,7 +71,7 @@ def test_a_second_of_this_machine_is_refused(lock: RemotePath) -> None:
 )
 def test_one_of_another_machine_is_refused_and_named(lock: RemotePath, content: bytes) -> None:
     lock.write_bytes(content)
-    with pytest.raises(OutputError) as error, own_far(lock):
+    with pytest.raises(OutputError) as error, remote_lock_held(lock):
         pass
     assert str(lock) in str(error.value)
     assert f"{lock.parent.parent}: another batch" in str(error.value)
@@ -82,14 +82,14 @@ def test_one_of_another_machine_is_refused_and_named(lock: RemotePath, content: 
 def test_only_what_this_machine_left_is_taken_over(
     lock: RemotePath, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with own_far(lock):
+    with remote_lock_held(lock):
         left = lock.read_bytes()
     lock.write_bytes(left)
-    with own_far(lock):  # the batch that made it is gone: it does not hold the local file
+    with remote_lock_held(lock):  # the batch that made it is gone: it does not hold the local file
         assert lock.read_bytes() != left
     lock.write_bytes(left)
     use_cache(tmp_path / "another", monkeypatch)
-    with pytest.raises(OutputError, match="another batch"), own_far(lock):
+    with pytest.raises(OutputError, match="another batch"), remote_lock_held(lock):
         pass
 
 
@@ -101,7 +101,7 @@ def test_a_store_without_conditional_writes_lets_one_win(lock: RemotePath, monke
         self.write_bytes(other)  # at the same time
 
     monkeypatch.setattr(RemotePath, "create", create)
-    with pytest.raises(OutputError, match="process 7"), own_far(lock):
+    with pytest.raises(OutputError, match="process 7"), remote_lock_held(lock):
         pass
     assert lock.read_bytes() == other
 
@@ -113,7 +113,7 @@ def test_on_s3_one_of_two_is_refused_and_a_killed_one_is_taken_over(
     write_log(tmp_path / "a.mcap")
     (tmp_path / "scene.toml").write_text(SCENE)
     with s3_server(monkeypatch) as bucket:
-        path = cast(RemotePath, place(f"{bucket}/out/.running/{LOCK}"))
+        path = cast(RemotePath, as_path(f"{bucket}/out/.running/{LOCK}"))
         path.create(b"{}")
         with pytest.raises(FileExistsError):
             path.create(b"{}")

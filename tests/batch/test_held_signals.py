@@ -12,7 +12,7 @@ from types import FrameType
 
 import pytest
 
-from geomphys.batch.deferred_signals import STOPPING, blocked_in_children, signals_held
+from geomphys.batch.deferred_signals import STOPPING, blocked_in_children, signals_deferred
 
 
 class Came(BaseException):
@@ -44,7 +44,7 @@ def test_a_signal_comes_at_the_end_whichever_thread_the_system_gives_it_to(numbe
     other.start()
 
     def hold() -> None:
-        with signals_held():
+        with signals_deferred():
             begun.set()
             other.join()
             steps.append("went on")
@@ -58,13 +58,13 @@ def test_a_signal_comes_at_the_end_whichever_thread_the_system_gives_it_to(numbe
 
 
 def test_without_a_signal_nothing_happens_nor_in_another_thread() -> None:
-    with signals_held():
+    with signals_deferred():
         pass
     problems: list[BaseException] = []
 
     def hold() -> None:
         try:
-            with signals_held():
+            with signals_deferred():
                 pass
         except BaseException as problem:
             problems.append(problem)
@@ -77,7 +77,7 @@ def test_without_a_signal_nothing_happens_nor_in_another_thread() -> None:
 
 def test_what_the_block_raises_is_not_lost_for_a_signal() -> None:
     def fail() -> None:
-        with signals_held():
+        with signals_deferred():
             signal.raise_signal(signal.SIGTERM)
             raise ValueError("of the block")
 

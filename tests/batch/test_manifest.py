@@ -52,8 +52,8 @@ def test_only_the_same_input_scene_parameters_and_version_count_as_done(change: 
 def test_outputs_that_were_touched_are_not_whole(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").write_bytes(b"result")
     entry = replace(ENTRY, out_sha256=hashlib.sha256(b"result").hexdigest())
-    assert entry.outputs_are_whole(tmp_path)
+    assert entry.outputs_are_complete(tmp_path)
     (tmp_path / "a.mcap").write_bytes(b"resulT")
-    assert not entry.outputs_are_whole(tmp_path)
+    assert not entry.outputs_are_complete(tmp_path)
     (tmp_path / "a.mcap").unlink()
-    assert not entry.outputs_are_whole(tmp_path)
+    assert not entry.outputs_are_complete(tmp_path)

@@ -17,7 +17,7 @@ import geomphys
 from geomphys.batch.executors import largest_first
 from geomphys.batch.job import Job
 from geomphys.batch.manifest import Entry, Manifest
-from geomphys.storage.remote_files import place
+from geomphys.storage.remote_files import as_path
 from tests.cli.press import SCENE, write_log
 from tests.scene.models import cube, stl
 
@@ -103,7 +103,7 @@ def test_a_log_that_is_gone_fails_alone_when_resumed(tmp_path: Path) -> None:
     assert [(entry.out, entry.status) for entry in report.entries] == [
         ("a.mcap", "done"), ("b.mcap", "done"), ("gone.mcap", "failed")
     ]  # fmt: skip
-    assert report.kept == ("a.mcap", "b.mcap")
+    assert report.up_to_date == ("a.mcap", "b.mcap")
     assert far in (report.entries[2].error or "")
 
 
@@ -136,7 +136,7 @@ def test_several_processes_begin_with_the_largest_logs(tmp_path: Path) -> None:
     bag.mkdir()
     for name, size in (("bag/metadata.yaml", 10), ("bag/bag_0.mcap", 500), ("a.mcap", 20), ("b.mcap", 900)):
         (tmp_path / name).write_bytes(bytes(size))
-    logs = [*(tmp_path / name for name in ("a.mcap", "gone.mcap", "b.mcap", "bag")), place("s3://bucket/c.mcap")]
+    logs = [*(tmp_path / name for name in ("a.mcap", "gone.mcap", "b.mcap", "bag")), as_path("s3://bucket/c.mcap")]
     job = Job(
         log=bag, scene=bag, scene_sha256="", world_sha256="", out=bag, rrd=None, config=geomphys.Config(), timing=True,
         copy_input=False, running=bag,
@@ -226,7 +226,7 @@ def test_a_batch_that_is_killed_resumes_to_the_same_files(tmp_path: Path) -> Non
     statuses = [entry.status for _, entry in sorted(Manifest.load(case.out).entries.items())]
     assert statuses == ["done", "pending", "pending"]
     report = case.run(resume=True, jobs=2)
-    assert report.kept == ("a.mcap",)
+    assert report.up_to_date == ("a.mcap",)
     assert report.count("done") == 3
     case.check("a", "b", "c")
 

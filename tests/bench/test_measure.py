@@ -11,7 +11,7 @@ from geomphys.bench.experiments import NAMES, places
 from geomphys.bench.figures import figures_of
 from geomphys.bench.measure import WARM, PeerFrame, measure
 from geomphys.bench.run import run_bench
-from geomphys.bench.scaling import SINK, Curve, block_of_pieces, curves, room_of_objects, slide, table_of_hands
+from geomphys.bench.scaling import SINK, Curve, block_of_pieces, curves, slide, table_of_hands, world_of_objects
 from geomphys.config import Config
 from geomphys.errors import ConfigError, InputError
 from geomphys.results import FrameResult
@@ -93,7 +93,7 @@ def test_made_up_worlds_have_the_size_they_are_asked(tmp_path: Path) -> None:
     for count in (1, 6, 7):
         world = block_of_pieces(tmp_path, count)
         assert int(np.sum(world.scene.bodies.role[world.scene.pieces.body] != DRIVEN)) == count
-        world = room_of_objects(tmp_path, count)
+        world = world_of_objects(tmp_path, count)
         assert len(world.scene.trees.role) - world.avatar_count == count
 
 

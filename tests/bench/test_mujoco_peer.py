@@ -9,7 +9,7 @@ import pytest
 
 from geomphys.bench.experiments import Experiment
 from geomphys.bench.measure import measure
-from geomphys.bench.scaling import room_of_objects, slide
+from geomphys.bench.scaling import slide, world_of_objects
 from geomphys.config import Config
 from geomphys.engine.pipeline import Pipeline
 from geomphys.results import FrameResult
@@ -26,7 +26,7 @@ HIGH = 0.5  # m above the table: nothing to touch
 
 @pytest.fixture(scope="module")
 def world(tmp_path_factory: pytest.TempPathFactory) -> World:
-    return room_of_objects(tmp_path_factory.mktemp("room"), 3, ball=True)
+    return world_of_objects(tmp_path_factory.mktemp("room"), 3, ball=True)
 
 
 def results(experiment: Experiment) -> list[FrameResult]:

@@ -8,7 +8,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from geomphys.output.camera import Moment, choose_eye
+from geomphys.output.camera import Moment, choose_viewpoint
 from geomphys.output.colours import of_material
 from geomphys.output.contact_arrows import ARROW_BASE, ARROW_LONGEST, arrow_lengths
 from geomphys.output.frame_columns import changes, counted
@@ -66,7 +66,7 @@ def test_the_eye_looks_into_a_room_from_its_open_side(open_side: tuple[int, int,
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     triangles = triangles[normals @ np.array(open_side) <= 0]
     points = np.random.default_rng(0).uniform(-0.9, 0.9, (100, 3)) * np.array([1.9, 1.9, 0.5])
-    eye = choose_eye(points, triangles)
+    eye = choose_viewpoint(points, triangles)
     assert eye.position @ np.array(open_side) > 0
     assert np.mean([sees(eye.position, p, triangles) for p in points]) > 0.8
     assert np.allclose(eye.target, 0, atol=0.2)
@@ -80,14 +80,14 @@ def test_the_eye_sees_a_touch_past_the_body_that_touches(side: tuple[int, int, i
     a, b, c, d = (0.4 * outwards + s * 3.0 * across + t * up for s, t in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
     moment = Moment(np.zeros((1, 3)), np.array([[a, b, c], [a, c, d]]))
     points = np.array([[-1.0, -1.0, -0.2], [1.0, 1.0, 0.2]])
-    assert choose_eye(points, np.zeros((0, 3, 3)), [moment]).position @ outwards < 0.4
+    assert choose_viewpoint(points, np.zeros((0, 3, 3)), [moment]).position @ outwards < 0.4
 
 
 def test_the_eye_keeps_clear_of_walls() -> None:
     vertices, faces = box((0.2, 8.0, 8.0))
     walls = [(vertices + np.array([x, 0.0, 0.0]))[faces] for x in (-1.3, 1.3)]
     points = np.random.default_rng(1).uniform(-0.6, 0.6, (100, 3))
-    eye = choose_eye(points, np.concatenate(walls))
+    eye = choose_viewpoint(points, np.concatenate(walls))
     assert abs(eye.position[0]) < 0.7
 
 
@@ -97,7 +97,7 @@ def test_the_eye_is_somewhere_even_in_an_empty_world() -> None:
         (np.ones((1, 3)), np.zeros((0, 3, 3))),
         (np.zeros((0, 3)), np.ones((1, 3, 3))),
     ):
-        eye = choose_eye(points, triangles)
+        eye = choose_viewpoint(points, triangles)
         assert np.isfinite(eye.position).all()
         assert np.linalg.norm(eye.position - eye.target) > 0.1
 

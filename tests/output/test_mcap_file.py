@@ -10,14 +10,14 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
 from geomphys.output import mcap_writer
-from geomphys.output.mcap_writer import McapFile
+from geomphys.output.mcap_writer import McapWriter
 
 MESSAGES = [(1 + i % 2, 1000 + 7 * i % 13, f"message {i}".encode() * (i % 5)) for i in range(200)]
 
 
 def written() -> bytes:
     stream = io.BytesIO()
-    file = McapFile(stream, "a test")
+    file = McapWriter(stream, "a test")
     schema = file.add_schema("S", "jsonschema", b"{}")
     channels = [file.add_channel("/a", "json", schema), file.add_channel("/b", "json", 0, {"k": "v"})]
     for number, (channel, time, data) in enumerate(MESSAGES):
@@ -76,7 +76,7 @@ def test_attachments_and_metadata_are_found(data: bytes) -> None:
 
 def test_a_file_without_messages_is_one() -> None:
     stream = io.BytesIO()
-    file = McapFile(stream, "a test")
+    file = McapWriter(stream, "a test")
     file.add_channel("/a", "json", 0)
     file.finish()
     summary = make_reader(io.BytesIO(stream.getvalue())).get_summary()

@@ -22,7 +22,7 @@ from geomphys.output.provenance import Provenance
 from geomphys.output.rerun_sink import RerunSink
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import World
-from geomphys.viewer.view import quiet_environment, viewer_command
+from geomphys.viewer.view import offline_environment, viewer_command
 from tests.output.made_world import STEP, T0, frames
 
 COUNT = 60
@@ -174,7 +174,7 @@ def test_the_viewer_finds_no_fault_and_two_runs_equal(
     write(other, world, provenance, results)
     for command in (["rrd", "verify", str(out)], ["rrd", "compare", "--unordered", str(out), str(other)]):
         done = subprocess.run(
-            [*viewer_command(), *command], env=quiet_environment(), capture_output=True, text=True, check=False
+            [*viewer_command(), *command], env=offline_environment(), capture_output=True, text=True, check=False
         )
         assert done.returncode == 0, done.stderr
 

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from geomphys.output.view_statistics import FRAMES, Sightings
+from geomphys.output.view_statistics import FRAMES, ViewStatistics
 from geomphys.scene.arrays import World
 from tests.output.made_world import frames
 
 
 def test_the_eye_looks_where_things_touch_wherever_else_they_go(world: World) -> None:
-    sightings = Sightings(world)
+    sightings = ViewStatistics(world)
     results = frames(world, 240)
     away = np.array([30.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     idle = [r for r in results if not len(r.contacts.depth)]
@@ -24,7 +24,7 @@ def test_the_eye_looks_where_things_touch_wherever_else_they_go(world: World) ->
 
 
 def test_without_a_touch_all_motion_is_in_view(world: World) -> None:
-    sightings = Sightings(world)
+    sightings = ViewStatistics(world)
     quiet = [r for r in frames(world, 240) if not len(r.contacts.depth)]
     sightings.add(
         [replace(r, corrected=r.corrected + np.array([0.01 * k, 0, 0, 0, 0, 0, 0])) for k, r in enumerate(quiet)]
@@ -33,7 +33,7 @@ def test_without_a_touch_all_motion_is_in_view(world: World) -> None:
 
 
 def test_memory_is_bounded(world: World) -> None:
-    sightings = Sightings(world)
+    sightings = ViewStatistics(world)
     results = frames(world, 60)
     for _ in range(3 * FRAMES // len(results)):
         sightings.add(results)

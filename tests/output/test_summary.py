@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from geomphys import results
-from geomphys.output.summary import FLAG_NAMES, MESSAGES_KEPT, Summarizer, Summary
+from geomphys.output.summary import FLAG_NAMES, MAX_MESSAGES, Summarizer, Summary
 from geomphys.results import Contacts, Frame, FrameResult, Metrics, Penetrations
 
 NONE = np.zeros(0, dtype=np.int64)
@@ -98,9 +98,9 @@ def test_every_flag_has_a_name_and_is_counted() -> None:
 
 def test_messages_are_kept_once_and_bounded() -> None:
     repeated = (("warning", "angles look like degrees"), ("info", "starts"))
-    frames = [result(k, messages=(*repeated, ("warning", f"gap {k}"))) for k in range(MESSAGES_KEPT + 50)]
+    frames = [result(k, messages=(*repeated, ("warning", f"gap {k}"))) for k in range(MAX_MESSAGES + 50)]
     summary = summarized(frames)
-    assert len(summary.messages) == MESSAGES_KEPT
+    assert len(summary.messages) == MAX_MESSAGES
     assert summary.messages_dropped == 52
     assert (summary.messages[0].count, summary.messages[0].first_frame) == (len(frames), 0)
     assert all(message.level == "warning" for message in summary.warnings)

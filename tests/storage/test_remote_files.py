@@ -15,7 +15,7 @@ from mcap.writer import CompressionType, Writer
 import geomphys
 from geomphys.recording.inspect import inspect_log
 from geomphys.recording.reader import open_log
-from geomphys.storage.remote_files import RemotePath, is_remote, place
+from geomphys.storage.remote_files import RemotePath, as_path, is_remote
 from tests.cli.press import SCENE, write_log
 from tests.scene.models import cube, ell, joint, link, stl, urdf
 from tests.servers import Web, s3_server, web_server
@@ -118,7 +118,7 @@ def test_only_what_is_asked_for_is_read(files: Path, web: Web) -> None:
     write_camera_log(files / "camera.mcap")
     size = (files / "camera.mcap").stat().st_size
     assert size > 30 * 2**20
-    far, near = inspect_log(place(f"{web.url}/camera.mcap")), inspect_log(files / "camera.mcap")
+    far, near = inspect_log(as_path(f"{web.url}/camera.mcap")), inspect_log(files / "camera.mcap")
     assert far.topics == near.topics
     assert far.messages == near.messages == 90
     assert web.sent["/camera.mcap"] < 4 * 2**20
@@ -283,9 +283,9 @@ def test_a_result_opens_no_url_of_the_scene_attached_to_it(files: Path, web: Web
 
 
 def test_places() -> None:
-    assert place("a/b.mcap") == Path("a/b.mcap")
-    assert place("file:///a/b%20c.mcap") == Path("/a/b c.mcap")
-    far = place("s3://bucket/a/b.mcap")
+    assert as_path("a/b.mcap") == Path("a/b.mcap")
+    assert as_path("file:///a/b%20c.mcap") == Path("/a/b c.mcap")
+    far = as_path("s3://bucket/a/b.mcap")
     assert is_remote(far)
     assert (str(far), far.name, far.stem, far.suffix, str(far.parent)) == (
         "s3://bucket/a/b.mcap", "b.mcap", "b", ".mcap", "s3://bucket/a"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from geomphys.config import Config
 from geomphys.errors import InputError, LogError, OutputError, ViewerError
 from geomphys.output import colours
-from geomphys.output.camera import Eye, choose_eye
+from geomphys.output.camera import Viewpoint, choose_viewpoint
 from geomphys.output.mcap_sink import McapSink
 from geomphys.output.provenance import provenance_of
 from geomphys.output.rerun_sink import RerunSink
@@ -128,9 +128,9 @@ def test_the_view_of_an_output_log_minds_what_stands_in_the_way(
 ) -> None:
     standing: list[NDArray[np.float64]] = []
 
-    def kept(points: NDArray[np.float64], triangles: NDArray[np.float64]) -> Eye:
+    def kept(points: NDArray[np.float64], triangles: NDArray[np.float64]) -> Viewpoint:
         standing.append(triangles.reshape(-1, 3))
-        return choose_eye(points, triangles)
+        return choose_viewpoint(points, triangles)
 
     monkeypatch.setattr(view, "choose_eye", kept)
     with viewer_file(landed.out):

@@ -50,8 +50,8 @@ class ChannelDifference:
     metres: dict[str, Measure] = field(default_factory=dict)
     radians: dict[str, Measure] = field(default_factory=dict)
     others: dict[str, Measure] = field(default_factory=dict)
-    whole_m: Measure | None = None
-    whole_rad: Measure | None = None
+    overall_m: Measure | None = None
+    overall_rad: Measure | None = None
     sets: dict[str, Sets] = field(default_factory=dict)
     only_a: tuple[str, ...] = ()
     only_b: tuple[str, ...] = ()
@@ -60,20 +60,20 @@ class ChannelDifference:
         """Names of all parts."""
         return tuple(dict.fromkeys([*self.metres, *self.radians, *self.others, *self.sets]))
 
-    def most_different(self) -> tuple[str, ...]:
+    def largest_differences(self) -> tuple[str, ...]:
         """Names of the parts that differ: first the largest difference of each unit and the most gained and lost, then the
         second ones, and so on.
         """
         measures = (self.metres, self.radians, self.others)
         scales = [{name: measure.max for name, measure in group.items() if measure.max > 0.0} for group in measures]
         scales.append({name: float(sets.gained + sets.lost) for name, sets in self.sets.items()})
-        places: dict[str, int] = {}
+        index_of: dict[str, int] = {}
         for scale in scales:
             ordered = sorted(set(scale.values()), reverse=True)
             for name, value in scale.items():
                 rank = ordered.index(value)
-                places[name] = min(rank, places.get(name, rank))
-        return tuple(sorted((name for name in self.parts() if name in places), key=lambda name: places[name]))
+                index_of[name] = min(rank, index_of.get(name, rank))
+        return tuple(sorted((name for name in self.parts() if name in index_of), key=lambda name: index_of[name]))
 
 
 class Channel(Protocol):

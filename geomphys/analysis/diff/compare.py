@@ -74,16 +74,16 @@ def compare_outputs(
     if unknown or not channels:
         raise ConfigError(f"channel = {', '.join(sorted(unknown))}: choose among {', '.join(CHANNELS)}")
     one, other = open_output(a), open_output(b)
-    wanted = [name for name in CHANNELS if name in channels]
-    first_a, first_b = _first(one, wanted), _first(other, wanted)
+    requested = [name for name in CHANNELS if name in channels]
+    first_a, first_b = _first(one, requested), _first(other, requested)
     compared: dict[str, Channel] = {}
-    for name in wanted:
+    for name in requested:
         compared |= _comparers(name, tolerance, one, other, first_a, first_b)
     trace = _Trace(compared)
     counts = dict.fromkeys(("compared", "only_a", "only_b"), 0)
-    firsts: dict[str, int | None] = {"only_a": None, "only_b": None}
+    first_frames: dict[str, int | None] = {"only_a": None, "only_b": None}
     total = max(one.frame_count, other.frame_count)
-    for frame_a, frame_b in matched(one.frames(wanted), other.frames(wanted)):
+    for frame_a, frame_b in matched(one.frames(requested), other.frames(requested)):
         if frame_a is not None and frame_b is not None:
             counts["compared"] += 1
             trace.add(frame_a, frame_b)
@@ -92,7 +92,7 @@ def compare_outputs(
             assert frame is not None
             side = "only_b" if frame_a is None else "only_a"
             counts[side] += 1
-            firsts[side] = frame.index if firsts[side] is None else firsts[side]
+            first_frames[side] = frame.index if first_frames[side] is None else first_frames[side]
         if progress is not None:
             progress(sum(counts.values()), total)
     results = {name: comparer.result() for name, comparer in compared.items()}
@@ -108,8 +108,8 @@ def compare_outputs(
             a=one.frame_count,
             b=other.frame_count,
             **counts,
-            first_only_a=firsts["only_a"],
-            first_only_b=firsts["only_b"],
+            first_only_a=first_frames["only_a"],
+            first_only_b=first_frames["only_b"],
             offset_s=(first_b.time_ns - first_a.time_ns) / 1e9,
         ),
         channels=results,
@@ -140,9 +140,9 @@ def _comparers(
         return {name: PoseChannel(name, tolerance, first_a, first_b)}
     if name == "joint_states":
         sliding = joints_of_type(a, "prismatic") | joints_of_type(b, "prismatic")
-        whole = joints_of_type(a, "continuous") & joints_of_type(b, "continuous")
+        overall = joints_of_type(a, "continuous") & joints_of_type(b, "continuous")
         topics = dict.fromkeys([*a.joint_topics, *b.joint_topics])
-        return {topic: JointChannel(topic, tolerance, sliding, whole) for topic in topics}
+        return {topic: JointChannel(topic, tolerance, sliding, overall) for topic in topics}
     kinds: dict[str, Callable[[Tolerance], Channel]] = {
         "/contacts": ContactChannel,
         "/penetration": PenetrationChannel,
@@ -199,12 +199,12 @@ class _Trace:
             largest = channel.add(a, b)
             if isinstance(channel, PoseChannel) and name == "/tf":
                 self._position.add(a.index, largest)
-                self._angle.add(a.index, channel.turn)
-                if self.peaks.wants(largest, a.time_ns):
+                self._angle.add(a.index, channel.angle)
+                if self.peaks.accepts(largest, a.time_ns):
                     body = channel.compared[int(channel.differences.argmax())]
                     self.peaks.add(Peak(largest, a.index, a.time_ns, PeakPoses(body, a.tf, b.tf)))
             elif isinstance(channel, JointChannel):
-                joints = max(joints, channel.turn)
+                joints = max(joints, channel.angle)
             elif isinstance(channel, ContactChannel):
                 self._contacts.add(a.index, float(channel.changed))
             elif isinstance(channel, PenetrationChannel):

@@ -17,7 +17,7 @@ LEFT, RIGHT, TOP, BOTTOM = 62, 12, 26, 24
 
 def curve(title: str, unit: str, frames: Ints, values: Floats, *, steps: bool = False) -> str:
     """An SVG of values >= 0 over frames; `steps` for counts. The axis begins at 0 and ends at a round number."""
-    top, ticks = _ticks(float(values.max(initial=0.0)), whole=steps)
+    top, ticks = _ticks(float(values.max(initial=0.0)), overall=steps)
     first, last = int(frames[0]), max(int(frames[-1]), int(frames[0]) + 1)
     plot_width, plot_height = WIDTH - LEFT - RIGHT, HEIGHT - TOP - BOTTOM
 
@@ -54,12 +54,12 @@ def _stairs(frames: Ints, values: Floats) -> list[tuple[float, float]]:
     return points
 
 
-def _ticks(largest: float, *, whole: bool) -> tuple[float, list[float]]:
+def _ticks(largest: float, *, overall: bool) -> tuple[float, list[float]]:
     """The top of an axis and its three or four ticks at round numbers."""
     if largest <= 0.0:
         return 1.0, [0.0]
     step = _round_step(largest / 3.0)
-    if whole:
+    if overall:
         step = max(1.0, math.ceil(step))
     count = math.ceil(largest / step - 1e-9)
     return count * step, [k * step for k in range(count + 1)]
@@ -71,7 +71,7 @@ def _frame_ticks(first: int, last: int) -> list[int]:
     return list(range(-(-first // step) * step, last + 1, step))
 
 
-def _round_step(rough: float) -> float:
+def _round_step(raw_step: float) -> float:
     """The smallest of 1, 2, 2.5, 5 times a power of ten that is not below."""
-    power = 10.0 ** math.floor(math.log10(rough))
-    return next(factor * power for factor in (1.0, 2.0, 2.5, 5.0, 10.0) if factor * power >= rough * (1.0 - 1e-9))
+    power = 10.0 ** math.floor(math.log10(raw_step))
+    return next(factor * power for factor in (1.0, 2.0, 2.5, 5.0, 10.0) if factor * power >= raw_step * (1.0 - 1e-9))

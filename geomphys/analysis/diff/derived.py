@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.analysis.diff.channels import ChannelDifference, Sets, Tolerance, earliest
-from geomphys.analysis.diff.measures import Spread
+from geomphys.analysis.diff.measures import DifferenceTable
 from geomphys.output.decoders import METRICS, ContactRow, PenetrationRow
 from geomphys.output.output_log import OutputFrame
 
@@ -24,7 +24,7 @@ class ContactChannel:
 
     def __init__(self, tolerance: Tolerance) -> None:
         self._tolerance = tolerance
-        self._metres, self._impulses = Spread(tolerance.m), Spread(0.0)
+        self._metres, self._impulses = DifferenceTable(tolerance.m), DifferenceTable(0.0)
         self._sets = PairSets()
         self.changed = 0  # pairs gained and lost in the last frame
 
@@ -33,8 +33,8 @@ class ContactChannel:
         self.changed = 0
         if a.contacts == b.contacts:
             pairs = dict.fromkeys(_name(row.body_a, row.body_b) for row in a.contacts)
-            for spread in (self._metres, self._impulses):
-                spread.add(spread.rows(list(pairs)), np.zeros(len(pairs)), a.index)
+            for table in (self._metres, self._impulses):
+                table.add(table.rows(list(pairs)), np.zeros(len(pairs)), a.index)
             return 0.0
         one, other = by_pair(a.contacts), by_pair(b.contacts)
         largest = 0.0
@@ -54,7 +54,7 @@ class ContactChannel:
 
     def result(self) -> ChannelDifference:
         """See `Channel.result`."""
-        metres, impulses = self._metres.whole(), self._impulses.whole()
+        metres, impulses = self._metres.overall(), self._impulses.overall()
         first = metres.first_frame
         if self._tolerance.exact:
             first = earliest(first, self._sets.first, impulses.first_frame)
@@ -65,7 +65,7 @@ class ContactChannel:
             first_frame=first,
             metres=self._metres.each(),
             others=self._impulses.each(),
-            whole_m=metres,
+            overall_m=metres,
             sets=self._sets.each(),
         )
 
@@ -75,7 +75,7 @@ class PenetrationChannel:
 
     def __init__(self, tolerance: Tolerance) -> None:
         self._tolerance = tolerance
-        self._metres = Spread(tolerance.m)
+        self._metres = DifferenceTable(tolerance.m)
         self._sets = PairSets()
 
     def add(self, a: OutputFrame, b: OutputFrame) -> float:
@@ -98,7 +98,7 @@ class PenetrationChannel:
 
     def result(self) -> ChannelDifference:
         """See `Channel.result`."""
-        metres = self._metres.whole()
+        metres = self._metres.overall()
         first = earliest(metres.first_frame, self._sets.first if self._tolerance.exact else None)
         return ChannelDifference(
             channel="/penetration",
@@ -106,7 +106,7 @@ class PenetrationChannel:
             equal=first is None,
             first_frame=first,
             metres=self._metres.each(),
-            whole_m=metres,
+            overall_m=metres,
             sets=self._sets.each(),
         )
 
@@ -116,28 +116,28 @@ class MetricsChannel:
 
     def __init__(self, tolerance: Tolerance) -> None:
         self._tolerance = tolerance
-        self._spreads = (Spread(tolerance.m), Spread(tolerance.rad), Spread(0.0))
+        self._tables = (DifferenceTable(tolerance.m), DifferenceTable(tolerance.rad), DifferenceTable(0.0))
         names: tuple[list[str], list[str], list[str]] = ([], [], [])
         for name in METRICS:
             if name != "frame":
                 names[0 if name.endswith("_m") else 1 if name.endswith("_rad") else 2].append(name)
         self._names = names
-        self._rows = tuple(spread.rows(part) for spread, part in zip(self._spreads, names, strict=True))
+        self._rows = tuple(table.rows(part) for table, part in zip(self._tables, names, strict=True))
 
     def add(self, a: OutputFrame, b: OutputFrame) -> float:
         """See `Channel.add`; metres are not handed on, they only repeat those of other channels."""
-        for spread, names, rows in zip(self._spreads, self._names, self._rows, strict=True):
+        for table, names, rows in zip(self._tables, self._names, self._rows, strict=True):
             values = np.array([abs(float(a.metrics.get(n, 0)) - float(b.metrics.get(n, 0))) for n in names])
-            spread.add(rows, values, a.index)
+            table.add(rows, values, a.index)
         return 0.0
 
     def result(self) -> ChannelDifference:
         """See `Channel.result`."""
-        metres, radians, others = self._spreads
-        firsts = [metres.whole().first_frame, radians.whole().first_frame]
+        metres, radians, others = self._tables
+        first_frames = [metres.overall().first_frame, radians.overall().first_frame]
         if self._tolerance.exact:
-            firsts.append(others.whole().first_frame)
-        first = earliest(*firsts)
+            first_frames.append(others.overall().first_frame)
+        first = earliest(*first_frames)
         return ChannelDifference(
             channel="/metrics",
             kind="fields",
@@ -146,8 +146,8 @@ class MetricsChannel:
             metres=metres.each(),
             radians=radians.each(),
             others=others.each(),
-            whole_m=metres.whole(),
-            whole_rad=radians.whole(),
+            overall_m=metres.overall(),
+            overall_rad=radians.overall(),
         )
 
 

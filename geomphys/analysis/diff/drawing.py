@@ -18,7 +18,7 @@ _AMBIENT = 0.45
 _BACKGROUND: Colour = (0.965, 0.965, 0.972)
 
 
-class Painted(NamedTuple):
+class Surface(NamedTuple):
     """Triangles (n, 3, 3) in the world, m, and their colour, 0 to 1."""
 
     triangles: Floats
@@ -45,14 +45,14 @@ class View:
         return np.array([right, np.cross(towards, right), towards])
 
 
-def render(view: View, solid: list[Painted], glass: list[Painted], opacity: float = 0.55) -> NDArray[np.uint8]:
+def render(view: View, solid: list[Surface], glass: list[Surface], opacity: float = 0.55) -> NDArray[np.uint8]:
     """Pixels (height, width, 3); `glass` is laid over what is behind it and hidden by what is in front of it."""
     colours, depths = _buffer(view)
-    for painted in solid:
-        _paint(view, painted, colours, depths)
+    for surface in solid:
+        _rasterise(view, surface, colours, depths)
     over, over_depths = _buffer(view)
-    for painted in glass:
-        _paint(view, painted, over, over_depths)
+    for surface in glass:
+        _rasterise(view, surface, over, over_depths)
     shown = (over_depths >= depths - 1e-9) & np.isfinite(over_depths)
     colours[shown] = (1.0 - opacity) * colours[shown] + opacity * over[shown]
     pixels: NDArray[np.uint8] = np.rint(255.0 * np.clip(colours, 0.0, 1.0)).astype(np.uint8)
@@ -75,23 +75,23 @@ def _buffer(view: View) -> tuple[Floats, Floats]:
     return np.broadcast_to(_BACKGROUND, (*shape, 3)).copy(), np.full(shape, -np.inf)
 
 
-def _paint(view: View, painted: Painted, colours: Floats, depths: Floats) -> None:
+def _rasterise(view: View, surface: Surface, colours: Floats, depths: Floats) -> None:
     """Draw triangles that face the eye; of two in one pixel the nearer one stays."""
     axes = view.axes()
-    a, b, c = (painted.triangles[:, k] for k in range(3))
+    a, b, c = (surface.triangles[:, k] for k in range(3))
     normals = np.cross(b - a, c - a)
     lengths = np.linalg.norm(normals, axis=1)
     facing = (lengths > 0) & (normals @ axes[2] > 0)
     units = normals[facing] / lengths[facing, None]
     shades = _AMBIENT + (1.0 - _AMBIENT) * np.clip(units @ _LIGHT, 0.0, 1.0)
     scale = 0.5 * min(view.width, view.height) / view.radius
-    corners = (painted.triangles[facing] - view.target) @ axes.T
+    corners = (surface.triangles[facing] - view.target) @ axes.T
     x = 0.5 * view.width + scale * corners[:, :, 0]
     y = 0.5 * view.height - scale * corners[:, :, 1]
     z = corners[:, :, 2]
     inside = (x.max(1) >= 0) & (x.min(1) < view.width) & (y.max(1) >= 0) & (y.min(1) < view.height)
     for k in np.flatnonzero(inside):
-        _fill(x[k], y[k], z[k], shades[k] * np.array(painted.colour), colours, depths, view.near)
+        _fill(x[k], y[k], z[k], shades[k] * np.array(surface.colour), colours, depths, view.near)
 
 
 def _fill(x: Floats, y: Floats, z: Floats, colour: Floats, colours: Floats, depths: Floats, near: float) -> None:

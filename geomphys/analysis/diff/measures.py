@@ -33,7 +33,7 @@ class Measure:
     """Frames above the tolerance."""
 
 
-class Spread:
+class DifferenceTable:
     """Differences >= 0 of named things, gathered frame by frame."""
 
     def __init__(self, tolerance: float) -> None:
@@ -53,13 +53,13 @@ class Spread:
             return np.array([self._rows[name] for name in names], np.int64)
         for name in new:
             self._rows[name] = len(self._rows)
-        grown = len(new)
-        self._counts = np.append(self._counts, np.zeros(grown, np.int64))
-        self._over = np.append(self._over, np.zeros(grown, np.int64))
-        self._first = np.append(self._first, np.full(grown, NONE))
-        self._worst = np.append(self._worst, np.full(grown, NONE))
-        self._largest = np.append(self._largest, np.zeros(grown))
-        self._squares = np.append(self._squares, np.zeros(grown))
+        added = len(new)
+        self._counts = np.append(self._counts, np.zeros(added, np.int64))
+        self._over = np.append(self._over, np.zeros(added, np.int64))
+        self._first = np.append(self._first, np.full(added, NONE))
+        self._worst = np.append(self._worst, np.full(added, NONE))
+        self._largest = np.append(self._largest, np.zeros(added))
+        self._squares = np.append(self._squares, np.zeros(added))
         return np.array([self._rows[name] for name in names], np.int64)
 
     def add(self, rows: Ints, values: Floats, frame: int) -> bool:
@@ -84,7 +84,7 @@ class Spread:
         """Name -> its difference, in the order in which names came."""
         return {name: self._measure(np.array([row])) for name, row in self._rows.items()}
 
-    def whole(self) -> Measure:
+    def overall(self) -> Measure:
         """All things together; `frames` is that of the thing that differs in most."""
         return self._measure(np.arange(len(self._rows)))
 
@@ -92,12 +92,12 @@ class Spread:
         if len(rows) == 0:
             return Measure(max=0.0, rms=0.0, first_frame=None, worst_frame=None, frames=0)
         largest = int(rows[np.argmax(self._largest[rows])])
-        firsts = self._first[rows][self._first[rows] != NONE]
+        first_frames = self._first[rows][self._first[rows] != NONE]
         count = int(self._counts[rows].sum())
         return Measure(
             max=float(self._largest[largest]),
             rms=math.sqrt(float(self._squares[rows].sum()) / count) if count else 0.0,
-            first_frame=int(firsts.min()) if len(firsts) else None,
+            first_frame=int(first_frames.min()) if len(first_frames) else None,
             worst_frame=int(self._worst[largest]) if self._worst[largest] != NONE else None,
             frames=int(self._over[rows].max()),
         )
@@ -139,7 +139,7 @@ class Peak(NamedTuple):
     value: float
     frame: int
     time_ns: int
-    kept: Any
+    payload: Any
 
 
 class Peaks:
@@ -150,18 +150,18 @@ class Peaks:
         self._apart_ns = apart_ns
         self._peaks: list[Peak] = []
 
-    def wants(self, value: float, time_ns: int) -> bool:
+    def accepts(self, value: float, time_ns: int) -> bool:
         """Whether a frame would be kept, so that what is to be kept need not be made in vain."""
-        near = self._near(time_ns)
-        if near is not None:
-            return value > self._peaks[near].value
+        neighbour = self._close_to(time_ns)
+        if neighbour is not None:
+            return value > self._peaks[neighbour].value
         return value > 0.0 and (len(self._peaks) < self._count or value > min(self._peaks).value)
 
     def add(self, peak: Peak) -> None:
-        """Keep a frame that `wants` approved, in place of a smaller one where there is no room."""
-        near = self._near(peak.time_ns)
-        if near is not None:
-            self._peaks[near] = peak
+        """Keep a frame that `accepts` approved, in place of a smaller one where there is no room."""
+        neighbour = self._close_to(peak.time_ns)
+        if neighbour is not None:
+            self._peaks[neighbour] = peak
         elif len(self._peaks) < self._count:
             self._peaks.append(peak)
         else:
@@ -172,7 +172,7 @@ class Peaks:
         """The frames kept."""
         return sorted(self._peaks, key=lambda peak: (-peak.value, peak.frame))
 
-    def _near(self, time_ns: int) -> int | None:
+    def _close_to(self, time_ns: int) -> int | None:
         for k, peak in enumerate(self._peaks):
             if abs(peak.time_ns - time_ns) < self._apart_ns:
                 return k

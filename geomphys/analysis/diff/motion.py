@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.analysis.diff.channels import ChannelDifference, Tolerance, earliest
-from geomphys.analysis.diff.measures import Spread
+from geomphys.analysis.diff.measures import DifferenceTable
 from geomphys.numerics.transforms import angle_between
 from geomphys.output.decoders import Poses
 from geomphys.output.output_log import OutputFrame
@@ -22,12 +22,12 @@ class PoseChannel:
 
     def __init__(self, channel: str, tolerance: Tolerance, first_a: OutputFrame, first_b: OutputFrame) -> None:
         self._channel, self._first = channel, (first_a, first_b)
-        self._metres, self._radians = Spread(tolerance.m), Spread(tolerance.rad)
+        self._metres, self._radians = DifferenceTable(tolerance.m), DifferenceTable(tolerance.rad)
         self._layout: tuple[tuple[str, ...], tuple[str, ...], Ints, Ints, Ints] | None = None
         self._names: tuple[set[str], set[str]] = (set(), set())
         self.differences: Floats = np.zeros(0)  # m, of the last frame
         self.compared: tuple[str, ...] = ()  # names of `differences`
-        self.turn = 0.0  # largest angle of the last frame, rad
+        self.angle = 0.0  # largest angle of the last frame, rad
 
     def add(self, a: OutputFrame, b: OutputFrame) -> float:
         """See `Channel.add`."""
@@ -40,7 +40,7 @@ class PoseChannel:
         rest = [name for name in a.names if name in b.names and not self._metres.has(name)]
         if rest:
             self._add(_chosen(a, rest), _chosen(b, rest), self._first[0].index)
-        metres, radians = self._metres.whole(), self._radians.whole()
+        metres, radians = self._metres.overall(), self._radians.overall()
         only_a, only_b = tuple(sorted(seen[0] - seen[1])), tuple(sorted(seen[1] - seen[0]))
         first = earliest(metres.first_frame, radians.first_frame)
         if only_a or only_b:
@@ -52,8 +52,8 @@ class PoseChannel:
             first_frame=first,
             metres=self._metres.each(),
             radians=self._radians.each(),
-            whole_m=metres,
-            whole_rad=radians,
+            overall_m=metres,
+            overall_rad=radians,
             only_a=only_a,
             only_b=only_b,
         )
@@ -72,7 +72,7 @@ class PoseChannel:
         else:
             self.differences = np.linalg.norm(one[:, :3] - other[:, :3], axis=1)
             radians = angle_between(one[:, 3:], other[:, 3:])
-        self.turn = float(radians.max(initial=0.0))
+        self.angle = float(radians.max(initial=0.0))
         self._metres.add(rows, self.differences, frame)
         self._radians.add(rows, radians, frame)
         return float(self.differences.max(initial=0.0))
@@ -82,36 +82,36 @@ class PoseChannel:
     ) -> tuple[tuple[str, ...], tuple[str, ...], Ints, Ints, Ints]:
         self._names[0].update(a)
         self._names[1].update(b)
-        places = {name: row for row, name in enumerate(b)}
-        self.compared = tuple(name for name in a if name in places)
-        rows_a = np.array([row for row, name in enumerate(a) if name in places], np.int64)
-        rows_b = np.array([places[name] for name in self.compared], np.int64)
+        row_of = {name: row for row, name in enumerate(b)}
+        self.compared = tuple(name for name in a if name in row_of)
+        rows_a = np.array([row for row, name in enumerate(a) if name in row_of], np.int64)
+        rows_b = np.array([row_of[name] for name in self.compared], np.int64)
         self._radians.rows(self.compared)
         return a, b, rows_a, rows_b, self._metres.rows(self.compared)
 
 
 class JointChannel:
-    """Joint values of one topic; `sliding` names the joints whose values are lengths, `whole` those that go all round.
+    """Joint values of one topic; `sliding` names the joints whose values are lengths, `overall` those that go all round.
 
     Values of the latter that are a whole turn apart are the same angle, unless everything has to be equal bit for bit.
     """
 
     def __init__(
-        self, topic: str, tolerance: Tolerance, sliding: frozenset[str], whole: frozenset[str] = frozenset()
+        self, topic: str, tolerance: Tolerance, sliding: frozenset[str], overall: frozenset[str] = frozenset()
     ) -> None:
         self._topic, self._sliding = topic, sliding
-        self._whole = frozenset[str]() if tolerance.exact else whole
-        self._metres, self._radians = Spread(tolerance.m), Spread(tolerance.rad)
+        self._whole = frozenset[str]() if tolerance.exact else overall
+        self._metres, self._radians = DifferenceTable(tolerance.m), DifferenceTable(tolerance.rad)
         self._only: tuple[set[str], set[str]] = (set(), set())
         self._first_only: int | None = None
         self._layout: tuple[tuple[str, ...], tuple[str, ...]] | None = None
-        self.turn = 0.0  # largest difference of an angle in the last frame, rad
+        self.angle = 0.0  # largest difference of an angle in the last frame, rad
         self._rows: tuple[Ints, Ints, NDArray[np.bool_], Ints, Ints]
         self._turns: NDArray[np.bool_]
 
     def add(self, a: OutputFrame, b: OutputFrame) -> float:
         """See `Channel.add`."""
-        self.turn = 0.0
+        self.angle = 0.0
         one, other = a.joints.get(self._topic), b.joints.get(self._topic)
         if one is None or other is None:
             if one is not other:
@@ -124,18 +124,18 @@ class JointChannel:
             self._layout = (one.names, other.names)
             self._match(one.names, other.names, a.index)
         rows_a, rows_b, slides, metres, radians = self._rows
-        away = np.abs(one.values[rows_a] - other.values[rows_b])
+        difference = np.abs(one.values[rows_a] - other.values[rows_b])
         if self._turns.any():
-            rest = np.remainder(away, 2 * np.pi)
-            away = np.where(self._turns, np.minimum(rest, 2 * np.pi - rest), away)
-        self._metres.add(metres, away[slides], a.index)
-        self._radians.add(radians, away[~slides], a.index)
-        self.turn = float(away[~slides].max(initial=0.0))
-        return float(away[slides].max(initial=0.0))
+            rest = np.remainder(difference, 2 * np.pi)
+            difference = np.where(self._turns, np.minimum(rest, 2 * np.pi - rest), difference)
+        self._metres.add(metres, difference[slides], a.index)
+        self._radians.add(radians, difference[~slides], a.index)
+        self.angle = float(difference[~slides].max(initial=0.0))
+        return float(difference[slides].max(initial=0.0))
 
     def result(self) -> ChannelDifference:
         """See `Channel.result`."""
-        metres, radians = self._metres.whole(), self._radians.whole()
+        metres, radians = self._metres.overall(), self._radians.overall()
         first = earliest(metres.first_frame, radians.first_frame, self._first_only)
         return ChannelDifference(
             channel=self._topic,
@@ -144,23 +144,23 @@ class JointChannel:
             first_frame=first,
             metres=self._metres.each(),
             radians=self._radians.each(),
-            whole_m=metres if self._metres.each() else None,
-            whole_rad=radians,
+            overall_m=metres if self._metres.each() else None,
+            overall_rad=radians,
             only_a=tuple(sorted(self._only[0])),
             only_b=tuple(sorted(self._only[1])),
         )
 
     def _match(self, a: tuple[str, ...], b: tuple[str, ...], frame: int) -> None:
-        places = {name: row for row, name in enumerate(b)}
-        common = [name for name in a if name in places]
+        row_of = {name: row for row, name in enumerate(b)}
+        common = [name for name in a if name in row_of]
         self._only[0].update(set(a) - set(b))
         self._only[1].update(set(b) - set(a))
         if set(a) != set(b) and self._first_only is None:
             self._first_only = frame
         self._turns = np.array([name in self._whole for name in common], bool)
         self._rows = (
-            np.array([row for row, name in enumerate(a) if name in places], np.int64),
-            np.array([places[name] for name in common], np.int64),
+            np.array([row for row, name in enumerate(a) if name in row_of], np.int64),
+            np.array([row_of[name] for name in common], np.int64),
             np.array([name in self._sliding for name in common], bool),
             self._metres.rows([name for name in common if name in self._sliding]),
             self._radians.rows([name for name in common if name not in self._sliding]),

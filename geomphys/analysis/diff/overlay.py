@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from geomphys.analysis.diff.channels import Tolerance
 from geomphys.analysis.diff.compare import matched
 from geomphys.analysis.diff.motion import PoseChannel
-from geomphys.analysis.diff.pictures import COLOUR_A, COLOUR_B, COLOUR_STILL
+from geomphys.analysis.diff.pictures import COLOUR_A, COLOUR_B, COLOUR_STATIC
 from geomphys.analysis.diff.report import OutputDifference
 from geomphys.numerics.transforms import rotation_from_quaternion
-from geomphys.output.camera import choose_eye
+from geomphys.output.camera import choose_viewpoint
 from geomphys.output.decoders import Poses
 from geomphys.output.output_log import OutputLog, open_output
 from geomphys.output.output_scene import world_of_output
@@ -83,8 +83,8 @@ def write_overlay(difference: OutputDifference, out: Path, *, scene: Path | None
         for side in sides:
             side.send(times)
         stream.send(CURVE, times, np.array(rows, np.int64), rr.Scalars.columns(scalars=values))
-        for kept in (frames, times_ns, rows, values):
-            kept.clear()
+        for column in (frames, times_ns, rows, values):
+            column.clear()
 
     for one, other in matched(a.frames(["/tf"]), b.frames(["/tf"])):
         present = one or other
@@ -149,12 +149,12 @@ class _Side:
         """Shapes, those of b translucent, and the places of what stands still; b's only where they differ from a's."""
         import rerun as rr
 
-        places = dict(zip(self.first.tf.names, self.first.tf.values, strict=True))
+        poses_by_name = dict(zip(self.first.tf.names, self.first.tf.values, strict=True))
         for body, frame in enumerate(world.frame_names):
-            if frame not in self._drawn or frame not in places:
+            if frame not in self._drawn or frame not in poses_by_name:
                 continue
             points, corners, normals = shaded(*world.triangles[body])
-            paint = COLOUR_STILL if frame not in self.moving else COLOUR_A if self._name == "a" else COLOUR_B
+            paint = COLOUR_STATIC if frame not in self.moving else COLOUR_A if self._name == "a" else COLOUR_B
             colour = (*(round(255 * part) for part in paint), OPACITY[self._name])
             path = (*SCENE, self._name, frame)
             self._stream.log_static(
@@ -164,28 +164,28 @@ class _Side:
                 ),
             )
             if frame not in self.moving:
-                pose = places[frame]
+                pose = poses_by_name[frame]
                 place = rr.Transform3D(translation=pose[:3], quaternion=rr.Quaternion(xyzw=pose[3:]))
                 self._stream.log_static(path, place)
 
 
 def _view(
-    world: World, logs: tuple[OutputLog, OutputLog], still: Poses, moving: tuple[str, ...], largest_mm: float
+    world: World, logs: tuple[OutputLog, OutputLog], static_poses: Poses, moving: tuple[str, ...], largest_mm: float
 ) -> Blueprint:
     """The scene above, the curve below, seen from where most of the motion is not hidden."""
     import rerun.blueprint as rrb
 
-    places = dict(zip(still.names, still.values, strict=True))
-    standing = [np.zeros((0, 3, 3))]
+    poses_by_name = dict(zip(static_poses.names, static_poses.values, strict=True))
+    static_triangles = [np.zeros((0, 3, 3))]
     for body, frame in enumerate(world.frame_names):
         vertices, faces = world.collision_triangles[body]
-        if frame not in moving and frame in places:
-            pose = places[frame]
-            standing.append((vertices @ rotation_from_quaternion(pose[3:]).T + pose[:3])[faces])
+        if frame not in moving and frame in poses_by_name:
+            pose = poses_by_name[frame]
+            static_triangles.append((vertices @ rotation_from_quaternion(pose[3:]).T + pose[:3])[faces])
     visited = [np.zeros((0, 3))]
     for poses in logs[0].sample(EYE_FRAMES):
         visited.append(np.array([v[:3] for n, v in zip(poses.names, poses.values, strict=True) if n in moving]))
-    eye = choose_eye(np.concatenate([v.reshape(-1, 3) for v in visited]), np.concatenate(standing))
+    eye = choose_viewpoint(np.concatenate([v.reshape(-1, 3) for v in visited]), np.concatenate(static_triangles))
     scene = rrb.Spatial3DView(
         origin="/".join(SCENE),
         name=f"a: {logs[0].path.stem} (blue, solid), b: {logs[1].path.stem} (orange, over it)",

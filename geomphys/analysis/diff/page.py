@@ -103,9 +103,12 @@ def _verdict(difference: OutputDifference) -> Iterator[str]:
         else '<span class="verdict other">Different</span>'
     )
     yield f"<p>{word} <span class=soft>in {frames.compared:,} frames compared"
-    for side, count, since in (("a", frames.only_a, frames.first_only_a), ("b", frames.only_b, frames.first_only_b)):
+    for side, count, first_frame in (
+        ("a", frames.only_a, frames.first_only_a),
+        ("b", frames.only_b, frames.first_only_b),
+    ):
         if count:
-            yield f"; {count:,} frames only in {side}, from its frame {since:,} on"
+            yield f"; {count:,} frames only in {side}, from its frame {first_frame:,} on"
     if frames.offset_s:
         yield f"; b begins {frames.offset_s:+,.9g} s after a"
     if not difference.tolerance.exact:
@@ -118,8 +121,8 @@ def _verdict(difference: OutputDifference) -> Iterator[str]:
         verdict = '<span class="same">equal</span>' if channel.equal else '<span class="other">differs</span>'
         verdict = verdict if frames.compared else '<span class="soft">not compared</span>'
         first = "" if channel.equal or channel.first_frame is None else f"{channel.first_frame:,}"
-        texts = [_of(channel.whole_m, "max", _length), _of(channel.whole_m, "rms", _length)]
-        texts += [_of(channel.whole_rad, "max", _angle), _of(channel.whole_rad, "rms", _angle), changed, first]
+        texts = [_of(channel.overall_m, "max", _length), _of(channel.overall_m, "rms", _length)]
+        texts += [_of(channel.overall_rad, "max", _angle), _of(channel.overall_rad, "rms", _angle), changed, first]
         rows.append([escape(channel.channel), verdict, *texts])
     yield _table(["channel", "", "largest", "RMS", "turned", "RMS turn", "gained / lost", "first frame"], rows, 2)
 
@@ -133,10 +136,10 @@ def _curves(difference: OutputDifference) -> Iterator[str]:
         ("Largest difference of a penetration depth", "mm", curves.penetration_m, 1e3, False),
         ("Pairs in contact gained and lost", "", curves.contacts, 1.0, True),
     ]
-    seen = [(t, u, frames, scale * values, steps) for t, u, (frames, values), scale, steps in drawn if values.any()]
-    if seen:
+    plotted = [(t, u, frames, scale * values, steps) for t, u, (frames, values), scale, steps in drawn if values.any()]
+    if plotted:
         yield "<h2>Over the frames</h2>"
-    for title, unit, frames, values, steps in seen:
+    for title, unit, frames, values, steps in plotted:
         yield curve(title, unit, frames, values, steps=steps)
 
 
@@ -152,10 +155,10 @@ def _pictures(difference: OutputDifference, scene: Path | None) -> Iterator[str]
             raise
         yield f'<p class="soft">No pictures: {escape(str(problem))}</p>'
         return
-    still = (first_poses(log), first_poses(open_output(difference.b)))
+    first_frames_poses = (first_poses(log), first_poses(open_output(difference.b)))
     yield '<p class="soft"><span class="key" style="background:#4a87c7;margin-left:0"></span>a'
     yield '<span class="key" style="background:#ed8229"></span>b, where it differs</p><div class="pictures">'
-    for picture in pictures_of(world, difference.peaks, *still):
+    for picture in pictures_of(world, difference.peaks, *first_frames_poses):
         yield _figure(picture, log.start_ns)
     yield "</div>"
 
@@ -181,7 +184,7 @@ def _causes(difference: OutputDifference) -> Iterator[str]:
 
 
 def _channel(channel: ChannelDifference) -> Iterator[str]:
-    parts = channel.most_different()
+    parts = channel.largest_differences()
     if not parts and not channel.only_a and not channel.only_b:
         return
     yield f"<h2>{escape(channel.channel)}</h2>"
@@ -203,8 +206,8 @@ def _row(channel: ChannelDifference, part: str) -> list[str]:
     rms = f"{plain.rms:.3g}" if plain is not None else _of(metres, "rms", _length)
     sets = channel.sets.get(part)
     measures = [m for m in (metres, radians, others) if m is not None and m.max]
-    firsts = [m.first_frame for m in measures if m.first_frame is not None]
-    firsts += [sets.first_frame] if sets is not None and sets.first_frame is not None else []
+    first_frames = [m.first_frame for m in measures if m.first_frame is not None]
+    first_frames += [sets.first_frame] if sets is not None and sets.first_frame is not None else []
     worst = next((m.worst_frame for m in measures if m.worst_frame is not None), None)
     return [
         escape(part),
@@ -214,7 +217,7 @@ def _row(channel: ChannelDifference, part: str) -> list[str]:
         _of(radians, "rms", _angle),
         f"{sets.gained:,}" if sets else "",
         f"{sets.lost:,}" if sets else "",
-        f"{min(firsts):,}" if firsts else "",
+        f"{min(first_frames):,}" if first_frames else "",
         f"{worst:,}" if worst is not None else "",
     ]
 
@@ -222,10 +225,10 @@ def _row(channel: ChannelDifference, part: str) -> list[str]:
 def _table(titles: list[str], rows: Iterable[list[str]], texts: int) -> str:
     """A table whose first `texts` columns are text and the others numbers; columns without anything are left out."""
     rows = list(rows)
-    kept = [k for k in range(len(titles)) if any(row[k] for row in rows)]
+    columns = [k for k in range(len(titles)) if any(row[k] for row in rows)]
     kinds = ["long" if k < texts else "n" for k in range(len(titles))]
-    head = "".join(f'<th class="{kinds[k]}">{escape(titles[k])}</th>' for k in kept)
-    body = "".join(f"<tr>{''.join(f'<td class={kinds[k]}>{row[k]}</td>' for k in kept)}</tr>" for row in rows)
+    head = "".join(f'<th class="{kinds[k]}">{escape(titles[k])}</th>' for k in columns)
+    body = "".join(f"<tr>{''.join(f'<td class={kinds[k]}>{row[k]}</td>' for k in columns)}</tr>" for row in rows)
     return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
 
 

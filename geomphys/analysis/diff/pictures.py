@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.analysis.diff.compare import PeakPoses
-from geomphys.analysis.diff.drawing import Painted, View, png, render
+from geomphys.analysis.diff.drawing import Surface, View, png, render
 from geomphys.analysis.diff.measures import Peak
 from geomphys.numerics.transforms import rotation_from_quaternion
-from geomphys.output.camera import choose_eye
+from geomphys.output.camera import choose_viewpoint
 from geomphys.output.decoders import Poses
 from geomphys.output.output_log import OutputLog
 from geomphys.scene.arrays import FIXED, World
@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 COLOUR_A = (0.29, 0.53, 0.78)
 COLOUR_B = (0.93, 0.51, 0.16)
-COLOUR_STILL = (0.80, 0.79, 0.77)
+COLOUR_STATIC = (0.80, 0.79, 0.77)
 
 SMALLEST_VIEW_M = 0.02
 """m; radius of the closest look."""
@@ -40,29 +40,29 @@ class Picture(NamedTuple):
     png: bytes
 
 
-def pictures_of(world: World, peaks: Sequence[Peak], still_a: Poses, still_b: Poses) -> Iterator[Picture]:
+def pictures_of(world: World, peaks: Sequence[Peak], static_a: Poses, static_b: Poses) -> Iterator[Picture]:
     """Two pictures of each frame: the surroundings of the body that is furthest off, and a close look at it.
 
-    `still_a` and `still_b` are the poses of the first frame of each: those of the bodies that do not move, too.
+    `static_a` and `static_b` are the poses of the first frame of each: those of the bodies that do not move, too.
     """
     for peak in peaks:
-        kept: PeakPoses = peak.kept
-        a, b = _posed(world, kept.a, still_a), _posed(world, kept.b, still_b)
-        body = world.frame_names.index(kept.body)
-        target = _middle(a.get(body), kept)
+        payload: PeakPoses = peak.payload
+        a, b = _posed(world, payload.a, static_a), _posed(world, payload.b, static_b)
+        body = world.frame_names.index(payload.body)
+        target = _middle(a.get(body), payload)
         tree = world.scene.bodies.tree
         figure = [t for k, t in a.items() if tree[k] == tree[body]] or [target.reshape(1, 1, 3)]
         around = 0.7 * float(np.linalg.norm(np.ptp(np.concatenate(figure).reshape(-1, 3), axis=0))) + 0.05
         close = max(SMALLEST_VIEW_M, DIFFERENCES_ACROSS * peak.value)
         fixed = [t for k, t in a.items() if world.scene.bodies.role[k] == FIXED]
-        eye = choose_eye(np.concatenate(figure).reshape(-1, 3), np.concatenate([np.zeros((0, 3, 3)), *fixed]))
+        eye = choose_viewpoint(np.concatenate(figure).reshape(-1, 3), np.concatenate([np.zeros((0, 3, 3)), *fixed]))
         direction = eye.position - eye.target
         near = float((eye.position - target) @ direction / np.linalg.norm(direction))
         for radius in dict.fromkeys([around, min(close, around)]):
             view = View(target, direction, radius, near=near)
-            solid = [Painted(t, _colour(world, k)) for k, t in a.items()]
-            glass = [Painted(t, COLOUR_B) for k, t in b.items() if k not in a or not np.array_equal(a[k], t)]
-            yield Picture(peak.frame, peak.time_ns, kept.body, peak.value, radius, png(render(view, solid, glass)))
+            solid = [Surface(t, _colour(world, k)) for k, t in a.items()]
+            glass = [Surface(t, COLOUR_B) for k, t in b.items() if k not in a or not np.array_equal(a[k], t)]
+            yield Picture(peak.frame, peak.time_ns, payload.body, peak.value, radius, png(render(view, solid, glass)))
 
 
 def first_poses(output: OutputLog) -> Poses:
@@ -70,28 +70,30 @@ def first_poses(output: OutputLog) -> Poses:
     return next(iter(output.frames(["/tf"]))).tf
 
 
-def _posed(world: World, poses: Poses, still: Poses) -> dict[int, Floats]:
+def _posed(world: World, poses: Poses, first_poses: Poses) -> dict[int, Floats]:
     """Body -> its triangles (n, 3, 3) in the world, of bodies that are shown and have a pose."""
-    places = dict(zip(still.names, still.values, strict=True)) | dict(zip(poses.names, poses.values, strict=True))
+    poses_by_name = dict(zip(first_poses.names, first_poses.values, strict=True)) | dict(
+        zip(poses.names, poses.values, strict=True)
+    )
     found: dict[int, Floats] = {}
     for body, name in enumerate(world.frame_names):
         vertices, faces = world.triangles[body]
         if len(faces) == 0:
             vertices, faces = world.collision_triangles[body]
-        if len(faces) and name in places:
-            pose = places[name]
+        if len(faces) and name in poses_by_name:
+            pose = poses_by_name[name]
             found[body] = (vertices @ rotation_from_quaternion(pose[3:]).T + pose[:3])[faces]
     return found
 
 
 def _colour(world: World, body: int) -> tuple[float, float, float]:
-    return COLOUR_STILL if world.scene.bodies.role[body] == FIXED else COLOUR_A
+    return COLOUR_STATIC if world.scene.bodies.role[body] == FIXED else COLOUR_A
 
 
-def _middle(triangles: Floats | None, kept: PeakPoses) -> Floats:
+def _middle(triangles: Floats | None, payload: PeakPoses) -> Floats:
     """The middle of a body's box in a; of a body without a shape its origin."""
     if triangles is None:
-        return np.array(kept.a.values[kept.a.names.index(kept.body), :3])
+        return np.array(payload.a.values[payload.a.names.index(payload.body), :3])
     points = triangles.reshape(-1, 3)
     middle: Floats = (points.min(axis=0) + points.max(axis=0)) / 2
     return middle

@@ -79,17 +79,17 @@ class OutputDifference:
 
 def _channel(channel: ChannelDifference) -> dict[str, Any]:
     """A channel: its own figures, then those of its parts under the name of what they are."""
-    whole: dict[str, Any] = {"equal": channel.equal}
-    whole |= _figures(channel.whole_m, "_m") | _figures(channel.whole_rad, "_rad")
-    whole["first_frame"] = channel.first_frame
+    overall: dict[str, Any] = {"equal": channel.equal}
+    overall |= _figures(channel.overall_m, "_m") | _figures(channel.overall_rad, "_rad")
+    overall["first_frame"] = channel.first_frame
     if channel.kind in ("pairs", "lines"):
-        whole["gained"] = sum(sets.gained for sets in channel.sets.values())
-        whole["lost"] = sum(sets.lost for sets in channel.sets.values())
+        overall["gained"] = sum(sets.gained for sets in channel.sets.values())
+        overall["lost"] = sum(sets.lost for sets in channel.sets.values())
     if channel.only_a or channel.only_b:
-        whole |= {"only_a": list(channel.only_a), "only_b": list(channel.only_b)}
+        overall |= {"only_a": list(channel.only_a), "only_b": list(channel.only_b)}
     if channel.kind != "lines":
-        whole[channel.kind] = {name: _part(channel, name) for name in channel.parts()}
-    return whole
+        overall[channel.kind] = {name: _part(channel, name) for name in channel.parts()}
+    return overall
 
 
 def _part(channel: ChannelDifference, name: str) -> dict[str, Any]:

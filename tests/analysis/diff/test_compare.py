@@ -132,8 +132,8 @@ def test_gained_and_lost_are_those_of_the_frames_as_sets(landed: Results) -> Non
 def test_a_tolerance_above_the_difference_makes_them_the_same(pressed: Results) -> None:
     loose = geomphys.compare_outputs(pressed.out, pressed.raised, tolerance_m=2 * RAISED_M, tolerance_rad=1e-6)
     assert loose.equal
-    assert loose.channels["/tf"].whole_m is not None
-    assert loose.channels["/tf"].whole_m.max > 0
+    assert loose.channels["/tf"].overall_m is not None
+    assert loose.channels["/tf"].overall_m.max > 0
     assert not geomphys.compare_outputs(pressed.out, pressed.raised, tolerance_m=0.5 * RAISED_M).equal
 
 
@@ -205,7 +205,7 @@ def test_the_part_that_differs_most_comes_first() -> None:
         metres={"often": measure(1e-3), "far": measure(2e-2), "less": measure(2e-3), "same": measure(0.0)},
         sets={"often": Sets(gained=100), "gone": Sets(lost=3)},
     )  # fmt: skip
-    assert channel.most_different() == ("often", "far", "less", "gone")
+    assert channel.largest_differences() == ("often", "far", "less", "gone")
 
 
 def test_what_stands_still_is_compared_though_the_first_frames_differ(pressed: Results, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from geomphys.analysis.diff.drawing import Painted, View, png, render
+from geomphys.analysis.diff.drawing import Surface, View, png, render
 
 RED, BLUE = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
@@ -31,7 +31,7 @@ def middle(pixels: np.ndarray) -> np.ndarray:
 
 
 def test_a_square_covers_its_share(view: View) -> None:
-    pixels = render(view, [Painted(square(0.0), RED)], [])
+    pixels = render(view, [Surface(square(0.0), RED)], [])
     covered = (pixels[..., 1] == 0).mean()
     assert covered == pytest.approx(0.25, abs=0.02)
     assert middle(pixels)[0] > 0.4
@@ -39,23 +39,23 @@ def test_a_square_covers_its_share(view: View) -> None:
 
 
 def test_the_nearer_one_hides(view: View) -> None:
-    both = [Painted(square(0.1), BLUE), Painted(square(0.2), RED)]
+    both = [Surface(square(0.1), BLUE), Surface(square(0.2), RED)]
     for order in (both, both[::-1]):
         assert middle(render(view, order, [])).argmax() == 0
 
 
 def test_what_faces_away_is_not_drawn(view: View) -> None:
-    assert (render(view, [Painted(square(0.0)[:, ::-1], RED)], []) == render(view, [], [])).all()
+    assert (render(view, [Surface(square(0.0)[:, ::-1], RED)], []) == render(view, [], [])).all()
 
 
 def test_what_is_behind_the_eye_is_not_drawn(view: View) -> None:
     near = View(view.target, view.direction, view.radius, view.width, view.height, near=0.15)
-    assert middle(render(near, [Painted(square(0.1), BLUE), Painted(square(0.2), RED)], [])).argmax() == 2
+    assert middle(render(near, [Surface(square(0.1), BLUE), Surface(square(0.2), RED)], [])).argmax() == 2
 
 
 @pytest.mark.parametrize(("glass_at", "seen"), [(0.2, True), (-0.2, False)])
 def test_glass_is_laid_over_what_is_behind_it(view: View, glass_at: float, seen: bool) -> None:
-    solid, glass = [Painted(square(0.0), BLUE)], [Painted(square(glass_at), RED)]
+    solid, glass = [Surface(square(0.0), BLUE)], [Surface(square(glass_at), RED)]
     colour = middle(render(view, solid, glass))
     assert (colour[0] > 0.1) == seen
     assert colour[2] > 0.1
