@@ -15,6 +15,7 @@ from geomphys.errors import LogError, OutputError
 from geomphys.jit.compiling.crew import telling
 from geomphys.jit.kernel import are_compiled
 from geomphys.load import load_world
+from geomphys.output.file_sinks import FILE_SINKS, FileSinkOptions, make_file_sink
 from geomphys.output.provenance import provenance_of
 from geomphys.output.sink import Sink
 from geomphys.output.summary import Summarizer, Summary
@@ -103,8 +104,10 @@ def run(
         An MCAP file or a ROS 2 bag directory.
     scene : Path, str or World
         The scene file, or the world it was loaded into.
-    out, rrd : Path or str, optional
-        The MCAP and the rerun recording to write; neither: only the figures.
+    out : Path or str, optional
+        The file to write. Its suffix chooses the format among `geomphys.output.file_sinks.FILE_SINKS`; MCAP for others.
+    rrd : Path or str, optional
+        The rerun recording to write. With neither, only the figures are returned.
     config : Config, optional
         All parameters; None: the defaults.
     timing : bool
@@ -145,7 +148,9 @@ def run(
             else load_world(scene, mode=config.mode, seed=config.seed, progress=loading)
         )
         summarizer = Summarizer(world.body_names, world.findings)
-        sinks = _sinks(log, out, rrd, timing=timing, force=force, copy_input=copy_input)
+        options = FileSinkOptions(force=force, timing=timing, copied_log=log if copy_input else None)
+        sinks = [] if out is None else [make_file_sink(out, options, default=".mcap")]
+        sinks += [] if rrd is None else [FILE_SINKS[".rrd"](rrd, options)]
         start = time.perf_counter()
         results = replay(log, world, config=config, sinks=sinks, progress=progress)
         assert isinstance(results, Generator)
@@ -174,20 +179,6 @@ def _check_distinct(log: Path, out: Path | None, rrd: Path | None) -> None:
             raise OutputError(f"{path}: is the log itself; choose another name for the output")
     if out is not None and rrd is not None and out.resolve() == rrd.resolve():
         raise OutputError(f"{out}: is named as MCAP and as rerun recording; give them different names")
-
-
-def _sinks(log: Path, out: Path | None, rrd: Path | None, *, timing: bool, force: bool, copy_input: bool) -> list[Sink]:
-    """Make the sinks that write the files asked for; what they need is imported only then."""
-    sinks: list[Sink] = []
-    if out is not None:
-        from geomphys.output.mcap_sink import McapSink
-
-        sinks.append(McapSink(out, force=force, timing=timing, copy_input=log if copy_input else None))
-    if rrd is not None:
-        from geomphys.output.rerun_sink import RerunSink
-
-        sinks.append(RerunSink(rrd, force=force, timing=timing))
-    return sinks
 
 
 def _batches(source: FrameSource) -> Iterator[tuple[list[Frame], int]]:
