@@ -1,4 +1,4 @@
-"""What a benchmark ran on, and what compiling costs there."""
+"""Describes the computer a benchmark runs on and measures the time to compile the kernels."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from geomphys.errors import GeomphysError
 from geomphys.jit.kernel import are_compiled
 
 PACKAGES = ("numpy", "numba", "llvmlite", "mujoco", "coal", "python-fcl")
-"""Whose versions bear on the figures; those that are not installed are left out."""
+"""Packages whose versions are reported; those that are not installed are left out."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,12 +32,12 @@ class Machine:
 
     @property
     def is_busy(self) -> bool:
-        """Whether others are at work on it, so that absolute times are too long."""
+        """Whether other processes keep it busy, so that absolute times are too long."""
         return self.load[0] > 0.75 * self.cores
 
 
 def describe_machine() -> Machine:
-    """Return what is known of this machine."""
+    """Describe this computer."""
     versions = {}
     for name in PACKAGES:
         try:
