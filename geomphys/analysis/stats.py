@@ -105,16 +105,16 @@ def statistics_of(
         raise ValueError("statistics of no output at all")
     logs = [open_output(path) for path in outputs]
     total, done = sum(log.frame_count for log in logs), 0
-    together = _Series()
+    combined = _OutputTotals()
     found: list[OutputStatistics] = []
     for log in logs:
-        series = _Series() if len(logs) > 1 else together
-        motion = _Motion()
+        series = _OutputTotals() if len(logs) > 1 else combined
+        motion = _MotionRates()
         for frame in log.frames(["/tf", "/recorded/tf", "/metrics", "/timing"]):
-            moved = motion.add(frame)
-            series.add(frame, moved)
-            if series is not together:
-                together.add(frame, moved)
+            rates = motion.add(frame)
+            series.add(frame, rates)
+            if series is not combined:
+                combined.add(frame, rates)
             done += 1
             if progress is not None:
                 progress(done, total)
@@ -122,13 +122,13 @@ def statistics_of(
             raise LogError(f"{log.path}: holds no frame")
         duration = (log.end_ns - log.start_ns) / 1e9
         series.duration_s = duration
-        if series is not together:
-            together.duration_s += duration
+        if series is not combined:
+            combined.duration_s += duration
         found.append(series.statistics(str(log.path), log.complete))
-    return Statistics(outputs=tuple(found), all=together.statistics("all", all(o.complete for o in found)))
+    return Statistics(outputs=tuple(found), all=combined.statistics("all", all(o.complete for o in found)))
 
 
-class _Motion:
+class _MotionRates:
     """Speeds and jerks of the driven bodies from one frame to the next."""
 
     def __init__(self) -> None:
@@ -150,7 +150,7 @@ class _Motion:
 
 
 @dataclass
-class _Series:
+class _OutputTotals:
     """What is gathered of one output, or of all."""
 
     frames: int = 0
@@ -165,7 +165,7 @@ class _Series:
     _values: dict[str, Quantiles] = field(default_factory=dict)
     _stages: dict[str, Quantiles] = field(default_factory=dict)
 
-    def add(self, frame: OutputFrame, moved: dict[str, float]) -> None:
+    def add(self, frame: OutputFrame, rates: dict[str, float]) -> None:
         metrics = frame.metrics
         self.frames += 1
         self._in_contact += metrics["contacts"] > 0
@@ -181,11 +181,11 @@ class _Series:
         for name in _METRICS:
             value = float(metrics[name])
             if value > 0.0 or name in ("residual_penetration_m", "iterations"):
-                self._take(self._values, name, value)
-        for name, value in moved.items():
-            self._take(self._values, name, value)
+                self._add_value(self._values, name, value)
+        for name, value in rates.items():
+            self._add_value(self._values, name, value)
         for stage in frame.timing:
-            self._take(self._stages, stage.name, float(stage.ns))
+            self._add_value(self._stages, stage.name, float(stage.ns))
 
     def statistics(self, name: str, complete: bool) -> OutputStatistics:
         motions = [f"{motion}_{unit}" for unit in ("speed_m_s", "jerk_m_s3") for motion in _MOTIONS]
@@ -206,7 +206,7 @@ class _Series:
         )
 
     @staticmethod
-    def _take(series: dict[str, Quantiles], name: str, value: float) -> None:
+    def _add_value(series: dict[str, Quantiles], name: str, value: float) -> None:
         if name not in series:
             series[name] = Quantiles()
         series[name].add(value)

@@ -28,7 +28,7 @@ class Tolerance:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sets:
+class SetDifference:
     """What is in one output and not in the other: counts over all frames."""
 
     gained: int = 0  # in b alone
@@ -52,7 +52,7 @@ class ChannelDifference:
     others: dict[str, Measure] = field(default_factory=dict)
     overall_m: Measure | None = None
     overall_rad: Measure | None = None
-    sets: dict[str, Sets] = field(default_factory=dict)
+    sets: dict[str, SetDifference] = field(default_factory=dict)
     only_a: tuple[str, ...] = ()
     only_b: tuple[str, ...] = ()
 

@@ -145,12 +145,12 @@ class Peak(NamedTuple):
 class Peaks:
     """The few frames of the largest values that lie apart in time."""
 
-    def __init__(self, count: int, apart_ns: int) -> None:
+    def __init__(self, count: int, min_distance_ns: int) -> None:
         self._count = count
-        self._apart_ns = apart_ns
+        self._min_distance_ns = min_distance_ns
         self._peaks: list[Peak] = []
 
-    def accepts(self, value: float, time_ns: int) -> bool:
+    def would_keep(self, value: float, time_ns: int) -> bool:
         """Whether a frame would be kept, so that what is to be kept need not be made in vain."""
         neighbour = self._close_to(time_ns)
         if neighbour is not None:
@@ -158,7 +158,7 @@ class Peaks:
         return value > 0.0 and (len(self._peaks) < self._count or value > min(self._peaks).value)
 
     def add(self, peak: Peak) -> None:
-        """Keep a frame that `accepts` approved, in place of a smaller one where there is no room."""
+        """Keep a frame that `would_keep` approved, in place of a smaller one where there is no room."""
         neighbour = self._close_to(peak.time_ns)
         if neighbour is not None:
             self._peaks[neighbour] = peak
@@ -168,12 +168,12 @@ class Peaks:
             smallest = min(range(self._count), key=lambda k: self._peaks[k].value)
             self._peaks[smallest] = peak
 
-    def largest_first(self) -> list[Peak]:
+    def sorted_peaks(self) -> list[Peak]:
         """The frames kept."""
         return sorted(self._peaks, key=lambda peak: (-peak.value, peak.frame))
 
     def _close_to(self, time_ns: int) -> int | None:
         for k, peak in enumerate(self._peaks):
-            if abs(peak.time_ns - time_ns) < self._apart_ns:
+            if abs(peak.time_ns - time_ns) < self._min_distance_ns:
                 return k
         return None

@@ -45,13 +45,13 @@ class View:
         return np.array([right, np.cross(towards, right), towards])
 
 
-def render(view: View, solid: list[Surface], glass: list[Surface], opacity: float = 0.55) -> NDArray[np.uint8]:
-    """Pixels (height, width, 3); `glass` is laid over what is behind it and hidden by what is in front of it."""
+def render(view: View, solid: list[Surface], translucent: list[Surface], opacity: float = 0.55) -> NDArray[np.uint8]:
+    """Pixels (height, width, 3); `translucent` is laid over what is behind it and hidden by what is in front of it."""
     colours, depths = _buffer(view)
     for surface in solid:
         _rasterise(view, surface, colours, depths)
     over, over_depths = _buffer(view)
-    for surface in glass:
+    for surface in translucent:
         _rasterise(view, surface, over, over_depths)
     shown = (over_depths >= depths - 1e-9) & np.isfinite(over_depths)
     colours[shown] = (1.0 - opacity) * colours[shown] + opacity * over[shown]

@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 
 import geomphys
-from geomphys.analysis.diff.page import write_page
+from geomphys.analysis.diff.html_report import write_page
 from tests.made import Results
 
 VOID = {"meta", "link", "img"}

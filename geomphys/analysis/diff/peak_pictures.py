@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.analysis.diff.compare import PeakPoses
-from geomphys.analysis.diff.drawing import Surface, View, png, render
 from geomphys.analysis.diff.measures import Peak
+from geomphys.analysis.diff.rasterizer import Surface, View, png, render
 from geomphys.numerics.transforms import rotation_from_quaternion
 from geomphys.output.camera import choose_viewpoint
 from geomphys.output.decoders import Poses
@@ -61,8 +61,10 @@ def pictures_of(world: World, peaks: Sequence[Peak], static_a: Poses, static_b: 
         for radius in dict.fromkeys([around, min(close, around)]):
             view = View(target, direction, radius, near=near)
             solid = [Surface(t, _colour(world, k)) for k, t in a.items()]
-            glass = [Surface(t, COLOUR_B) for k, t in b.items() if k not in a or not np.array_equal(a[k], t)]
-            yield Picture(peak.frame, peak.time_ns, payload.body, peak.value, radius, png(render(view, solid, glass)))
+            translucent = [Surface(t, COLOUR_B) for k, t in b.items() if k not in a or not np.array_equal(a[k], t)]
+            yield Picture(
+                peak.frame, peak.time_ns, payload.body, peak.value, radius, png(render(view, solid, translucent))
+            )
 
 
 def first_poses(output: OutputLog) -> Poses:

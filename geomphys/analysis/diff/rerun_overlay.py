@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.analysis.diff.channels import Tolerance
-from geomphys.analysis.diff.compare import matched
-from geomphys.analysis.diff.motion import PoseChannel
-from geomphys.analysis.diff.pictures import COLOUR_A, COLOUR_B, COLOUR_STATIC
-from geomphys.analysis.diff.report import OutputDifference
+from geomphys.analysis.diff.compare import match_frames
+from geomphys.analysis.diff.difference import OutputDifference
+from geomphys.analysis.diff.motion_channels import PoseChannel
+from geomphys.analysis.diff.peak_pictures import COLOUR_A, COLOUR_B, COLOUR_STATIC
 from geomphys.numerics.transforms import rotation_from_quaternion
 from geomphys.output.camera import choose_viewpoint
 from geomphys.output.decoders import Poses
@@ -69,8 +69,8 @@ def write_overlay(difference: OutputDifference, out: Path, *, scene: Path | None
     stream = RerunStream(output.temporary, identity[:32], f"{a.path.stem} against {b.path.stem}")
     stream.log_static(SCENE, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
     stream.log_static(CURVE, rr.SeriesLines(names="largest distance [mm]", widths=1.5, colors=[217, 118, 27]))
-    sides = [_Side(stream, name, world, log) for name, log in (("a", a), ("b", b))]
-    distance = PoseChannel("/tf", Tolerance(), sides[0].first, sides[1].first)
+    motions = [_OverlayMotion(stream, name, world, log) for name, log in (("a", a), ("b", b))]
+    distance = PoseChannel("/tf", Tolerance(), motions[0].first, motions[1].first)
     unix, index = a.start_ns >= UNIX_FROM, 0
     frames: list[int] = []
     times_ns: list[int] = []
@@ -80,13 +80,13 @@ def write_overlay(difference: OutputDifference, out: Path, *, scene: Path | None
 
     def send() -> None:
         times = Times(np.array(frames, np.int64), np.array(times_ns, np.int64), unix)
-        for side in sides:
+        for side in motions:
             side.send(times)
         stream.send(CURVE, times, np.array(rows, np.int64), rr.Scalars.columns(scalars=values))
         for column in (frames, times_ns, rows, values):
             column.clear()
 
-    for one, other in matched(a.frames(["/tf"]), b.frames(["/tf"])):
+    for one, other in match_frames(a.frames(["/tf"]), b.frames(["/tf"])):
         present = one or other
         assert present is not None
         index = one.index if one is not None else index
@@ -94,7 +94,7 @@ def write_overlay(difference: OutputDifference, out: Path, *, scene: Path | None
             rows.append(len(frames))
             values.append(1e3 * distance.add(one, other))
             largest = max(largest, values[-1])
-        for side, frame in zip(sides, (one, other), strict=True):
+        for side, frame in zip(motions, (one, other), strict=True):
             if frame is not None:
                 side.take(len(frames), frame.tf)
         frames.append(index)
@@ -103,14 +103,14 @@ def write_overlay(difference: OutputDifference, out: Path, *, scene: Path | None
             send()
     send()
     try:
-        view = _view(world, (a, b), sides[0].first.tf, sides[0].moving, largest)
+        view = _view(world, (a, b), motions[0].first.tf, motions[0].moving, largest)
         stream.finish({"a": difference.a, "b": difference.b}, view)
     except OSError as problem:
         raise output.error(problem) from problem
     output.publish(complete=True)
 
 
-class _Side:
+class _OverlayMotion:
     """One of the two motions: its shapes, and its poses until they are sent."""
 
     def __init__(self, stream: RerunStream, name: str, world: World, log: OutputLog) -> None:
