@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from geomphys.errors import LogError
 from geomphys.numerics.transforms import rotation_from_quaternion
 from geomphys.output.output_log import OutputFrame, open_output
-from geomphys.output.output_scene import world_of_output
+from geomphys.output.output_world import world_of_output
 from geomphys.output.provenance import sha256_of_world
 from geomphys.scene.arrays import FIXED, SIMULATED, World
 from geomphys.storage.remote_files import as_path

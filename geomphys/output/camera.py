@@ -20,7 +20,7 @@ _IGNORED = 0.15  # of that radius: what is this near to a contact does not count
 _CLEARANCE = 0.7  # of that radius: how far the eye likes to stay from what stands still
 
 
-class Moment(NamedTuple):
+class ContactFrame(NamedTuple):
     """A frame in which something touches, world frame, m."""
 
     points: Floats  # (k, 3) contact points
@@ -34,7 +34,7 @@ class Viewpoint(NamedTuple):
     target: Floats  # (3,)
 
 
-def choose_viewpoint(points: Floats, triangles: Floats, moments: Sequence[Moment] = ()) -> Viewpoint:
+def choose_viewpoint(points: Floats, triangles: Floats, contact_frames: Sequence[ContactFrame] = ()) -> Viewpoint:
     """The direction from which most of the points are seen, and the contacts of most of the moments.
 
     Parameters
@@ -61,21 +61,21 @@ def choose_viewpoint(points: Floats, triangles: Floats, moments: Sequence[Moment
     if len(triangles):
         sample = sample[:: max(1, len(sample) * len(triangles) * len(eyes) // _RAYS)]
         triangles = triangles[:: max(1, len(sample) * len(triangles) * len(eyes) // _RAYS)]
-    visible = np.array([_visible_share(eye, sample, triangles) for eye in eyes])
+    visible = np.array([_visible_fraction(eye, sample, triangles) for eye in eyes])
     if len(triangles):  # not right before a wall
         around = (
             _CLEARANCE * radius * np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]) - _CLEARANCE * radius
         )
-        visible -= [0.5 * (1.0 - _visible_share(eye, eye + around, triangles, 0.0)) for eye in eyes]
-    if moments:
+        visible -= [0.5 * (1.0 - _visible_fraction(eye, eye + around, triangles, 0.0)) for eye in eyes]
+    if contact_frames:
         ignored = _IGNORED * radius
-        shown = [[_visible_share(eye, m.points, m.triangles, ignored) for m in moments] for eye in eyes]
+        shown = [[_visible_fraction(eye, m.points, m.triangles, ignored) for m in contact_frames] for eye in eyes]
         visible = (visible + np.mean(shown, axis=1)) / 2
     best = int(np.argmax(visible - penalty))
     return Viewpoint(eyes[best], target)
 
 
-def _visible_share(eye: Floats, points: Floats, triangles: Floats, ignored: float | None = None) -> float:
+def _visible_fraction(eye: Floats, points: Floats, triangles: Floats, ignored: float | None = None) -> float:
     """Share of points that no triangle hides from the eye (Möller and Trumbore's test for each pair).
 
     What is nearer to a point than `ignored` (m; None: a thirtieth of the way) does not hide it.

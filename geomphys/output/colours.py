@@ -12,7 +12,7 @@ FREE: Colour = (226, 190, 166, 255)
 """A link where it was recorded."""
 CORRECTED: Colour = (120, 178, 214, 255)
 """A link moved from where it was recorded."""
-TOUCHING: Colour = (242, 142, 43, 255)
+IN_CONTACT: Colour = (242, 142, 43, 255)
 """A link in contact."""
 GHOST: Colour = (220, 40, 100, 80)
 """The recorded pose of a link that was moved."""
@@ -44,26 +44,26 @@ _SIMULATED: tuple[Colour, ...] = (
 _SHADES = (1.0, 0.90, 1.10, 0.95, 1.05)
 
 
-def of_material(name: str) -> Colour:
+def colour_of_material(name: str) -> Colour:
     """Colour of that material; one the palette does not know has one of a few, always the same."""
     return _MATERIALS.get(name) or _FALLBACKS[zlib.crc32(name.encode()) % len(_FALLBACKS)]
 
 
-def of_object(name: str, material: str, *, simulated: bool) -> Colour:
+def colour_of_object(name: str, material: str, *, simulated: bool) -> Colour:
     """Colour of an object: a shade of its material, so that neighbours differ; a colour of its own if it is simulated."""
     number = zlib.crc32(name.encode())
     if simulated:
         return _SIMULATED[number % len(_SIMULATED)]
     shade = _SHADES[number % len(_SHADES)]
-    red, green, blue, opacity = of_material(material)
+    red, green, blue, opacity = colour_of_material(material)
     return (min(255, int(red * shade)), min(255, int(green * shade)), min(255, int(blue * shade)), opacity)
 
 
-def of_trees(file: SceneFile) -> dict[str, Colour]:
+def colours_of_trees(file: SceneFile) -> dict[str, Colour]:
     """Colour of every avatar and object of a scene by its name."""
-    avatars = {table.name: of_material(table.material) for table in file.avatar}
+    avatars = {table.name: colour_of_material(table.material) for table in file.avatar}
     objects = {
-        table.name: of_object(table.name, table.material, simulated=table.class_ == "simulated")
+        table.name: colour_of_object(table.name, table.material, simulated=table.class_ == "simulated")
         for table in file.object
     }
     return avatars | objects

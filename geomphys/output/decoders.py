@@ -1,4 +1,4 @@
-"""The messages of an output log, from bytes to numbers: the reverse of `geomphys.output.messages`."""
+"""The messages of an output log, from bytes to numbers: the reverse of `geomphys.output.encoders`."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from numpy.typing import NDArray
 
+from geomphys.output.encoders import TransformsEncoder
 from geomphys.output.message_templates import Template
-from geomphys.output.messages import TransformsMessage
 from geomphys.output.proto.geomphys_pb2 import Contacts, FrameMetrics, PenetrationDepths, Timing
 
 Floats = NDArray[np.float64]
@@ -92,7 +92,7 @@ class TransformsDecoder:
             (p.x, p.y, p.z, q.x, q.y, q.z, q.w) for p, q in ((t.translation, t.rotation) for t in message.transforms)
         ]
         values = np.array(rows, np.float64).reshape(-1, 7)
-        layout = TransformsMessage(names).layout(time_ns)
+        layout = TransformsEncoder(names).layout(time_ns)
         if layout.read(data) is not None:
             self._layouts[len(data)] = (names, layout)
         return Poses(names, values)

@@ -18,13 +18,13 @@ DIFFERENCE = 1e-4
 """From which difference of a coordinate [m] or of a quaternion's component on a pose counts as moved, for the eye."""
 
 
-def moved(recorded: Floats, corrected: Floats) -> Flags:
+def is_corrected(recorded: Floats, corrected: Floats) -> Flags:
     """(n, b) whether a body is drawn as moved from where it was recorded; poses are (n, b, 7)."""
     is_moved: Flags = np.abs(corrected - recorded).max(axis=2) > DIFFERENCE
     return is_moved
 
 
-def touching(results: Sequence[FrameResult], bodies: int) -> Flags:
+def in_contact(results: Sequence[FrameResult], bodies: int) -> Flags:
     """(n, b) whether a body has a contact in a frame."""
     touched = np.zeros((len(results), bodies), bool)
     for row, result in enumerate(results):
@@ -33,7 +33,7 @@ def touching(results: Sequence[FrameResult], bodies: int) -> Flags:
     return touched
 
 
-def changes(rows: NDArray[np.generic], before: NDArray[np.generic] | None) -> Flags:
+def changed_rows(rows: NDArray[np.generic], before: NDArray[np.generic] | None) -> Flags:
     """(n,) whether a row of (n, k) differs from the one before; `before` is that of the first, None if there is none."""
     changed = np.ones(len(rows), bool)
     if before is not None:
@@ -42,7 +42,7 @@ def changes(rows: NDArray[np.generic], before: NDArray[np.generic] | None) -> Fl
     return changed
 
 
-def counted(counts_per_frame: Sequence[int], before: int) -> tuple[Ints, Ints]:
+def rows_with_content(counts_per_frame: Sequence[int], before: int) -> tuple[Ints, Ints]:
     """Rows that hold anything or end what was held, and how much each holds; `before` is the count before the first."""
     counts = np.array(counts_per_frame)
     previous = np.concatenate([[before], counts[:-1]])
@@ -75,7 +75,7 @@ def depth_arrows(results: Sequence[FrameResult]) -> tuple[Floats, Floats]:
     return np.array(origins).reshape(-1, 3), scales * vectors
 
 
-def figures(results: Sequence[FrameResult]) -> dict[str, Floats]:
+def plot_values(results: Sequence[FrameResult]) -> dict[str, Floats]:
     """Plot name -> (n,) values, in the units that the names of the plots state."""
     metrics = [result.metrics for result in results]
     deepest = [

@@ -36,9 +36,9 @@ class InputCopy:
             self._copy(self._next, file)
             self._next = next(self._items, None)
 
-    def close(self, file: McapWriter, rest: bool) -> None:
-        """Stop; with `rest` the remaining messages are copied first."""
-        while rest and self._next is not None:
+    def close(self, file: McapWriter, copy_remaining: bool) -> None:
+        """Stop; with `copy_remaining` the remaining messages are copied first."""
+        while copy_remaining and self._next is not None:
             self._copy(self._next, file)
             self._next = next(self._items, None)
         self._reader.close()

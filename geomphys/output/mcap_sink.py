@@ -17,32 +17,32 @@ from numpy.typing import NDArray
 from geomphys import __version__
 from geomphys.config import Config
 from geomphys.errors import LogError, OutputError
-from geomphys.output.finite import check_finite
+from geomphys.output.encoders import (
+    JOINT_STATE_DEFINITION,
+    STRING_DEFINITION,
+    ContactArrowsEncoder,
+    ContactPointsEncoder,
+    ContactsEncoder,
+    FrameEncoder,
+    JointStateEncoder,
+    TransformsEncoder,
+    encode_string,
+    frame_header,
+)
+from geomphys.output.finite_check import check_finite
 from geomphys.output.input_copy import InputCopy
 from geomphys.output.mcap_writer import McapWriter
 from geomphys.output.message_templates import stamp_field
-from geomphys.output.messages import (
-    JOINT_STATE_DEFINITION,
-    STRING_DEFINITION,
-    ContactArrowsMessage,
-    ContactPointsMessage,
-    ContactsMessage,
-    FrameMessages,
-    JointStateMessage,
-    TransformsMessage,
-    head_of,
-    string_message,
-)
 from geomphys.output.proto.geomphys_pb2 import Contacts, FrameMetrics, PenetrationDepths, Timing
-from geomphys.output.provenance import RECORD, Provenance
+from geomphys.output.provenance import METADATA_RECORD, Provenance
 from geomphys.output.sink import ContextManaged, OutputFile
 from geomphys.output.urdf_description import descriptions
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import DRIVEN, FIXED, World
 
-_LAST_TIME = (1 << 31) * 1_000_000_000  # ns; a ROS 2 stamp counts seconds in 31 bits
+_MAX_TIME_NS = (1 << 31) * 1_000_000_000  # ns; a ROS 2 stamp counts seconds in 31 bits
 
-_PROTOBUF: dict[str, type[Message]] = {
+_PROTOBUF_CHANNELS: dict[str, type[Message]] = {
     "/tf": FrameTransforms,
     "/recorded/tf": FrameTransforms,
     "/contacts": Contacts,
@@ -111,7 +111,7 @@ class McapSink(ContextManaged):
         if self._output is None:
             raise OutputError(f"{self._path}: a frame was written before the output was opened")
         time = result.frame.time_ns
-        if not 0 <= time < _LAST_TIME:
+        if not 0 <= time < _MAX_TIME_NS:
             raise OutputError(
                 f"{self._path}: frame {result.frame.index}: the time {time / 1e9} s cannot be written, it must lie "
                 "between 0 (1970) and 2**31 s (2038); shift the log's clock"
@@ -130,51 +130,51 @@ class McapSink(ContextManaged):
             return
         output, stream = self._output, self._stream
         self._output = self._stream = None
-        damage: LogError | None = None
+        log_error: LogError | None = None
         try:
             with stream:
                 if not self._started:
-                    self._begin(0)
+                    self._write_static_messages(0)
                 if self._input is not None:
                     try:
-                        self._input.close(self._file, rest=complete)
+                        self._input.close(self._file, copy_remaining=complete)
                     except LogError as problem:
-                        damage, complete = problem, False
-                self._file.add_metadata(RECORD, self._provenance.record(complete=complete))
+                        log_error, complete = problem, False
+                self._file.add_metadata(METADATA_RECORD, self._provenance.record(complete=complete))
                 self._file.finish()
         except OSError as problem:
             output.discard()
             raise output.error(problem) from problem
         output.publish(complete)
-        if damage is not None:
-            raise damage
+        if log_error is not None:
+            raise log_error
 
     def _write(self, result: FrameResult, time: int) -> None:
-        frame, stamp, put = result.frame.index, stamp_field(time), self._put
-        head = head_of(frame, stamp)
+        frame, stamp, write_message = result.frame.index, stamp_field(time), self._write_message
+        header = frame_header(frame, stamp)
         if not self._started:
-            self._begin(time)
-            put("/tf", self._all_transforms.encode(result.corrected, stamp), time, frame)
+            self._write_static_messages(time)
+            write_message("/tf", self._first_transforms.encode(result.corrected, stamp), time, frame)
         else:
-            put("/tf", self._transforms.encode(result.corrected[self._moving], stamp), time, frame)
-        put("/recorded/tf", self._recorded.encode(result.recorded[self._driven], stamp), time, frame)
+            write_message("/tf", self._transforms.encode(result.corrected[self._moving], stamp), time, frame)
+        write_message("/recorded/tf", self._recorded.encode(result.recorded[self._driven], stamp), time, frame)
         for topic, message, start, end in self._joints:
-            put(topic, message.encode(result.angles[start:end], time), time, frame)
+            write_message(topic, message.encode(result.angles[start:end], time), time, frame)
         contacts = result.contacts
-        put("/contacts", self._contacts.encode(contacts, head), time, frame)
+        write_message("/contacts", self._contacts.encode(contacts, header), time, frame)
         has_contacts = len(contacts.depth) > 0
         if has_contacts or self._had_contacts:
-            put("/contacts/points", self._points.encode(contacts, stamp), time, frame)
-            put("/contacts/scene", self._arrows.encode(contacts, stamp), time, frame)
+            write_message("/contacts/points", self._points.encode(contacts, stamp), time, frame)
+            write_message("/contacts/scene", self._arrows.encode(contacts, stamp), time, frame)
         self._had_contacts = has_contacts
-        put("/penetration", self._figures.penetration(result.penetrations, head), time, frame)
-        put("/metrics", self._figures.metrics(result.metrics, head), time, frame)
+        write_message("/penetration", self._frame_encoder.penetration(result.penetrations, header), time, frame)
+        write_message("/metrics", self._frame_encoder.metrics(result.metrics, header), time, frame)
         if self._timing:
-            put("/timing", self._figures.timing(result.timing, head), time, frame)
+            write_message("/timing", self._frame_encoder.timing(result.timing, header), time, frame)
         for level, text in result.messages:
-            put("/log", self._figures.log(level, text, time), time, frame)
+            write_message("/log", self._frame_encoder.log(level, text, time), time, frame)
 
-    def _put(self, topic: str, data: bytes, time: int, frame: int) -> None:
+    def _write_message(self, topic: str, data: bytes, time: int, frame: int) -> None:
         self._file.add_message(self._channels[topic], time, data, sequence=frame & 0xFFFFFFFF)
 
     def _declare_channels(self) -> None:
@@ -183,7 +183,7 @@ class McapSink(ContextManaged):
         string = file.add_schema("std_msgs/msg/String", "ros2msg", STRING_DEFINITION)
         for topic in self._descriptions:
             self._channels[topic] = file.add_channel(topic, "cdr", string)
-        for topic, kind in _PROTOBUF.items():
+        for topic, kind in _PROTOBUF_CHANNELS.items():
             if topic == "/timing" and not self._timing:
                 continue
             name = kind.DESCRIPTOR.full_name
@@ -191,7 +191,7 @@ class McapSink(ContextManaged):
                 data = build_file_descriptor_set(kind).SerializeToString(deterministic=True)
                 schemas[name] = file.add_schema(name, "protobuf", data)
             self._channels[topic] = file.add_channel(topic, "protobuf", schemas[name])
-        self._joints: list[tuple[str, JointStateMessage, int, int]] = []
+        self._joints: list[tuple[str, JointStateEncoder, int, int]] = []
         joint_state = file.add_schema("sensor_msgs/msg/JointState", "ros2msg", JOINT_STATE_DEFINITION)
         for tree in range(self._world.avatar_count):
             topic = (
@@ -199,7 +199,7 @@ class McapSink(ContextManaged):
             )
             start, end = (int(column) for column in self._world.scene.trees.dof_start[tree : tree + 2])
             self._channels[topic] = file.add_channel(topic, "cdr", joint_state)
-            self._joints.append((topic, JointStateMessage(self._world.dof_names[start:end]), start, end))
+            self._joints.append((topic, JointStateEncoder(self._world.dof_names[start:end]), start, end))
 
     def _prepare_messages(self) -> None:
         world = self._world
@@ -208,19 +208,19 @@ class McapSink(ContextManaged):
         self._moving: NDArray[np.int64] = np.flatnonzero(moves)
         self._driven: NDArray[np.int64] = np.flatnonzero(bodies.role == DRIVEN)
         names = world.frame_names
-        self._all_transforms = TransformsMessage(names)
-        self._transforms = TransformsMessage([names[b] for b in self._moving])
-        self._recorded = TransformsMessage([f"recorded/{names[b]}" for b in self._driven])
-        self._contacts = ContactsMessage(world.body_names)
-        self._points = ContactPointsMessage()
-        self._arrows = ContactArrowsMessage()
-        self._figures = FrameMessages(world.body_names)
+        self._first_transforms = TransformsEncoder(names)
+        self._transforms = TransformsEncoder([names[b] for b in self._moving])
+        self._recorded = TransformsEncoder([f"recorded/{names[b]}" for b in self._driven])
+        self._contacts = ContactsEncoder(world.body_names)
+        self._points = ContactPointsEncoder()
+        self._arrows = ContactArrowsEncoder()
+        self._frame_encoder = FrameEncoder(world.body_names)
 
-    def _begin(self, time: int) -> None:
+    def _write_static_messages(self, time: int) -> None:
         """What stands once in the file, at the time of the first frame."""
         self._started = True
         for topic, text in self._descriptions.items():
-            self._put(topic, string_message(text), time, 0)
+            self._write_message(topic, encode_string(text), time, 0)
         for name, media_type, data in self._attachments:
             self._file.add_attachment(name, media_type, data, time)
 

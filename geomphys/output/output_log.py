@@ -34,7 +34,7 @@ from geomphys.output.decoders import (
     decode_string,
     decode_timing,
 )
-from geomphys.output.provenance import IDENTITY, RECORD
+from geomphys.output.provenance import METADATA_RECORD, NON_PARAMETER_KEYS
 from geomphys.recording.records import (
     CHUNK_LIMIT,
     HEAD,
@@ -117,11 +117,11 @@ class OutputLog:
             summary = reader.get_summary()
             if summary is None or summary.statistics is None:
                 raise DamagedLogError(f"{path}: has no summary, so it was not closed; replay the log again")
-            records = [dict(record.metadata) for record in reader.iter_metadata() if record.name == RECORD]
+            records = [dict(record.metadata) for record in reader.iter_metadata() if record.name == METADATA_RECORD]
         statistics = summary.statistics
         if not records:
             raise LogError(
-                f"{path}: is no output of geomphys: it has no metadata record {RECORD!r}; replay a log first"
+                f"{path}: is no output of geomphys: it has no metadata record {METADATA_RECORD!r}; replay a log first"
             )
         self.metadata: dict[str, str] = records[0]
         channels = sorted(summary.channels.items())
@@ -148,7 +148,7 @@ class OutputLog:
     @property
     def parameters(self) -> dict[str, str]:
         """The parameters of the replay, `seed` among them, as the metadata has them."""
-        return {key: value for key, value in self.metadata.items() if key not in IDENTITY}
+        return {key: value for key, value in self.metadata.items() if key not in NON_PARAMETER_KEYS}
 
     def attachments(self) -> dict[str, bytes]:
         """Name -> bytes of the attached files: the scene and the URDFs."""

@@ -21,8 +21,8 @@ from geomphys.errors import LogError, SceneError
 from geomphys.scene.arrays import Scene, World
 from geomphys.storage.remote_files import open_sequential
 
-RECORD = "geomphys"
-IDENTITY = ("version", "input_sha256", "scene_sha256", "world_sha256", "complete")
+METADATA_RECORD = "geomphys"
+NON_PARAMETER_KEYS = ("version", "input_sha256", "scene_sha256", "world_sha256", "complete")
 """Keys of the record that are no parameters."""
 
 

@@ -31,7 +31,7 @@ LINES = {
     "penetration_mm/remaining": (70, 200, 120, 255),
     "correction/mm": colours.CORRECTED,
     "correction/degrees": (226, 190, 120, 255),
-    "contacts/contacts": colours.TOUCHING,
+    "contacts/contacts": colours.IN_CONTACT,
     "contacts/impacts": (150, 160, 174, 255),
 }
 """Colours of plotted lines; others have the viewer's."""
@@ -45,7 +45,7 @@ _METRIC_COLOURS = {
     "recorded_penetration_m": (*colours.GHOST[:3], 255),
     "residual_penetration_m": (70, 200, 120, 255),
     "correction_m": colours.CORRECTED,
-    "contacts": colours.TOUCHING,
+    "contacts": colours.IN_CONTACT,
 }
 
 

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from geomphys.config import Config
 from geomphys.errors import OutputError
 from geomphys.output import colours, frame_columns
-from geomphys.output.finite import check_finite
+from geomphys.output.finite_check import check_finite
 from geomphys.output.provenance import Provenance
 from geomphys.output.rerun_blueprint import CONTACTS, DEPTHS, LINES, LOG, PLOTS, RECORDED, SCENE, SHOWN, blueprint
 from geomphys.output.rerun_stream import UNIX_FROM, RerunStream, Times
-from geomphys.output.shading import shaded
 from geomphys.output.sink import ContextManaged, OutputFile
+from geomphys.output.vertex_normals import with_vertex_normals
 from geomphys.output.view_statistics import ViewStatistics
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import DRIVEN, FIXED, World
@@ -37,7 +37,7 @@ STAGE_DEPTH = 2
 HEADROOM = 1.5
 """The axis of the stage times ends at this much above the 97th percentile of the slowest batch."""
 
-_FREE, _CORRECTED, _TOUCHING = range(3)
+_FREE, _CORRECTED, _IN_CONTACT = range(3)
 _LEVELS = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 
 
@@ -127,12 +127,12 @@ class RerunSink(ContextManaged):
 
         world = self._world
         self._stream.log_static(SCENE, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-        palette = colours.of_trees(world.file)
+        palette = colours.colours_of_trees(world.file)
         self._own_colours = [palette[world.tree_names[tree]] for tree in world.scene.bodies.tree]
         for body, (vertices, faces) in enumerate(world.triangles):
             if len(faces) == 0:
                 continue
-            points, corners, normals = shaded(vertices, faces)
+            points, corners, normals = with_vertex_normals(vertices, faces)
             mesh = rr.Mesh3D(vertex_positions=points, triangle_indices=corners, vertex_normals=normals)
             self._stream.log_static(SHOWN + self._names[body], mesh)
             if world.scene.bodies.role[body] == DRIVEN:  # its colour varies
@@ -160,7 +160,7 @@ class RerunSink(ContextManaged):
         frames = np.array([r.frame.index for r in results])
         times = Times(frames, np.array([r.frame.time_ns for r in results]), self._unix)
         self._send_poses(times, corrected)
-        self._send_states(times, recorded, corrected, frame_columns.touching(results, len(self._names)))
+        self._send_states(times, recorded, corrected, frame_columns.in_contact(results, len(self._names)))
         self._send_contacts(times, results)
         self._send_plots(times, results)
         self._send_log(times, results)
@@ -178,25 +178,25 @@ class RerunSink(ContextManaged):
     def _send_poses(self, times: Times, corrected: Floats) -> None:
         for body in self._moving:
             before = None if self._last is None else self._last.corrected[body]
-            rows = np.flatnonzero(frame_columns.changes(corrected[:, body], before))
+            rows = np.flatnonzero(frame_columns.changed_rows(corrected[:, body], before))
             self._stream.send(SHOWN + self._names[body], times, rows, _transforms(corrected[rows, body]))
 
-    def _send_states(self, times: Times, recorded: Floats, corrected: Floats, touching: NDArray[np.bool_]) -> None:
+    def _send_states(self, times: Times, recorded: Floats, corrected: Floats, in_contact: NDArray[np.bool_]) -> None:
         """Colours of the driven bodies where they change, and the poses of their ghosts where these are seen."""
         import rerun as rr
 
-        moved = frame_columns.moved(recorded, corrected)
-        states = np.where(touching, _TOUCHING, np.where(moved, _CORRECTED, _FREE)) + 4 * moved
+        is_corrected = frame_columns.is_corrected(recorded, corrected)
+        states = np.where(in_contact, _IN_CONTACT, np.where(is_corrected, _CORRECTED, _FREE)) + 4 * is_corrected
         for body in self._drawn_driven:
             before = None if self._last_states is None else self._last_states[body : body + 1]
-            rows = np.flatnonzero(frame_columns.changes(states[:, body : body + 1], before))
-            palette = np.array([self._own_colours[body], colours.CORRECTED, colours.TOUCHING], np.uint8)
+            rows = np.flatnonzero(frame_columns.changed_rows(states[:, body : body + 1], before))
+            palette = np.array([self._own_colours[body], colours.CORRECTED, colours.IN_CONTACT], np.uint8)
             shown = palette[states[rows, body] % 4]
             ghosts = np.array([colours.HIDDEN, colours.GHOST], np.uint8)[states[rows, body] // 4]
             shown_path, ghost_path = SHOWN + self._names[body], RECORDED + self._names[body]
             self._stream.send(shown_path, times, rows, rr.Mesh3D.columns(albedo_factor=shown))
             self._stream.send(ghost_path, times, rows, rr.Mesh3D.columns(albedo_factor=ghosts))
-            rows = np.flatnonzero(moved[:, body])
+            rows = np.flatnonzero(is_corrected[:, body])
             self._stream.send(ghost_path, times, rows, _transforms(recorded[rows, body]))
         self._last_states = states[-1]
 
@@ -205,7 +205,7 @@ class RerunSink(ContextManaged):
 
         last = self._last
         before = 1 if last is None else len(last.contacts.depth)  # the first frame says that there are none
-        rows, counts = frame_columns.counted([len(r.contacts.depth) for r in results], before)
+        rows, counts = frame_columns.rows_with_content([len(r.contacts.depth) for r in results], before)
         if len(rows):
             points, arrows = frame_columns.contact_arrows(results)
             self._stream.send(
@@ -214,7 +214,7 @@ class RerunSink(ContextManaged):
             columns = rr.Arrows3D.columns(origins=points, vectors=arrows).partition(counts)
             self._stream.send((*CONTACTS, "normals"), times, rows, columns)
         before = 1 if last is None else len(last.penetrations.largest)
-        rows, counts = frame_columns.counted([len(r.penetrations.largest) for r in results], before)
+        rows, counts = frame_columns.rows_with_content([len(r.penetrations.largest) for r in results], before)
         if len(rows):
             origins, arrows = frame_columns.depth_arrows(results)
             columns = rr.Arrows3D.columns(origins=origins, vectors=arrows).partition(counts)
@@ -224,7 +224,7 @@ class RerunSink(ContextManaged):
         import rerun as rr
 
         every = np.arange(len(results))
-        plots = {name: (every, values) for name, values in frame_columns.figures(results).items()}
+        plots = {name: (every, values) for name, values in frame_columns.plot_values(results).items()}
         if self._timing:
             stages = frame_columns.stage_times(results, STAGE_DEPTH)
             if "step" in stages:

@@ -35,7 +35,7 @@ FLAG_NAMES = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Deepest:
+class DeepestPenetration:
     """The frame and pair of bodies in which the recording lay deepest inside something."""
 
     frame: int
@@ -80,7 +80,7 @@ class Summary:
     frames_penetrating: int  # the recording overlapped by more than RESIDUAL_LIMIT_M
     recorded_penetration_max_m: float
     recorded_penetration_median_m: float  # over the frames that penetrate
-    deepest: Deepest | None
+    deepest: DeepestPenetration | None
     residual_penetration_max_m: float
     residual_penetration_frame: int | None  # where it is largest; None if it is 0 everywhere
     frames_with_residual: int  # more than RESIDUAL_LIMIT_M
@@ -127,7 +127,7 @@ class Summarizer:
     _contacts: int = 0
     _frames_in_contact: int = 0
     _recorded: Quantiles = field(default_factory=Quantiles)
-    _deepest: Deepest | None = None
+    _deepest: DeepestPenetration | None = None
     _residual: float = 0.0
     _residual_frame: int | None = None
     _frames_with_residual: int = 0
@@ -181,7 +181,7 @@ class Summarizer:
         row = int(largest.argmax())
         depth = float(largest[row])
         if self._deepest is None or depth > self._deepest.depth_m:
-            self._deepest = Deepest(
+            self._deepest = DeepestPenetration(
                 frame=result.frame.index,
                 body_a=self.body_names[int(result.penetrations.body_a[row])],
                 body_b=self.body_names[int(result.penetrations.body_b[row])],

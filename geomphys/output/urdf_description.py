@@ -19,7 +19,7 @@ from lxml import etree
 
 from geomphys.errors import MeshError, ModelError
 from geomphys.numerics.transforms import rotation_about
-from geomphys.output.colours import Colour, of_trees
+from geomphys.output.colours import Colour, colours_of_trees
 from geomphys.scene.arrays import World
 from geomphys.scene.free_joints import joint_ends, links_above_free_joint
 from geomphys.scene.packages import MeshFinder
@@ -36,7 +36,7 @@ def descriptions(world: World) -> dict[str, str]:
     MeshError if a URDF cannot be read.
     """
     texts: dict[str, str] = {}
-    palette = of_trees(world.file)
+    palette = colours_of_trees(world.file)
     for tree, name in enumerate(world.tree_names):
         if name in world.urdfs:
             topic = "/robot_description" if tree == 0 and world.avatar_count == 1 else f"/{name}/robot_description"

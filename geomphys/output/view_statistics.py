@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.numerics.transforms import rotation_from_quaternion
-from geomphys.output.camera import Moment, Viewpoint, choose_viewpoint
+from geomphys.output.camera import ContactFrame, Viewpoint, choose_viewpoint
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import DRIVEN, FIXED, World
 
@@ -17,7 +17,7 @@ Flags = NDArray[np.bool_]
 
 FRAMES = 600
 """Frames at most that are kept, of all and of those where something happens."""
-MOMENTS = 8
+MAX_CONTACT_FRAMES = 8
 """Frames of a touch whose contact points should be seen past the avatar itself."""
 _SPREAD = 2.0
 """How many times as large as where things happen the view may become for the rest of the motion."""
@@ -47,8 +47,8 @@ class ViewStatistics:
         self._static_bodies = np.flatnonzero(~moving)
         self._is_driven = bodies.role == DRIVEN
         self._first_poses: Floats | None = None
-        self._all = _Thinned()
-        self._event_frames = _Thinned()
+        self._all = _ThinnedSamples()
+        self._event_frames = _ThinnedSamples()
         shapes = [world.triangles[body][0] for body in self._bodies]
         lows = np.array([s.min(axis=0) if len(s) else np.zeros(3) for s in shapes]).reshape(-1, 3)
         highs = np.array([s.max(axis=0) if len(s) else np.zeros(3) for s in shapes]).reshape(-1, 3)
@@ -78,9 +78,9 @@ class ViewStatistics:
             reach = np.maximum(half, 0.5 * half.max()) * _SPREAD
             nearby = np.abs(motion - middle) <= reach
             points = np.concatenate([event_points, motion[nearby.all(axis=1)]])
-        return choose_viewpoint(points, self._static_triangles(), self._moments())
+        return choose_viewpoint(points, self._static_triangles(), self._contact_frames())
 
-    def _boxes(self, sample: _Thinned) -> Floats:
+    def _boxes(self, sample: _ThinnedSamples) -> Floats:
         """Corners (n, 3) of the boxes of all bodies in the frames that were kept, world frame."""
         poses = np.array([pose for pose, _ in sample.entries]).reshape(-1, len(self._bodies), 7)[:, self._solid]
         rotations = rotation_from_quaternion(poses[..., 3:])
@@ -88,17 +88,17 @@ class ViewStatistics:
         flat: Floats = corners.reshape(-1, 3)
         return flat
 
-    def _moments(self) -> list[Moment]:
+    def _contact_frames(self) -> list[ContactFrame]:
         """Contact points and what of the avatar may hide them, of some frames of a touch."""
-        touching = [entry for entry in self._event_frames.entries if len(entry[1])]
-        moments = []
-        for pose, points in touching[:: max(1, -(-len(touching) // MOMENTS))]:
+        in_contact = [entry for entry in self._event_frames.entries if len(entry[1])]
+        contact_frames = []
+        for pose, points in in_contact[:: max(1, -(-len(in_contact) // MAX_CONTACT_FRAMES))]:
             rotations = rotation_from_quaternion(pose[:, 3:])
             corners = np.einsum("bij,bkj->bki", rotations, self._corners) + pose[:, None, :3]
-            moments.append(
-                Moment(points[:: max(1, len(points) // 4)], corners[self._solid][:, _BOX_FACES].reshape(-1, 3, 3))
+            contact_frames.append(
+                ContactFrame(points[:: max(1, len(points) // 4)], corners[self._solid][:, _BOX_FACES].reshape(-1, 3, 3))
             )
-        return moments
+        return contact_frames
 
     def _static_triangles(self) -> Floats:
         """Triangles (n, 3, 3) of what never moves."""
@@ -111,7 +111,7 @@ class ViewStatistics:
         return np.concatenate(triangles)
 
 
-class _Thinned:
+class _ThinnedSamples:
     """Entries of a row of any length, evenly chosen, at most `FRAMES` of them."""
 
     def __init__(self) -> None:

@@ -17,7 +17,7 @@ from geomphys.numerics.transforms import rotation_from_quaternion
 from geomphys.output.camera import choose_viewpoint
 from geomphys.output.decoders import Poses
 from geomphys.output.output_log import OutputLog, open_output
-from geomphys.output.output_scene import world_of_output
+from geomphys.output.output_world import world_of_output
 from geomphys.output.rerun_blueprint import mcap_blueprint
 from geomphys.output.rerun_stream import UNIX_FROM, RerunStream
 from geomphys.scene.arrays import FIXED

@@ -123,7 +123,7 @@ def test_nothing_of_the_engine_is_used_once_the_scene_is_read(
             "errors",
             "numerics.transforms",
             "output.output_log",
-            "output.output_scene",
+            "output.output_world",
             "output.provenance",
             "scene.arrays",
             "storage.remote_files",

@@ -15,12 +15,23 @@ from geomphys.errors import LogError
 from geomphys.recording.frames import FrameSource
 from geomphys.results import FLAG_BEFORE_FIRST, FLAG_CLAMPED, FLAG_HELD, FLAG_OUTSIDE_LIMITS, Frame
 from geomphys.scene.arrays import JOINT_PRISMATIC, World
-from tests.recording.log_files import IDENTITY, Item, S, Tree, joints, make_world, pose, transforms, turned, write_log
+from tests.recording.log_files import (
+    NON_PARAMETER_KEYS,
+    Item,
+    S,
+    Tree,
+    joints,
+    make_world,
+    pose,
+    transforms,
+    turned,
+    write_log,
+)
 
 HAND = Tree(root="/wrist", topic="/glove", joints=("a", "b"))
 
 
-def at(x: float, q=IDENTITY[3:]) -> tuple[float, ...]:
+def at(x: float, q=NON_PARAMETER_KEYS[3:]) -> tuple[float, ...]:
     return (x, 0.0, 0.0, *q)
 
 

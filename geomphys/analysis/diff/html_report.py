@@ -17,7 +17,7 @@ from geomphys.analysis.diff.peak_pictures import Picture, first_poses, pictures_
 from geomphys.analysis.diff.svg_curves import curve
 from geomphys.errors import InputError
 from geomphys.output.output_log import open_output
-from geomphys.output.output_scene import world_of_output
+from geomphys.output.output_world import world_of_output
 from geomphys.output.sink import OutputFile
 
 _STYLE = """

@@ -19,10 +19,10 @@ from geomphys.numerics.transforms import rotation_from_quaternion
 from geomphys.output.camera import choose_viewpoint
 from geomphys.output.decoders import Poses
 from geomphys.output.output_log import OutputLog, open_output
-from geomphys.output.output_scene import world_of_output
+from geomphys.output.output_world import world_of_output
 from geomphys.output.rerun_stream import UNIX_FROM, RerunStream, Times
-from geomphys.output.shading import shaded
 from geomphys.output.sink import OutputFile
+from geomphys.output.vertex_normals import with_vertex_normals
 from geomphys.scene.arrays import World
 
 if TYPE_CHECKING:
@@ -153,7 +153,7 @@ class _OverlayMotion:
         for body, frame in enumerate(world.frame_names):
             if frame not in self._drawn or frame not in poses_by_name:
                 continue
-            points, corners, normals = shaded(*world.triangles[body])
+            points, corners, normals = with_vertex_normals(*world.triangles[body])
             paint = COLOUR_STATIC if frame not in self.moving else COLOUR_A if self._name == "a" else COLOUR_B
             colour = (*(round(255 * part) for part in paint), OPACITY[self._name])
             path = (*SCENE, self._name, frame)

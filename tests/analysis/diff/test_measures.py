@@ -57,7 +57,7 @@ def test_peaks_lie_apart() -> None:
     peaks = Peaks(2, min_distance_ns=100)
     for frame, value in enumerate([1.0, 3.0, 2.0, 0.0, 0.5, 4.0, 0.7, 2.5]):
         time = 60 * frame
-        if peaks.wants(value, time):
+        if peaks.would_keep(value, time):
             peaks.add(Peak(value, frame, time, None))
     assert [(peak.value, peak.frame) for peak in peaks.sorted_peaks()] == [(4.0, 5), (3.0, 1)]
-    assert not peaks.wants(0.0, 10_000)
+    assert not peaks.would_keep(0.0, 10_000)

@@ -12,7 +12,7 @@ SHARP = 40.0
 """Degrees between two faces above which the edge between them stays sharp."""
 
 
-def shaded(vertices: Floats, faces: Ints, sharp: float = SHARP) -> tuple[Floats, Ints, Floats]:
+def with_vertex_normals(vertices: Floats, faces: Ints, sharp: float = SHARP) -> tuple[Floats, Ints, Floats]:
     """Vertices, faces and unit vertex normals of a mesh to draw.
 
     A vertex that lies on a sharp edge is split, one copy for each normal there.

@@ -43,7 +43,7 @@ uint32 nanosec
 _LEVELS = {"info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR}
 
 
-def head_of(frame: int, stamp: bytes) -> bytes:
+def frame_header(frame: int, stamp: bytes) -> bytes:
     """Timestamp and frame, the first two fields of the project's own messages; `stamp` is a `stamp_field`."""
     if frame == 0:  # protobuf leaves a zero out
         return stamp
@@ -55,7 +55,7 @@ def head_of(frame: int, stamp: bytes) -> bytes:
     return stamp + data
 
 
-class TransformsMessage:
+class TransformsEncoder:
     """foxglove.FrameTransforms from ``world`` to a list of frames, of which only poses and time vary.
 
     Parameters
@@ -87,7 +87,7 @@ class TransformsMessage:
         return data
 
 
-class JointStateMessage:
+class JointStateEncoder:
     """sensor_msgs/msg/JointState in CDR: names fixed, time and positions vary; velocity and effort empty."""
 
     def __init__(self, names: Sequence[str]) -> None:
@@ -109,29 +109,29 @@ class JointStateMessage:
         return data[:4] + struct.pack("<iI", seconds, nanos) + data[12:]
 
 
-def string_message(text: str) -> bytes:
+def encode_string(text: str) -> bytes:
     """std_msgs/msg/String in CDR."""
     return b"\x00\x01\x00\x00" + _cdr_string(text, 4)
 
 
-class ContactsMessage:
+class ContactsEncoder:
     """geomphys.Contacts; one template for each pair of bodies that ever met."""
 
     def __init__(self, names: Sequence[str]) -> None:
         self._names = names
-        self._head = Contacts()
+        self._header = Contacts()
         self._templates: dict[tuple[int, int], Template] = {}
 
-    def encode(self, contacts: ContactArrays, head: bytes) -> bytes:
-        """The message of a frame that begins with `head_of` it."""
+    def encode(self, contacts: ContactArrays, header: bytes) -> bytes:
+        """The message of a frame that begins with `frame_header` it."""
         count = len(contacts.body_a)
         if count == 0:
-            return head
+            return header
         rows = np.empty((count, 9))
         rows[:, :3], rows[:, 3:6], rows[:, 6] = contacts.point, contacts.normal, contacts.depth
         rows[:, 7], rows[:, 8] = contacts.normal_impulse, contacts.tangential_impulse
         pairs = list(zip(contacts.body_a.tolist(), contacts.body_b.tolist(), strict=True))
-        parts = [head]
+        parts = [header]
         start = 0
         for end in range(1, count + 1):  # contacts of a pair stand together
             if end == count or pairs[end] != pairs[start]:
@@ -151,7 +151,7 @@ class ContactsMessage:
         return template
 
 
-class ContactPointsMessage:
+class ContactPointsEncoder:
     """foxglove.PointCloud of the contacts: x y z, depth, normal and the bodies' indices, all float32."""
 
     FIELDS = ("x", "y", "z", "depth", "nx", "ny", "nz", "body_a", "body_b")
@@ -171,7 +171,7 @@ class ContactPointsMessage:
         return stamp + self._fixed + (entry(6, rows.tobytes()) if len(rows) else b"")
 
 
-class ContactArrowsMessage:
+class ContactArrowsEncoder:
     """foxglove.SceneUpdate with an arrow along the normal at each contact; it replaces the arrows of before."""
 
     def __init__(self) -> None:
@@ -196,7 +196,7 @@ class ContactArrowsMessage:
         return entry(2, stamp + self._entity + arrows)
 
 
-class FrameMessages:
+class FrameEncoder:
     """The channels of figures: penetration depths, metrics, stage times and log lines.
 
     A message that holds more than numbers is made anew each time: one that is filled again keeps the memory of all it
@@ -207,10 +207,10 @@ class FrameMessages:
         self._names = names
         self._metrics = FrameMetrics()
 
-    def penetration(self, pairs: PenetrationArrays, head: bytes) -> bytes:
+    def penetration(self, pairs: PenetrationArrays, header: bytes) -> bytes:
         """geomphys.PenetrationDepths."""
         if len(pairs.body_a) == 0:
-            return head
+            return header
         message = PenetrationDepths()
         columns = zip(*(column.tolist() for column in pairs), strict=True)
         for body_a, body_b, pd, convex_pairs, largest, method in columns:
@@ -223,35 +223,35 @@ class FrameMessages:
             )
             pair.pd.x, pair.pd.y, pair.pd.z = pd
         body: bytes = message.SerializeToString()
-        return head + body
+        return header + body
 
-    def metrics(self, figures: Metrics, head: bytes) -> bytes:
+    def metrics(self, plot_values: Metrics, header: bytes) -> bytes:
         """geomphys.FrameMetrics."""
         message = self._metrics
-        message.contacts = figures.contacts
-        message.recorded_penetration_m = figures.recorded_penetration_m
-        message.residual_penetration_m = figures.residual_penetration_m
-        message.iterations = figures.iterations
-        message.impacts = figures.impacts
-        message.fallbacks = figures.fallbacks
-        message.correction_m = figures.correction_m
-        message.correction_rad = figures.correction_rad
-        message.held = figures.held
-        message.flags = figures.flags
-        message.recorded_speed_m_s = figures.recorded_speed_m_s
-        message.correction_speed_m_s = figures.correction_speed_m_s
-        message.recorded_jerk_m_s3 = figures.recorded_jerk_m_s3
-        message.correction_jerk_m_s3 = figures.correction_jerk_m_s3
+        message.contacts = plot_values.contacts
+        message.recorded_penetration_m = plot_values.recorded_penetration_m
+        message.residual_penetration_m = plot_values.residual_penetration_m
+        message.iterations = plot_values.iterations
+        message.impacts = plot_values.impacts
+        message.fallbacks = plot_values.fallbacks
+        message.correction_m = plot_values.correction_m
+        message.correction_rad = plot_values.correction_rad
+        message.held = plot_values.held
+        message.flags = plot_values.flags
+        message.recorded_speed_m_s = plot_values.recorded_speed_m_s
+        message.correction_speed_m_s = plot_values.correction_speed_m_s
+        message.recorded_jerk_m_s3 = plot_values.recorded_jerk_m_s3
+        message.correction_jerk_m_s3 = plot_values.correction_jerk_m_s3
         body: bytes = message.SerializeToString()
-        return head + body
+        return header + body
 
-    def timing(self, stages: Iterable[tuple[str, int, int]], head: bytes) -> bytes:
+    def timing(self, stages: Iterable[tuple[str, int, int]], header: bytes) -> bytes:
         """geomphys.Timing."""
         message = Timing()
         for name, ns, count in stages:
             message.stages.add(name=name, ns=ns, count=count)
         body: bytes = message.SerializeToString()
-        return head + body
+        return header + body
 
     def log(self, level: str, text: str, time_ns: int) -> bytes:
         """foxglove.Log; `level` is info, warning or error."""

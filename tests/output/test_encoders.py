@@ -18,19 +18,19 @@ from mcap_ros2.decoder import DecoderFactory
 
 from geomphys.numerics.transforms import rotation_from_quaternion
 from geomphys.output.contact_arrows import ARROW_BASE, ARROW_SCALE, arrow_orientations
-from geomphys.output.message_templates import Template, marker, stamp_field
-from geomphys.output.messages import (
+from geomphys.output.encoders import (
     JOINT_STATE_DEFINITION,
     STRING_DEFINITION,
-    ContactArrowsMessage,
-    ContactPointsMessage,
-    ContactsMessage,
-    FrameMessages,
-    JointStateMessage,
-    TransformsMessage,
-    head_of,
-    string_message,
+    ContactArrowsEncoder,
+    ContactPointsEncoder,
+    ContactsEncoder,
+    FrameEncoder,
+    JointStateEncoder,
+    TransformsEncoder,
+    encode_string,
+    frame_header,
 )
+from geomphys.output.message_templates import Template, marker, stamp_field
 from geomphys.output.proto.geomphys_pb2 import Contacts
 from geomphys.results import Contacts as ContactArrays
 from geomphys.results import Penetrations
@@ -48,7 +48,7 @@ DOUBLES = st.floats(allow_nan=False, allow_infinity=False)
 @given(TIMES, st.lists(DOUBLES, min_size=28, max_size=28))
 def test_transforms_decode_to_what_went_in(time: int, numbers: list[float]) -> None:
     poses = np.array(numbers).reshape(4, 7)
-    message = FrameTransforms.FromString(TransformsMessage(NAMES).encode(poses, stamp_field(time)))
+    message = FrameTransforms.FromString(TransformsEncoder(NAMES).encode(poses, stamp_field(time)))
     assert [t.child_frame_id for t in message.transforms] == list(NAMES)
     for transform, pose in zip(message.transforms, poses, strict=True):
         assert transform.timestamp.ToNanoseconds() == time
@@ -60,7 +60,7 @@ def test_transforms_decode_to_what_went_in(time: int, numbers: list[float]) -> N
 @given(TIMES, st.lists(DOUBLES, max_size=5))
 def test_joint_states_decode_to_what_went_in(time: int, angles: list[float]) -> None:
     names = [f"j{'x' * i}" for i in range(len(angles))]
-    data = JointStateMessage(names).encode(np.array(angles, float), time)
+    data = JointStateEncoder(names).encode(np.array(angles, float), time)
     schema = Schema(id=1, name="sensor_msgs/msg/JointState", encoding="ros2msg", data=JOINT_STATE_DEFINITION)
     decode = DecoderFactory().decoder_for("cdr", schema)
     assert decode is not None
@@ -75,14 +75,14 @@ def test_string_decodes_to_what_went_in() -> None:
     schema = Schema(id=1, name="std_msgs/msg/String", encoding="ros2msg", data=STRING_DEFINITION)
     decode = DecoderFactory().decoder_for("cdr", schema)
     assert decode is not None
-    assert decode(string_message("<robot name='žlab'/>")).data == "<robot name='žlab'/>"
+    assert decode(encode_string("<robot name='žlab'/>")).data == "<robot name='žlab'/>"
 
 
 @given(TIMES, st.integers(0, 2**40))
 def test_heads_are_what_the_library_encodes(time: int, frame: int) -> None:
     stamp = Timestamp()
     stamp.FromNanoseconds(time)
-    assert head_of(frame, stamp_field(time)) == Contacts(timestamp=stamp, frame=frame).SerializeToString()
+    assert frame_header(frame, stamp_field(time)) == Contacts(timestamp=stamp, frame=frame).SerializeToString()
 
 
 def contacts(pairs: list[tuple[int, int]]) -> ContactArrays:
@@ -99,9 +99,9 @@ def contacts(pairs: list[tuple[int, int]]) -> ContactArrays:
 @pytest.mark.parametrize("pairs", [[], [(0, 1)], [(0, 1), (0, 1), (1, 2)], [(0, 1), (1, 2), (0, 1)]])
 def test_contacts_decode_to_what_went_in(pairs: list[tuple[int, int]]) -> None:
     given_contacts = contacts(pairs)
-    encoder = ContactsMessage(NAMES)
+    encoder = ContactsEncoder(NAMES)
     for frame in (0, 300):
-        message = Contacts.FromString(encoder.encode(given_contacts, head_of(frame, stamp_field(5))))
+        message = Contacts.FromString(encoder.encode(given_contacts, frame_header(frame, stamp_field(5))))
         assert message.frame == frame
         assert message.timestamp.ToNanoseconds() == 5
         rows = [(NAMES.index(c.body_a), NAMES.index(c.body_b)) for c in message.contacts]
@@ -115,7 +115,7 @@ def test_contacts_decode_to_what_went_in(pairs: list[tuple[int, int]]) -> None:
 
 def test_contact_points_are_packed_as_their_fields_say() -> None:
     some = contacts([(0, 1), (2, 3)])
-    message = PointCloud.FromString(ContactPointsMessage().encode(some, stamp_field(7_000_000_001)))
+    message = PointCloud.FromString(ContactPointsEncoder().encode(some, stamp_field(7_000_000_001)))
     assert message.timestamp.ToNanoseconds() == 7_000_000_001
     assert message.frame_id == "world"
     layout = np.dtype(
@@ -130,13 +130,13 @@ def test_contact_points_are_packed_as_their_fields_say() -> None:
     assert np.allclose(np.stack([points[a] for a in "xyz"], 1), some.point, atol=1e-6)
     assert np.allclose(points["depth"], some.depth)
     assert points["body_b"].tolist() == [1, 3]
-    assert message.SerializeToString() == ContactPointsMessage().encode(some, stamp_field(7_000_000_001))
-    empty = ContactPointsMessage().encode(contacts([]), stamp_field(0))
+    assert message.SerializeToString() == ContactPointsEncoder().encode(some, stamp_field(7_000_000_001))
+    empty = ContactPointsEncoder().encode(contacts([]), stamp_field(0))
     assert PointCloud.FromString(empty).SerializeToString() == empty
 
 
 def test_encoding_many_frames_takes_no_more_memory_than_some() -> None:
-    some, figures, points = contacts([(0, 1), (2, 3)] * 4), FrameMessages(NAMES), ContactPointsMessage()
+    some, plot_values, points = contacts([(0, 1), (2, 3)] * 4), FrameEncoder(NAMES), ContactPointsEncoder()
     depths = Penetrations(
         body_a=some.body_a, body_b=some.body_b, pd=some.point, convex_pairs=some.body_a, largest=some.depth,
         method=np.zeros(8, np.int64),
@@ -144,11 +144,11 @@ def test_encoding_many_frames_takes_no_more_memory_than_some() -> None:
 
     def encode(frames: int) -> None:
         for k in range(frames):
-            head = head_of(k, stamp_field(k))
+            head = frame_header(k, stamp_field(k))
             points.encode(some, stamp_field(k))
-            figures.penetration(depths, head)
-            figures.timing([("step.some_stage", k, 1)] * 10, head)
-            figures.log("info", f"frame {k}", k)
+            plot_values.penetration(depths, head)
+            plot_values.timing([("step.some_stage", k, 1)] * 10, head)
+            plot_values.log("info", f"frame {k}", k)
 
     encode(2_000)
     before = resident_bytes()
@@ -163,7 +163,7 @@ def resident_bytes() -> int:
 
 def test_contact_arrows_stand_at_the_points_along_the_normals() -> None:
     some = contacts([(0, 1), (2, 3)])
-    message = SceneUpdate.FromString(ContactArrowsMessage().encode(some, stamp_field(9)))
+    message = SceneUpdate.FromString(ContactArrowsEncoder().encode(some, stamp_field(9)))
     (entity,) = message.entities
     assert entity.timestamp.ToNanoseconds() == 9
     assert entity.frame_id == "world"
@@ -173,7 +173,7 @@ def test_contact_arrows_stand_at_the_points_along_the_normals() -> None:
         assert (p.x, p.y, p.z) == tuple(point)
         assert rotation_from_quaternion([q.x, q.y, q.z, q.w])[:, 0] == pytest.approx(normal, abs=1e-12)
         assert arrow.shaft_length > 0
-    empty = SceneUpdate.FromString(ContactArrowsMessage().encode(contacts([]), stamp_field(9)))
+    empty = SceneUpdate.FromString(ContactArrowsEncoder().encode(contacts([]), stamp_field(9)))
     assert [len(e.arrows) for e in empty.entities] == [0]
     assert empty.entities[0].id == entity.id, "an entity of the same id replaces the arrows of before"
 
