@@ -11,6 +11,7 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.message import Message
+from mcap.writer import Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 from numpy.typing import NDArray
 
@@ -22,17 +23,13 @@ from geomphys.output.encoders import (
     STRING_DEFINITION,
     ContactArrowsEncoder,
     ContactPointsEncoder,
-    ContactsEncoder,
     FrameEncoder,
     JointStateEncoder,
     TransformsEncoder,
     encode_string,
-    frame_header,
 )
 from geomphys.output.finite_check import check_finite
 from geomphys.output.input_copy import InputCopy
-from geomphys.output.mcap_writer import McapWriter
-from geomphys.output.message_templates import stamp_field
 from geomphys.output.proto.geomphys_pb2 import Contacts, FrameMetrics, PenetrationDepths, Timing
 from geomphys.output.provenance import METADATA_RECORD, Provenance
 from geomphys.output.sink import ContextManaged, OutputFile
@@ -100,7 +97,8 @@ class McapSink(ContextManaged):
         except OSError as problem:
             raise output.error(problem) from problem
         self._output = output
-        self._file = McapWriter(self._stream, f"geomphys {__version__}")
+        self._file = Writer(self._stream)
+        self._file.start(library=f"geomphys {__version__}")
         self._declare_channels()
         self._prepare_messages()
         self._started = False
@@ -141,7 +139,7 @@ class McapSink(ContextManaged):
                     except LogError as problem:
                         log_error, complete = problem, False
                 self._file.add_metadata(METADATA_RECORD, self._provenance.record(complete=complete))
-                self._file.finish()
+                self._file.finish()  # type: ignore[no-untyped-call]
         except OSError as problem:
             output.discard()
             raise output.error(problem) from problem
@@ -150,55 +148,54 @@ class McapSink(ContextManaged):
             raise log_error
 
     def _write(self, result: FrameResult, time: int) -> None:
-        frame, stamp, write_message = result.frame.index, stamp_field(time), self._write_message
-        header = frame_header(frame, stamp)
+        frame, write_message, encoder = result.frame.index, self._write_message, self._frame_encoder
         if not self._started:
             self._write_static_messages(time)
-            write_message("/tf", self._first_transforms.encode(result.corrected, stamp), time, frame)
+            write_message("/tf", self._first_transforms.encode(result.corrected, time), time, frame)
         else:
-            write_message("/tf", self._transforms.encode(result.corrected[self._moving], stamp), time, frame)
-        write_message("/recorded/tf", self._recorded.encode(result.recorded[self._driven], stamp), time, frame)
+            write_message("/tf", self._transforms.encode(result.corrected[self._moving], time), time, frame)
+        write_message("/recorded/tf", self._recorded.encode(result.recorded[self._driven], time), time, frame)
         for topic, message, start, end in self._joints:
             write_message(topic, message.encode(result.angles[start:end], time), time, frame)
         contacts = result.contacts
-        write_message("/contacts", self._contacts.encode(contacts, header), time, frame)
+        write_message("/contacts", encoder.contacts(contacts, frame, time), time, frame)
         has_contacts = len(contacts.depth) > 0
         if has_contacts or self._had_contacts:
-            write_message("/contacts/points", self._points.encode(contacts, stamp), time, frame)
-            write_message("/contacts/scene", self._arrows.encode(contacts, stamp), time, frame)
+            write_message("/contacts/points", self._points.encode(contacts, time), time, frame)
+            write_message("/contacts/scene", self._arrows.encode(contacts, time), time, frame)
         self._had_contacts = has_contacts
-        write_message("/penetration", self._frame_encoder.penetration(result.penetrations, header), time, frame)
-        write_message("/metrics", self._frame_encoder.metrics(result.metrics, header), time, frame)
+        write_message("/penetration", encoder.penetrations(result.penetrations, frame, time), time, frame)
+        write_message("/metrics", encoder.metrics(result.metrics, frame, time), time, frame)
         if self._timing:
-            write_message("/timing", self._frame_encoder.timing(result.timing, header), time, frame)
+            write_message("/timing", encoder.timing(result.timing, frame, time), time, frame)
         for level, text in result.messages:
-            write_message("/log", self._frame_encoder.log(level, text, time), time, frame)
+            write_message("/log", encoder.log(level, text, time), time, frame)
 
     def _write_message(self, topic: str, data: bytes, time: int, frame: int) -> None:
-        self._file.add_message(self._channels[topic], time, data, sequence=frame & 0xFFFFFFFF)
+        self._file.add_message(self._channels[topic], time, data, time, frame & 0xFFFFFFFF)
 
     def _declare_channels(self) -> None:
         file, schemas = self._file, dict[str, int]()
         self._channels: dict[str, int] = {}
-        string = file.add_schema("std_msgs/msg/String", "ros2msg", STRING_DEFINITION)
+        string = file.register_schema("std_msgs/msg/String", "ros2msg", STRING_DEFINITION)
         for topic in self._descriptions:
-            self._channels[topic] = file.add_channel(topic, "cdr", string)
+            self._channels[topic] = file.register_channel(topic, "cdr", string)
         for topic, kind in _PROTOBUF_CHANNELS.items():
             if topic == "/timing" and not self._timing:
                 continue
             name = kind.DESCRIPTOR.full_name
             if name not in schemas:
                 data = build_file_descriptor_set(kind).SerializeToString(deterministic=True)
-                schemas[name] = file.add_schema(name, "protobuf", data)
-            self._channels[topic] = file.add_channel(topic, "protobuf", schemas[name])
+                schemas[name] = file.register_schema(name, "protobuf", data)
+            self._channels[topic] = file.register_channel(topic, "protobuf", schemas[name])
         self._joints: list[tuple[str, JointStateEncoder, int, int]] = []
-        joint_state = file.add_schema("sensor_msgs/msg/JointState", "ros2msg", JOINT_STATE_DEFINITION)
+        joint_state = file.register_schema("sensor_msgs/msg/JointState", "ros2msg", JOINT_STATE_DEFINITION)
         for tree in range(self._world.avatar_count):
             topic = (
                 "/joint_states" if self._world.avatar_count == 1 else f"/{self._world.tree_names[tree]}/joint_states"
             )
             start, end = (int(column) for column in self._world.scene.trees.dof_start[tree : tree + 2])
-            self._channels[topic] = file.add_channel(topic, "cdr", joint_state)
+            self._channels[topic] = file.register_channel(topic, "cdr", joint_state)
             self._joints.append((topic, JointStateEncoder(self._world.dof_names[start:end]), start, end))
 
     def _prepare_messages(self) -> None:
@@ -211,7 +208,6 @@ class McapSink(ContextManaged):
         self._first_transforms = TransformsEncoder(names)
         self._transforms = TransformsEncoder([names[b] for b in self._moving])
         self._recorded = TransformsEncoder([f"recorded/{names[b]}" for b in self._driven])
-        self._contacts = ContactsEncoder(world.body_names)
         self._points = ContactPointsEncoder()
         self._arrows = ContactArrowsEncoder()
         self._frame_encoder = FrameEncoder(world.body_names)
@@ -222,7 +218,7 @@ class McapSink(ContextManaged):
         for topic, text in self._descriptions.items():
             self._write_message(topic, encode_string(text), time, 0)
         for name, media_type, data in self._attachments:
-            self._file.add_attachment(name, media_type, data, time)
+            self._file.add_attachment(0, time, name, media_type, data)  # time of creation is not recorded
 
 
 def _attachments(world: World) -> list[tuple[str, str, bytes]]:

@@ -26,13 +26,13 @@ from geomphys.output.decoders import (
     PenetrationRow,
     Poses,
     StageRow,
-    TransformsDecoder,
     decode_contacts,
     decode_log,
     decode_metrics,
     decode_penetrations,
     decode_string,
     decode_timing,
+    decode_transforms,
 )
 from geomphys.output.provenance import METADATA_RECORD, NON_PARAMETER_KEYS
 from geomphys.recording.records import (
@@ -195,11 +195,10 @@ class OutputLog:
 
     def sample(self, count: int) -> Iterator[Poses]:
         """Corrected poses of up to `count` frames, spread evenly over the time of the recording."""
-        decoder = TransformsDecoder()
         with self._reading() as (stream, reader):
             for time in np.linspace(self.start_ns, self.end_ns, count).astype(np.int64).tolist():
                 for _, message in self._messages(stream, reader, ["/tf"], starting_at=time):
-                    yield decoder.decode(message.data, message.log_time)
+                    yield decode_transforms(message.data)
                     break
 
     def time_of(self, frame: int) -> int:
@@ -289,7 +288,6 @@ class _FrameDecoder:
 
     def __init__(self, channels: frozenset[str]) -> None:
         self._channels = channels
-        self._transforms = {"/tf": TransformsDecoder(), "/recorded/tf": TransformsDecoder()}
         self._joints: dict[str, JointStateDecoder] = {}
         self._names: tuple[tuple[str, ...], ...] = ()  # of the poses checked last
 
@@ -305,7 +303,7 @@ class _FrameDecoder:
             data = message.data
             if topic in poses:
                 if topic in self._channels:
-                    poses[topic] = self._transforms[topic].decode(data, message.log_time)
+                    poses[topic] = decode_transforms(data)
             elif topic == "/metrics":
                 metrics = decode_metrics(data)
             elif topic == "/contacts":
