@@ -1,9 +1,8 @@
-"""Checks an output with an engine that took no part in it: python-fcl on the original triangles.
+"""Checks an output for overlaps with python-fcl on the original triangles, independently of the collision kernels.
 
-Nothing of the collision pipeline is used: no convex pieces, no GJK, no penetration depths. The poses are those of the
+None of the collision pipeline is used: no convex pieces, no GJK, no penetration depths. The poses are those of the
 file's ``/tf``, the shapes the triangles of the URDFs and meshes as they were read (spheres, capsules and cylinders
-tessellated). Two surfaces overlap if a triangle of one meets a triangle of the other, or if one lies wholly inside the
-other.
+tessellated). Two surfaces overlap if a triangle of one intersects a triangle of the other, or if one encloses the other.
 """
 
 from __future__ import annotations
@@ -29,16 +28,16 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 DRIVEN_LIMIT_M = 1e-5
-"""m; a driven body that is freed by moving it this far counts as free."""
+"""m; a driven body counts as free if moving it this far ends the overlap."""
 SIMULATED_LIMIT_M = 1e-4
-"""m; a resting simulated body may sink as far as this."""
+"""m; allowed penetration of a resting simulated body."""
 
 BISECTIONS = 12
 MAX_CONTACT_NORMALS = 4
-"""Pairs of triangles that meet whose normals are tried as ways out."""
+"""Intersecting triangles whose normals are tried as separation directions."""
 LARGEST_DEPTH_M = 10.0
 MAX_OVERLAPS = 10_000
-"""Overlaps that are listed; what is beyond is only counted."""
+"""Maximum number of listed overlaps; further ones are only counted."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,27 +49,27 @@ class Overlap:
     body_a: str
     body_b: str
     depth_at_most_m: float
-    """An estimate from above of the penetration depth: moving `body_a` that far in one of some directions sets it free."""
+    """Upper bound of the penetration depth: moving `body_a` this far along one of the tested directions ends the overlap."""
     broken: bool
-    """Whether that is more than the bodies are allowed."""
+    """Whether the depth exceeds the limit of the two bodies."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class AuditReport:
-    """What python-fcl found in an output."""
+    """Overlaps that python-fcl found in an output."""
 
     output: str
     motion: str  # "corrected" or "recorded"
     frames: int
     pairs: int  # pairs of bodies that must not overlap
-    tests: int  # pairs whose boxes met, so that their triangles were tested
+    tests: int  # pairs with overlapping boxes, whose triangles were tested
     triangles: int
     frames_overlapping: int
-    frames_broken: int  # frames with an overlap of more than is allowed
+    frames_broken: int  # frames with an overlap above its limit
     deepest: Overlap | None
     overlaps: tuple[Overlap, ...]
     overlaps_dropped: int
-    same_world: bool  # whether the scene is, to the bit, what the output was made in
+    same_world: bool  # whether the scene is bit for bit that of the replay
 
     def as_dict(self) -> dict[str, Any]:
         """Everything by name, of plain Python types: fit for JSON."""
@@ -164,7 +163,7 @@ def pairs_to_test(world: World) -> list[tuple[int, int]]:
 
 
 class _Shape(NamedTuple):
-    """A body as python-fcl and the test for containment know it; body frame, m."""
+    """Geometry of a body for python-fcl and the containment test; body frame, m."""
 
     collider: Any
     low: Floats  # (3,)
@@ -175,7 +174,7 @@ class _Shape(NamedTuple):
 
 
 class _Auditor:
-    """Places the bodies of a world as a frame says, and tests them."""
+    """Poses the bodies of a world as in a frame, and tests them for overlaps."""
 
     def __init__(self, world: World, path: Path, recorded: bool) -> None:
         self.pairs = pairs_to_test(world)
@@ -223,7 +222,7 @@ class _Auditor:
                 )
 
     def _update_poses(self, frame: OutputFrame) -> None:
-        """Take the poses of a frame; bodies that it does not name stay where they are."""
+        """Set the poses of a frame; bodies that it does not name keep theirs."""
         for name, pose in zip(frame.tf.names, frame.tf.values, strict=True):
             if name in self._index:
                 self._poses[self._index[name]] = pose
@@ -244,7 +243,7 @@ class _Auditor:
 
 @dataclass(frozen=True)
 class _PosedPair:
-    """Two placed shapes."""
+    """Two shapes and their poses."""
 
     a: _Shape
     b: _Shape
@@ -267,14 +266,14 @@ class _PosedPair:
         return _any_inside(inside_b, self.b) or _any_inside(inside_a, self.a)
 
     def depth(self) -> float:
-        """The least of the distances along some directions that set a free, m: an upper bound of the depth."""
+        """Smallest distance along the tested directions that separates a from b, m: an upper bound of the depth."""
         best = LARGEST_DEPTH_M
         for direction in [*self._candidate_directions(), *_DIRECTIONS]:
             best = min(best, self._separation_along(direction, best))
         return best
 
     def _candidate_directions(self) -> list[Floats]:
-        """Directions that may be short ways out: between the middles, and along normals of triangles that meet."""
+        """Likely directions of least separation: between the box centres, and normals of intersecting triangles."""
         import fcl
 
         one = fcl.CollisionObject(self.a.collider, fcl.Transform(self.rotation_a, self.position_a))
@@ -296,12 +295,12 @@ class _PosedPair:
         return [direction / length for direction, length in zip(found, lengths, strict=True) if length > 0.0]
 
     def _separation_along(self, direction: Floats, bound: float) -> float:
-        """Distance along a direction at which the shapes first found apart stay so; not more than `bound` matters."""
+        """Smallest distance found along a direction that separates the shapes, at most `bound` [m]."""
         if self.overlaps(bound * direction):
             return bound
         inside, free = 0.0, bound
         step = DRIVEN_LIMIT_M
-        while step < bound:  # a first guess by doubling: the way out is mostly short
+        while step < bound:  # exponential search: the distance is mostly small
             if not self.overlaps(step * direction):
                 free = step
                 break

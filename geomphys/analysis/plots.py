@@ -1,4 +1,4 @@
-"""A result as a figure for print: frame times by stage, penetration, correction and contacts over the frames."""
+"""Plots a result for print: frame times by stage, penetration, correction and contacts over the frames."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 PANELS = ("time", "penetration", "correction", "contacts")
-"""What a figure can show, one above the other."""
+"""Panels of a figure, from top to bottom."""
 FORMATS = (".png", ".svg", ".pdf")
 
 MAX_BINS = 3000
-"""Points of a curve at most; of longer recordings each is the largest (of times the mean) of its frames."""
+"""Maximum number of points of a curve; each is the maximum (of times the mean) over its frames."""
 LOG_SCALE_RATIO = 30.0
-"""Ratio of the 99th percentile to the median of the frame times from which their axis is logarithmic."""
+"""Ratio of the 99th percentile to the median of the frame times above which their axis is logarithmic."""
 HEADROOM = 1.35
-"""A linear axis of times ends at this much above the 99.5th percentile; what is beyond is marked at the rim."""
+"""Upper end of a linear time axis, times the 99.5th percentile; larger values are marked at the edge."""
 MAX_LINE_POINTS = 300
-"""Points of a stage's line on a logarithmic axis, each the median of its bins: dashes can be told apart then."""
+"""Maximum number of points of a stage's line on a logarithmic axis, each a median over bins; keeps dashes legible."""
 MIN_STAGE_SHARE = 1e-3
-"""Share of all the time from which a stage is shown."""
+"""Fraction of the total time above which a stage is shown."""
 
 _WIDTH_INCHES = 7.2
 _HEIGHTS = {"time": 2.5, "penetration": 1.7, "correction": 1.7, "contacts": 1.3}
@@ -173,7 +173,7 @@ class BinnedCurve:
 
 
 class _Curves:
-    """What a figure is drawn from; every curve has the same bins."""
+    """The curves of a figure; all have the same bins."""
 
     def __init__(self) -> None:
         self.frames = 0
@@ -252,8 +252,9 @@ def _draw(log: OutputLog, curves: _Curves, panels: list[str], scale: str) -> Fig
 
 
 def _fix_layout(figure: Figure) -> None:
-    """Lay the panels out once and round their places: the solver of the layout varies in the last bits from run to run,
-    and the names of an SVG's parts are hashes of such numbers.
+    """Run the layout once and round the axes' positions, so that equal inputs give equal bytes.
+
+    The layout solver varies in the last bits from run to run, and ids in an SVG are hashes of such numbers.
     """
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
@@ -316,7 +317,7 @@ def _draw_times(axis: Axes, curves: _Curves, scale: str) -> None:
 
 
 def _medians(x: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """Medians of at most `MAX_LINE_POINTS` equal stretches of a curve, at the middles of these."""
+    """Centres and medians of at most `MAX_LINE_POINTS` equal intervals of a curve."""
     length = -(-len(values) // MAX_LINE_POINTS)
     starts = range(0, len(values), length)
     middles: Floats = np.array([np.median(values[k : k + length]) for k in starts])
@@ -377,7 +378,7 @@ def _draw_contacts(axis: Axes, curves: _Curves) -> None:
 
 
 def _legend(axis: Axes, *, reverse: bool = False) -> None:
-    """A legend above the panel, where it hides nothing."""
+    """A legend above the panel, outside of the axes."""
     handles, labels = axis.get_legend_handles_labels()
     if reverse:
         handles, labels = handles[::-1], labels[::-1]

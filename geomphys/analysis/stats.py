@@ -1,4 +1,4 @@
-"""Figures of one output or many: percentiles of penetration, correction, speeds, jerks and stage times."""
+"""Statistics of one or more outputs: percentiles of penetration, correction, speeds, jerks and stage times."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _MOTIONS = ("recorded", "corrected", "correction")
 
 @dataclass(frozen=True, kw_only=True)
 class Distribution:
-    """A series of values >= 0 in figures, in the unit of its name."""
+    """Distribution of a series of values >= 0, in the unit of its name."""
 
     count: int
     mean: float
@@ -47,7 +47,7 @@ class Distribution:
 
 @dataclass(frozen=True, kw_only=True)
 class OutputStatistics:
-    """An output, or all together, in figures. SI units.
+    """Statistics of an output, or of all together, in SI units.
 
     `values` holds, over frames: ``recorded_penetration_m``, ``correction_m`` and ``correction_rad`` where they are above
     0, ``contacts`` of the frames in contact, ``residual_penetration_m`` and ``iterations`` of all; and of the fastest
@@ -72,7 +72,7 @@ class OutputStatistics:
 
 @dataclass(frozen=True, kw_only=True)
 class Statistics:
-    """Outputs one by one, and all together."""
+    """Statistics of each output, and of all together."""
 
     outputs: tuple[OutputStatistics, ...]
     all: OutputStatistics
@@ -151,7 +151,7 @@ class _MotionRates:
 
 @dataclass
 class _OutputTotals:
-    """What is gathered of one output, or of all."""
+    """Totals accumulated over one output, or over all."""
 
     frames: int = 0
     duration_s: float = 0.0

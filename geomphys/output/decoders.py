@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 METRICS = tuple(f.name for f in FrameMetrics.DESCRIPTOR.fields if f.name != "timestamp")
-"""Fields of a frame's metrics."""
+"""Names of the fields of a frame's metrics."""
 
 
 class Poses(NamedTuple):
@@ -46,7 +46,7 @@ class ContactRow(NamedTuple):
 
 
 class PenetrationRow(NamedTuple):
-    """A pair that overlapped as recorded; see geomphys.proto."""
+    """A pair of bodies that overlapped at the recorded poses; see geomphys.proto."""
 
     body_a: str
     body_b: str
@@ -80,7 +80,7 @@ def decode_transforms(data: bytes) -> Poses:
 
 
 class JointStateDecoder:
-    """Reads sensor_msgs/msg/JointState in little-endian CDR; names are decoded where they differ from before."""
+    """Decodes sensor_msgs/msg/JointState in little-endian CDR; the names are parsed only when their bytes change."""
 
     def __init__(self) -> None:
         self._head = b""

@@ -1,4 +1,4 @@
-"""Copies a log's channels into the output, message by message, beside the frames they led to."""
+"""Copies the channels of the input log into the output, interleaved with the frames by time."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ PREFIX = "/input"
 
 
 class InputCopy:
-    """Feeds the messages of a log to an output, with their own times, under topics prefixed ``/input``.
+    """Copies the messages of a log with their original times, under topics prefixed ``/input``.
 
-    Messages are taken in the order of the file, chunk by chunk: memory does not grow with the log.
+    Messages are read in file order, chunk by chunk: memory does not grow with the log.
 
     Parameters
     ----------
     path : Path
         An MCAP file, a bag directory of them, or the URL of one.
     recover : bool
-        Whether what can be read of a damaged log is copied; without it DamagedLogError is raised here.
+        Whether to copy the readable part of a damaged log; without it DamagedLogError is raised here.
     """
 
     def __init__(self, path: Path, recover: bool) -> None:
@@ -38,7 +38,7 @@ class InputCopy:
             self._next = next(self._items, None)
 
     def close(self, file: Writer, copy_remaining: bool) -> None:
-        """Stop; with `copy_remaining` the remaining messages are copied first."""
+        """Close the log, after copying the remaining messages if `copy_remaining`."""
         while copy_remaining and self._next is not None:
             self._copy(self._next, file)
             self._next = next(self._items, None)

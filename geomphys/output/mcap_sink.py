@@ -1,4 +1,4 @@
-"""The output log: every channel of a replay in one MCAP file that Foxglove and the rerun viewer show as it is."""
+"""Writes the output log: an MCAP file with all channels of a replay, which Foxglove and the rerun viewer can open."""
 
 from __future__ import annotations
 
@@ -55,9 +55,9 @@ _PROTOBUF_CHANNELS: dict[str, type[Message]] = {
 class McapSink(ContextManaged):
     """Writes the output log.
 
-    A message stands at its frame's time, which is its log time, publish time and stamp; its sequence number is the
-    frame's. ``/contacts``, ``/penetration`` and ``/metrics`` have a message every frame, ``/contacts/points`` and
-    ``/contacts/scene`` one wherever there are contacts and one without any where they end.
+    The time of a frame is the log time, publish time and stamp of its messages; their sequence number is the frame's.
+    ``/contacts``, ``/penetration`` and ``/metrics`` have a message every frame, ``/contacts/points`` and
+    ``/contacts/scene`` one in frames with contacts, and an empty one after the last of them.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class McapSink(ContextManaged):
         self._declare_channels()
         self._prepare_messages()
         self._started = False
-        self._had_contacts = True  # so that the first frame says that there are none
+        self._had_contacts = True  # so that a first frame without contacts writes empty messages
 
     def write(self, result: FrameResult) -> None:
         """Add a frame; see `Sink.write`."""
@@ -213,7 +213,7 @@ class McapSink(ContextManaged):
         self._frame_encoder = FrameEncoder(world.body_names)
 
     def _write_static_messages(self, time: int) -> None:
-        """What stands once in the file, at the time of the first frame."""
+        """Write the robot descriptions and attachments at the time of the first frame."""
         self._started = True
         for topic, text in self._descriptions.items():
             self._write_message(topic, encode_string(text), time, 0)

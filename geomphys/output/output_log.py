@@ -1,4 +1,4 @@
-"""Reads an output log back: metadata, frames one at a time, and whole columns of figures."""
+"""Reads an output log: metadata, frames as a stream, and columns of metrics and stage times."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ CHANNELS = ("/tf", "/recorded/tf", "joint_states", "/contacts", "/penetration", 
 """What `OutputLog.frames` can read; ``joint_states`` stands for those of every avatar."""
 
 RECORD_LIMIT = 256 * 2**20
-"""Bytes; a longer record, an attached file say, is not read."""
+"""Bytes; longer records, such as large attachments, are refused."""
 
 _DAMAGE = (
     BadRecordError, McapError, DecodeError, struct.error, ValueError, EOFError, KeyError, IndexError, RuntimeError,
@@ -60,7 +60,7 @@ _DAMAGE = (
 
 @dataclass(frozen=True, slots=True)
 class OutputFrame:
-    """A frame of an output. What was not asked for, or does not stand in the file, is empty."""
+    """A frame of an output. Channels that were not requested or are not in the file are empty."""
 
     index: int
     """The frame's number in the replay."""
@@ -137,7 +137,7 @@ class OutputLog:
 
     @property
     def complete(self) -> bool:
-        """Whether the replay that wrote it came to its end."""
+        """Whether the replay that wrote it ran to its end."""
         return self.metadata.get("complete") == "true"
 
     @property
@@ -266,7 +266,7 @@ class OutputLog:
 
     @contextmanager
     def _reading(self) -> Iterator[tuple[BinaryIO, SeekingReader]]:
-        """The file and a reader of it; what goes wrong in there is a LogError."""
+        """Open the file and a reader; errors in the block are raised as LogError."""
         try:
             with self.path.open("rb") as stream:
                 yield stream, SeekingReader(stream, record_size_limit=RECORD_LIMIT)
@@ -284,12 +284,12 @@ def open_output(path: Path | str) -> OutputLog:
 
 
 class _FrameDecoder:
-    """Makes frames of the messages between one /tf and the next."""
+    """Assembles a frame from the messages between one /tf and the next."""
 
     def __init__(self, channels: frozenset[str]) -> None:
         self._channels = channels
         self._joints: dict[str, JointStateDecoder] = {}
-        self._names: tuple[tuple[str, ...], ...] = ()  # of the poses checked last
+        self._names: tuple[tuple[str, ...], ...] = ()  # names in the frame checked last
 
     def decode(self, messages: list[tuple[str, OutputMessage]]) -> OutputFrame:
         poses = {"/tf": _NO_POSES, "/recorded/tf": _NO_POSES}
@@ -323,7 +323,9 @@ class _FrameDecoder:
         if self._names != names and all(topic in self._channels for topic in poses):
             unknown = {name.removeprefix("recorded/") for name in names[1]} - set(names[0])
             if unknown:
-                raise BadRecordError(f"the frame at {first.log_time} ns has recorded poses of what has none in /tf")
+                raise BadRecordError(
+                    f"the frame at {first.log_time} ns has recorded poses of bodies that have none in /tf"
+                )
             self._names = names
         return OutputFrame(
             index=int(metrics.get("frame", first.sequence)),

@@ -1,8 +1,8 @@
-"""URDF texts for viewers: of the avatars, of articulated objects, and of the plain objects of the scene.
+"""Makes the robot descriptions (URDF texts) of the output: avatars, articulated objects, plain objects.
 
-Viewers place a URDF's links by the frame ids of ``/tf``. So links are named here as their frames are (that differs
-from the file where there are several avatars, and for objects), and meshes are referred to by absolute ``file://``
-addresses, the only ones that the rerun viewer opens. The URDFs as they are stand in the output's attachments.
+Viewers pose a URDF's links by the frame ids of ``/tf``. Links are therefore renamed to their frame ids (these differ
+from the file with several avatars, and for objects), and meshes are named by absolute ``file://`` URLs, the only ones
+that the rerun viewer opens. The original URDFs are attachments of the output.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from geomphys.output.decoders import Poses
 from geomphys.output.output_log import OutputLog, open_output
 from geomphys.output.output_world import world_of_output
 from geomphys.output.rerun_blueprint import mcap_blueprint
-from geomphys.output.rerun_stream import UNIX_FROM, RerunStream
+from geomphys.output.rerun_stream import UNIX_TIME_START, RerunStream
 from geomphys.scene.arrays import FIXED
 from geomphys.storage.temporary_folders import TemporaryFolder
 
@@ -101,7 +101,7 @@ def _check_result(path: Path) -> None:
 
 def uses_unix_time(output: OutputLog) -> bool:
     """Whether an output's times count from 1970 (dates in the viewer); otherwise they are durations."""
-    return output.start_ns >= UNIX_FROM
+    return output.start_ns >= UNIX_TIME_START
 
 
 def _write_recording(path: Path, recording: Path) -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from geomphys.output.camera import ContactFrame, choose_viewpoint
 from geomphys.output.colours import colour_of_material
-from geomphys.output.contact_arrows import ARROW_BASE, ARROW_LONGEST, arrow_lengths
+from geomphys.output.contact_arrows import MAX_ARROW_LENGTH, MIN_ARROW_LENGTH, arrow_lengths
 from geomphys.output.frame_columns import changed_rows, rows_with_content
 from geomphys.output.vertex_normals import with_vertex_normals
 from tests.output.made_world import box
@@ -133,8 +133,8 @@ def test_rows_that_hold_or_end_something(held: list[int], before: int) -> None:
 
 def test_arrows_grow_with_depth_and_end() -> None:
     lengths = arrow_lengths(np.array([0.0, 1e-3, 2e-3, 10.0]))
-    assert lengths[0] == ARROW_BASE
-    assert lengths[3] == ARROW_LONGEST
+    assert lengths[0] == MIN_ARROW_LENGTH
+    assert lengths[3] == MAX_ARROW_LENGTH
     assert np.diff(lengths[:3]) == pytest.approx(np.diff(lengths[:3])[0] * np.ones(2))
     assert (np.diff(lengths) > 0).all()
 

@@ -16,7 +16,7 @@ from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 
 from geomphys.numerics.transforms import rotation_from_quaternion
-from geomphys.output.contact_arrows import ARROW_BASE, ARROW_SCALE, arrow_orientations
+from geomphys.output.contact_arrows import ARROW_SCALE, MIN_ARROW_LENGTH, arrow_orientations
 from geomphys.output.encoders import (
     JOINT_STATE_DEFINITION,
     STRING_DEFINITION,
@@ -190,5 +190,5 @@ def test_arrows_turn_x_to_any_direction() -> None:
     directions = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, 0, -1], [-0.6, 0.8, 0]], float)
     turned = rotation_from_quaternion(arrow_orientations(directions))[:, :, 0]
     assert turned == pytest.approx(directions, abs=1e-12)
-    assert ARROW_BASE > 0
+    assert MIN_ARROW_LENGTH > 0
     assert ARROW_SCALE > 1

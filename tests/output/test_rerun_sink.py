@@ -30,7 +30,7 @@ COUNT = 60
 
 @pytest.fixture(autouse=True)
 def small_batches(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rerun_sink, "BATCH", 25)
+    monkeypatch.setattr(rerun_sink, "BATCH_FRAMES", 25)
 
 
 def write(

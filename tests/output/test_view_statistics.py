@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from geomphys.output.view_statistics import FRAMES, ViewStatistics
+from geomphys.output.view_statistics import MAX_FRAMES, ViewStatistics
 from geomphys.scene.arrays import World
 from tests.output.made_world import frames
 
@@ -35,6 +35,6 @@ def test_without_a_touch_all_motion_is_in_view(world: World) -> None:
 def test_memory_is_bounded(world: World) -> None:
     statistics = ViewStatistics(world)
     results = frames(world, 60)
-    for _ in range(3 * FRAMES // len(results)):
+    for _ in range(3 * MAX_FRAMES // len(results)):
         statistics.add(results)
-    assert FRAMES // 3 < len(statistics._all.entries) <= FRAMES
+    assert MAX_FRAMES // 3 < len(statistics._all.entries) <= MAX_FRAMES

@@ -20,7 +20,7 @@ from geomphys.output.camera import choose_viewpoint
 from geomphys.output.decoders import Poses
 from geomphys.output.output_log import OutputLog, open_output
 from geomphys.output.output_world import world_of_output
-from geomphys.output.rerun_stream import UNIX_FROM, RerunStream, Times
+from geomphys.output.rerun_stream import UNIX_TIME_START, RerunStream, Times
 from geomphys.output.sink import OutputFile
 from geomphys.output.vertex_normals import with_vertex_normals
 from geomphys.scene.arrays import World
@@ -71,7 +71,7 @@ def write_overlay(difference: OutputDifference, out: Path, *, scene: Path | None
     stream.log_static(CURVE, rr.SeriesLines(names="largest distance [mm]", widths=1.5, colors=[217, 118, 27]))
     motions = [_OverlayMotion(stream, name, world, log) for name, log in (("a", a), ("b", b))]
     distance = PoseChannel("/tf", Tolerance(), motions[0].first, motions[1].first)
-    unix, index = a.start_ns >= UNIX_FROM, 0
+    unix, index = a.start_ns >= UNIX_TIME_START, 0
     frames: list[int] = []
     times_ns: list[int] = []
     rows: list[int] = []
