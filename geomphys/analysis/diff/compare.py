@@ -1,4 +1,4 @@
-"""Compares two outputs: both are read side by side, a frame at a time, so that memory does not grow with their length."""
+"""Compares two outputs, read in parallel frame by frame, so that memory does not grow with their length."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ CHANNELS = ("/tf", "/recorded/tf", "joint_states", "/contacts", "/penetration", 
 """What can be compared; ``joint_states`` stands for the joint values of every avatar."""
 
 PEAKS = 4
-"""Frames that are kept to be shown."""
+"""Number of frames with the largest differences that are shown."""
 MIN_PEAK_DISTANCE_NS = 500_000_000
-"""ns; they lie at least this far apart."""
+"""ns; minimum time between two of them."""
 
 
 class PeakPoses(NamedTuple):
-    """What is kept of a frame that stands out."""
+    """Poses of both outputs in a frame of large difference."""
 
-    body: str  # frame id of the one that is furthest off
+    body: str  # frame id of the body with the largest difference
     a: Poses
     b: Poses
 
@@ -135,7 +135,7 @@ def _first(output: OutputLog, channels: Collection[str]) -> OutputFrame:
 def _comparers(
     name: str, tolerance: Tolerance, a: OutputLog, b: OutputLog, first_a: OutputFrame, first_b: OutputFrame
 ) -> dict[str, Channel]:
-    """Topic -> what compares it."""
+    """Topic -> its comparer."""
     if name in ("/tf", "/recorded/tf"):
         return {name: PoseChannel(name, tolerance, first_a, first_b)}
     if name == "joint_states":
@@ -185,7 +185,7 @@ def _digests(output: OutputLog) -> dict[str, str]:
 
 @dataclass
 class _FrameComparison:
-    """Hands frames to the comparers and keeps what is drawn."""
+    """Passes frames to the comparers and collects curves and peaks."""
 
     channels: dict[str, Channel]
 

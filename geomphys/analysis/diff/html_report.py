@@ -1,4 +1,4 @@
-"""A comparison as one page that needs nothing but itself: no network, no scripts."""
+"""Writes a comparison as a self-contained HTML page, without scripts or network access."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ details > summary { cursor: pointer; color: var(--soft); margin: 6px 0; }
 """
 
 _SHOWN = 12
-"""Parts of a channel that stand in the open; the others unfold."""
+"""Parts of a channel shown at once; the others are in a collapsed table."""
 
 
 def write_page(difference: OutputDifference, out: Path, *, scene: Path | None = None) -> None:
@@ -129,7 +129,7 @@ def _verdict(difference: OutputDifference) -> Iterator[str]:
             first,
         ]
         rows.append([escape(channel.channel), verdict, *texts])
-    yield _table(["channel", "", "largest", "RMS", "turned", "RMS turn", "gained / lost", "first frame"], rows, 2)
+    yield _table(["channel", "", "largest", "RMS", "rotation", "RMS rotation", "gained / lost", "first frame"], rows, 2)
 
 
 def _curves(difference: OutputDifference) -> Iterator[str]:
@@ -196,7 +196,17 @@ def _channel(channel: ChannelDifference) -> Iterator[str]:
     for side, names in (("a", channel.only_a), ("b", channel.only_b)):
         if names:
             yield f"<p>Only in {side}: {escape(', '.join(names))}</p>"
-    titles = [channel.kind, "largest", "RMS", "turned", "RMS turn", "gained", "lost", "first frame", "worst frame"]
+    titles = [
+        channel.kind,
+        "largest",
+        "RMS",
+        "rotation",
+        "RMS rotation",
+        "gained",
+        "lost",
+        "first frame",
+        "worst frame",
+    ]
     rows = [_row(channel, part) for part in parts]
     if rows:
         yield _table(titles, rows[:_SHOWN], 1)

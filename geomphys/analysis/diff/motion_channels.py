@@ -1,4 +1,4 @@
-"""Motion compared: poses of bodies and values of joints."""
+"""Compares the motion channels: poses of bodies and values of joints."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Ints = NDArray[np.int64]
 
 
 class PoseChannel:
-    """``/tf`` or ``/recorded/tf``: distance of the origins, and angle of the turn between them."""
+    """``/tf`` or ``/recorded/tf``: distance of the origins [m] and angle between the orientations [rad]."""
 
     def __init__(self, channel: str, tolerance: Tolerance, first_a: OutputFrame, first_b: OutputFrame) -> None:
         self._channel, self._first = channel, (first_a, first_b)
@@ -91,9 +91,9 @@ class PoseChannel:
 
 
 class JointChannel:
-    """Joint values of one topic; `sliding` names the joints whose values are lengths, `continuous` those that go all round.
+    """Joint values of one topic; `sliding` names the joints whose values are lengths, `continuous` those without limits.
 
-    Values of the latter that are a whole turn apart are the same angle, unless everything has to be equal bit for bit.
+    Values of the latter are compared modulo 2 pi, unless everything has to be equal bit for bit.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Both motions of a comparison in one rerun recording: a solid, b over it, and the distance between them as a curve."""
+"""Writes both motions of a comparison as a rerun recording: a solid, b translucent, and their distance as a curve."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ CURVE = ("plots", "distance_mm")
 BATCH = 1000
 """Frames sent at once."""
 EYE_FRAMES = 200
-"""Frames that the point of view is chosen from."""
+"""Number of frames from which the viewpoint is chosen."""
 OPACITY = {"a": 255, "b": 130}
 
 
@@ -111,7 +111,7 @@ def write_overlay(difference: OutputDifference, out: Path, *, scene: Path | None
 
 
 class _OverlayMotion:
-    """One of the two motions: its shapes, and its poses until they are sent."""
+    """One of the two motions: logs its shapes and buffers its poses."""
 
     def __init__(self, stream: RerunStream, name: str, world: World, log: OutputLog) -> None:
         two = list(islice(log.frames(["/tf"]), 2))
@@ -125,14 +125,14 @@ class _OverlayMotion:
         self._send_shapes(world)
 
     def take(self, row: int, poses: Poses) -> None:
-        """Keep the poses of the frame that stands in that row of the batch."""
+        """Buffer the poses of the frame at a row of the batch."""
         if poses.names != self._layout[0]:
             self._layout = (poses.names, np.array([poses.names.index(n) for n in self.moving], np.int64))
         self._rows.append(row)
         self._values.append(poses.values[self._layout[1]])
 
     def send(self, times: Times) -> None:
-        """Send what was kept."""
+        """Send the buffered poses."""
         import rerun as rr
 
         if not self._rows:
@@ -146,7 +146,7 @@ class _OverlayMotion:
         self._rows, self._values = [], []
 
     def _send_shapes(self, world: World) -> None:
-        """Shapes, those of b translucent, and the places of what stands still; b's only where they differ from a's."""
+        """Log the shapes, those of b translucent, and the poses of static bodies."""
         import rerun as rr
 
         poses_by_name = dict(zip(self.first.tf.names, self.first.tf.values, strict=True))
@@ -165,14 +165,14 @@ class _OverlayMotion:
             )
             if frame not in self.moving:
                 pose = poses_by_name[frame]
-                place = rr.Transform3D(translation=pose[:3], quaternion=rr.Quaternion(xyzw=pose[3:]))
-                self._stream.log_static(path, place)
+                static_pose = rr.Transform3D(translation=pose[:3], quaternion=rr.Quaternion(xyzw=pose[3:]))
+                self._stream.log_static(path, static_pose)
 
 
 def _view(
     world: World, logs: tuple[OutputLog, OutputLog], static_poses: Poses, moving: tuple[str, ...], largest_mm: float
 ) -> Blueprint:
-    """The scene above, the curve below, seen from where most of the motion is not hidden."""
+    """Blueprint: the scene above, the curve below; the viewpoint minimizes occlusion of the motion."""
     import rerun.blueprint as rrb
 
     poses_by_name = dict(zip(static_poses.names, static_poses.values, strict=True))

@@ -1,4 +1,4 @@
-"""What is derived of a motion compared: contacts and penetrations as sets of pairs, figures, and lines of the log."""
+"""Compares the channels of results: contacts and penetrations as sets of pairs, metrics, and log lines."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Pair = tuple[str, str]
 
 
 class ContactChannel:
-    """``/contacts`` as a set of pairs of bodies; of pairs in both, how far points and depths are apart.
+    """``/contacts`` as a set of pairs of bodies; of common pairs, the distances of points and depths.
 
     The distance of two sets of points is the largest distance of a point to the nearest of the other set.
     """
@@ -112,7 +112,7 @@ class PenetrationChannel:
 
 
 class MetricsChannel:
-    """``/metrics``: every figure of a frame."""
+    """``/metrics``: every field of a frame."""
 
     def __init__(self, tolerance: Tolerance) -> None:
         self._tolerance = tolerance
@@ -125,7 +125,7 @@ class MetricsChannel:
         self._rows = tuple(table.rows(part) for table, part in zip(self._tables, names, strict=True))
 
     def add(self, a: OutputFrame, b: OutputFrame) -> float:
-        """See `Channel.add`; metres are not handed on, they only repeat those of other channels."""
+        """See `Channel.add`; returns 0, as its lengths repeat those of other channels."""
         for table, names, rows in zip(self._tables, self._names, self._rows, strict=True):
             values = np.array([abs(float(a.metrics.get(n, 0)) - float(b.metrics.get(n, 0))) for n in names])
             table.add(rows, values, a.index)
@@ -189,7 +189,7 @@ class PairSets:
         """First frame of any."""
 
     def add(self, pair: Pair, *, gained: bool, frame: int) -> None:
-        """Count a pair that stands in one output alone."""
+        """Count a pair that only one output has."""
         old = self._pairs.get(pair, SetDifference(first_frame=frame))
         self._pairs[pair] = SetDifference(
             gained=old.gained + gained, lost=old.lost + (not gained), first_frame=old.first_frame

@@ -1,4 +1,4 @@
-"""Curves over frames as inline SVG, drawn in the colours of the page they stand in."""
+"""Draws curves over frames as inline SVG in the colours of the surrounding page."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def curve(title: str, unit: str, frames: Ints, values: Floats, *, steps: bool = 
 
 
 def _stairs(frames: Ints, values: Floats) -> list[tuple[float, float]]:
-    """Points of a curve that keeps each value until the next frame."""
+    """Points of a step curve that holds each value until the next frame."""
     points: list[tuple[float, float]] = []
     for k, (frame, value) in enumerate(zip(frames.tolist(), values.tolist(), strict=True)):
         points.append((frame, value))
