@@ -168,7 +168,7 @@ def run(
             if value is not None
         ]
         reason = (
-            f"with {' and '.join(time_limits)} nothing is left of it" if time_limits else "`geomphys check` tells why"
+            f"with {' and '.join(time_limits)} it has no frames" if time_limits else "`geomphys check` shows the reason"
         )
         raise LogError(f"{log}: gave no frame in the scene {world.path}; {reason}")
     return summarizer.summary(log=log, scene=world.path, out=out, rrd=rrd, elapsed_s=elapsed)

@@ -39,7 +39,7 @@ MIN_STAGE_SHARE = 1e-3
 _WIDTH_INCHES = 7.2
 _HEIGHTS = {"time": 2.5, "penetration": 1.7, "correction": 1.7, "contacts": 1.3}
 _DPI = 200
-# of Paul Tol's schemes, told apart by the colour-blind: stages by turns dark and light, so that neighbours differ in grey
+# Paul Tol's colour-blind safe schemes; dark and light stages alternate, so that neighbours also differ in grey
 _STAGES = ("#332288", "#ee8866", "#228833", "#ddcc77", "#aa3377", "#88ccee", "#4477aa", "#cccccc", "#666633")
 _BLUE, _RED, _GREEN = "#4477aa", "#cc3311", "#228833"
 _PALE = "#a9afb6"
@@ -190,8 +190,8 @@ class _Curves:
             "recorded": 1e3 * metrics["recorded_penetration_m"],
             "global": 1e3 * deepest,
             "residual": 1e3 * metrics["residual_penetration_m"],
-            "moved": 1e3 * metrics["correction_m"],
-            "turned": float(np.degrees(metrics["correction_rad"])),
+            "translation": 1e3 * metrics["correction_m"],
+            "rotation": float(np.degrees(metrics["correction_rad"])),
             "contacts": metrics["contacts"],
             "impacts": metrics["impacts"],
         }
@@ -339,13 +339,13 @@ def _draw_penetration(axis: Axes, curves: _Curves) -> None:
 def _draw_correction(axis: Axes, curves: _Curves) -> None:
     x = curves.x()
     axis.set_ylabel("correction [mm]")
-    moved, rotated = curves.values["moved"].maximum(), curves.values["turned"].maximum()
-    axis.plot(x, moved, color=_BLUE, label="moved")
+    translations, rotations = curves.values["translation"].maximum(), curves.values["rotation"].maximum()
+    axis.plot(x, translations, color=_BLUE, label="moved")
     axis.set_ylim(bottom=0.0)
-    if rotated.max() > 1e-3:
+    if rotations.max() > 1e-3:
         axis.plot([], [], color=_RED, linestyle=_DASHED, label="turned")  # for the legend
         angles = axis.twinx()
-        angles.plot(x, rotated, color=_RED, linestyle=_DASHED)
+        angles.plot(x, rotations, color=_RED, linestyle=_DASHED)
         angles.set_ylabel("turned [°]", color=_RED)
         angles.set_ylim(bottom=0.0)
         angles.grid(False)

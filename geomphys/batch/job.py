@@ -84,7 +84,7 @@ def run_job(job: Job) -> Outcome:
     """
     if job.version != __version__:
         raise GeomphysError(
-            f"this worker has geomphys {__version__}, the batch was begun by {job.version}; install the same version"
+            f"this worker has geomphys {__version__}, the batch was started by {job.version}; install the same version"
         )
     output_folder = TemporaryFolder() if is_remote(job.running) else None
     work_folder = job.running / f"{job.out.stem}.{uuid.uuid4().hex}" if output_folder is None else output_folder.path

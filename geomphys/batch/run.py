@@ -94,12 +94,12 @@ def run_batch(
         Whether logs that the manifest has as done are left alone if their input, the scene with its meshes and URDFs,
         all parameters, the version, and the bytes of the outputs are the same still.
     keep_going : bool
-        Whether the others are replayed if a log fails; otherwise none is begun after that.
+        Whether to go on if a log fails; otherwise no further job is started.
     force : bool
         Whether outputs are replaced that no batch in this folder has made.
     loading : callable, optional
-        Called while meshes are cut for the first time, with what is being done and the share of it that is done. What
-        it raises ends the batch; the meshes that are cut by then are kept.
+        Called during the first convex decomposition of meshes, with a description and the fraction done. What it
+        raises ends the batch; finished decompositions stay in the cache.
     progress : callable, optional
         Called with the logs done and their number.
     ended : callable, optional

@@ -164,9 +164,9 @@ class PairLoop:
 def compare_depths(pairs: Pairs, repeats: int, with_peers: bool) -> DepthResult:
     """Time the penetration depths of a set of pairs and check their accuracy.
 
-    Blocks of pairs go through the engines in turn, so that whatever else the machine does hits all of them; a block's
-    time is the smallest of its repeats. Peers are called from Python, once a pair, as their users do; reading their
-    answers is not timed. Moved along its normal by its depth, a pair should just touch: what is left is the residual.
+    Engines alternate block by block, so that other load on the machine affects all of them; the time of a block is the
+    smallest of its repeats. Peers are called from Python, once a pair, as their users do; reading their
+    answers is not timed. The residual is the overlap that remains once a pair is separated along its normal by its depth.
 
     Raises
     ------

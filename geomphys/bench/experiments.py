@@ -74,7 +74,7 @@ def experiment_files(folder: Path | None, only: Sequence[str]) -> list[Experimen
     Parameters
     ----------
     folder
-        Holds `recordings` and `assets`; None: the folder the package stands in, which in a checkout is that.
+        Holds `recordings` and `assets`; None: the folder that holds the package, the root of a checkout.
     only
         Names; empty: all.
 

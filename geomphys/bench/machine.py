@@ -28,7 +28,7 @@ class Machine:
     system: str
     python: str
     versions: dict[str, str]
-    load: tuple[float, float, float]  # average number of busy processes over 1, 5 and 15 minutes, when it was asked
+    load: tuple[float, float, float]  # load averages over 1, 5 and 15 minutes at the start
 
     @property
     def is_busy(self) -> bool:
@@ -57,7 +57,7 @@ def describe_machine() -> Machine:
 
 
 def _processor() -> str:
-    """Name of the processor; of its architecture where the system does not tell."""
+    """Name of the processor; of its architecture where the system does not report it."""
     listed = Path("/proc/cpuinfo")
     if listed.is_file():
         for line in listed.read_text(encoding="utf-8", errors="replace").splitlines():

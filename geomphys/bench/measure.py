@@ -89,7 +89,7 @@ def measure(
 
     Every frame is run `repeats` times, each time from the start with a fresh pipeline; as its results are the same to
     the bit, its time is the smallest of them, which is the one least disturbed by others on the machine. A peer runs
-    the same frames in turn with the step, a block of 64 after a block, and its times are taken likewise.
+    the same frames, alternating with the step in blocks of 64, and its times are measured likewise.
 
     Parameters
     ----------

@@ -34,11 +34,11 @@ def run_bench(
     Parameters
     ----------
     folder
-        Holds `recordings` and `assets`; None: the checkout the package stands in.
+        Holds `recordings` and `assets`; None: the checkout that holds the package.
     only
         Names of experiments, see `geomphys.bench.experiments.NAMES`; empty: all that are there.
     peers
-        Also through MuJoCo, coal and FCL, in turn with the step.
+        Whether to measure MuJoCo, coal and FCL too, alternating with the step.
     depths, scaling, compiling
         Whether to measure penetration depths of pairs; made-up scenes of growing size; compilation from nothing.
     repeats
@@ -107,7 +107,7 @@ def run_bench(
 
 
 def _mujoco() -> tuple[PeerMaker, PeerMaker]:
-    """The peers of whole frames, with rigid and with jointed hands; raises ConfigError if it is not installed."""
+    """The peers for frame times, with rigid and with jointed hands; raises ConfigError if it is not installed."""
     from geomphys.bench.mujoco_peer import MujocoPeer
     from geomphys.bench.mujoco_scene import load_mujoco
 

@@ -21,7 +21,7 @@ def arrow_lengths(depths: Floats) -> Floats:
 
 
 def arrow_orientations(directions: Floats) -> Floats:
-    """Rotations (n, 4), x y z w, that turn the x axis to the unit vectors `directions` (n, 3)."""
+    """Rotations (n, 4), x y z w, that rotate the x axis to the unit vectors `directions` (n, 3)."""
     orientations = np.empty((len(directions), 4))
     orientations[:, 0] = 0.0
     orientations[:, 1] = -directions[:, 2]

@@ -174,7 +174,7 @@ class OutputLog:
         ValueError
             A channel is none of `CHANNELS`.
         DamagedLogError
-            The file is damaged at that place.
+            The file is damaged there.
         """
         unknown = set(channels) - set(CHANNELS)
         if unknown:

@@ -106,8 +106,8 @@ def _with_meshes(urdf: bytes, description: str) -> bytes:
     root = ElementTree.fromstring(urdf)
     above = links_above_free_joint(joint_ends(root))  # which the description leaves out
     named = [m for part in root if not (part.tag == "link" and part.get("name") in above) for m in part.iter("mesh")]
-    for mesh, placed in zip(named, ElementTree.fromstring(description).iter("mesh"), strict=True):
-        mesh.set("filename", _path(placed.get("filename", "")))
+    for mesh, described in zip(named, ElementTree.fromstring(description).iter("mesh"), strict=True):
+        mesh.set("filename", _path(described.get("filename", "")))
     return ElementTree.tostring(root)  # type: ignore[no-any-return]
 
 

@@ -55,7 +55,7 @@ class RerunSink(ContextManaged):
     """Writes a recording for the rerun viewer, with the blueprint it opens with.
 
     Driven bodies are drawn at their corrected poses, in the colour of their state: free, corrected (moved from where
-    they were recorded), touching. The recorded pose of a body stands beside it as a ghost while the two differ. Poses
+    they were recorded), in contact. The recorded pose is drawn as a translucent ghost while it differs. Poses
     and colours are sent where they change.
 
     Parameters

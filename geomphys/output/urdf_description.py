@@ -32,7 +32,7 @@ WORLD = "world"
 def descriptions(world: World) -> dict[str, str]:
     """Topic -> URDF text: ``/robot_description`` of the only avatar, ``/NAME/robot_description`` of all others.
 
-    Objects without a URDF of their own stand together in ``/objects/robot_description``. Raises ModelError or
+    Objects without a URDF of their own share ``/objects/robot_description``. Raises ModelError or
     MeshError if a URDF cannot be read.
     """
     texts: dict[str, str] = {}
@@ -124,12 +124,12 @@ def _capsule_parts(element: etree._Element, shape: etree._Element) -> list[etree
         parts.append((etree.Element("cylinder", radius=repr(radius), length=repr(length)), middle))
     parts += [(etree.Element("sphere", radius=repr(radius)), cap.tolist()) for cap in caps]
     found = []
-    for primitive, place in parts:
+    for primitive, position in parts:
         copy = deepcopy(element)
         for child in copy.findall("origin"):
             copy.remove(child)
-        xyz, turn = (" ".join(map(repr, values)) for values in (place, rpy))
-        copy.insert(0, etree.Element("origin", xyz=xyz, rpy=turn))
+        xyz, rpy_text = (" ".join(map(repr, values)) for values in (position, rpy))
+        copy.insert(0, etree.Element("origin", xyz=xyz, rpy=rpy_text))
         geometry = copy.find("geometry")
         assert geometry is not None
         geometry[0] = primitive

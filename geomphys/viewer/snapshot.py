@@ -48,7 +48,7 @@ def take_snapshot(
         The frame's number.
     size : (int, int)
         Width and height of the viewer's window in points.
-    whole : bool
+    whole_window : bool
         Whether the picture shows the whole window with its plots; otherwise only the scene.
 
     Raises
