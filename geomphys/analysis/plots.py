@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -108,7 +109,7 @@ def plot_output(
     Raises
     ------
     ConfigError
-        An unknown panel, scale or ending.
+        An unknown panel, scale or ending, or matplotlib (the extra ``plots``) is not installed.
     LogError
         `output` is none, has no frame, or has no stage times and `panels` asks for nothing else.
     OutputError
@@ -121,6 +122,8 @@ def plot_output(
         raise ConfigError(f"scale = {scale!r}: choose auto, linear or log")
     if out.suffix.lower() not in FORMATS:
         raise ConfigError(f"{out}: ends in {out.suffix!r}; choose {', '.join(FORMATS)}")
+    if find_spec("matplotlib") is None:
+        raise ConfigError("figures need matplotlib: pip install 'geomphys[plots]'")
     file = OutputFile(out, force)
     curves = _read(log, progress)
     shown = [panel for panel in PANELS if panel in panels and (panel != "time" or curves.stages)]

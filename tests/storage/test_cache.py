@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from geomphys.storage import cache
+from tests.house.sources import modules
 
 
 @pytest.fixture(autouse=True)
@@ -50,3 +51,9 @@ def test_nobody_elses_folder_in_a_place_for_all(tmp_path: Path, monkeypatch: pyt
     shared.rename(tmp_path / "another")
     shared.symlink_to(tmp_path / "another")
     assert not cache.user_folder("kernels").is_relative_to(shared)
+
+
+def test_sources_are_those_of_the_whole_package() -> None:
+    """Machine code and scenes in the cache are found by them: what is left out could change unnoticed."""
+    names = {"geomphys", *(f"geomphys.{name}" for name in modules("geomphys") if name)}
+    assert names <= set(cache.sources())
