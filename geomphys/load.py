@@ -11,11 +11,11 @@ from geomphys.collision.penetration import make_scratch, separation
 from geomphys.errors import ConfigError
 from geomphys.numerics.transforms import compose, frame_from_matrix, matrix_from_frame
 from geomphys.scene.arrays import Floats, World
-from geomphys.scene.assembly import assemble, exclude
+from geomphys.scene.assembly import assemble, exclude_pairs
 from geomphys.scene.decomposition import Progress
-from geomphys.scene.scene_cache import find_world, keep_world
+from geomphys.scene.scene_cache import cache_world, load_cached_world
 from geomphys.scene.scene_file import load_scene_file
-from geomphys.scene.source_files import noted_sources
+from geomphys.scene.source_files import tracked_sources
 from geomphys.storage.remote_files import as_path, is_remote
 
 CLOSE = 5e-6
@@ -48,19 +48,19 @@ def load_world(path: Path | str, *, mode: str | None = None, seed: int = 0, prog
         raise ConfigError(f"mode = {mode!r}: expected rigid or chains")
     path = as_path(path)
     is_local = not is_remote(path)
-    kept = find_world(path, mode, seed) if is_local else None
+    kept = load_cached_world(path, mode, seed) if is_local else None
     if kept is not None:
         return kept
-    with noted_sources() as sources:
+    with tracked_sources() as sources:
         world = _load(path, mode, seed, progress)
     if is_local:
-        keep_world(world, sources, mode, seed)
+        cache_world(world, sources, mode, seed)
     return world
 
 
 def _load(path: Path, mode: str | None, seed: int, progress: Progress | None) -> World:
     world = assemble(load_scene_file(path), path, mode=mode, seed=seed, progress=progress)
-    return exclude(world, zero_pose_overlaps(world))
+    return exclude_pairs(world, zero_pose_overlaps(world))
 
 
 def zero_pose_overlaps(world: World) -> list[tuple[int, int]]:

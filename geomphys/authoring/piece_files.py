@@ -11,7 +11,7 @@ import numpy as np
 
 from geomphys.errors import OutputError, SceneError
 from geomphys.output.sink import OutputFile
-from geomphys.scene.decomposition import Pieces, Progress, Uncut, decompose_all
+from geomphys.scene.decomposition import Decomposed, DecompositionTask, Progress, decompose_all
 from geomphys.scene.meshes import load_mesh
 from geomphys.scene.scene_file import load_scene_file
 from geomphys.scene.scene_values import Decomposition
@@ -37,7 +37,7 @@ class DecomposedMesh:
     path: Path
     scale: tuple[float, float, float]
     triangles: int
-    pieces: Pieces
+    pieces: Decomposed
 
     def as_dict(self) -> dict[str, Any]:
         """Figures of it, fit for JSON; lengths in m."""
@@ -107,7 +107,7 @@ def decompose_file(
         The file or a mesh is wrong, or a mesh cannot be decomposed.
     """
     uses = meshes_of_file(path)
-    meshes = [Uncut(load_mesh(use.path, np.array(use.scale)), use.how) for use in uses]
+    meshes = [DecompositionTask(load_mesh(use.path, np.array(use.scale)), use.how) for use in uses]
     cut = decompose_all(meshes, threshold=threshold, seed=seed, progress=progress)
     return tuple(
         DecomposedMesh(path=use.path, scale=use.scale, triangles=len(mesh.faces), pieces=pieces)
@@ -115,7 +115,7 @@ def decompose_file(
     )
 
 
-def write_pieces(pieces: Pieces, out: Path, *, force: bool = False) -> None:
+def write_pieces(pieces: Decomposed, out: Path, *, force: bool = False) -> None:
     """Write convex pieces as a mesh file, each in its own colour, in metres.
 
     Raises OutputError for a suffix that is none of `FORMATS`, a file that exists without `force`, a full disk.

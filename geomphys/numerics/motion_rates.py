@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-LONGEST_STEP_S = 0.2
+MAX_STEP_S = 0.2
 """s; across longer gaps between frames no speed and no jerk is taken."""
 
 ORDER = 3  # of the highest derivative
@@ -47,7 +47,7 @@ class MotionMeter:
         times, positions = np.concatenate([self._times, times]), np.concatenate([self._positions, positions])
         self._times, self._positions = times[-ORDER:], positions[-ORDER:]
         steps = np.diff(times, prepend=times[:1]) * 1e-9
-        fine = (steps > 0.0) & (steps <= LONGEST_STEP_S)
+        fine = (steps > 0.0) & (steps <= MAX_STEP_S)
         speeds, whole = np.full(positions.shape[:2], np.nan), fine
         jerks, differences, factor = speeds.copy(), positions, 1.0
         for order in range(1, ORDER + 1):

@@ -15,7 +15,7 @@ from geomphys.load import load_world, zero_pose_overlaps
 from geomphys.output.output_log import OutputLog
 from geomphys.output.provenance import sha256_of_world
 from geomphys.scene.arrays import World
-from geomphys.scene.assembly import assemble, exclude
+from geomphys.scene.assembly import assemble, exclude_pairs
 from geomphys.scene.free_joints import joint_ends, links_above_free_joint
 from geomphys.scene.scene_file import SceneFile, parse_scene
 from geomphys.storage.temporary_folders import TemporaryFolder
@@ -83,7 +83,7 @@ def _attached(
             entry["mesh"] = meshes.get(entry["name"], entry["mesh"])
     file: Any = SceneFile.model_validate(table)
     world = assemble(file, path, mode=mode, seed=seed)
-    return exclude(world, zero_pose_overlaps(world))
+    return exclude_pairs(world, zero_pose_overlaps(world))
 
 
 def _meshes_of_objects(texts: dict[str, str]) -> dict[str, str]:

@@ -22,7 +22,7 @@ from geomphys.numerics.transforms import rotation_about
 from geomphys.output.colours import Colour, of_trees
 from geomphys.scene.arrays import World
 from geomphys.scene.free_joints import joint_ends, links_above_free_joint
-from geomphys.scene.packages import MeshFinder
+from geomphys.scene.ros_packages import MeshResolver
 from geomphys.scene.scene_file import ObjectTable
 from geomphys.scene.urdf_elements import SHAPES
 
@@ -73,7 +73,7 @@ def urdf_for_viewers(path: Path, frames: dict[str, str], colour: Colour) -> str:
         for end in ("parent", "child"):
             for element in joint.findall(end):
                 _rename(element, "link", frames)
-    finder = MeshFinder(path.absolute().parent)
+    finder = MeshResolver(path.absolute().parent)
     for mesh in tree.iter("mesh"):
         with suppress(MeshError):  # a visual's: no collision mesh is without its file here
             mesh.set("filename", finder.find(mesh.get("filename", "")).resolve().as_uri())

@@ -23,7 +23,7 @@ from geomphys.recording.report import RecordingReport
 from geomphys.recording.space import RecordedSpace
 from geomphys.scene.arrays import World
 from geomphys.scene.findings import Findings
-from geomphys.scene.scene_inputs import RecordingTable
+from geomphys.scene.recording_tables import RecordingTable
 from geomphys.storage.remote_files import as_path
 
 

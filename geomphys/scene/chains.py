@@ -52,31 +52,31 @@ def suggested_chains(skeleton: Skeleton) -> list[tuple[int, ...]]:
     return _branches(skeleton, 2) or _branches(skeleton, 1)
 
 
-def _branches(skeleton: Skeleton, least: int) -> list[tuple[int, ...]]:
+def _branches(skeleton: Skeleton, min_joints: int) -> list[tuple[int, ...]]:
     """`suggested_chains`, if a limb leads through at least so many moving joints."""
     children = skeleton.children()
-    reach = [0] * len(skeleton.links)  # moving joints on the longest way down from a link
+    longest = [0] * len(skeleton.links)  # moving joints on the longest way down from a link
     for link in reversed(range(len(skeleton.links))):
-        reach[link] = max((reach[c] + _moves(skeleton, c) for c in children[link]), default=0)
+        longest[link] = max((longest[c] + _moves(skeleton, c) for c in children[link]), default=0)
     chains: list[tuple[int, ...]] = []
-    todo: list[int] = [0]  # links that chains may hang on
-    while todo:
-        base = todo.pop(0)
+    pending: list[int] = [0]  # links that chains may hang on
+    while pending:
+        base = pending.pop(0)
         for start in children[base]:
             links, count = [start], int(_moves(skeleton, start))
             ended = False
             while children[links[-1]]:
-                below = children[links[-1]]
-                lengths = [reach[c] + _moves(skeleton, c) for c in below]
-                limbs = [length for length in lengths if length >= least]
-                if len(limbs) >= 3 or (len(limbs) == 2 and count <= max(limbs)):
-                    todo.append(links[-1])
+                branches = children[links[-1]]
+                lengths = [longest[c] + _moves(skeleton, c) for c in branches]
+                limb_lengths = [length for length in lengths if length >= min_joints]
+                if len(limb_lengths) >= 3 or (len(limb_lengths) == 2 and count <= max(limb_lengths)):
+                    pending.append(links[-1])
                     ended = True
                     break
                 best = lengths.index(max(lengths))
-                links.append(below[best])
-                count += _moves(skeleton, below[best])
-            if not ended and count >= least:
+                links.append(branches[best])
+                count += _moves(skeleton, branches[best])
+            if not ended and count >= min_joints:
                 chains.append(tuple(links))
     return chains
 
@@ -85,8 +85,8 @@ def link_index(skeleton: Skeleton, name: str, where: str) -> int:
     """Index of a link; SceneError with a suggestion where there is none of this name."""
     found = skeleton.index(name)
     if found is None:
-        near = get_close_matches(name, [link.name for link in skeleton.links], n=1)
-        hint = f", did you mean {near[0]!r}?" if near else ""
+        close = get_close_matches(name, [link.name for link in skeleton.links], n=1)
+        hint = f", did you mean {close[0]!r}?" if close else ""
         raise SceneError(f"{where}: no link {name!r} in {skeleton.path}{hint}")
     return found
 

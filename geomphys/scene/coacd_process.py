@@ -23,9 +23,9 @@ from geomphys.storage.temporary_folders import TemporaryFolder
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-LONGEST = 900.0
+TIMEOUT = 900.0
 """s; a mesh that takes longer is refused"""
-LOOK_EVERY = 0.1
+POLL_INTERVAL = 0.1
 """s between two looks at whether it is to stop"""
 ITERATIONS = 60
 """of the tree search for each cut; CoACD's own 150 take twice as long for pieces that stand out as far"""
@@ -44,16 +44,16 @@ def convex_parts(
     """Parts of a closed mesh as point clouds (k, 3) whose hulls fill it, as CoACD cuts them.
 
     `threshold` is the concavity (0.01 to 1, of half the longest side) a part may keep; `threads` changes no part. Raises
-    MeshError if CoACD fails, takes longer than `LONGEST`, or gives nothing or NaN, or if `stop` is set meanwhile.
+    MeshError if CoACD fails, takes longer than `TIMEOUT`, or gives nothing or NaN, or if `stop` is set meanwhile.
     """
     hint = 'simplify or repair it, or use decomposition = "hull"'
     with TemporaryFolder() as folder:
         source, target = folder / "mesh.npz", folder / "parts.npz"
         np.savez(source, vertices=vertices, faces=faces, threshold=threshold, seed=seed)
         command = [sys.executable, "-P", "-m", __name__, str(source), str(target)]
-        code = _ended(command, threads, stop or Event())
+        code = _run_until_exit(command, threads, stop or Event())
         if code is None:
-            raise MeshError(f"{name}: convex decomposition took more than {LONGEST:.0f} s: {hint}")
+            raise MeshError(f"{name}: convex decomposition took more than {TIMEOUT:.0f} s: {hint}")
         if code or not target.is_file():
             raise MeshError(f"{name}: convex decomposition failed (CoACD ended with {code}): {hint}")
         with np.load(target, allow_pickle=False) as archive:
@@ -65,17 +65,17 @@ def convex_parts(
     return [points[a:b] for a, b in pairwise(starts)]
 
 
-def _ended(command: list[str], threads: int, stop: Event) -> int | None:
+def _run_until_exit(command: list[str], threads: int, stop: Event) -> int | None:
     """Run a command to its end; its exit code, or None if it took too long. It is killed if `stop` is set."""
     environment = os.environ | {"OMP_NUM_THREADS": str(threads), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment
     ) as process:
-        latest = time.monotonic() + LONGEST
+        deadline = time.monotonic() + TIMEOUT
         try:
-            while time.monotonic() < latest and not stop.is_set():
+            while time.monotonic() < deadline and not stop.is_set():
                 try:
-                    return process.wait(LOOK_EVERY)
+                    return process.wait(POLL_INTERVAL)
                 except subprocess.TimeoutExpired:
                     continue
             return -9 if stop.is_set() else None

@@ -8,6 +8,8 @@ hull adds: a screw hole of less radius than the concavity is filled, as it is by
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,23 +18,35 @@ from geomphys.scene.meshes import Mesh
 
 Floats = NDArray[np.float64]
 
-VOLUME_SHARE = 0.3
+VOLUME_WEIGHT = 0.3
 """Of the radius of the ball whose volume the hull adds, against the distance (CoACD's weight of the two)."""
-SLACK = 0.02
+DISTANCE_TOLERANCE = 0.02
 """Of the concavity: how far the distance may be missed."""
 FLAT = 1e-6
 """Of the size and the area: a face of the hull is one of the mesh if they differ by less."""
-TOUCHING = 1e-4
+CONTACT_TOLERANCE = 1e-4
 """Of the radius: a ball that is free but for this touches only where it stands."""
-MOST_LOOKS = 200_000
+MAX_QUERIES = 200_000
 """Distances measured a mesh; where they do not do, CoACD decides."""
+
+
+@dataclass
+class QueryBudget:
+    """Distance queries that may still be made."""
+
+    remaining: int
+
+    def spend(self, count: int) -> bool:
+        """Take `count` queries off; False if there are not that many left."""
+        self.remaining -= count
+        return self.remaining >= 0
 
 
 def is_nearly_convex(mesh: Mesh, concavity: float) -> bool:
     """Whether the hull of a mesh stands for it.
 
     True if ``0.3 (3 V / 4 pi)^(1/3) <= concavity``, with V the volume between mesh and hull, and no point of the hull
-    is farther than `concavity` from the solid, within `SLACK` of it. The distance is bounded over whole triangles of
+    is farther than `concavity` from the solid, within `DISTANCE_TOLERANCE` of it. The distance is bounded over whole triangles of
     the hull, and inside hollows by balls of that radius that touch a triangle of the mesh: one that fits into the hull
     and holds no other part of the mesh is too much.
 
@@ -47,17 +61,17 @@ def is_nearly_convex(mesh: Mesh, concavity: float) -> bool:
 
     hull = ConvexHull(mesh.hull_vertices)
     added = max(float(hull.volume) - mesh.signed_volume, 0.0)
-    if VOLUME_SHARE * np.cbrt(0.75 * added / np.pi) > concavity:
+    if VOLUME_WEIGHT * np.cbrt(0.75 * added / np.pi) > concavity:
         return False
-    surface, looks = Surface(mesh.vertices, mesh.faces), [MOST_LOOKS]
-    lids = hull.points[hull.simplices[~_is_surface(mesh, hull.equations, hull.points[hull.simplices])]]
-    if not _lies_within(surface, mesh.vertices, lids, concavity, looks):
+    surface, budget = Surface(mesh.vertices, mesh.faces), QueryBudget(MAX_QUERIES)
+    bridging_triangles = hull.points[hull.simplices[~_lies_on_mesh(mesh, hull.equations, hull.points[hull.simplices])]]
+    if not _lies_within(surface, mesh.vertices, bridging_triangles, concavity, budget):
         return False
     planes = np.unique(hull.equations, axis=0)
-    return not _holds_a_ball(surface, mesh.vertices[mesh.faces], planes, concavity, looks)
+    return not _fits_ball(surface, mesh.vertices[mesh.faces], planes, concavity, budget)
 
 
-def _is_surface(mesh: Mesh, equations: Floats, triangles: Floats) -> NDArray[np.bool_]:
+def _lies_on_mesh(mesh: Mesh, equations: Floats, triangles: Floats) -> NDArray[np.bool_]:
     """Which triangles (n, 3, 3) of the hull lie in a face of it that triangles of the mesh fill altogether."""
     from scipy.spatial import cKDTree
 
@@ -68,34 +82,33 @@ def _is_surface(mesh: Mesh, equations: Floats, triangles: Floats) -> NDArray[np.
     area = np.linalg.norm(crossed, axis=1)
     corners, normals, area = corners[area > 0], crossed[area > 0] / area[area > 0, None], area[area > 0]
     offsets = -np.einsum("ij,ij->i", normals, corners[:, 0])
-    away, nearest = cKDTree(planes).query(np.column_stack([normals, offsets]) * scale)
-    filled = np.bincount(nearest[away < FLAT], area[away < FLAT], len(planes))
+    distance, nearest = cKDTree(planes).query(np.column_stack([normals, offsets]) * scale)
+    filled = np.bincount(nearest[distance < FLAT], area[distance < FLAT], len(planes))
     sides = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    whole = np.bincount(face.reshape(-1), np.linalg.norm(sides, axis=1), len(planes))
-    found: NDArray[np.bool_] = (filled >= (1.0 - FLAT) * whole)[face.reshape(-1)]
+    face_area = np.bincount(face.reshape(-1), np.linalg.norm(sides, axis=1), len(planes))
+    found: NDArray[np.bool_] = (filled >= (1.0 - FLAT) * face_area)[face.reshape(-1)]
     return found
 
 
-def _lies_within(surface: Surface, corners: Floats, triangles: Floats, limit: float, looks: list[int]) -> bool:
+def _lies_within(surface: Surface, corners: Floats, triangles: Floats, limit: float, budget: QueryBudget) -> bool:
     """Whether triangles (n, 3, 3) on the hull lie within `limit` of the surface, which has these corners."""
     from scipy.spatial import cKDTree
 
     tree = cKDTree(corners)
     while len(triangles):
         middle, reach = _balls(triangles)
-        open_ = tree.query(middle)[0] + reach > limit  # the nearest corner is no nearer than the surface
-        triangles, middle, reach = triangles[open_], middle[open_], reach[open_]
-        looks[0] -= len(middle)
-        if looks[0] < 0:
+        undecided = tree.query(middle)[0] + reach > limit  # the nearest corner is no nearer than the surface
+        triangles, middle, reach = triangles[undecided], middle[undecided], reach[undecided]
+        if not budget.spend(len(middle)):
             return False
-        away = surface.distance(middle)
-        if np.any(away > limit):
+        distance = surface.distance(middle)
+        if np.any(distance > limit):
             return False
-        triangles = _divided(triangles[(away + reach > limit) & (reach > SLACK * limit)])[0]
+        triangles = _divided(triangles[(distance + reach > limit) & (reach > DISTANCE_TOLERANCE * limit)])[0]
     return True
 
 
-def _holds_a_ball(surface: Surface, triangles: Floats, planes: Floats, radius: float, looks: list[int]) -> bool:
+def _fits_ball(surface: Surface, triangles: Floats, planes: Floats, radius: float, budget: QueryBudget) -> bool:
     """Whether a ball that touches one of the triangles from outside, within the hull, meets no other part of them."""
     from scipy.spatial import cKDTree
 
@@ -104,22 +117,23 @@ def _holds_a_ball(surface: Surface, triangles: Floats, planes: Floats, radius: f
     length = np.linalg.norm(normals, axis=1)
     triangles, normals = triangles[length > 0], normals[length > 0] / length[length > 0, None]
     facing = planes[cKDTree(planes[:, :3]).query(normals)[1]]
-    moved = triangles + radius * normals[:, None]
-    out = np.min(np.einsum("tkj,tj->tk", moved, facing[:, :3]) + facing[:, 3:], axis=1) > 0  # nearly all of them
+    offset_triangles = triangles + radius * normals[:, None]
+    out = (
+        np.min(np.einsum("tkj,tj->tk", offset_triangles, facing[:, :3]) + facing[:, 3:], axis=1) > 0
+    )  # nearly all of them
     triangles, normals = triangles[~out], normals[~out]
     while len(triangles):
         inside, out = _against_hull(triangles + radius * normals[:, None], planes)
         triangles, normals, inside = triangles[~out], normals[~out], inside[~out]
-        looks[0] -= len(triangles)
-        if looks[0] < 0:
+        if not budget.spend(len(triangles)):
             return True
         middle, reach = _balls(triangles)
         free = surface.distance(middle + radius * normals)
-        if np.any(inside & (free >= (1.0 - TOUCHING) * radius)):
+        if np.any(inside & (free >= (1.0 - CONTACT_TOLERANCE) * radius)):
             return True
-        open_ = (free + reach >= (1.0 - TOUCHING) * radius) & (reach > SLACK * radius)
-        triangles, whole = _divided(triangles[open_])
-        normals = normals[open_][whole]
+        undecided = (free + reach >= (1.0 - CONTACT_TOLERANCE) * radius) & (reach > DISTANCE_TOLERANCE * radius)
+        triangles, parent = _divided(triangles[undecided])
+        normals = normals[undecided][parent]
     return False
 
 

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-ROUNDING = 1.5e-4
+REACH = 1.5e-4
 """Of the mesh's size: how far a piece reaches for the surface at first; twice as far where something stays bare."""
 DOUBLINGS = 6
-SLACK = 1e-9
+TOLERANCE = 1e-9
 """Of the mesh's size: less than that is not bare."""
 
 
@@ -39,11 +39,11 @@ class Surface:
         import fcl
 
         point = fcl.Sphere(1e-9)
-        away = [fcl.distance(self._solid, fcl.CollisionObject(point, fcl.Transform(p))) for p in points]
-        return np.array(away, dtype=np.float64)
+        distances = [fcl.distance(self._solid, fcl.CollisionObject(point, fcl.Transform(p))) for p in points]
+        return np.array(distances, dtype=np.float64)
 
 
-def covering(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> list[Floats]:
+def grow_to_cover(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> list[Floats]:
     """Grow convex pieces until together they hold every point of a surface.
 
     Parameters
@@ -59,10 +59,10 @@ def covering(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> list[Fl
         The corners of the grown pieces. If after `DOUBLINGS` something is still bare, it stays so: `uncovered` tells.
     """
     size = float(np.ptp(vertices, axis=0).max())
-    grown, reach = list(pieces), ROUNDING * size
+    grown, reach = list(pieces), REACH * size
     for _ in range(DOUBLINGS):
         grown = [_with_surface(vertices, faces, piece, reach) for piece in grown]
-        if not _bare_polygons(vertices, faces, [_hull(piece)[1] for piece in grown], SLACK * size):
+        if not _uncovered_polygons(vertices, faces, [_hull(piece)[1] for piece in grown], TOLERANCE * size):
             break
         reach *= 2.0
     return grown
@@ -70,27 +70,27 @@ def covering(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> list[Fl
 
 def uncovered(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> float:
     """How far a surface sticks out of pieces, m: corners and middles of its bare polygons beyond the nearest piece."""
-    slack = SLACK * float(np.ptp(vertices, axis=0).max())
+    slack = TOLERANCE * float(np.ptp(vertices, axis=0).max())
     planes = [_hull(piece)[1] for piece in pieces]
-    bare = _bare_polygons(vertices, faces, planes, slack)
-    if not bare:
+    polygons = _uncovered_polygons(vertices, faces, planes, slack)
+    if not polygons:
         return 0.0
-    points = np.concatenate([np.vstack([polygon, polygon.mean(axis=0)]) for polygon in bare])
+    points = np.concatenate([np.vstack([polygon, polygon.mean(axis=0)]) for polygon in polygons])
     return float(np.max(np.min([_outside(points, p) for p in planes], axis=0), initial=0.0))
 
 
-def stands_out(vertices: Floats, faces: Ints, pieces: Sequence[Floats], samples: int = 2000) -> float:
+def piece_protrusion(vertices: Floats, faces: Ints, pieces: Sequence[Floats], samples: int = 2000) -> float:
     """How far convex pieces stick out of a closed surface, m: the largest distance outside it of points of theirs.
 
     The points are `samples` spread over the pieces by area, the same ones each time, and as many of their corners.
     """
     corners = np.concatenate(pieces)
     points = np.concatenate([_surface_points(pieces, samples), corners[:: -(-len(corners) // samples)]])
-    away = Surface(vertices, faces).distance(points)
-    far = away > 1e-6 * float(np.ptp(vertices, axis=0).max())
+    distances = Surface(vertices, faces).distance(points)
+    far = distances > 1e-6 * float(np.ptp(vertices, axis=0).max())
     outside = np.zeros(len(points), dtype=bool)
     outside[far] = _winding(vertices, faces, points[far]) < 0.5
-    return float(np.max(away[outside], initial=0.0))
+    return float(np.max(distances[outside], initial=0.0))
 
 
 def _with_surface(vertices: Floats, faces: Ints, piece: Floats, reach: float) -> Floats:
@@ -128,50 +128,50 @@ def _outside(points: Floats, planes: Floats) -> Floats:
     return found
 
 
-def _bare_polygons(vertices: Floats, faces: Ints, planes: Sequence[Floats], slack: float) -> list[Floats]:
+def _uncovered_polygons(vertices: Floats, faces: Ints, planes: Sequence[Floats], slack: float) -> list[Floats]:
     """Parts of triangles that lie in no piece, as convex polygons (k, 3)."""
     inside = np.stack([_outside(vertices, p) <= slack for p in planes], axis=1)  # (n, pieces)
     covered = np.any(inside[faces].all(axis=1), axis=1)
-    left: list[Floats] = []
+    uncovered_parts: list[Floats] = []
     for face in faces[~covered]:
         polygons = [vertices[face]]
-        near = np.argsort(-inside[face].sum(axis=0), kind="stable")  # pieces that hold corners of it first
-        for k in near:
-            polygons = [rest for polygon in polygons for rest in _without(polygon, planes[k], slack)]
+        order = np.argsort(-inside[face].sum(axis=0), kind="stable")  # pieces that hold corners of it first
+        for k in order:
+            polygons = [remainder for polygon in polygons for remainder in _subtract(polygon, planes[k], slack)]
             if not polygons:
                 break
-        left += polygons
-    return left
+        uncovered_parts += polygons
+    return uncovered_parts
 
 
-def _without(polygon: Floats, planes: Floats, slack: float) -> list[Floats]:
+def _subtract(polygon: Floats, planes: Floats, slack: float) -> list[Floats]:
     """A convex polygon less a convex piece, as convex polygons; what lies within the slack of the piece is dropped."""
     height = polygon @ planes[:, :3].T - planes[:, 3]  # (corners, planes)
     if np.any(np.min(height, axis=0) > slack):
         return [polygon]
-    rest: list[Floats] = []
+    remainder: list[Floats] = []
     for plane in planes[np.max(height, axis=0) > slack]:
         side = polygon @ plane[:3] - plane[3] - slack
         if np.max(side) <= 0:
             continue
         if np.min(side) >= 0:
-            return [*rest, polygon]
-        rest.append(_clipped(polygon, side))
+            return [*remainder, polygon]
+        remainder.append(_clipped(polygon, side))
         polygon = _clipped(polygon, -side)
-    return rest
+    return remainder
 
 
 def _clipped(polygon: Floats, side: Floats) -> Floats:
     """The part of a convex polygon where `side` >= 0 (Sutherland and Hodgman 1974, one plane)."""
-    kept = []
+    clipped = []
     for k in range(len(polygon)):
         j = (k + 1) % len(polygon)
         if side[k] >= 0:
-            kept.append(polygon[k])
+            clipped.append(polygon[k])
         if (side[k] > 0 > side[j]) or (side[k] < 0 < side[j]):
-            share = side[k] / (side[k] - side[j])
-            kept.append(polygon[k] + share * (polygon[j] - polygon[k]))
-    return np.array(kept).reshape(-1, 3)
+            fraction = side[k] / (side[k] - side[j])
+            clipped.append(polygon[k] + fraction * (polygon[j] - polygon[k]))
+    return np.array(clipped).reshape(-1, 3)
 
 
 def _surface_points(pieces: Sequence[Floats], count: int) -> Floats:
@@ -191,11 +191,13 @@ def _surface_points(pieces: Sequence[Floats], count: int) -> Floats:
 def _winding(vertices: Floats, faces: Ints, points: Floats) -> Floats:
     """Winding number of a closed surface about points (n, 3): 1 inside, 0 outside (van Oosterom and Strackee 1983)."""
     corners = vertices[faces]
-    turns = np.zeros(len(points))
+    solid_angles = np.zeros(len(points))
     for start in range(0, len(points), 64):
         a, b, c = np.moveaxis(corners[None] - points[start : start + 64, None, None], 2, 0)
         la, lb, lc = (np.linalg.norm(x, axis=-1) for x in (a, b, c))
         top = np.einsum("...i,...i", a, np.cross(b, c))
         dots = [np.einsum("...i,...i", x, y) for x, y in ((a, b), (b, c), (c, a))]
-        turns[start : start + 64] = np.arctan2(top, la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb).sum(-1)
-    return turns / (2 * np.pi)
+        solid_angles[start : start + 64] = np.arctan2(
+            top, la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb
+        ).sum(-1)
+    return solid_angles / (2 * np.pi)

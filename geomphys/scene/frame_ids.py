@@ -9,10 +9,10 @@ from geomphys.scene.findings import RenamedFrame
 from geomphys.scene.trees import Tree
 
 WORLD = "world"
-GHOSTS = "recorded/"
+RECORDED_PREFIX = "recorded/"
 
 
-def distinct_frames(trees: Sequence[Tree]) -> tuple[RenamedFrame, ...]:
+def make_frame_ids_unique(trees: Sequence[Tree]) -> tuple[RenamedFrame, ...]:
     """Give links whose frame id is another frame's too the id AVATAR/LINK; returns which.
 
     Names of objects and avatars differ and hold no slash, so the ids that this gives differ from each other; where one
@@ -22,16 +22,16 @@ def distinct_frames(trees: Sequence[Tree]) -> tuple[RenamedFrame, ...]:
     renamed: list[RenamedFrame] = []
     while True:
         # Viewers take a leading slash for none.
-        count = Counter(body.frame.lstrip("/") for _, body in bodies)
-        taken = [
+        counts = Counter(body.frame.lstrip("/") for _, body in bodies)
+        ambiguous = [
             (tree, body)
             for tree, body in bodies
             if tree.skeleton is not None
             and body.frame != body.name
-            and (count[plain := body.frame.lstrip("/")] > 1 or plain == WORLD or plain.startswith(GHOSTS))
+            and (counts[plain := body.frame.lstrip("/")] > 1 or plain == WORLD or plain.startswith(RECORDED_PREFIX))
         ]
-        if not taken:
+        if not ambiguous:
             return tuple(renamed)
-        for _, body in taken:
+        for _, body in ambiguous:
             link, body.frame = body.frame, body.name
             renamed.append(RenamedFrame(body.name, link, body.frame))

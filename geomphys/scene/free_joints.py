@@ -30,17 +30,17 @@ def links_above_free_joint(joints: Iterable[JointEnds]) -> list[str]:
     Only a joint that all else hangs on counts: between it and the root lie fixed joints alone, and none of the links up
     there carries anything else.
     """
-    below: dict[str, list[JointEnds]] = {}
+    joints_below: dict[str, list[JointEnds]] = {}
     for joint in joints:
-        below.setdefault(joint.parent, []).append(joint)
-    children = {joint.child for row in below.values() for joint in row}
-    roots = [link for link in below if link not in children]
-    above: list[str] = []
+        joints_below.setdefault(joint.parent, []).append(joint)
+    children = {joint.child for row in joints_below.values() for joint in row}
+    roots = [link for link in joints_below if link not in children]
+    ancestors: list[str] = []
     link = roots[0] if len(roots) == 1 else None
-    while link is not None and link not in above and len(below.get(link, ())) == 1:
-        above.append(link)
-        joint = below[link][0]
+    while link is not None and link not in ancestors and len(joints_below.get(link, ())) == 1:
+        ancestors.append(link)
+        joint = joints_below[link][0]
         if joint.type in FREE_TYPES:
-            return above
+            return ancestors
         link = joint.child if joint.type == "fixed" else None
     return []

@@ -16,7 +16,7 @@ from geomphys.scene.skeleton import Skeleton
 
 Floats = NDArray[np.float64]
 
-SAME_CENTRE = 1e-3
+CENTRE_TOLERANCE = 1e-3
 """m; how far apart the axes of a compound joint may pass."""
 
 
@@ -50,7 +50,7 @@ def reach_cone(table: ReachConeTable, skeleton: Skeleton, where: str, path: Path
                 f"{path}: {where}: joint {name!r} does not turn on its own, a reach cone needs joints that do"
             )
         links.append(by_name[name])
-    _check_row(links, skeleton, where, path)
+    _check_compound_joint(links, skeleton, where, path)
     limb = _unit(np.array([table.limb], dtype=np.float64))[0]
     directions = _unit(np.array(table.directions, dtype=np.float64))
     _check_polygon(directions, where, path)
@@ -59,53 +59,53 @@ def reach_cone(table: ReachConeTable, skeleton: Skeleton, where: str, path: Path
     return ReachCone(tuple(links), limb, directions)
 
 
-def _check_row(links: Sequence[int], skeleton: Skeleton, where: str, path: Path) -> None:
+def _check_compound_joint(links: Sequence[int], skeleton: Skeleton, where: str, path: Path) -> None:
     """Each joint hangs on the one before it, and all turn about one centre."""
-    zero = skeleton.forward()
-    centre = zero[links[0], :3, 3]
+    zero_pose = skeleton.forward()
+    centre = zero_pose[links[0], :3, 3]
     for above, link in pairwise(links):
         joint = skeleton.joints[link]
         name = "" if joint is None else joint.name
-        here = link
-        while here != above:
-            entry = skeleton.joints[here]
-            if entry is None or (here != link and entry.dof >= 0):
+        ancestor = link
+        while ancestor != above:
+            entry = skeleton.joints[ancestor]
+            if entry is None or (ancestor != link and entry.dof >= 0):
                 raise SceneError(f"{path}: {where}: joint {name!r} does not hang on the joint before it in the list")
-            here = entry.parent
-        away = float(np.linalg.norm(zero[link, :3, 3] - centre))
-        if away > SAME_CENTRE:
+            ancestor = entry.parent
+        distance = float(np.linalg.norm(zero_pose[link, :3, 3] - centre))
+        if distance > CENTRE_TOLERANCE:
             raise SceneError(
-                f"{path}: {where}: joint {name!r} sits {away:.4g} m off the first one, expected one centre"
+                f"{path}: {where}: joint {name!r} sits {distance:.4g} m off the first one, expected one centre"
             )
 
 
 def _check_polygon(directions: Floats, where: str, path: Path) -> None:
     """Neighbouring corners differ and are not opposite; sides that are no neighbours do not meet."""
     count = len(directions)
-    after = np.roll(directions, -1, axis=0)
+    following = np.roll(directions, -1, axis=0)
     for k in range(count):
-        away = np.linalg.norm(directions[k] - after[k])
-        if away < 1e-6 or away > 2.0 - 1e-9:
-            fault = "equals" if away < 1e-6 else "is opposite to"
-            raise SceneError(f"{path}: {where}: directions[{k}] {fault} the next one, they span no side of a polygon")
+        distance = np.linalg.norm(directions[k] - following[k])
+        if distance < 1e-6 or distance > 2.0 - 1e-9:
+            problem = "equals" if distance < 1e-6 else "is opposite to"
+            raise SceneError(f"{path}: {where}: directions[{k}] {problem} the next one, they span no side of a polygon")
     for i in range(count):
         for j in range(i + 2, count - (i == 0)):
-            if _arcs_meet(directions[i], after[i], directions[j], after[j]):
+            if _arcs_intersect(directions[i], following[i], directions[j], following[j]):
                 raise SceneError(f"{path}: {where}: the sides after directions[{i}] and directions[{j}] cross")
 
 
 def area_left_of(directions: Floats) -> float:
     """Area [sr] on the left of the polygon's sides: the sum of its angles there less that of a flat polygon."""
-    before, after = np.roll(directions, 1, axis=0), np.roll(directions, -1, axis=0)
-    towards = np.cross(directions, after)
-    back = np.cross(directions, before)
+    previous, following = np.roll(directions, 1, axis=0), np.roll(directions, -1, axis=0)
+    to_next = np.cross(directions, following)
+    to_previous = np.cross(directions, previous)
     angles = np.arctan2(
-        np.einsum("ij,ij->i", np.cross(towards, back), directions), np.einsum("ij,ij->i", towards, back)
+        np.einsum("ij,ij->i", np.cross(to_next, to_previous), directions), np.einsum("ij,ij->i", to_next, to_previous)
     )
     return float(np.sum(angles % (2.0 * np.pi)) - (len(directions) - 2) * np.pi)
 
 
-def _arcs_meet(a: Floats, b: Floats, c: Floats, d: Floats) -> bool:
+def _arcs_intersect(a: Floats, b: Floats, c: Floats, d: Floats) -> bool:
     """Whether two great-circle arcs, each shorter than a half circle, share a point."""
     first, second = np.cross(a, b), np.cross(c, d)
     point = np.cross(first, second)
@@ -119,8 +119,8 @@ def _on_arc(point: Floats, a: Floats, b: Floats) -> bool:
     normal = np.cross(a, b)
     if abs(float(normal @ point)) > 1e-9 * float(np.linalg.norm(normal) * np.linalg.norm(point)):
         return False
-    slack = -1e-12 * float(np.linalg.norm(point))
-    return bool(np.cross(a, point) @ normal >= slack and np.cross(point, b) @ normal >= slack)
+    tolerance = -1e-12 * float(np.linalg.norm(point))
+    return bool(np.cross(a, point) @ normal >= tolerance and np.cross(point, b) @ normal >= tolerance)
 
 
 def _unit(vectors: Floats) -> Floats:

@@ -15,40 +15,40 @@ from pathlib import Path
 
 from geomphys.scene.arrays import World
 from geomphys.scene.source_files import Sources
-from geomphys.storage.cache import Store, sources, user_folder
+from geomphys.storage.cache import Store, sources, user_cache_folder
 
-MOST = 100
+MAX_WORLDS = 100
 """Worlds; the oldest give way."""
 LIBRARIES = ("coacd", "numpy", "scipy", "trimesh", "yourdfpy")
 """Those that bear on a world."""
-SEARCHED = ("AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH")
+SEARCH_PATH_VARIABLES = ("AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH")
 """Variables that say where files are looked for."""
 
 
-def find_world(path: Path, mode: str | None, seed: int) -> World | None:
+def load_cached_world(path: Path, mode: str | None, seed: int) -> World | None:
     """Return the world of a scene file as it was kept; None if there is none, or one of its files is not as it was."""
-    kept: tuple[World, Sources] | None = _store().load(_name(path, mode, seed))
-    return kept[0] if kept is not None and kept[1].are_unchanged() else None
+    cached: tuple[World, Sources] | None = _store().load(_cache_key(path, mode, seed))
+    return cached[0] if cached is not None and cached[1].are_unchanged() else None
 
 
-def keep_world(world: World, found: Sources, mode: str | None, seed: int) -> None:
+def cache_world(world: World, sources_of_world: Sources, mode: str | None, seed: int) -> None:
     """Keep a world for the next run, if it is made of more than its scene file and nothing of it was missing."""
-    if len(found.contents) < 2 or world.findings.not_shown:
+    if len(sources_of_world.contents) < 2 or world.findings.not_shown:
         return
     store = _store()
-    store.save(_name(world.path, mode, seed), (world, found))
+    store.save(_cache_key(world.path, mode, seed), (world, sources_of_world))
     with suppress(OSError):  # another process was faster, or nothing can be written
-        for oldest in sorted(store.folder.iterdir(), key=lambda file: file.stat().st_mtime)[:-MOST]:
+        for oldest in sorted(store.folder.iterdir(), key=lambda file: file.stat().st_mtime)[:-MAX_WORLDS]:
             oldest.unlink(missing_ok=True)
 
 
 def _store() -> Store:
-    return Store(user_folder("worlds"))
+    return Store(user_cache_folder("worlds"))
 
 
-def _name(path: Path, mode: str | None, seed: int) -> str:
-    searched = [os.environ.get(name) for name in SEARCHED]
-    text = f"{_version()} {path.absolute()} {path} {mode} {seed} {searched}"
+def _cache_key(path: Path, mode: str | None, seed: int) -> str:
+    search_paths = [os.environ.get(name) for name in SEARCH_PATH_VARIABLES]
+    text = f"{_version()} {path.absolute()} {path} {mode} {seed} {search_paths}"
     return hashlib.sha256(text.encode(errors="surrogateescape")).hexdigest()
 
 

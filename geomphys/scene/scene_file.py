@@ -12,8 +12,7 @@ from pydantic import BaseModel, BeforeValidator, Field, ValidationError, model_v
 
 from geomphys.errors import SceneError
 from geomphys.scene.git_lfs import IS_POINTER, is_lfs_pointer
-from geomphys.scene.scene_file_errors import explain, fault, one_line
-from geomphys.scene.scene_inputs import (
+from geomphys.scene.recording_tables import (
     NO_DELAY,
     JointsTable,
     RecordingTable,
@@ -24,6 +23,7 @@ from geomphys.scene.scene_inputs import (
     check_unique,
     rotation_of,
 )
+from geomphys.scene.scene_file_errors import explain, fault, one_line
 from geomphys.scene.scene_values import (
     Angles,
     Axis,
@@ -43,14 +43,14 @@ from geomphys.scene.scene_values import (
     Velocity,
     sequence,
 )
-from geomphys.scene.source_files import note_contents
+from geomphys.scene.source_files import track_contents
 
-LARGEST_FILE = 4 * 2**20
+MAX_FILE_BYTES = 4 * 2**20
 """bytes; a larger scene file is refused."""
-MOST_PARTS = 32
+MAX_KEY_PARTS = 32
 """parts of a dotted key; the parser needs memory by their square"""
-_PART = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
-_LONG_KEY = re.compile(rf"(?:^|[\[{{,])[ \t]*(?:{_PART}\.[ \t]*){{{MOST_PARTS},}}", re.MULTILINE)
+_KEY_PART = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
+_LONG_KEY = re.compile(rf"(?:^|[\[{{,])[ \t]*(?:{_KEY_PART}\.[ \t]*){{{MAX_KEY_PARTS},}}", re.MULTILINE)
 
 _SHAPES = ("mesh", "box", "sphere", "cylinder", "capsule", "urdf")
 
@@ -256,7 +256,7 @@ def parse_scene(text: str, path: Path) -> SceneFile:
     """Check the text of a scene file; `path` is what errors call it."""
     if found := _LONG_KEY.search(text):
         line = text[: found.start() + 1].count("\n") + 1
-        raise SceneError(f"{path}: line {line}: a key of more than {MOST_PARTS} parts, which no scene file has")
+        raise SceneError(f"{path}: line {line}: a key of more than {MAX_KEY_PARTS} parts, which no scene file has")
     try:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -286,11 +286,11 @@ def _read(path: Path) -> str:
         if not path.is_file():
             raise SceneError(f"{path}: no such scene file")
         with path.open("rb") as stream:
-            data = note_contents(path, stream.read(LARGEST_FILE + 1))
+            data = track_contents(path, stream.read(MAX_FILE_BYTES + 1))
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror}") from error
-    if len(data) > LARGEST_FILE:
-        raise SceneError(f"{path}: is larger than {LARGEST_FILE // 2**20} MiB, too large for a scene file")
+    if len(data) > MAX_FILE_BYTES:
+        raise SceneError(f"{path}: is larger than {MAX_FILE_BYTES // 2**20} MiB, too large for a scene file")
     if is_lfs_pointer(data):
         raise SceneError(f"{path}: {IS_POINTER}")
     if data.startswith(b"\x89MCAP"):

@@ -33,21 +33,21 @@ def explain(error: ValidationError, table: dict[str, Any], models: Mapping[str, 
     if kind == "missing" and isinstance(location[-1], int):  # an array that is too short
         location, kind = location[:-1], "too_short"
     if kind == "extra_forbidden":
-        text = f"= {shown(value)}: unknown key{_did_you_mean(location, models)}"
+        text = f"= {shortened(value)}: unknown key{_did_you_mean(location, models)}"
     elif kind == "missing":
         text = "is missing"
     elif kind == "tuple_type" and location[-1] in models:
-        text = f"= {shown(value)}: expected tables [[{'.'.join(str(p) for p in location if isinstance(p, str))}]]"
+        text = f"= {shortened(value)}: expected tables [[{'.'.join(str(p) for p in location if isinstance(p, str))}]]"
     elif kind == "scene" and isinstance(value, dict | BaseModel):
         text = str(first["msg"])
     else:
-        text = f"= {shown(value)}: {_expected(kind, first.get('ctx', {}), str(first['msg']))}"
+        text = f"= {shortened(value)}: {_expected(kind, first.get('ctx', {}), str(first['msg']))}"
     key = _key_path(location, table)
-    more = len({f["loc"][:2] for f in faults}) - 1
-    return one_line(f"{key} {text}" if key else text) + (f" (and {more} more)" if more else "")
+    others = len({f["loc"][:2] for f in faults}) - 1
+    return one_line(f"{key} {text}" if key else text) + (f" (and {others} more)" if others else "")
 
 
-def shown(value: object) -> str:
+def shortened(value: object) -> str:
     """A value as it may stand in an error: short, on one line."""
     if isinstance(value, tuple):
         value = list(value)
@@ -62,7 +62,7 @@ def one_line(text: str) -> str:
 
 def _expected(kind: str, context: Mapping[str, Any], otherwise: str) -> str:
     """What pydantic says, in the words of a scene file."""
-    plain = {
+    messages = {
         "float_type": "expected a number",
         "finite_number": "expected a finite number",
         "string_type": "expected text in quotes",
@@ -72,8 +72,8 @@ def _expected(kind: str, context: Mapping[str, Any], otherwise: str) -> str:
         "model_type": "expected a table {...}",
         "model_attributes_type": "expected a table {...}",
     }
-    if kind in plain:
-        return plain[kind]
+    if kind in messages:
+        return messages[kind]
     if kind == "greater_than_equal":
         return f"expected at least {context['ge']:g}"
     if kind == "less_than_equal":
@@ -97,18 +97,18 @@ def _is_branch(part: object) -> bool:
 def _key_path(location: Location, table: dict[str, Any]) -> str:
     """`object[0] ('table').box[2]`: where in the file; `class_` and the like never show."""
     text = ""
-    here: Any = table
+    node: Any = table
     for part in location:
         if isinstance(part, int):
             text += f"[{part}]"
         else:
             text += f".{part}" if text else part
         try:
-            here = here[part]
+            node = node[part]
         except (KeyError, IndexError, TypeError):
-            here = None
-        if isinstance(part, int) and isinstance(here, dict) and isinstance(here.get("name"), str):
-            text += f" ({shown(here['name'])})"
+            node = None
+        if isinstance(part, int) and isinstance(node, dict) and isinstance(node.get("name"), str):
+            text += f" ({shortened(node['name'])})"
     return text
 
 
@@ -118,5 +118,5 @@ def _did_you_mean(location: Location, models: Mapping[str, type[BaseModel]]) -> 
     if model is None:
         return ""
     keys = [field.alias or name for name, field in model.model_fields.items()]
-    near = get_close_matches(str(location[-1]), keys, n=1)
-    return f", did you mean {near[0]!r}?" if near else f", expected one of {', '.join(keys)}"
+    close = get_close_matches(str(location[-1]), keys, n=1)
+    return f", did you mean {close[0]!r}?" if close else f", expected one of {', '.join(keys)}"

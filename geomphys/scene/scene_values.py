@@ -12,11 +12,11 @@ from geomphys.scene.scene_file_errors import fault
 
 UNIT_TOLERANCE = 1e-2
 """How far the norm of a quaternion may be from 1; within that it is normalised."""
-LONGEST_DELAY = 600.0
+MAX_DELAY_S = 600.0
 """s by which the times of a topic may be shifted"""
 
 _RESERVED = ("world", "recorded")
-_UPRIGHT = {"z": (0.0, 0.0, 0.0), "y": (90.0, 0.0, 0.0)}  # rpy that takes this axis to z
+_RPY_TO_Z_UP = {"z": (0.0, 0.0, 0.0), "y": (90.0, 0.0, 0.0)}  # rpy that takes this axis to z
 
 
 def sequence(value: object) -> object:
@@ -24,7 +24,7 @@ def sequence(value: object) -> object:
     return tuple(value) if isinstance(value, list) else value
 
 
-def _printable(value: object) -> object:
+def _printable_text(value: object) -> object:
     """Names and topics go to terminals and channels: no control characters, no blanks around."""
     if isinstance(value, str):
         if not value or value != value.strip():
@@ -36,9 +36,9 @@ def _printable(value: object) -> object:
     return value
 
 
-def _plain_name(value: object) -> object:
+def _name_without_separators(value: object) -> object:
     """Names of objects, avatars and chains are parts of frame ids and topics."""
-    if isinstance(_printable(value), str) and isinstance(value, str):
+    if isinstance(_printable_text(value), str) and isinstance(value, str):
         if "/" in value or "#" in value:
             raise fault("must not hold '/' or '#'")
         if value in _RESERVED:
@@ -46,7 +46,7 @@ def _plain_name(value: object) -> object:
     return value
 
 
-def _unit(value: object) -> object:
+def _unit_quaternion(value: object) -> object:
     """Quaternions within `UNIT_TOLERANCE` of norm 1; exactly unit ones stay as they are, bit for bit."""
     if isinstance(value, tuple) and len(value) == 4 and all(isinstance(v, int | float) for v in value):
         norm = math.hypot(*value)
@@ -58,12 +58,12 @@ def _unit(value: object) -> object:
     return value
 
 
-def _one_or_more(value: object) -> object:
+def _as_tuple(value: object) -> object:
     """A text alone is as good as a list of one."""
     return (value,) if isinstance(value, str) else sequence(value)
 
 
-def _whole(value: object) -> object:
+def _as_integer(value: object) -> object:
     """1.0 is as good as 1; true is not."""
     if isinstance(value, bool):
         raise fault("expected 1 or -1")
@@ -83,21 +83,23 @@ Rate: TypeAlias = Annotated[float, Field(ge=-1e6, le=1e6)]
 Direction: TypeAlias = Annotated[tuple[Coordinate, Coordinate, Coordinate], BeforeValidator(sequence)]
 Position: TypeAlias = Annotated[tuple[Coordinate, Coordinate, Coordinate], BeforeValidator(sequence)]
 Velocity: TypeAlias = Annotated[tuple[Rate, Rate, Rate], BeforeValidator(sequence)]
-Quaternion: TypeAlias = Annotated[tuple[float, float, float, float], BeforeValidator(_unit), BeforeValidator(sequence)]
+Quaternion: TypeAlias = Annotated[
+    tuple[float, float, float, float], BeforeValidator(_unit_quaternion), BeforeValidator(sequence)
+]
 Degrees: TypeAlias = Annotated[float, Field(ge=-3600.0, le=3600.0)]
 Angles: TypeAlias = Annotated[tuple[Degrees, Degrees, Degrees], BeforeValidator(sequence)]
 Axis: TypeAlias = Literal["y", "z"]
-Seconds: TypeAlias = Annotated[float, Field(ge=-LONGEST_DELAY, le=LONGEST_DELAY)]
-Sign: TypeAlias = Annotated[Literal[1, -1], BeforeValidator(_whole)]
+Seconds: TypeAlias = Annotated[float, Field(ge=-MAX_DELAY_S, le=MAX_DELAY_S)]
+Sign: TypeAlias = Annotated[Literal[1, -1], BeforeValidator(_as_integer)]
 Factor: TypeAlias = Annotated[float, Field(ge=-1e6, le=1e6), BeforeValidator(_factor)]
 Lengths2: TypeAlias = Annotated[tuple[Length, Length], BeforeValidator(sequence)]
 Lengths3: TypeAlias = Annotated[tuple[Length, Length, Length], BeforeValidator(sequence)]
-Name: TypeAlias = Annotated[str, BeforeValidator(_plain_name)]
-Text: TypeAlias = Annotated[str, BeforeValidator(_printable)]
+Name: TypeAlias = Annotated[str, BeforeValidator(_name_without_separators)]
+Text: TypeAlias = Annotated[str, BeforeValidator(_printable_text)]
 FrameIds: TypeAlias = Annotated[
     tuple[Text, ...],
     Field(min_length=1),
-    BeforeValidator(_one_or_more),
+    BeforeValidator(_as_tuple),
     WithJsonSchema(
         {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}], "default": []}
     ),
@@ -108,6 +110,6 @@ Density: TypeAlias = Annotated[float, Field(ge=1e-6, le=1e6)]
 Decomposition: TypeAlias = Literal["auto", "hull", "coacd"]
 
 
-def upright(axis: Axis) -> tuple[float, float, float, float]:
+def rotation_to_z_up(axis: Axis) -> tuple[float, float, float, float]:
     """Rotation x y z w that takes an axis to z: none for z, +90 degrees about x for y (so that z goes to -y)."""
-    return quaternion_from_rpy(_UPRIGHT[axis])
+    return quaternion_from_rpy(_RPY_TO_Z_UP[axis])

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-THIN = 1e-9
+MIN_RELATIVE_VOLUME = 1e-9
 """Of area times size: a shell of less volume is a sheet, which has no inside."""
-SAME = 1e-7
+COINCIDENT_ANGLE = 1e-7
 """rad; triangles at an edge with less between them lie on each other."""
 
 
@@ -43,47 +43,47 @@ def shell_labels(vertices: Floats, faces: Ints) -> Ints | None:
     if np.any(count % 2):
         return None
     pairs = [np.stack([order[first[count == 2]], order[first[count == 2] + 1]], axis=1)]
-    for at, many in zip(first[count > 2].tolist(), count[count > 2].tolist(), strict=True):
-        around = _around_edge(vertices, faces, start, end, order[at : at + many])
-        if around is None:
+    for edge_first, edge_count in zip(first[count > 2].tolist(), count[count > 2].tolist(), strict=True):
+        edge_pairs = _pairs_around_edge(vertices, faces, start, end, order[edge_first : edge_first + edge_count])
+        if edge_pairs is None:
             return None
-        pairs.append(around)
+        pairs.append(edge_pairs)
     joined = np.concatenate(pairs) // 3
     graph = coo_array((np.ones(len(joined), dtype=np.int8), (joined[:, 0], joined[:, 1])), shape=(len(faces),) * 2)
-    total, label = connected_components(graph, directed=False)
-    lowest = np.full(total, len(vertices))
-    np.minimum.at(lowest, label, faces.min(axis=1))
-    rank = np.empty(total, dtype=np.int64)
-    rank[np.argsort(lowest, kind="stable")] = np.arange(total)
+    shell_count, label = connected_components(graph, directed=False)
+    first_vertex = np.full(shell_count, len(vertices))
+    np.minimum.at(first_vertex, label, faces.min(axis=1))
+    rank = np.empty(shell_count, dtype=np.int64)
+    rank[np.argsort(first_vertex, kind="stable")] = np.arange(shell_count)
     labels: Ints = rank[label]
     return labels
 
 
-def _around_edge(vertices: Floats, faces: Ints, start: Ints, end: Ints, edges: Ints) -> Ints | None:
+def _pairs_around_edge(vertices: Floats, faces: Ints, start: Ints, end: Ints, edges: Ints) -> Ints | None:
     """Pairs (k / 2, 2) of the half-edges `edges` (k,) of one edge whose triangles have the inside between them."""
     forward = start[edges] < end[edges]
     if 2 * int(forward.sum()) != len(edges):
         return None
     low, high = vertices[min(start[edges[0]], end[edges[0]])], vertices[max(start[edges[0]], end[edges[0]])]
     axis = (high - low) / np.linalg.norm(high - low)
-    arms = vertices[faces[edges // 3, (edges + 2) % 3]] - low
-    arms = arms - np.outer(arms @ axis, axis)
-    along = arms[0] / max(float(np.linalg.norm(arms[0])), 1e-300)
-    angle = np.arctan2(arms @ np.cross(axis, along), arms @ along) % (2.0 * np.pi)
+    spokes = vertices[faces[edges // 3, (edges + 2) % 3]] - low
+    spokes = spokes - np.outer(spokes @ axis, axis)
+    reference = spokes[0] / max(float(np.linalg.norm(spokes[0])), 1e-300)
+    angle = np.arctan2(spokes @ np.cross(axis, reference), spokes @ reference) % (2.0 * np.pi)
     # Seen along the axis the inside lies behind a triangle that runs forward, before one that runs back. So a wedge
     # opens at one that runs back and closes at the next that runs forward; of two that lie on each other the one that
     # closes comes first.
-    step = np.round(angle / SAME).astype(np.int64) % round(2.0 * np.pi / SAME)
+    step = np.round(angle / COINCIDENT_ANGLE).astype(np.int64) % round(2.0 * np.pi / COINCIDENT_ANGLE)
     order = np.lexsort((~forward, step))
     depth = np.cumsum(np.where(forward[order], -1, 1))
     order = np.roll(order, -(int(np.argmin(depth)) + 1))
-    opened: list[int] = []
+    open_edges: list[int] = []
     found = []
     for k in order.tolist():
         if forward[k]:
-            found.append((edges[opened.pop()], edges[k]))
+            found.append((edges[open_edges.pop()], edges[k]))
         else:
-            opened.append(k)
+            open_edges.append(k)
     return np.array(found, dtype=np.int64)
 
 
@@ -95,12 +95,12 @@ def shell_volumes(vertices: Floats, faces: Ints, label: Ints) -> Floats:
     return volumes
 
 
-def have_volume(vertices: Floats, faces: Ints, label: Ints) -> bool:
+def all_enclose_volume(vertices: Floats, faces: Ints, label: Ints) -> bool:
     """Whether every shell has an inside; a sheet with two sides has none."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     area = np.bincount(label, 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
     size = float(np.ptp(vertices, axis=0).max())
-    return bool(np.all(np.abs(shell_volumes(vertices, faces, label)) > THIN * area * size))
+    return bool(np.all(np.abs(shell_volumes(vertices, faces, label)) > MIN_RELATIVE_VOLUME * area * size))
 
 
 def outward_shells(vertices: Floats, faces: Ints, label: Ints) -> Ints:
@@ -108,12 +108,12 @@ def outward_shells(vertices: Floats, faces: Ints, label: Ints) -> Ints:
     volume = shell_volumes(vertices, faces, label)
     negative = np.flatnonzero(volume < 0)
     solid = np.flatnonzero(volume > 0)
-    turned = faces.copy()
+    flipped = faces.copy()
     for shell in negative.tolist():
         point = vertices[faces[np.flatnonzero(label == shell)[0]]].mean(axis=0)
         if not any(_is_inside(point, vertices[faces[label == other]]) for other in solid.tolist()):
-            turned[label == shell] = turned[label == shell][:, ::-1]
-    return turned
+            flipped[label == shell] = flipped[label == shell][:, ::-1]
+    return flipped
 
 
 def _is_inside(point: Floats, triangles: Floats) -> bool:

@@ -22,7 +22,7 @@ from geomphys.scene.urdf_file import MeshShape, Shape, Urdf, read_urdf
 
 Floats = NDArray[np.float64]
 
-MOVING = ("revolute", "continuous", "prismatic")
+MOVING_TYPES = ("revolute", "continuous", "prismatic")
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,17 +92,17 @@ class Skeleton:
 
     def neighbours(self) -> set[tuple[int, int]]:
         """Pairs (a, b), a < b, of links with collision geometry and no other such link on the way between them."""
-        near: list[list[int]] = self.children()
+        adjacent: list[list[int]] = self.children()
         for child, joint in enumerate(self.joints):
             if joint is not None:
-                near[child].append(joint.parent)
+                adjacent[child].append(joint.parent)
         pairs = set()
         for start, link in enumerate(self.links):
             if not link.collisions:
                 continue
             todo, seen = [start], {start}
             while todo:
-                for other in near[todo.pop()]:
+                for other in adjacent[todo.pop()]:
                     if other in seen:
                         continue
                     seen.add(other)
@@ -145,13 +145,13 @@ class Skeleton:
             pose = poses[..., joint.parent, :, :] @ joint.parent_from_joint
             if joint.dof >= 0:
                 value = joint.multiplier * table[..., joint.dof] + joint.offset
-                move = np.zeros((*value.shape, 4, 4))
-                move[..., :, :] = np.eye(4)
+                joint_motion = np.zeros((*value.shape, 4, 4))
+                joint_motion[..., :, :] = np.eye(4)
                 if joint.type == "prismatic":
-                    move[..., :3, 3] = value[..., None] * joint.axis
+                    joint_motion[..., :3, 3] = value[..., None] * joint.axis
                 else:
-                    move[..., :3, :3] = rotation_about(joint.axis, value)
-                pose = pose @ move
+                    joint_motion[..., :3, :3] = rotation_about(joint.axis, value)
+                pose = pose @ joint_motion
             poses[..., link, :, :] = pose
         return poses
 
@@ -169,32 +169,32 @@ def load_skeleton(path: Path) -> Skeleton:
     """
     robot = read_urdf(path)
     order, robot = _below_free_joint(path, _ordered(path, robot), robot)
-    place = {name: i for i, name in enumerate(order)}
-    above = {joint.child: joint for joint in robot.joints}
-    moving = [above[name] for name in order[1:] if above[name].type in MOVING]
+    link_index = {name: i for i, name in enumerate(order)}
+    joint_above = {joint.child: joint for joint in robot.joints}
+    moving = [joint_above[name] for name in order[1:] if joint_above[name].type in MOVING_TYPES]
     names = {joint.name for joint in moving}
-    free = [joint.name for joint in moving if joint.mimic is None]
-    columns = {name: i for i, name in enumerate(free)}
-    followed = {j.name: _master(path, j, {m.name: m for m in moving}) for j in moving}
+    independent = [joint.name for joint in moving if joint.mimic is None]
+    columns = {name: i for i, name in enumerate(independent)}
+    mimic_sources = {j.name: _mimic_source(path, j, {m.name: m for m in moving}) for j in moving}
 
     joints: list[Joint | None] = [None]
     for name in order[1:]:
-        source = above[name]
+        source = joint_above[name]
         if source.mimic is not None and source.mimic.joint not in names:
             raise ModelError(
                 f"{path}: joint {source.name!r} mimics {source.mimic.joint!r}, which is no moving joint of it"
             )
         dof, multiplier, offset = -1, 1.0, 0.0
         if source.name in names:
-            master, multiplier, offset = followed[source.name]
+            master, multiplier, offset = mimic_sources[source.name]
             dof = columns[master]
         lower, upper = _limits(path, source)
         joints.append(
             Joint(
                 name=source.name,
                 type=source.type,
-                parent=place[source.parent],
-                child=place[name],
+                parent=link_index[source.parent],
+                child=link_index[name],
                 parent_from_joint=np.eye(4) if source.origin is None else source.origin + 0.0,
                 axis=_axis(path, source),
                 lower=lower,
@@ -214,17 +214,19 @@ def load_skeleton(path: Path) -> Skeleton:
         )
         for name in order
     )
-    lower_limits, upper_limits = _dof_limits(joints, len(free))
-    return Skeleton(path, robot.name, links, tuple(joints), tuple(free), lower_limits, upper_limits, robot.not_shown)
+    lower_limits, upper_limits = _dof_limits(joints, len(independent))
+    return Skeleton(
+        path, robot.name, links, tuple(joints), tuple(independent), lower_limits, upper_limits, robot.not_shown
+    )
 
 
 def require_solid(skeleton: Skeleton) -> None:
     """Raise ModelError for a model of which nothing can touch."""
     if not any(link.collisions for link in skeleton.links):
-        seen = any(link.visuals for link in skeleton.links) or skeleton.not_shown
-        what = "copy the <geometry> of its visuals into" if seen else "give its links"
+        has_visuals = any(link.visuals for link in skeleton.links) or skeleton.not_shown
+        advice = "copy the <geometry> of its visuals into" if has_visuals else "give its links"
         raise ModelError(
-            f"{skeleton.path}: has no collision geometry, so nothing of it can touch anything: {what} <collision> elements"
+            f"{skeleton.path}: has no collision geometry, so nothing of it can touch anything: {advice} <collision> elements"
         )
 
 
@@ -236,27 +238,27 @@ def meshes_of(skeleton: Skeleton) -> list[Path]:
 
 def _below_free_joint(path: Path, order: list[str], robot: Urdf) -> tuple[list[str], Urdf]:
     """Links, parents first, and the model, both without what is above a floating or planar joint that all hangs on."""
-    above = set(links_above_free_joint(JointEnds(j.type, j.parent, j.child) for j in robot.joints))
-    joints = [joint for joint in robot.joints if joint.parent not in above]
+    joint_above = set(links_above_free_joint(JointEnds(j.type, j.parent, j.child) for j in robot.joints))
+    joints = [joint for joint in robot.joints if joint.parent not in joint_above]
     for joint in joints:
         if joint.type in FREE_TYPES:
-            instead = "two prismatic joints and a revolute one" if joint.type == "planar" else "objects of their own"
+            advice = "two prismatic joints and a revolute one" if joint.type == "planar" else "objects of their own"
             raise ModelError(
                 f"{path}: joint {joint.name!r} is {joint.type}, which is read only where the whole model hangs on it: "
-                f"use {instead} instead"
+                f"use {advice} instead"
             )
-    lost = []
+    dropped_visuals = []
     for link in robot.links:
-        if link.name in above and link.collisions:
+        if link.name in joint_above and link.collisions:
             raise ModelError(
                 f"{path}: link {link.name!r} has collision geometry and stands above the free joint that the model "
                 "hangs on, so it has no pose: make it an object of its own"
             )
-        if link.name in above and link.visuals:
-            lost.append(f"{path}: link {link.name!r} stands above the free joint that the model hangs on")
-    links = [link for link in robot.links if link.name not in above]
-    kept = robot._replace(links=links, joints=joints, not_shown=(*robot.not_shown, *lost))
-    return [name for name in order if name not in above], kept
+        if link.name in joint_above and link.visuals:
+            dropped_visuals.append(f"{path}: link {link.name!r} stands above the free joint that the model hangs on")
+    links = [link for link in robot.links if link.name not in joint_above]
+    remaining = robot._replace(links=links, joints=joints, not_shown=(*robot.not_shown, *dropped_visuals))
+    return [name for name in order if name not in joint_above], remaining
 
 
 def _ordered(path: Path, robot: Any) -> list[str]:
@@ -282,14 +284,14 @@ def _ordered(path: Path, robot: Any) -> list[str]:
     for name in order:
         order += children.get(name, [])
     if len(order) < len(names):
-        lost = sorted(set(names) - set(order))
+        dropped_visuals = sorted(set(names) - set(order))
         raise ModelError(
-            f"{path}: the joints of link {lost[0]!r} form a ring that does not reach the root {roots[0]!r}"
+            f"{path}: the joints of link {dropped_visuals[0]!r} form a ring that does not reach the root {roots[0]!r}"
         )
     return order
 
 
-def _master(path: Path, joint: Any, moving: dict[str, Any]) -> tuple[str, float, float]:
+def _mimic_source(path: Path, joint: Any, moving: dict[str, Any]) -> tuple[str, float, float]:
     """The joint that moves on its own behind a row of mimic joints, and angle = multiplier * its angle + offset."""
     multiplier, offset, seen = 1.0, 0.0, {joint.name}
     while joint.mimic is not None:
@@ -310,7 +312,7 @@ def _master(path: Path, joint: Any, moving: dict[str, Any]) -> tuple[str, float,
 def _axis(path: Path, joint: Any) -> Floats:
     axis = np.asarray(joint.axis, dtype=np.float64)
     length = float(np.linalg.norm(axis))
-    if joint.type not in MOVING:
+    if joint.type not in MOVING_TYPES:
         return np.array([1.0, 0.0, 0.0])
     if not length > 1e-9:
         raise ModelError(f"{path}: joint {joint.name!r} has the axis 0 0 0, expected a direction")
@@ -334,7 +336,7 @@ def _dof_limits(joints: list[Joint | None], count: int) -> tuple[Floats, Floats]
     Where that leaves no angle at all (files are careless about the limits of mimic joints) only its own limits count.
     """
     lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
-    own = [(j.lower, j.upper) for j in joints if j is not None and j.dof >= 0 and j.mimics is None]
+    own_limits = [(j.lower, j.upper) for j in joints if j is not None and j.dof >= 0 and j.mimics is None]
     for joint in joints:
         if joint is None or joint.dof < 0 or joint.multiplier == 0.0:
             continue
@@ -343,5 +345,5 @@ def _dof_limits(joints: list[Joint | None], count: int) -> tuple[Floats, Floats]
             low, high = sorted(((low - joint.offset) / joint.multiplier, (high - joint.offset) / joint.multiplier))
         lower[joint.dof], upper[joint.dof] = max(lower[joint.dof], low), min(upper[joint.dof], high)
     for dof in np.flatnonzero(lower > upper):
-        lower[dof], upper[dof] = own[dof]
+        lower[dof], upper[dof] = own_limits[dof]
     return lower, upper

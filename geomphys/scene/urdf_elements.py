@@ -12,19 +12,19 @@ from xml.etree.ElementTree import Element, SubElement
 
 from geomphys.errors import InputError, MeshError, ModelError
 from geomphys.scene.free_joints import FREE_TYPES
-from geomphys.scene.packages import MeshFinder
-from geomphys.scene.urdf_kinds import expand_xacro, other_model, xacro_remnant
+from geomphys.scene.model_formats import other_model, xacro_advice, xacro_remnant
+from geomphys.scene.ros_packages import MeshResolver
 
-DEEPEST = 32
+MAX_DEPTH = 32
 """levels of elements"""
-MOST_LINKS = 2000
-LONGEST_TEXT = 65_536
+MAX_LINKS = 2000
+MAX_ATTRIBUTE_LENGTH = 65_536
 """characters of an attribute"""
 JOINT_TYPES = ("fixed", "revolute", "continuous", "prismatic")
 SHAPES = ("box", "cylinder", "sphere", "capsule", "mesh")
-LARGEST = 1e6
+MAX_VALUE = 1e6
 """m or rad; a larger number in a model is taken for a mistake"""
-SMALLEST = 1e-6
+MIN_LENGTH = 1e-6
 """m; a smaller length of a shape is taken for a mistake"""
 
 # element -> attribute -> how many numbers (None: one or three)
@@ -40,7 +40,7 @@ _NUMBERS: dict[str, dict[str, int | None]] = {
     "mesh": {"scale": None},
 }
 _REQUIRED = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}
-_READ = {"link": ("visual", "collision"), "joint": ("origin", "parent", "child", "axis", "limit", "mimic")}
+_USED_ELEMENTS = {"link": ("visual", "collision"), "joint": ("origin", "parent", "child", "axis", "limit", "mimic")}
 
 
 class CheckedRobot(NamedTuple):
@@ -49,7 +49,7 @@ class CheckedRobot(NamedTuple):
     root: Element
     capsules: set[tuple[str, str, int]]  # link, "visual" or "collision", which of them: given as a cylinder
     not_shown: list[str]  # visuals that were left out, and why
-    finder: MeshFinder
+    resolver: MeshResolver
 
 
 def checked_robot(path: Path, root: Any) -> CheckedRobot:
@@ -61,33 +61,33 @@ def checked_robot(path: Path, root: Any) -> CheckedRobot:
     if root.tag != "robot":
         what = other_model(str(root.tag))
         raise ModelError(
-            f"{path}: the outermost element is <{shown(str(root.tag))}>, expected <robot>{': it ' + what if what else ''}"
+            f"{path}: the outermost element is <{quoted(str(root.tag))}>, expected <robot>{': it ' + what if what else ''}"
         )
     if remnant := xacro_remnant(root):
-        raise ModelError(f"{path}: {expand_xacro(path, remnant)}")
+        raise ModelError(f"{path}: {xacro_advice(path, remnant)}")
     if root.get("name") is None:
         raise ModelError(f"{path}: <robot> has no name")
     count = len(root.findall("link"))
     if count == 0 and (root.find("group") is not None or root.find("disable_collisions") is not None):
         raise ModelError(f"{path}: is an SRDF, which has no links: name the URDF it belongs to")
-    if not 1 <= count <= MOST_LINKS:
-        raise ModelError(f"{path}: has {count or 'no'} links, expected 1 to {MOST_LINKS}")
-    checked = CheckedRobot(Element("robot", {"name": root.get("name")}), set(), [], MeshFinder(path.parent))
+    if not 1 <= count <= MAX_LINKS:
+        raise ModelError(f"{path}: has {count or 'no'} links, expected 1 to {MAX_LINKS}")
+    checked = CheckedRobot(Element("robot", {"name": root.get("name")}), set(), [], MeshResolver(path.parent))
     for kind in ("link", "joint"):
         seen: set[str] = set()
         for position, element in enumerate(root.findall(kind)):
             name = element.get("name")
             if not name or not name.isprintable() or name != name.strip():
-                raise ModelError(f"{path}: {kind} number {position + 1} has no usable name ({shown(str(name))})")
+                raise ModelError(f"{path}: {kind} number {position + 1} has no usable name ({quoted(str(name))})")
             if name in seen:
                 raise ModelError(f"{path}: two {kind}s are named {name!r}")
             seen.add(name)
             target = SubElement(checked.root, kind, dict(element.attrib))
             if kind == "joint":
                 _check_joint(path, name, element)
-                target.extend(part for part in element if part.tag in _READ["joint"])
+                target.extend(part for part in element if part.tag in _USED_ELEMENTS["joint"])
             else:
-                _add_shapes(path, name, element, target, checked)
+                _copy_shapes(path, name, element, target, checked)
     return checked
 
 
@@ -95,10 +95,10 @@ def _check_bounds(path: Path, root: Any) -> None:
     level, depth = [root], 0
     while level:
         depth += 1
-        if depth > DEEPEST:
-            raise ModelError(f"{path}: elements are nested deeper than {DEEPEST} levels, expected a URDF")
-        if any(len(value) > LONGEST_TEXT for element in level for value in element.attrib.values()):
-            raise ModelError(f"{path}: an attribute is longer than {LONGEST_TEXT} characters, expected a URDF")
+        if depth > MAX_DEPTH:
+            raise ModelError(f"{path}: elements are nested deeper than {MAX_DEPTH} levels, expected a URDF")
+        if any(len(value) > MAX_ATTRIBUTE_LENGTH for element in level for value in element.attrib.values()):
+            raise ModelError(f"{path}: an attribute is longer than {MAX_ATTRIBUTE_LENGTH} characters, expected a URDF")
         level = [child for element in level for child in element]
 
 
@@ -106,7 +106,7 @@ def _check_joint(path: Path, name: str, element: Any) -> None:
     kind = element.get("type")
     if kind not in (*JOINT_TYPES, *FREE_TYPES):
         raise ModelError(
-            f"{path}: joint {name!r} has the type {shown(str(kind))}, only {', '.join(JOINT_TYPES)} are supported, "
+            f"{path}: joint {name!r} has the type {quoted(str(kind))}, only {', '.join(JOINT_TYPES)} are supported, "
             f"and {' or '.join(FREE_TYPES)} above the root link"
         )
     for end in ("parent", "child"):
@@ -119,13 +119,13 @@ def _check_joint(path: Path, name: str, element: Any) -> None:
     _check_numbers(path, f"joint {name!r}", element)
 
 
-def _add_shapes(path: Path, name: str, element: Any, target: Element, checked: CheckedRobot) -> None:
+def _copy_shapes(path: Path, name: str, element: Any, target: Element, checked: CheckedRobot) -> None:
     """Take over the sound visuals and the collisions of a link."""
-    for kind in _READ["link"]:
+    for kind in _USED_ELEMENTS["link"]:
         number = 0
         for entry in element.findall(kind):
             try:
-                _check_shape(path, name, kind, entry, checked.finder)
+                _check_shape(path, name, kind, entry, checked.resolver)
             except InputError as fault:
                 if kind == "collision":
                     raise
@@ -143,13 +143,13 @@ def _add_shapes(path: Path, name: str, element: Any, target: Element, checked: C
             number += 1
 
 
-def _check_shape(path: Path, name: str, kind: str, entry: Any, finder: MeshFinder) -> None:
+def _check_shape(path: Path, name: str, kind: str, entry: Any, resolver: MeshResolver) -> None:
     """A visual or collision element: one known shape with numbers that can be."""
     where = f"{path}: link {name!r}"
     geometry = entry.find("geometry")
     shapes = [] if geometry is None else list(geometry)
     if len(shapes) != 1 or shapes[0].tag not in SHAPES:
-        found = ", ".join(shown(str(s.tag)) for s in shapes) or "nothing"
+        found = ", ".join(quoted(str(s.tag)) for s in shapes) or "nothing"
         raise ModelError(f"{where} has a <{kind}> of {found}, expected one of {', '.join(SHAPES)}")
     shape = shapes[0]
     if shape.tag == "mesh" and not shape.get("filename"):
@@ -159,15 +159,15 @@ def _check_shape(path: Path, name: str, kind: str, entry: Any, finder: MeshFinde
         if 0.0 in _floats(shape.get("scale", "1")):
             raise ModelError(f"{where}: a mesh has a scale of 0")
         try:
-            finder.find(shape.get("filename"))
+            resolver.find(shape.get("filename"))
         except MeshError as error:
             raise MeshError(f"{where}: {error}") from None
         return
     lengths = [n for key in _REQUIRED[shape.tag] for n in _floats(shape.get(key))]
     if shape.tag == "capsule" and lengths[1] == 0.0:
         lengths.pop()  # a sphere
-    if min(lengths) < SMALLEST:
-        raise ModelError(f"{where}: a {shape.tag} of {lengths} m, expected at least {SMALLEST:g}")
+    if min(lengths) < MIN_LENGTH:
+        raise ModelError(f"{where}: a {shape.tag} of {lengths} m, expected at least {MIN_LENGTH:g}")
 
 
 def _check_numbers(path: Path, where: str, element: Any) -> None:
@@ -179,22 +179,22 @@ def _check_numbers(path: Path, where: str, element: Any) -> None:
             text = entry.get(key)
             if text is None:
                 continue
-            found = f"{path}: {where}: <{entry.tag} {key}={shown(text)}>"
+            found = f"{path}: {where}: <{entry.tag} {key}={quoted(text)}>"
             try:
                 numbers = _floats(text)
             except ValueError:
                 raise ModelError(f"{found}, expected numbers") from None
             if len(numbers) not in ((1, 3) if count is None else (count,)):
                 raise ModelError(f"{found}, expected {count or '1 or 3'} numbers")
-            if any(math.isnan(n) or (abs(n) > LARGEST and entry.tag != "limit") for n in numbers):
-                raise ModelError(f"{found}, expected finite numbers of at most {LARGEST:g}")
+            if any(math.isnan(n) or (abs(n) > MAX_VALUE and entry.tag != "limit") for n in numbers):
+                raise ModelError(f"{found}, expected finite numbers of at most {MAX_VALUE:g}")
 
 
 def _floats(text: str) -> list[float]:
     return [float(word) for word in text.replace(",", " ").split()]
 
 
-def shown(text: str) -> str:
+def quoted(text: str) -> str:
     """Text of a file as a message may show it: quoted, printable, not long."""
     plain = "".join(c if c.isprintable() else " " for c in text)
     return repr(plain if len(plain) <= 60 else plain[:57] + "...")

@@ -18,7 +18,7 @@ DIGEST_SIZE = hashlib.sha256().digest_size
 
 
 @lru_cache(maxsize=16)
-def user_folder(name: str) -> Path:
+def user_cache_folder(name: str) -> Path:
     """A folder of this name in the user's cache, made on first use.
 
     ``$XDG_CACHE_HOME/geomphys`` (default ``~/.cache/geomphys``); the system's temporary folder where that is not
@@ -58,7 +58,7 @@ def sources() -> dict[str, bytes]:
 class Store:
     """A folder of products that any process may write to at any time: none is ever seen half written.
 
-    It holds code that is run, so it must be the user's own: see `user_folder`.
+    It holds code that is run, so it must be the user's own: see `user_cache_folder`.
     """
 
     def __init__(self, folder: Path) -> None:

@@ -8,23 +8,23 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from geomphys.errors import MeshError
-from geomphys.scene.source_files import is_there, note_contents
-from geomphys.scene.urdf_kinds import EXPRESSION
+from geomphys.scene.model_formats import EXPRESSION
+from geomphys.scene.source_files import path_exists, track_contents
 
-LARGEST_MANIFEST = 256 * 1024
+MAX_MANIFEST_BYTES = 256 * 1024
 """bytes of a package.xml"""
-MOST_LEVELS = 32
+MAX_LEVELS = 32
 """folders above a URDF that are looked at"""
-MOST_SIBLINGS = 200
+MAX_SIBLINGS = 200
 """folders in each of these that are looked at, in the order of their names"""
 
 
-def mesh_file(name: str, folder: Path) -> Path:
-    """Local path of a mesh named in a URDF of this folder; see `MeshFinder.find`."""
-    return MeshFinder(folder).find(name)
+def resolve_mesh(name: str, folder: Path) -> Path:
+    """Local path of a mesh named in a URDF of this folder; see `MeshResolver.find`."""
+    return MeshResolver(folder).find(name)
 
 
-class MeshFinder:
+class MeshResolver:
     """Finds the meshes that a URDF of a folder names; packages are looked for once."""
 
     def __init__(self, folder: Path) -> None:
@@ -41,55 +41,57 @@ class MeshFinder:
         Raises MeshError for other URLs, for what xacro would have filled in, where no package of that name is found,
         and where none of those found has the file.
         """
-        shown = "".join(c if c.isprintable() else "?" for c in name[:200])
-        scheme, sign, rest = name.partition("://")
+        printable_name = "".join(c if c.isprintable() else "?" for c in name[:200])
+        scheme, separator, rest = name.partition("://")
         if "\0" in name:
-            raise MeshError(f"{shown}: is not a path")
+            raise MeshError(f"{printable_name}: is not a path")
         if EXPRESSION.search(name):
-            raise MeshError(f"{shown}: holds an expression that xacro fills in: make the URDF of its xacro file again")
-        if not sign:
+            raise MeshError(
+                f"{printable_name}: holds an expression that xacro fills in: make the URDF of its xacro file again"
+            )
+        if not separator:
             return self.folder / name
         if scheme == "file":
             host, slash, local = rest.partition("/")
             if host not in ("", "localhost"):
-                raise MeshError(f"{shown}: lies on another machine, only local files are read")
+                raise MeshError(f"{printable_name}: lies on another machine, only local files are read")
             return Path(unquote(slash + local))
         if scheme != "package":
-            raise MeshError(f"{shown}: only file://, package:// and relative paths are read")
-        package, _, inner = unquote(rest).partition("/")
-        inner = inner.lstrip("/")
-        if not package.strip(".") or not inner:
-            raise MeshError(f"{shown}: expected package://PACKAGE/PATH")
-        return self._in_package(package, inner, shown)
+            raise MeshError(f"{printable_name}: only file://, package:// and relative paths are read")
+        package, _, path_in_package = unquote(rest).partition("/")
+        path_in_package = path_in_package.lstrip("/")
+        if not package.strip(".") or not path_in_package:
+            raise MeshError(f"{printable_name}: expected package://PACKAGE/PATH")
+        return self._in_package(package, path_in_package, printable_name)
 
-    def _in_package(self, package: str, inner: str, shown: str) -> Path:
+    def _in_package(self, package: str, path_in_package: str, printable_name: str) -> Path:
         found: list[Path] = []
-        for root in self._roots(package):
-            if is_there(root / inner):
-                return root / inner
-            if is_there(root) and root.is_dir():
+        for root in self._candidate_roots(package):
+            if path_exists(root / path_in_package):
+                return root / path_in_package
+            if path_exists(root) and root.is_dir():
                 found.append(root)
         if found:
-            raise MeshError(f"{shown}: no such file in the package {package!r}, which is {found[0]}")
+            raise MeshError(f"{printable_name}: no such file in the package {package!r}, which is {found[0]}")
         raise MeshError(
-            f"{shown}: package {package!r} was not found in the folders above {Path(os.path.abspath(self.folder))}, "
+            f"{printable_name}: package {package!r} was not found in the folders above {Path(os.path.abspath(self.folder))}, "
             "nor in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH: set one of them or put the files beside the URDF"
         )
 
-    def _roots(self, package: str) -> Iterator[Path]:
+    def _candidate_roots(self, package: str) -> Iterator[Path]:
         """Folders that may be the package's: first those so named, then those whose package.xml says so."""
-        bases = [*_above(self.folder), *_searched()]
+        bases = [*_with_ancestors(self.folder), *_environment_folders()]
         for base in bases:
             yield base / package
             if base.name == package:
                 yield base
         if package not in self._by_manifest:
-            folders = dict.fromkeys(folder for base in bases for folder in (base, *_children(base)))
-            self._by_manifest[package] = [folder for folder in folders if _name_of(folder) == package]
+            folders = dict.fromkeys(folder for base in bases for folder in (base, *_subfolders(base)))
+            self._by_manifest[package] = [folder for folder in folders if _manifest_name(folder) == package]
         yield from self._by_manifest[package]
 
 
-def _searched() -> list[Path]:
+def _environment_folders() -> list[Path]:
     """Folders of packages that the environment names."""
     return [
         Path(entry) / inside
@@ -99,26 +101,26 @@ def _searched() -> list[Path]:
     ]
 
 
-def _above(folder: Path) -> list[Path]:
+def _with_ancestors(folder: Path) -> list[Path]:
     """A folder and those above it; also as they really are where a link leads elsewhere."""
-    here, real = Path(os.path.abspath(folder)), Path(os.path.realpath(folder))
-    levels = [here, *list(here.parents)[:MOST_LEVELS]]
-    if real != here:
-        levels += [up for up in (real, *list(real.parents)[:MOST_LEVELS]) if up not in levels]
+    absolute, real = Path(os.path.abspath(folder)), Path(os.path.realpath(folder))
+    levels = [absolute, *list(absolute.parents)[:MAX_LEVELS]]
+    if real != absolute:
+        levels += [up for up in (real, *list(real.parents)[:MAX_LEVELS]) if up not in levels]
     return levels
 
 
-def _children(folder: Path) -> list[Path]:
-    """Folders in a folder, the first `MOST_SIBLINGS` by name."""
+def _subfolders(folder: Path) -> list[Path]:
+    """Folders in a folder, the first `MAX_SIBLINGS` by name."""
     try:
         with os.scandir(folder) as entries:
             names = sorted(e.name for e in entries if not e.name.startswith(".") and e.is_dir())
     except OSError:
         return []
-    return [folder / name for name in names[:MOST_SIBLINGS]]
+    return [folder / name for name in names[:MAX_SIBLINGS]]
 
 
-def _name_of(folder: Path) -> str:
+def _manifest_name(folder: Path) -> str:
     """The ``<name>`` in a folder's package.xml; "" where there is none that can be read."""
     from xml.etree.ElementTree import ParseError
 
@@ -130,10 +132,10 @@ def _name_of(folder: Path) -> str:
         if not manifest.is_file():
             return ""
         with manifest.open("rb") as stream:
-            data = stream.read(LARGEST_MANIFEST + 1)
-        if len(data) > LARGEST_MANIFEST:
+            data = stream.read(MAX_MANIFEST_BYTES + 1)
+        if len(data) > MAX_MANIFEST_BYTES:
             return ""
-        root = fromstring(note_contents(manifest, data), forbid_dtd=True)
+        root = fromstring(track_contents(manifest, data), forbid_dtd=True)
     except (OSError, DefusedXmlException, ParseError, ValueError, LookupError):
         return ""
     return (root.findtext("name") or "").strip() if root.tag == "package" else ""

@@ -20,8 +20,8 @@ from geomphys.scene.scene_values import (
     Seconds,
     Sign,
     Text,
+    rotation_to_z_up,
     sequence,
-    upright,
 )
 
 NO_DELAY: Any = Field(default=0.0, description="s, added to the times of the topic: positive makes it later")
@@ -52,10 +52,10 @@ class RecordingTable(Table):
     @property
     def rotation(self) -> Quaternion:
         """Rotation x y z w from recorded axes to those of the world, `up` included."""
-        placed = self.orientation if self.rpy is None else quaternion_from_rpy(self.rpy)
+        world_from_z_up = self.orientation if self.rpy is None else quaternion_from_rpy(self.rpy)
         if self.up == "z":
-            return placed
-        x, y, z, w = (float(v) for v in quaternion_product(placed, upright(self.up)))
+            return world_from_z_up
+        x, y, z, w = (float(v) for v in quaternion_product(world_from_z_up, rotation_to_z_up(self.up)))
         return (x, y, z, w)
 
     @model_validator(mode="after")
@@ -112,7 +112,7 @@ def rotation_of(orientation: Quaternion, rpy: Angles | None, up: Axis | None) ->
     """Rotation x y z w that is written in one of three ways."""
     if rpy is not None:
         return quaternion_from_rpy(rpy)
-    return orientation if up is None else upright(up)
+    return orientation if up is None else rotation_to_z_up(up)
 
 
 def check_delay(table: Table, topic: str | None) -> None:
