@@ -50,7 +50,7 @@ class DecomposedMesh:
             "vertices": [len(hull) for hull in self.pieces.hulls],
             "threshold": self.pieces.threshold,
             "seed": self.pieces.seed,
-            "uncovered_m": self.pieces.uncovered,
+            "uncovered_m": self.pieces.uncovered_m,
             "seconds": self.pieces.seconds,
             "cached": self.pieces.cached,
         }

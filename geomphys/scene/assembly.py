@@ -1,4 +1,4 @@
-"""A scene file's avatars and objects as trees of bodies, in flat arrays."""
+"""Assembles the `World` of a scene file: reads models and meshes, lays all bodies out in the kernels' flat arrays."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ from geomphys.scene.unit_warnings import unit_warnings
 Floats = NDArray[np.float64]
 
 MAX_BODIES = 5000
-"""Of all objects and links."""
+"""Limit on objects and links together."""
 MAX_DRIVEN_DOFS = 3000
-"""Three a driven object or avatar, and one a joint of an avatar in chains mode."""
+"""Limit on degrees of freedom that yield: 3 for each driven object or avatar, 1 for each joint of an avatar in chains mode."""
 _JOINTS = {"fixed": JOINT_FIXED, "revolute": JOINT_REVOLUTE, "continuous": JOINT_REVOLUTE, "prismatic": JOINT_PRISMATIC}
 
 
@@ -56,7 +56,10 @@ def assemble(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> World:
-    """Everything a scene file names, read and laid out; `excluded` holds neighbours and `ignore_pairs` only.
+    """Read everything a scene file names and build its `World`.
+
+    `Scene.excluded` holds links joined directly and `ignore_pairs`; pairs that overlap in the zero pose are added by
+    `exclude_pairs`.
 
     Raises
     ------
@@ -106,7 +109,7 @@ def assemble(
         joints=tuple(_joint_sources(trees, dof_start, path)),
         urdfs={t.name: t.skeleton.path for t in trees if t.skeleton is not None},
         zero_pose_overlaps=(),
-        triangles=tuple(b.shown for b in bodies),
+        triangles=tuple(b.visual for b in bodies),
         collision_triangles=tuple(b.geometry.triangles for b in bodies),
         findings=Findings(
             not_shown=tuple(
@@ -124,7 +127,7 @@ def assemble(
 
 
 def exclude_pairs(world: World, pairs: Sequence[tuple[int, int]]) -> World:
-    """The world with these pairs of avatar bodies, which overlap in the zero pose, left out of collision and listed."""
+    """A copy of the world in which pairs (a, b) of avatar bodies that overlap in the zero pose are excluded from collision."""
     excluded = world.scene.excluded.copy()
     for a, b in pairs:
         excluded[a, b] = excluded[b, a] = 1
@@ -136,7 +139,7 @@ def exclude_pairs(world: World, pairs: Sequence[tuple[int, int]]) -> World:
 
 
 def _check_size(trees: Sequence[Tree], bodies: Sequence[TreeBody], path: Path) -> None:
-    """Memory grows with the square of these."""
+    """Raise SceneError for too many bodies or driven dofs: memory grows with their square."""
     if len(bodies) > MAX_BODIES:
         raise SceneError(
             f"{path}: has {len(bodies)} bodies (objects and links), at most {MAX_BODIES} are replayed: "
@@ -152,7 +155,10 @@ def _check_size(trees: Sequence[Tree], bodies: Sequence[TreeBody], path: Path) -
 
 
 def _possible_contacts(trees: Sequence[Tree]) -> Iterator[tuple[str, str, str, str]]:
-    """Materials that can meet, and who has them: of trees not both fixed, and within an avatar in chains mode."""
+    """(material, owner, material, owner) of trees that can come into contact.
+
+    Two trees that are not both fixed, or one avatar in chains mode with self-collision.
+    """
     kinds: dict[tuple[str, bool], list[str]] = {}
     for tree in trees:
         if any(b.geometry.pieces for b in tree.bodies):
@@ -170,7 +176,7 @@ def _possible_contacts(trees: Sequence[Tree]) -> Iterator[tuple[str, str, str, s
 
 
 def _without_collision(trees: Sequence[Tree]) -> Iterator[str]:
-    """Links with a visual and nothing that could touch."""
+    """Names of links that have visuals but no collision geometry."""
     for tree in trees:
         if tree.skeleton is not None:
             for link, body in zip(tree.skeleton.links, tree.bodies, strict=True):
@@ -349,7 +355,7 @@ def _joint_sources(trees: Sequence[Tree], dof_start: NDArray[np.int64], path: Pa
 
 
 def _check_joint(joint: str, names: Sequence[str], what: str, tree: Tree, path: Path) -> None:
-    """Raise SceneError if a name is that of no moving joint of a tree."""
+    """Raise SceneError unless `joint` is a moving joint of the tree."""
     if joint in names or tree.skeleton is None:
         return
     close = get_close_matches(joint, names, n=1)

@@ -1,4 +1,4 @@
-"""What a body is made of: convex pieces to collide with, mass, triangles to show."""
+"""Geometry of bodies: convex pieces for collision, mass properties, triangles for display."""
 
 from __future__ import annotations
 
@@ -43,21 +43,21 @@ Floats = NDArray[np.float64]
 ShapeInBody = tuple[Shape, Floats]
 """A shape and body_from_shape (4, 4)."""
 MeshUse = tuple[Path, tuple[float, float, float], Decomposition]
-"""A mesh file, its scale, and how it becomes convex pieces."""
+"""Cache key: mesh file, scale, decomposition method."""
 
 
 @dataclass(frozen=True, eq=False)
 class BodyGeometry:
-    """A body of unit density in its own frame."""
+    """Collision geometry and mass properties of a body of unit density, body frame."""
 
     pieces: tuple[tuple[Convex, Floats], ...]  # convex shapes with body_from_piece (4, 4)
-    mass: MassProperties  # at 1 kg/m³; shapes that overlap count twice
-    triangles: Triangles  # of what it collides with, before any decomposition
+    mass: MassProperties  # at 1 kg/m³; overlapping shapes count twice
+    triangles: Triangles  # collision surface before convex decomposition
 
 
 @dataclass(eq=False)
 class GeometryLoader:
-    """Makes the geometry of bodies; reads and cuts each mesh once."""
+    """Loads the geometry of bodies; each mesh is read and decomposed once."""
 
     seed: int
     progress: Progress | None = None
@@ -65,10 +65,10 @@ class GeometryLoader:
     _decompositions: dict[MeshUse, Decomposed] = field(default_factory=dict)
     _solids: dict[MeshUse, tuple[list[Convex], MassProperties, Triangles]] = field(default_factory=dict)
 
-    def body(self, shapes: Sequence[ShapeInBody], method: Decomposition, name: str) -> BodyGeometry:
-        """Geometry of a body made of these shapes; `name` is what errors call it.
+    def body_geometry(self, shapes: Sequence[ShapeInBody], method: Decomposition, name: str) -> BodyGeometry:
+        """Collision geometry of a body that consists of these shapes.
 
-        Raises MeshError.
+        `name` stands for the body in error messages. Raises MeshError.
         """
         pieces: list[tuple[Convex, Floats]] = []
         masses: list[MassProperties] = []
@@ -82,8 +82,8 @@ class GeometryLoader:
         mass = masses[0] if len(masses) == 1 else combined(masses)
         return BodyGeometry(tuple(pieces), mass, merge_surfaces(surfaces))
 
-    def shown(self, shapes: Sequence[ShapeInBody], name: str) -> Triangles:
-        """Triangles of shapes for the eye; meshes need not be closed."""
+    def visual_triangles(self, shapes: Sequence[ShapeInBody], name: str) -> Triangles:
+        """Display triangles of shapes in the body frame; meshes need not be closed. Raises MeshError."""
         surfaces = []
         for shape, matrix in shapes:
             if isinstance(shape, MeshShape):
@@ -96,9 +96,9 @@ class GeometryLoader:
         return merge_surfaces(surfaces)
 
     def require_closed(self, shapes: Sequence[tuple[Shape, str]], method: Decomposition, model: Path) -> None:
-        """Raise MeshError for the meshes of a model that cannot be read, or have no inside: all of them in one line.
+        """Raise one MeshError for all meshes of a model that are missing or enclose no volume.
 
-        `shapes` are (shape, name of its link).
+        `shapes` are (shape, link name).
         """
         missing: dict[Path, list[str]] = {}
         open_meshes: dict[Path, list[str]] = {}
@@ -117,7 +117,7 @@ class GeometryLoader:
             (missing, "are not there", "paths are relative to the URDF"),
             (
                 open_meshes,
-                "are neither watertight nor convex, so they have no inside to keep out of",
+                "are neither watertight nor convex, so they enclose no volume",
                 'close their holes, or use decomposition = "hull" (their convex hulls)',
             ),
         ):
@@ -127,14 +127,14 @@ class GeometryLoader:
                 raise MeshError(f"{model}: {total} of {count} collision meshes {what}: {'; '.join(names)}: {remedy}")
 
     def mesh(self, shape: MeshShape, name: str) -> Mesh:
-        """The mesh of a shape."""
+        """Mesh of a shape, read once. Raises MeshError."""
         key = (shape.path, shape.scale)
         if key not in self._meshes:
             self._meshes[key] = load_mesh(shape.path, np.array(shape.scale), name=f"{name}: {shape.path}")
         return self._meshes[key]
 
-    def prepare(self, uses: Sequence[tuple[MeshShape, Decomposition, str]]) -> None:
-        """Cut meshes of bodies that will be asked for, several at once; each with the name that errors call it.
+    def decompose_meshes(self, uses: Sequence[tuple[MeshShape, Decomposition, str]]) -> None:
+        """Decompose several meshes in parallel, ahead of `body_geometry`; each with its name in error messages.
 
         Raises MeshError.
         """
@@ -172,13 +172,13 @@ class GeometryLoader:
         self, shape: MeshShape, method: Decomposition, name: str
     ) -> tuple[list[Convex], MassProperties, Triangles]:
         mesh = self.mesh(shape, name)
-        self.prepare([(shape, method, name)])
+        self.decompose_meshes([(shape, method, name)])
         decomposition = self._decompositions[shape.path, shape.scale, method]
         hulls = [Hull(corners) for corners in decomposition.hulls]
         if mesh.is_closed and (method != "hull" or mesh.is_convex):
             solid = oriented_outwards(mesh)
             surface = (solid.vertices, solid.faces)
-        else:  # what collides is the hull
+        else:  # the collision geometry is the hull
             hull = hulls[0].polytope
             surface = triangulate_faces(hull.vertices, np.split(hull.loops, np.cumsum(hull.loop_count)[:-1]))
         return list(hulls), of_mesh(*surface, 1.0), surface

@@ -1,8 +1,8 @@
-"""CoACD in a process of its own: ``python -m geomphys.scene.coacd_process IN.npz OUT.npz``.
+"""Runs CoACD in a subprocess: ``python -m geomphys.scene.coacd_process IN.npz OUT.npz``.
 
-CoACD is C++ behind ctypes: it writes to the standard output, cannot be interrupted and takes its process with it when
-it fails. Here it can do none of that to a replay. The process ends when its standard input does, so with the one that
-started it, however that ends.
+CoACD is C++ behind ctypes: it writes to the standard output, cannot be interrupted, and a crash ends its process. In a
+subprocess none of this affects a replay. The subprocess exits when its standard input closes, so it never outlives its
+parent.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 TIMEOUT = 900.0
-"""s; a mesh that takes longer is refused"""
+"""s; a mesh that takes longer is an error"""
 POLL_INTERVAL = 0.1
-"""s between two looks at whether it is to stop"""
+"""s between checks of the stop event"""
 ITERATIONS = 60
-"""of the tree search for each cut; CoACD's own 150 take twice as long for pieces that stand out as far"""
+"""Monte Carlo tree search iterations per cut; CoACD's default of 150 takes twice as long for pieces of equal accuracy"""
 
 
 def convex_parts(
@@ -41,10 +41,10 @@ def convex_parts(
     threads: int = 1,
     stop: Event | None = None,
 ) -> list[Floats]:
-    """Parts of a closed mesh as point clouds (k, 3) whose hulls fill it, as CoACD cuts them.
+    """Convex decomposition of a closed mesh by CoACD: vertices (k, 3) of each part's hull, m.
 
-    `threshold` is the concavity (0.01 to 1, of half the longest side) a part may keep; `threads` changes no part. Raises
-    MeshError if CoACD fails, takes longer than `TIMEOUT`, or gives nothing or NaN, or if `stop` is set meanwhile.
+    `threshold` is the allowed concavity of a part (0.01 to 1, of half the longest side); `threads` does not change the
+    result. Raises MeshError if CoACD fails, takes longer than `TIMEOUT`, returns nothing or NaN, or if `stop` is set.
     """
     hint = 'simplify or repair it, or use decomposition = "hull"'
     with TemporaryFolder() as folder:
@@ -66,7 +66,7 @@ def convex_parts(
 
 
 def _run_until_exit(command: list[str], threads: int, stop: Event) -> int | None:
-    """Run a command to its end; its exit code, or None if it took too long. It is killed if `stop` is set."""
+    """Run a command; returns its exit code, or None after `TIMEOUT`. The process is killed if `stop` is set."""
     environment = os.environ | {"OMP_NUM_THREADS": str(threads), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment
@@ -100,7 +100,7 @@ def _main(source: str, target: str) -> None:
 
 
 def _end_with_parent() -> None:
-    """End this process when the other end of its standard input is closed: CoACD itself cannot be interrupted."""
+    """Exit this process when its standard input is closed: CoACD itself cannot be interrupted."""
     while os.read(0, 1):
         pass
     os._exit(1)

@@ -1,8 +1,8 @@
-"""How much of a mesh's surface its convex pieces leave bare, how to cover it, and how far they stand out of it.
+"""Grows convex pieces until they cover a mesh's surface, and measures both one-sided distances between them.
 
-CoACD rounds the corners of its parts, to about 1e-4 of the mesh's size, so its hulls fall short of the surface here and
-there. Here each piece takes in the surface that runs within that reach of it; what sticks out afterwards is found
-exactly, by clipping each triangle against the pieces until nothing of it is left or a polygon that lies in none.
+CoACD rounds vertices to about 1e-4 of the mesh's size, so its hulls do not reach the surface everywhere. Each piece is
+extended by the surface within that distance of it. What stays uncovered is computed exactly, by clipping every triangle
+against the pieces.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 REACH = 1.5e-4
-"""Of the mesh's size: how far a piece reaches for the surface at first; twice as far where something stays bare."""
+"""First distance, as a share of the mesh's size, within which a piece takes in surface; doubled while any is uncovered."""
 DOUBLINGS = 6
 TOLERANCE = 1e-9
-"""Of the mesh's size: less than that is not bare."""
+"""Share of the mesh's size below which surface outside the pieces counts as covered."""
 
 
 class Surface:
-    """Triangles that distances are measured to, (n, 3) m and (m, 3)."""
+    """Distance queries to a triangle mesh, vertices (n, 3) m and faces (m, 3)."""
 
     def __init__(self, vertices: Floats, faces: Ints) -> None:
         import fcl
@@ -35,7 +35,7 @@ class Surface:
         self._solid = fcl.CollisionObject(model)
 
     def distance(self, points: Floats) -> Floats:
-        """Distances (n,) of points (n, 3) from the nearest triangle, on either side of it."""
+        """Unsigned distances (n,) of points (n, 3) to the nearest triangle, m."""
         import fcl
 
         point = fcl.Sphere(1e-9)
@@ -44,7 +44,7 @@ class Surface:
 
 
 def grow_to_cover(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> list[Floats]:
-    """Grow convex pieces until together they hold every point of a surface.
+    """Grow convex pieces until their union contains every point of a surface.
 
     Parameters
     ----------
@@ -56,7 +56,8 @@ def grow_to_cover(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> li
     Returns
     -------
     list of ndarray
-        The corners of the grown pieces. If after `DOUBLINGS` something is still bare, it stays so: `uncovered` tells.
+        Vertices (k, 3) of the grown pieces. After `DOUBLINGS` some surface may still be uncovered: see
+        `uncovered_distance`.
     """
     size = float(np.ptp(vertices, axis=0).max())
     grown, reach = list(pieces), REACH * size
@@ -68,8 +69,8 @@ def grow_to_cover(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> li
     return grown
 
 
-def uncovered(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> float:
-    """How far a surface sticks out of pieces, m: corners and middles of its bare polygons beyond the nearest piece."""
+def uncovered_distance(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> float:
+    """Largest distance of a surface outside the pieces, m, over vertices and centroids of its uncovered polygons."""
     slack = TOLERANCE * float(np.ptp(vertices, axis=0).max())
     planes = [_hull(piece)[1] for piece in pieces]
     polygons = _uncovered_polygons(vertices, faces, planes, slack)
@@ -80,9 +81,9 @@ def uncovered(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> float:
 
 
 def piece_protrusion(vertices: Floats, faces: Ints, pieces: Sequence[Floats], samples: int = 2000) -> float:
-    """How far convex pieces stick out of a closed surface, m: the largest distance outside it of points of theirs.
+    """Largest distance of convex pieces outside a closed surface, m, over sampled points.
 
-    The points are `samples` spread over the pieces by area, the same ones each time, and as many of their corners.
+    The points are `samples` drawn by area over the pieces with a fixed seed, and as many of their vertices.
     """
     corners = np.concatenate(pieces)
     points = np.concatenate([_surface_points(pieces, samples), corners[:: -(-len(corners) // samples)]])
@@ -94,7 +95,7 @@ def piece_protrusion(vertices: Floats, faces: Ints, pieces: Sequence[Floats], sa
 
 
 def _with_surface(vertices: Floats, faces: Ints, piece: Floats, reach: float) -> Floats:
-    """Corners of a piece that took in the surface which runs within `reach` beyond its planes."""
+    """Vertices of a piece extended by the surface within `reach` beyond its planes."""
     planes = _hull(piece)[1]
     height = vertices @ planes[:, :3].T - planes[:, 3]
     out = np.max(height, axis=1)
@@ -114,7 +115,7 @@ def _with_surface(vertices: Floats, faces: Ints, piece: Floats, reach: float) ->
 
 
 def _hull(points: Floats) -> tuple[Floats, Floats]:
-    """Corners (k, 3) and planes (f, 4), n·x <= d, of the convex hull of points."""
+    """Vertices (k, 3) and planes (f, 4), n·x <= d, of the convex hull of points."""
     from scipy.spatial import ConvexHull
 
     hull = ConvexHull(points)
@@ -135,7 +136,7 @@ def _uncovered_polygons(vertices: Floats, faces: Ints, planes: Sequence[Floats],
     uncovered_parts: list[Floats] = []
     for face in faces[~covered]:
         polygons = [vertices[face]]
-        order = np.argsort(-inside[face].sum(axis=0), kind="stable")  # pieces that hold corners of it first
+        order = np.argsort(-inside[face].sum(axis=0), kind="stable")  # pieces that contain most of its vertices first
         for k in order:
             polygons = [remainder for polygon in polygons for remainder in _subtract(polygon, planes[k], slack)]
             if not polygons:
@@ -145,7 +146,7 @@ def _uncovered_polygons(vertices: Floats, faces: Ints, planes: Sequence[Floats],
 
 
 def _subtract(polygon: Floats, planes: Floats, slack: float) -> list[Floats]:
-    """A convex polygon less a convex piece, as convex polygons; what lies within the slack of the piece is dropped."""
+    """A convex polygon minus a convex piece, as convex polygons; parts within `slack` of the piece are dropped."""
     height = polygon @ planes[:, :3].T - planes[:, 3]  # (corners, planes)
     if np.any(np.min(height, axis=0) > slack):
         return [polygon]

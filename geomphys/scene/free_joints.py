@@ -1,4 +1,4 @@
-"""Floating and planar joints above a model's root link: the pose of what hangs on them is the root's pose."""
+"""Floating and planar joints above a model's root link: they stand for the root's pose."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class JointEnds(NamedTuple):
 
 
 def joint_ends(robot: Any) -> Iterator[JointEnds]:
-    """Of the joints of a robot's XML tree, as far as they name both ends."""
+    """Ends of the joints in a ``<robot>`` element; joints without both ends are skipped."""
     for joint in robot.findall("joint"):
         parent, child = joint.find("parent"), joint.find("child")
         if parent is not None and child is not None:
@@ -25,10 +25,10 @@ def joint_ends(robot: Any) -> Iterator[JointEnds]:
 
 
 def links_above_free_joint(joints: Iterable[JointEnds]) -> list[str]:
-    """Links from the root down to the one that carries the free joint; none where there is no such joint.
+    """Links from the root down to the parent of the free joint; empty if there is no such joint.
 
-    Only a joint that all else hangs on counts: between it and the root lie fixed joints alone, and none of the links up
-    there carries anything else.
+    The free joint must support the whole model: only fixed joints lie between it and the root, and the links above it
+    have no other children.
     """
     joints_below: dict[str, list[JointEnds]] = {}
     for joint in joints:

@@ -1,4 +1,4 @@
-"""What a glTF file claims, before a parser believes it: vertices that no buffer holds, a mesh placed a million times."""
+"""Validates a glTF file before it is parsed: accessors within their buffers, bounded nodes and instances."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ _COMPONENT_COUNTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "M
 
 
 def gltf_problem(data: bytes, suffix: str, max_corners: int) -> str:
-    """Say what is wrong with a ``gltf`` or ``glb`` file whose meshes may have `max_corners` corners in all; "" if nothing is.
+    """Problem of a ``gltf`` or ``glb`` file whose meshes may have `max_corners` triangle corners in total; "" if none.
 
-    Raises ValueError, KeyError, TypeError, IndexError or struct.error where it is no such file at all.
+    Raises ValueError, KeyError, TypeError, IndexError or struct.error for what is no glTF at all.
     """
     tree = json.loads(_json_of(data) if suffix == "glb" else data)
     accessors, views = tree.get("accessors", []), tree.get("bufferViews", [])
@@ -46,7 +46,7 @@ def gltf_problem(data: bytes, suffix: str, max_corners: int) -> str:
 
 
 def _json_of(data: bytes) -> bytes:
-    """The JSON of a binary glTF, its first chunk."""
+    """JSON chunk of a binary glTF."""
     length, kind = struct.unpack_from("<II", data, 12)
     if kind != 0x4E4F534A or 20 + length > len(data):
         raise ValueError("no JSON in a binary glTF")
@@ -54,13 +54,13 @@ def _json_of(data: bytes) -> bytes:
 
 
 def _corners(primitive: dict[str, Any], accessors: list[dict[str, Any]]) -> int:
-    """Corners of triangles of a primitive."""
+    """Number of triangle corners of a primitive."""
     accessor = primitive.get("indices", primitive.get("attributes", {}).get("POSITION"))
     return 0 if accessor is None else int(accessors[accessor]["count"])
 
 
 class BufferResolver:
-    """Gives a parser the buffers (.bin) that lie beside a .gltf file, up to `max_bytes` bytes, and nothing else."""
+    """trimesh resolver that reads ``.bin`` buffers in or below the folder of a .gltf file, up to `max_bytes`, nothing else."""
 
     def __init__(self, folder: Path, max_bytes: int) -> None:
         self.folder = folder.resolve()
@@ -79,5 +79,5 @@ class BufferResolver:
         return self.get(name)
 
     def namespaced(self, namespace: Literal[""] | str) -> BufferResolver:
-        """The resolver of a sub-folder; stays where it is."""
+        """Resolver of a sub-folder, as trimesh asks for: the same one."""
         return self

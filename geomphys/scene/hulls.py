@@ -1,4 +1,4 @@
-"""Corners, edges, faces and the smallest width of the convex hull of points."""
+"""Convex hulls: vertices, edges, maximal faces, volume centroid and smallest width."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from geomphys.errors import MeshError
 from geomphys.scene.arrays import Floats, Ints
 
 MIN_THICKNESS_SHARE = 1e-9
-"""A hull thinner than this share of its size has no volume that could be trusted."""
+"""Share of the size below which a hull counts as flat."""
 COPLANAR_SHARE = 2e-6
-"""Corners within this share of the size off a face's plane belong to the face (single precision meshes scatter so)."""
+"""Vertices within this share of the size of a face's plane belong to the face (rounding of single-precision meshes)."""
 COPLANAR_THICKNESS_SHARE = 1e-3
-"""... and within this share of the thickness, so that the two sides of a plate stay apart."""
+"""... and within this share of the thickness, so that the two sides of a thin plate stay separate faces."""
 
 WIDTH_ROUNDING = 1e-12
-"""Of the size: edges are paired even if their widths are at least as large as the faces', by this much."""
+"""Share of the size by which the lower bound of an edge's width may exceed the smallest face width (rounding)."""
 
 MAX_EDGES_ALL_PAIRS = 1_000
-"""Hulls of fewer edges have all pairs looked at, which costs nothing there."""
+"""Up to this many edges all pairs are tested; beyond, only those with a small enough lower bound."""
 
 
 class Polytope(NamedTuple):
-    """A convex polytope; V corners, F faces; indices count from its first corner."""
+    """A convex polytope of V vertices and F faces."""
 
     vertices: Floats  # (V, 3) m
     neighbour_count: Ints  # (V,)
-    neighbours: Ints  # corners joined by an edge of a triangulation of the surface, corner by corner
+    neighbours: Ints  # vertices adjacent in a triangulation of the surface, vertex by vertex
     planes: Floats  # (F, 4) outward unit normal n and offset d of each maximal face: n·x <= d for every corner
     loop_count: Ints  # (F,)
-    loops: Ints  # corners of the faces, counter-clockwise seen from outside
-    centre: Floats  # (3,) centre of volume
+    loops: Ints  # vertices of the faces, counter-clockwise seen from outside
+    centre: Floats  # (3,) volume centroid
     thickness: float  # m, smallest width over all directions
 
 
@@ -88,7 +88,7 @@ def polytope(points: NDArray[np.float64]) -> Polytope:
 
 
 def _oriented_outwards(triangles: Ints, vertices: Floats, normals: Floats) -> Ints:
-    """Triangles turned counter-clockwise seen from outside."""
+    """Triangles (F, 3) reordered counter-clockwise seen from outside."""
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), normals) < 0.0
     triangles = triangles.astype(np.int64)
@@ -97,7 +97,7 @@ def _oriented_outwards(triangles: Ints, vertices: Floats, normals: Floats) -> In
 
 
 def _consistently_oriented(triangles: Ints) -> Ints:
-    """The same triangles with slivers, whose own normals are noise, turned the way their neighbours are."""
+    """The same triangles with consistent orientation: slivers, whose normals are noise, follow their neighbours."""
     directed = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
     count = int(triangles.max()) + 1
     keys = directed[:, 0] * count + directed[:, 1]
@@ -125,7 +125,7 @@ def _consistently_oriented(triangles: Ints) -> Ints:
 
 
 def _edges(triangles: Ints) -> tuple[Ints, Ints]:
-    """Edges (E, 2), each once with the smaller corner first, and the two triangles (E, 2) on their sides.
+    """Edges (E, 2), each once with the smaller vertex first, and the two triangles (E, 2) adjacent to each.
 
     Raises MeshError if the triangles do not close.
     """
@@ -144,7 +144,7 @@ def _smallest_width(vertices: Floats, normals: Floats, edges: Ints, sides: Ints)
     """Smallest extent over all directions: it lies at a face's normal or at a normal common to two antipodal edges.
 
     Two edges are antipodal if the arc of the normals of one crosses the mirrored arc of the other. Of many edges only
-    those are paired whose arc may hold a smaller width than the faces: see `_width_lower_bounds`. The partner of such an
+    those are paired whose arc may contain a smaller width than the faces: see `_width_lower_bounds`. The partner of such an
     edge has the same width where the arcs cross, so it is among them too.
     """
     across, opposite = _extents(vertices, normals)
@@ -159,7 +159,7 @@ def _smallest_width(vertices: Floats, normals: Floats, edges: Ints, sides: Ints)
 
 
 def _extents(vertices: Floats, normals: Floats) -> tuple[Floats, Ints]:
-    """Extent (F,) of the corners along each normal, and the corner (F,) farthest against it."""
+    """Extent (F,) of the vertices along each normal, and the vertex (F,) farthest in the opposite direction."""
     extents, opposite = np.empty(len(normals)), np.empty(len(normals), dtype=np.int64)
     rows = max(1, 4_000_000 // len(vertices))
     for start in range(0, len(normals), rows):
@@ -175,9 +175,9 @@ def _width_lower_bounds(
 ) -> Floats:
     """Lower bounds (E,) of the width over all directions of the arc of each edge, from one side's normal to the other's.
 
-    An edge through p bounds the hull in every direction u of its arc, so the width there is at least (p - x)·u for any
-    corner x. Along the arc that is A cos t + B sin t, concave where it is positive, so it runs above the chord between
-    its values at the arc's ends. Here x are the corners opposite to both ends; the bound is the lowest point of the
+    An edge through p supports the hull in every direction u of its arc, so the width there is at least (p - x)·u for
+    any vertex x. Along the arc that is A cos t + B sin t, concave where it is positive, so it runs above the chord between
+    its values at the arc's ends. Here x are the vertices opposite to both ends; the bound is the lowest point of the
     higher of the two chords.
     """
     first, last = sides[:, 0], sides[:, 1]
@@ -208,7 +208,7 @@ def _smallest_between_edges(vertices: Floats, normals: Floats, edges: Ints, side
         i, j = i[i + start < j] + start, j[i + start < j]
         n = np.cross(direction[i], direction[j])
         length = np.linalg.norm(n, axis=1)
-        # arcs that cross on the same side have normals alike, not opposite: their edges are as good as touching
+        # arcs that cross on the same side have normals alike, not opposite: their edges are not antipodal
         mirrored = np.einsum("ij,ij->i", normals[sides[i]].sum(axis=1), normals[sides[j]].sum(axis=1)) < 0.5
         good = (length > 1e-12) & mirrored
         n = n[good] / length[good, None]
@@ -255,7 +255,7 @@ def _faces(vertices: Floats, triangles: Ints, normals: Floats, sides: Ints, tole
 def _has_coplanar_neighbour(
     vertices: Floats, triangles: Ints, normals: Floats, sides: Ints, tolerance: float
 ) -> NDArray[np.bool_]:
-    """Whether a triangle (F,) has a neighbour that lies, to rounding, within the tolerance of its plane."""
+    """Whether each triangle (F,) has a neighbour within the tolerance of its plane (up to rounding)."""
     found = np.zeros(len(triangles), dtype=bool)
     top = np.max(np.einsum("tkj,tj->tk", vertices[triangles], normals), axis=1)
     margin = 1.001 * tolerance + 1e-12 * float(np.abs(vertices).max())
@@ -266,7 +266,7 @@ def _has_coplanar_neighbour(
 
 
 def _loop(triangles: list[list[int]]) -> list[int]:
-    """Outline of triangles that share edges."""
+    """Boundary loop of connected triangles; MeshError if it is not a single loop."""
     next_vertex: dict[int, int] = {}
     directed = {edge for a, b, c in triangles for edge in ((a, b), (b, c), (c, a))}
     for u, v in sorted(directed):
@@ -285,7 +285,7 @@ def _loop(triangles: list[list[int]]) -> list[int]:
 
 
 def _planes(vertices: Floats, loops: list[list[int]], origin: Floats) -> Floats:
-    """Planes (F, 4) of faces: the area-weighted normals of their outlines, the offsets of the corners farthest out."""
+    """Planes (F, 4) of faces: the area-weighted normals of their outlines, the offsets of the farthest vertices."""
     planes = np.empty((len(loops), 4))
     for length in {len(loop) for loop in loops}:
         rows = [row for row, loop in enumerate(loops) if len(loop) == length]

@@ -1,4 +1,4 @@
-"""Mass, centre of mass and inertia tensor of solids of even density."""
+"""Mass, centre of mass and inertia tensor of solids of uniform density."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 DIAGONAL_TOLERANCE = 1e-12
-"""Of the largest moment: smaller products of inertia are rounding, the axes are then the frame's own."""
+"""Share of the largest moment below which products of inertia are rounding: the frame's axes are principal then."""
 
 
 @dataclass(frozen=True, eq=False)
 class MassProperties:
-    """Of a solid in some frame. Without volume: mass, inertia and centre are zero."""
+    """Mass properties of a solid in some frame; all zero without volume."""
 
     mass: float  # kg
     com: Floats  # (3,) m

@@ -1,4 +1,4 @@
-"""Restitution and friction of pairs of materials."""
+"""Table of restitution and friction per pair of materials; defaults for pairs that are not given."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class MaterialTable:
         return self.names.index(name)
 
     def require_known(self, path: Path, used_by: Iterable[tuple[str, str]]) -> None:
-        """Raise SceneError for the first material that no pair defines; `used_by` are (material, who has it)."""
+        """Raise SceneError for the first undefined material; `used_by` are (material, object or avatar)."""
         for name, owner in used_by:
             if name not in self.names:
                 close = get_close_matches(name, self.names, n=1)
@@ -52,7 +52,7 @@ class MaterialTable:
     def with_defaults(
         self, path: Path, contacts: Iterable[tuple[str, str, str, str]]
     ) -> tuple[MaterialTable, tuple[DefaultPair, ...]]:
-        """The table with every pair that can meet, and the pairs that were missing.
+        """The table completed for every pair that can come into contact, and the pairs that were missing.
 
         A missing pair takes the geometric mean of the friction and the smaller restitution of each material with itself.
         `contacts` are (material, who has it, material, who has it). Raises SceneError for a missing pair of which a
@@ -71,8 +71,8 @@ class MaterialTable:
                         "" if first == second else f", or one with [{_quoted(name)}, {_quoted(name)}] to derive it from"
                     )
                     raise SceneError(
-                        f"{path}: materials {first!r} (of {owner!r}) and {second!r} (of {other!r}) can meet and have no "
-                        f"pair, and {name!r} has none with itself: add a [[material_pair]] with "
+                        f"{path}: materials {first!r} (of {owner!r}) and {second!r} (of {other!r}) can come into "
+                        f"contact and have no pair, and {name!r} has none with itself: add a [[material_pair]] with "
                         f"materials = {pair_text}{alternative}"
                     )
             e = float(min(self.pairs.restitution[i, i], self.pairs.restitution[j, j]))
@@ -84,7 +84,7 @@ class MaterialTable:
 
 
 def _quoted(name: str) -> str:
-    """A name as TOML has it."""
+    """A name as a TOML string."""
     return json.dumps(name, ensure_ascii=False)
 
 

@@ -1,8 +1,7 @@
-"""Triangle meshes from files, and whether they can serve for collision.
+"""Loads triangle meshes and checks whether they can be used for collision.
 
-trimesh parses them. It never gets a path: the bytes are read here, from a regular local file of an allowed kind and
-size, and what a mesh refers to (materials, textures, other folders) is not followed. Errors name the mesh, never what
-is in the file.
+trimesh parses the bytes and never gets a path: files are read here, of an allowed format and size, and references
+(materials, textures, other folders) are not followed. Errors name the mesh and never quote its content.
 """
 
 from __future__ import annotations
@@ -39,13 +38,13 @@ MAX_FILE_BYTES = 128 * 2**20
 MAX_TRIANGLES = 500_000
 """triangles"""
 MAX_HULL_VERTICES = 10_000
-"""corners of a convex hull that collides"""
+"""vertices of the convex hull of a collision mesh"""
 CONVEX_TOLERANCE = 1e-6
-"""Of the mesh's size: a mesh whose vertices all lie this close to planes of its hull is convex."""
+"""Share of the mesh's size: a mesh within this distance of its hull is convex."""
 FLAT_TOLERANCE = 1e-9
-"""Of the mesh's size: a thinner one has no volume to collide with."""
+"""Share of the mesh's size: a thinner mesh counts as flat."""
 
-# What a parser raises on a file that is not what its name says.
+# exceptions of the parsers on malformed files
 _PARSER_ERRORS = (
     ArithmeticError,
     AssertionError,
@@ -75,7 +74,7 @@ class _Hull(NamedTuple):
 class Mesh:
     """A triangle mesh in the frame of its body, vertices merged. Arrays are read-only."""
 
-    name: str  # what errors call it
+    name: str  # name in error messages
     vertices: Floats  # (n, 3) m
     faces: Ints  # (m, 3)
 
@@ -86,7 +85,7 @@ class Mesh:
 
     @cached_property
     def hull_vertices(self) -> Floats:
-        """Corners (k, 3) of the convex hull, in the order of `vertices`; MeshError where the mesh is flat."""
+        """Vertices (k, 3) of the convex hull, in the order of `vertices`; MeshError if the mesh is flat."""
         return self.vertices[self._hull.corners]
 
     @cached_property
@@ -110,11 +109,10 @@ class Mesh:
 
     @cached_property
     def is_convex(self) -> bool:
-        """Whether all of the mesh lies on its convex hull, within `CONVEX_TOLERANCE` of the size.
+        """Whether the whole mesh lies on its convex hull, within `CONVEX_TOLERANCE` of the size.
 
-        Its corners alone do not tell: those of an L lie on its hull, the faces of its notch do not. So a closed mesh
-        must also have the volume of its hull, and of an open one the middles of the faces are looked at. A closed
-        convex mesh is its hull; an open one is taken for it.
+        Vertices alone do not decide: those of an L-shape all lie on its hull. So a closed mesh must also have the
+        volume of its hull, and an open one must have all face centroids on it. A convex mesh is replaced by its hull.
         """
         is_interior = np.ones(len(self.vertices), dtype=bool)
         is_interior[self._hull.corners] = False
@@ -143,14 +141,14 @@ class Mesh:
 
     @cached_property
     def is_closed(self) -> bool:
-        """Whether it is watertight, or made of watertight shells with an inside each that touch (`shell_labels`)."""
+        """Whether it is watertight, or consists of touching watertight shells that enclose volume (`shell_labels`)."""
         if self.is_watertight:
             return True
         label = shell_labels(self.vertices, self.faces)
         return label is not None and all_enclose_volume(self.vertices, self.faces, label)
 
     def shells(self) -> list[Mesh]:
-        """The closed shells of a closed mesh, in the order of their first vertices; itself where it is one."""
+        """The closed shells of a closed mesh, in the order of their first vertices; itself if it is a single shell."""
         label = shell_labels(self.vertices, self.faces)
         if label is None or label.max() == 0:
             return [self]
@@ -158,7 +156,7 @@ class Mesh:
 
     @cached_property
     def has_consistent_winding(self) -> bool:
-        """Whether neighbouring triangles turn the same way: no directed edge is there twice."""
+        """Whether adjacent triangles have the same orientation: no directed edge occurs twice."""
         edges = self._edges()
         return len(np.unique(edges[:, 0] * len(self.vertices) + edges[:, 1])) == len(edges)
 
@@ -167,7 +165,7 @@ class Mesh:
 
     @cached_property
     def signed_volume(self) -> float:
-        """m³ inside a closed mesh: positive if its triangles are counter-clockwise seen from outside."""
+        """Enclosed volume of a closed mesh, m³: positive if triangles are counter-clockwise seen from outside."""
         shift = self.vertices.mean(axis=0)
         a, b, c = (self.vertices[self.faces[:, k]] - shift for k in range(3))
         return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
@@ -176,8 +174,8 @@ class Mesh:
 def load_mesh(path: Path, scale: float | Floats = 1.0, name: str | None = None) -> Mesh:
     """Read a mesh file: all its parts in one mesh, scaled, equal vertices merged, degenerate triangles dropped.
 
-    A COLLADA file's own unit counts, glTF is in metres, the other kinds have none: they are taken for metres too.
-    Coordinates count as they stand, whatever axis a file calls up.
+    The unit of a COLLADA file is applied; glTF is in metres; other formats have no unit and are taken as metres. The
+    up axis that a file names is ignored.
 
     Parameters
     ----------
@@ -186,7 +184,7 @@ def load_mesh(path: Path, scale: float | Floats = 1.0, name: str | None = None) 
     scale
         One factor or three, applied to the coordinates in m.
     name
-        What errors call the mesh; default: the path.
+        Name of the mesh in error messages; default: the path.
 
     Raises
     ------
@@ -213,9 +211,9 @@ def load_mesh(path: Path, scale: float | Floats = 1.0, name: str | None = None) 
 
 
 def merge_vertices(name: str, vertices: Floats, faces: Ints) -> Mesh:
-    """A mesh with vertices equal to 1e-8 m taken together, triangles without area left out, and repeated ones but once.
+    """A mesh with vertices equal within 1e-8 m merged, and degenerate and duplicate triangles removed.
 
-    Raises MeshError where no triangle has an area.
+    Raises MeshError if no triangle has an area.
     """
     first, inverse = _unique_rows(np.round(vertices * 1e8))
     order = np.argsort(first, kind="stable")
@@ -234,7 +232,7 @@ def merge_vertices(name: str, vertices: Floats, faces: Ints) -> Mesh:
 
 
 def _without_duplicates(faces: Ints, count: int) -> Ints:
-    """Triangles (m, 3) without those that are there already, wound the same way; `count` vertices."""
+    """Triangles (m, 3) without duplicates of the same orientation; `count` is the number of vertices."""
     lead = faces.argmin(axis=1)
     a, b, c = (faces[np.arange(len(faces)), (lead + k) % 3] for k in range(3))
     _, first = np.unique((a * count + b) * count + c, return_index=True)
@@ -242,7 +240,7 @@ def _without_duplicates(faces: Ints, count: int) -> Ints:
 
 
 def _unique_rows(rows: Floats) -> tuple[Ints, Ints]:
-    """First row (u,) of each kind of equal rows (n, 3), and which kind each row (n,) is of."""
+    """Index (u,) of the first of each group of equal rows (n, 3), and the group (n,) of each row."""
     kind = np.zeros(len(rows), dtype=np.int64)
     first = np.zeros(1, dtype=np.int64)
     for column in rows.T:
@@ -335,12 +333,12 @@ def _parse(data: bytes, path: Path, name: str) -> tuple[Floats, Ints]:
 
 
 def _unreadable(suffix: str, error: Exception) -> str:
-    """What is said of a file that a parser stumbled over."""
+    """Error text for a file that a parser rejected."""
     return f"is not a readable .{suffix} mesh ({type(error).__name__}): it may be cut off or of another kind; save it again"
 
 
 def _collada_unit(data: bytes, name: str) -> float:
-    """The unit of a COLLADA file, m; MeshError where it holds entities, no XML, or a unit that is none."""
+    """Length unit of a COLLADA file, m; MeshError for entities, malformed XML or an invalid unit."""
     from xml.etree.ElementTree import ParseError
 
     try:
@@ -350,19 +348,19 @@ def _collada_unit(data: bytes, name: str) -> float:
 
 
 def require_closed(mesh: Mesh) -> None:
-    """Raise MeshError unless the mesh is convex or closed: watertight, or of watertight shells that touch."""
+    """Raise MeshError unless the mesh is convex or closed (`Mesh.is_closed`)."""
     if not (mesh.is_convex or mesh.is_closed):
         raise MeshError(
-            f"{mesh.name}: is neither watertight nor convex, so it has no inside to keep out of: "
+            f"{mesh.name}: is neither watertight nor convex, so it encloses no volume: "
             'close its holes, or use decomposition = "hull" (its convex hull)'
         )
 
 
 def oriented_outwards(mesh: Mesh) -> Mesh:
-    """A closed mesh with its triangles counter-clockwise seen from outside; the same object where they are already.
+    """A closed mesh with triangles counter-clockwise seen from outside; the same object if they are already.
 
-    Triangles that do not turn as their neighbours do are turned; a mesh that is inside out is turned as a whole; so is a
-    shell of it, but one inside another shell: that is a cavity.
+    Inconsistently oriented triangles are flipped, then the whole mesh if it is inside out, then each inside-out shell
+    that is not inside another shell (a cavity).
     """
     if not mesh.has_consistent_winding and mesh.is_watertight:
         import trimesh

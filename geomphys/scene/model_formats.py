@@ -1,4 +1,4 @@
-"""Files that are named as a URDF and are none: what they are instead, and what to do."""
+"""Recognises files that are no URDF (xacro, SDF, MJCF, USD, …), for errors that say what to do."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from geomphys.scene.git_lfs import IS_POINTER, is_lfs_pointer
 
 EXPRESSION = re.compile(r"\$[({]")
-"""How an expression begins that only xacro fills in."""
+"""Start of a xacro expression."""
 XACRO_USE = re.compile(rb"<\s*/?\s*xacro:")
 
 _OTHER_MODELS = {
@@ -31,11 +31,11 @@ _IGNORED_ELEMENTS = {
     "mujoco",
     "drake",
 }
-"""Elements from which nothing is needed, so that an expression left in them does no harm."""
+"""Elements that are not used, in which unexpanded expressions are allowed."""
 
 
 def other_format(data: bytes) -> str:
-    """What a file is whose first bytes tell that it is no XML of a URDF; "" where they do not."""
+    """Format of a file that is recognisably no URDF by its first bytes, as error text; "" otherwise."""
     if not data.strip():
         return "is empty: fetch or export it again"
     if is_lfs_pointer(data):
@@ -52,12 +52,12 @@ def other_format(data: bytes) -> str:
 
 
 def other_model(tag: str) -> str:
-    """What a model file is by the name of its outermost element; "" where that is not known."""
+    """Format of a model file by the tag of its root element, as error text; "" if unknown."""
     return _OTHER_MODELS.get(tag.rpartition("}")[2], "")
 
 
 def xacro_advice(path: Path, evidence: str) -> str:
-    """What to say of a xacro file; `evidence` tells by what it was recognised."""
+    """Error text for a xacro file; `evidence` says how it was recognised."""
     name = path.name.removesuffix(".xacro")
     expanded = f"{name.removesuffix('.urdf')}.urdf"
     target = expanded if expanded != path.name else f"{path.stem}_expanded.urdf"
@@ -65,7 +65,7 @@ def xacro_advice(path: Path, evidence: str) -> str:
 
 
 def xacro_remnant(root: Any) -> str:
-    """An element or expression of xacro in what is read of a robot's tree, as it stands there; "" without."""
+    """First unexpanded xacro element or expression in the used part of a ``<robot>`` element; "" if none."""
     stack = [root]
     while stack:
         element = stack.pop()

@@ -1,4 +1,4 @@
-"""Convex pieces kept in the user's cache, found again by the bytes of the mesh and what it was cut with."""
+"""Disk cache of convex decompositions, keyed by the mesh's arrays and the parameters."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from geomphys.scene.coacd_process import ITERATIONS
 from geomphys.scene.meshes import Mesh
 
 _FORMAT_VERSION = 3
-"""Raised when the same mesh and parameters give other pieces than before."""
+"""Increment when the same mesh and parameters give different pieces than before."""
 _METHODS = ("hull", "parts", "coacd")
 
 
 class ConvexPieces(NamedTuple):
-    """What a mesh was cut into."""
+    """Convex pieces of a mesh."""
 
     hulls: tuple[NDArray[np.float64], ...]  # corners (k, 3), m
     method: str  # one of `_METHODS`
-    uncovered: float  # m
+    uncovered_m: float  # largest distance of the surface outside the hulls
 
 
 def archive_name(mesh: Mesh, threshold: float, seed: int) -> str:
-    """Name of the file that keeps the pieces of a mesh."""
+    """File name of a mesh's pieces in the cache."""
     from importlib.metadata import version
 
     text = f"{_FORMAT_VERSION} {version('coacd')} {threshold!r} {seed} {ITERATIONS} {mesh.vertices.shape} {mesh.faces.shape} "
@@ -42,10 +42,10 @@ def archive_name(mesh: Mesh, threshold: float, seed: int) -> str:
 
 
 def read_pieces(archive: Path) -> ConvexPieces | None:
-    """Pieces of the cache; None where there are none or the file is damaged, which computing them again repairs."""
+    """Pieces from the cache; None if there are none or the file is damaged (they are then recomputed)."""
     try:
         with archive.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
-            points, starts, uncovered_m = data["points"], data["starts"], float(data["bare"])
+            points, starts, uncovered_m = data["points"], data["starts"], float(data["uncovered_m"])
             method = _METHODS[int(data["method"])]
     except (OSError, ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile):
         return None
@@ -55,7 +55,7 @@ def read_pieces(archive: Path) -> ConvexPieces | None:
 
 
 def write_pieces(archive: Path, pieces: ConvexPieces) -> None:
-    """Keep pieces; a full disk costs the next run the time, not this one its result."""
+    """Write pieces to the cache, atomically; a failure is ignored: the next run recomputes them."""
     starts = start_offsets(pieces.hulls)
     method = _METHODS.index(pieces.method)
     try:
@@ -66,7 +66,7 @@ def write_pieces(archive: Path, pieces: ConvexPieces) -> None:
                     stream,
                     points=np.concatenate(pieces.hulls),
                     starts=starts,
-                    uncovered_m=pieces.uncovered,
+                    uncovered_m=pieces.uncovered_m,
                     method=method,
                 )
             os.replace(name, archive)
@@ -77,5 +77,5 @@ def write_pieces(archive: Path, pieces: ConvexPieces) -> None:
 
 
 def start_offsets(parts: Sequence[NDArray[np.float64]]) -> NDArray[np.int64]:
-    """Where each part begins among the points of all, and their number."""
+    """Start index of each part in the concatenated points, and the total: (n + 1,)."""
     return np.concatenate([[0], np.cumsum([len(part) for part in parts])]).astype(np.int64)

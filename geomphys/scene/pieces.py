@@ -1,7 +1,7 @@
-"""Convex shapes, and the flat arrays the collision kernels read them from.
+"""Convex shapes, and their conversion to the flat arrays of the collision kernels.
 
-A shape stands in its own frame: spheres, boxes, capsules and cylinders about its origin, the last two along z. Hulls
-are computed once: their corners, edges and faces, an inner point and the smallest width.
+Shapes are defined in their own frame: spheres, boxes, capsules and cylinders are centred at the origin, the last two
+along z. Vertices, edges, faces, interior point and smallest width of a hull are computed once.
 """
 
 from __future__ import annotations
@@ -78,13 +78,13 @@ class Cylinder:
 
 @dataclass(frozen=True, eq=False)
 class Hull:
-    """The convex hull of points (n, 3) in m; points inside it do no harm."""
+    """The convex hull of points (n, 3) in m; interior points are allowed."""
 
     vertices: NDArray[np.float64]
 
     @cached_property
     def polytope(self) -> Polytope:
-        """Its corners, edges and faces; MeshError where it is flat."""
+        """Its vertices, edges and faces; MeshError if it is flat."""
         return polytope(np.ascontiguousarray(self.vertices, dtype=np.float64))
 
 
@@ -101,11 +101,11 @@ class PosedShape:
 
 
 HILL_CLIMB_MIN_VERTICES = 24
-"""Hulls of more corners are climbed over their edges, smaller ones searched from end to end (measured cut-over)."""
+"""Support points of hulls with more vertices are found by hill climbing, of smaller ones by linear search (measured)."""
 
 
 class _Row(NamedTuple):
-    """What one piece adds to the arrays."""
+    """Entries of one piece in the arrays."""
 
     kind: int
     size: tuple[float, float, float]
@@ -199,9 +199,8 @@ def _joined(parts: Sequence[NDArray[np.int64]]) -> Ints:
 def build_pieces(shapes: Sequence[PosedShape]) -> Pieces:
     """Arrays of the pieces, in the order given.
 
-    Hulls of the same points are computed once. The neighbours of a hull's corner are those of a triangulation of its
-    surface, so that climbing over them ends at the farthest corner in any direction; the faces are maximal: triangles
-    that lie in one plane are one face.
+    Hulls of the same points are computed once. The neighbours of a hull's vertex are those of a triangulation of its
+    surface, so hill climbing ends at the support point in any direction; coplanar triangles form one face.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Reach cones: polygons on the unit sphere that the direction of a compound joint's limb must stay in."""
+"""Reach cones (Wilhelms and Van Gelder 2001): spherical polygons that bound the limb direction of a compound joint."""
 
 from __future__ import annotations
 
@@ -17,25 +17,26 @@ from geomphys.scene.skeleton import Skeleton
 Floats = NDArray[np.float64]
 
 CENTRE_TOLERANCE = 1e-3
-"""m; how far apart the axes of a compound joint may pass."""
+"""m; largest distance between the axes of a compound joint."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReachCone:
-    """A checked cone; joints are given by the links below them, root first."""
+    """A validated reach cone; joints are given by their child links, root first."""
 
     links: tuple[int, ...]
     limb: Floats  # (3,) unit, last joint's frame at zero angles
-    directions: Floats  # (n, 3) unit, corners in the frame the first joint sits in, counter-clockwise seen from outside
+    directions: (
+        Floats  # (n, 3) unit, vertices in the frame of the first joint's origin, counter-clockwise seen from outside
+    )
 
 
 def reach_cone(table: ReachConeTable, skeleton: Skeleton, where: str, path: Path) -> ReachCone:
-    """Check a reach cone against its skeleton.
+    """Validate a reach cone against its skeleton.
 
-    The joints must turn (no prismatic, no mimic joints), each must hang on the one before it, links with fixed joints
-    in between not counting, and their axes must pass through one centre. The polygon's sides must not cross or touch
-    each other, nor be half circles. Its inside is the smaller part of the sphere, whichever way round its corners are
-    given.
+    The joints must be revolute or continuous and no mimic joints, each the descendant of the one before it with only
+    fixed joints in between, and their axes must intersect in one centre. The polygon's sides must not cross or touch
+    each other, nor be half circles. Its inside is the smaller part of the sphere, for either orientation.
 
     Raises SceneError that names the file, the cone and the joint or direction.
     """
@@ -47,7 +48,7 @@ def reach_cone(table: ReachConeTable, skeleton: Skeleton, where: str, path: Path
         joint = skeleton.joints[by_name[name]]
         if joint is None or joint.type not in ("revolute", "continuous") or joint.mimics is not None:
             raise SceneError(
-                f"{path}: {where}: joint {name!r} does not turn on its own, a reach cone needs joints that do"
+                f"{path}: {where}: joint {name!r} is no independent revolute joint, which a reach cone needs"
             )
         links.append(by_name[name])
     _check_compound_joint(links, skeleton, where, path)
@@ -60,7 +61,7 @@ def reach_cone(table: ReachConeTable, skeleton: Skeleton, where: str, path: Path
 
 
 def _check_compound_joint(links: Sequence[int], skeleton: Skeleton, where: str, path: Path) -> None:
-    """Each joint hangs on the one before it, and all turn about one centre."""
+    """Raise SceneError unless each joint is below the one before it and all rotate about one centre."""
     zero_pose = skeleton.forward()
     centre = zero_pose[links[0], :3, 3]
     for above, link in pairwise(links):
@@ -70,7 +71,7 @@ def _check_compound_joint(links: Sequence[int], skeleton: Skeleton, where: str, 
         while ancestor != above:
             entry = skeleton.joints[ancestor]
             if entry is None or (ancestor != link and entry.dof >= 0):
-                raise SceneError(f"{path}: {where}: joint {name!r} does not hang on the joint before it in the list")
+                raise SceneError(f"{path}: {where}: joint {name!r} is not below the joint before it in the list")
             ancestor = entry.parent
         distance = float(np.linalg.norm(zero_pose[link, :3, 3] - centre))
         if distance > CENTRE_TOLERANCE:
@@ -80,7 +81,7 @@ def _check_compound_joint(links: Sequence[int], skeleton: Skeleton, where: str, 
 
 
 def _check_polygon(directions: Floats, where: str, path: Path) -> None:
-    """Neighbouring corners differ and are not opposite; sides that are no neighbours do not meet."""
+    """Raise SceneError if adjacent vertices coincide or are opposite, or if sides that are not adjacent intersect."""
     count = len(directions)
     following = np.roll(directions, -1, axis=0)
     for k in range(count):
@@ -95,7 +96,7 @@ def _check_polygon(directions: Floats, where: str, path: Path) -> None:
 
 
 def area_left_of(directions: Floats) -> float:
-    """Area [sr] on the left of the polygon's sides: the sum of its angles there less that of a flat polygon."""
+    """Area [sr] to the left of the polygon's sides: angle sum minus that of a planar polygon (Girard)."""
     previous, following = np.roll(directions, 1, axis=0), np.roll(directions, -1, axis=0)
     to_next = np.cross(directions, following)
     to_previous = np.cross(directions, previous)

@@ -1,4 +1,4 @@
-"""Where a mesh lies that a URDF names: relative to it, by ``file://``, or in a ROS package by ``package://``."""
+"""Resolves mesh names of a URDF: relative paths, ``file://`` URLs, and ``package://`` URLs of ROS packages."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from geomphys.scene.source_files import path_exists, track_contents
 MAX_MANIFEST_BYTES = 256 * 1024
 """bytes of a package.xml"""
 MAX_LEVELS = 32
-"""folders above a URDF that are looked at"""
+"""folders above a URDF that are searched"""
 MAX_SIBLINGS = 200
-"""folders in each of these that are looked at, in the order of their names"""
+"""folders in each of these that are searched, in the order of their names"""
 
 
 def resolve_mesh(name: str, folder: Path) -> Path:
@@ -25,7 +25,7 @@ def resolve_mesh(name: str, folder: Path) -> Path:
 
 
 class MeshResolver:
-    """Finds the meshes that a URDF of a folder names; packages are looked for once."""
+    """Resolves mesh names of the URDFs in a folder; each package is searched once."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -34,12 +34,12 @@ class MeshResolver:
     def find(self, name: str) -> Path:
         """Local path of a mesh.
 
-        `file://` URLs, `package://` URLs and paths relative to the folder. A package is looked for in the folder, those
-        above it and those beside these, then in $ROS_PACKAGE_PATH and $AMENT_PREFIX_PATH: a folder is a package's by
-        its own name or by the ``<name>`` of its package.xml. The first that has the file counts.
+        `file://` URLs, `package://` URLs and paths relative to the folder. A package is searched in the folder, its
+        ancestors and their subfolders, then in $ROS_PACKAGE_PATH and $AMENT_PREFIX_PATH. A folder matches by its own
+        name or by the ``<name>`` of its package.xml; the first match that contains the file is used.
 
-        Raises MeshError for other URLs, for what xacro would have filled in, where no package of that name is found,
-        and where none of those found has the file.
+        Raises MeshError for other URLs, unexpanded xacro expressions, a package that is not found, and a file that is in
+        none of the packages found.
         """
         printable_name = "".join(c if c.isprintable() else "?" for c in name[:200])
         scheme, separator, rest = name.partition("://")
@@ -79,7 +79,7 @@ class MeshResolver:
         )
 
     def _candidate_roots(self, package: str) -> Iterator[Path]:
-        """Folders that may be the package's: first those so named, then those whose package.xml says so."""
+        """Folders that may be the package: first by folder name, then by package.xml."""
         bases = [*_with_ancestors(self.folder), *_environment_folders()]
         for base in bases:
             yield base / package
@@ -92,7 +92,7 @@ class MeshResolver:
 
 
 def _environment_folders() -> list[Path]:
-    """Folders of packages that the environment names."""
+    """Folders of packages named by environment variables."""
     return [
         Path(entry) / inside
         for variable, inside in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share"))
@@ -102,7 +102,7 @@ def _environment_folders() -> list[Path]:
 
 
 def _with_ancestors(folder: Path) -> list[Path]:
-    """A folder and those above it; also as they really are where a link leads elsewhere."""
+    """A folder and its ancestors, also of its resolved path if it is a symbolic link."""
     absolute, real = Path(os.path.abspath(folder)), Path(os.path.realpath(folder))
     levels = [absolute, *list(absolute.parents)[:MAX_LEVELS]]
     if real != absolute:
@@ -121,7 +121,7 @@ def _subfolders(folder: Path) -> list[Path]:
 
 
 def _manifest_name(folder: Path) -> str:
-    """The ``<name>`` in a folder's package.xml; "" where there is none that can be read."""
+    """The ``<name>`` in a folder's package.xml; "" if it is missing or unreadable."""
     from xml.etree.ElementTree import ParseError
 
     from defusedxml import DefusedXmlException

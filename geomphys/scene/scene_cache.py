@@ -1,7 +1,7 @@
-"""Worlds kept between runs: reading and checking meshes and their hulls takes longer than many a replay.
+"""Disk cache of loaded worlds: reading meshes and computing hulls can take longer than a replay.
 
-A world is found again by the name of its scene file and what it is read with. It is taken if every file it was made of
-has the same bytes as then, and so has the package.
+The key is the path of the scene file, the load options and the version (sources) of the package. An entry is valid
+while every file it was made from has the same content.
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ from geomphys.scene.source_files import Sources
 from geomphys.storage.cache import Store, sources, user_cache_folder
 
 MAX_WORLDS = 100
-"""Worlds; the oldest give way."""
+"""Cached worlds; the oldest are removed."""
 LIBRARIES = ("coacd", "numpy", "scipy", "trimesh", "yourdfpy")
-"""Those that bear on a world."""
+"""Distributions whose version is part of the key."""
 SEARCH_PATH_VARIABLES = ("AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH")
-"""Variables that say where files are looked for."""
+"""Environment variables with search paths; part of the key."""
 
 
 def load_cached_world(path: Path, mode: str | None, seed: int) -> World | None:
-    """Return the world of a scene file as it was kept; None if there is none, or one of its files is not as it was."""
+    """Return the cached world of a scene file; None if there is none or one of its files changed."""
     cached: tuple[World, Sources] | None = _store().load(_cache_key(path, mode, seed))
     return cached[0] if cached is not None and cached[1].are_unchanged() else None
 
 
 def cache_world(world: World, sources_of_world: Sources, mode: str | None, seed: int) -> None:
-    """Keep a world for the next run, if it is made of more than its scene file and nothing of it was missing."""
+    """Cache a world, unless it consists of its scene file alone or visuals were skipped."""
     if len(sources_of_world.contents) < 2 or world.findings.not_shown:
         return
     store = _store()
     store.save(_cache_key(world.path, mode, seed), (world, sources_of_world))
-    with suppress(OSError):  # another process was faster, or nothing can be written
+    with suppress(OSError):  # removed by another process, or read-only
         for oldest in sorted(store.folder.iterdir(), key=lambda file: file.stat().st_mtime)[:-MAX_WORLDS]:
             oldest.unlink(missing_ok=True)
 
@@ -54,7 +54,7 @@ def _cache_key(path: Path, mode: str | None, seed: int) -> str:
 
 @lru_cache(maxsize=1)
 def _version() -> str:
-    """All that makes other worlds of the same files."""
+    """Digest of the package's sources and library versions."""
     digest = hashlib.sha256(" ".join(version(name) for name in LIBRARIES).encode())
     for name, text in sources().items():
         digest.update(f"{name}\0{len(text)}\0".encode() + text)

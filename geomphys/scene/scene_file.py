@@ -1,4 +1,4 @@
-"""The scene file: a strict model of its TOML, and errors that name file, key and value."""
+"""Reads and validates scene files (TOML, pydantic models); errors name file, key and value."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ from geomphys.scene.source_files import track_contents
 MAX_FILE_BYTES = 4 * 2**20
 """bytes; a larger scene file is refused."""
 MAX_KEY_PARTS = 32
-"""parts of a dotted key; the parser needs memory by their square"""
+"""parts of a dotted key; tomllib needs memory quadratic in them"""
 _KEY_PART = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
 _LONG_KEY = re.compile(rf"(?:^|[\[{{,])[ \t]*(?:{_KEY_PART}\.[ \t]*){{{MAX_KEY_PARTS},}}", re.MULTILINE)
 
@@ -56,7 +56,7 @@ _SHAPES = ("mesh", "box", "sphere", "cylinder", "capsule", "urdf")
 
 
 class SceneTable(Table):
-    """`[scene]`: what holds everywhere."""
+    """`[scene]`: global settings."""
 
     name: Text = "scene"
     gravity: Annotated[
@@ -70,7 +70,7 @@ class SceneTable(Table):
 
 
 class MaterialPair(Table):
-    """`[[material_pair]]`: restitution and friction of two materials that meet; overrides a built-in pair."""
+    """`[[material_pair]]`: restitution and friction of two materials in contact; overrides a built-in pair."""
 
     materials: Pair
     restitution: Annotated[float, Field(ge=0.0, le=1.0)]
@@ -85,7 +85,7 @@ class Coupling(Table):
 
 
 class ObjectTable(Table):
-    """`[[object]]`: a thing of the scene."""
+    """`[[object]]`: a fixed, simulated or driven body."""
 
     name: Name
     class_: Literal["fixed", "simulated", "driven"] = Field(alias="class")
@@ -113,12 +113,12 @@ class ObjectTable(Table):
 
     @property
     def rotation(self) -> Quaternion:
-        """The rotation x y z w, however it is written."""
+        """Rotation x y z w from `orientation`, `rpy` or `up`."""
         return rotation_of(self.orientation, self.rpy, self.up)
 
     @property
     def shape(self) -> str:
-        """Which of mesh, box, sphere, cylinder, capsule, urdf it is."""
+        """The shape key that is set: mesh, box, sphere, cylinder, capsule or urdf."""
         return next(key for key in _SHAPES if getattr(self, key) is not None)
 
     @model_validator(mode="after")
@@ -164,7 +164,7 @@ class ChainTable(Table):
 
 
 class ReachConeTable(Table):
-    """`[[avatar.reach_cone]]`: the polygon of directions a compound joint may point its limb in."""
+    """`[[avatar.reach_cone]]`: polygon of allowed limb directions of a compound joint."""
 
     joints: Annotated[tuple[Text, ...], BeforeValidator(sequence), Field(min_length=1, max_length=16)]
     limb: Direction
@@ -205,7 +205,7 @@ class AvatarTable(Table):
 
 
 class SceneFile(Table):
-    """A whole scene file."""
+    """A scene file."""
 
     scene: SceneTable = SceneTable()
     recording: RecordingTable = RecordingTable()
@@ -247,13 +247,13 @@ def load_scene_file(path: Path) -> SceneFile:
     Raises
     ------
     SceneError
-        One line with the file, the key, its value and what is expected instead. Files it names are not opened here.
+        One line with the file, the key, its value and what is expected instead. Files it names are not opened.
     """
     return parse_scene(_read(path), path)
 
 
 def parse_scene(text: str, path: Path) -> SceneFile:
-    """Check the text of a scene file; `path` is what errors call it."""
+    """Validate the text of a scene file; `path` names it in errors."""
     if found := _LONG_KEY.search(text):
         line = text[: found.start() + 1].count("\n") + 1
         raise SceneError(f"{path}: line {line}: a key of more than {MAX_KEY_PARTS} parts, which no scene file has")
@@ -263,7 +263,7 @@ def parse_scene(text: str, path: Path) -> SceneFile:
         raise SceneError(f"{path}: not valid TOML: {one_line(str(error))}") from error
     except RecursionError:
         raise SceneError(f"{path}: not valid TOML: tables or arrays are nested too deep") from None
-    except ValueError as error:  # a number of more digits than Python converts
+    except ValueError as error:  # an integer with more digits than Python converts
         raise SceneError(f"{path}: not valid TOML: {one_line(str(error))}") from error
     try:
         return SceneFile.model_validate(table)

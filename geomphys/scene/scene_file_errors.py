@@ -1,4 +1,4 @@
-"""What is wrong with a scene file, on one line: key, value, what is expected instead."""
+"""One-line error messages for scene files: key, value, what is expected."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother, _SHORT.maxlist = 3, 80, 80, 
 
 
 def fault(text: str) -> PydanticCustomError:
-    """What a validator of the model raises; the text tells what is wrong."""
+    """Validation error with this text, for the model's validators to raise."""
     return PydanticCustomError("scene", "{text}", {"text": text})
 
 
 def explain(error: ValidationError, table: dict[str, Any], models: Mapping[str, type[BaseModel]]) -> str:
-    """The first fault of a table, and how many more there are.
+    """The first validation error of a table, and the number of further ones.
 
-    `models` are the tables of the file by the key they stand under, the whole file under "".
+    `models` are the file's models by key, that of the whole file under "".
     """
     faults = error.errors(include_url=False)
     first = faults[0]
@@ -48,7 +48,7 @@ def explain(error: ValidationError, table: dict[str, Any], models: Mapping[str, 
 
 
 def shortened(value: object) -> str:
-    """A value as it may stand in an error: short, on one line."""
+    """A value for an error message: one line, at most 80 characters."""
     if isinstance(value, tuple):
         value = list(value)
     text = one_line(_SHORT.repr(value))
@@ -56,12 +56,12 @@ def shortened(value: object) -> str:
 
 
 def one_line(text: str) -> str:
-    """Without line breaks and control characters, which a terminal would obey."""
+    """Text without line breaks and control characters."""
     return "".join(c if c.isprintable() else " " for c in text)
 
 
 def _expected(kind: str, context: Mapping[str, Any], otherwise: str) -> str:
-    """What pydantic says, in the words of a scene file."""
+    """The message of pydantic in terms of a scene file."""
     messages = {
         "float_type": "expected a number",
         "finite_number": "expected a finite number",
@@ -90,12 +90,12 @@ def _expected(kind: str, context: Mapping[str, Any], otherwise: str) -> str:
 
 
 def _is_branch(part: object) -> bool:
-    """Whether a part of a location names no key: a branch of a union, or that a name of a table is meant itself."""
+    """Whether a part of a location is no key of the file: a branch of a union, or pydantic's ``[key]``."""
     return isinstance(part, str) and (part in ("Coupling", "[key]") or part.startswith("literal["))
 
 
 def _key_path(location: Location, table: dict[str, Any]) -> str:
-    """`object[0] ('table').box[2]`: where in the file; `class_` and the like never show."""
+    """`object[0] ('table').box[2]`: position in the file, with the names of named tables."""
     text = ""
     node: Any = table
     for part in location:

@@ -1,4 +1,4 @@
-"""The values a scene file is written in: names, lengths, rotations, with the bounds they must keep."""
+"""Annotated types of the values in a scene file: names, lengths, rotations, with their bounds."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from geomphys.numerics.transforms import quaternion_from_rpy
 from geomphys.scene.scene_file_errors import fault
 
 UNIT_TOLERANCE = 1e-2
-"""How far the norm of a quaternion may be from 1; within that it is normalised."""
+"""Allowed deviation of a quaternion's norm from 1; within it, it is normalised."""
 MAX_DELAY_S = 600.0
-"""s by which the times of a topic may be shifted"""
+"""s; largest shift of the times of a topic"""
 
 _RESERVED = ("world", "recorded")
 _RPY_TO_Z_UP = {"z": (0.0, 0.0, 0.0), "y": (90.0, 0.0, 0.0)}  # rpy that takes this axis to z
 
 
 def sequence(value: object) -> object:
-    """TOML arrays come as lists, the model holds tuples."""
+    """Convert a TOML array (list) to the tuple of the model."""
     return tuple(value) if isinstance(value, list) else value
 
 
 def _printable_text(value: object) -> object:
-    """Names and topics go to terminals and channels: no control characters, no blanks around."""
+    """Require printable text of at most 512 characters without surrounding blanks."""
     if isinstance(value, str):
         if not value or value != value.strip():
             raise fault("must not be empty or have blanks around it")
@@ -37,7 +37,7 @@ def _printable_text(value: object) -> object:
 
 
 def _name_without_separators(value: object) -> object:
-    """Names of objects, avatars and chains are parts of frame ids and topics."""
+    """Require a name usable in frame ids and topics: no '/', no '#', not reserved."""
     if isinstance(_printable_text(value), str) and isinstance(value, str):
         if "/" in value or "#" in value:
             raise fault("must not hold '/' or '#'")
@@ -47,7 +47,7 @@ def _name_without_separators(value: object) -> object:
 
 
 def _unit_quaternion(value: object) -> object:
-    """Quaternions within `UNIT_TOLERANCE` of norm 1; exactly unit ones stay as they are, bit for bit."""
+    """Normalise a quaternion within `UNIT_TOLERANCE` of norm 1; exact ones stay bit for bit."""
     if isinstance(value, tuple) and len(value) == 4 and all(isinstance(v, int | float) for v in value):
         norm = math.hypot(*value)
         if math.isfinite(norm):
@@ -59,19 +59,19 @@ def _unit_quaternion(value: object) -> object:
 
 
 def _as_tuple(value: object) -> object:
-    """A text alone is as good as a list of one."""
+    """Convert a single string to a tuple of one."""
     return (value,) if isinstance(value, str) else sequence(value)
 
 
 def _as_integer(value: object) -> object:
-    """1.0 is as good as 1; true is not."""
+    """Convert 1.0 to 1; booleans are errors."""
     if isinstance(value, bool):
         raise fault("expected 1 or -1")
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def _factor(value: object) -> object:
-    """A factor of zero would make a joint stand still without a word."""
+    """Refuse zero, which would fix a joint silently."""
     if isinstance(value, int | float) and value == 0:
         raise fault("would make the joint stand still: leave the joint out by `ignore` instead")
     return value
@@ -111,5 +111,5 @@ Decomposition: TypeAlias = Literal["auto", "hull", "coacd"]
 
 
 def rotation_to_z_up(axis: Axis) -> tuple[float, float, float, float]:
-    """Rotation x y z w that takes an axis to z: none for z, +90 degrees about x for y (so that z goes to -y)."""
+    """Rotation x y z w that takes `axis` to z: identity for z, +90 degrees about x for y (z goes to -y)."""
     return quaternion_from_rpy(_RPY_TO_Z_UP[axis])

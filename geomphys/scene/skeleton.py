@@ -1,8 +1,8 @@
-"""A URDF as a tree of links: joints, limits, mimic joints, the geometry of each link, forward kinematics in numpy.
+"""The kinematic tree of a URDF: links, joints, limits, mimic joints, and forward kinematics in numpy.
 
-The file is first read by defusedxml (entities and DTDs refused) and checked for what URDF demands, so that errors can
-name the element; yourdfpy then turns it into objects. yourdfpy loads no mesh and nothing is fetched: mesh names are
-turned into local paths by `geomphys.scene.urdf_file`.
+The file is parsed by defusedxml (entities and DTDs refused) and validated, so that errors name the element; yourdfpy
+then builds the objects. yourdfpy loads no meshes and nothing is fetched: `geomphys.scene.urdf_file` resolves mesh names
+to local paths.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Link:
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """The joint above a link."""
+    """The joint between a link and its parent."""
 
     name: str
     type: str  # fixed, revolute, continuous or prismatic
@@ -68,10 +68,10 @@ class Skeleton:
     name: str
     links: tuple[Link, ...]
     joints: tuple[Joint | None, ...]  # of each link; None for the root, which is link 0
-    dof_names: tuple[str, ...]  # joints that move on their own, in the order of the links
-    lower: Floats  # (Q,) limits of the dofs, also those their mimic joints impose
+    dof_names: tuple[str, ...]  # independent moving joints, in the order of the links
+    lower: Floats  # (Q,) limits of the dofs, including those of their mimic joints
     upper: Floats  # (Q,)
-    not_shown: tuple[str, ...] = ()  # what is wrong with visuals, which are left out
+    not_shown: tuple[str, ...] = ()  # problems of visuals that are skipped
 
     def index(self, link: str) -> int | None:
         """Index of a link by name."""
@@ -91,7 +91,7 @@ class Skeleton:
         return found
 
     def neighbours(self) -> set[tuple[int, int]]:
-        """Pairs (a, b), a < b, of links with collision geometry and no other such link on the way between them."""
+        """Pairs (a, b), a < b, of links with collision geometry and no other such link on the path between them."""
         adjacent: list[list[int]] = self.children()
         for child, joint in enumerate(self.joints):
             if joint is not None:
@@ -157,13 +157,13 @@ class Skeleton:
 
 
 def load_skeleton(path: Path) -> Skeleton:
-    """Read a URDF. Where all hangs on a floating or planar joint, the link below that is the root.
+    """Read a URDF. If the whole model is below a floating or planar joint, that joint's child is the root.
 
     Raises
     ------
     ModelError
         A missing or unreadable file, entities, absent attributes, unknown joint types, values that are no finite
-        numbers, several roots, cycles, joints whose links are missing, mimic joints that follow nothing or each other.
+        numbers, several roots, cycles, joints whose links are missing, mimic joints without a moving joint to follow.
     MeshError
         A mesh name that is no path to a local mesh file. The meshes themselves are not read here.
     """
@@ -221,7 +221,7 @@ def load_skeleton(path: Path) -> Skeleton:
 
 
 def require_solid(skeleton: Skeleton) -> None:
-    """Raise ModelError for a model of which nothing can touch."""
+    """Raise ModelError for a model without collision geometry."""
     if not any(link.collisions for link in skeleton.links):
         has_visuals = any(link.visuals for link in skeleton.links) or skeleton.not_shown
         advice = "copy the <geometry> of its visuals into" if has_visuals else "give its links"
@@ -237,7 +237,7 @@ def meshes_of(skeleton: Skeleton) -> list[Path]:
 
 
 def _below_free_joint(path: Path, order: list[str], robot: Urdf) -> tuple[list[str], Urdf]:
-    """Links, parents first, and the model, both without what is above a floating or planar joint that all hangs on."""
+    """Link names (parents first) and the model without what is above a floating or planar joint of the whole model."""
     joint_above = set(links_above_free_joint(JointEnds(j.type, j.parent, j.child) for j in robot.joints))
     joints = [joint for joint in robot.joints if joint.parent not in joint_above]
     for joint in joints:
@@ -262,7 +262,7 @@ def _below_free_joint(path: Path, order: list[str], robot: Urdf) -> tuple[list[s
 
 
 def _ordered(path: Path, robot: Any) -> list[str]:
-    """Link names, parents first; refuses anything but one tree."""
+    """Link names, parents first; ModelError unless the joints form one tree."""
     names = [link.name for link in robot.links]
     children: dict[str, list[str]] = {}
     parent: dict[str, Any] = {}
@@ -292,7 +292,7 @@ def _ordered(path: Path, robot: Any) -> list[str]:
 
 
 def _mimic_source(path: Path, joint: Any, moving: dict[str, Any]) -> tuple[str, float, float]:
-    """The joint that moves on its own behind a row of mimic joints, and angle = multiplier * its angle + offset."""
+    """The independent joint at the end of a series of mimic joints, and angle = multiplier * its angle + offset."""
     multiplier, offset, seen = 1.0, 0.0, {joint.name}
     while joint.mimic is not None:
         offset += multiplier * joint.mimic.offset
@@ -331,9 +331,9 @@ def _limits(path: Path, joint: Any) -> tuple[float, float]:
 
 
 def _dof_limits(joints: list[Joint | None], count: int) -> tuple[Floats, Floats]:
-    """Limits of the dofs: their own joint's, narrowed so that no mimic joint leaves its own.
+    """Limits of the dofs: those of their joint, intersected with those of its mimic joints.
 
-    Where that leaves no angle at all (files are careless about the limits of mimic joints) only its own limits count.
+    If the intersection is empty (limits of mimic joints are often careless), only the joint's own limits are used.
     """
     lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
     own_limits = [(j.lower, j.upper) for j in joints if j is not None and j.dof >= 0 and j.mimics is None]

@@ -1,4 +1,4 @@
-"""The files a world is made of: who reads one says so here, and a world that was kept is good as long as they are the same."""
+"""Tracks the files a world is loaded from, so that a cached world can be checked for changes."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from pathlib import Path
 
 @dataclass
 class Sources:
-    """What was found in the file system."""
+    """Files read and paths probed while a world was loaded."""
 
     contents: dict[Path, str] = field(default_factory=dict)
-    """SHA-256 of what was read of each file, by its absolute path."""
+    """Absolute path of each file read -> SHA-256 of its content."""
     existing: dict[Path, bool] = field(default_factory=dict)
-    """Where something was looked for, and whether it was there."""
+    """Absolute path of each file probed -> whether it existed."""
 
     def are_unchanged(self) -> bool:
-        """Whether all would be found the same now."""
+        """Whether all files and probes give the same result now."""
         try:
             return all(path.exists() == found for path, found in self.existing.items()) and all(
                 _digest(path.read_bytes()) == digest for path, digest in self.contents.items()
@@ -34,7 +34,7 @@ _active_sources: ContextVar[Sources | None] = ContextVar("_active_sources", defa
 
 @contextmanager
 def tracked_sources() -> Iterator[Sources]:
-    """Note what is read within the block."""
+    """Record what is read within the block."""
     sources = Sources()
     token = _active_sources.set(sources)
     try:
@@ -44,7 +44,7 @@ def tracked_sources() -> Iterator[Sources]:
 
 
 def track_contents(path: Path, data: bytes) -> bytes:
-    """Note what was read of a file; returns it."""
+    """Record the content read from a file; returns `data`."""
     sources = _active_sources.get()
     if sources is not None:
         sources.contents[path.absolute()] = _digest(data)
@@ -52,7 +52,7 @@ def track_contents(path: Path, data: bytes) -> bytes:
 
 
 def path_exists(path: Path) -> bool:
-    """Look for something, and note whether it is there; what cannot be a path is not."""
+    """Whether a path exists, recorded; False for names that cannot be paths."""
     try:
         found = path.exists()
     except (OSError, ValueError):

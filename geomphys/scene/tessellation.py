@@ -1,6 +1,6 @@
-"""Triangles of primitives, for the eye and for triangle engines; nothing here feeds the physics.
+"""Triangle meshes of primitives, for display and for triangle-based checks; the physics uses the exact shapes.
 
-Corners lie on the surface, triangles are counter-clockwise seen from outside.
+Vertices lie on the surface; triangles are counter-clockwise seen from outside.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ Ints = NDArray[np.int64]
 Triangles = tuple[Floats, Ints]
 
 DISPLAY_SEGMENTS = 24
-"""Segments around a round shape that is shown: it falls short of the circle by 0.9 % of the radius."""
+"""Segments of round shapes for display: at most 0.9 % of the radius inside the circle."""
 COLLISION_SEGMENTS = 96
-"""Segments where triangles stand for the shape: short by 0.05 % of the radius."""
+"""Segments of round shapes for triangle-based checks: at most 0.05 % of the radius inside the circle."""
 
 
 @lru_cache(maxsize=4096)
@@ -52,7 +52,7 @@ def capsule_triangles(radius: float, height: float, segments: int) -> Triangles:
 
 
 def triangulate_faces(vertices: Floats, loops: list[Ints]) -> Triangles:
-    """Triangles of convex faces, each a loop of corners."""
+    """Triangulate convex faces, each given as a loop of vertices."""
     faces = [(loop[0], loop[k], loop[k + 1]) for loop in loops for k in range(1, len(loop) - 1)]
     return _read_only(vertices, np.array(faces, dtype=np.int64))
 
@@ -69,7 +69,7 @@ def merge_surfaces(parts: list[Triangles]) -> Triangles:
 
 
 def _surface_of_revolution(radii: Floats, heights: Floats, segments: int) -> Triangles:
-    """A profile from pole to pole turned about z; its first and last radius are poles."""
+    """Surface of revolution about z of a profile; its first and last points are poles on the axis."""
     angles = np.arange(segments) * (2 * np.pi / segments)
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     rings = [
@@ -88,6 +88,6 @@ def _surface_of_revolution(radii: Floats, heights: Floats, segments: int) -> Tri
 
 
 def _read_only(vertices: Floats, faces: Ints) -> Triangles:
-    """Read-only: surfaces are shared between bodies."""
+    """Make the arrays read-only: surfaces are shared between bodies."""
     vertices.flags.writeable = faces.flags.writeable = False
     return vertices, faces

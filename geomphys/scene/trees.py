@@ -1,4 +1,4 @@
-"""The avatars and objects of a scene file as trees of bodies: their URDFs and meshes read, nothing laid out yet."""
+"""Reads the avatars and objects of a scene file as trees of bodies, with their URDFs and meshes."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from geomphys.scene.urdf_file import BoxShape, CapsuleShape, CylinderShape, Mesh
 DEFAULT_DENSITY = 1000.0
 """kg/m³, where a scene file gives neither density nor mass"""
 DRIVEN_MASS = 0.4
-"""kg, of a driven object without mass or density: that of a hand"""
+"""kg; default mass of a driven object, about that of a hand"""
 _ROLES = {"fixed": FIXED, "simulated": SIMULATED, "driven": DRIVEN}
 
 
 @dataclass(eq=False)
 class TreeBody:
-    """A body and its names."""
+    """A body with its names, collision geometry, mass and display mesh."""
 
-    name: str  # of contacts
+    name: str  # name in /contacts
     frame: str  # child frame id of the output
     geometry: BodyGeometry
     mass: MassProperties
-    shown: Triangles
+    visual: Triangles
 
 
 @dataclass(eq=False)
@@ -51,16 +51,16 @@ class Tree:
     chains: list[tuple[int, ...]] = field(default_factory=list)  # links
     cones: list[ReachCone] = field(default_factory=list)
     in_chains: bool = False
-    not_shown: list[str] = field(default_factory=list)  # link, what is wrong with a visual of it
+    not_shown: list[str] = field(default_factory=list)  # link name and problem of each skipped visual
 
     @property
     def topic(self) -> str | None:
-        """Where the root's pose comes from."""
+        """Topic of the root's pose; None for a static root."""
         return self.table.root.topic if isinstance(self.table, AvatarTable) else self.table.topic
 
     @property
     def delay(self) -> float:
-        """Seconds that are added to the times of its topic."""
+        """s, added to the times of its topic."""
         return self.table.root.delay if isinstance(self.table, AvatarTable) else self.table.delay
 
     @property
@@ -71,7 +71,7 @@ class Tree:
 
 
 def read_avatar(table: AvatarTable, path: Path, loader: GeometryLoader, prefix_frames: bool, mode: str) -> Tree:
-    """An avatar's tree; `prefix_frames`: whether the output's frame ids need the avatar's name.
+    """Read an avatar; `prefix_frames`: whether its frame ids start with the avatar's name.
 
     Raises SceneError, ModelError, MeshError.
     """
@@ -96,7 +96,7 @@ def read_avatar(table: AvatarTable, path: Path, loader: GeometryLoader, prefix_f
 
 
 def read_object(table: ObjectTable, path: Path, loader: GeometryLoader) -> Tree:
-    """An object's tree.
+    """Read an object.
 
     Raises SceneError, ModelError, MeshError.
     """
@@ -110,14 +110,14 @@ def read_object(table: ObjectTable, path: Path, loader: GeometryLoader) -> Tree:
             body.mass = body.geometry.mass.scaled(density)
         return Tree(table.name, table, role, table.material, 0.0, bodies, skeleton, not_shown=not_shown)
     shapes: list[ShapeInBody] = [(_shape(table, path), np.eye(4))]
-    geometry = loader.body(shapes, table.decomposition, where)
+    geometry = loader.body_geometry(shapes, table.decomposition, where)
     if geometry.mass.mass == 0.0:
         raise MeshError(f"{where}: {table.mesh} encloses no volume: check its triangles")
     mass = table.mass
     if mass is None and role == DRIVEN and table.density is None:
         mass = DRIVEN_MASS
     solid = geometry.mass.scaled(density) if mass is None else geometry.mass.with_mass(mass)
-    body = TreeBody(table.name, table.name, geometry, solid, loader.shown(shapes, where))
+    body = TreeBody(table.name, table.name, geometry, solid, loader.visual_triangles(shapes, where))
     return Tree(table.name, table, role, table.material, solid.mass, [body])
 
 
@@ -145,7 +145,7 @@ def _skeleton(urdf: str, path: Path, where: str) -> Skeleton:
 def _link_bodies(
     skeleton: Skeleton, owner: str, prefix: str, method: Decomposition, loader: GeometryLoader
 ) -> tuple[list[TreeBody], list[str]]:
-    """The bodies of a model, and what is wrong with its visuals."""
+    """The bodies of a model, and the problems of its skipped visuals."""
     loader.require_closed(
         [(g.shape, link.name) for link in skeleton.links for g in link.collisions], method, skeleton.path
     )
@@ -156,24 +156,24 @@ def _link_bodies(
         for g in link.collisions
         if isinstance(g.shape, MeshShape)
     ]
-    loader.prepare(meshes)
+    loader.decompose_meshes(meshes)
     for link in skeleton.links:
         where = f"{skeleton.path}: link {link.name!r}"
         solids = [(g.shape, g.link_from_shape) for g in link.collisions]
-        geometry = loader.body(solids, method, where)
-        shown = _visual_triangles(link, where, loader, not_shown)
-        bodies.append(TreeBody(f"{owner}/{link.name}", f"{prefix}{link.name}", geometry, ZERO_MASS, shown))
+        geometry = loader.body_geometry(solids, method, where)
+        visual = _visual_triangles(link, where, loader, not_shown)
+        bodies.append(TreeBody(f"{owner}/{link.name}", f"{prefix}{link.name}", geometry, ZERO_MASS, visual))
     return bodies, not_shown
 
 
 def _visual_triangles(link: Link, where: str, loader: GeometryLoader, not_shown: list[str]) -> Triangles:
-    """What is shown of a link: its visuals as far as they can be read, what it collides with where it has none."""
+    """Display mesh of a link: its readable visuals, or its collision geometry if there are none."""
     surfaces = []
     for visual in link.visuals:
         try:
-            surfaces.append(loader.shown([(visual.shape, visual.link_from_shape)], where))
+            surfaces.append(loader.visual_triangles([(visual.shape, visual.link_from_shape)], where))
         except MeshError as fault:
             not_shown.append(f"link {link.name!r}: {str(fault).removeprefix(f'{where}: ')}")
     if surfaces:
         return merge_surfaces(surfaces)
-    return loader.shown([(g.shape, g.link_from_shape) for g in link.collisions], where)
+    return loader.visual_triangles([(g.shape, g.link_from_shape) for g in link.collisions], where)

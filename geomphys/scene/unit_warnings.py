@@ -1,4 +1,4 @@
-"""Bodies so large or so small that their lengths are probably not metres."""
+"""Warnings about bodies whose size suggests a wrong unit or scale."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from geomphys.scene.trees import Tree, TreeBody
 Floats = NDArray[np.float64]
 
 MAX_PLAUSIBLE = 5.0
-"""m; what is longer is probably in millimetres"""
+"""m; longer bodies are probably in millimetres"""
 MIN_PLAUSIBLE = 5e-4
-"""m; what is shorter has probably been scaled twice"""
+"""m; shorter bodies have probably been scaled twice"""
 
 
 def unit_warnings(trees: Sequence[Tree]) -> Iterator[str]:
-    """A line for each object, and each model, of which something is longer than `MAX_PLAUSIBLE` or shorter than `MIN_PLAUSIBLE`.
+    """One warning for each object or model with a body longer than `MAX_PLAUSIBLE` or shorter than `MIN_PLAUSIBLE`.
 
-    A fixed primitive may be long (a floor, a wall): it counts by its shortest side.
+    Fixed primitives may be long (a floor, a wall): they are judged by their shortest side.
     """
     for tree in trees:
         sizes = [_size(body) for body in tree.bodies]
@@ -80,8 +80,8 @@ def _model_warning(tree: Tree, suspicious: list[tuple[float, TreeBody]], is_larg
 
 
 def _size(body: TreeBody) -> float:
-    """Longest side of what collides or is shown, m."""
-    return max(float(_sides(triangles).max()) for triangles in (body.geometry.triangles, body.shown))
+    """Longest side of the bounding boxes of collision and display geometry, m."""
+    return max(float(_sides(triangles).max()) for triangles in (body.geometry.triangles, body.visual))
 
 
 def _sides(triangles: Triangles) -> Floats:

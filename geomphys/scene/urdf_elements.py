@@ -1,6 +1,6 @@
-"""The elements of a URDF, checked one by one, so that an error can name the one that is wrong.
+"""Validates the elements of a URDF, so that errors name the element.
 
-What is wrong with a *visual* is no error: that element is left out, and reported.
+An invalid *visual* is no error: it is skipped and reported.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ MAX_ATTRIBUTE_LENGTH = 65_536
 JOINT_TYPES = ("fixed", "revolute", "continuous", "prismatic")
 SHAPES = ("box", "cylinder", "sphere", "capsule", "mesh")
 MAX_VALUE = 1e6
-"""m or rad; a larger number in a model is taken for a mistake"""
+"""m or rad; larger numbers are errors"""
 MIN_LENGTH = 1e-6
-"""m; a smaller length of a shape is taken for a mistake"""
+"""m; smaller lengths of shapes are errors"""
 
 # element -> attribute -> how many numbers (None: one or three)
 _NUMBERS: dict[str, dict[str, int | None]] = {
@@ -44,18 +44,20 @@ _USED_ELEMENTS = {"link": ("visual", "collision"), "joint": ("origin", "parent",
 
 
 class CheckedRobot(NamedTuple):
-    """What is read of a robot's tree: its links and joints without anything else."""
+    """The validated part of a ``<robot>`` element: links and joints only."""
 
     root: Element
-    capsules: set[tuple[str, str, int]]  # link, "visual" or "collision", which of them: given as a cylinder
-    not_shown: list[str]  # visuals that were left out, and why
+    capsules: set[
+        tuple[str, str, int]
+    ]  # (link, "visual" or "collision", index) of capsules, which `root` has as cylinders
+    not_shown: list[str]  # problems of skipped visuals
     resolver: MeshResolver
 
 
 def checked_robot(path: Path, root: Any) -> CheckedRobot:
-    """Check the elements of a URDF's tree.
+    """Validate the elements of a URDF.
 
-    Raises ModelError (file, element, what is wrong) and MeshError (names of collision meshes that are no local path).
+    Raises ModelError (file, element, what is wrong) and MeshError (mesh names that cannot be resolved).
     """
     _check_bounds(path, root)
     if root.tag != "robot":
@@ -120,7 +122,7 @@ def _check_joint(path: Path, name: str, element: Any) -> None:
 
 
 def _copy_shapes(path: Path, name: str, element: Any, target: Element, checked: CheckedRobot) -> None:
-    """Take over the sound visuals and the collisions of a link."""
+    """Copy the valid visuals and all collisions of a link to `target`."""
     for kind in _USED_ELEMENTS["link"]:
         number = 0
         for entry in element.findall(kind):
@@ -136,7 +138,7 @@ def _copy_shapes(path: Path, name: str, element: Any, target: Element, checked: 
             if (origin := entry.find("origin")) is not None:
                 copy.append(origin)
             tag = shape.tag
-            if tag == "capsule":  # yourdfpy has none
+            if tag == "capsule":  # not supported by yourdfpy
                 checked.capsules.add((name, kind, number))
                 tag = "cylinder"
             SubElement(SubElement(copy, "geometry"), tag, dict(shape.attrib))
@@ -144,7 +146,7 @@ def _copy_shapes(path: Path, name: str, element: Any, target: Element, checked: 
 
 
 def _check_shape(path: Path, name: str, kind: str, entry: Any, resolver: MeshResolver) -> None:
-    """A visual or collision element: one known shape with numbers that can be."""
+    """Validate a visual or collision element: one known shape with valid numbers."""
     where = f"{path}: link {name!r}"
     geometry = entry.find("geometry")
     shapes = [] if geometry is None else list(geometry)
@@ -195,6 +197,6 @@ def _floats(text: str) -> list[float]:
 
 
 def quoted(text: str) -> str:
-    """Text of a file as a message may show it: quoted, printable, not long."""
+    """Text from a file for an error message: quoted, printable, at most 60 characters."""
     plain = "".join(c if c.isprintable() else " " for c in text)
     return repr(plain if len(plain) <= 60 else plain[:57] + "...")

@@ -1,4 +1,4 @@
-"""The text of a URDF: refused where hostile or wrong, read by yourdfpy, its mesh names turned into local paths."""
+"""Reads URDF files: XML validated (no entities, no DTDs), parsed by yourdfpy, mesh names resolved to local paths."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class CapsuleShape:
 
 @dataclass(frozen=True)
 class MeshShape:
-    """A mesh file and what its coordinates are multiplied by."""
+    """A mesh file and its scale."""
 
     path: Path
     scale: tuple[float, float, float]
@@ -78,15 +78,15 @@ class Urdf(NamedTuple):
     name: str
     links: list[UrdfLink]
     joints: list[Any]
-    not_shown: tuple[str, ...]  # what is wrong with visuals, which are left out
+    not_shown: tuple[str, ...]  # problems of skipped visuals
 
 
 def read_urdf(path: Path) -> Urdf:
-    """Read and check a URDF's elements one by one; how they hang together is checked by `load_skeleton`.
+    """Read and validate the elements of a URDF; the tree structure is checked by `load_skeleton`.
 
-    Only what is used is read: whatever else is wrong in the file does no harm. A capsule's length is without its caps.
+    Elements that are not used are not validated. A capsule's length is without its caps.
 
-    Raises ModelError (file, element, what is wrong) and MeshError (names of collision meshes that are no local path).
+    Raises ModelError (file, element, what is wrong) and MeshError (names of collision meshes that cannot be resolved).
     """
     checked = checked_robot(path, _parsed_xml(path, _read(path)))
     import yourdfpy
@@ -132,7 +132,7 @@ def _read(path: Path) -> bytes:
 
 
 def _parsed_xml(path: Path, data: bytes) -> Element:
-    """The XML tree; ModelError where it is none, or declares entities or a DTD."""
+    """Parse the XML; ModelError if it is malformed or declares entities or a DTD."""
     from defusedxml import DefusedXmlException
     from defusedxml.ElementTree import fromstring
 

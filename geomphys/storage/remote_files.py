@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, TypeGuard, cast
 
 from geomphys.errors import InputError
-from geomphys.storage.remote_stream import NO_PARTS, RangeStream, as_os_errors
+from geomphys.storage.remote_stream import NO_RANGES, RangeStream, as_os_errors
 
 BLOCK = 2**20
 """Bytes that are asked for at once."""
@@ -263,7 +263,7 @@ class RemotePath:
             file = self._system().open(self._inside, "rb", **options)
             if not sequential and not file.seekable():
                 file.close()
-                raise OSError(errno.ESPIPE, NO_PARTS, self.url)
+                raise OSError(errno.ESPIPE, NO_RANGES, self.url)
         return cast(BinaryIO, RangeStream(file, self.url))
 
     def ranges(self, parts: Sequence[tuple[int, int]]) -> list[bytes]:
@@ -273,7 +273,7 @@ class RemotePath:
             found = self._system().cat_ranges([self._inside] * len(parts), starts, ends)
         for (start, end), data in zip(parts, found, strict=True):
             if len(data) != end - start:
-                raise OSError(errno.ESPIPE, NO_PARTS, self.url)
+                raise OSError(errno.ESPIPE, NO_RANGES, self.url)
         return list(found)
 
     def read_bytes(self) -> bytes:

@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 
 from geomphys.errors import ConfigError, MeshError
 from geomphys.scene import coacd_process, decomposition
-from geomphys.scene.coverage import grow_to_cover, piece_protrusion, uncovered
+from geomphys.scene.coverage import grow_to_cover, piece_protrusion, uncovered_distance
 from geomphys.scene.decomposition import Decomposed, DecompositionTask, decompose, decompose_all, default_threshold
 from geomphys.scene.mass import of_mesh
 from geomphys.scene.meshes import Mesh, load_mesh
@@ -51,7 +51,7 @@ def table_of_boxes() -> Mesh:
 def test_a_convex_mesh_is_its_hull() -> None:
     mesh = Mesh("ball", *sphere_triangles(0.1, 16))
     pieces = decompose(mesh)
-    assert (pieces.method, len(pieces.hulls), pieces.uncovered) == ("hull", 1, 0.0)
+    assert (pieces.method, len(pieces.hulls), pieces.uncovered_m) == ("hull", 1, 0.0)
     assert np.array_equal(pieces.hulls[0], mesh.vertices)
     assert decompose(mesh, "coacd").method == "hull"
 
@@ -233,10 +233,10 @@ def two_halves(gap: float) -> list[np.ndarray]:
 def test_bare_surface_is_found_and_covered() -> None:
     corners, faces = cube()
     pieces = two_halves(1e-3)
-    bare = uncovered(corners, faces, pieces)
+    bare = uncovered_distance(corners, faces, pieces)
     assert bare == pytest.approx(0.5e-3, rel=0.05)
     grown = grow_to_cover(corners, faces, pieces)
-    assert uncovered(corners, faces, grown) == 0.0
+    assert uncovered_distance(corners, faces, grown) == 0.0
     assert beyond(spread(corners, faces), tuple(grown)) < 1e-9
     assert sum(ConvexHull(g).volume for g in grown) == pytest.approx(1.0, rel=5e-3)
 
@@ -246,7 +246,7 @@ def test_pieces_that_hold_the_surface_are_left_alone() -> None:
     pieces = [np.array(p) for p in two_halves(0.0)]
     for grown, piece in zip(grow_to_cover(corners, faces, pieces), pieces, strict=True):
         np.testing.assert_allclose(np.ptp(grown, axis=0), np.ptp(piece, axis=0), atol=4e-4)
-    assert uncovered(corners, faces, pieces) == 0.0
+    assert uncovered_distance(corners, faces, pieces) == 0.0
 
 
 def test_how_far_pieces_stand_out() -> None:
@@ -263,7 +263,7 @@ def test_the_pillow(shared_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = load_mesh(shared_dir / "models" / "dfki_pillow" / "pillow_small.stl")
     pieces = decompose(mesh)
     assert len(pieces.hulls) <= 30
-    assert pieces.uncovered == 0.0
+    assert pieces.uncovered_m == 0.0
     assert beyond(spread(mesh.vertices, mesh.faces, 5_000), pieces.hulls) < 1e-8
     assert piece_protrusion(mesh.vertices, mesh.faces, pieces.hulls, samples=600) < 4e-3
     volume = of_mesh(mesh.vertices, mesh.faces, 1.0).mass

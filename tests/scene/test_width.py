@@ -35,7 +35,7 @@ def cloud(random: np.random.Generator, kind: str) -> np.ndarray:
     return points
 
 
-@pytest.mark.parametrize("many", [0, hulls.MANY_EDGES], ids=["some pairs", "all pairs"])
+@pytest.mark.parametrize("many", [0, hulls.MAX_EDGES_ALL_PAIRS], ids=["some pairs", "all pairs"])
 @pytest.mark.parametrize("kind", ["normal", "ball", "flat", "needle", "grid", "prism"])
 def test_the_width_is_that_of_the_difference_body(kind: str, many: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(hulls, "MAX_EDGES_ALL_PAIRS", many)
