@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
@@ -16,13 +15,15 @@ from geomphys.scene.decomposition import Progress
 from geomphys.scene.scene_cache import cache_world, load_cached_world
 from geomphys.scene.scene_file import load_scene_file
 from geomphys.scene.source_files import tracked_sources
-from geomphys.storage.remote_files import as_path, is_remote
+from geomphys.storage.remote_files import AnyPath, as_path, is_remote
 
 ZERO_POSE_CLEARANCE = 5e-6
 """m; bodies closer than this in the zero pose count as overlapping there."""
 
 
-def load_world(path: Path | str, *, mode: str | None = None, seed: int = 0, progress: Progress | None = None) -> World:
+def load_world(
+    path: AnyPath | str, *, mode: str | None = None, seed: int = 0, progress: Progress | None = None
+) -> World:
     """Read a scene file and everything it names.
 
     Parameters
@@ -58,7 +59,7 @@ def load_world(path: Path | str, *, mode: str | None = None, seed: int = 0, prog
     return world
 
 
-def _load(path: Path, mode: str | None, seed: int, progress: Progress | None) -> World:
+def _load(path: AnyPath, mode: str | None, seed: int, progress: Progress | None) -> World:
     world = assemble(load_scene_file(path), path, mode=mode, seed=seed, progress=progress)
     return exclude_pairs(world, zero_pose_overlaps(world))
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from importlib.util import find_spec
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from geomphys.errors import ConfigError, LogError
 from geomphys.output.output_log import OutputFrame, OutputLog, open_output
 from geomphys.output.sink import OutputFile
-from geomphys.storage.remote_files import as_path
+from geomphys.storage.remote_files import AnyPath, as_path
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -80,8 +79,8 @@ _STYLE: Any = {
 
 
 def plot_output(
-    output: Path | str,
-    out: Path | str,
+    output: AnyPath | str,
+    out: AnyPath | str,
     *,
     panels: Collection[str] = PANELS,
     scale: str = "auto",

@@ -20,7 +20,7 @@ from geomphys.output.output_log import open_output
 from geomphys.output.provenance import sha256_of_file, sha256_of_world
 from geomphys.replays import run
 from geomphys.scene.arrays import World
-from geomphys.storage.remote_files import is_remote, move
+from geomphys.storage.remote_files import AnyPath, is_remote, move
 from geomphys.storage.temporary_folders import TemporaryFolder
 
 STOP = "stop"
@@ -38,17 +38,17 @@ Status = Literal["done", "failed", "interrupted"]
 class Job:
     """What a worker is told. Paths are absolute and mean the same file on every machine."""
 
-    log: Path
-    scene: Path
+    log: AnyPath
+    scene: AnyPath
     scene_sha256: str
     world_sha256: str
     """Both as the batch's own process found them: a worker that finds others fails instead of differing."""
-    out: Path
-    rrd: Path | None
+    out: AnyPath
+    rrd: AnyPath | None
     config: Config
     timing: bool
     copy_input: bool
-    running: Path
+    running: AnyPath
     """Folder on the outputs' file system for what is not complete; behind a URL only for `STOP`."""
     version: str = __version__
 
@@ -86,8 +86,12 @@ def run_job(job: Job) -> Outcome:
         raise GeomphysError(
             f"this worker has geomphys {__version__}, the batch was begun by {job.version}; install the same version"
         )
-    output_folder = TemporaryFolder() if is_remote(job.running) else None
-    place = job.running / f"{job.out.stem}.{uuid.uuid4().hex}" if output_folder is None else output_folder.path
+    output_folder: TemporaryFolder | None = None
+    if is_remote(job.running):
+        output_folder = TemporaryFolder()
+        place = output_folder.path
+    else:
+        place = job.running / f"{job.out.stem}.{uuid.uuid4().hex}"
     try:
         place.mkdir(exist_ok=True)
         outcome = _replay(job, place)
@@ -148,7 +152,7 @@ def give_world(world: World) -> None:
 
 
 @lru_cache(maxsize=2)
-def _world(scene: Path, mode: str | None, seed: int, world_sha256: str) -> World:
+def _world(scene: AnyPath, mode: str | None, seed: int, world_sha256: str) -> World:
     """The world of a scene file: what this process was given, or loaded once."""
     if world_sha256 in _given:
         return _given[world_sha256]
@@ -158,7 +162,7 @@ def _world(scene: Path, mode: str | None, seed: int, world_sha256: str) -> World
     return world
 
 
-def _changed(scene: Path) -> SceneError:
+def _changed(scene: AnyPath) -> SceneError:
     return SceneError(
         f"{scene}: is not what the batch began with: it, a mesh or a URDF was changed or differs on this machine; "
         "start the batch again"
@@ -182,14 +186,14 @@ def _move_partials(job: Job, place: Path) -> None:
             move(place / _partial(target).name, _partial(target))
 
 
-def _partial(path: Path) -> Path:
+def _partial(path: AnyPath) -> AnyPath:
     return path.with_name(f"{path.stem}.partial{path.suffix}")
 
 
 class _Stopping:
     """Progress callback that ends the replay once a file is there, looking now and then."""
 
-    def __init__(self, sign: Path) -> None:
+    def __init__(self, sign: AnyPath) -> None:
         self._sign = sign
         self._next = 0.0
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from geomphys.output.mcap_writer import McapWriter
 from geomphys.recording.reader import RawMessage, open_log
+from geomphys.storage.remote_files import AnyPath
 
 PREFIX = "/input"
 
@@ -23,7 +22,7 @@ class InputCopy:
         Whether what can be read of a damaged log is copied; without it DamagedLogError is raised here.
     """
 
-    def __init__(self, path: Path, recover: bool) -> None:
+    def __init__(self, path: AnyPath, recover: bool) -> None:
         self._reader = open_log(path, recover=recover)
         self._items = self._reader.read(file_order=True)
         self._next = next(self._items, None)

@@ -12,7 +12,6 @@ is the rotation's nine floats row by row and then the position's three. All arra
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -22,6 +21,7 @@ from geomphys.scene.findings import Findings
 
 if TYPE_CHECKING:
     from geomphys.scene.scene_file import SceneFile
+    from geomphys.storage.remote_files import AnyPath
     from geomphys.scene.topic_sources import JointSource, RootSource
 
 Floats = NDArray[np.float64]
@@ -160,7 +160,7 @@ class World:
     """A scene with its names, input topics and display geometry: all that a replay needs besides a log."""
 
     file: SceneFile
-    path: Path
+    path: AnyPath
     scene: Scene
     tree_names: tuple[str, ...]  # (T,)
     body_names: tuple[str, ...]  # (B,) `object`, `object/link` or `avatar/link`: names of /contacts
@@ -169,7 +169,7 @@ class World:
     avatar_count: int
     roots: tuple[RootSource, ...]
     joints: tuple[JointSource, ...]
-    urdfs: dict[str, Path]  # tree name -> URDF
+    urdfs: dict[str, AnyPath]  # tree name -> URDF
     zero_pose_overlaps: tuple[
         tuple[str, str], ...
     ]  # body names of pairs excluded because they overlap in the zero pose

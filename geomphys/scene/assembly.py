@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +37,7 @@ from geomphys.scene.scene_file import AvatarTable, Coupling, ObjectTable, SceneF
 from geomphys.scene.topic_sources import JointSource, RootSource
 from geomphys.scene.trees import Tree, TreeBody, read_avatar, read_object
 from geomphys.scene.unit_warnings import unit_warnings
+from geomphys.storage.remote_files import AnyPath
 
 Floats = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ _JOINTS = {"fixed": JOINT_FIXED, "revolute": JOINT_REVOLUTE, "continuous": JOINT
 
 def assemble(
     file: SceneFile,
-    path: Path,
+    path: AnyPath,
     *,
     mode: str | None = None,
     seed: int = 0,
@@ -138,7 +138,7 @@ def exclude_pairs(world: World, pairs: Sequence[tuple[int, int]]) -> World:
     )
 
 
-def _check_size(trees: Sequence[Tree], bodies: Sequence[TreeBody], path: Path) -> None:
+def _check_size(trees: Sequence[Tree], bodies: Sequence[TreeBody], path: AnyPath) -> None:
     """Raise SceneError for too many bodies or driven dofs: memory grows with their square."""
     if len(bodies) > MAX_BODIES:
         raise SceneError(
@@ -289,7 +289,7 @@ def _cones(trees: Sequence[Tree], body_start: NDArray[np.int64]) -> ReachCones:
     )
 
 
-def _excluded(trees: Sequence[Tree], body_start: NDArray[np.int64], count: int, path: Path) -> NDArray[np.int64]:
+def _excluded(trees: Sequence[Tree], body_start: NDArray[np.int64], count: int, path: AnyPath) -> NDArray[np.int64]:
     excluded = np.eye(count, dtype=np.int64)
     for t, tree in enumerate(trees):
         if tree.skeleton is None or not isinstance(tree.table, AvatarTable):
@@ -314,7 +314,7 @@ def _velocities(trees: Sequence[Tree], body_start: NDArray[np.int64]) -> Floats:
     return rows
 
 
-def _joint_sources(trees: Sequence[Tree], dof_start: NDArray[np.int64], path: Path) -> Iterator[JointSource]:
+def _joint_sources(trees: Sequence[Tree], dof_start: NDArray[np.int64], path: AnyPath) -> Iterator[JointSource]:
     for t, tree in enumerate(trees):
         table: JointsTable | None = tree.table.joints
         if table is None or tree.skeleton is None:
@@ -354,7 +354,7 @@ def _joint_sources(trees: Sequence[Tree], dof_start: NDArray[np.int64], path: Pa
         )
 
 
-def _check_joint(joint: str, names: Sequence[str], what: str, tree: Tree, path: Path) -> None:
+def _check_joint(joint: str, names: Sequence[str], what: str, tree: Tree, path: AnyPath) -> None:
     """Raise SceneError unless `joint` is a moving joint of the tree."""
     if joint in names or tree.skeleton is None:
         return

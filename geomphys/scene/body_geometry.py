@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,11 +37,12 @@ from geomphys.scene.tessellation import (
     triangulate_faces,
 )
 from geomphys.scene.urdf_file import BoxShape, CapsuleShape, CylinderShape, MeshShape, Shape, SphereShape
+from geomphys.storage.remote_files import AnyPath
 
 Floats = NDArray[np.float64]
 ShapeInBody = tuple[Shape, Floats]
 """A shape and body_from_shape (4, 4)."""
-MeshUse = tuple[Path, tuple[float, float, float], Decomposition]
+MeshUse = tuple[AnyPath, tuple[float, float, float], Decomposition]
 """Cache key: mesh file, scale, decomposition method."""
 
 
@@ -61,7 +61,7 @@ class GeometryLoader:
 
     seed: int
     progress: Progress | None = None
-    _meshes: dict[tuple[Path, tuple[float, float, float]], Mesh] = field(default_factory=dict)
+    _meshes: dict[tuple[AnyPath, tuple[float, float, float]], Mesh] = field(default_factory=dict)
     _decompositions: dict[MeshUse, Decomposed] = field(default_factory=dict)
     _solids: dict[MeshUse, tuple[list[Convex], MassProperties, Triangles]] = field(default_factory=dict)
 
@@ -95,13 +95,13 @@ class GeometryLoader:
             surfaces.append(surface if is_identity else (apply(matrix, surface[0]), surface[1]))
         return merge_surfaces(surfaces)
 
-    def require_closed(self, shapes: Sequence[tuple[Shape, str]], method: Decomposition, model: Path) -> None:
+    def require_closed(self, shapes: Sequence[tuple[Shape, str]], method: Decomposition, model: AnyPath) -> None:
         """Raise one MeshError for all meshes of a model that are missing or enclose no volume.
 
         `shapes` are (shape, link name).
         """
-        missing: dict[Path, list[str]] = {}
-        open_meshes: dict[Path, list[str]] = {}
+        missing: dict[AnyPath, list[str]] = {}
+        open_meshes: dict[AnyPath, list[str]] = {}
         count = 0
         for shape, link in shapes:
             if not isinstance(shape, MeshShape):

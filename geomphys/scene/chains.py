@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from difflib import get_close_matches
-from pathlib import Path
 
 from geomphys.errors import SceneError
 from geomphys.scene.scene_file import AvatarTable
 from geomphys.scene.skeleton import Skeleton
+from geomphys.storage.remote_files import AnyPath
 
 
-def named_chains(avatar: AvatarTable, skeleton: Skeleton, path: Path) -> list[tuple[int, ...]]:
+def named_chains(avatar: AvatarTable, skeleton: Skeleton, path: AnyPath) -> list[tuple[int, ...]]:
     """Link indices of each `[[avatar.chain]]`, from the child of its base to its tip.
 
     Raises SceneError (avatar, chain) for unknown links, a tip that is no descendant of the base, a chain without a

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import struct
-from pathlib import Path
 from typing import Any, Literal
 
 from geomphys.scene.source_files import track_contents
+from geomphys.storage.remote_files import AnyPath, lies_within
 
 MAX_NODES = 100_000
 _COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
@@ -62,14 +62,14 @@ def _corners(primitive: dict[str, Any], accessors: list[dict[str, Any]]) -> int:
 class BufferResolver:
     """trimesh resolver that reads ``.bin`` buffers in or below the folder of a .gltf file, up to `max_bytes`, nothing else."""
 
-    def __init__(self, folder: Path, max_bytes: int) -> None:
+    def __init__(self, folder: AnyPath, max_bytes: int) -> None:
         self.folder = folder.resolve()
         self.max_bytes = max_bytes
 
     def get(self, name: str) -> bytes:
         """The bytes of a buffer; FileNotFoundError for anything else, ValueError for one that is too large."""
         path = (self.folder / name).resolve()
-        if path.suffix != ".bin" or not path.is_relative_to(self.folder) or not path.is_file():
+        if path.suffix != ".bin" or not lies_within(path, self.folder) or not path.is_file():
             raise FileNotFoundError(name)
         if path.stat().st_size > self.max_bytes:
             raise ValueError(name)

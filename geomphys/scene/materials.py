@@ -6,7 +6,6 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
-from pathlib import Path
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from geomphys.errors import SceneError
 from geomphys.scene.arrays import Materials
 from geomphys.scene.findings import DefaultPair
 from geomphys.scene.scene_file import MaterialPair
+from geomphys.storage.remote_files import AnyPath
 
 BUILT_IN = ("wood", "human", "metal")
 _PAIRS = {
@@ -38,7 +38,7 @@ class MaterialTable:
         """Row of a material."""
         return self.names.index(name)
 
-    def require_known(self, path: Path, used_by: Iterable[tuple[str, str]]) -> None:
+    def require_known(self, path: AnyPath, used_by: Iterable[tuple[str, str]]) -> None:
         """Raise SceneError for the first undefined material; `used_by` are (material, object or avatar)."""
         for name, owner in used_by:
             if name not in self.names:
@@ -50,7 +50,7 @@ class MaterialTable:
                 )
 
     def with_defaults(
-        self, path: Path, contacts: Iterable[tuple[str, str, str, str]]
+        self, path: AnyPath, contacts: Iterable[tuple[str, str, str, str]]
     ) -> tuple[MaterialTable, tuple[DefaultPair, ...]]:
         """The table completed for every pair that can come into contact, and the pairs that were missing.
 

@@ -10,7 +10,6 @@ import struct
 from dataclasses import dataclass
 from functools import cached_property
 from io import BytesIO
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,6 +27,7 @@ from geomphys.scene.mesh_header import (
 )
 from geomphys.scene.shells import all_enclose_volume, outward_shells, shell_labels, shell_volumes
 from geomphys.scene.source_files import path_exists, track_contents
+from geomphys.storage.remote_files import AnyPath
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -171,7 +171,7 @@ class Mesh:
         return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
 
 
-def load_mesh(path: Path, scale: float | Floats = 1.0, name: str | None = None) -> Mesh:
+def load_mesh(path: AnyPath, scale: float | Floats = 1.0, name: str | None = None) -> Mesh:
     """Read a mesh file: all its parts in one mesh, scaled, equal vertices merged, degenerate triangles dropped.
 
     The unit of a COLLADA file is applied; glTF is in metres; other formats have no unit and are taken as metres. The
@@ -255,7 +255,7 @@ def _doubled_areas(vertices: Floats, faces: Ints) -> Floats:
     return areas
 
 
-def _read_mesh_file(path: Path, name: str) -> bytes:
+def _read_mesh_file(path: AnyPath, name: str) -> bytes:
     suffix = path.suffix.lower().removeprefix(".")
     if suffix not in SUFFIXES:
         kinds = ", ".join(SUFFIXES)
@@ -279,7 +279,7 @@ def _read_mesh_file(path: Path, name: str) -> bytes:
     return data
 
 
-def _parse(data: bytes, path: Path, name: str) -> tuple[Floats, Ints]:
+def _parse(data: bytes, path: AnyPath, name: str) -> tuple[Floats, Ints]:
     import trimesh
 
     suffix = path.suffix.lower().removeprefix(".")

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import Any
 
 from geomphys.scene.git_lfs import IS_POINTER, is_lfs_pointer
+from geomphys.storage.remote_files import AnyPath
 
 EXPRESSION = re.compile(r"\$[({]")
 """Start of a xacro expression."""
@@ -56,7 +56,7 @@ def other_model(tag: str) -> str:
     return _OTHER_MODELS.get(tag.rpartition("}")[2], "")
 
 
-def xacro_advice(path: Path, evidence: str) -> str:
+def xacro_advice(path: AnyPath, evidence: str) -> str:
     """Error text for a xacro file; `evidence` says how it was recognised."""
     name = path.name.removesuffix(".xacro")
     expanded = f"{name.removesuffix('.urdf')}.urdf"

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from geomphys.errors import SceneError
 from geomphys.scene.scene_file import ReachConeTable
 from geomphys.scene.skeleton import Skeleton
+from geomphys.storage.remote_files import AnyPath
 
 Floats = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ class ReachCone:
     )
 
 
-def reach_cone(table: ReachConeTable, skeleton: Skeleton, where: str, path: Path) -> ReachCone:
+def reach_cone(table: ReachConeTable, skeleton: Skeleton, where: str, path: AnyPath) -> ReachCone:
     """Validate a reach cone against its skeleton.
 
     The joints must be revolute or continuous and no mimic joints, each the descendant of the one before it with only
@@ -60,7 +60,7 @@ def reach_cone(table: ReachConeTable, skeleton: Skeleton, where: str, path: Path
     return ReachCone(tuple(links), limb, directions)
 
 
-def _check_compound_joint(links: Sequence[int], skeleton: Skeleton, where: str, path: Path) -> None:
+def _check_compound_joint(links: Sequence[int], skeleton: Skeleton, where: str, path: AnyPath) -> None:
     """Raise SceneError unless each joint is below the one before it and all rotate about one centre."""
     zero_pose = skeleton.forward()
     centre = zero_pose[links[0], :3, 3]
@@ -80,7 +80,7 @@ def _check_compound_joint(links: Sequence[int], skeleton: Skeleton, where: str, 
             )
 
 
-def _check_polygon(directions: Floats, where: str, path: Path) -> None:
+def _check_polygon(directions: Floats, where: str, path: AnyPath) -> None:
     """Raise SceneError if adjacent vertices coincide or are opposite, or if sides that are not adjacent intersect."""
     count = len(directions)
     following = np.roll(directions, -1, axis=0)

@@ -10,6 +10,7 @@ from urllib.parse import unquote
 from geomphys.errors import MeshError
 from geomphys.scene.model_formats import EXPRESSION
 from geomphys.scene.source_files import path_exists, track_contents
+from geomphys.storage.remote_files import AnyPath, is_remote
 
 MAX_MANIFEST_BYTES = 256 * 1024
 """bytes of a package.xml"""
@@ -19,24 +20,25 @@ MAX_SIBLINGS = 200
 """folders in each of these that are searched, in the order of their names"""
 
 
-def resolve_mesh(name: str, folder: Path) -> Path:
-    """Local path of a mesh named in a URDF of this folder; see `MeshResolver.find`."""
+def resolve_mesh(name: str, folder: AnyPath) -> AnyPath:
+    """Path of a mesh named in a URDF of this folder; see `MeshResolver.find`."""
     return MeshResolver(folder).find(name)
 
 
 class MeshResolver:
     """Resolves mesh names of the URDFs in a folder; each package is searched once."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: AnyPath) -> None:
         self.folder = folder
-        self._by_manifest: dict[str, list[Path]] = {}
+        self._by_manifest: dict[str, list[AnyPath]] = {}
 
-    def find(self, name: str) -> Path:
-        """Local path of a mesh.
+    def find(self, name: str) -> AnyPath:
+        """Path of a mesh.
 
         `file://` URLs, `package://` URLs and paths relative to the folder. A package is searched in the folder, its
         ancestors and their subfolders, then in $ROS_PACKAGE_PATH and $AMENT_PREFIX_PATH. A folder matches by its own
-        name or by the ``<name>`` of its package.xml; the first match that contains the file is used.
+        name or by the ``<name>`` of its package.xml; the first match that contains the file is used. For a
+        URDF behind a URL only files in or below its folder are resolved: no local files, no search paths.
 
         Raises MeshError for other URLs, unexpanded xacro expressions, a package that is not found, and a file that is in
         none of the packages found.
@@ -52,6 +54,8 @@ class MeshResolver:
         if not separator:
             return self.folder / name
         if scheme == "file":
+            if is_remote(self.folder):
+                raise MeshError(f"{printable_name}: is a local file, which a URDF behind a URL may not name")
             host, slash, local = rest.partition("/")
             if host not in ("", "localhost"):
                 raise MeshError(f"{printable_name}: lies on another machine, only local files are read")
@@ -64,8 +68,8 @@ class MeshResolver:
             raise MeshError(f"{printable_name}: expected package://PACKAGE/PATH")
         return self._in_package(package, path_in_package, printable_name)
 
-    def _in_package(self, package: str, path_in_package: str, printable_name: str) -> Path:
-        found: list[Path] = []
+    def _in_package(self, package: str, path_in_package: str, printable_name: str) -> AnyPath:
+        found: list[AnyPath] = []
         for root in self._candidate_roots(package):
             if path_exists(root / path_in_package):
                 return root / path_in_package
@@ -73,14 +77,22 @@ class MeshResolver:
                 found.append(root)
         if found:
             raise MeshError(f"{printable_name}: no such file in the package {package!r}, which is {found[0]}")
+        if is_remote(self.folder):
+            raise MeshError(
+                f"{printable_name}: package {package!r} was not found in {self.folder} and the folders above"
+            )
         raise MeshError(
             f"{printable_name}: package {package!r} was not found in the folders above {Path(os.path.abspath(self.folder))}, "
             "nor in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH: set one of them or put the files beside the URDF"
         )
 
-    def _candidate_roots(self, package: str) -> Iterator[Path]:
+    def _candidate_roots(self, package: str) -> Iterator[AnyPath]:
         """Folders that may be the package: first by folder name, then by package.xml."""
-        bases = [*_with_ancestors(self.folder), *_environment_folders()]
+        bases: list[AnyPath]
+        if is_remote(self.folder):
+            bases = [self.folder, *self.folder.parents]
+        else:
+            bases = [*_with_ancestors(self.folder), *_environment_folders()]
         for base in bases:
             yield base / package
             if base.name == package:
@@ -110,8 +122,10 @@ def _with_ancestors(folder: Path) -> list[Path]:
     return levels
 
 
-def _subfolders(folder: Path) -> list[Path]:
+def _subfolders(folder: AnyPath) -> list[Path]:
     """Folders in a folder, the first `MAX_SIBLINGS` by name."""
+    if is_remote(folder):
+        return []
     try:
         with os.scandir(folder) as entries:
             names = sorted(e.name for e in entries if not e.name.startswith(".") and e.is_dir())
@@ -120,7 +134,7 @@ def _subfolders(folder: Path) -> list[Path]:
     return [folder / name for name in names[:MAX_SIBLINGS]]
 
 
-def _manifest_name(folder: Path) -> str:
+def _manifest_name(folder: AnyPath) -> str:
     """The ``<name>`` in a folder's package.xml; "" if it is missing or unreadable."""
     from xml.etree.ElementTree import ParseError
 

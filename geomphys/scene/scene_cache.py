@@ -11,11 +11,11 @@ import os
 from contextlib import suppress
 from functools import lru_cache
 from importlib.metadata import version
-from pathlib import Path
 
 from geomphys.scene.arrays import World
 from geomphys.scene.source_files import Sources
 from geomphys.storage.cache import Store, sources, user_cache_folder
+from geomphys.storage.remote_files import AnyPath
 
 MAX_WORLDS = 100
 """Cached worlds; the oldest are removed."""
@@ -25,7 +25,7 @@ SEARCH_PATH_VARIABLES = ("AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH")
 """Environment variables with search paths; part of the key."""
 
 
-def load_cached_world(path: Path, mode: str | None, seed: int) -> World | None:
+def load_cached_world(path: AnyPath, mode: str | None, seed: int) -> World | None:
     """Return the cached world of a scene file; None if there is none or one of its files changed."""
     cached: tuple[World, Sources] | None = _store().load(_cache_key(path, mode, seed))
     return cached[0] if cached is not None and cached[1].are_unchanged() else None
@@ -46,7 +46,7 @@ def _store() -> Store:
     return Store(user_cache_folder("worlds"))
 
 
-def _cache_key(path: Path, mode: str | None, seed: int) -> str:
+def _cache_key(path: AnyPath, mode: str | None, seed: int) -> str:
     search_paths = [os.environ.get(name) for name in SEARCH_PATH_VARIABLES]
     text = f"{_version()} {path.absolute()} {path} {mode} {seed} {search_paths}"
     return hashlib.sha256(text.encode(errors="surrogateescape")).hexdigest()

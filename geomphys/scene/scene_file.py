@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError, model_validator
@@ -44,6 +43,7 @@ from geomphys.scene.scene_values import (
     sequence,
 )
 from geomphys.scene.source_files import track_contents
+from geomphys.storage.remote_files import AnyPath
 
 MAX_FILE_BYTES = 4 * 2**20
 """bytes; a larger scene file is refused."""
@@ -241,7 +241,7 @@ _TABLES: dict[str, type[BaseModel]] = {
 }
 
 
-def load_scene_file(path: Path) -> SceneFile:
+def load_scene_file(path: AnyPath) -> SceneFile:
     """Read and check a scene file.
 
     Raises
@@ -252,7 +252,7 @@ def load_scene_file(path: Path) -> SceneFile:
     return parse_scene(_read(path), path)
 
 
-def parse_scene(text: str, path: Path) -> SceneFile:
+def parse_scene(text: str, path: AnyPath) -> SceneFile:
     """Validate the text of a scene file; `path` names it in errors."""
     if found := _LONG_KEY.search(text):
         line = text[: found.start() + 1].count("\n") + 1
@@ -279,7 +279,7 @@ def scene_json_schema() -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": "geomphys scene file"}
 
 
-def _read(path: Path) -> str:
+def _read(path: AnyPath) -> str:
     try:
         if path.is_dir():
             raise SceneError(f"{path}: is a folder, expected a scene file (TOML)")

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from geomphys.errors import ModelError
 from geomphys.numerics.transforms import rotation_about
 from geomphys.scene.free_joints import FREE_TYPES, JointEnds, links_above_free_joint
 from geomphys.scene.urdf_file import MeshShape, Shape, Urdf, read_urdf
+from geomphys.storage.remote_files import AnyPath
 
 Floats = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ class Joint:
 class Skeleton:
     """A tree of links, parents first (breadth-first, children as the file lists their joints)."""
 
-    path: Path
+    path: AnyPath
     name: str
     links: tuple[Link, ...]
     joints: tuple[Joint | None, ...]  # of each link; None for the root, which is link 0
@@ -156,7 +156,7 @@ class Skeleton:
         return poses
 
 
-def load_skeleton(path: Path) -> Skeleton:
+def load_skeleton(path: AnyPath) -> Skeleton:
     """Read a URDF. If the whole model is below a floating or planar joint, that joint's child is the root.
 
     Raises
@@ -230,13 +230,13 @@ def require_solid(skeleton: Skeleton) -> None:
         )
 
 
-def meshes_of(skeleton: Skeleton) -> list[Path]:
+def meshes_of(skeleton: Skeleton) -> list[AnyPath]:
     """Mesh files of a skeleton's collision geometry, each once, in order."""
     found = [g.shape.path for link in skeleton.links for g in link.collisions if isinstance(g.shape, MeshShape)]
     return list(dict.fromkeys(found))
 
 
-def _below_free_joint(path: Path, order: list[str], robot: Urdf) -> tuple[list[str], Urdf]:
+def _below_free_joint(path: AnyPath, order: list[str], robot: Urdf) -> tuple[list[str], Urdf]:
     """Link names (parents first) and the model without what is above a floating or planar joint of the whole model."""
     joint_above = set(links_above_free_joint(JointEnds(j.type, j.parent, j.child) for j in robot.joints))
     joints = [joint for joint in robot.joints if joint.parent not in joint_above]
@@ -261,7 +261,7 @@ def _below_free_joint(path: Path, order: list[str], robot: Urdf) -> tuple[list[s
     return [name for name in order if name not in joint_above], remaining
 
 
-def _ordered(path: Path, robot: Any) -> list[str]:
+def _ordered(path: AnyPath, robot: Any) -> list[str]:
     """Link names, parents first; ModelError unless the joints form one tree."""
     names = [link.name for link in robot.links]
     children: dict[str, list[str]] = {}
@@ -291,7 +291,7 @@ def _ordered(path: Path, robot: Any) -> list[str]:
     return order
 
 
-def _mimic_source(path: Path, joint: Any, moving: dict[str, Any]) -> tuple[str, float, float]:
+def _mimic_source(path: AnyPath, joint: Any, moving: dict[str, Any]) -> tuple[str, float, float]:
     """The independent joint at the end of a series of mimic joints, and angle = multiplier * its angle + offset."""
     multiplier, offset, seen = 1.0, 0.0, {joint.name}
     while joint.mimic is not None:
@@ -309,7 +309,7 @@ def _mimic_source(path: Path, joint: Any, moving: dict[str, Any]) -> tuple[str, 
     return joint.name, multiplier, offset
 
 
-def _axis(path: Path, joint: Any) -> Floats:
+def _axis(path: AnyPath, joint: Any) -> Floats:
     axis = np.asarray(joint.axis, dtype=np.float64)
     length = float(np.linalg.norm(axis))
     if joint.type not in MOVING_TYPES:
@@ -320,7 +320,7 @@ def _axis(path: Path, joint: Any) -> Floats:
     return unit
 
 
-def _limits(path: Path, joint: Any) -> tuple[float, float]:
+def _limits(path: AnyPath, joint: Any) -> tuple[float, float]:
     if joint.type not in ("revolute", "prismatic") or joint.limit is None:
         return -np.inf, np.inf
     lower = -np.inf if joint.limit.lower is None else joint.limit.lower

@@ -7,16 +7,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from pathlib import Path
+
+from geomphys.storage.remote_files import AnyPath
 
 
 @dataclass
 class Sources:
     """Files read and paths probed while a world was loaded."""
 
-    contents: dict[Path, str] = field(default_factory=dict)
+    contents: dict[AnyPath, str] = field(default_factory=dict)
     """Absolute path of each file read -> SHA-256 of its content."""
-    existing: dict[Path, bool] = field(default_factory=dict)
+    existing: dict[AnyPath, bool] = field(default_factory=dict)
     """Absolute path of each file probed -> whether it existed."""
 
     def are_unchanged(self) -> bool:
@@ -43,7 +44,7 @@ def tracked_sources() -> Iterator[Sources]:
         _active_sources.reset(token)
 
 
-def track_contents(path: Path, data: bytes) -> bytes:
+def track_contents(path: AnyPath, data: bytes) -> bytes:
     """Record the content read from a file; returns `data`."""
     sources = _active_sources.get()
     if sources is not None:
@@ -51,7 +52,7 @@ def track_contents(path: Path, data: bytes) -> bytes:
     return data
 
 
-def path_exists(path: Path) -> bool:
+def path_exists(path: AnyPath) -> bool:
     """Whether a path exists, recorded; False for names that cannot be paths."""
     try:
         found = path.exists()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from geomphys.scene.scene_values import Decomposition
 from geomphys.scene.skeleton import Link, Skeleton, load_skeleton, require_solid
 from geomphys.scene.tessellation import Triangles, merge_surfaces
 from geomphys.scene.urdf_file import BoxShape, CapsuleShape, CylinderShape, MeshShape, Shape, SphereShape
+from geomphys.storage.remote_files import AnyPath
 
 DEFAULT_DENSITY = 1000.0
 """kg/m³, where a scene file gives neither density nor mass"""
@@ -70,7 +70,7 @@ class Tree:
         return source.position, source.rotation
 
 
-def read_avatar(table: AvatarTable, path: Path, loader: GeometryLoader, prefix_frames: bool, mode: str) -> Tree:
+def read_avatar(table: AvatarTable, path: AnyPath, loader: GeometryLoader, prefix_frames: bool, mode: str) -> Tree:
     """Read an avatar; `prefix_frames`: whether its frame ids start with the avatar's name.
 
     Raises SceneError, ModelError, MeshError.
@@ -95,7 +95,7 @@ def read_avatar(table: AvatarTable, path: Path, loader: GeometryLoader, prefix_f
     return tree
 
 
-def read_object(table: ObjectTable, path: Path, loader: GeometryLoader) -> Tree:
+def read_object(table: ObjectTable, path: AnyPath, loader: GeometryLoader) -> Tree:
     """Read an object.
 
     Raises SceneError, ModelError, MeshError.
@@ -121,7 +121,7 @@ def read_object(table: ObjectTable, path: Path, loader: GeometryLoader) -> Tree:
     return Tree(table.name, table, role, table.material, solid.mass, [body])
 
 
-def _shape(table: ObjectTable, path: Path) -> Shape:
+def _shape(table: ObjectTable, path: AnyPath) -> Shape:
     if table.box is not None:
         return BoxShape(table.box)
     if table.sphere is not None:
@@ -133,7 +133,7 @@ def _shape(table: ObjectTable, path: Path) -> Shape:
     return MeshShape(path.parent / str(table.mesh), (table.scale,) * 3)
 
 
-def _skeleton(urdf: str, path: Path, where: str) -> Skeleton:
+def _skeleton(urdf: str, path: AnyPath, where: str) -> Skeleton:
     target = path.parent / urdf
     if not target.is_file():
         raise SceneError(f"{where}: urdf = {urdf!r}: no such file ({target}); paths are relative to the scene file")

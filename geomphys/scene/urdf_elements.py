@@ -6,7 +6,6 @@ An invalid *visual* is no error: it is skipped and reported.
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element, SubElement
 
@@ -14,6 +13,7 @@ from geomphys.errors import InputError, MeshError, ModelError
 from geomphys.scene.free_joints import FREE_TYPES
 from geomphys.scene.model_formats import other_model, xacro_advice, xacro_remnant
 from geomphys.scene.ros_packages import MeshResolver
+from geomphys.storage.remote_files import AnyPath
 
 MAX_DEPTH = 32
 """levels of elements"""
@@ -54,7 +54,7 @@ class CheckedRobot(NamedTuple):
     resolver: MeshResolver
 
 
-def checked_robot(path: Path, root: Any) -> CheckedRobot:
+def checked_robot(path: AnyPath, root: Any) -> CheckedRobot:
     """Validate the elements of a URDF.
 
     Raises ModelError (file, element, what is wrong) and MeshError (mesh names that cannot be resolved).
@@ -93,7 +93,7 @@ def checked_robot(path: Path, root: Any) -> CheckedRobot:
     return checked
 
 
-def _check_bounds(path: Path, root: Any) -> None:
+def _check_bounds(path: AnyPath, root: Any) -> None:
     level, depth = [root], 0
     while level:
         depth += 1
@@ -104,7 +104,7 @@ def _check_bounds(path: Path, root: Any) -> None:
         level = [child for element in level for child in element]
 
 
-def _check_joint(path: Path, name: str, element: Any) -> None:
+def _check_joint(path: AnyPath, name: str, element: Any) -> None:
     kind = element.get("type")
     if kind not in (*JOINT_TYPES, *FREE_TYPES):
         raise ModelError(
@@ -121,7 +121,7 @@ def _check_joint(path: Path, name: str, element: Any) -> None:
     _check_numbers(path, f"joint {name!r}", element)
 
 
-def _copy_shapes(path: Path, name: str, element: Any, target: Element, checked: CheckedRobot) -> None:
+def _copy_shapes(path: AnyPath, name: str, element: Any, target: Element, checked: CheckedRobot) -> None:
     """Copy the valid visuals and all collisions of a link to `target`."""
     for kind in _USED_ELEMENTS["link"]:
         number = 0
@@ -145,7 +145,7 @@ def _copy_shapes(path: Path, name: str, element: Any, target: Element, checked: 
             number += 1
 
 
-def _check_shape(path: Path, name: str, kind: str, entry: Any, resolver: MeshResolver) -> None:
+def _check_shape(path: AnyPath, name: str, kind: str, entry: Any, resolver: MeshResolver) -> None:
     """Validate a visual or collision element: one known shape with valid numbers."""
     where = f"{path}: link {name!r}"
     geometry = entry.find("geometry")
@@ -172,7 +172,7 @@ def _check_shape(path: Path, name: str, kind: str, entry: Any, resolver: MeshRes
         raise ModelError(f"{where}: a {shape.tag} of {lengths} m, expected at least {MIN_LENGTH:g}")
 
 
-def _check_numbers(path: Path, where: str, element: Any) -> None:
+def _check_numbers(path: AnyPath, where: str, element: Any) -> None:
     for entry in element.iter():
         for key in _REQUIRED.get(entry.tag, ()):
             if entry.get(key) is None:

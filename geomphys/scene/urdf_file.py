@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from io import BytesIO
-from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element, ParseError, tostring
 
@@ -16,6 +15,7 @@ from geomphys.scene.model_formats import XACRO_USE, other_format, xacro_advice
 from geomphys.scene.ros_packages import MeshResolver
 from geomphys.scene.source_files import track_contents
 from geomphys.scene.urdf_elements import checked_robot
+from geomphys.storage.remote_files import AnyPath
 
 Floats = NDArray[np.float64]
 
@@ -57,7 +57,7 @@ class CapsuleShape:
 class MeshShape:
     """A mesh file and its scale."""
 
-    path: Path
+    path: AnyPath
     scale: tuple[float, float, float]
 
 
@@ -81,7 +81,7 @@ class Urdf(NamedTuple):
     not_shown: tuple[str, ...]  # problems of skipped visuals
 
 
-def read_urdf(path: Path) -> Urdf:
+def read_urdf(path: AnyPath) -> Urdf:
     """Read and validate the elements of a URDF; the tree structure is checked by `load_skeleton`.
 
     Elements that are not used are not validated. A capsule's length is without its caps.
@@ -118,7 +118,7 @@ def _origin(matrix: Any) -> Floats:
     return np.eye(4) if matrix is None else np.asarray(matrix, dtype=np.float64) + 0.0
 
 
-def _read(path: Path) -> bytes:
+def _read(path: AnyPath) -> bytes:
     try:
         if not path.is_file():
             raise ModelError(f"{path}: is not a file, expected a URDF" if path.exists() else f"{path}: no such URDF")
@@ -131,7 +131,7 @@ def _read(path: Path) -> bytes:
         raise ModelError(f"{path}: is not a path") from None
 
 
-def _parsed_xml(path: Path, data: bytes) -> Element:
+def _parsed_xml(path: AnyPath, data: bytes) -> Element:
     """Parse the XML; ModelError if it is malformed or declares entities or a DTD."""
     from defusedxml import DefusedXmlException
     from defusedxml.ElementTree import fromstring
