@@ -21,8 +21,8 @@ from geomphys.scene.findings import Findings
 
 if TYPE_CHECKING:
     from geomphys.scene.scene_file import SceneFile
-    from geomphys.storage.remote_files import AnyPath
     from geomphys.scene.topic_sources import JointSource, RootSource
+    from geomphys.storage.remote_files import AnyPath
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
