@@ -47,7 +47,7 @@ def _is_own(folder: Path) -> bool:
 @lru_cache(maxsize=1)
 def sources() -> dict[str, bytes]:
     """Text of every module of the package, by the module's name."""
-    package = Path(__file__).parent
+    package = Path(__file__).parents[1]
     texts = {}
     for path in sorted(package.rglob("*.py")):
         parts = path.relative_to(package.parent).with_suffix("").parts
