@@ -69,11 +69,12 @@ class Stage:
 
     @property
     def motion(self) -> Table:
-        """Position of the centre of mass [m], velocities [m/s, rad/s], momentum [kg m²/s], time at rest [s]."""
+        """Position of the centre of mass [m], velocities [m/s, rad/s], acceleration [m/s²], momentum [kg m²/s], s at rest."""
         motion = self.player.state.motion
         return {
             "position": motion[:, columns.POINT : columns.POINT + 3],
             "velocity": motion[:, columns.SPEED : columns.SPEED + 3],
+            "acceleration": motion[:, columns.PULL : columns.PULL + 3],
             "angular_velocity": motion[:, columns.SPIN : columns.SPIN + 3],
             "angular_momentum": motion[:, columns.MOMENTUM : columns.MOMENTUM + 3],
             "mass": motion[:, columns.MASS],
