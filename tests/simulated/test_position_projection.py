@@ -61,6 +61,9 @@ def test_where_there_is_no_room_the_overlap_is_shared() -> None:
         stage.call(push_apart)
         stage.lay_rows()
     assert abs(stage.motion["position"][0, 0]) < 2e-5
+    before = stage.motion["position"][0].copy()
+    stage.call(push_apart)
+    assert np.array_equal(stage.motion["position"][0], before)
     assert stage.rows["clearance"] == pytest.approx(-1e-4, abs=2e-5)
 
 

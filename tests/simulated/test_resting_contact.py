@@ -54,3 +54,17 @@ def test_friction_stops_but_does_not_reverse() -> None:
 def test_what_leaves_is_not_held_back() -> None:
     stage = held(Thing(shape=CUBE, at=(0, 0, 0.05 + GAP), v=(0, 0, 0.5)))
     assert stage.motion["acceleration"][0] == pytest.approx([0, 0, -GRAVITY], rel=1e-9)
+
+
+def test_what_hovers_within_touching_comes_down_to_the_gap_and_no_farther() -> None:
+    above = 5e-6
+    stage = held(Thing(shape=CUBE, at=(0, 0, 0.05 + above)))
+    fallen = -0.5 * stage.motion["acceleration"][0, 2] * stage.dt**2
+    assert fallen == pytest.approx(above - GAP, abs=0.05 * GAP)
+
+
+def test_friction_beyond_the_cone_is_cut_to_it() -> None:
+    """To stop it in the step would take half as much again as friction has."""
+    lost = 0.3 * GRAVITY / 240
+    stage = held(Thing(shape=CUBE, at=(0, 0, 0.05 + GAP), v=(0, 1.5 * lost, 0)))
+    assert stage.dt * stage.motion["acceleration"][0, 1] == pytest.approx(-lost, rel=1e-4)
