@@ -4,7 +4,7 @@
 # make fuzz    hostile bytes through every loader, for FUZZ_SECONDS of processor time (default 600): out/fuzz/
 # make bench   frame times per stage
 # make figures the experiments' pictures and frame times: assets/docs/figures.md
-# make format  put the code, the list of modules in ARCHITECTURE.md and assets/docs/cli.md into shape
+# make format  put the code, assets/docs/modules.md and assets/docs/cli.md into shape
 # make clean   remove what the others made
 #
 # Another Python than python3:  make demo PYTHON=python3.12

@@ -1,4 +1,4 @@
-"""The list of modules in ARCHITECTURE.md: run this file to bring it up to date."""
+"""The list of modules in assets/docs/modules.md: run this file to bring it up to date."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ sys.path.insert(0, str(ROOT))
 
 from tests.house.sources import modules, tree  # noqa: E402
 
-DOCUMENT = ROOT / "ARCHITECTURE.md"
+DOCUMENT = ROOT / "assets/docs/modules.md"
 LIST = re.compile(r"(?<=<!-- modules -->\n).*?(?=<!-- end of modules -->)", re.DOTALL)
 
 
@@ -27,7 +27,7 @@ def listing() -> str:
                 line = f"- `{path.relative_to(ROOT).as_posix()}`: {about.splitlines()[0].rstrip('.')}"
                 folders.setdefault(path.parent, []).append(line)
         for folder, entries in sorted(folders.items()):
-            lines += [f"\n### {folder.relative_to(ROOT).as_posix()}/\n", *entries]
+            lines += [f"\n## {folder.relative_to(ROOT).as_posix()}/\n", *entries]
     return "\n".join(lines) + "\n\n"
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import shlex
 import tomllib
+from pathlib import Path
 
 import pytest
 
@@ -12,8 +14,9 @@ from geomphys.scene.scene_file import parse_scene
 from tests.house import inputs
 from tests.house.listing import DOCUMENT, LIST, listing
 from tests.house.reference import REFERENCE, reference
-from tests.house.sources import ROOT, files
+from tests.house.sources import ROOT, files, modules, tree
 from tests.house.test_help import parses
+from tests.house.test_layout import LAYERS
 
 DOCS = ROOT / "assets" / "docs"
 TEXTS = [*sorted(ROOT.glob("*.md")), *sorted(DOCS.glob("*.md"))]
@@ -29,10 +32,36 @@ def quoted_paths(text: str) -> set[str]:
     """What stands in backquotes and looks like a path of the checkout."""
     quoted = re.findall(r"`([^`\s]+)`", re.sub(r"```.*?```", "", text, flags=re.DOTALL))
     tops = {path.name for path in ROOT.iterdir()}
-    return {q for q in quoted if q.split("/")[0] in tops and not q.startswith("out/")}
+    return {q.split(":")[0] for q in quoted if q.split("/")[0] in tops and not q.startswith("out/")}
 
 
-def test_architecture_lists_every_module_as_it_describes_itself() -> None:
+def quoted_definitions(text: str) -> set[tuple[str, str]]:
+    """Path and name of what stands in backquotes as ``path.py:name``."""
+    return set(re.findall(r"`([\w/.]+\.py):([\w.]+)`", text))
+
+
+def definitions(path: Path) -> set[str]:
+    """Functions, classes, ``Class.member``s and constants of a module."""
+    found: set[str] = set()
+    waiting: list[tuple[str, ast.AST]] = [("", node) for node in tree(path).body]
+    while waiting:
+        owner, node = waiting.pop()
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found.add(owner + node.name)
+            waiting += [(f"{owner}{node.name}.", inner) for inner in node.body if isinstance(node, ast.ClassDef)]
+        for target in node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]:
+            if isinstance(target, ast.Name):
+                found.add(owner + target.id)
+    return found
+
+
+def homes(name: str) -> list[str]:
+    """Modules that define a name."""
+    found = [path for package in ("geomphys", "cli") for path in modules(package).values() if name in definitions(path)]
+    return [path.relative_to(ROOT).as_posix() for path in found]
+
+
+def test_the_page_of_modules_lists_every_one_as_it_describes_itself() -> None:
     found = LIST.search(DOCUMENT.read_text())
     assert found is not None
     assert found.group() == listing(), "run: python tests/house/listing.py"
@@ -48,8 +77,30 @@ def test_paths_and_links_of_the_documents_exist(path) -> None:
 
 
 @pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.name)
+def test_functions_named_in_the_documents_are_there(path) -> None:
+    missing = [
+        f"{where}:{name} - {'now in ' + ', '.join(found) if (found := homes(name)) else 'nowhere'}"
+        for where, name in sorted(quoted_definitions(path.read_text()))
+        if not (ROOT / where).is_file() or name not in definitions(ROOT / where)
+    ]
+    assert not missing, "\n".join(missing)
+
+
+def test_the_story_names_functions_and_a_missing_one_would_be_noticed() -> None:
+    assert len(quoted_definitions((ROOT / "ARCHITECTURE.md").read_text())) > 50
+    assert "separation" in definitions(ROOT / "geomphys/collision/penetration.py")
+    assert "Config.gap" in definitions(ROOT / "geomphys/config.py")
+    assert not {"separations", "gap"} & definitions(ROOT / "geomphys/config.py")
+
+
+def test_the_layers_of_the_document_are_those_of_the_code() -> None:
+    (diagram,) = re.findall(r"## Layers\n.*?```text\n(.*?)```", (ROOT / "ARCHITECTURE.md").read_text(), flags=re.DOTALL)
+    assert [" ".join(line.split("|")[0].split()) for line in diagram.splitlines()] == list(LAYERS)
+
+
+@pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.name)
 def test_commands_of_the_documents_are_valid(path) -> None:
-    targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), flags=re.MULTILINE))
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), flags=re.MULTILINE))
     for line in code_lines(path.read_text()):
         words = shlex.split(line, comments=True)
         stop = next((i for i, word in enumerate(words) if word in {">", ">>", "|", "&&", "&", ";"}), len(words))

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+import geomphys
+from geomphys.jit.kernel import _sources_of_machine_code
 from geomphys.storage import cache
 from tests.house.sources import modules
 
@@ -18,6 +21,23 @@ def forgotten() -> Iterator[None]:
     cache.user_cache_folder.cache_clear()
     yield
     cache.user_cache_folder.cache_clear()
+
+
+def test_sources_are_those_of_the_whole_package() -> None:
+    package = Path(geomphys.__file__).parent
+    assert cache.sources()["geomphys"] == (package / "__init__.py").read_bytes()
+    assert cache.sources()["geomphys.storage.cache"] == Path(cache.__file__).read_bytes()
+    assert len(cache.sources()) == len(list(package.rglob("*.py")))
+
+
+def test_machine_code_is_named_after_every_module_with_a_kernel() -> None:
+    kernels = {
+        name
+        for name, text in cache.sources().items()
+        if re.search(rb"^@(kernel|outlined|inlined)$", text, re.MULTILINE)
+    }
+    assert "geomphys.engine.step" in kernels
+    assert kernels <= {name for name, _ in _sources_of_machine_code()}
 
 
 def test_the_users_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

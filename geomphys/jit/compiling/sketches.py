@@ -19,7 +19,7 @@ from geomphys.jit.compiling.parts import Part, describe, sketch
 from geomphys.jit.compiling.returns import declared_return
 from geomphys.storage.cache import Store
 
-PACKAGE = Path(__file__).parent.parent
+PACKAGE = Path(__file__).parents[2]
 
 OPTIONS = {"nopython": True, "error_model": "numpy", "_nrt": False}
 

@@ -1,0 +1,276 @@
+"""Identifiers are the field's words, and kernels take few parameters."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+
+import pytest
+
+from tests.house.sources import modules, tree
+
+REFUSED = {
+    "aside": "excluded, apart, drift",
+    "bare": "uncovered, plain",
+    "behind": "tracking_error, has_offset",
+    "bend": "joint_offset",
+    "bends": "joint_offset",
+    "bent": "joint_offset, curved",
+    "board": "job_queue",
+    "carried": "attached_motion, supported",
+    "carrier": "support_body",
+    "carriers": "support_bodies",
+    "carry": "attached_motion",
+    "course": "trajectory, prescribed_velocity",
+    "courses": "trajectories",
+    "crew": "worker_pool",
+    "detour": "tunnelling_check",
+    "detours": "tunnelling_check",
+    "escape": "depenetration",
+    "escapes": "depenetration",
+    "eventful": "event_frames",
+    "firsts": "first_frames",
+    "foresight": "look_ahead",
+    "halt": "stop",
+    "halts": "stops",
+    "hasty": "stop_on_failure",
+    "heft": "effective_mass",
+    "how_many": "count",
+    "interplay": "coupled_step",
+    "kept": "cached, retained",
+    "knob": "parameter",
+    "knobs": "parameters",
+    "lag": "tracking_error",
+    "ledger": "impulse_accumulation",
+    "lightness": "inverse_mass",
+    "loose": "unlocked",
+    "meet": "in_contact, intersect, encounter",
+    "meeting": "encounter",
+    "meetings": "encounters",
+    "meets": "in_contact, intersects",
+    "met": "in_contact, encountered",
+    "mine": "reference",
+    "narrator": "reporter",
+    "odd": "unusual, inconsistent",
+    "pace": "rate_limit",
+    "paces": "rate_limits",
+    "part_ways": "separate",
+    "parting": "position_projection",
+    "partings": "position_projections",
+    "place": "pose, position, offset; open_path",
+    "places": "poses, positions, offsets",
+    "pull": "acceleration",
+    "pulled": "accelerated",
+    "push": "normal_impulse",
+    "pushed": "displaced, loaded",
+    "rescue": "depenetration",
+    "rescues": "depenetrations",
+    "room": "workspace, margin, capacity, budget",
+    "rooms": "workspaces, margins, capacities",
+    "rough": "approximate",
+    "rub": "tangential_impulse",
+    "rubs": "tangential_impulses",
+    "shove": "position_correction",
+    "shoves": "position_corrections",
+    "sightings": "view_statistics",
+    "sketch": "lowered code",
+    "sketched": "lowered",
+    "sketches": "lowered code",
+    "soon": "a time in its unit",
+    "spare": "reserve",
+    "spin": "angular_velocity",
+    "spread": "islands, extent",
+    "stir": "motion_bound",
+    "stirred": "moved",
+    "stirs": "motion_bounds",
+    "tell": "report",
+    "tells": "reports",
+    "theirs": "incident",
+    "told": "reported",
+    "trouble": "problem, damage",
+    "troubles": "problems",
+    "turn": "rotation, angle, substep",
+    "turned": "rotated",
+    "turns": "rotations, substeps",
+    "wanted": "target, requested",
+    "wants": "requests",
+    "wedge": "infeasible",
+    "wedged": "infeasible",
+    "wedges": "infeasible",
+    "wish": "desired_velocity",
+    "wishes": "desired_velocities",
+    "workshop": "geometry_loader",
+}
+"""Words that mean nothing, or another thing, to who knows the field -> the field's words for what they stood for."""
+
+IN_WORK = {"collision", "driven", "engine", "jit", "simulated"}
+"""Folders that are being rewritten; each goes from here once its words are the field's, until none is left."""
+
+ALLOWED = {
+    "analysis": "place turns",
+    "authoring": "bend bends bent spread told",
+    "batch": "place",
+    "bench": "bends hasty kept met place turn turns wanted",
+    "cli": "firsts kept place room told trouble turned",
+    "load": "kept",
+    "numerics": "kept",
+    "output": "place spread turn",
+    "recording": "bare behind firsts kept met pace place places soon tell theirs told trouble turn wanted",
+    "results": "wedged",
+    "scene": "bare bent kept meet meetings mine odd place rub theirs told turn turned turns workshop",
+}
+"""Folder -> words that its identifiers still have. Only ever shorter: a word that is found no more must go."""
+
+STANDARD = {"tell"}
+"""Identifiers that the standard library prescribes: those of a file."""
+
+PARTS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
+
+
+def words(identifier: str) -> set[str]:
+    """The words of an identifier in lower case, singly and joined where a refused phrase has several."""
+    split = [part.lower() for part in PARTS.findall(identifier)]
+    return set(split) | {phrase for phrase in REFUSED if "_" in phrase and f"_{phrase}_" in f"_{'_'.join(split)}_"}
+
+
+def identifiers(module: ast.Module) -> Iterator[str]:
+    """What a module defines: functions, classes, parameters, variables, attributes it assigns or declares."""
+    for node in ast.walk(module):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            yield node.name
+        elif isinstance(node, ast.arg):
+            yield node.arg
+        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+            yield node.attr
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.id
+        elif isinstance(node, ast.alias) and node.asname:
+            yield node.asname
+
+
+def folder_of(package: str, module: str) -> str:
+    """The folder of `geomphys/` that a module lies in, its name if it is a module of the root; `cli` for all of `cli/`."""
+    return "cli" if package == "cli" else module.split(".")[0] or "geomphys"
+
+
+def refused_words() -> dict[str, dict[str, set[str]]]:
+    """Folder -> refused word -> where: ``module: identifier``."""
+    found: dict[str, dict[str, set[str]]] = {}
+    for package in ("geomphys", "cli"):
+        for name, path in modules(package).items():
+            for identifier in {*name.split("."), *identifiers(tree(path))} - STANDARD:
+                for word in words(identifier) & REFUSED.keys():
+                    of_folder = found.setdefault(folder_of(package, name), {})
+                    of_folder.setdefault(word, set()).add(f"{package}.{name}: {identifier}")
+    return found
+
+
+FOUND = refused_words()
+FOLDERS = sorted({folder_of(package, name) for package in ("geomphys", "cli") for name in modules(package)})
+
+
+@pytest.mark.parametrize("folder", [folder for folder in FOLDERS if folder not in IN_WORK])
+def test_identifiers_are_in_the_words_of_the_field(folder: str) -> None:
+    of_folder = FOUND.get(folder, {})
+    bad = [
+        f"{where} - say {REFUSED[word]}"
+        for word in sorted(of_folder.keys() - set(ALLOWED.get(folder, "").split()))
+        for where in sorted(of_folder[word])
+    ]
+    assert not bad, "\n".join(bad)
+
+
+def test_what_is_allowed_is_still_there() -> None:
+    gone = {
+        folder: sorted(words)
+        for folder, listed in ALLOWED.items()
+        if (words := set(listed.split()) - FOUND.get(folder, {}).keys())
+    }
+    assert not gone, f"these words are gone: take them out of ALLOWED: {gone}"
+    assert not [folder for folder in IN_WORK if not FOUND.get(folder)], (
+        "these folders are done: take them out of IN_WORK"
+    )
+
+
+@pytest.mark.parametrize(
+    ("source", "word"),
+    [
+        ("def place_tree(): ...", "place"),
+        ("class ChainRoom: ...", "room"),
+        ("def f(is_wedged): ...", "wedged"),
+        ("self.told = 1", "told"),
+        ("KEPT_NORM = 1", "kept"),
+        ("set_how_many = 1", "how_many"),
+        ("for turn in range(3): ...", "turn"),
+        ("import numpy as knobs", "knobs"),
+        ("class A:\n    stir: float", "stir"),
+    ],
+)
+def test_a_private_word_is_found(source: str, word: str) -> None:
+    assert word in set().union(*map(words, identifiers(ast.parse(source))))
+
+
+@pytest.mark.parametrize("name", ["replace", "displacement", "returned", "carrying", "roommate", "howmany", "spinner"])
+def test_a_word_that_only_contains_one_is_none(name: str) -> None:
+    assert not words(name) & REFUSED.keys()
+
+
+MOST_PARAMETERS = 8
+
+MANY_PARAMETERS = {
+    "collision.detect": "append_pair find_near near_bodies near_pairs_of_trees near_pairs_within_tree",
+    "collision.exhaustive": "try_direction",
+    "collision.manifold": "manifold touching",
+    "driven.ccd": "_move_shared descend",
+    "driven.chain_loop": "_contacts_of _yield_once free_chains",
+    "driven.chain_step": "_descend _search yield_chains",
+    "driven.chains": "_is_free bend_chains hold_posture place_posture",
+    "driven.escape": "_deepest _escape_tree _leads_through _way_out ask_to_hold escape",
+    "driven.hold": "keep_turn",
+    "driven.overlap": "_nearest_free_of eliminate_overlap",
+    "driven.pace": "slow_down",
+    "driven.posture": "add_effects",
+    "driven.rows": "_add_pair _add_past _add_side call_in_joints",
+    "driven.shift": "_newton shift_link",
+    "driven.steps": "recording_between steps_needed",
+    "driven.update": "_begin_step _end_step update_driven",
+    "engine.frame_buffer": "write_contacts",
+    "engine.step": "run_block",
+    "simulated.header": "header_of",
+    "simulated.update": "simulate",
+}
+"""Module -> its kernels with more parameters than `MOST_PARAMETERS`. Only ever shorter: hand on a record instead."""
+
+
+def kernels(module: ast.Module) -> Iterator[ast.FunctionDef]:
+    """The compiled functions of a module."""
+    for node in ast.walk(module):
+        if isinstance(node, ast.FunctionDef):
+            names = {ast.unparse(d.func if isinstance(d, ast.Call) else d) for d in node.decorator_list}
+            if names & {"kernel", "outlined", "inlined"}:
+                yield node
+
+
+def parameter_count(function: ast.FunctionDef) -> int:
+    """How many parameters a function takes."""
+    taken = function.args
+    return len(taken.posonlyargs) + len(taken.args) + len(taken.kwonlyargs)
+
+
+def test_kernels_take_few_parameters() -> None:
+    many = {
+        f"{name}.{function.name}"
+        for name, path in modules("geomphys").items()
+        for function in kernels(tree(path))
+        if parameter_count(function) > MOST_PARAMETERS
+    }
+    listed = {f"{name}.{function}" for name, functions in MANY_PARAMETERS.items() for function in functions.split()}
+    assert not many - listed, f"more than {MOST_PARAMETERS} parameters: pass a record: {sorted(many - listed)}"
+    assert not listed - many, f"have fewer now, or are gone: take out of MANY_PARAMETERS: {sorted(listed - many)}"
+
+
+def test_parameters_of_kernels_are_counted() -> None:
+    text = "@kernel\ndef a(x, /, y, *, z): ...\n@outlined\ndef b(): ...\ndef c(x): ...\n@inlined\ndef d(x): ..."
+    assert [(f.name, parameter_count(f)) for f in kernels(ast.parse(text))] == [("a", 3), ("b", 0), ("d", 1)]
+    assert any(True for path in modules("geomphys").values() for _ in kernels(tree(path)))
