@@ -13,7 +13,7 @@ from .progress import ProgressBars, meshes_report
 from .terminal import printable
 
 if TYPE_CHECKING:
-    from geomphys.authoring.piece_files import DecomposedMesh
+    from geomphys.authoring.convex_pieces import DecomposedMesh
 
     from .terminal import Terminal
 
@@ -56,7 +56,7 @@ def decompose(path: Path, out: Path | None, threshold: float | None, seed: int, 
     if not several:
         check_output(out, force=force, inputs=(path,))
 
-    from geomphys.authoring.piece_files import decompose_file, write_pieces
+    from geomphys.authoring.convex_pieces import decompose_file, write_pieces
 
     terminal = current_terminal()
     with ProgressBars(terminal) as bars:

@@ -11,8 +11,8 @@ from .terminal import counted, fields, heading
 
 if TYPE_CHECKING:
     from geomphys.authoring.avatar_draft import AvatarDraft
-    from geomphys.authoring.draft import SceneDraft
-    from geomphys.recording.recorded_space import SpaceGuess
+    from geomphys.authoring.scene_draft import SceneDraft
+    from geomphys.recording.space_guess import SpaceGuess
 
     from .terminal import Terminal
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from geomphys.authoring.finger_joints import finger_joints
 from geomphys.recording.angle_units import UnitGuess, guess_unit, mirrored_joints
 from geomphys.recording.inspect import TopicInfo
-from geomphys.recording.matching import JointMatch, match_joints
+from geomphys.recording.joint_matching import JointMatch, match_joints
 from geomphys.recording.name_words import common_side, side_of
-from geomphys.recording.root_poses import PoseCandidate, is_request, rank_roots
+from geomphys.recording.root_candidates import PoseCandidate, is_request, rank_roots
 from geomphys.scene.skeleton import Skeleton
 
 UNLIKELY = -3.0

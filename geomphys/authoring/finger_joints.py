@@ -6,7 +6,7 @@ from collections import Counter
 
 import numpy as np
 
-from geomphys.recording.joint_meaning import JointMeaning, joint_meanings, usual_order
+from geomphys.recording.joint_labels import JointMeaning, joint_meanings, usual_order
 from geomphys.recording.name_words import FINGERS
 from geomphys.scene.skeleton import Floats, Skeleton
 

@@ -35,7 +35,7 @@ from geomphys.output.decoders import (
     decode_timing,
 )
 from geomphys.output.provenance import IDENTITY, RECORD
-from geomphys.recording.records import (
+from geomphys.recording.mcap_records import (
     CHUNK_LIMIT,
     HEAD,
     MESSAGE,

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from geomphys.errors import DamagedLogError, LogError
-from geomphys.recording.formats import CONVERT_SQLITE
-from geomphys.recording.naming import listed
+from geomphys.recording.display_names import listed
+from geomphys.recording.foreign_formats import CONVERT_SQLITE
 from geomphys.storage.remote_files import is_remote
 
 METADATA = "metadata.yaml"

@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from geomphys.recording.decoders import PAYLOAD_ERRORS, BadMessageError, make_decoder
-from geomphys.recording.fields import Access
-from geomphys.recording.kinds import ENCODINGS, Kind, encodings_of, find_kind, full_name, short_names
-from geomphys.recording.layouts import make_read
-from geomphys.recording.naming import plain
+from geomphys.recording.display_names import plain
+from geomphys.recording.field_access import Access
+from geomphys.recording.message_kinds import ENCODINGS, Kind, encodings_of, find_kind, full_name, short_names
+from geomphys.recording.message_layouts import make_read
 from geomphys.recording.reader import LogChannel
 from geomphys.recording.samples import Content, Joints, Pose, What
 

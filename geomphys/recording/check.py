@@ -17,10 +17,10 @@ from geomphys.config import Config
 from geomphys.errors import DamagedLogError, LogError
 from geomphys.recording.diagnostics import Diagnostic, as_records
 from geomphys.recording.frames import FrameSource
-from geomphys.recording.plan import JointInput, Plan, make_plan
+from geomphys.recording.input_plan import JointInput, Plan, make_plan
 from geomphys.recording.reader import open_log
+from geomphys.recording.recorded_space import RecordedSpace
 from geomphys.recording.report import RecordingReport
-from geomphys.recording.space import RecordedSpace
 from geomphys.scene.arrays import World
 from geomphys.scene.findings import Findings
 from geomphys.scene.scene_inputs import RecordingTable

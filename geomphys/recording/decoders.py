@@ -20,9 +20,9 @@ from mcap.exceptions import McapError
 from mcap.records import Schema
 
 from geomphys.errors import LogError
-from geomphys.recording.definitions import ROS1_TYPES, STANDARD_TYPES
-from geomphys.recording.naming import plain
+from geomphys.recording.display_names import plain
 from geomphys.recording.reader import LogChannel
+from geomphys.recording.ros_definitions import ROS1_TYPES, STANDARD_TYPES
 
 Decoder = Callable[[bytes], Any]
 

@@ -18,18 +18,18 @@ from geomphys.errors import LogError
 from geomphys.recording.channels import Joints, Pose, kind_of, make_reader
 from geomphys.recording.clock import FrameClock, RateClock, TopicClock
 from geomphys.recording.decoders import BadMessageError
-from geomphys.recording.facts import learn, log_times_agree, stream_problems
-from geomphys.recording.frame_plan import plan_frames
-from geomphys.recording.frame_tree import plain_frame, two_parents
-from geomphys.recording.plan import Plan, is_static, make_plan
-from geomphys.recording.poses import Seven
+from geomphys.recording.input_plan import Plan, is_static, make_plan
+from geomphys.recording.message_times import MessageTimes, Watermark
+from geomphys.recording.pose_tuples import Seven
 from geomphys.recording.reader import LogReader, RawMessage, open_log
+from geomphys.recording.recorded_space import RecordedSpace
 from geomphys.recording.report import RecordingReport, report_of
 from geomphys.recording.routes import RootRoute, Route
-from geomphys.recording.space import RecordedSpace
-from geomphys.recording.stamp_watch import StampWatch
-from geomphys.recording.times import MessageTimes, Watermark
-from geomphys.recording.wiring import wire
+from geomphys.recording.routing import wire
+from geomphys.recording.stamp_monitor import StampWatch
+from geomphys.recording.stream_prescan import learn, log_times_agree, stream_problems
+from geomphys.recording.transform_plan import plan_frames
+from geomphys.recording.transform_tree import plain_frame, two_parents
 from geomphys.results import FLAG_BEFORE_FIRST, FLAG_CLAMPED, FLAG_HELD, FLAG_OUTSIDE_LIMITS, Frame
 from geomphys.scene.arrays import JOINT_PRISMATIC, World
 

@@ -14,10 +14,10 @@ from geomphys.errors import LogError
 from geomphys.recording.channels import Content, Joints, Pose, kind_of, make_reader
 from geomphys.recording.check import CheckReport, check_log
 from geomphys.recording.decoders import BadMessageError
-from geomphys.recording.naming import KEPT, add_names
+from geomphys.recording.display_names import KEPT, add_names
 from geomphys.recording.reader import LogChannel, LogReader, RawMessage, open_log
-from geomphys.recording.recorded_space import Corner, MotionSamples, PoseMotion, SpaceGuess, guess_space
 from geomphys.recording.samples import USES
+from geomphys.recording.space_guess import Corner, MotionSamples, PoseMotion, SpaceGuess, guess_space
 from geomphys.recording.streams import VALUE_LIMIT, good_pose
 
 __all__ = ["CheckReport", "LogInfo", "TopicInfo", "check_log", "inspect_log", "log_space"]

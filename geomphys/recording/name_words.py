@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable
 
-from geomphys.recording.naming import LENGTH
+from geomphys.recording.display_names import LENGTH
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 

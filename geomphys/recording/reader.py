@@ -1,6 +1,6 @@
 """Reading a log: which topics it has, what of it is intact, and its messages one after the other.
 
-A log is scanned once when it is opened (`scan.py`), so that damage is known before anything is computed; messages are
+A log is scanned once when it is opened (`mcap_scan.py`), so that damage is known before anything is computed; messages are
 then streamed in the order of their log times, with one chunk in memory, or as many as overlap in time. Several channels
 of a topic, and the parts of a bag, stay apart.
 """
@@ -20,8 +20,8 @@ from mcap.opcode import Opcode
 
 from geomphys.errors import DamagedLogError, LogError
 from geomphys.recording.bag import log_files
-from geomphys.recording.formats import LOOKED_AT, other_format
-from geomphys.recording.records import (
+from geomphys.recording.foreign_formats import LOOKED_AT, other_format
+from geomphys.recording.mcap_records import (
     CHUNK,
     CHUNK_LIMIT,
     HEAD,
@@ -32,8 +32,8 @@ from geomphys.recording.records import (
     unpack_chunk,
     walk,
 )
-from geomphys.recording.scan import TIME_LIMIT, FileScan, Span, scan_file
-from geomphys.recording.summary import scan_summary
+from geomphys.recording.mcap_scan import TIME_LIMIT, FileScan, Span, scan_file
+from geomphys.recording.mcap_summary import scan_summary
 from geomphys.storage.remote_files import RemotePath, as_path, is_remote
 
 PENDING_LIMIT = 256 * 2**20

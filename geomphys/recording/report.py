@@ -12,12 +12,12 @@ import numpy as np
 
 from geomphys.recording.channels import kind_of
 from geomphys.recording.diagnostics import Diagnostic, Key
-from geomphys.recording.frame_plan import FrameUse
-from geomphys.recording.held import held_warning
-from geomphys.recording.naming import closest, listed, plain
-from geomphys.recording.plan import split_topic
+from geomphys.recording.display_names import closest, listed, plain
+from geomphys.recording.held_frames import held_warning
+from geomphys.recording.input_plan import split_topic
 from geomphys.recording.routes import JointRoute
 from geomphys.recording.sample_warnings import furthest_back, most_repeated, time_warnings, uneven_warnings
+from geomphys.recording.transform_plan import FrameUse
 from geomphys.recording.unit_warnings import angle_warnings, space_warnings
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from mcap.records import Schema
 
-from geomphys.recording.definitions import ROS1_HEADER, joined
+from geomphys.recording.ros_definitions import ROS1_HEADER, joined
 
 FIELD_LIMIT = 10_000
 """Numbers and texts of a message, without those of its lists."""

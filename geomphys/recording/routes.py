@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.recording.channels import Joints, Pose, kind_of
-from geomphys.recording.facts import Known, joint_key
-from geomphys.recording.frame_chain import FrameChain, FrameTrack, FrameTracks
-from geomphys.recording.naming import add_names
-from geomphys.recording.plan import JointInput, PoseInput, is_static
-from geomphys.recording.poses import Seven, compose
-from geomphys.recording.recorded_space import MotionSamples
+from geomphys.recording.display_names import add_names
+from geomphys.recording.input_plan import JointInput, PoseInput, is_static
+from geomphys.recording.pose_tuples import Seven, compose
+from geomphys.recording.space_guess import MotionSamples
+from geomphys.recording.stream_prescan import Known, joint_key
 from geomphys.recording.streams import VALUE_LIMIT, JointStream, PoseStream, good_pose
+from geomphys.recording.transform_chain import FrameChain, FrameTrack, FrameTracks
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from geomphys.recording.diagnostics import Diagnostic
-from geomphys.recording.naming import plain
+from geomphys.recording.display_names import plain
 from geomphys.recording.routes import JointRoute, RootRoute
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from geomphys.recording.angle_units import guess_unit, is_telling, mirrored_joints
 from geomphys.recording.channels import kind_of
 from geomphys.recording.diagnostics import Diagnostic
-from geomphys.recording.naming import listed, plain
-from geomphys.recording.recorded_space import guess_space
+from geomphys.recording.display_names import listed, plain
+from geomphys.recording.space_guess import guess_space
 from geomphys.scene.arrays import DRIVEN
 
 if TYPE_CHECKING:

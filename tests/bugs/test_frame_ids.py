@@ -17,7 +17,7 @@ from geomphys.errors import LogError
 from geomphys.load import load_world
 from geomphys.recording.check import check_log
 from geomphys.recording.frames import FrameSource
-from geomphys.recording.poses import compose, invert
+from geomphys.recording.pose_tuples import compose, invert
 from geomphys.results import Frame
 from tests.recording.log_files import IDENTITY, Item, S, Tree, make_world, pose, transforms, turned, write_log
 

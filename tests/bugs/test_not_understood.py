@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from geomphys.authoring.draft import draft_scene
+from geomphys.authoring.scene_draft import draft_scene
 from geomphys.config import Config
 from geomphys.errors import LogError
 from geomphys.load import load_world
 from geomphys.recording.check import check_log
 from geomphys.recording.frames import FrameSource
 from geomphys.recording.inspect import inspect_log
-from geomphys.recording.kinds import KINDS
+from geomphys.recording.message_kinds import KINDS
 from tests.recording.log_files import Tree, make_world
 from tests.recording.made_messages import STAMP, Made, make, write_messages
 

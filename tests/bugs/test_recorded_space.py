@@ -8,7 +8,7 @@ import tomllib
 
 import pytest
 from geomphys_cli.main import run
-from tests.test_draft import twin
+from tests.authoring.test_scene_draft import twin
 
 from geomphys.recording.channels import Joints, kind_of, make_reader
 from geomphys.recording.reader import open_log

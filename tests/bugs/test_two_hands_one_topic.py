@@ -6,7 +6,7 @@ import math
 import tomllib
 
 import pytest
-from tests.test_draft import HAND
+from tests.authoring.test_scene_draft import HAND
 
 import geomphys
 from geomphys.recording.check import check_log

@@ -9,7 +9,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from geomphys.recording.kinds import ENCODINGS, KINDS  # noqa: E402
+from geomphys.recording.message_kinds import ENCODINGS, KINDS  # noqa: E402
 from geomphys.recording.samples import PARTS, USES  # noqa: E402
 
 DOCUMENT = ROOT / "assets/docs/your_recording.md"

@@ -21,8 +21,8 @@ from mcap_protobuf.schema import build_file_descriptor_set
 from mcap_ros1.decoder import dynamic
 from mcap_ros2._dynamic import serialize_dynamic
 
-from geomphys.recording.definitions import ROS1_TYPES, STANDARD_TYPES, joined
-from geomphys.recording.kinds import HAND_JOINTS, KINDS, Kind, find_kind
+from geomphys.recording.message_kinds import HAND_JOINTS, KINDS, Kind, find_kind
+from geomphys.recording.ros_definitions import ROS1_TYPES, STANDARD_TYPES, joined
 
 S = 10**9
 STAMP = 3 * S // 2

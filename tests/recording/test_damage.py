@@ -17,10 +17,10 @@ from mcap.writer import CompressionType
 
 from geomphys.config import Config
 from geomphys.errors import DamagedLogError, LogError
-from geomphys.recording import scan
+from geomphys.recording import mcap_scan
 from geomphys.recording.frames import FrameSource
+from geomphys.recording.mcap_records import CHUNK_LIMIT, MAGIC, ChunkHead, unpack_chunk
 from geomphys.recording.reader import open_log
-from geomphys.recording.records import CHUNK_LIMIT, MAGIC, ChunkHead, unpack_chunk
 from tests.recording.log_files import Item, Tree, joints, make_world, pose, write_log
 
 LAYOUTS = {
@@ -199,7 +199,7 @@ def hostile() -> dict[str, bytes]:
 
 def test_what_is_kept_of_definitions_is_bounded(tmp_path, monkeypatch):
     """Schemas and metadata of more than the limit together; the same once more, as in a summary, costs nothing."""
-    monkeypatch.setattr(scan, "DEFINITIONS_LIMIT", 10_000)
+    monkeypatch.setattr(mcap_scan, "DEFINITIONS_LIMIT", 10_000)
     path = write_log(tmp_path / "log.mcap", some_items(), **LAYOUTS["zstd"])
     whole = messages(path)
     content = path.read_bytes()

@@ -11,9 +11,9 @@ import pytest
 from geomphys.errors import LogError
 from geomphys.recording.channels import Joints, Pose, kind_of, make_reader
 from geomphys.recording.decoders import BadMessageError
-from geomphys.recording.definitions import ROS1_TYPES
 from geomphys.recording.reader import LogChannel
 from geomphys.recording.ros1 import DefinitionError, Field, make_ros1_decoder, parse_definition
+from geomphys.recording.ros_definitions import ROS1_TYPES
 from tests.recording.made_messages import SEVEN, STAMP, make
 
 BAR = "\n" + "=" * 80 + "\n"

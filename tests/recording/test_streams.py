@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
 from geomphys.recording.clock import RateClock, TopicClock
+from geomphys.recording.message_times import Watermark
 from geomphys.recording.streams import JointStream, PoseStream, blend_poses, good_pose
-from geomphys.recording.times import Watermark
 
 MS = 10**6
 GAP = 10 * MS

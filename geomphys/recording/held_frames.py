@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from geomphys.recording.naming import plain
+from geomphys.recording.display_names import plain
 from geomphys.recording.streams import NEVER
 
 if TYPE_CHECKING:

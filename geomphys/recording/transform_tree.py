@@ -9,10 +9,10 @@ from typing import NamedTuple
 from geomphys.errors import LogError
 from geomphys.recording.channels import kind_of, make_reader
 from geomphys.recording.decoders import BadMessageError
-from geomphys.recording.kinds import full_name
-from geomphys.recording.naming import plain
-from geomphys.recording.plan import is_static
-from geomphys.recording.poses import Seven
+from geomphys.recording.display_names import plain
+from geomphys.recording.input_plan import is_static
+from geomphys.recording.message_kinds import full_name
+from geomphys.recording.pose_tuples import Seven
 from geomphys.recording.reader import LogChannel, LogReader
 from geomphys.recording.samples import Content, Joints
 from geomphys.recording.streams import good_pose

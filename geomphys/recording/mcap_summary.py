@@ -1,7 +1,7 @@
 """What a log holds according to its own summary: opens a large log behind a URL without reading it.
 
 Only the footer, the summary and the message indexes behind the chunks are read. They are believed as far as they agree
-with each other; where they do not, or anything is missing, the log is scanned instead (`scan.py`). The chunks themselves
+with each other; where they do not, or anything is missing, the log is scanned instead (`mcap_scan.py`). The chunks themselves
 are not looked at: they are checked when they are read.
 """
 
@@ -19,7 +19,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Metadata, MetadataIndex, Schema, Statistics
 
-from geomphys.recording.records import (
+from geomphys.recording.mcap_records import (
     BODY_LIMIT,
     CHUNK_LIMIT,
     FOOTER,
@@ -29,7 +29,7 @@ from geomphys.recording.records import (
     read_body,
     walk,
 )
-from geomphys.recording.scan import TIME_LIMIT, ChannelCount, FileScan, Span
+from geomphys.recording.mcap_scan import TIME_LIMIT, ChannelCount, FileScan, Span
 
 SUMMARY_LIMIT = 64 * 2**20
 """Bytes; a log with a longer summary is scanned."""

@@ -14,9 +14,9 @@ from typing import Literal
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from geomphys.recording.joint_meaning import WRIST, JointMeaning, joint_meanings
+from geomphys.recording.display_names import LENGTH
+from geomphys.recording.joint_labels import WRIST, JointMeaning, joint_meanings
 from geomphys.recording.name_words import FINGERS, side_of, words_of_all
-from geomphys.recording.naming import LENGTH
 
 LIKELY = 0.5
 """Score from which on two names may mean the same joint."""

@@ -18,18 +18,18 @@ from geomphys.authoring.avatar_draft import (
     is_of_either_hand,
     judge_angles,
 )
-from geomphys.authoring.height_guess import lowest_link
-from geomphys.authoring.scene_text import Others, scene_text
+from geomphys.authoring.lowest_link import lowest_link
+from geomphys.authoring.scene_toml import Others, scene_text
 from geomphys.errors import LogError, MeshError, OutputError
+from geomphys.recording.display_names import listed
+from geomphys.recording.input_plan import is_static
 from geomphys.recording.inspect import LogInfo, TopicInfo, inspect_log, log_space
-from geomphys.recording.kinds import short_names
+from geomphys.recording.message_kinds import short_names
 from geomphys.recording.name_words import side_of
-from geomphys.recording.naming import listed
-from geomphys.recording.plan import is_static
-from geomphys.recording.recorded_space import SpaceGuess
-from geomphys.recording.root_poses import PoseCandidate, is_request
+from geomphys.recording.recorded_space import RecordedSpace
+from geomphys.recording.root_candidates import PoseCandidate, is_request
 from geomphys.recording.samples import JOINTS, POSES
-from geomphys.recording.space import RecordedSpace
+from geomphys.recording.space_guess import SpaceGuess
 from geomphys.scene.chains import suggested_chains
 from geomphys.scene.meshes import load_mesh, require_closed
 from geomphys.scene.scene_file import parse_scene

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from geomphys.config import TimeSource
 from geomphys.errors import LogError
-from geomphys.recording.naming import plain
+from geomphys.recording.display_names import plain
 from geomphys.recording.reader import LogChannel
 
 NEVER = -(2**62)

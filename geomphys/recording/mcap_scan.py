@@ -14,7 +14,7 @@ from typing import BinaryIO, NamedTuple, cast
 from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata, Schema, Statistics
 
-from geomphys.recording.records import (
+from geomphys.recording.mcap_records import (
     BODY_LIMIT,
     CHUNK,
     CHUNK_LIMIT,

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from geomphys.numerics.transforms import matrix_from_pose
 from geomphys.recording.channels import Joints, kind_of, make_reader
 from geomphys.recording.decoders import BadMessageError
-from geomphys.recording.plan import split_topic
+from geomphys.recording.input_plan import split_topic
 from geomphys.recording.reader import open_log
-from geomphys.recording.space import RecordedSpace
+from geomphys.recording.recorded_space import RecordedSpace
 from geomphys.recording.streams import VALUE_LIMIT, Seven, good_pose
 from geomphys.scene.skeleton import Skeleton
 

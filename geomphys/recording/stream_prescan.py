@@ -14,13 +14,13 @@ from geomphys.config import Config
 from geomphys.errors import LogError
 from geomphys.recording.channels import Content, Joints, kind_of, make_reader
 from geomphys.recording.decoders import BadMessageError
-from geomphys.recording.layouts import PoseLayout
+from geomphys.recording.display_names import add_names, listed, plain, similar
+from geomphys.recording.input_plan import ClockInput, JointInput, Plan, PoseInput, is_static
+from geomphys.recording.message_layouts import PoseLayout
+from geomphys.recording.message_times import EARLY_CLOCK, MessageTimes
 from geomphys.recording.name_words import side_of
-from geomphys.recording.naming import add_names, listed, plain, similar
-from geomphys.recording.plan import ClockInput, JointInput, Plan, PoseInput, is_static
 from geomphys.recording.reader import LogChannel, LogReader, RawMessage
 from geomphys.recording.streams import VALUE_LIMIT, Seven, good_pose
-from geomphys.recording.times import EARLY_CLOCK, MessageTimes
 
 OFFSETS = 8  # messages of a channel whose stamps are compared with their log times
 FRAME_IDS = 64  # frame ids of a stream that are noted

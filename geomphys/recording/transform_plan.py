@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from geomphys.errors import LogError
-from geomphys.recording.facts import Known
-from geomphys.recording.frame_tree import Edge, FrameError, FrameTree, Step, is_of_tree, plain_frame, survey
-from geomphys.recording.naming import listed, plain, similar
-from geomphys.recording.plan import Plan, PoseInput
+from geomphys.recording.display_names import listed, plain, similar
+from geomphys.recording.input_plan import Plan, PoseInput
 from geomphys.recording.reader import LogReader
+from geomphys.recording.stream_prescan import Known
+from geomphys.recording.transform_tree import Edge, FrameError, FrameTree, Step, is_of_tree, plain_frame, survey
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from geomphys.errors import LogError
-from geomphys.recording.naming import plain
-from geomphys.recording.times import NEVER, Watermark
+from geomphys.recording.display_names import plain
+from geomphys.recording.message_times import NEVER, Watermark
 
 REMEDY = "--time log goes by when the log received the messages"
 STEADY = 5

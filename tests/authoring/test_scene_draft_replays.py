@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 from geomphys_cli.main import run
-from tests.test_draft import HAND, twin
+from tests.authoring.test_scene_draft import HAND, twin
 
 from tests.recording.log_files import glove, joints, pose, transforms, write_log
 

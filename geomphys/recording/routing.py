@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from geomphys.recording.frame_chain import FrameTracks
-from geomphys.recording.frame_tree import is_of_tree, plain_frame
-from geomphys.recording.plan import is_static
+from geomphys.recording.input_plan import is_static
 from geomphys.recording.routes import JointRoute, RootRoute, Route
+from geomphys.recording.transform_chain import FrameTracks
+from geomphys.recording.transform_tree import is_of_tree, plain_frame
 
 if TYPE_CHECKING:
     from geomphys.recording.frames import FrameSource

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from google.protobuf import json_format
 
-from geomphys.authoring.draft import pose_candidates
+from geomphys.authoring.scene_draft import pose_candidates
 from geomphys.config import Config
 from geomphys.errors import LogError
 from geomphys.recording.channels import Joints, Pose, kind_of, make_reader
 from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.frames import FrameSource
 from geomphys.recording.inspect import inspect_log
-from geomphys.recording.kinds import HAND_JOINTS, KINDS, find_kind, full_name
+from geomphys.recording.message_kinds import HAND_JOINTS, KINDS, find_kind, full_name
 from geomphys.recording.reader import LogChannel
 from tests.recording.log_files import Tree, make_world
 from tests.recording.made_messages import (

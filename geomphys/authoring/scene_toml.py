@@ -6,12 +6,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from geomphys.authoring.avatar_draft import AvatarDraft
-from geomphys.authoring.joints_text import MAX_NAMES, joint_lines, named, quoted
+from geomphys.authoring.joints_toml import MAX_NAMES, joint_lines, named, quoted
+from geomphys.recording.display_names import plain
 from geomphys.recording.inspect import LogInfo, TopicInfo
-from geomphys.recording.naming import plain
-from geomphys.recording.recorded_space import SpaceGuess
-from geomphys.recording.root_poses import PoseCandidate
-from geomphys.recording.space import RecordedSpace
+from geomphys.recording.recorded_space import RecordedSpace
+from geomphys.recording.root_candidates import PoseCandidate
+from geomphys.recording.space_guess import SpaceGuess
 
 
 @dataclass(frozen=True)

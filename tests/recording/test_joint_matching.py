@@ -6,8 +6,8 @@ import itertools
 
 import pytest
 
-from geomphys.recording.joint_meaning import JointMeaning, joint_meanings
-from geomphys.recording.matching import match_joints
+from geomphys.recording.joint_labels import JointMeaning, joint_meanings
+from geomphys.recording.joint_matching import match_joints
 from geomphys.recording.name_words import common_side, side_of, words
 
 GLOVE = ["ThumbMCPSpread", "ThumbMCPStretch", "IndexMCPStretch", "IndexPIPStretch", "PinkyMCPSpread", "PinkyDIPStretch"]

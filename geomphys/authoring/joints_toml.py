@@ -6,8 +6,8 @@ import json
 from collections.abc import Iterator, Sequence
 
 from geomphys.authoring.avatar_draft import AvatarDraft
-from geomphys.recording.matching import JointMatch
-from geomphys.recording.naming import plain
+from geomphys.recording.display_names import plain
+from geomphys.recording.joint_matching import JointMatch
 
 MAX_NAMES = 12
 """Names of a list in a comment."""

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from geomphys.config import Config
-from geomphys.recording.frame_tree import TREE_TYPES
 from geomphys.recording.frames import FrameSource
-from geomphys.recording.kinds import find_kind
-from geomphys.recording.poses import compose
+from geomphys.recording.message_kinds import find_kind
+from geomphys.recording.pose_tuples import compose
 from geomphys.recording.samples import POSES
+from geomphys.recording.transform_tree import TREE_TYPES
 from tests.recording.log_files import Tree, make_world, turned
 from tests.recording.made_messages import SEVEN, Made, S, make, pairs, part_of, write_messages
 

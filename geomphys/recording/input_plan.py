@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from geomphys.config import Config
 from geomphys.recording.channels import kind_of, not_understood
-from geomphys.recording.naming import listed, similar
+from geomphys.recording.display_names import listed, similar
 from geomphys.recording.reader import LogChannel, LogReader
 from geomphys.recording.samples import JOINTS, PARTS, POSES, USES, What
 from geomphys.scene.arrays import World

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
 
-from geomphys.recording.fields import Access, floats, or_else, plain_text, texts
+from geomphys.recording.field_access import Access, floats, or_else, plain_text, texts
 from geomphys.recording.samples import MISSING, Content, Joints, Pose
 from geomphys.recording.stamps import stamp_of
 

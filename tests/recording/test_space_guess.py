@@ -10,7 +10,7 @@ import pytest
 
 from geomphys.recording.channels import Joints, kind_of, make_reader
 from geomphys.recording.reader import open_log
-from geomphys.recording.recorded_space import SAMPLES, MotionSamples, guess_space
+from geomphys.recording.space_guess import SAMPLES, MotionSamples, guess_space
 
 UNITS = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
 

@@ -10,11 +10,11 @@ from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 
 from geomphys.errors import LogError
-from geomphys.recording.frame_plan import FramePlan
-from geomphys.recording.frame_tree import Edge
-from geomphys.recording.poses import IDENTITY, Seven, compose, invert
-from geomphys.recording.space import RecordedSpace
+from geomphys.recording.pose_tuples import IDENTITY, Seven, compose, invert
+from geomphys.recording.recorded_space import RecordedSpace
 from geomphys.recording.streams import blend_poses, good_pose
+from geomphys.recording.transform_plan import FramePlan
+from geomphys.recording.transform_tree import Edge
 
 
 class FrameTrack:

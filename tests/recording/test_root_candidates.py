@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from geomphys.recording.root_poses import PoseCandidate, rank_roots
+from geomphys.recording.root_candidates import PoseCandidate, rank_roots
 
 
 def candidate(name, messages=100):

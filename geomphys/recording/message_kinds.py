@@ -20,7 +20,7 @@ import re
 from dataclasses import replace
 from typing import NamedTuple
 
-from geomphys.recording.layouts import POSE, STAMPED_POSE, TRANSFORM, JointLayout, Layout, PoseLayout, pose_at
+from geomphys.recording.message_layouts import POSE, STAMPED_POSE, TRANSFORM, JointLayout, Layout, PoseLayout, pose_at
 from geomphys.recording.samples import What
 
 ENCODINGS = {
