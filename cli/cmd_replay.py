@@ -17,7 +17,7 @@ from .options import (
     config_options,
     force_option,
     json_option,
-    naming_partials,
+    note_partial_outputs,
     scene_option,
     written_options,
 )
@@ -83,7 +83,7 @@ def replay(
 
     first, told = not are_compiled(), False
 
-    with StopAtFrame() as stop, ProgressBars(terminal) as bars, naming_partials(out, rrd):
+    with StopAtFrame() as stop, ProgressBars(terminal) as bars, note_partial_outputs(out, rrd):
 
         def compiling(done: int, known: int) -> None:
             nonlocal told

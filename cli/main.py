@@ -22,7 +22,7 @@ from .terminal import Terminal
 EXIT_FAILED = 1
 EXIT_USAGE = 2
 EXIT_INTERRUPTED = 130
-GARBAGE = 50_000
+GC_THRESHOLD = 50_000
 """Objects between two searches for cycles of garbage: looking after every 700 takes a tenth of a short replay's time."""
 
 COMMANDS = {
@@ -145,7 +145,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         terminal.error("interrupted")
         return EXIT_INTERRUPTED
     except BrokenPipeError:
-        _forget_stdout()
+        _discard_stdout()
         return EXIT_FAILED
     except MemoryError:
         terminal.error("out of memory; a smaller scene, simpler meshes or fewer --jobs need less")
@@ -170,7 +170,7 @@ def _expected_errors() -> type[Exception]:
     return GeomphysError
 
 
-def _forget_stdout() -> None:
+def _discard_stdout() -> None:
     """Point stdout at nothing: its reader has gone, and the interpreter would complain of that when it ends."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
@@ -180,11 +180,11 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
-    gc.set_threshold(GARBAGE, 20, 20)
+    gc.set_threshold(GC_THRESHOLD, 20, 20)
     code = run()
     try:
         sys.stdout.flush()
     except BrokenPipeError:
-        _forget_stdout()
+        _discard_stdout()
         code = code or EXIT_FAILED
     sys.exit(code)

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-class Place(click.Path):
+class PathOrUrl(click.Path):
     """A local path, or a URL: one that is read must exist, as `click.Path` demands of paths."""
 
-    unseen_suffix: str | None = None
+    unchecked_suffix: str | None = None
     """Ending of URLs that are not looked for."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
@@ -32,7 +32,7 @@ class Place(click.Path):
             found = as_path(value)
             if not is_remote(found):
                 return super().convert(str(found), param, ctx)
-            if self.exists and found.suffix != self.unseen_suffix and not found.exists():
+            if self.exists and found.suffix != self.unchecked_suffix and not found.exists():
                 self.fail(f"{found}: there is no such file", param, ctx)
             if not self.exists and not found.lists:
                 self.fail(
@@ -45,17 +45,17 @@ class Place(click.Path):
         return found
 
 
-INPUT = Place(exists=True, readable=True, path_type=Path)
-INPUTS = Place(exists=True, readable=True, path_type=Path)
-INPUTS.unseen_suffix = ".mcap"  # of many logs one that is missing stops none
-INPUT_FILE = Place(exists=True, dir_okay=False, readable=True, path_type=Path)
+INPUT = PathOrUrl(exists=True, readable=True, path_type=Path)
+INPUTS = PathOrUrl(exists=True, readable=True, path_type=Path)
+INPUTS.unchecked_suffix = ".mcap"  # of many logs one that is missing stops none
+INPUT_FILE = PathOrUrl(exists=True, dir_okay=False, readable=True, path_type=Path)
 LOCAL_FILE = click.Path(exists=True, dir_okay=False, readable=True, path_type=Path)
-OUTPUT_FILE = Place(dir_okay=False, path_type=Path)
-OUTPUT_FOLDER = Place(file_okay=False, path_type=Path)
+OUTPUT_FILE = PathOrUrl(dir_okay=False, path_type=Path)
+OUTPUT_FOLDER = PathOrUrl(file_okay=False, path_type=Path)
 SECONDS = click.FloatRange(min=0.0)
 
 
-def _together(*options: Callable[[Any], Any]) -> Callable[[F], F]:
+def _combine_options(*options: Callable[[Any], Any]) -> Callable[[F], F]:
     """Return a decorator that adds the options in the order they are given."""
 
     def decorate(function: F) -> F:
@@ -66,7 +66,7 @@ def _together(*options: Callable[[Any], Any]) -> Callable[[F], F]:
     return decorate
 
 
-class _NeededOption(click.Option):
+class _RequiredOption(click.Option):
     """A required option; where it is missing, the error tells how to come by it."""
 
     def __init__(self, *args: Any, missing: str, **settings: Any) -> None:
@@ -84,7 +84,7 @@ class _NeededOption(click.Option):
 scene_option = click.option(
     "--scene",
     "-s",
-    cls=_NeededOption,
+    cls=_RequiredOption,
     missing="no scene: name its file with --scene; geomphys init LOG --urdf URDF writes a first one",
     type=INPUT_FILE,
     metavar="SCENE",
@@ -94,7 +94,7 @@ scene_option = click.option(
 urdf_option = click.option(
     "--urdf",
     "urdfs",
-    cls=_NeededOption,
+    cls=_RequiredOption,
     missing="no avatar: name the URDF of the recorded hand or body with --urdf",
     type=LOCAL_FILE,
     multiple=True,
@@ -106,7 +106,7 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON, 
 
 force_option = click.option("--force", "-f", is_flag=True, help="Overwrite outputs that exist.")
 
-config_options = _together(
+config_options = _combine_options(
     click.option(
         "--mode",
         type=click.Choice(["rigid", "chains"]),
@@ -137,7 +137,7 @@ config_options = _together(
 )
 """The options that make up a `Config`; hand them to `config_of`."""
 
-written_options = _together(
+written_options = _combine_options(
     click.option(
         "--no-timing", is_flag=True, help="No /timing channel, nor its plots: equal inputs then give equal bytes."
     ),
@@ -181,7 +181,7 @@ def check_output(path: Path | None, *, force: bool, inputs: tuple[Path, ...] = (
 
 
 @contextmanager
-def naming_partials(*outputs: Path | None) -> Iterator[None]:
+def note_partial_outputs(*outputs: Path | None) -> Iterator[None]:
     """Add to an error that ends the block where the finished part of an output is, if one was left."""
     partials = [path.with_name(f"{path.stem}.partial{path.suffix}") for path in outputs if path is not None]
     before = [_state(path) for path in partials]

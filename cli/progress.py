@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:
     from .terminal import Terminal
 
-EVERY = 16
+REDRAW_INTERVAL = 16
 """Frames between two looks at the bar: drawing must cost nothing beside the work."""
-PATIENCE = 1.0
+NOTICE_DELAY = 1.0
 """s after which it is said what is being done where there is no bar"""
 
 
@@ -25,7 +25,9 @@ class Report(Protocol):
 
 
 @contextmanager
-def progress_bar(terminal: Terminal, title: str, unit: str = "frames", every: int = EVERY) -> Iterator[Report]:
+def progress_bar(
+    terminal: Terminal, title: str, unit: str = "frames", every: int = REDRAW_INTERVAL
+) -> Iterator[Report]:
     """Show a bar while the block runs; yields the callback that moves it, which draws at every `every`-th call."""
     if terminal.quiet or not sys.stderr.isatty():
         yield lambda done, total: None
@@ -87,7 +89,9 @@ class ProgressBars:
         """Take the bar away."""
         self._shown.close()
 
-    def show(self, title: str, done: int, total: int | None, unit: str = "frames", every: int = EVERY) -> None:
+    def show(
+        self, title: str, done: int, total: int | None, unit: str = "frames", every: int = REDRAW_INTERVAL
+    ) -> None:
         """Move the bar of this title; it takes the place of the one before."""
         if self._report is None or title != self._title:
             self._shown.close()
@@ -101,7 +105,7 @@ class ProgressBars:
 def meshes_report(terminal: Terminal, bars: ProgressBars) -> Callable[[str, float], None]:
     """Return the callback that shows how far the meshes of a scene are cut.
 
-    On a terminal it moves a bar that names the mesh; elsewhere it writes one line if that takes longer than `PATIENCE`.
+    On a terminal it moves a bar that names the mesh; elsewhere it writes one line if that takes longer than `NOTICE_DELAY`.
     """
     begun, told = time.monotonic(), False
 
@@ -109,7 +113,7 @@ def meshes_report(terminal: Terminal, bars: ProgressBars) -> Callable[[str, floa
         nonlocal told
         if sys.stderr.isatty():
             bars.show(what, round(100 * share), 100, unit="%", every=1)
-        elif not told and time.monotonic() - begun > PATIENCE:
+        elif not told and time.monotonic() - begun > NOTICE_DELAY:
             terminal.note(f"Cutting meshes into convex pieces, once: {what}…")
             told = True
 

@@ -82,8 +82,8 @@ def _found(avatar: AvatarDraft) -> Iterator[str]:
 def space_lines(space: SpaceGuess) -> Iterator[str]:
     """Yield what was found of the recorded space, where it is not the usual one."""
     for said, reason, sure in (
-        (f"{space.up} is up", space.up_reason, space.up_sure),
-        (f"lengths are in {space.unit}", space.unit_reason, space.unit_sure),
+        (f"{space.up} is up", space.up_reason, space.is_up_certain),
+        (f"lengths are in {space.unit}", space.unit_reason, space.is_unit_certain),
     ):
         if reason:
             yield f"{said}: {reason}" if sure else f"perhaps {said}: {reason}"

@@ -6,15 +6,15 @@ import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from geomphys.authoring.finger_joints import finger_joints
-from geomphys.recording.angle_units import UnitGuess, guess_unit, mirrored_joints
+from geomphys.authoring.finger_joints import label_finger_joints
+from geomphys.recording.angle_units import UnitGuess, guess_angle_unit, mirrored_joints
 from geomphys.recording.inspect import TopicInfo
 from geomphys.recording.joint_matching import JointMatch, match_joints
 from geomphys.recording.name_words import common_side, side_of
-from geomphys.recording.root_candidates import PoseCandidate, is_request, rank_roots
+from geomphys.recording.root_candidates import PoseCandidate, is_command_topic, rank_root_poses
 from geomphys.scene.skeleton import Skeleton
 
-UNLIKELY = -3.0
+MIN_ROOT_SCORE = -3.0
 """A pose that scores less is not taken for a root: it says itself that it is something else."""
 
 
@@ -106,7 +106,7 @@ def find_joints(
     taken
         Topics and parts that other avatars follow.
     """
-    shape = finger_joints(skeleton)
+    shape = label_finger_joints(skeleton)
     ranked: list[tuple[tuple[int, int, int, bool, bool, int], JointTopic]] = []
     for topic in topics:
         if topic.messages == 0:
@@ -119,7 +119,7 @@ def find_joints(
             wrong = bool(hand and sides and hand not in sides)
             used = sum(m.is_used for m in matches)
             free = (topic.topic, side) not in taken
-            rank = (-wrong, used, len(matches), not is_request(topic.topic), free, topic.messages)
+            rank = (-wrong, used, len(matches), not is_command_topic(topic.topic), free, topic.messages)
             ranked.append((rank, JointTopic(topic, side, matches, ())))
     if not ranked:
         return None
@@ -129,10 +129,10 @@ def find_joints(
         for r, j in ranked
         if r[:2] == rank[:2] and j is not best
     ]
-    return JointTopic(best.topic, best.side, best.matches, tuple(o for o in others if not is_request(o)))
+    return JointTopic(best.topic, best.side, best.matches, tuple(o for o in others if not is_command_topic(o)))
 
 
-def judge_angles(skeleton: Skeleton, topic: TopicInfo | None, matches: Sequence[JointMatch]) -> AnglesGuess:
+def guess_angles(skeleton: Skeleton, topic: TopicInfo | None, matches: Sequence[JointMatch]) -> AnglesGuess:
     """The unit of a topic's angles, and which joints are mirrored: those that turn, not those that slide."""
     if topic is None:
         return AnglesGuess(UnitGuess("rad", ""))
@@ -141,7 +141,7 @@ def judge_angles(skeleton: Skeleton, topic: TopicInfo | None, matches: Sequence[
     used = {m.joint: m.recorded for m in matches if m.joint in turning and m.recorded in topic.ranges}
     ranges = {joint: topic.ranges[recorded] for joint, recorded in used.items()}
     limits = {j: (float(skeleton.lower[column[j]]), float(skeleton.upper[column[j]])) for j in used}
-    guess = guess_unit(ranges, limits)
+    guess = guess_angle_unit(ranges, limits)
     if topic.kind == "glove":
         guess = UnitGuess("deg", "gloves of this type send degrees")
     scale = math.pi / 180.0 if guess.unit == "deg" else 1.0
@@ -154,7 +154,7 @@ def find_root(
 ) -> tuple[PoseCandidate | None, tuple[str, ...]]:
     """The pose that the root follows, None if none looks like it; and the other poses, likeliest first."""
     sure = joints if joints is not None and any(m.is_used for m in joints.matches) else None
-    ranked = rank_roots(
+    ranked = rank_root_poses(
         poses,
         skeleton.links[0].name,
         [skeleton.path.stem],
@@ -162,7 +162,7 @@ def find_root(
         sure.topic.messages if sure is not None else 0,
         hand,
     )
-    root = ranked[0][1] if ranked and ranked[0][0] > UNLIKELY else None
+    root = ranked[0][1] if ranked and ranked[0][0] > MIN_ROOT_SCORE else None
     return root, tuple(c.name for _, c in ranked if c is not root)
 
 

@@ -6,17 +6,17 @@ from collections import Counter
 
 import numpy as np
 
-from geomphys.recording.joint_labels import JointMeaning, joint_meanings, usual_order
+from geomphys.recording.joint_labels import JointLabel, label_joints, standard_order
 from geomphys.recording.name_words import FINGERS
 from geomphys.scene.skeleton import Floats, Skeleton
 
-MOST = 7
+MAX_FINGER_JOINTS = 7
 """Joints of a finger; a longer row of joints is an arm."""
-FROM_SHAPE = 0.8
+SHAPE_CONFIDENCE = 0.8
 """How sure a finger is that is known by where it stands on the palm."""
 
 
-def finger_joints(skeleton: Skeleton) -> dict[str, JointMeaning]:
+def label_finger_joints(skeleton: Skeleton) -> dict[str, JointLabel]:
     """What the joints of fingers are, by the chains of links they are in; other joints are not in it.
 
     A finger is a row of moving joints from a link with several such rows to a tip. It is told by names of its joints and
@@ -28,15 +28,20 @@ def finger_joints(skeleton: Skeleton) -> dict[str, JointMeaning]:
     fingers = [_named(skeleton, row) for row in rows]
     sure = 1.0
     if rows and not any(fingers) and len({_palm(skeleton, row) for row in rows}) == 1 and 3 <= len(rows) <= 5:
-        fingers, sure = _placed(skeleton, rows, poses), FROM_SHAPE
-    found: dict[str, JointMeaning] = {}
+        fingers, sure = _placed(skeleton, rows, poses), SHAPE_CONFIDENCE
+    found: dict[str, JointLabel] = {}
     for row, finger in zip(rows, fingers, strict=True):
         if finger and fingers.count(finger) == 1:
             for link, segment, motion in _parts(skeleton, row, finger, poses):
                 joint = skeleton.joints[link]
                 assert joint is not None
-                found[joint.name] = JointMeaning(
-                    finger=finger, segment=segment, motion=motion, finger_sure=sure, segment_sure=0.9, motion_sure=0.9
+                found[joint.name] = JointLabel(
+                    finger=finger,
+                    segment=segment,
+                    motion=motion,
+                    finger_confidence=sure,
+                    segment_confidence=0.9,
+                    motion_confidence=0.9,
                 )
     return found
 
@@ -61,7 +66,7 @@ def _rows(skeleton: Skeleton) -> list[list[int]]:
             if not onward:
                 break
             here = onward[0]
-        if 1 <= len(row) <= MOST:
+        if 1 <= len(row) <= MAX_FINGER_JOINTS:
             rows.append(row)
     return rows
 
@@ -78,7 +83,7 @@ def _named(skeleton: Skeleton, row: list[int]) -> str:
     """The finger that most names of a row say; "" if none does."""
     names = [skeleton.links[i].name for i in row]
     names += [joint.name for i in row if (joint := skeleton.joints[i]) is not None]
-    count = Counter(m.finger for m in joint_meanings(names).values() if m.finger in FINGERS)
+    count = Counter(m.finger for m in label_joints(names).values() if m.finger in FINGERS)
     return count.most_common(1)[0][0] if count else ""
 
 
@@ -123,7 +128,7 @@ def _tip(skeleton: Skeleton, row: list[int]) -> int:
 
 def _parts(skeleton: Skeleton, row: list[int], finger: str, poses: Floats) -> list[tuple[int, str, str]]:
     """Link, segment and motion of the joints of a row: of a thumb, and of many joints, by what is usual, else by their axes."""
-    order = usual_order(finger, len(row))
+    order = standard_order(finger, len(row))
     if order and (len(row) == 5 or (finger == "thumb" and len(row) == 4)):
         return [(link, *part) for link, part in zip(row, order, strict=True)]
     axes = []

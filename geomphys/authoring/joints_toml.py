@@ -6,12 +6,12 @@ import json
 from collections.abc import Iterator, Sequence
 
 from geomphys.authoring.avatar_draft import AvatarDraft
-from geomphys.recording.display_names import plain
+from geomphys.recording.display_names import printable
 from geomphys.recording.joint_matching import JointMatch
 
 MAX_NAMES = 12
 """Names of a list in a comment."""
-FILLED_IN = 60
+MAX_FILL_IN_LINES = 60
 """Lines to fill in."""
 
 
@@ -43,7 +43,7 @@ def joint_lines(avatar: AvatarDraft) -> Iterator[str]:
         yield f"# Not recorded, they stay at 0: {named(avatar.unmatched_joints)}"
     if avatar.unmatched_recorded and not hidden:
         yield f"# Recorded, but of no use here: {named(avatar.unmatched_recorded)}; if that is meant so:"
-        yield f"# ignore = [{', '.join(quoted(n) for n in avatar.unmatched_recorded[:FILLED_IN])}]"
+        yield f"# ignore = [{', '.join(quoted(n) for n in avatar.unmatched_recorded[:MAX_FILL_IN_LINES])}]"
     yield from _rename(avatar, hidden)
 
 
@@ -52,7 +52,7 @@ def _rename(avatar: AvatarDraft, hidden: str) -> Iterator[str]:
     spelled = [m for m in avatar.matches if m.how == "spelling"]
     guessed = [m for m in avatar.matches if m.how == "guess" and m.is_used]
     alike = [m for m in avatar.matches if not m.is_used]
-    open_names = avatar.unmatched_recorded[:FILLED_IN] if avatar.unmatched_joints else ()
+    open_names = avatar.unmatched_recorded[:MAX_FILL_IN_LINES] if avatar.unmatched_joints else ()
     if not spelled and not guessed and not alike and not open_names:
         return
     yield ""
@@ -82,7 +82,7 @@ def plain_line(text: str) -> str:
 def named(names: Sequence[str]) -> str:
     """Names with commas between them, the first `MAX_NAMES` of them."""
     more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
-    return ", ".join(plain(n) for n in names[:MAX_NAMES]) + more
+    return ", ".join(printable(n) for n in names[:MAX_NAMES]) + more
 
 
 def quoted(text: str) -> str:

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.numerics.transforms import matrix_from_pose
-from geomphys.recording.channels import Joints, kind_of, make_reader
+from geomphys.recording.channels import JointSample, kind_of, make_message_reader
 from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.input_plan import split_topic
 from geomphys.recording.reader import open_log
 from geomphys.recording.recorded_space import RecordedSpace
-from geomphys.recording.streams import VALUE_LIMIT, Seven, good_pose
+from geomphys.recording.streams import VALUE_LIMIT, PoseTuple, validated_pose
 from geomphys.scene.skeleton import Skeleton
 
 SAMPLES = 400
@@ -57,7 +57,7 @@ def lowest_link(
     first: NDArray[np.float64] | None = (
         None  # angles of the first message with joints: what comes before it has them too
     )
-    poses: list[Seven] = []
+    poses: list[PoseTuple] = []
     taken: list[NDArray[np.float64] | None] = []
     with open_log(log, recover=recover) as reader:
         root_topic, child = split_topic(root, reader.topics)
@@ -66,7 +66,7 @@ def lowest_link(
         for key, channel in reader.channels.items():
             kind = kind_of(channel)
             if kind is not None and channel.topic in (root_topic, joints_topic):
-                reading[key] = make_reader(channel, kind)
+                reading[key] = make_message_reader(channel, kind)
         stride = max(
             1, sum(reader.channels[k].messages for k in reading if reader.channels[k].topic == root_topic) // SAMPLES
         )
@@ -76,16 +76,18 @@ def lowest_link(
                 content = reading[raw.key](raw.data)
             except BadMessageError:
                 continue
-            if isinstance(content, Joints):
+            if isinstance(content, JointSample):
                 if side and content.side != side:
                     continue
-                for name, value in zip(content.names, content.sample, strict=False):
+                for name, value in zip(content.names, content.usable_values, strict=False):
                     if name in used and abs(value) < VALUE_LIMIT:
                         angles[used[name]] = value
                 first = angles * scale if first is None else first
                 continue
             good = [
-                pose for p in content if (not child or p.child == child) and (pose := good_pose(p.value)) is not None
+                pose
+                for p in content
+                if (not child or p.child == child) and (pose := validated_pose(p.value)) is not None
             ]
             samples_seen += 1
             if good and (samples_seen - 1) % stride == 0:
@@ -94,6 +96,6 @@ def lowest_link(
     if not poses:
         return None
     begin = np.zeros(len(columns)) if first is None else first
-    world_from_root = matrix_from_pose(np.array([space.to_world(space.metres(pose)) for pose in poses]))
+    world_from_root = matrix_from_pose(np.array([space.to_world(space.to_metres(pose)) for pose in poses]))
     links = skeleton.forward(np.array([begin if a is None else a for a in taken]), world_from_root)
     return float(links[..., 2, 3].min())

@@ -14,20 +14,20 @@ from geomphys.authoring.avatar_draft import (
     AvatarDraft,
     find_joints,
     find_root,
+    guess_angles,
     hand_sides,
     is_of_either_hand,
-    judge_angles,
 )
 from geomphys.authoring.lowest_link import lowest_link
-from geomphys.authoring.scene_toml import Others, scene_text
+from geomphys.authoring.scene_toml import UnusedStreams, scene_text
 from geomphys.errors import LogError, MeshError, OutputError
-from geomphys.recording.display_names import listed
+from geomphys.recording.display_names import join_names
 from geomphys.recording.input_plan import is_static
 from geomphys.recording.inspect import LogInfo, TopicInfo, inspect_log, log_space
-from geomphys.recording.message_kinds import short_names
+from geomphys.recording.message_kinds import type_names
 from geomphys.recording.name_words import side_of
 from geomphys.recording.recorded_space import RecordedSpace
-from geomphys.recording.root_candidates import PoseCandidate, is_request
+from geomphys.recording.root_candidates import PoseCandidate, is_command_topic
 from geomphys.recording.samples import JOINTS, POSES
 from geomphys.recording.space_guess import SpaceGuess
 from geomphys.scene.chains import suggested_chains
@@ -48,7 +48,7 @@ class SceneDraft:
     text: str  # TOML, valid
     log: LogInfo
     avatars: tuple[AvatarDraft, ...]
-    others: Others  # poses and joints of the log that no avatar follows
+    others: UnusedStreams  # poses and joints of the log that no avatar follows
     space: SpaceGuess
 
     @property
@@ -99,12 +99,12 @@ def draft_scene(
         A URDF or one of its meshes is wrong.
     """
     info = inspect_log(as_path(log), recover=recover)
-    poses, joints = pose_candidates(info), [t for t in info.topics if t.kind in JOINTS and _sayable(t.topic)]
+    poses, joints = pose_candidates(info), [t for t in info.topics if t.kind in JOINTS and _is_valid_name(t.topic)]
     if not poses and not joints:
-        found = listed([f"{t.topic} ({t.schema or 'no schema'}, {t.encoding})" for t in info.topics], 6)
+        found = join_names([f"{t.topic} ({t.schema or 'no schema'}, {t.encoding})" for t in info.topics], 6)
         raise LogError(
             f"{log}: holds no pose and no joint values that are understood, so nothing can follow it: {found}; types that "
-            f"are: {', '.join(short_names(JOINTS + POSES))}"
+            f"are: {', '.join(type_names(JOINTS + POSES))}"
         )
     unreadable = next((t for t in info.topics if t.bad_reason or t.problem), None)
     if unreadable is not None and not poses and not any(t.joints for t in joints):
@@ -119,7 +119,7 @@ def draft_scene(
         taken = {a.root.name for a in avatars if a.root is not None}
         free = [p for p in poses if p.name not in taken]
         avatars.append(_avatar(skeleton, Path(folder), hand, free, joints, avatars))
-    others = Others(
+    others = UnusedStreams(
         poses=tuple(p for p in poses if p.name not in {a.root.name for a in avatars if a.root is not None}),
         joints=tuple(t.topic for t in joints if t.topic not in {a.joints_topic for a in avatars}),
     )
@@ -132,7 +132,7 @@ def draft_scene(
             f"{avatar.joints_topic}#{avatar.side}" if avatar.side else avatar.joints_topic,
             {m.recorded: m.joint for m in avatar.used},
             avatar.unit.unit == "deg",
-            RecordedSpace.of(space.table),
+            RecordedSpace.from_table(space.table),
             recover=recover,
         )
         for skeleton, avatar in zip(skeletons, avatars, strict=True)
@@ -156,11 +156,11 @@ def _avatar(
     matches = joints.matches if joints is not None else ()
     used = [m for m in matches if m.is_used]
     topic = joints.topic if joints is not None else _any_joints(topics)
-    recorded = [n for n in topic.joints if _sayable(n)] if topic is not None else []
+    recorded = [n for n in topic.joints if _is_valid_name(n)] if topic is not None else []
     if hand:
         recorded = [n for n in recorded if side_of(n) in ("", hand)]
     root, choices = find_root(skeleton, poses, hand, joints)
-    angles = judge_angles(skeleton, topic, used or matches)
+    angles = guess_angles(skeleton, topic, used or matches)
     mimics = {j.name for j in skeleton.joints if j is not None and j.mimics is not None}
     found = {m.recorded for m in matches} | mimics
     path, stem = os.path.relpath(skeleton.path, folder), skeleton.path.stem
@@ -189,7 +189,7 @@ def _avatar(
 
 def _any_joints(topics: Sequence[TopicInfo]) -> TopicInfo | None:
     """A topic to fill in names of by hand where none has a name that is alike."""
-    some = [t for t in topics if t.messages and t.joints and not is_request(t.topic)]
+    some = [t for t in topics if t.messages and t.joints and not is_command_topic(t.topic)]
     return max(some, key=lambda t: t.messages, default=None)
 
 
@@ -197,29 +197,29 @@ def pose_candidates(info: LogInfo) -> list[PoseCandidate]:
     """Everything in a log that has a pose."""
     found = []
     for topic in info.topics:
-        if topic.kind not in POSES or not _sayable(topic.topic) or is_static(topic.topic):
+        if topic.kind not in POSES or not _is_valid_name(topic.topic) or is_static(topic.topic):
             continue
         for child, (low, high) in topic.boxes.items():
             if topic.kind == "pose" or (topic.kind == "transform" and len(topic.frames) < 2):
                 found.append(PoseCandidate(topic.topic, topic.messages, low, high))
                 break
-            if _sayable(child):
+            if _is_valid_name(child):
                 found.append(PoseCandidate(f"{topic.topic}#{child}", topic.messages, low, high))
     return found
 
 
-def _sayable(name: str) -> bool:
+def _is_valid_name(name: str) -> bool:
     """Whether a scene file can hold a name."""
     return 0 < len(name) <= 512 and name == name.strip() and name.isprintable()
 
 
 def _name(stem: str, taken: set[str]) -> str:
     """A name for an avatar that is not taken."""
-    plain = "".join(c if c.isprintable() and c not in "/#" else "_" for c in stem).strip()
-    name = plain if plain and plain not in ("world", "recorded", "table", "floor") else "avatar"
+    printable = "".join(c if c.isprintable() and c not in "/#" else "_" for c in stem).strip()
+    name = printable if printable and printable not in ("world", "recorded", "table", "floor") else "avatar"
     number = 2
     while name in taken:
-        name, number = f"{plain}_{number}", number + 1
+        name, number = f"{printable}_{number}", number + 1
     return name
 
 

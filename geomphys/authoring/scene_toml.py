@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from geomphys.authoring.avatar_draft import AvatarDraft
 from geomphys.authoring.joints_toml import MAX_NAMES, joint_lines, named, quoted
-from geomphys.recording.display_names import plain
+from geomphys.recording.display_names import printable
 from geomphys.recording.inspect import LogInfo, TopicInfo
 from geomphys.recording.recorded_space import RecordedSpace
 from geomphys.recording.root_candidates import PoseCandidate
@@ -15,14 +15,16 @@ from geomphys.recording.space_guess import SpaceGuess
 
 
 @dataclass(frozen=True)
-class Others:
+class UnusedStreams:
     """What of a log no avatar follows."""
 
     poses: tuple[PoseCandidate, ...]
     joints: tuple[str, ...]
 
 
-def scene_text(log: LogInfo, avatars: Sequence[AvatarDraft], others: Others, space: SpaceGuess, lowest: float) -> str:
+def scene_text(
+    log: LogInfo, avatars: Sequence[AvatarDraft], others: UnusedStreams, space: SpaceGuess, lowest: float
+) -> str:
     """TOML of a scene in which these avatars follow a log; `lowest` is how low [m] the links of hands come."""
     lines = [*_head(log, avatars), *_recording(space)]
     for avatar in avatars:
@@ -33,16 +35,16 @@ def scene_text(log: LogInfo, avatars: Sequence[AvatarDraft], others: Others, spa
 
 def _head(log: LogInfo, avatars: Sequence[AvatarDraft]) -> Iterator[str]:
     name = log.path.replace("\\", "/").rstrip("/").rsplit("/", 1)[-1]
-    yield f"# A scene for {plain(name)}, drafted by `geomphys init`. Lines with CHECK need your eye:"
+    yield f"# A scene for {printable(name)}, drafted by `geomphys init`. Lines with CHECK need your eye:"
     yield "# what they say was guessed, or only you can know it."
     yield "# Lengths in metres, angles in radians, world z up, quaternions x y z w; paths are relative to this file."
     yield "#"
     yield "# The log has"
     used = _users(avatars)
-    widest = max((len(plain(t.topic)) for t in log.topics), default=0)
+    widest = max((len(printable(t.topic)) for t in log.topics), default=0)
     for topic in log.topics:
-        what = f"{plain(topic.schema) or 'no schema'}, {_content(topic)}"
-        yield f"#   {plain(topic.topic):<{widest}}  {what}{used.get(topic.topic, '')}"
+        what = f"{printable(topic.schema) or 'no schema'}, {_content(topic)}"
+        yield f"#   {printable(topic.topic):<{widest}}  {what}{used.get(topic.topic, '')}"
     yield ""
     yield "[scene]"
     yield f"name = {quoted(_title(name))}"
@@ -54,11 +56,11 @@ def _recording(space: SpaceGuess) -> Iterator[str]:
     if not space.up_reason and not space.unit_reason:
         return
     yield ""
-    sure = bool((space.up_reason and space.up_sure) or (space.unit_reason and space.unit_sure))
+    sure = bool((space.up_reason and space.is_up_certain) or (space.unit_reason and space.is_unit_certain))
     yield f"{'' if sure else '# '}[recording]                     # the space of the log"
     for key, value, reason, is_sure in (
-        ("up", space.up, space.up_reason, space.up_sure),
-        ("unit", space.unit, space.unit_reason, space.unit_sure),
+        ("up", space.up, space.up_reason, space.is_up_certain),
+        ("unit", space.unit, space.unit_reason, space.is_unit_certain),
     ):
         if reason:
             hidden = "" if is_sure else "# "
@@ -122,9 +124,9 @@ def _root(avatar: AvatarDraft) -> Iterator[str]:
             yield f"# topic = {quoted(name)}"
     else:
         others = f"; else: {named(avatar.root_choices)}" if avatar.root_choices else ""
-        yield f"# CHECK: is it the pose of {plain(avatar.root_link)!r}{others}"
+        yield f"# CHECK: is it the pose of {printable(avatar.root_link)!r}{others}"
         yield f"topic = {quoted(avatar.root.name)}"
-    yield f"# CHECK: where {plain(avatar.root_link)!r} is, seen from the tracker: measure it."
+    yield f"# CHECK: where {printable(avatar.root_link)!r} is, seen from the tracker: measure it."
     yield "position = [0.0, 0.0, 0.0]"
     yield "orientation = [0.0, 0.0, 0.0, 1.0]"
 
@@ -132,8 +134,8 @@ def _root(avatar: AvatarDraft) -> Iterator[str]:
 def _example(avatars: Sequence[AvatarDraft], space: SpaceGuess, lowest: float) -> Iterator[str]:
     """A thing to run into: a floor for a body, a table for hands."""
     roots = [a.root for a in avatars if a.root is not None]
-    recorded = RecordedSpace.of(space.table)
-    corners = [recorded.point(p) for r in roots for p in (r.low, r.high)] or [(0.0, 0.0, 0.0)]
+    recorded = RecordedSpace.from_table(space.table)
+    corners = [recorded.world_position(p) for r in roots for p in (r.low, r.high)] or [(0.0, 0.0, 0.0)]
     low, high = ([pick(c[i] for c in corners) for i in range(3)] for pick in (min, max))
     x, y = (round((a + b) / 2, 2) + 0.0 for a, b in zip(low[:2], high[:2], strict=True))
     if avatars and all(a.tall for a in avatars):
@@ -152,7 +154,7 @@ def _example(avatars: Sequence[AvatarDraft], space: SpaceGuess, lowest: float) -
     yield 'material = "wood"'
 
 
-def _tracked(others: Others) -> Iterator[str]:
+def _tracked(others: UnusedStreams) -> Iterator[str]:
     """Things whose poses the log has, as objects to uncomment."""
     if others.joints:
         yield f"# Joints of the log that nothing here follows: {named(others.joints)}"
@@ -177,5 +179,5 @@ def _tracked(others: Others) -> Iterator[str]:
 
 def _title(name: str) -> str:
     """A name for a scene or an object from that of a file or a topic."""
-    stem = plain(name.rsplit(".mcap", 1)[0]).replace("/", "_").replace("#", "_").strip()
+    stem = printable(name.rsplit(".mcap", 1)[0]).replace("/", "_").replace("#", "_").strip()
     return stem or "scene"

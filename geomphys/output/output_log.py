@@ -40,7 +40,7 @@ from geomphys.recording.mcap_records import (
     HEAD,
     MESSAGE,
     BadRecordError,
-    read_chunk_head,
+    read_chunk_header,
     unpack_chunk,
     walk,
 )
@@ -255,8 +255,8 @@ class OutputLog:
             if length > CHUNK_LIMIT:
                 raise BadRecordError(f"a chunk of {length} bytes is longer than the limit of {CHUNK_LIMIT}")
             body = stream.read(length)
-            head = read_chunk_head(body, length)
-            data, damage = unpack_chunk(head, body[head.head_length : head.head_length + head.data_length])
+            head = read_chunk_header(body, length)
+            data, damage = unpack_chunk(head, body[head.header_length : head.header_length + head.data_length])
             if damage:
                 raise BadRecordError(f"the chunk at byte {chunk.chunk_start_offset} {damage}")
             for opcode, begin, end in walk(data):

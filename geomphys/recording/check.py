@@ -110,7 +110,7 @@ def check_log(log: Path | str, world: World, config: Config | None = None) -> Ch
     recording, mapped = None, tuple[JointMapping, ...]()
     if not plan.problems:
         try:
-            recording, mapped = _frames(log, world, config)
+            recording, mapped = _scan_frames(log, world, config)
         except LogError as problem:
             errors.append(Diagnostic(str(problem), "input"))
     if recording is not None and recording.frames == 0:
@@ -134,12 +134,12 @@ def check_log(log: Path | str, world: World, config: Config | None = None) -> Ch
     )
 
 
-def _frames(log: Path, world: World, config: Config) -> tuple[RecordingReport, tuple[JointMapping, ...]]:
+def _scan_frames(log: Path, world: World, config: Config) -> tuple[RecordingReport, tuple[JointMapping, ...]]:
     """Make all frames; the report of them, and which recorded joint feeds which."""
     with FrameSource(log, world, config) as source:
         for _ in source:
             pass
-        names = {i.topic: source.known.names.get(i.topic, set()) for i in source.plan.joints}
+        names = {i.topic: source.prescan.names.get(i.topic, set()) for i in source.plan.joints}
         prismatic = source.prismatic
         mapped = [
             JointMapping(
@@ -150,12 +150,12 @@ def _frames(log: Path, world: World, config: Config) -> tuple[RecordingReport, t
                 unit="m" if prismatic[column] else "deg" if i.degrees else "rad",
             )
             for i in source.plan.joints
-            for name, column in _recorded(i, names[i.topic])
+            for name, column in _recorded_joints(i, names[i.topic])
         ]
         return source.report, tuple(mapped)
 
 
-def _recorded(source: JointInput, names: set[str]) -> list[tuple[str, int]]:
+def _recorded_joints(source: JointInput, names: set[str]) -> list[tuple[str, int]]:
     """Recorded joints of a topic that feed a tree, in the order of its angles."""
     found = [(n, c) for n, c in source.recorded_names().items() if n in names]
     return sorted(found, key=lambda item: item[1])
@@ -168,14 +168,14 @@ def _rpy_warnings(world: World) -> Iterator[str]:
     tables += [(f"object {table.name!r}", table.rpy) for table in file.object]
     tables += [(f"the root of avatar {table.name!r}", table.root.rpy) for table in file.avatar]
     for where, rpy in tables:
-        given = [abs(angle) for angle in rpy or () if angle]
-        if given and all(any(abs(angle - k * math.pi / 12) < 1e-3 for k in range(1, 25)) for angle in given):
+        angles = [abs(angle) for angle in rpy or () if angle]
+        if angles and all(any(abs(angle - k * math.pi / 12) < 1e-3 for k in range(1, 25)) for angle in angles):
             yield f"{where}: rpy = {list(rpy or ())}: degrees are expected, and these look like radians"
 
 
 def _space(table: RecordingTable) -> SpaceReport | None:
     """What `[recording]` says of the space, if it is not that of the world."""
-    if RecordedSpace.of(table) == RecordedSpace():
+    if RecordedSpace.from_table(table) == RecordedSpace():
         return None
     return SpaceReport(table.up, table.unit, table.position, table.rotation)
 

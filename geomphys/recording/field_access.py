@@ -15,11 +15,11 @@ T = TypeVar("T")
 
 TIME_FIELDS = {"cdr": ("sec", "nanosec"), "ros1": ("secs", "nsecs"), "protobuf": ("seconds", "nanos")}
 """Encoding whose messages have attributes -> those of a time."""
-SPELLED = ("NaN", "Infinity", "-Infinity")
+TEXT_NUMBERS = ("NaN", "Infinity", "-Infinity")
 """Numbers that protobuf's JSON writes as text."""
 
 
-class Access:
+class FieldAccess:
     """How fields are fetched from messages of an encoding."""
 
     def __init__(self, encoding: str, *, lenient: bool) -> None:
@@ -28,15 +28,15 @@ class Access:
         self.lenient = lenient or encoding == "flatbuffer"
         self.has_presence = encoding == "protobuf"
 
-    def one(self, path: str) -> Fetch:
+    def required(self, path: str) -> Fetch:
         """Fetch one field."""
         if self.times is not None:
             return attrgetter(path)
-        return _walk(path, lenient=self.lenient)
+        return _nested_getter(path, lenient=self.lenient)
 
-    def maybe(self, path: str) -> Fetch:
+    def optional(self, path: str) -> Fetch:
         """Fetch one field of dictionaries; None for one that is not there."""
-        return _walk(path, lenient=True)
+        return _nested_getter(path, lenient=True)
 
     def numbers(self, paths: Sequence[str]) -> Callable[[Any], Values]:
         """Fetch numbers; NaN for what is not one by intention (``null``)."""
@@ -48,7 +48,7 @@ class Access:
         for path in paths:
             parent, _, leaf = path.rpartition(".")
             if parent != last or not groups:
-                groups.append((self.one(parent) if parent else None, []))
+                groups.append((self.required(parent) if parent else None, []))
                 last = parent
             groups[-1][1].append(leaf)
         return _lenient_numbers(groups) if self.lenient else _strict_numbers(groups)
@@ -56,29 +56,29 @@ class Access:
     def stamp(self, path: str) -> Callable[[Any], int | None]:
         """Fetch a stamp in ns; None for one that is not there."""
         if not path:
-            return _nothing
+            return _no_stamp
         if self.times is None:
-            when = _walk(path, lenient=True)
-            return lambda m: json_stamp(when(m))
-        both = attrgetter(*(f"{path}.{k}" for k in self.times))
+            fetch_time = _nested_getter(path, lenient=True)
+            return lambda m: json_stamp(fetch_time(m))
+        fetch_parts = attrgetter(*(f"{path}.{k}" for k in self.times))
         if self.has_presence:
-            return lambda m: stamp_of(*both(m)) if m.HasField(path) else None
-        return lambda m: stamp_of(*both(m))
+            return lambda m: stamp_of(*fetch_parts(m)) if m.HasField(path) else None
+        return lambda m: stamp_of(*fetch_parts(m))
 
     def text(self, paths: Sequence[str]) -> Callable[[Any], str]:
         """Fetch a text; "" for one that is not there; several are joined, equal ones told once."""
         if not paths:
-            return _empty
+            return _no_text
         if len(paths) == 1:
             if self.times is not None:
                 return attrgetter(paths[0])
-            fetch = _walk(paths[0], lenient=True)
-            return lambda m: plain_text(fetch(m))
+            fetch = _nested_getter(paths[0], lenient=True)
+            return lambda m: checked_text(fetch(m))
         parts = [self.text([path]) for path in paths]
         return lambda m: "/".join(dict.fromkeys(t for part in parts if (t := part(m))))
 
 
-def or_else(fetch: Callable[[Any], T], otherwise: T) -> Callable[[Any], T]:
+def with_default(fetch: Callable[[Any], T], otherwise: T) -> Callable[[Any], T]:
     """Fetch a field that some versions of a type lack."""
 
     def read(m: Any) -> T:
@@ -90,19 +90,19 @@ def or_else(fetch: Callable[[Any], T], otherwise: T) -> Callable[[Any], T]:
     return read
 
 
-def _nothing(_: Any) -> None:
+def _no_stamp(_: Any) -> None:
     return None
 
 
-def _empty(_: Any) -> str:
+def _no_text(_: Any) -> str:
     return ""
 
 
-def _walk(path: str, *, lenient: bool) -> Fetch:
+def _nested_getter(path: str, *, lenient: bool) -> Fetch:
     """Fetch a field of dictionaries in dictionaries; with `lenient`, None for what is not there."""
     keys = path.split(".")
     if not lenient:
-        return _strictly(keys)
+        return _strict_getter(keys)
     spellings = [(key, _camel(key)) for key in keys]
 
     def search(m: Any) -> Any:
@@ -126,7 +126,7 @@ def _walk(path: str, *, lenient: bool) -> Fetch:
     return fetch
 
 
-def _strictly(keys: Sequence[str]) -> Fetch:
+def _strict_getter(keys: Sequence[str]) -> Fetch:
     """Fetch a field that must be there."""
     if len(keys) == 1:
         return itemgetter(keys[0])
@@ -168,12 +168,12 @@ def _lenient_numbers(groups: Sequence[tuple[Fetch | None, list[str]]]) -> Callab
     def fetch(m: Any) -> Values:
         found: list[Any] = []
         for parent, leaves in groups:
-            within = m if parent is None else parent(m)
-            if within is None:
+            group_parent = m if parent is None else parent(m)
+            if group_parent is None:
                 if "w" in leaves:  # zero would be no rotation, so a writer never leaves it out
                     raise KeyError("rotation")
-                within = {}
-            found += [within.get(leaf, 0.0) for leaf in leaves]
+                group_parent = {}
+            found += [group_parent.get(leaf, 0.0) for leaf in leaves]
         return tuple(floats(found))
 
     def numbers(m: Any) -> Values:
@@ -202,12 +202,12 @@ def _number(x: Any) -> float:
         return float(x)
     if x is None:
         return NAN
-    if kind is str and x in SPELLED:
+    if kind is str and x in TEXT_NUMBERS:
         return float(x)
     raise TypeError("not a number")
 
 
-def plain_text(text: Any) -> str:
+def checked_text(text: Any) -> str:
     """A text of JSON, "" for ``null``."""
     if text is None:
         return ""
@@ -216,7 +216,7 @@ def plain_text(text: Any) -> str:
     return text
 
 
-def texts(names: Any) -> list[str]:
+def checked_names(names: Any) -> list[str]:
     """Names of JSON."""
     if not isinstance(names, list) or not set(map(type, names)) <= {str}:
         raise TypeError("names are not a list of strings")

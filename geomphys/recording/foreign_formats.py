@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from geomphys.scene.git_lfs import IS_POINTER, is_lfs_pointer
 
-LOOKED_AT = 512
+MAGIC_BYTES = 512
 """Bytes from the beginning of a file that are looked at."""
 CONVERT_SQLITE = "convert it to mcap with `ros2 bag convert`, or without ROS by `mcap convert FILE.db3 OUT.mcap`"
 """What to do with a bag of the storage sqlite3."""
 
-_PACKED = (
+_COMPRESSED_FORMATS = (
     (b"\x28\xb5\x2f\xfd", "zstd", "zstd -d FILE"),
     (b"\x1f\x8b", "gzip", "gunzip FILE"),
     (b"\x04\x22\x4d\x18", "lz4", "lz4 -d FILE"),
@@ -21,7 +21,7 @@ _PACKED = (
 _EXPECTED = "expected a recording: an .mcap file or a ROS 2 bag folder"
 
 
-def other_format(start: bytes) -> str:
+def describe_foreign_format(start: bytes) -> str:
     """Say what a file is instead of an MCAP, as far as its first bytes tell: the end of a line that says it is none."""
     if is_lfs_pointer(start):
         return f": it {IS_POINTER}"
@@ -29,7 +29,7 @@ def other_format(start: bytes) -> str:
         return " but a ROS 1 bag; convert it with `mcap convert IN.bag OUT.mcap`"
     if start.startswith(b"SQLite format 3"):
         return f" but an SQLite file, perhaps a ROS 2 bag of that storage; {CONVERT_SQLITE}"
-    for magic, name, command in _PACKED:
+    for magic, name, command in _COMPRESSED_FORMATS:
         if start.startswith(magic):
             return f" but a packed file ({name}); unpack it first: `{command}`"
     text = start.removeprefix(b"\xef\xbb\xbf").lstrip()

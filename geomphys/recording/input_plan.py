@@ -10,10 +10,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from geomphys.config import Config
-from geomphys.recording.channels import kind_of, not_understood
-from geomphys.recording.display_names import listed, similar
+from geomphys.recording.channels import kind_of, unsupported_reason
+from geomphys.recording.display_names import did_you_mean, join_names
 from geomphys.recording.reader import LogChannel, LogReader
-from geomphys.recording.samples import JOINTS, PARTS, POSES, USES, What
+from geomphys.recording.samples import CONTENT_NAMES, JOINTS, PART_PLACEHOLDERS, POSES, ContentType
 from geomphys.scene.arrays import World
 from geomphys.scene.inputs import JointSource, RootSource
 
@@ -28,14 +28,14 @@ class PoseInput:
     channels: tuple[LogChannel, ...]
 
     @property
-    def what(self) -> What | None:
+    def content(self) -> ContentType | None:
         """What its messages yield."""
         return _what(self.channels[0])
 
     @property
     def is_only_child(self) -> bool:
         """Whether it follows what its topic is the pose of, without naming it: the messages do."""
-        return not self.child and self.what == "transform"
+        return not self.child and self.content == "transform"
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def is_static(topic: str) -> bool:
 def pose_part(channel: LogChannel, part: str) -> str:
     """`Pose.child` or side that a source means by ``#part``: joints of a hand may be named by their numbers too."""
     kind = kind_of(channel)
-    if kind is not None and kind.what == "glove":
+    if kind is not None and kind.content == "glove":
         return part.lower()
     names: tuple[str, ...] = getattr(kind.layout, "names", ()) if kind is not None else ()
     if part.isascii() and part.isdigit() and int(part[:9]) < len(names):
@@ -138,10 +138,10 @@ def _plan_root(plan: Plan, reader: LogReader, world: World, source: RootSource) 
     if not channels:
         return
     what = _what(channels[0])
-    if what in PARTS and not child:
+    if what in PART_PLACEHOLDERS and not child:
         plan.problems.append(
-            f"{reader.path}: topic {topic!r} holds {USES[what]}; {user} must name its own as "
-            f"{topic}#{PARTS[what]} (`geomphys info` lists them)"
+            f"{reader.path}: topic {topic!r} holds {CONTENT_NAMES[what]}; {user} must name its own as "
+            f"{topic}#{PART_PLACEHOLDERS[what]} (`geomphys info` lists them)"
         )
     elif child and what == "pose":
         plan.problems.append(f"{reader.path}: topic {topic!r} holds a single pose; {user} cannot follow #{child} of it")
@@ -207,9 +207,9 @@ def default_clock(world: World) -> str | None:
     return next((topic for _, topic in (*roots, *joints)), None)
 
 
-def _what(channel: LogChannel) -> What | None:
+def _what(channel: LogChannel) -> ContentType | None:
     kind = kind_of(channel)
-    return kind.what if kind is not None else None
+    return kind.content if kind is not None else None
 
 
 def _missing(reader: LogReader, topic: str, user: str) -> str:
@@ -217,25 +217,24 @@ def _missing(reader: LogReader, topic: str, user: str) -> str:
     topics = reader.topics
     if not topics:
         return f"{reader.path}: topic {topic!r} for {user} is not in the log, which has no topics at all"
-    return (
-        f"{reader.path}: topic {topic!r} for {user} is not in the log{similar(topic, topics)}; it has {listed(topics)}"
-    )
+    hint = did_you_mean(topic, topics)
+    return f"{reader.path}: topic {topic!r} for {user} is not in the log{hint}; it has {join_names(topics)}"
 
 
 def _understood(
-    plan: Plan, reader: LogReader, topic: str, user: str, wanted: tuple[What, ...], holds: str
+    plan: Plan, reader: LogReader, topic: str, user: str, accepted: tuple[ContentType, ...], holds: str
 ) -> tuple[LogChannel, ...]:
     """Channels of a topic that hold what is wanted; none, and a problem, if there are none."""
     channels = reader.of_topic(topic)
     if not channels:
         plan.problems.append(_missing(reader, topic, user))
         return ()
-    fitting = tuple(c for c in channels if _what(c) in wanted)
+    fitting = tuple(c for c in channels if _what(c) in accepted)
     if not fitting:
-        others = sorted({o.topic for o in reader.channels.values() if _what(o) in wanted and o.messages})
-        known = f"; of this log {listed(others)} {'has' if len(others) == 1 else 'have'} {holds}" if others else ""
-        why = not_understood(channels[0], wanted, holds)
-        plan.problems.append(f"{reader.path}: topic {topic!r} for {user} {why}{known}")
+        others = sorted({o.topic for o in reader.channels.values() if _what(o) in accepted and o.messages})
+        known = f"; of this log {join_names(others)} {'has' if len(others) == 1 else 'have'} {holds}" if others else ""
+        reason = unsupported_reason(channels[0], accepted, holds)
+        plan.problems.append(f"{reader.path}: topic {topic!r} for {user} {reason}{known}")
         return ()
     fitting = tuple(c for c in fitting if _what(c) == _what(fitting[0]))
     if sum(c.messages for c in fitting) == 0:

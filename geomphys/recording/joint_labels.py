@@ -38,11 +38,11 @@ _THUMB_ORDER: dict[int, tuple[float, list[tuple[str, str]]]] = {
 }
 _WRIST_ORDER: dict[int, tuple[float, list[tuple[str, str]]]] = {2: (0.8, [("", "abd"), ("", "flex")])}
 """How many joints of a finger are told apart by numbers alone -> how sure, and what they are from the palm on."""
-_HANDS: dict[int, tuple[str, ...]] = {16: ("index", "middle", "ring", "thumb"), 20: FINGERS}
+_NUMBERED_HANDS: dict[int, tuple[str, ...]] = {16: ("index", "middle", "ring", "thumb"), 20: FINGERS}
 """Joints of a hand that have numbers only, four a finger -> the fingers in the order that is usual."""
 
 
-class JointMeaning(NamedTuple):
+class JointLabel(NamedTuple):
     """What a joint is."""
 
     side: str = ""
@@ -50,13 +50,13 @@ class JointMeaning(NamedTuple):
     segment: str = ""
     motion: str = ""
     number: str = ""
-    rest: frozenset[str] = frozenset()  # other words
-    finger_sure: float = 1.0
-    segment_sure: float = 1.0
-    motion_sure: float = 1.0
+    other_words: frozenset[str] = frozenset()  # other words
+    finger_confidence: float = 1.0
+    segment_confidence: float = 1.0
+    motion_confidence: float = 1.0
 
 
-def joint_meanings(names: Iterable[str], shape: Mapping[str, JointMeaning] | None = None) -> dict[str, JointMeaning]:
+def label_joints(names: Iterable[str], shape: Mapping[str, JointLabel] | None = None) -> dict[str, JointLabel]:
     """What the names of one log or URDF mean, each seen beside the others.
 
     Parameters
@@ -65,31 +65,31 @@ def joint_meanings(names: Iterable[str], shape: Mapping[str, JointMeaning] | Non
     shape
         Joint -> what the tree of links says it is; fills in what its name does not say.
     """
-    listed = list(names)
-    spelled = words_of_all(listed)
-    if len(listed) > 2:
-        common = set.intersection(*(set(w) for w in spelled.values())) - {*FINGERS, *_SEGMENTS, *_MOTIONS, WRIST}
+    join_names = list(names)
+    words_by_name = words_of_all(join_names)
+    if len(join_names) > 2:
+        common = set.intersection(*(set(w) for w in words_by_name.values())) - {*FINGERS, *_SEGMENTS, *_MOTIONS, WRIST}
         common -= {"left", "right", *(w for w in common if w.isdigit())}
-        spelled = {n: [w for w in found if w not in common] for n, found in spelled.items()}
-    meant = {n: _parse(found) for n, found in spelled.items()}
+        words_by_name = {n: [w for w in found if w not in common] for n, found in words_by_name.items()}
+    labels = {n: _label_of_words(found) for n, found in words_by_name.items()}
     for name, hint in (shape or {}).items():
-        if name in meant:
-            meant[name] = _filled(meant[name], hint)
-    _number_a_hand(meant)
-    for members in _by_finger(meant).values():
-        _order(meant, members)
-        _thumb_segments(meant, members)
-        _motions(meant, members)
-    return meant
+        if name in labels:
+            labels[name] = _with_hint(labels[name], hint)
+    _label_numbered_hand(labels)
+    for members in _by_finger(labels).values():
+        _label_by_order(labels, members)
+        _thumb_segments(labels, members)
+        _infer_motions(labels, members)
+    return labels
 
 
-def usual_order(finger: str, count: int) -> list[tuple[str, str]]:
+def standard_order(finger: str, count: int) -> list[tuple[str, str]]:
     """Segment and motion of the `count` joints of a finger from the palm on, as most hands have them; [] if unusual."""
     orders = _THUMB_ORDER if finger == "thumb" else _FINGER_ORDER
     return orders.get(count, (0.0, []))[1]
 
 
-def _parse(found: list[str]) -> JointMeaning:
+def _label_of_words(found: list[str]) -> JointLabel:
     """What words say by themselves. ``middle`` is a finger unless one is named before it: then it is a segment."""
     side = [w for w in found if w in ("left", "right")]
     fingers = [w for w in found if w in FINGERS]
@@ -98,104 +98,106 @@ def _parse(found: list[str]) -> JointMeaning:
     if "middle" in fingers[1:] and not segments and "abd" not in motions:
         segments = ["pip"]
     finger = fingers[0] if fingers else WRIST if WRIST in found else ""
-    told = {*side, *fingers, *segments, *motions, WRIST, *_NO_MEANING}
+    recognized = {*side, *fingers, *segments, *motions, WRIST, *_NO_MEANING}
     numbers = [w.lstrip("0") or "0" for w in found if w.isdigit()]
-    return JointMeaning(
+    return JointLabel(
         side=side[0] if len(set(side)) == 1 else "",
         finger=finger,
         segment=segments[-1] if segments else "",
         motion=motions[-1] if motions else "",
         number=".".join(numbers),
-        rest=frozenset(w for w in found if w not in told and not w.isdigit()),
+        other_words=frozenset(w for w in found if w not in recognized and not w.isdigit()),
     )
 
 
-def _filled(said: JointMeaning, hint: JointMeaning) -> JointMeaning:
+def _with_hint(label: JointLabel, hint: JointLabel) -> JointLabel:
     """A meaning with what is missing taken from a hint, where the two are of the same finger."""
-    if said.finger and hint.finger and said.finger != hint.finger:
-        return said
-    filled = said
+    if label.finger and hint.finger and label.finger != hint.finger:
+        return label
+    filled = label
     if not filled.finger and hint.finger:
-        filled = filled._replace(finger=hint.finger, finger_sure=hint.finger_sure)
+        filled = filled._replace(finger=hint.finger, finger_confidence=hint.finger_confidence)
     if not filled.segment and hint.segment:
-        filled = filled._replace(segment=hint.segment, segment_sure=hint.segment_sure)
+        filled = filled._replace(segment=hint.segment, segment_confidence=hint.segment_confidence)
     if not filled.motion and hint.motion:
-        filled = filled._replace(motion=hint.motion, motion_sure=hint.motion_sure)
+        filled = filled._replace(motion=hint.motion, motion_confidence=hint.motion_confidence)
     return filled
 
 
-def _by_finger(meant: Mapping[str, JointMeaning]) -> dict[tuple[str, str], list[str]]:
+def _by_finger(labels: Mapping[str, JointLabel]) -> dict[tuple[str, str], list[str]]:
     """Names of each finger of each side."""
     groups: dict[tuple[str, str], list[str]] = {}
-    for name, meaning in meant.items():
+    for name, meaning in labels.items():
         if meaning.finger:
             groups.setdefault((meaning.side, meaning.finger), []).append(name)
     return groups
 
 
-def _number_a_hand(meant: dict[str, JointMeaning]) -> None:
+def _label_numbered_hand(labels: dict[str, JointLabel]) -> None:
     """Fingers of joints that have only numbers, of a hand with as many joints as is usual."""
     for side in ("", "left", "right"):
-        members = [n for n, m in meant.items() if m.side == side]
-        bare = [n for n in members if not meant[n].finger and not meant[n].segment and meant[n].number]
-        numbers = {meant[n].number: n for n in bare}
-        if len(bare) != len(members) or len(numbers) != len(bare) or len(bare) not in _HANDS:
+        members = [n for n, m in labels.items() if m.side == side]
+        unlabelled = [n for n in members if not labels[n].finger and not labels[n].segment and labels[n].number]
+        numbers = {labels[n].number: n for n in unlabelled}
+        if len(unlabelled) != len(members) or len(numbers) != len(unlabelled) or len(unlabelled) not in _NUMBERED_HANDS:
             continue
-        for place, number in enumerate(sorted(numbers, key=_numbers)):
+        for index, number in enumerate(sorted(numbers, key=_numbers)):
             name = numbers[number]
-            finger = _HANDS[len(bare)][place // 4]
-            meant[name] = meant[name]._replace(finger=finger, finger_sure=0.35)
+            finger = _NUMBERED_HANDS[len(unlabelled)][index // 4]
+            labels[name] = labels[name]._replace(finger=finger, finger_confidence=0.35)
 
 
-def _order(meant: dict[str, JointMeaning], members: list[str]) -> None:
+def _label_by_order(labels: dict[str, JointLabel], members: list[str]) -> None:
     """Segments of the joints of a finger that have numbers only, from the palm on."""
-    bare = [n for n in members if not meant[n].segment and not meant[n].motion and meant[n].number]
-    if len(bare) != len([n for n in members if not meant[n].segment]) or len({meant[n].number for n in bare}) < len(
-        bare
-    ):
+    unlabelled = [n for n in members if not labels[n].segment and not labels[n].motion and labels[n].number]
+    if len(unlabelled) != len([n for n in members if not labels[n].segment]) or len(
+        {labels[n].number for n in unlabelled}
+    ) < len(unlabelled):
         return
-    finger = meant[bare[0]].finger if bare else ""
+    finger = labels[unlabelled[0]].finger if unlabelled else ""
     orders = _WRIST_ORDER if finger == WRIST else _THUMB_ORDER if finger == "thumb" else _FINGER_ORDER
-    if len(bare) != len(members) or len(bare) not in orders:
+    if len(unlabelled) != len(members) or len(unlabelled) not in orders:
         return
-    down = bool(_COUNTS_DOWN.search(bare[0]))
-    sure, order = orders[len(bare)]
-    if finger == WRIST and not down:
-        sure = 0.4
+    counts_down = bool(_COUNTS_DOWN.search(unlabelled[0]))
+    confidence, order = orders[len(unlabelled)]
+    if finger == WRIST and not counts_down:
+        confidence = 0.4
     for name, (segment, motion) in zip(
-        sorted(bare, key=lambda n: _numbers(meant[n].number), reverse=down), order, strict=True
+        sorted(unlabelled, key=lambda n: _numbers(labels[n].number), reverse=counts_down), order, strict=True
     ):
-        meant[name] = meant[name]._replace(segment=segment, motion=motion, segment_sure=sure, motion_sure=sure)
+        labels[name] = labels[name]._replace(
+            segment=segment, motion=motion, segment_confidence=confidence, motion_confidence=confidence
+        )
 
 
-def _thumb_segments(meant: dict[str, JointMeaning], members: list[str]) -> None:
+def _thumb_segments(labels: dict[str, JointLabel], members: list[str]) -> None:
     """A thumb has no pip: three segments told as those of a finger are its cmc, mcp and ip."""
-    if meant[members[0]].finger != "thumb":
+    if labels[members[0]].finger != "thumb":
         return
-    told = {meant[n].segment for n in members} - {""}
-    if {"mcp", "pip", "dip"} <= told and not {"cmc", "ip"} & told:
+    recognized = {labels[n].segment for n in members} - {""}
+    if {"mcp", "pip", "dip"} <= recognized and not {"cmc", "ip"} & recognized:
         change = {"mcp": "cmc", "pip": "mcp", "dip": "ip"}
-    elif "mcp" in told and "pip" in told and not {"dip", "ip"} & told:
+    elif "mcp" in recognized and "pip" in recognized and not {"dip", "ip"} & recognized:
         change = {"pip": "ip"}
     else:
-        change = {"dip": "ip"} if "ip" not in told else {}
+        change = {"dip": "ip"} if "ip" not in recognized else {}
     for name in members:
-        segment = meant[name].segment
-        meant[name] = meant[name]._replace(segment=change.get(segment, segment))
+        segment = labels[name].segment
+        labels[name] = labels[name]._replace(segment=change.get(segment, segment))
 
 
-def _motions(meant: dict[str, JointMeaning], members: list[str]) -> None:
+def _infer_motions(labels: dict[str, JointLabel], members: list[str]) -> None:
     """A segment whose motion is not named bends; the first of two such joints spreads."""
     for segment in _SEGMENTS:
-        here = [n for n in members if meant[n].segment == segment and not meant[n].motion]
-        if len(here) == 1:
-            sure = 0.95 if segment in ("pip", "dip", "ip") else 0.85
-            meant[here[0]] = meant[here[0]]._replace(motion="flex", motion_sure=sure)
-        elif len(here) == 2 and len({meant[n].number for n in here}) == 2:
+        members_here = [n for n in members if labels[n].segment == segment and not labels[n].motion]
+        if len(members_here) == 1:
+            confidence = 0.95 if segment in ("pip", "dip", "ip") else 0.85
+            labels[members_here[0]] = labels[members_here[0]]._replace(motion="flex", motion_confidence=confidence)
+        elif len(members_here) == 2 and len({labels[n].number for n in members_here}) == 2:
             for name, motion in zip(
-                sorted(here, key=lambda n: _numbers(meant[n].number)), ("abd", "flex"), strict=True
+                sorted(members_here, key=lambda n: _numbers(labels[n].number)), ("abd", "flex"), strict=True
             ):
-                meant[name] = meant[name]._replace(motion=motion, motion_sure=0.5)
+                labels[name] = labels[name]._replace(motion=motion, motion_confidence=0.5)
 
 
 def _numbers(text: str) -> list[int]:

@@ -34,15 +34,15 @@ FOOTER = struct.Struct("<QQI")  # summary start, summary offset start, summary c
 CHUNK = struct.Struct("<QQQII")  # start time, end time, unpacked size, crc, length of the compression's name
 WINDOW_LIMIT = 128 * 2**20  # zstd's own default for what a decoder must be able to hold
 LAST_OPCODE = int(Opcode.DATA_END)
-PIECE = 64 * 1024
-CHAIN = 4  # records in a row that must be in order before a place counts as found again
+BLOCK_SIZE = 64 * 1024
+RESYNC_RECORDS = 4  # records in a row that must be in order before a place counts as found again
 
 
 class BadRecordError(Exception):
     """A record that cannot be what it says; the text tells why. Never leaves the package."""
 
 
-class ChunkHead(NamedTuple):
+class ChunkHeader(NamedTuple):
     """What stands before a chunk's data."""
 
     start_time: int
@@ -51,7 +51,7 @@ class ChunkHead(NamedTuple):
     crc: int  # of the unpacked data; 0: none
     compression: str
     data_length: int  # packed
-    head_length: int  # bytes from the body's start to the data
+    header_length: int  # bytes from the body's start to the data
 
 
 def walk(data: bytes, start: int = 0, stop: int | None = None) -> Iterator[tuple[int, int, int]]:
@@ -81,7 +81,7 @@ def read_body(
     return record
 
 
-def read_chunk_head(body: bytes, length: int) -> ChunkHead:
+def read_chunk_header(body: bytes, length: int) -> ChunkHeader:
     """Parse the head of a chunk whose record body is `length` bytes long; `body` need only hold its beginning.
 
     Raises BadRecordError where the lengths in it do not add up to `length`.
@@ -99,55 +99,55 @@ def read_chunk_head(body: bytes, length: int) -> ChunkHead:
     data_length = int.from_bytes(body[at : at + 8], "little")
     if at + 8 + data_length > length:
         raise BadRecordError("chunk's data is longer than its record")
-    return ChunkHead(start_time, end_time, size, crc, compression, data_length, at + 8)
+    return ChunkHeader(start_time, end_time, size, crc, compression, data_length, at + 8)
 
 
-def unpack_chunk(head: ChunkHead, data: bytes) -> tuple[bytes, str]:
+def unpack_chunk(header: ChunkHeader, data: bytes) -> tuple[bytes, str]:
     """Unpack what can be unpacked of a chunk: (bytes, what is wrong with it or "").
 
     `data` may be cut off. At most `head.size` and never more than `CHUNK_LIMIT` bytes come back; a chunk that claims
     more than the limit is not unpacked at all. A checksum that does not fit is told, the bytes are given all the same.
     """
-    if head.size > CHUNK_LIMIT:
-        return b"", f"claims to unpack to {head.size} bytes, more than the limit of {CHUNK_LIMIT}"
-    if head.compression == "":
-        out, trouble = data[: head.size], ""
-    elif head.compression == "zstd":
-        out, trouble = _unzstd(data, head.size)
-    elif head.compression == "lz4":
-        out, trouble = _unlz4(data, head.size)
+    if header.size > CHUNK_LIMIT:
+        return b"", f"claims to unpack to {header.size} bytes, more than the limit of {CHUNK_LIMIT}"
+    if header.compression == "":
+        out, damage = data[: header.size], ""
+    elif header.compression == "zstd":
+        out, damage = _unzstd(data, header.size)
+    elif header.compression == "lz4":
+        out, damage = _unlz4(data, header.size)
     else:
-        return b"", f"is packed with {head.compression!r}; zstd and lz4 can be read"
-    if len(data) < head.data_length:
+        return b"", f"is packed with {header.compression!r}; zstd and lz4 can be read"
+    if len(data) < header.data_length:
         return out, "is cut off"
-    if trouble:
-        return out, trouble
-    if len(out) != head.size:
-        return out, f"unpacks to {len(out)} bytes instead of {head.size}"
-    if head.crc and zlib.crc32(out) != head.crc:
+    if damage:
+        return out, damage
+    if len(out) != header.size:
+        return out, f"unpacks to {len(out)} bytes instead of {header.size}"
+    if header.crc and zlib.crc32(out) != header.crc:
         return out, "does not fit its checksum"
     return out, ""
 
 
-def is_beginning(head: ChunkHead, data: bytes) -> bool:
+def is_intact_prefix(header: ChunkHeader, data: bytes) -> bool:
     """Whether `data` is the beginning of a chunk's data, in order to its very end: what is behind it was cut off.
 
     A record seen in such data is a part of it, not one that follows damage: packers store as it is what they cannot pack.
     """
-    if head.size > CHUNK_LIMIT or len(data) >= head.data_length:
+    if header.size > CHUNK_LIMIT or len(data) >= header.data_length:
         return False
-    if head.compression == "":
+    if header.compression == "":
         at = 0
         while at + HEAD.size <= len(data):
             opcode, length = HEAD.unpack_from(data, at)
-            if opcode not in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE) or at + HEAD.size + length > head.size:
+            if opcode not in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE) or at + HEAD.size + length > header.size:
                 return False
             at += HEAD.size + length
         return True
-    if head.compression not in ("zstd", "lz4"):
+    if header.compression not in ("zstd", "lz4"):
         return False
-    out, trouble = (_unzstd if head.compression == "zstd" else _unlz4)(data, head.size)
-    return not trouble and len(out) < head.size
+    out, damage = (_unzstd if header.compression == "zstd" else _unlz4)(data, header.size)
+    return not damage and len(out) < header.size
 
 
 def _unzstd(data: bytes, size: int) -> tuple[bytes, str]:
@@ -158,39 +158,39 @@ def _unzstd(data: bytes, size: int) -> tuple[bytes, str]:
             out = stream.read(size + 1) if size else b""
         return (out, "") if len(out) <= size else (out[:size], f"unpacks to more than the {size} bytes it claims")
     except (zstandard.ZstdError, MemoryError):
-        pieces: list[bytes] = []
+        blocks: list[bytes] = []
         try:
             with decompressor.stream_reader(data, read_across_frames=True) as stream:
-                while len(pieces) * PIECE < size and (piece := stream.read(PIECE)):
-                    pieces.append(piece)
+                while len(blocks) * BLOCK_SIZE < size and (block := stream.read(BLOCK_SIZE)):
+                    blocks.append(block)
         except (zstandard.ZstdError, MemoryError):
             pass  # told below; what came before is kept
-        return b"".join(pieces)[:size], "cannot be unpacked to its end"
+        return b"".join(blocks)[:size], "cannot be unpacked to its end"
 
 
 def _unlz4(data: bytes, size: int) -> tuple[bytes, str]:
     """Unpack an lz4 frame up to `size` bytes; where that fails, as much as stands before the damage."""
-    pieces: list[bytes] = []
-    left = size + 1
+    blocks: list[bytes] = []
+    remaining = size + 1
     decompressor = lz4.frame.LZ4FrameDecompressor()
     try:
-        for start in range(0, len(data), PIECE):
-            piece = decompressor.decompress(data[start : start + PIECE], max_length=left)
-            pieces.append(piece)
-            left -= len(piece)
-            while left > 0 and not decompressor.needs_input and not decompressor.eof:
-                piece = decompressor.decompress(b"", max_length=left)
-                if not piece:
+        for start in range(0, len(data), BLOCK_SIZE):
+            block = decompressor.decompress(data[start : start + BLOCK_SIZE], max_length=remaining)
+            blocks.append(block)
+            remaining -= len(block)
+            while remaining > 0 and not decompressor.needs_input and not decompressor.eof:
+                block = decompressor.decompress(b"", max_length=remaining)
+                if not block:
                     break
-                pieces.append(piece)
-                left -= len(piece)
-            if left <= 0:
-                return b"".join(pieces)[:size], f"unpacks to more than the {size} bytes it claims"
+                blocks.append(block)
+                remaining -= len(block)
+            if remaining <= 0:
+                return b"".join(blocks)[:size], f"unpacks to more than the {size} bytes it claims"
             if decompressor.eof:
                 break
     except (RuntimeError, MemoryError, EOFError):
-        return b"".join(pieces)[:size], "cannot be unpacked to its end"
-    out = b"".join(pieces)
+        return b"".join(blocks)[:size], "cannot be unpacked to its end"
+    out = b"".join(blocks)
     short = decompressor.eof and len(out) < size
     return out, f"unpacks to {len(out)} bytes instead of {size}" if short else ""
 
@@ -199,7 +199,7 @@ _CANDIDATE = re.compile(rb"[\x01-\x0f](?=[\s\S]{4}\x00{4})")
 
 
 def find_record(file: BinaryIO, start: int, size: int) -> int | None:
-    """Where good records begin again at or after `start`: a chunk whose lengths agree, or `CHAIN` records in a row.
+    """Where good records begin again at or after `start`: a chunk whose lengths agree, or `RESYNC_RECORDS` records in a row.
 
     Reads the file once, in growing blocks. None if nothing is found before its end.
     """
@@ -209,35 +209,39 @@ def find_record(file: BinaryIO, start: int, size: int) -> int | None:
         block = file.read(block_size + overlap)
         for match in _CANDIDATE.finditer(block):
             at = match.start()
-            follower = at + 9 + int.from_bytes(block[at + 1 : at + 9], "little")
-            if follower < len(block) and not 1 <= block[follower] <= LAST_OPCODE and block[follower] != MAGIC[0]:
+            next_record = at + 9 + int.from_bytes(block[at + 1 : at + 9], "little")
+            if (
+                next_record < len(block)
+                and not 1 <= block[next_record] <= LAST_OPCODE
+                and block[next_record] != MAGIC[0]
+            ):
                 continue
-            if at < block_size and _plausible(file, start + at, size):
+            if at < block_size and _starts_record_sequence(file, start + at, size):
                 return start + at
         start += block_size
         block_size = min(2 * block_size, 4 * 2**20)
     return None
 
 
-def _plausible(file: BinaryIO, at: int, size: int) -> bool:
-    """Whether `CHAIN` records in order, or fewer up to the closing magic, begin here."""
-    for _ in range(CHAIN):
+def _starts_record_sequence(file: BinaryIO, at: int, size: int) -> bool:
+    """Whether `RESYNC_RECORDS` records in order, or fewer up to the closing magic, begin here."""
+    for _ in range(RESYNC_RECORDS):
         file.seek(at)
-        head = file.read(9 + CHUNK.size + 80)
-        if at + len(MAGIC) == size and head.startswith(MAGIC):
+        header = file.read(9 + CHUNK.size + 80)
+        if at + len(MAGIC) == size and header.startswith(MAGIC):
             return True
-        if len(head) < 9:
+        if len(header) < 9:
             return False
-        opcode, length = HEAD.unpack_from(head, 0)
+        opcode, length = HEAD.unpack_from(header, 0)
         if not 1 <= opcode <= LAST_OPCODE or at + 9 + length > size:
             return False
-        body = head[9:]
+        body = header[9:]
         if opcode == Opcode.CHUNK:
             try:
-                chunk = read_chunk_head(body, length)
+                chunk = read_chunk_header(body, length)
             except BadRecordError:
                 return False
-            return chunk.head_length + chunk.data_length == length and chunk.compression in ("", "zstd", "lz4")
+            return chunk.header_length + chunk.data_length == length and chunk.compression in ("", "zstd", "lz4")
         if opcode == Opcode.MESSAGE_INDEX and (length < 6 or length != 6 + int.from_bytes(body[2:6], "little")):
             return False
         if opcode == Opcode.MESSAGE and length < MESSAGE.size:

@@ -25,18 +25,18 @@ from geomphys.recording.mcap_records import (
     MAGIC,
     MESSAGE,
     BadRecordError,
-    ChunkHead,
+    ChunkHeader,
     find_record,
-    is_beginning,
+    is_intact_prefix,
     read_body,
-    read_chunk_head,
+    read_chunk_header,
     unpack_chunk,
     walk,
 )
 
-TRIES = 16
+MAX_TRUNCATION_CHECKS = 16
 """Chunks that reach beyond the end of a file and are looked into, to tell the one that was cut from damaged ones."""
-RUN_BYTES = 2**20
+MAX_RUN_BYTES = 2**20
 """Records outside of chunks are taken together up to this many bytes."""
 TIME_LIMIT = 2**62
 """ns; a time stamp above this (the year 2116) is taken for damage, so that times fit 64 bits with a sign."""
@@ -99,7 +99,7 @@ def scan_file(file: BinaryIO, size: int) -> FileScan:
     return _Scanner(file, size).run()
 
 
-class _Seen:
+class _SpanContent:
     """Channels and times of the messages of a span."""
 
     def __init__(self) -> None:
@@ -124,26 +124,26 @@ class _Scanner:
 
     def __init__(self, file: BinaryIO, size: int) -> None:
         self.file, self.size = file, size
-        self.found = FileScan(size)
+        self.result = FileScan(size)
         self.statistics: Statistics | None = None
         self.run_start = -1  # of the run of messages outside of chunks being read
-        self.seen = _Seen()
+        self.seen = _SpanContent()
         self.data_crc: tuple[int, int] | None = None  # position and value
-        self.defined = [0, 0]  # bytes of schemas and channels, and of metadata, that are kept
-        self.ended = False
-        self.cut = False
-        self.tries = TRIES
+        self.definition_bytes = [0, 0]  # bytes of schemas and channels, and of metadata, that are kept
+        self.has_footer = False
+        self.is_truncated = False
+        self.truncation_checks_left = MAX_TRUNCATION_CHECKS
 
     def run(self) -> FileScan:
         """Read the file to its end."""
         at = len(MAGIC)
-        while at < self.size and not self.ended:
+        while at < self.size and not self.has_footer:
             self.file.seek(at)
-            head = self.file.read(9)
+            header = self.file.read(9)
             try:
-                if len(head) < 9:
+                if len(header) < 9:
                     raise BadRecordError("the file ends within a record's head")
-                opcode, length = HEAD.unpack(head)
+                opcode, length = HEAD.unpack(header)
                 if not 1 <= opcode <= LAST_OPCODE and opcode < 0x80:
                     raise BadRecordError(f"no record has the opcode {opcode}")
                 end = at + 9 + length
@@ -154,12 +154,12 @@ class _Scanner:
                 self.record(opcode, at, length)
                 at = end
             except BadRecordError as problem:
-                at = self.damaged(at, str(problem))
+                at = self.resume_after_damage(at, str(problem))
         self.close_run(at)
-        if not self.ended and not self.cut:
-            self.lose(self.size, 0, "the file ends without its closing records: it was not finished")
+        if not self.has_footer and not self.is_truncated:
+            self.add_loss(self.size, 0, "the file ends without its closing records: it was not finished")
         self.check_totals()
-        return self.found
+        return self.result
 
     def record(self, opcode: int, at: int, length: int) -> None:
         """Take in the record at `at`, whose body lies within the file. Raises BadRecordError."""
@@ -173,7 +173,7 @@ class _Scanner:
             self.definition(opcode, self.body(length))
         elif opcode == Opcode.HEADER:
             body = self.body(length)
-            self.found.profile = body[4 : 4 + int.from_bytes(body[:4], "little")].decode("utf-8", "replace")
+            self.result.profile = body[4 : 4 + int.from_bytes(body[:4], "little")].decode("utf-8", "replace")
         elif opcode == Opcode.DATA_END:
             if length < 4:
                 raise BadRecordError("the record that ends the data is cut off")
@@ -191,26 +191,26 @@ class _Scanner:
     def definition(self, opcode: int, body: bytes) -> None:
         """Take in a schema, channel, metadata or statistics record. Raises BadRecordError."""
         kind = int(opcode == Opcode.METADATA)  # counted by itself: notes must not cost messages
-        if self.defined[kind] + len(body) > DEFINITIONS_LIMIT:
+        if self.definition_bytes[kind] + len(body) > DEFINITIONS_LIMIT:
             what = ("schemas and channels", "metadata")[kind]
             raise BadRecordError(f"{what} take more than the limit of {DEFINITIONS_LIMIT} bytes")
-        known = len(self.found.schemas) + len(self.found.channels) + len(self.found.metadata)
+        defined_before = len(self.result.schemas) + len(self.result.channels) + len(self.result.metadata)
         if opcode == Opcode.SCHEMA:
             schema = cast(Schema, read_body(Schema, body))
-            known_schema = self.found.schemas.setdefault(schema.id, schema)
+            known_schema = self.result.schemas.setdefault(schema.id, schema)
             if known_schema != schema:
                 raise BadRecordError(f"schema {schema.id} is defined twice, and differently")
         elif opcode == Opcode.CHANNEL:
             channel = cast(Channel, read_body(Channel, body))
-            known_channel = self.found.channels.setdefault(channel.id, channel)
+            known_channel = self.result.channels.setdefault(channel.id, channel)
             if known_channel != channel:
                 raise BadRecordError(f"channel {channel.id} is defined twice, and differently")
         elif opcode == Opcode.METADATA:
-            self.found.metadata.append(cast(Metadata, read_body(Metadata, body)))
+            self.result.metadata.append(cast(Metadata, read_body(Metadata, body)))
         elif opcode == Opcode.STATISTICS:
             self.statistics = cast(Statistics, read_body(Statistics, body))
-        if len(self.found.schemas) + len(self.found.channels) + len(self.found.metadata) > known:
-            self.defined[kind] += len(body)
+        if len(self.result.schemas) + len(self.result.channels) + len(self.result.metadata) > defined_before:
+            self.definition_bytes[kind] += len(body)
 
     def message(self, at: int, length: int) -> None:
         """Count a message that stands outside of a chunk."""
@@ -219,18 +219,18 @@ class _Scanner:
         channel, _, log_time, _ = MESSAGE.unpack(self.file.read(MESSAGE.size))
         if log_time > TIME_LIMIT:
             raise BadRecordError(f"a message has the time {log_time}")
-        if self.run_start >= 0 and at - self.run_start > RUN_BYTES:
+        if self.run_start >= 0 and at - self.run_start > MAX_RUN_BYTES:
             self.close_run(at)
         if self.run_start < 0:
-            self.run_start, self.seen = at, _Seen()
+            self.run_start, self.seen = at, _SpanContent()
         self.seen.add(channel, log_time)
         self.count(channel, log_time)
 
     def count(self, channel: int, log_time: int) -> None:
         """Count one message."""
-        c = self.found.counts.get(channel)
+        c = self.result.counts.get(channel)
         if c is None:
-            c = self.found.counts[channel] = ChannelCount()
+            c = self.result.counts[channel] = ChannelCount()
         c.messages += 1
         if log_time < c.first:
             c.first = log_time
@@ -241,33 +241,33 @@ class _Scanner:
         """End the run of messages outside of chunks, if there is one, before `at`."""
         if self.run_start >= 0:
             length = at - self.run_start
-            self.found.spans.append(Span(self.run_start, length, False, 0, None, *self.seen.summary()))
+            self.result.spans.append(Span(self.run_start, length, False, 0, None, *self.seen.summary()))
             self.run_start = -1
 
     def chunk(self, at: int, length: int, end: int) -> None:
         """Take in a chunk, of which the bytes before `end` are there. Raises BadRecordError if its head is wrong."""
         self.file.seek(at + 9)
         beginning = self.file.read(max(0, min(CHUNK.size + 80, end - at - 9)))
-        head = read_chunk_head(beginning, length)
-        if head.data_length > CHUNK_LIMIT:
-            raise BadRecordError(f"a chunk of {head.data_length} bytes is longer than the limit of {CHUNK_LIMIT}")
-        self.file.seek(at + 9 + head.head_length)
-        data = self.file.read(max(0, min(head.data_length, end - at - 9 - head.head_length)))
-        unpacked, trouble = unpack_chunk(head, data)
-        window = (head.start_time, head.end_time) if trouble and len(data) == head.data_length else None
+        header = read_chunk_header(beginning, length)
+        if header.data_length > CHUNK_LIMIT:
+            raise BadRecordError(f"a chunk of {header.data_length} bytes is longer than the limit of {CHUNK_LIMIT}")
+        self.file.seek(at + 9 + header.header_length)
+        data = self.file.read(max(0, min(header.data_length, end - at - 9 - header.header_length)))
+        unpacked, damage = unpack_chunk(header, data)
+        window = (header.start_time, header.end_time) if damage and len(data) == header.data_length else None
         usable, seen = self.chunk_records(unpacked, window)
         if seen.channels:
-            there = min(9 + length, end - at)
-            self.found.spans.append(Span(at, there, True, usable, window, *seen.summary()))
-        if trouble or usable < len(unpacked):
-            self.lose_chunk(at, head, len(data), usable, trouble or "holds a record that does not fit into it")
+            available = min(9 + length, end - at)
+            self.result.spans.append(Span(at, available, True, usable, window, *seen.summary()))
+        if damage or usable < len(unpacked):
+            self.add_chunk_loss(at, header, len(data), usable, damage or "holds a record that does not fit into it")
 
-    def chunk_records(self, data: bytes, window: tuple[int, int] | None) -> tuple[int, _Seen]:
+    def chunk_records(self, data: bytes, window: tuple[int, int] | None) -> tuple[int, _SpanContent]:
         """Count the messages of an unpacked chunk: (bytes of complete records, what messages).
 
         With a `window`, messages of other log times are taken for damaged and passed over.
         """
-        seen = _Seen()
+        seen = _SpanContent()
         usable = 0
         unpack, message = MESSAGE.unpack_from, int(Opcode.MESSAGE)
         for opcode, start, end in walk(data):
@@ -290,48 +290,48 @@ class _Scanner:
             usable = end
         return usable, seen
 
-    def lose_chunk(self, at: int, head: ChunkHead, there: int, usable: int, trouble: str) -> None:
+    def add_chunk_loss(self, at: int, header: ChunkHeader, available: int, usable: int, damage: str) -> None:
         """List what a chunk's damage costs: packed bytes in proportion to the unpacked ones that are not usable."""
-        share = usable / head.size if 0 < head.size <= CHUNK_LIMIT else 0.0
-        lost = max(0, there - round(head.data_length * min(share, 1.0)))
-        self.lose(at, lost, f"the chunk at byte {at} {trouble}")
+        share = usable / header.size if 0 < header.size <= CHUNK_LIMIT else 0.0
+        lost = max(0, available - round(header.data_length * min(share, 1.0)))
+        self.add_loss(at, lost, f"the chunk at byte {at} {damage}")
 
-    def damaged(self, at: int, text: str) -> int:
+    def resume_after_damage(self, at: int, text: str) -> int:
         """Deal with the damaged place `at`: save what a cut-off chunk holds, find where to go on."""
         self.close_run(at)
         self.file.seek(at)
-        head = self.file.read(9)
-        resume = None if self.reaches_end(at, head) else find_record(self.file, at + 1, self.size)
-        end = self.size if resume is None else resume
-        self.cut = resume is None
-        if len(head) == 9 and head[0] == Opcode.CHUNK:
+        header = self.file.read(9)
+        next_record = None if self.is_truncated_chunk(at, header) else find_record(self.file, at + 1, self.size)
+        end = self.size if next_record is None else next_record
+        self.is_truncated = next_record is None
+        if len(header) == 9 and header[0] == Opcode.CHUNK:
             try:
-                self.chunk(at, int.from_bytes(head[1:], "little"), end)
+                self.chunk(at, int.from_bytes(header[1:], "little"), end)
                 return end
             except BadRecordError as problem:
                 text = text if str(problem) == text else f"{text}; {problem}"
-        self.lose(at, end - at, f"{'cut off ' if self.cut else ''}at byte {at}: {text}")
+        self.add_loss(at, end - at, f"{'cut off ' if self.is_truncated else ''}at byte {at}: {text}")
         return end
 
-    def reaches_end(self, at: int, head: bytes) -> bool:
+    def is_truncated_chunk(self, at: int, header: bytes) -> bool:
         """Whether a chunk begins at `at` that is in order up to the end of the file, where it is cut off."""
-        if len(head) < 9 or head[0] != Opcode.CHUNK or self.tries == 0:
+        if len(header) < 9 or header[0] != Opcode.CHUNK or self.truncation_checks_left == 0:
             return False
-        self.tries -= 1
-        length = int.from_bytes(head[1:], "little")
+        self.truncation_checks_left -= 1
+        length = int.from_bytes(header[1:], "little")
         try:
-            chunk = read_chunk_head(self.file.read(CHUNK.size + 80), length)
+            chunk = read_chunk_header(self.file.read(CHUNK.size + 80), length)
         except BadRecordError:
             return False
-        start = at + 9 + chunk.head_length
+        start = at + 9 + chunk.header_length
         if start + chunk.data_length <= self.size or chunk.data_length > CHUNK_LIMIT:
             return False
         self.file.seek(start)
-        return is_beginning(chunk, self.file.read(self.size - start))
+        return is_intact_prefix(chunk, self.file.read(self.size - start))
 
-    def lose(self, at: int, count: int, text: str) -> None:
+    def add_loss(self, at: int, count: int, text: str) -> None:
         """List a loss."""
-        self.found.losses.append(Loss(at, count, text))
+        self.result.losses.append(Loss(at, count, text))
 
     def footer(self, at: int, length: int) -> None:
         """Check the footer, the closing magic and the summary's checksum; without a summary there is none to check."""
@@ -341,14 +341,14 @@ class _Scanner:
         summary_start, _, crc = FOOTER.unpack(body)
         if self.file.read(len(MAGIC)) != MAGIC:
             raise BadRecordError("the file does not end in the closing magic")
-        self.ended = True
+        self.has_footer = True
         if at + 9 + FOOTER.size + len(MAGIC) < self.size:
-            behind = self.size - (at + 9 + FOOTER.size + len(MAGIC))
-            self.lose(self.size - behind, behind, f"{behind} bytes stand behind the end of the log")
-        if crc and 0 < summary_start <= at and self.checksum(summary_start, at + 9 + 16) != crc:
-            self.lose(summary_start, 0, "the summary does not fit its checksum")
+            trailing = self.size - (at + 9 + FOOTER.size + len(MAGIC))
+            self.add_loss(self.size - trailing, trailing, f"{trailing} bytes stand behind the end of the log")
+        if crc and 0 < summary_start <= at and self.crc32(summary_start, at + 9 + 16) != crc:
+            self.add_loss(summary_start, 0, "the summary does not fit its checksum")
 
-    def checksum(self, start: int, end: int) -> int:
+    def crc32(self, start: int, end: int) -> int:
         """CRC-32 of bytes of the file."""
         crc = 0
         self.file.seek(start)
@@ -362,15 +362,15 @@ class _Scanner:
 
     def check_totals(self) -> None:
         """Check the data section's checksum, the number of messages against the statistics, and unknown channels."""
-        found = self.found
-        if self.data_crc is not None and self.checksum(0, self.data_crc[0]) != self.data_crc[1]:
-            self.lose(0, 0, "the data does not fit its checksum")
-        orphans = sum(c.messages for i, c in found.counts.items() if i not in found.channels)
+        result = self.result
+        if self.data_crc is not None and self.crc32(0, self.data_crc[0]) != self.data_crc[1]:
+            self.add_loss(0, 0, "the data does not fit its checksum")
+        orphans = sum(c.messages for i, c in result.counts.items() if i not in result.channels)
         if orphans:
-            self.lose(0, 0, f"{orphans} messages belong to no channel that is described")
+            self.add_loss(0, 0, f"{orphans} messages belong to no channel that is described")
         stated = self.statistics.message_count if self.statistics is not None else 0
-        counted = sum(c.messages for c in found.counts.values())
+        counted = sum(c.messages for c in result.counts.values())
         if stated > counted:
-            self.lose(
+            self.add_loss(
                 0, 0, f"of {stated} messages that the file's own statistics count, {stated - counted} are not there"
             )

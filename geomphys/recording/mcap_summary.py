@@ -33,7 +33,7 @@ from geomphys.recording.mcap_scan import TIME_LIMIT, ChannelCount, FileScan, Spa
 
 SUMMARY_LIMIT = 64 * 2**20
 """Bytes; a log with a longer summary is scanned."""
-TOGETHER = 64
+INDEX_BATCH = 64
 """Chunks whose message indexes are asked for at once."""
 TAIL = 9 + FOOTER.size + len(MAGIC)
 _INDEX_ENTRY = struct.Struct("<QQ")  # log time, offset in the chunk
@@ -58,7 +58,7 @@ class _Summary:
 
     def __init__(self, stream: BinaryIO, size: int) -> None:
         self.stream, self.size = stream, size
-        self.found = FileScan(size, verified=False)
+        self.result = FileScan(size, verified=False)
         self.chunks: list[ChunkIndex] = []
         self.metadata: list[MetadataIndex] = []
         self.statistics: Statistics | None = None
@@ -69,15 +69,15 @@ class _Summary:
         opcode, length = HEAD.unpack(self.stream.read(HEAD.size))
         _require(opcode == Opcode.HEADER and length <= BODY_LIMIT, "the file does not begin with a header")
         body = self.stream.read(length)
-        self.found.profile = body[4 : 4 + int.from_bytes(body[:4], "little")].decode("utf-8", "replace")
+        self.result.profile = body[4 : 4 + int.from_bytes(body[:4], "little")].decode("utf-8", "replace")
         self._records()
         self._chunks(ranges)
-        for place in self.metadata:
-            self.stream.seek(place.offset)
+        for location in self.metadata:
+            self.stream.seek(location.offset)
             opcode, length = HEAD.unpack(self.stream.read(HEAD.size))
             _require(opcode == Opcode.METADATA and length <= BODY_LIMIT, "an index points elsewhere")
-            self.found.metadata.append(cast(Metadata, read_body(Metadata, self.stream.read(length))))
-        return self.found
+            self.result.metadata.append(cast(Metadata, read_body(Metadata, self.stream.read(length))))
+        return self.result
 
     def _records(self) -> None:
         """Take in the records of the summary."""
@@ -101,10 +101,10 @@ class _Summary:
         """Take in a record."""
         if kind == Opcode.SCHEMA:
             schema = cast(Schema, read_body(Schema, body))
-            self.found.schemas[schema.id] = schema
+            self.result.schemas[schema.id] = schema
         elif kind == Opcode.CHANNEL:
             channel = cast(Channel, read_body(Channel, body))
-            self.found.channels[channel.id] = channel
+            self.result.channels[channel.id] = channel
         elif kind == Opcode.STATISTICS:
             self.statistics = cast(Statistics, read_body(Statistics, body))
         elif kind == Opcode.CHUNK_INDEX:
@@ -114,29 +114,32 @@ class _Summary:
 
     def _chunks(self, ranges: Ranges) -> None:
         """Turn chunk indexes and message indexes into spans and counts."""
-        stated, found = self.statistics, self.found
-        if stated is None:
+        statistics_record, result = self.statistics, self.result
+        if statistics_record is None:
             raise BadRecordError("there are no statistics")
-        _require(stated.chunk_count == len(self.chunks), "chunks are missing in the index")
-        _require(stated.metadata_count == len(self.metadata), "metadata is missing in the index")
+        _require(statistics_record.chunk_count == len(self.chunks), "chunks are missing in the index")
+        _require(statistics_record.metadata_count == len(self.metadata), "metadata is missing in the index")
         self.chunks.sort(key=lambda chunk: chunk.chunk_start_offset)
         indexes = [(c.chunk_start_offset + c.chunk_length, c.message_index_length) for c in self.chunks]
         for (start, length), chunk in zip(indexes, self.chunks, strict=True):
             _require(max(chunk.uncompressed_size, chunk.chunk_length, length) <= CHUNK_LIMIT, "a chunk is too large")
             _require(chunk.chunk_start_offset > 0 and start + length <= self.size, "an index points elsewhere")
-        for at in range(0, len(indexes), TOGETHER):
-            parts = [(start, start + length) for start, length in indexes[at : at + TOGETHER]]
-            for chunk, data in zip(self.chunks[at : at + TOGETHER], ranges(parts), strict=True):
+        for at in range(0, len(indexes), INDEX_BATCH):
+            parts = [(start, start + length) for start, length in indexes[at : at + INDEX_BATCH]]
+            for chunk, data in zip(self.chunks[at : at + INDEX_BATCH], ranges(parts), strict=True):
                 seen, first, last = self._message_index(data)
                 _require(seen == set(chunk.message_index_offsets), "a message index is missing")
                 if seen:
-                    place = (chunk.chunk_start_offset, chunk.chunk_length, True, chunk.uncompressed_size)
-                    found.spans.append(Span(*place, None, frozenset(seen), first, last, verified=False))
-        counts = {channel: count.messages for channel, count in found.counts.items()}
-        _require(sum(counts.values()) == stated.message_count, "messages are missing in the index")
-        _require({c: n for c, n in stated.channel_message_counts.items() if n} == counts, "the statistics do not fit")
-        _require(set(counts) <= set(found.channels), "a channel is missing")
-        _require({c.schema_id for c in found.channels.values()} - {0} <= set(found.schemas), "a schema is missing")
+                    location = (chunk.chunk_start_offset, chunk.chunk_length, True, chunk.uncompressed_size)
+                    result.spans.append(Span(*location, None, frozenset(seen), first, last, verified=False))
+        counts = {channel: count.messages for channel, count in result.counts.items()}
+        _require(sum(counts.values()) == statistics_record.message_count, "messages are missing in the index")
+        _require(
+            {c: n for c, n in statistics_record.channel_message_counts.items() if n} == counts,
+            "the statistics do not fit",
+        )
+        _require(set(counts) <= set(result.channels), "a channel is missing")
+        _require({c.schema_id for c in result.channels.values()} - {0} <= set(result.schemas), "a schema is missing")
 
     def _message_index(self, data: bytes) -> tuple[set[int], int, int]:
         """Channels, earliest and latest log time of the messages of a chunk, which are counted."""
@@ -151,7 +154,7 @@ class _Summary:
                 continue
             _require(times[-1] <= TIME_LIMIT, "a time is out of range")
             seen.add(channel)
-            count = self.found.counts.setdefault(channel, ChannelCount(longest_gap=0))
+            count = self.result.counts.setdefault(channel, ChannelCount(longest_gap=0))
             steps = [b - a for a, b in pairwise([count.last, *times] if count.messages else times)]
             count.longest_gap = max(count.longest_gap or 0, *steps, 0)
             count.messages += len(times)
@@ -161,7 +164,7 @@ class _Summary:
         return seen, earliest, latest
 
 
-def _require(condition: bool, otherwise: str) -> None:
+def _require(condition: bool, message: str) -> None:
     """Raise BadRecordError unless a condition holds."""
     if not condition:
-        raise BadRecordError(otherwise)
+        raise BadRecordError(message)

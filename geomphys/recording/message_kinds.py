@@ -21,7 +21,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from geomphys.recording.message_layouts import POSE, STAMPED_POSE, TRANSFORM, JointLayout, Layout, PoseLayout, pose_at
-from geomphys.recording.samples import What
+from geomphys.recording.samples import ContentType
 
 ENCODINGS = {
     "cdr": "ROS 2 (cdr)",
@@ -42,21 +42,21 @@ HAND_JOINTS = (
 """Names of OpenXR's 26 joints of a hand, in their order."""
 
 
-class Kind(NamedTuple):
+class MessageKind(NamedTuple):
     """How messages of a type are read."""
 
     names: tuple[str, ...]  # full names of its schema: ``package/msg/Type``, or as protobuf has it
     encodings: tuple[str, ...]
-    what: What
+    content: ContentType
     layout: Layout
-    stamped: bool = True  # whether the type has a stamp at all
-    metres: bool = (
+    has_stamp: bool = True  # whether the type has a stamp at all
+    in_metres: bool = (
         False  # whether the type itself says what its positions are in: they are m, whatever the log's unit is
     )
     points: PoseLayout | None = None  # poses that come along with joint values
 
     @property
-    def lenient(self) -> bool:
+    def omits_defaults(self) -> bool:
         """Whether its JSON is that of a protobuf message, which leaves out what is zero."""
         return "protobuf" in self.encodings
 
@@ -72,128 +72,128 @@ def _foxglove(name: str) -> tuple[str, ...]:
     return f"foxglove.{name}", f"foxglove_msgs/msg/{name}"
 
 
-def _in_header(pose: tuple[str, ...], *, child: tuple[str, ...] = (), each: str = "") -> PoseLayout:
+def _in_header(pose: tuple[str, ...], *, child: tuple[str, ...] = (), items: str = "") -> PoseLayout:
     """Poses of a ROS message with a header."""
-    return PoseLayout(pose=pose, child=child, each=each, stamp=_HEADER[0], frame=_HEADER[1])
+    return PoseLayout(pose=pose, child=child, items=items, stamp=_HEADER[0], frame=_HEADER[1])
 
 
 _TRANSFORM_STAMPED = _in_header(pose_at("transform.translation", "transform.rotation"), child=("child_frame_id",))
-_TRANSFORMS = replace(_TRANSFORM_STAMPED, each="transforms", own_header=True)
+_TRANSFORMS = replace(_TRANSFORM_STAMPED, items="transforms", item_headers=True)
 _FRAME_TRANSFORM = PoseLayout(pose=TRANSFORM, stamp="timestamp", frame="parent_frame_id", child=("child_frame_id",))
 _VICON = ("vicon_receiver/msg/Position", "vicon_msgs/msg/Position")
 _VICON_POSE = ("x_trans", "y_trans", "z_trans", "x_rot", "y_rot", "z_rot", "w")
 _DATA_POSE = pose_at("data.pose.position", "data.pose.orientation")
 
-KINDS: tuple[Kind, ...] = (
-    Kind(
+KINDS: tuple[MessageKind, ...] = (
+    MessageKind(
         ("sensor_msgs/msg/JointState",), _ROS, "joints",
         JointLayout(name="name", value="position", stamp="header.stamp"),
     ),
-    Kind(
+    MessageKind(
         _foxglove("JointStates"), _FOXGLOVE, "joints",
-        JointLayout(each="joints", name="name", value="position", stamp="timestamp", optional=True),
+        JointLayout(items="joints", name="name", value="position", stamp="timestamp", optional=True),
     ),
-    Kind(
+    MessageKind(
         ("core.JointStateOutputRecord",), _ISAAC, "joints",
-        JointLayout(each="data.joints", name="name", value="position", valid="valid"), stamped=False,
+        JointLayout(items="data.joints", name="name", value="position", valid="valid"), has_stamp=False,
     ),
-    Kind(
+    MessageKind(
         ("manus_ros2_msgs/msg/ManusGlove", "manus_ros2/msg/ManusGlove"), _ROS, "glove",
-        JointLayout(each="ergonomics", name="type", value="value", side="side"), stamped=False,
-        points=PoseLayout(each="raw_nodes", pose=STAMPED_POSE, number="node_id"),
+        JointLayout(items="ergonomics", name="type", value="value", side="side"), has_stamp=False,
+        points=PoseLayout(items="raw_nodes", pose=STAMPED_POSE, number="node_id"),
     ),
-    Kind(("geometry_msgs/msg/PoseStamped",), _ROS, "pose", _in_header(STAMPED_POSE)),
-    Kind(
+    MessageKind(("geometry_msgs/msg/PoseStamped",), _ROS, "pose", _in_header(STAMPED_POSE)),
+    MessageKind(
         ("geometry_msgs/msg/PoseWithCovarianceStamped",), _ROS, "pose",
         _in_header(pose_at("pose.pose.position", "pose.pose.orientation")),
     ),
-    Kind(("geometry_msgs/msg/Pose",), _ROS, "pose", PoseLayout(pose=POSE), stamped=False),
-    Kind(("geometry_msgs/msg/Transform",), _ROS, "pose", PoseLayout(pose=TRANSFORM), stamped=False),
-    Kind(
+    MessageKind(("geometry_msgs/msg/Pose",), _ROS, "pose", PoseLayout(pose=POSE), has_stamp=False),
+    MessageKind(("geometry_msgs/msg/Transform",), _ROS, "pose", PoseLayout(pose=TRANSFORM), has_stamp=False),
+    MessageKind(
         _foxglove("PoseInFrame"), _FOXGLOVE, "pose",
         PoseLayout(pose=STAMPED_POSE, stamp="timestamp", frame="frame_id"),
     ),
-    Kind(
+    MessageKind(
         ("core.Se3TrackerPoseRecord", "core.HeadPoseRecord"), _ISAAC, "pose",
-        PoseLayout(pose=_DATA_POSE, valid="data.is_valid"), stamped=False, metres=True,
+        PoseLayout(pose=_DATA_POSE, valid="data.is_valid"), has_stamp=False, in_metres=True,
     ),
-    Kind(("geometry_msgs/msg/TransformStamped",), _ROS, "transform", _TRANSFORM_STAMPED),
-    Kind(
+    MessageKind(("geometry_msgs/msg/TransformStamped",), _ROS, "transform", _TRANSFORM_STAMPED),
+    MessageKind(
         ("nav_msgs/msg/Odometry",), _ROS, "transform",
         _in_header(pose_at("pose.pose.position", "pose.pose.orientation"), child=("child_frame_id",)),
     ),
-    Kind(_foxglove("FrameTransform"), _FOXGLOVE, "transform", _FRAME_TRANSFORM),
-    Kind(
+    MessageKind(_foxglove("FrameTransform"), _FOXGLOVE, "transform", _FRAME_TRANSFORM),
+    MessageKind(
         _VICON, _ROS, "transform",
         replace(
-            _in_header(_VICON_POSE, child=("subject_name", "segment_name")), scale=0.001, some_lack_header=True
+            _in_header(_VICON_POSE, child=("subject_name", "segment_name")), scale=0.001, header_optional=True
         ),
-        metres=True,
+        in_metres=True,
     ),
-    Kind(("tf2_msgs/msg/TFMessage",), _ROS, "transforms", _TRANSFORMS),
-    Kind(("tf/msg/tfMessage",), ("ros1", "json"), "transforms", _TRANSFORMS),
-    Kind(
+    MessageKind(("tf2_msgs/msg/TFMessage",), _ROS, "transforms", _TRANSFORMS),
+    MessageKind(("tf/msg/tfMessage",), ("ros1", "json"), "transforms", _TRANSFORMS),
+    MessageKind(
         _foxglove("FrameTransforms"), _FOXGLOVE, "transforms",
-        replace(_FRAME_TRANSFORM, each="transforms", own_header=True),
+        replace(_FRAME_TRANSFORM, items="transforms", item_headers=True),
     ),
-    Kind(("geometry_msgs/msg/PoseArray",), _ROS, "poses", _in_header(POSE, each="poses")),
-    Kind(
+    MessageKind(("geometry_msgs/msg/PoseArray",), _ROS, "poses", _in_header(POSE, items="poses")),
+    MessageKind(
         _foxglove("PosesInFrame"), _FOXGLOVE, "poses",
-        PoseLayout(pose=POSE, each="poses", stamp="timestamp", frame="frame_id"),
+        PoseLayout(pose=POSE, items="poses", stamp="timestamp", frame="frame_id"),
     ),
-    Kind(
+    MessageKind(
         ("mocap4r2_msgs/msg/RigidBodies", "mocap_msgs/msg/RigidBodies"), _ROS, "named_poses",
-        _in_header(STAMPED_POSE, each="rigidbodies", child=("rigid_body_name",)),
+        _in_header(STAMPED_POSE, items="rigidbodies", child=("rigid_body_name",)),
     ),
-    Kind(
+    MessageKind(
         (
             "motion_capture_tracking_interfaces/msg/NamedPoseArray",
             "motion_capture_tracking_interfaces/msg/NamedPoseArrayV2",
         ),
         _ROS, "named_poses",
-        _in_header(STAMPED_POSE, each="poses", child=("name",)),
+        _in_header(STAMPED_POSE, items="poses", child=("name",)),
     ),
-    Kind(
+    MessageKind(
         ("teleop_ros2_interfaces/msg/NamedPoseArray",), _ROS, "named_poses",
         PoseLayout(
-            pose=POSE, each="pose", child=("name",), valid="is_valid", beside=True, stamp=_HEADER[0], frame=_HEADER[1]
+            pose=POSE, items="pose", child=("name",), valid="is_valid", parallel_lists=True, stamp=_HEADER[0], frame=_HEADER[1]
         ),
     ),
-    Kind(
+    MessageKind(
         ("core.HandPoseRecord",), _ISAAC, "named_poses",
         PoseLayout(
-            pose=STAMPED_POSE, each="data.joints.poses", names=HAND_JOINTS, valid="is_valid"
+            pose=STAMPED_POSE, items="data.joints.poses", names=HAND_JOINTS, valid="is_valid"
         ),
-        stamped=False, metres=True,
+        has_stamp=False, in_metres=True,
     ),
 )  # fmt: skip
 """What is understood, in the order in which it is told."""
 
-_KNOWN = {(name, encoding): kind for kind in KINDS for name in kind.names for encoding in kind.encodings}
-_PARTS = re.compile(r"/|::|\.")
+_KIND_BY_TYPE = {(name, encoding): kind for kind in KINDS for name in kind.names for encoding in kind.encodings}
+_SEPARATORS = re.compile(r"/|::|\.")
 _OWN_PACKAGES = ("foxglove", "core")
 _COMMON_PACKAGES = ("foxglove", "geometry_msgs", "nav_msgs", "sensor_msgs", "tf2_msgs")
 
 
-def _plain_names() -> dict[str, str]:
+def _short_type_names() -> dict[str, str]:
     """Type name without package -> full name, where only one kind of the packages that everybody has goes by it."""
     found: dict[str, set[int]] = {}
     for number, kind in enumerate(KINDS):
-        for name in kind.names if _PARTS.split(kind.names[0])[0] in _COMMON_PACKAGES else ():
-            found.setdefault(_PARTS.split(name)[-1], set()).add(number)
-    return {plain: KINDS[numbers.pop()].names[0] for plain, numbers in found.items() if len(numbers) == 1}
+        for name in kind.names if _SEPARATORS.split(kind.names[0])[0] in _COMMON_PACKAGES else ():
+            found.setdefault(_SEPARATORS.split(name)[-1], set()).add(number)
+    return {printable: KINDS[numbers.pop()].names[0] for printable, numbers in found.items() if len(numbers) == 1}
 
 
-_PLAIN = _plain_names()
+_TYPE_BY_SHORT_NAME = _short_type_names()
 
 
-def full_name(schema_name: str) -> str:
+def canonical_type_name(schema_name: str) -> str:
     """Schema name in the one spelling of the table, from any of those that writers use.
 
     ``sensor_msgs/JointState``, ``sensor_msgs.msg.JointState`` and ``sensor_msgs::msg::dds_::JointState_`` all are
     ``sensor_msgs/msg/JointState``; what is no name of such a form is returned as it is.
     """
-    parts = _PARTS.split(schema_name.strip())
+    parts = _SEPARATORS.split(schema_name.strip())
     if len(parts) == 4 and parts[2] == "dds_":
         parts = [parts[0], parts[1], parts[3].removesuffix("_")]
     if len(parts) == 3 and parts[1] == "msg":
@@ -204,25 +204,25 @@ def full_name(schema_name: str) -> str:
     return f"{package}.{name}" if package in _OWN_PACKAGES else f"{package}/msg/{name}"
 
 
-def find_kind(schema_name: str, encoding: str) -> Kind | None:
+def find_kind(schema_name: str, encoding: str) -> MessageKind | None:
     """How messages of a schema in an encoding are read; None if they are not understood.
 
     JSON writers often leave the package out: there, a plain type name counts as the one of a common package.
     """
-    name = full_name(schema_name)
-    kind = _KNOWN.get((name, encoding))
+    name = canonical_type_name(schema_name)
+    kind = _KIND_BY_TYPE.get((name, encoding))
     if kind is None and encoding == "json":
-        kind = _KNOWN.get((_PLAIN.get(schema_name.strip(), ""), encoding))
+        kind = _KIND_BY_TYPE.get((_TYPE_BY_SHORT_NAME.get(schema_name.strip(), ""), encoding))
     return kind
 
 
 def encodings_of(schema_name: str) -> tuple[str, ...]:
     """Encodings in which a schema is read."""
-    name = full_name(schema_name)
-    name = _PLAIN.get(name, name)
-    return tuple(e for e in ENCODINGS if (name, e) in _KNOWN)
+    name = canonical_type_name(schema_name)
+    name = _TYPE_BY_SHORT_NAME.get(name, name)
+    return tuple(e for e in ENCODINGS if (name, e) in _KIND_BY_TYPE)
 
 
-def short_names(what: tuple[What, ...]) -> list[str]:
+def type_names(what: tuple[ContentType, ...]) -> list[str]:
     """Names of the types that yield something, as messages and documents tell them: the first of each kind's."""
-    return [kind.names[0].replace("/msg/", "/") for kind in KINDS if kind.what in what]
+    return [kind.names[0].replace("/msg/", "/") for kind in KINDS if kind.content in what]

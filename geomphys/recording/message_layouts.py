@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
 
-from geomphys.recording.field_access import Access, floats, or_else, plain_text, texts
-from geomphys.recording.samples import MISSING, Content, Joints, Pose
+from geomphys.recording.field_access import FieldAccess, checked_names, checked_text, floats, with_default
+from geomphys.recording.samples import MISSING, Content, JointSample, Pose
 from geomphys.recording.stamps import stamp_of
 
-Read = Callable[[Any], Content]
+Extractor = Callable[[Any], Content]
 
 
 def pose_at(position: str, orientation: str) -> tuple[str, ...]:
@@ -34,22 +34,22 @@ class PoseLayout:
     """One pose, or a list of them. Paths within a message; "" for what it does not have."""
 
     pose: tuple[str, ...]  # paths of the seven numbers; in a list, within its item
-    each: str = ""  # path of the list
+    items: str = ""  # path of the list
     stamp: str = ""
     frame: str = ""  # frame id
     child: tuple[str, ...] = ()  # paths of the name of what it is the pose of; several are joined with "/"
     number: str = ""  # path of a whole number that is its name
     names: tuple[str, ...] = ()  # names of the items of a list, in their order
     valid: str = ""  # a flag: what has it off is no pose
-    own_header: bool = False  # each item has a stamp and frame of its own
-    some_lack_header: bool = False  # versions of the type have neither
-    beside: bool = False  # names and flags are lists of the message, as long as that of the poses
+    item_headers: bool = False  # each item has a stamp and frame of its own
+    header_optional: bool = False  # versions of the type have neither
+    parallel_lists: bool = False  # names and flags are lists of the message, as long as that of the poses
     scale: float = 1.0  # m per unit of the positions
 
     @property
-    def spelled_out(self) -> bool:
+    def has_literal_names(self) -> bool:
         """Whether the names of poses stand in a message as they are: not so indices, and names that are put together."""
-        return len(self.child) == 1 or not (self.each or self.child)
+        return len(self.child) == 1 or not (self.items or self.child)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +58,7 @@ class JointLayout:
 
     name: str
     value: str
-    each: str = ""
+    items: str = ""
     stamp: str = ""
     side: str = ""
     valid: str = ""  # path within an item
@@ -68,16 +68,16 @@ class JointLayout:
 Layout = PoseLayout | JointLayout
 
 
-def make_read(layout: Layout, access: Access) -> Read:
+def make_extractor(layout: Layout, access: FieldAccess) -> Extractor:
     """Make the function from a decoded message to its content."""
     if isinstance(layout, JointLayout):
-        return _joint_list(layout, access) if layout.each else _joint_columns(layout, access)
-    if layout.beside:
-        return _poses_beside(layout, access)
-    return _pose_list(layout, access) if layout.each else _one_pose(layout, access)
+        return _joint_list_extractor(layout, access) if layout.items else _joint_array_extractor(layout, access)
+    if layout.parallel_lists:
+        return _parallel_list_extractor(layout, access)
+    return _pose_list_extractor(layout, access) if layout.items else _pose_extractor(layout, access)
 
 
-def _headed_pose(layout: PoseLayout, access: Access) -> Callable[[Any], Pose] | None:
+def _fast_pose_reader(layout: PoseLayout, access: FieldAccess) -> Callable[[Any], Pose] | None:
     """A pose with stamp and frame among attributes, in as few steps as there are; None if it is not of that form.
 
     Nearly all messages are.
@@ -85,7 +85,7 @@ def _headed_pose(layout: PoseLayout, access: Access) -> Callable[[Any], Pose] | 
     parents = tuple(dict.fromkeys(path.rpartition(".")[0] for path in layout.pose))
     if access.times is None or layout.pose != pose_at(parents[0], parents[-1]) or not (layout.stamp and layout.frame):
         return None
-    if layout.valid or layout.scale != 1.0 or layout.some_lack_header or len(layout.child) > 1:
+    if layout.valid or layout.scale != 1.0 or layout.header_optional or len(layout.child) > 1:
         return None
     times = (f"{layout.stamp}.{k}" for k in access.times)
     presence = layout.stamp if access.has_presence else ""
@@ -104,16 +104,16 @@ def _headed_pose(layout: PoseLayout, access: Access) -> Callable[[Any], Pose] | 
     return named if layout.child else one
 
 
-def _one_pose(layout: PoseLayout, access: Access) -> Read:
+def _pose_extractor(layout: PoseLayout, access: FieldAccess) -> Extractor:
     """A message with one pose."""
-    headed = _headed_pose(layout, access)
+    headed = _fast_pose_reader(layout, access)
     if headed is not None:
         return lambda m: [headed(m)]
     numbers, stamp = access.numbers(layout.pose), access.stamp(layout.stamp)
     frame, child = access.text((layout.frame,) if layout.frame else ()), access.text(layout.child)
-    if layout.some_lack_header:
-        stamp, frame = or_else(stamp, None), or_else(frame, "")
-    scale, valid = layout.scale, access.one(layout.valid) if layout.valid else None
+    if layout.header_optional:
+        stamp, frame = with_default(stamp, None), with_default(frame, "")
+    scale, valid = layout.scale, access.required(layout.valid) if layout.valid else None
     if valid is None and scale == 1.0:
         if not layout.child:
             return lambda m: [Pose(stamp(m), "", numbers(m), frame(m))]
@@ -128,100 +128,100 @@ def _one_pose(layout: PoseLayout, access: Access) -> Read:
     return read
 
 
-def _pose_list(layout: PoseLayout, access: Access) -> Read:
+def _pose_list_extractor(layout: PoseLayout, access: FieldAccess) -> Extractor:
     """A message with a list of poses."""
-    headed = _headed_pose(layout, access) if layout.own_header else None
+    headed = _fast_pose_reader(layout, access) if layout.item_headers else None
     if headed is not None:
-        listed_in = access.one(layout.each)
-        return lambda m: [headed(x) for x in listed_in(m)]
-    items, numbers, stamp = access.one(layout.each), access.numbers(layout.pose), access.stamp(layout.stamp)
+        items_of = access.required(layout.items)
+        return lambda m: [headed(x) for x in items_of(m)]
+    items, numbers, stamp = access.required(layout.items), access.numbers(layout.pose), access.stamp(layout.stamp)
     frame, names = access.text((layout.frame,) if layout.frame else ()), layout.names
     child = access.text(layout.child) if layout.child else None
     if layout.number:
-        number = access.one(layout.number)
+        number = access.required(layout.number)
         child = lambda x: str(int(number(x)))  # noqa: E731
-    valid, own = access.one(layout.valid) if layout.valid else None, layout.own_header
+    valid, has_item_headers = access.required(layout.valid) if layout.valid else None, layout.item_headers
 
     def read(m: Any) -> Content:
-        if own and child is not None:
+        if has_item_headers and child is not None:
             return [Pose(stamp(x), child(x), numbers(x), frame(x)) for x in items(m) or ()]
-        when, where, listed = stamp(m), frame(m), items(m)
-        if listed is None:
-            return [Pose(when, name, MISSING, where) for name in names]
+        stamp_ns, frame_id, join_names = stamp(m), frame(m), items(m)
+        if join_names is None:
+            return [Pose(stamp_ns, name, MISSING, frame_id) for name in names]
         return [
             Pose(
-                when,
+                stamp_ns,
                 child(x) if child is not None else names[i] if i < len(names) else str(i),
                 numbers(x) if x is not None and (valid is None or valid(x)) else MISSING,
-                where,
+                frame_id,
             )
-            for i, x in enumerate(listed)
+            for i, x in enumerate(join_names)
         ]
 
     return read
 
 
-def _poses_beside(layout: PoseLayout, access: Access) -> Read:
+def _parallel_list_extractor(layout: PoseLayout, access: FieldAccess) -> Extractor:
     """A message with lists of names, poses and flags."""
-    items, numbers, stamp = access.one(layout.each), access.numbers(layout.pose), access.stamp(layout.stamp)
-    frame, flags = access.text((layout.frame,) if layout.frame else ()), access.one(layout.valid)
-    names = access.one(layout.child[0])
+    items, numbers, stamp = access.required(layout.items), access.numbers(layout.pose), access.stamp(layout.stamp)
+    frame, flags = access.text((layout.frame,) if layout.frame else ()), access.required(layout.valid)
+    names = access.required(layout.child[0])
 
     def read(m: Any) -> Content:
-        when, where = stamp(m), frame(m)
+        stamp_ns, frame_id = stamp(m), frame(m)
         return [
-            Pose(when, plain_text(name), numbers(x) if valid else MISSING, where)
+            Pose(stamp_ns, checked_text(name), numbers(x) if valid else MISSING, frame_id)
             for name, x, valid in zip(names(m), items(m), flags(m), strict=True)
         ]
 
     return read
 
 
-def _joint_columns(layout: JointLayout, access: Access) -> Read:
+def _joint_array_extractor(layout: JointLayout, access: FieldAccess) -> Extractor:
     """A message with a list of names and one of values."""
-    names, stamp = access.one(layout.name), access.stamp(layout.stamp)
+    names, stamp = access.required(layout.name), access.stamp(layout.stamp)
     if access.times is not None:
-        attributes = access.one(layout.value)
-        return lambda m: Joints(stamp(m), names(m), attributes(m), "")
-    values = access.maybe(layout.value)
-    return lambda m: Joints(stamp(m), texts(names(m)), floats(list(values(m) or ())), "")
+        attributes = access.required(layout.value)
+        return lambda m: JointSample(stamp(m), names(m), attributes(m), "")
+    values = access.optional(layout.value)
+    return lambda m: JointSample(stamp(m), checked_names(names(m)), floats(list(values(m) or ())), "")
 
 
-def _joint_list(layout: JointLayout, access: Access) -> Read:
+def _joint_list_extractor(layout: JointLayout, access: FieldAccess) -> Extractor:
     """A message with an item a joint."""
     items, stamp, side = (
-        access.one(layout.each),
+        access.required(layout.items),
         access.stamp(layout.stamp),
         access.text((layout.side,) if layout.side else ()),
     )
-    name, value = access.one(layout.name), access.one(layout.value)
+    name, value = access.required(layout.name), access.required(layout.value)
     if access.times is not None:
         if layout.optional and access.has_presence:
             field = layout.value
 
-            def present(m: Any) -> Content:
-                given = [x for x in items(m) if x.HasField(field)]
-                if not given:  # velocities only: as a ROS message with names and without positions
-                    return Joints(stamp(m), list(map(name, items(m))), (), "")
-                return Joints(stamp(m), list(map(name, given)), list(map(value, given)), "")
+            def read_present_values(m: Any) -> Content:
+                with_value = [x for x in items(m) if x.HasField(field)]
+                if not with_value:  # velocities only: as a ROS message with names and without positions
+                    return JointSample(stamp(m), list(map(name, items(m))), (), "")
+                return JointSample(stamp(m), list(map(name, with_value)), list(map(value, with_value)), "")
 
-            return present
+            return read_present_values
 
         def attributes(m: Any) -> Content:
-            given = items(m)
-            return Joints(stamp(m), list(map(name, given)), list(map(value, given)), _side(side(m)))
+            with_value = items(m)
+            return JointSample(stamp(m), list(map(name, with_value)), list(map(value, with_value)), _side(side(m)))
 
         return attributes
     name_key, value_key, valid, optional = layout.name, layout.value, layout.valid, layout.optional
 
     def read(m: Any) -> Content:
-        given = listed = items(m) or ()
+        with_value = join_names = items(m) or ()
         if optional:
-            given = [x for x in listed if x.get(value_key) is not None]
-            if not given:
-                return Joints(stamp(m), texts([x[name_key] for x in listed]), (), "")
-        values = [x[value_key] if not valid or x[valid] else None for x in given]
-        return Joints(stamp(m), texts([x[name_key] for x in given]), floats(values), _side(side(m)))
+            with_value = [x for x in join_names if x.get(value_key) is not None]
+            if not with_value:
+                return JointSample(stamp(m), checked_names([x[name_key] for x in join_names]), (), "")
+        values = [x[value_key] if not valid or x[valid] else None for x in with_value]
+        return JointSample(stamp(m), checked_names([x[name_key] for x in with_value]), floats(values), _side(side(m)))
 
     return read
 

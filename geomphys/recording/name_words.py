@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable
 
-from geomphys.recording.display_names import LENGTH
+from geomphys.recording.display_names import MAX_LENGTH
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 
@@ -36,7 +36,7 @@ _AFTER_FINGER = {"finger", "tip", "joint", "j", "cmc", "tm", "mcp", "pip", "dip"
 
 def words(name: str) -> list[str]:
     """Words of a name in one spelling: ``IndexMCPStretch`` and ``index_mcp_flex`` are the same three."""
-    parts = re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|[0-9]+", name[:LENGTH])
+    parts = re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|[0-9]+", name[:MAX_LENGTH])
     return [_SAME_WORD.get(w, w) for part in parts for w in _split(part.lower())]
 
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-Seven = tuple[float, ...]
+PoseTuple = tuple[float, ...]
 
-IDENTITY: Seven = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+IDENTITY: PoseTuple = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 _NO_OFFSET, _NO_ROTATION = IDENTITY[:3], IDENTITY[3:]
 
 
@@ -21,7 +21,7 @@ def rotate(quaternion: Sequence[float], vector: Sequence[float]) -> tuple[float,
     return (a + w * cx + y * cz - z * cy, b + w * cy + z * cx - x * cz, c + w * cz + x * cy - y * cx)
 
 
-def compose(a_from_b: Seven, b_from_c: Seven) -> Seven:
+def compose(a_from_b: PoseTuple, b_from_c: PoseTuple) -> PoseTuple:
     """a_from_c."""
     px, py, pz, x, y, z, w = a_from_b
     offset, rotation = b_from_c[:3], b_from_c[3:]
@@ -42,7 +42,7 @@ def compose(a_from_b: Seven, b_from_c: Seven) -> Seven:
     return (px, py, pz, x, y, z, w)
 
 
-def invert(a_from_b: Seven) -> Seven:
+def invert(a_from_b: PoseTuple) -> PoseTuple:
     """b_from_a."""
     x, y, z, w = a_from_b[3:]
     back = (-x, -y, -z, w)

@@ -20,7 +20,7 @@ from mcap.opcode import Opcode
 
 from geomphys.errors import DamagedLogError, LogError
 from geomphys.recording.bag import log_files
-from geomphys.recording.foreign_formats import LOOKED_AT, other_format
+from geomphys.recording.foreign_formats import MAGIC_BYTES, describe_foreign_format
 from geomphys.recording.mcap_records import (
     CHUNK,
     CHUNK_LIMIT,
@@ -28,7 +28,7 @@ from geomphys.recording.mcap_records import (
     MAGIC,
     MESSAGE,
     BadRecordError,
-    read_chunk_head,
+    read_chunk_header,
     unpack_chunk,
     walk,
 )
@@ -39,7 +39,7 @@ from geomphys.storage.remote_files import RemotePath, as_path, is_remote
 PENDING_LIMIT = 256 * 2**20
 """Bytes of messages that are held to bring them into the order of their times."""
 _Pending = tuple[int, int, int, int, bytes, int]  # log time, place in the file, channel, publish time, data, sequence
-TOLD = 3  # damaged places that are told one by one
+MAX_LISTED_DAMAGE = 3  # damaged places that are told one by one
 
 
 @dataclass(frozen=True)
@@ -160,20 +160,20 @@ class LogReader:
                     if keys is None or key in keys:
                         yield RawMessage(key, log_time, publish_time, data, sequence)
             return
-        waiting = deque(sorted(enumerate(spans), key=lambda item: item[1][1].first))
+        unread_spans = deque(sorted(enumerate(spans), key=lambda item: item[1][1].first))
         pending: deque[_Pending] = deque()
         size = 0
-        while waiting or pending:
-            while waiting and size < PENDING_LIMIT:
-                order, (number, span) = waiting[0]
+        while unread_spans or pending:
+            while unread_spans and size < PENDING_LIMIT:
+                order, (number, span) = unread_spans[0]
                 if pending and span.first > pending[0][0]:
                     break
-                waiting.popleft()
+                unread_spans.popleft()
                 loaded = self._load(number, span, order << 32, keys)
                 size += sum(len(m[4]) for m in loaded)
                 pending = deque(sorted([*pending, *loaded]))
-            until = waiting[0][1][1].first if waiting else None
-            while pending and (until is None or size >= PENDING_LIMIT or pending[0][0] < until):
+            next_start = unread_spans[0][1][1].first if unread_spans else None
+            while pending and (next_start is None or size >= PENDING_LIMIT or pending[0][0] < next_start):
                 log_time, _, key, publish_time, data, sequence = pending.popleft()
                 size -= len(data)
                 if keys is None or key in keys:
@@ -181,14 +181,14 @@ class LogReader:
 
     def _load(self, number: int, span: Span, order: int, keys: Container[int] | None) -> list[_Pending]:
         """Messages of a span, each with its place in the order of the file."""
-        base, known, file = number << 16, self._scans[number].channels, self.files[number]
-        wanted = {c for c in span.channels if c in known and (keys is None or base | c in keys)}
-        if not wanted:
+        base, channels, file = number << 16, self._scans[number].channels, self.files[number]
+        selected = {c for c in span.channels if c in channels and (keys is None or base | c in keys)}
+        if not selected:
             return []
         try:
             with self._opened(file) as stream:
                 stream.seek(span.offset)
-                messages = (self._of_chunk if span.chunk else self._of_run)(stream, span, wanted)
+                messages = (self._chunk_messages if span.chunk else self._run_messages)(stream, span, selected)
                 return [(t, order | k, base | c, p, data, n) for k, (c, t, p, data, n) in enumerate(messages)]
         except OSError as problem:
             raise LogError(f"{file}: cannot be read any more ({problem.strerror})") from problem
@@ -211,21 +211,21 @@ class LogReader:
         yield self._streams[file]
 
     @staticmethod
-    def _of_chunk(stream: BinaryIO, span: Span, wanted: set[int]) -> Iterator[tuple[int, int, int, bytes, int]]:
+    def _chunk_messages(stream: BinaryIO, span: Span, selected: set[int]) -> Iterator[tuple[int, int, int, bytes, int]]:
         """Messages of a chunk; the stream stands at its beginning."""
-        beginning = stream.read(min(span.length, 9 + CHUNK.size + 80))
-        if len(beginning) < 9:
+        first_bytes = stream.read(min(span.length, 9 + CHUNK.size + 80))
+        if len(first_bytes) < 9:
             raise BadRecordError("the file is shorter than it was")
-        head = read_chunk_head(beginning[9:], HEAD.unpack_from(beginning, 0)[1])
+        head = read_chunk_header(first_bytes[9:], HEAD.unpack_from(first_bytes, 0)[1])
         if head.data_length > CHUNK_LIMIT:
             raise BadRecordError("the chunk is not what it was")
-        start = 9 + head.head_length
+        start = 9 + head.header_length
         stream.seek(span.offset + start)
         if span.verified:
             head = head._replace(crc=0)
-        unpacked, trouble = unpack_chunk(head, stream.read(min(head.data_length, span.length - start)))
-        if trouble and not span.verified:
-            raise BadRecordError(trouble)
+        unpacked, damage_text = unpack_chunk(head, stream.read(min(head.data_length, span.length - start)))
+        if damage_text and not span.verified:
+            raise BadRecordError(damage_text)
         if len(unpacked) < span.usable:
             raise BadRecordError("the chunk is not what it was")
         message, unpack, window = int(Opcode.MESSAGE), MESSAGE.unpack_from, span.window
@@ -235,11 +235,11 @@ class LogReader:
             channel, sequence, log_time, publish_time = unpack(unpacked, begin)
             if not span.verified and (end - begin < MESSAGE.size or log_time > TIME_LIMIT):
                 raise BadRecordError("holds a message that cannot be")
-            if channel in wanted and (window is None or window[0] <= log_time <= window[1]):
+            if channel in selected and (window is None or window[0] <= log_time <= window[1]):
                 yield channel, log_time, publish_time, unpacked[begin + 22 : end], sequence
 
     @staticmethod
-    def _of_run(stream: BinaryIO, span: Span, wanted: set[int]) -> Iterator[tuple[int, int, int, bytes, int]]:
+    def _run_messages(stream: BinaryIO, span: Span, selected: set[int]) -> Iterator[tuple[int, int, int, bytes, int]]:
         """Messages that stand outside of chunks."""
         read, seek = stream.read, stream.seek
         at, stop = span.offset, span.offset + span.length
@@ -252,7 +252,7 @@ class LogReader:
             channel, sequence, log_time, publish_time = MESSAGE.unpack_from(head, 9)
             if not MESSAGE.size <= length <= CHUNK_LIMIT:
                 raise BadRecordError("the record is not what it was")
-            if channel in wanted:
+            if channel in selected:
                 yield channel, log_time, publish_time, read(length - MESSAGE.size), sequence
             at += 9 + length
 
@@ -262,11 +262,11 @@ class LogReader:
             with self._opened(file) as stream:
                 size = stream.seek(0, 2)
                 stream.seek(0)
-                start = stream.read(LOOKED_AT)
+                start = stream.read(MAGIC_BYTES)
                 if not start:
                     raise LogError(f"{file}: is empty: the recording was not written or not fetched; copy it again")
                 if start[: len(MAGIC)] != MAGIC[: len(start)]:
-                    raise LogError(f"{file}: is not an MCAP file{other_format(start)}")
+                    raise LogError(f"{file}: is not an MCAP file{describe_foreign_format(start)}")
                 if is_remote(file) and not self._recover:
                     found = scan_summary(stream, size, file.ranges)
                     if found is not None:
@@ -298,9 +298,9 @@ class LogReader:
 
     def _damage(self, missing: tuple[str, ...]) -> Damage | None:
         """Sum up what the scans found damaged."""
-        several = len(self.files) > 1
+        has_parts = len(self.files) > 1
         losses = [
-            (loss.bytes_lost, f"{file.name}: {loss.text}" if several else loss.text)
+            (loss.bytes_lost, f"{file.name}: {loss.text}" if has_parts else loss.text)
             for file, scan in zip(self.files, self._scans, strict=True)
             for loss in scan.losses
         ]
@@ -308,8 +308,10 @@ class LogReader:
         if not texts:
             return None
         lost = sum(count for count, _ in losses)
-        more = f", and {len(texts) - TOLD} more places" if len(texts) > TOLD else ""
-        return Damage(lost, f"{'; '.join(texts[:TOLD])}{more} ({lost} of {self.size} bytes lost)", len(texts))
+        more = f", and {len(texts) - MAX_LISTED_DAMAGE} more places" if len(texts) > MAX_LISTED_DAMAGE else ""
+        return Damage(
+            lost, f"{'; '.join(texts[:MAX_LISTED_DAMAGE])}{more} ({lost} of {self.size} bytes lost)", len(texts)
+        )
 
     def _intact(self) -> str:
         """Say what is intact."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from geomphys.recording.pose_tuples import IDENTITY, Seven, compose
+from geomphys.recording.pose_tuples import IDENTITY, PoseTuple, compose
 from geomphys.scene.scene_inputs import RecordingTable
 
 
@@ -19,15 +19,15 @@ class RecordedSpace:
     rotated: a body's own axes, and so the offset from a tracker to a root, stay as they are.
     """
 
-    world_from_space: Seven = IDENTITY
+    world_from_space: PoseTuple = IDENTITY
     units_per_metre: float = 1.0
 
     @classmethod
-    def of(cls, table: RecordingTable) -> RecordedSpace:
+    def from_table(cls, table: RecordingTable) -> RecordedSpace:
         """The space that a scene file's `[recording]` describes."""
         return cls((*table.position, *table.rotation), {"m": 1.0, "cm": 100.0, "mm": 1000.0}[table.unit])
 
-    def metres(self, pose: Sequence[float]) -> Seven:
+    def to_metres(self, pose: Sequence[float]) -> PoseTuple:
         """Return a recorded pose with its position in metres; to the bit what it was where that is the log's unit."""
         if self.units_per_metre == 1.0:
             return tuple(pose)
@@ -35,11 +35,11 @@ class RecordedSpace:
         n = self.units_per_metre
         return (x / n, y / n, z / n, *rotation)
 
-    def to_world(self, pose: Seven) -> Seven:
+    def to_world(self, pose: PoseTuple) -> PoseTuple:
         """Pose in the world of a pose in this space, in metres; to the bit what it was where the space is the world."""
         return pose if self.world_from_space == IDENTITY else compose(self.world_from_space, pose)
 
-    def point(self, position: Sequence[float]) -> tuple[float, float, float]:
+    def world_position(self, position: Sequence[float]) -> tuple[float, float, float]:
         """Position in the world [m] of a recorded one [units of the log]."""
-        x, y, z = self.to_world((*self.metres((*position, *IDENTITY[3:]))[:3], *IDENTITY[3:]))[:3]
+        x, y, z = self.to_world((*self.to_metres((*position, *IDENTITY[3:]))[:3], *IDENTITY[3:]))[:3]
         return (x, y, z)

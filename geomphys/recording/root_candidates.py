@@ -10,8 +10,19 @@ from geomphys.recording.name_words import side_of, words
 _NO_MEANING = {"joint", "link", "frame", "the", "finger", "hand", "human", "left", "right"}
 _ROOT_WORDS = {"wrist", "hand", "palm", "root", "base", "pelvis", "hips", "hip", "forearm", "torso", "body"}
 _TRACKER_WORDS = {"tracker", "glove", "mocap", "vicon", "optitrack", "vive", "leap", "qualisys"}
-_OTHER_WORDS = {"target", "targets", "goal", "desired", "command", "commands", "cmd", "reference", "setpoint", "action"}
-_THING_WORDS = {"object", "objects", "scene", "door", "handle", "head", "hmd", "camera", "table"}
+_COMMAND_WORDS = {
+    "target",
+    "targets",
+    "goal",
+    "desired",
+    "command",
+    "commands",
+    "cmd",
+    "reference",
+    "setpoint",
+    "action",
+}
+_OBJECT_WORDS = {"object", "objects", "scene", "door", "handle", "head", "hmd", "camera", "table"}
 
 
 @dataclass(frozen=True)
@@ -24,7 +35,7 @@ class PoseCandidate:
     high: tuple[float, float, float]
 
 
-def rank_roots(
+def rank_root_poses(
     candidates: Sequence[PoseCandidate],
     root_link: str,
     names: Iterable[str],
@@ -46,16 +57,20 @@ def rank_roots(
     side
         ``left`` or ``right`` if the avatar is of a side for sure.
     """
-    told = [root_link, *names]
-    sides = {side} if side else {s for s in map(side_of, [*told, joints_topic]) if s}
-    own = {w for name in told for w in words(name)} - _NO_MEANING
+    avatar_names = [root_link, *names]
+    sides = {side} if side else {s for s in map(side_of, [*avatar_names, joints_topic]) if s}
+    avatar_words = {w for name in avatar_names for w in words(name)} - _NO_MEANING
     scored = []
     for candidate in candidates:
-        here = words(candidate.name)
-        score = 2.0 * len(own & set(here)) + 2.0 * bool(_ROOT_WORDS & set(here)) + bool(_TRACKER_WORDS & set(here))
+        candidate_words = words(candidate.name)
+        score = (
+            2.0 * len(avatar_words & set(candidate_words))
+            + 2.0 * bool(_ROOT_WORDS & set(candidate_words))
+            + bool(_TRACKER_WORDS & set(candidate_words))
+        )
         if candidate.name.rsplit("#", 1)[-1].rsplit("/", 1)[-1] == root_link:
             score += 6.0
-        score -= 4.0 * bool((_OTHER_WORDS | _THING_WORDS) & set(here))
+        score -= 4.0 * bool((_COMMAND_WORDS | _OBJECT_WORDS) & set(candidate_words))
         if candidate.messages < 2:
             score -= 6.0
         elif messages and abs(candidate.messages - messages) <= 0.2 * messages:
@@ -67,6 +82,6 @@ def rank_roots(
     return sorted(scored, key=lambda item: (-item[0], item[1].name))
 
 
-def is_request(topic: str) -> bool:
+def is_command_topic(topic: str) -> bool:
     """Whether a topic's name says that it is what was asked for, not what was measured."""
-    return bool(_OTHER_WORDS & set(words(topic)))
+    return bool(_COMMAND_WORDS & set(words(topic)))

@@ -10,9 +10,9 @@ NAN = math.nan
 MISSING = (NAN,) * 7
 """A pose that the message says is none."""
 
-What = Literal["joints", "glove", "pose", "transform", "transforms", "poses", "named_poses"]
+ContentType = Literal["joints", "glove", "pose", "transform", "transforms", "poses", "named_poses"]
 
-USES: dict[What, str] = {
+CONTENT_NAMES: dict[ContentType, str] = {
     "joints": "joint values",
     "glove": "joint angles in degrees",
     "pose": "a pose",
@@ -22,13 +22,13 @@ USES: dict[What, str] = {
     "named_poses": "poses by name",
 }
 """What the messages of a topic can be used for, as people read it."""
-JOINTS: tuple[What, ...] = ("joints", "glove")
-POSES: tuple[What, ...] = ("pose", "transform", "transforms", "poses", "named_poses")
-PARTS: dict[What, str] = {"transforms": "CHILD_FRAME", "poses": "INDEX", "named_poses": "NAME"}
+JOINTS: tuple[ContentType, ...] = ("joints", "glove")
+POSES: tuple[ContentType, ...] = ("pose", "transform", "transforms", "poses", "named_poses")
+PART_PLACEHOLDERS: dict[ContentType, str] = {"transforms": "CHILD_FRAME", "poses": "INDEX", "named_poses": "NAME"}
 """Messages that hold several poses, and what a source must say behind the topic to follow one, as ``topic#part``."""
 
 
-class Joints(NamedTuple):
+class JointSample(NamedTuple):
     """A message with joint values, in the units of the log."""
 
     stamp: int | None  # ns, as stamped; None if the message carries no stamp
@@ -37,7 +37,7 @@ class Joints(NamedTuple):
     side: str  # of a glove: "left", "right" or ""
 
     @property
-    def sample(self) -> Sequence[float]:
+    def usable_values(self) -> Sequence[float]:
         """The values that count: none where there are fewer than names, as nobody knows whose they are.
 
         Such messages are valid in ROS (velocities only) and are passed over by its own tools. Of more values than names
@@ -61,4 +61,4 @@ class Pose(NamedTuple):
     frame: str = ""  # frame id that it is given in; "" where the message has none
 
 
-Content = Joints | list[Pose]
+Content = JointSample | list[Pose]

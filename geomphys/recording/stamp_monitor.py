@@ -15,37 +15,37 @@ from pathlib import Path
 from typing import NamedTuple
 
 from geomphys.errors import LogError
-from geomphys.recording.display_names import plain
+from geomphys.recording.display_names import printable
 from geomphys.recording.message_times import NEVER, Watermark
 
 REMEDY = "--time log goes by when the log received the messages"
-STEADY = 5
+CONFIRMING_MESSAGES = 5
 """Messages in a row that show that a jump back is not a message gone astray."""
-PACED = 16
-"""Messages of a stream from which its pace is told while the log is read; at its end `FEW` do."""
-FEW = 4
-OTHER_PACE = 100.0
+MIN_RATE_MESSAGES = 16
+"""Messages of a stream from which its pace is told while the log is read; at its end `MIN_FINAL_MESSAGES` do."""
+MIN_FINAL_MESSAGES = 4
+WRONG_UNIT_RATIO = 100.0
 """Stamps that go this much faster or slower than the log times are in a wrong unit."""
-STRETCHED = 10.0
+WARNED_RATIO = 10.0
 """Stamps that go this much faster than the log times are warned of."""
-SPARSE = 3 * 10**8
+MIN_FAST_STEP = 3 * 10**8
 """ns; only messages that are stamped at least this far apart have stamps that go too fast."""
-DENSE = 5 * 10**4
+MAX_SLOW_STEP = 5 * 10**4
 """ns; only messages that are stamped at most this far apart have stamps that go too slowly."""
-QUICKEST = 3 * 10**5
+MIN_LOG_STEP = 3 * 10**5
 """ns; log times closer than this are those of a program that wrote the log later, and tell no pace."""
-SHORTEST = 10**8
+MIN_LOG_SPAN = 10**8
 """ns of log time that are too short to tell a pace."""
-JUMP = 10**9
+WARNED_JUMP = 10**9
 """ns; stamps that jump ahead of the log times by more than this, and stay there, are warned of."""
-DRIFT = 5 * 10**8
+WARNED_DRIFT = 5 * 10**8
 """ns by which two topics may drift apart in a log before that is warned of."""
-ENDS = 8  # messages at each end of a stream of which the offset is the median
-TRACKS = 4096
+OFFSET_WINDOW = 8  # messages at each end of a stream of which the offset is the median
+MAX_TRACKS = 4096
 """Streams that are watched at most."""
 
 
-class Step(NamedTuple):
+class StampStep(NamedTuple):
     """Stamps of two messages in a row, and when they came; ns."""
 
     before: int
@@ -65,13 +65,13 @@ class StampTrack:
     def __init__(self) -> None:
         self.count = 0
         self.first: list[tuple[int, int]] = []  # the first stamps and their log times
-        self.reached, self.logged = Watermark(), Watermark()  # of the stamps and of the log times
+        self.max_stamp, self.max_log_time = Watermark(), Watermark()  # of the stamps and of the log times
         self.previous = (NEVER, 0)
-        self.behind = self.ahead = 0  # messages behind what was reached, and in a row that are not
-        self.back: Step | None = None  # where the stamps last went back
-        self.leap = Step(0, 0, 0, 0)  # the largest step ahead, and its excess
-        self.largest = 0
-        self.offsets: deque[int] = deque(maxlen=ENDS)  # stamp less log time, of the last messages
+        self.messages_behind = self.messages_ahead = 0  # messages behind what was reached, and in a row that are not
+        self.backward_jump: StampStep | None = None  # where the stamps last went back
+        self.largest_jump = StampStep(0, 0, 0, 0)  # the largest step ahead, and its excess
+        self.max_excess = 0
+        self.offsets: deque[int] = deque(maxlen=OFFSET_WINDOW)  # stamp less log time, of the last messages
         self.first_offset = 0.0
 
     def add(self, stamp: int, log_time: int, delay: int) -> bool:
@@ -82,55 +82,58 @@ class StampTrack:
         if len(self.first) < 3:
             self.first.append((stamp, log_time))
         self.offsets.append(stamp - log_time)
-        if self.count == ENDS:
+        if self.count == OFFSET_WINDOW:
             self.first_offset = statistics.median(self.offsets)
-        if stamp - before - (log_time - before_log) > self.largest and self.count > 1:
-            self.leap = Step(before, stamp, before_log, log_time)
-            self.largest = self.leap.excess
-        if not self.behind and self.reached.time - stamp > delay:
-            self.back = Step(before, stamp, before_log, log_time)
-        if self.back is not None:
-            if stamp < self.back.before:
-                self.behind, self.ahead = self.behind + 1, 0
+        if stamp - before - (log_time - before_log) > self.max_excess and self.count > 1:
+            self.largest_jump = StampStep(before, stamp, before_log, log_time)
+            self.max_excess = self.largest_jump.excess
+        if not self.messages_behind and self.max_stamp.time - stamp > delay:
+            self.backward_jump = StampStep(before, stamp, before_log, log_time)
+        if self.backward_jump is not None:
+            if stamp < self.backward_jump.before:
+                self.messages_behind, self.messages_ahead = self.messages_behind + 1, 0
             else:
-                self.ahead += 1
-                if self.ahead >= STEADY:
-                    self.behind, self.back = 0, None
-        self.reached.add(stamp)
-        self.logged.add(log_time)
-        return self.behind >= STEADY
+                self.messages_ahead += 1
+                if self.messages_ahead >= CONFIRMING_MESSAGES:
+                    self.messages_behind, self.backward_jump = 0, None
+        self.max_stamp.add(stamp)
+        self.max_log_time.add(log_time)
+        return self.messages_behind >= CONFIRMING_MESSAGES
 
     @property
     def spans(self) -> tuple[int, int]:
         """How far stamps and log times went; the stamps without a single one that is corrupt."""
         stamp, log_time = sorted(self.first)[len(self.first) // 2]
-        return self.reached.time - stamp, self.logged.time - log_time
+        return self.max_stamp.time - stamp, self.max_log_time.time - log_time
 
     @property
-    def has_pace(self) -> bool:
+    def has_rate(self) -> bool:
         """Whether the log times are those of the recording, and long enough to compare the stamps with."""
         _, log_span = self.spans
-        return self.count >= FEW and log_span >= max(SHORTEST, QUICKEST * self.count)
+        return self.count >= MIN_FINAL_MESSAGES and log_span >= max(MIN_LOG_SPAN, MIN_LOG_STEP * self.count)
 
     @property
-    def is_off_pace(self) -> bool:
+    def has_wrong_rate(self) -> bool:
         """Whether the stamps are in a wrong unit or jumped to another clock."""
-        if not self.has_pace:
+        if not self.has_rate:
             return False
         span, log_span = self.spans
-        if span >= OTHER_PACE * log_span:
-            return span >= SPARSE * self.count
-        return 0 < span <= log_span / OTHER_PACE and span <= DENSE * self.count
+        if span >= WRONG_UNIT_RATIO * log_span:
+            return span >= MIN_FAST_STEP * self.count
+        return 0 < span <= log_span / WRONG_UNIT_RATIO and span <= MAX_SLOW_STEP * self.count
 
     @property
-    def stays_ahead(self) -> bool:
+    def is_clock_jump(self) -> bool:
         """Whether the largest step ahead was one of the clock: for good, and not borne out by the pace of the others."""
         span, log_span = self.spans
-        ahead, paused = self.leap.after - self.leap.before, self.leap.log_time - self.leap.log_before
-        rest, log_rest = span - ahead, log_span - paused
-        if not self.has_pace or log_rest < SHORTEST or not 0 < rest < STRETCHED * log_rest:
+        messages_ahead, log_step = (
+            self.largest_jump.after - self.largest_jump.before,
+            self.largest_jump.log_time - self.largest_jump.log_before,
+        )
+        stamp_rest, log_rest = span - messages_ahead, log_span - log_step
+        if not self.has_rate or log_rest < MIN_LOG_SPAN or not 0 < stamp_rest < WARNED_RATIO * log_rest:
             return False
-        return ahead - max(1.0, rest / log_rest) * paused > JUMP
+        return messages_ahead - max(1.0, stamp_rest / log_rest) * log_step > WARNED_JUMP
 
     @property
     def drift(self) -> float:
@@ -138,7 +141,7 @@ class StampTrack:
         return statistics.median(self.offsets) - self.first_offset
 
 
-class StampWatch:
+class StampMonitor:
     """The stamps of all streams that are read."""
 
     def __init__(self, path: Path, delay: int) -> None:
@@ -154,73 +157,76 @@ class StampWatch:
         key = topic, part
         track = self.tracks.get(key)
         if track is None:
-            if len(self.tracks) >= TRACKS:
+            if len(self.tracks) >= MAX_TRACKS:
                 return
             track = self.tracks[key] = StampTrack()
         if track.add(stamp, log_time, self.delay):
-            raise LogError(self._starts_over(key, track))
+            raise LogError(self._restart_message(key, track))
         count = track.count
-        if count >= PACED and count & (count - 1) == 0 and track.is_off_pace:
-            raise LogError(self._off_pace(key, track))
+        if count >= MIN_RATE_MESSAGES and count & (count - 1) == 0 and track.has_wrong_rate:
+            raise LogError(self._wrong_rate_message(key, track))
 
     def finish(self) -> None:
         """Say that the log has ended; raises LogError as `add` does, for streams of few messages."""
         for key, track in self.tracks.items():
-            if track.behind > 1 and track.ahead == 0:
-                raise LogError(self._starts_over(key, track))
-            if track.is_off_pace:
-                raise LogError(self._off_pace(key, track))
+            if track.messages_behind > 1 and track.messages_ahead == 0:
+                raise LogError(self._restart_message(key, track))
+            if track.has_wrong_rate:
+                raise LogError(self._wrong_rate_message(key, track))
 
     def warnings(self, clock: tuple[str, str] | None) -> Iterator[str]:
         """Lines on stamps that may be right: steps ahead, another pace, and drift against the topic of the `clock`."""
-        told = set[str]()
-        beats = next((t for (topic, part), t in self.tracks.items() if clock in ((topic, part), (topic, ""))), None)
+        reported = set[str]()
+        clock_track = next(
+            (t for (topic, part), t in self.tracks.items() if clock in ((topic, part), (topic, ""))), None
+        )
         for key, track in self.tracks.items():
-            if key[0] in told or not track.has_pace:
+            if key[0] in reported or not track.has_rate:
                 continue
             span, log_span = track.spans
-            drift = track.drift - beats.drift if beats is not None and beats.has_pace else 0.0
-            if track.stays_ahead:
-                leap = track.leap
+            drift = track.drift - clock_track.drift if clock_track is not None and clock_track.has_rate else 0.0
+            if track.is_clock_jump:
+                largest_jump = track.largest_jump
                 text = (
-                    f"its time stamps jump ahead by {leap.excess / 1e9:.3f} s, from {leap.before / 1e9:.3f} to "
-                    f"{leap.after / 1e9:.3f} s, {self._since(leap.log_time)}"
+                    f"its time stamps jump ahead by {largest_jump.excess / 1e9:.3f} s, from {largest_jump.before / 1e9:.3f} to "
+                    f"{largest_jump.after / 1e9:.3f} s, {self._log_position(largest_jump.log_time)}"
                 )
-            elif span >= STRETCHED * log_span and span >= SPARSE * track.count:
+            elif span >= WARNED_RATIO * log_span and span >= MIN_FAST_STEP * track.count:
                 text = f"its time stamps last {span / 1e9:.3f} s, its log times {log_span / 1e9:.3f} s"
-            elif track.count > 2 * ENDS and abs(drift) > DRIFT:
+            elif track.count > 2 * OFFSET_WINDOW and abs(drift) > WARNED_DRIFT:
                 text = f"its time stamps drift by {drift / 1e9:+.3f} s against those of the frame clock"
             else:
                 continue
-            told.add(key[0])
-            yield f"topic {plain(key[0])}: {text}; {REMEDY}"
+            reported.add(key[0])
+            yield f"topic {printable(key[0])}: {text}; {REMEDY}"
 
-    def _starts_over(self, key: tuple[str, str], track: StampTrack) -> str:
-        assert track.back is not None
-        before, after = track.back.before, track.back.after
+    def _restart_message(self, key: tuple[str, str], track: StampTrack) -> str:
+        assert track.backward_jump is not None
+        before, after = track.backward_jump.before, track.backward_jump.after
         return (
-            f"{self._named(key)}: its time stamps start over: they jump back by {(before - after) / 1e9:.3f} s, from "
-            f"{before / 1e9:.3f} to {after / 1e9:.3f} s, {self._since(track.back.log_time)}; {REMEDY}"
+            f"{self._prefix(key)}: its time stamps start over: they jump back by {(before - after) / 1e9:.3f} s, from "
+            f"{before / 1e9:.3f} to {after / 1e9:.3f} s, {self._log_position(track.backward_jump.log_time)}; {REMEDY}"
         )
 
-    def _off_pace(self, key: tuple[str, str], track: StampTrack) -> str:
+    def _wrong_rate_message(self, key: tuple[str, str], track: StampTrack) -> str:
         span, log_span = track.spans
-        leap = track.leap
-        if 2 * leap.excess > span:
+        largest_jump = track.largest_jump
+        if 2 * largest_jump.excess > span:
             return (
-                f"{self._named(key)}: its time stamps jump ahead by {leap.excess / 1e9:.3f} s, from "
-                f"{leap.before / 1e9:.3f} to {leap.after / 1e9:.3f} s, {self._since(leap.log_time)}; {REMEDY}"
+                f"{self._prefix(key)}: its time stamps jump ahead by {largest_jump.excess / 1e9:.3f} s, from "
+                f"{largest_jump.before / 1e9:.3f} to {largest_jump.after / 1e9:.3f} s, "
+                f"{self._log_position(largest_jump.log_time)}; {REMEDY}"
             )
         ratio = span / log_span
-        how = f"{ratio:.0f} times as fast as" if ratio > 1 else f"{1 / ratio:.0f} times slower than"
+        ratio_text = f"{ratio:.0f} times as fast as" if ratio > 1 else f"{1 / ratio:.0f} times slower than"
         unit = "milliseconds or microseconds in the field for seconds" if ratio > 1 else "another unit than nanoseconds"
         return (
-            f"{self._named(key)}: its time stamps go {how} the log times ({span / 1e9:.6g} s in {log_span / 1e9:.6g} s): "
+            f"{self._prefix(key)}: its time stamps go {ratio_text} the log times ({span / 1e9:.6g} s in {log_span / 1e9:.6g} s): "
             f"{unit}? {REMEDY}"
         )
 
-    def _named(self, key: tuple[str, str]) -> str:
-        return f"{self.path}: topic {plain(key[0])!r}"
+    def _prefix(self, key: tuple[str, str]) -> str:
+        return f"{self.path}: topic {printable(key[0])!r}"
 
-    def _since(self, log_time: int) -> str:
+    def _log_position(self, log_time: int) -> str:
         return f"{(log_time - self.start) / 1e9:.3f} s into the log"

@@ -10,26 +10,26 @@ from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 
 from geomphys.errors import LogError
-from geomphys.recording.pose_tuples import IDENTITY, Seven, compose, invert
+from geomphys.recording.pose_tuples import IDENTITY, PoseTuple, compose, invert
 from geomphys.recording.recorded_space import RecordedSpace
-from geomphys.recording.streams import blend_poses, good_pose
-from geomphys.recording.transform_plan import FramePlan
+from geomphys.recording.streams import interpolate_poses, validated_pose
+from geomphys.recording.transform_plan import TransformPlan
 from geomphys.recording.transform_tree import Edge
 
 
-class FrameTrack:
+class TransformTrack:
     """The pose of a frame in its parent over time. Times are ns; positions are in metres."""
 
-    def __init__(self, max_gap: int, *, static: bool, first: Seven | None = None) -> None:
+    def __init__(self, max_gap: int, *, static: bool, first: PoseTuple | None = None) -> None:
         """`first` stands in for a static one until a message comes."""
         self.max_gap, self.static, self.first = max_gap, static, first
         self.moved = False
         self.times: list[int] = []
-        self.values: list[Seven] = []  # good ones
+        self.values: list[PoseTuple] = []  # good ones
 
-    def add(self, time: int, value: Seven) -> None:
+    def add(self, time: int, value: PoseTuple) -> None:
         """Take in a transform of any time; one that is not good counts as none, and of one time the first counts."""
-        good = good_pose(value)
+        good = validated_pose(value)
         if good is None:
             return
         at = bisect_left(self.times, time)
@@ -39,48 +39,48 @@ class FrameTrack:
         self.times.insert(at, time)
         self.values.insert(at, good)
 
-    def forget(self, time: int) -> None:
+    def discard_before(self, time: int) -> None:
         """Forget what is only needed for times before this one."""
-        passed = bisect_right(self.times, time) - 1
-        if passed > 0:
-            del self.times[:passed], self.values[:passed]
+        expired = bisect_right(self.times, time) - 1
+        if expired > 0:
+            del self.times[:expired], self.values[:expired]
 
-    def at(self, time: int) -> Seven | None:
+    def at(self, time: int) -> PoseTuple | None:
         """parent_from_child at a time; None where no transform is near enough."""
         if not self.times:
             return self.first
-        after = bisect_right(self.times, time)
+        next_index = bisect_right(self.times, time)
         if self.static or not self.moved:
-            return self.values[max(after - 1, 0)]
-        if after == 0:
+            return self.values[max(next_index - 1, 0)]
+        if next_index == 0:
             return None
-        before, value = self.times[after - 1], self.values[after - 1]
+        before, value = self.times[next_index - 1], self.values[next_index - 1]
         if before == time:
             return value
-        if after == len(self.times):
+        if next_index == len(self.times):
             return None
-        gap, other = self.times[after] - before, self.values[after]
+        gap, other = self.times[next_index] - before, self.values[next_index]
         if value == other:
             return value
-        return blend_poses(value, other, (time - before) / gap) if gap <= self.max_gap else None
+        return interpolate_poses(value, other, (time - before) / gap) if gap <= self.max_gap else None
 
 
 @dataclass(frozen=True)
 class ChainLink:
     """A frame on the way to the recorded space; `inverse`: the way leads from the parent to the child."""
 
-    track: FrameTrack
+    track: TransformTrack
     inverse: bool
 
 
-class FrameChain:
+class TransformChain:
     """The way from a frame to the recorded space."""
 
     def __init__(self, links: tuple[ChainLink, ...]) -> None:
         self.links = links
         self.moving = not all(link.track.static for link in links)
 
-    def at(self, time: int) -> Seven | None:
+    def at(self, time: int) -> PoseTuple | None:
         """space_from_frame at a time; None where a transform of the way is not known."""
         result = IDENTITY
         for track, inverse in ((link.track, link.inverse) for link in self.links):
@@ -91,12 +91,12 @@ class FrameChain:
         return result
 
 
-class FrameTracks:
+class TransformBuffer:
     """Transforms of all the frames on the ways of a plan, in metres."""
 
-    def __init__(self, plan: FramePlan, space: RecordedSpace, max_gap: int) -> None:
+    def __init__(self, plan: TransformPlan, space: RecordedSpace, max_gap: int) -> None:
         self.plan, self.space, self.max_gap = plan, space, max_gap
-        self.tracks: dict[Edge, FrameTrack] = {}
+        self.tracks: dict[Edge, TransformTrack] = {}
         for edge in sorted(plan.edges):
             self._track(edge)
 
@@ -105,27 +105,27 @@ class FrameTracks:
         """Whether one of the frames may move."""
         return not all(track.static for track in self.tracks.values())
 
-    def chain(self, topic: str, frame: str) -> FrameChain | None:
+    def chain(self, topic: str, frame: str) -> TransformChain | None:
         """Way to the recorded space from a frame of a topic's poses; None where it is that space.
 
         Raises LogError if there is none.
         """
-        way = self.plan.way(topic, frame)
-        if any(s.edge not in self.tracks and not self.plan.tree.link(s.edge).static for s in way):
+        path = self.plan.steps(topic, frame)
+        if any(s.edge not in self.tracks and not self.plan.tree.link(s.edge).static for s in path):
             raise LogError(
                 f"{self.plan.path}: topic {topic!r} gives poses in {frame!r}, a frame that moves, only after the log's "
                 "beginning, where it names another: cut the log where the frame id changes"
             )
-        return FrameChain(tuple(ChainLink(self._track(s.edge), s.inverse) for s in way)) if way else None
+        return TransformChain(tuple(ChainLink(self._track(s.edge), s.inverse) for s in path)) if path else None
 
-    def forget(self, time: int) -> None:
+    def discard_before(self, time: int) -> None:
         """Forget what is only needed for times before this one."""
         for track in self.tracks.values():
-            track.forget(time)
+            track.discard_before(time)
 
-    def _track(self, edge: Edge) -> FrameTrack:
+    def _track(self, edge: Edge) -> TransformTrack:
         if edge not in self.tracks:
             link = self.plan.tree.link(edge)
-            first = None if link.first is None or not link.static else self.space.metres(link.first)
-            self.tracks[edge] = FrameTrack(self.max_gap, static=link.static, first=first)
+            first = None if link.first is None or not link.static else self.space.to_metres(link.first)
+            self.tracks[edge] = TransformTrack(self.max_gap, static=link.static, first=first)
         return self.tracks[edge]

@@ -6,15 +6,23 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from geomphys.errors import LogError
-from geomphys.recording.display_names import listed, plain, similar
+from geomphys.recording.display_names import did_you_mean, join_names, printable
 from geomphys.recording.input_plan import Plan, PoseInput
 from geomphys.recording.reader import LogReader
-from geomphys.recording.stream_prescan import Known
-from geomphys.recording.transform_tree import Edge, FrameError, FrameTree, Step, is_of_tree, plain_frame, survey
+from geomphys.recording.stream_prescan import Prescan
+from geomphys.recording.transform_tree import (
+    Edge,
+    FrameError,
+    PathStep,
+    TransformTree,
+    is_transform_channel,
+    normalized_frame_id,
+    read_transform_trees,
+)
 
 
 @dataclass(frozen=True)
-class FrameUse:
+class TransformUse:
     """A topic's poses, the frame they are given in, and what brings them to the recorded space."""
 
     topic: str  # `topic` or `topic#child`
@@ -29,29 +37,29 @@ class FrameUse:
 
 
 @dataclass(frozen=True)
-class FramePlan:
+class TransformPlan:
     """Which frames are the recorded space, and the ways from others to it. Names are without leading slash."""
 
     path: str
     spaces: tuple[str, ...] = ()  # frame ids of the recorded space; empty where no pose names one
-    tree: FrameTree = field(default_factory=FrameTree)
-    ways: dict[str, tuple[Step, ...]] = field(default_factory=dict)  # frame -> steps, where there are any
-    uses: tuple[FrameUse, ...] = ()
+    tree: TransformTree = field(default_factory=TransformTree)
+    steps_by_frame: dict[str, tuple[PathStep, ...]] = field(default_factory=dict)  # frame -> steps, where there are any
+    uses: tuple[TransformUse, ...] = ()
 
-    def way(self, topic: str, frame: str) -> tuple[Step, ...]:
+    def steps(self, topic: str, frame: str) -> tuple[PathStep, ...]:
         """Steps from a frame to the recorded space, () for the space itself and for a pose that names no frame.
 
         Raises LogError if there are none.
         """
-        name = plain_frame(frame)
-        if name not in self.ways:
-            self.ways[name] = _way(self.path, self.tree, self.spaces, topic, name)
-        return self.ways[name]
+        name = normalized_frame_id(frame)
+        if name not in self.steps_by_frame:
+            self.steps_by_frame[name] = _find_steps(self.path, self.tree, self.spaces, topic, name)
+        return self.steps_by_frame[name]
 
     @property
     def edges(self) -> set[Edge]:
         """Edges of all ways."""
-        return {step.edge for way in self.ways.values() for step in way}
+        return {step.edge for steps in self.steps_by_frame.values() for step in steps}
 
     @property
     def keys(self) -> set[int]:
@@ -59,7 +67,7 @@ class FramePlan:
         return {key for edge in self.edges for key in self.tree.link(edge).keys}
 
 
-def plan_frames(reader: LogReader, plan: Plan, known: Known, spaces: Sequence[str]) -> FramePlan:
+def plan_transforms(reader: LogReader, plan: Plan, prescan: Prescan, spaces: Sequence[str]) -> TransformPlan:
     """Find the recorded space and the ways to it.
 
     Parameters
@@ -75,17 +83,17 @@ def plan_frames(reader: LogReader, plan: Plan, known: Known, spaces: Sequence[st
     LogError
         A pose is given in a frame that does not lead to the recorded space, or a frame has two parents.
     """
-    spaces = tuple(plain_frame(name) for name in spaces)
-    named = list(_named(plan, known))
+    spaces = tuple(normalized_frame_id(name) for name in spaces)
+    named = list(_named(plan, prescan))
     path = str(reader.path)
     if not named:
-        return FramePlan(path, spaces)
-    if not any(c.messages and is_of_tree(c) for c in reader.channels.values()):
-        return _ways(path, FrameTree(), spaces or (named[0][1],), named)
+        return TransformPlan(path, spaces)
+    if not any(c.messages and is_transform_channel(c) for c in reader.channels.values()):
+        return _build_plan(path, TransformTree(), spaces or (named[0][1],), named)
     problem: LogError | None = None
-    for tree in survey(reader, {frame for _, frame in named} | set(spaces)):
+    for tree in read_transform_trees(reader, {frame for _, frame in named} | set(spaces)):
         try:
-            return _ways(path, tree, spaces or (_default_space(path, tree, named),), named)
+            return _build_plan(path, tree, spaces or (_default_space(path, tree, named),), named)
         except LogError as error:
             problem = error
             if isinstance(error.__cause__, FrameError):
@@ -94,64 +102,68 @@ def plan_frames(reader: LogReader, plan: Plan, known: Known, spaces: Sequence[st
     raise problem
 
 
-def _named(plan: Plan, known: Known) -> Iterator[tuple[PoseInput, str]]:
+def _named(plan: Plan, prescan: Prescan) -> Iterator[tuple[PoseInput, str]]:
     """Poses and the frames they are given in, where they name one, in the order of the scene."""
     for pose in plan.poses:
-        for frame in known.frames.get((pose.topic, pose.child), ()):
-            if name := plain_frame(frame):
+        for frame in prescan.frame_ids.get((pose.topic, pose.child), ()):
+            if name := normalized_frame_id(frame):
                 yield pose, name
 
 
-def _default_space(path: str, tree: FrameTree, named: Sequence[tuple[PoseInput, str]]) -> str:
+def _default_space(path: str, tree: TransformTree, named: Sequence[tuple[PoseInput, str]]) -> str:
     """Root of the tree that the first pose in a tree hangs in; without one, the first frame that is named."""
     found = next(((pose, frame) for pose, frame in named if frame in tree.frames), None)
     if found is None:
         return named[0][1]
     pose, frame = found
     try:
-        way = tree.way_up(frame, "")
+        steps = tree.path_to_root(frame, "")
     except FrameError as problem:
-        raise _in_tree(path, pose.topic, frame, problem) from problem
-    return way[-1].parent if way else frame
+        raise _frame_error(path, pose.topic, frame, problem) from problem
+    return steps[-1].parent if steps else frame
 
 
-def _ways(path: str, tree: FrameTree, spaces: tuple[str, ...], named: Sequence[tuple[PoseInput, str]]) -> FramePlan:
+def _build_plan(
+    path: str, tree: TransformTree, spaces: tuple[str, ...], named: Sequence[tuple[PoseInput, str]]
+) -> TransformPlan:
     """The plan with the ways from all the frames that poses name."""
-    frames = FramePlan(path, spaces, tree)
+    frames = TransformPlan(path, spaces, tree)
     uses = []
     for pose, frame in named:
-        if any(is_of_tree(c) for c in pose.channels):
+        if any(is_transform_channel(c) for c in pose.channels):
             try:
-                tree.only_parent(plain_frame(pose.child), pose.topic)
+                tree.parent_of(normalized_frame_id(pose.child), pose.topic)
             except FrameError as problem:
                 raise LogError(f"{path}: {problem}") from problem
-        way = frames.way(pose.topic, frame)
-        if way:
-            links = [tree.link(step.edge) for step in way]
+        steps = frames.steps(pose.topic, frame)
+        if steps:
+            links = [tree.link(step.edge) for step in steps]
             through = tuple(dict.fromkeys(topic for link in links for topic in link.topics))
             name = f"{pose.topic}#{pose.child}" if pose.child else pose.topic
-            uses.append(FrameUse(name, frame, spaces[0], through, not all(link.static for link in links)))
-    return FramePlan(path, spaces, tree, frames.ways, tuple(dict.fromkeys(uses)))
+            uses.append(TransformUse(name, frame, spaces[0], through, not all(link.static for link in links)))
+    return TransformPlan(path, spaces, tree, frames.steps_by_frame, tuple(dict.fromkeys(uses)))
 
 
-def _way(path: str, tree: FrameTree, spaces: tuple[str, ...], topic: str, frame: str) -> tuple[Step, ...]:
+def _find_steps(
+    path: str, tree: TransformTree, spaces: tuple[str, ...], topic: str, frame: str
+) -> tuple[PathStep, ...]:
     if not frame or not spaces or frame in spaces:
         return ()
     try:
-        ways = [way for space in spaces if (way := tree.way(frame, space)) is not None]
+        steps_by_frame = [steps for space in spaces if (steps := tree.path(frame, space)) is not None]
     except FrameError as problem:
-        raise _in_tree(path, topic, frame, problem) from problem
-    if ways:
-        return min(ways, key=len)
+        raise _frame_error(path, topic, frame, problem) from problem
+    if steps_by_frame:
+        return min(steps_by_frame, key=len)
     space = spaces[0]
-    known = f"its transforms know {listed(sorted(tree.frames))}" if tree.frames else "it has no transforms"
-    both = ", ".join(f'"{plain(name)}"' for name in (*spaces, frame))
+    known_frames = f"its transforms know {join_names(sorted(tree.frames))}" if tree.frames else "it has no transforms"
+    frame_list = ", ".join(f'"{printable(name)}"' for name in (*spaces, frame))
     raise LogError(
-        f"{path}: topic {topic!r} gives poses in {plain(frame)!r}{similar(frame, spaces)}, and nothing in the log leads "
-        f"from there to {plain(space)!r}, the recorded space ({known}): record /tf and /tf_static too, or, if both are "
-        f"one space, say frame = [{both}] under [recording]"
+        f"{path}: topic {topic!r} gives poses in {printable(frame)!r}{did_you_mean(frame, spaces)}, and nothing in the log leads "
+        f"from there to {printable(space)!r}, the recorded space ({known_frames}): record /tf and /tf_static too, or, if both "
+        f"are one space, say frame = [{frame_list}] under [recording]"
     )
 
 
-def _in_tree(path: str, topic: str, frame: str, problem: FrameError) -> LogError:
-    return LogError(f"{path}: topic {topic!r} gives poses in {plain(frame)!r}: {problem}")
+def _frame_error(path: str, topic: str, frame: str, problem: FrameError) -> LogError:
+    return LogError(f"{path}: topic {topic!r} gives poses in {printable(frame)!r}: {problem}")

@@ -7,17 +7,17 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from geomphys.errors import LogError
-from geomphys.recording.channels import kind_of, make_reader
+from geomphys.recording.channels import kind_of, make_message_reader
 from geomphys.recording.decoders import BadMessageError
-from geomphys.recording.display_names import plain
+from geomphys.recording.display_names import printable
 from geomphys.recording.input_plan import is_static
-from geomphys.recording.message_kinds import full_name
-from geomphys.recording.pose_tuples import Seven
+from geomphys.recording.message_kinds import canonical_type_name
+from geomphys.recording.pose_tuples import PoseTuple
 from geomphys.recording.reader import LogChannel, LogReader
-from geomphys.recording.samples import Content, Joints
-from geomphys.recording.streams import good_pose
+from geomphys.recording.samples import Content, JointSample
+from geomphys.recording.streams import validated_pose
 
-TREE_TYPES = (
+TRANSFORM_TYPES = (
     "tf2_msgs/msg/TFMessage",
     "tf/msg/tfMessage",
     "geometry_msgs/msg/TransformStamped",
@@ -27,9 +27,9 @@ TREE_TYPES = (
     "foxglove_msgs/msg/FrameTransforms",
 )
 """Messages that make up the tree. A pose of something is in a frame too, but no other pose is given in that something."""
-SURVEYED = 10 * 10**9
+TREE_SCAN_NS = 10 * 10**9
 """ns of a log that are read for its tree; more only where a frame is looked for that has not come yet."""
-FRAMES_LIMIT = 10_000
+MAX_FRAMES = 10_000
 """frames of a log's tree"""
 
 
@@ -40,7 +40,7 @@ class Edge(NamedTuple):
     child: str
 
 
-class Step(NamedTuple):
+class PathStep(NamedTuple):
     """An edge on the way from one frame to another; `inverse`: from the parent to the child."""
 
     edge: Edge
@@ -54,7 +54,7 @@ class Link:
     topics: list[str] = field(default_factory=list)  # without repeats
     keys: set[int] = field(default_factory=set)  # of channels
     static: bool = True  # from static transforms only
-    first: Seven | None = None  # its first good transform, parent_from_child, as recorded
+    first: PoseTuple | None = None  # its first good transform, parent_from_child, as recorded
 
 
 class FrameError(Exception):
@@ -62,14 +62,14 @@ class FrameError(Exception):
 
 
 @dataclass
-class FrameTree:
+class TransformTree:
     """Frames by name, without a leading slash."""
 
     parents: dict[str, dict[str, Link]] = field(default_factory=dict)  # child -> parent -> link
 
-    def add(self, parent: str, child: str, channel: LogChannel, value: Seven) -> None:
+    def add(self, parent: str, child: str, channel: LogChannel, value: PoseTuple) -> None:
         """Take in a transform."""
-        if not parent or not child or parent == child or len(self.parents) >= FRAMES_LIMIT:
+        if not parent or not child or parent == child or len(self.parents) >= MAX_FRAMES:
             return
         link = self.parents.setdefault(child, {}).setdefault(parent, Link())
         if channel.topic not in link.topics:
@@ -77,7 +77,7 @@ class FrameTree:
         link.keys.add(channel.key)
         link.static &= is_static(channel.topic)
         if link.first is None:
-            link.first = good_pose(value)
+            link.first = validated_pose(value)
 
     @property
     def frames(self) -> set[str]:
@@ -93,7 +93,7 @@ class FrameTree:
         """How an edge is known."""
         return self.parents[edge.child][edge.parent]
 
-    def only_parent(self, frame: str, topic: str | None = None) -> str | None:
+    def parent_of(self, frame: str, topic: str | None = None) -> str | None:
         """Parent of a frame, None for a root; with `topic`, by that topic alone.
 
         Raises FrameError if it has two.
@@ -102,99 +102,99 @@ class FrameTree:
         found = [(name, link.topics[0]) for name, link in links if topic is None or topic in link.topics]
         if len(found) > 1:
             (a, one), (b, other), *_ = found
-            raise FrameError(two_parents(frame, a, topic or one, b, topic or other))
+            raise FrameError(two_parents_message(frame, a, topic or one, b, topic or other))
         return found[0][0] if found else None
 
-    def way_up(self, frame: str, until: str) -> list[Edge]:
+    def path_to_root(self, frame: str, scan_end: str) -> list[Edge]:
         """Edges from a frame to another that it hangs on, or else to its root.
 
         Raises FrameError if a frame on the way has two parents, or if they go round in a circle.
         """
         edges: list[Edge] = []
-        while frame != until and (parent := self.only_parent(frame)) is not None:
+        while frame != scan_end and (parent := self.parent_of(frame)) is not None:
             edges.append(Edge(parent, frame))
             if any(parent == e.child for e in edges):
-                names = ", ".join(repr(plain(e.child)) for e in edges)
+                names = ", ".join(repr(printable(e.child)) for e in edges)
                 raise FrameError(f"the frames {names} are given in one another, in a circle")
             frame = parent
         return edges
 
-    def way(self, frame: str, space: str) -> tuple[Step, ...] | None:
+    def path(self, frame: str, space: str) -> tuple[PathStep, ...] | None:
         """Steps from a frame to the space; None if there are none.
 
-        Raises FrameError as `way_up`.
+        Raises FrameError as `path_to_root`.
         """
-        up = self.way_up(frame, space)
+        up = self.path_to_root(frame, space)
         reached = [frame, *(e.parent for e in up)]
         if reached[-1] == space:
-            return tuple(Step(e, False) for e in up)
+            return tuple(PathStep(e, False) for e in up)
         down: list[Edge] = []
-        for edge in self.way_up(space, frame):
+        for edge in self.path_to_root(space, frame):
             down.append(edge)
             if edge.parent in reached:
-                climb = up[: reached.index(edge.parent)]
-                return (*(Step(e, False) for e in climb), *(Step(e, True) for e in reversed(down)))
+                ascent = up[: reached.index(edge.parent)]
+                return (*(PathStep(e, False) for e in ascent), *(PathStep(e, True) for e in reversed(down)))
         return None
 
 
-def two_parents(frame: str, a: str, a_topic: str, b: str, b_topic: str) -> str:
+def two_parents_message(frame: str, a: str, a_topic: str, b: str, b_topic: str) -> str:
     """Say that a frame is given in two."""
     return (
-        f"the frame {plain(frame)!r} has two parents, {plain(a)!r} (topic {plain(a_topic)!r}) and {plain(b)!r} (topic "
-        f"{plain(b_topic)!r}), and a frame can have one: leave one of the two publishers out of the log"
+        f"the frame {printable(frame)!r} has two parents, {printable(a)!r} (topic {printable(a_topic)!r}) and {printable(b)!r} "
+        f"(topic {printable(b_topic)!r}), and a frame can have one: leave one of the two publishers out of the log"
     )
 
 
-def plain_frame(name: str) -> str:
+def normalized_frame_id(name: str) -> str:
     """Return a frame id as the tree has it: ``/world`` of old writers is ``world``."""
     return name.strip().lstrip("/")
 
 
-def is_of_tree(channel: LogChannel) -> bool:
+def is_transform_channel(channel: LogChannel) -> bool:
     """Whether a channel's messages are transforms from frame to frame."""
-    return full_name(channel.schema_name) in TREE_TYPES and kind_of(channel) is not None
+    return canonical_type_name(channel.schema_name) in TRANSFORM_TYPES and kind_of(channel) is not None
 
 
-def survey(reader: LogReader, names: Iterable[str]) -> Iterator[FrameTree]:
+def read_transform_trees(reader: LogReader, names: Iterable[str]) -> Iterator[TransformTree]:
     """Read a log's tree; `names` are frames that are looked for.
 
-    Yields what the first `SURVEYED` ns of the log and the first message of every topic tell, with what speaks of the
+    Yields what the first `TREE_SCAN_NS` ns of the log and the first message of every topic tell, with what speaks of the
     names, which may come at any time; then, if asked for more, what the whole log tells.
     """
-    tree = FrameTree()
-    channels = {c.key: c for c in reader.channels.values() if c.messages and is_of_tree(c)}
+    tree = TransformTree()
+    channels = {c.key: c for c in reader.channels.values() if c.messages and is_transform_channel(c)}
     readers = {key: read for key, c in channels.items() if (read := _reader(c)) is not None}
-    waiting, missing = set(readers), set(names)
-    until = reader.start_ns + SURVEYED
-    for whole in (False, True):
+    unread_topics, missing = set(readers), set(names)
+    scan_end = reader.start_ns + TREE_SCAN_NS
+    for read_all in (False, True):
         for raw in reader.read(set(readers)):
-            if not whole and raw.log_time > until and raw.key not in waiting:
-                if not waiting and not missing:
+            if not read_all and raw.log_time > scan_end and raw.key not in unread_topics:
+                if not unread_topics and not missing:
                     break
                 if not any(name.encode() in raw.data or not name.isascii() for name in missing):
                     continue
-            waiting.discard(raw.key)
-            _take(tree, channels[raw.key], readers[raw.key], raw.data)
+            unread_topics.discard(raw.key)
+            _add_message(tree, channels[raw.key], readers[raw.key], raw.data)
             if missing:
                 missing -= tree.frames
         yield tree
 
 
-def _take(tree: FrameTree, channel: LogChannel, read: Callable[[bytes], Content], data: bytes) -> None:
+def _add_message(tree: TransformTree, channel: LogChannel, read: Callable[[bytes], Content], data: bytes) -> None:
     """Add the transforms of a message to the tree."""
     try:
         content = read(data)
     except BadMessageError:
         return
-    if not isinstance(content, Joints):
+    if not isinstance(content, JointSample):
         for pose in content:
-            tree.add(plain_frame(pose.frame), plain_frame(pose.child), channel, pose.value)
+            tree.add(normalized_frame_id(pose.frame), normalized_frame_id(pose.child), channel, pose.value)
 
 
 def _reader(channel: LogChannel) -> Callable[[bytes], Content] | None:
     """Make the function that reads a channel; None where its schema cannot be read, of which its followers are told."""
     kind = kind_of(channel)
     try:
-        return None if kind is None else make_reader(channel, kind)
+        return None if kind is None else make_message_reader(channel, kind)
     except LogError:
         return None

@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 import pytest
 from geomphys_cli.main import run
-from tests.authoring.test_scene_draft import HAND, twin
 
+from tests.authoring.test_scene_draft import HAND, twin
 from tests.recording.log_files import glove, joints, pose, transforms, write_log
 
 LIMIT = 'lower="0" upper="1.6"'

@@ -134,7 +134,7 @@ def test_every_type_with_a_pose_is_in_the_error(tmp_path):
             FrameSource(path, make_world(tree), Config())
         for kind in KINDS:
             named = kind.names[0].replace("/msg/", "/") in str(found.value)
-            assert named == (kind.what in whats)
+            assert named == (kind.content in whats)
     with pytest.raises(LogError, match=re.escape("(some_msgs/msg/Wrist, cdr); types that are: sensor_msgs/JointState")):
         draft_scene(path, [])
     assert inspect_log(path).topics[0].use == "not understood"

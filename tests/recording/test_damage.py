@@ -19,7 +19,7 @@ from geomphys.config import Config
 from geomphys.errors import DamagedLogError, LogError
 from geomphys.recording import mcap_scan
 from geomphys.recording.frames import FrameSource
-from geomphys.recording.mcap_records import CHUNK_LIMIT, MAGIC, ChunkHead, unpack_chunk
+from geomphys.recording.mcap_records import CHUNK_LIMIT, MAGIC, ChunkHeader, unpack_chunk
 from geomphys.recording.reader import open_log
 from tests.recording.log_files import Item, Tree, joints, make_world, pose, write_log
 
@@ -259,7 +259,7 @@ def test_absurdly_long_messages_are_not_decoded(tmp_path, encoding):
 
 def test_a_window_that_takes_much_memory_is_refused():
     data = wide_window()
-    head = ChunkHead(0, 1, 1000, 0, "zstd", len(data), 0)
+    head = ChunkHeader(0, 1, 1000, 0, "zstd", len(data), 0)
     assert unpack_chunk(head, data) == (b"", "cannot be unpacked to its end")
 
 

@@ -12,7 +12,7 @@ from geomphys.recording.frames import FrameSource
 from geomphys.recording.message_kinds import find_kind
 from geomphys.recording.pose_tuples import compose
 from geomphys.recording.samples import POSES
-from geomphys.recording.transform_tree import TREE_TYPES
+from geomphys.recording.transform_tree import TRANSFORM_TYPES
 from tests.recording.log_files import Tree, make_world, turned
 from tests.recording.made_messages import SEVEN, Made, S, make, pairs, part_of, write_messages
 
@@ -26,7 +26,7 @@ def posing() -> list[tuple[str, str]]:
         kind = find_kind(name, encoding)
         if (
             kind is not None
-            and kind.what in POSES
+            and kind.content in POSES
             and getattr(kind.layout, "frame", "")
             and not name.startswith("vicon_msgs")
         ):
@@ -63,7 +63,7 @@ def test_a_pose_of_any_kind_counts_in_its_frame(tmp_path, name, encoding):
 
 
 @pytest.mark.parametrize(
-    ("name", "encoding"), [p for p in pairs() if (k := find_kind(*p)) is not None and k.names[0] in TREE_TYPES]
+    ("name", "encoding"), [p for p in pairs() if (k := find_kind(*p)) is not None and k.names[0] in TRANSFORM_TYPES]
 )
 def test_a_transform_of_any_kind_brings_poses_to_the_world(tmp_path, name, encoding):
     """Here `room` is the space, and a mug stands where the wrist is, in the wrist's frame."""
@@ -76,7 +76,7 @@ def test_a_transform_of_any_kind_brings_poses_to_the_world(tmp_path, name, encod
         write_messages(tmp_path / "log.mcap", messages), make_world(Tree(root="/mug")), Config()
     ) as source:
         (frame,) = list(source)
-        assert source.frames.spaces == ("room",)
+        assert source.transforms.spaces == ("room",)
     expected = np.array(SEVEN)
     found = frame.roots[0] * np.where(np.arange(7) < 3, 1.0, np.sign(frame.roots[0, 3:] @ expected[3:]))
     np.testing.assert_allclose(found, expected, atol=1e-12)

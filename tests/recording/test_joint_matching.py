@@ -6,7 +6,7 @@ import itertools
 
 import pytest
 
-from geomphys.recording.joint_labels import JointMeaning, joint_meanings
+from geomphys.recording.joint_labels import JointLabel, label_joints
 from geomphys.recording.joint_matching import match_joints
 from geomphys.recording.name_words import common_side, side_of, words
 
@@ -130,7 +130,11 @@ def test_three_segments_of_a_thumb_are_its_own_three():
 
 
 def test_the_shape_of_a_hand_stands_in_for_names():
-    shape = {"joint_a": JointMeaning(finger="index", segment="pip", motion="flex", finger_sure=0.8, segment_sure=0.9)}
+    shape = {
+        "joint_a": JointLabel(
+            finger="index", segment="pip", motion="flex", finger_confidence=0.8, segment_confidence=0.9
+        )
+    }
     assert by_joint(["IndexPIPStretch", "RingPIPStretch"], ["joint_a"], shape=shape) == {"joint_a": "IndexPIPStretch"}
     assert not by_joint(["RingPIPStretch"], ["joint_a"], shape=shape)
 
@@ -149,7 +153,7 @@ def test_two_that_are_alike_in_the_same_way_are_left_to_a_person():
 
 
 def test_middle_is_a_finger_or_a_segment():
-    found = joint_meanings(["middle_middle", "index_middle", "middle_distal", "MiddleIndexAb"])
+    found = label_joints(["middle_middle", "index_middle", "middle_distal", "MiddleIndexAb"])
     assert [(m.finger, m.segment) for m in found.values()] == [
         ("middle", "pip"), ("index", "pip"), ("middle", "dip"), ("middle", ""),
     ]  # fmt: skip

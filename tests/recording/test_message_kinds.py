@@ -13,11 +13,11 @@ from google.protobuf import json_format
 from geomphys.authoring.scene_draft import pose_candidates
 from geomphys.config import Config
 from geomphys.errors import LogError
-from geomphys.recording.channels import Joints, Pose, kind_of, make_reader
+from geomphys.recording.channels import JointSample, Pose, kind_of, make_message_reader
 from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.frames import FrameSource
 from geomphys.recording.inspect import inspect_log
-from geomphys.recording.message_kinds import HAND_JOINTS, KINDS, find_kind, full_name
+from geomphys.recording.message_kinds import HAND_JOINTS, KINDS, canonical_type_name, find_kind
 from geomphys.recording.reader import LogChannel
 from tests.recording.log_files import Tree, make_world
 from tests.recording.made_messages import (
@@ -49,7 +49,7 @@ def channel_of(made: Made) -> LogChannel:
 
 def read(made: Made, **more):
     channel = channel_of(made)
-    return make_reader(channel, kind_of(channel), **more)(made.data)
+    return make_message_reader(channel, kind_of(channel), **more)(made.data)
 
 
 def single(v):
@@ -59,24 +59,27 @@ def single(v):
 @pytest.mark.parametrize(("name", "encoding"), pairs())
 def test_every_kind_is_read_to_the_bit(name, encoding):
     made = make(name, encoding)
-    what = kind(made)
+    message_type = kind(made)
     found = read(made)
     stamp = (
-        STAMP if (what.stamped and not name.startswith("vicon_msgs")) or (what.stamped and encoding == "json") else None
+        STAMP
+        if (message_type.has_stamp and not name.startswith("vicon_msgs"))
+        or (message_type.has_stamp and encoding == "json")
+        else None
     )
-    if isinstance(found, Joints):
+    if isinstance(found, JointSample):
         assert found.stamp == stamp
         assert list(found.names) == ["a", "b"]
         assert list(found.values) == [0.5, -0.5]
-        assert found.side == ("left" if what.what == "glove" else "")
+        assert found.side == ("left" if message_type.content == "glove" else "")
         return
     first = found[1] if name == "core.HandPoseRecord" else found[0]
     expected = single(SEVEN) if name in SINGLE else SEVEN
-    if what.metres and encoding != "json" and name.startswith("vicon"):
+    if message_type.in_metres and encoding != "json" and name.startswith("vicon"):
         expected = (*SEVEN[:3], *single(SEVEN[3:]))
     assert first.value == expected
     assert first.stamp == stamp
-    assert first.child == {"pose": "", "poses": "0"}.get(what.what, "wrist")
+    assert first.child == {"pose": "", "poses": "0"}.get(message_type.content, "wrist")
     assert first.frame == ("room" if stamp is not None else "")
 
 
@@ -93,9 +96,9 @@ def test_every_kind_moves_what_follows_it(tmp_path, name, encoding):
         at = S + k * S // 60
         messages.append(("/t", at, make(name, encoding, (0.01 * k, *SEVEN[1:]), at, 0.01 * k)))
     path = write_messages(tmp_path / "log.mcap", messages)
-    what = kind(messages[0][2])
-    joints = what.what in ("joints", "glove")
-    tree = Tree(topic="/t", joints=("a", "b"), unit="rad") if joints else Tree(root=f"/t{part_of(what)}")
+    message_type = kind(messages[0][2])
+    joints = message_type.content in ("joints", "glove")
+    tree = Tree(topic="/t", joints=("a", "b"), unit="rad") if joints else Tree(root=f"/t{part_of(message_type)}")
     with FrameSource(path, make_world(tree), Config()) as source:
         frames = list(source)
     assert [f.time_ns for f in frames] == [S + k * S // 60 for k in range(6)]
@@ -104,8 +107,8 @@ def test_every_kind_moves_what_follows_it(tmp_path, name, encoding):
     assert got == pytest.approx([0.01 * k for k in range(6)], abs=1e-8)
     log = inspect_log(path)
     (topic,) = log.topics
-    assert joints or f"/t{part_of(what)}" in {c.name for c in pose_candidates(log)}
-    assert topic.kind == what.what
+    assert joints or f"/t{part_of(message_type)}" in {c.name for c in pose_candidates(log)}
+    assert topic.kind == message_type.content
     assert topic.use not in ("", "not understood")
     assert topic.bad_messages == topic.bad_samples == 0 or name in (
         "core.HandPoseRecord",
@@ -148,7 +151,7 @@ def test_a_position_of_vicon_is_in_millimetres_and_named_by_subject_and_segment(
     ],
 )
 def test_spellings_of_a_name(spelled, full):
-    assert full_name(spelled) == full
+    assert canonical_type_name(spelled) == full
 
 
 def test_plain_names_are_understood_in_json_only_and_only_if_one_type_has_them():
@@ -162,7 +165,7 @@ def test_plain_names_are_understood_in_json_only_and_only_if_one_type_has_them()
 
 def test_json_needs_no_schema_text(tmp_path):
     made = make("sensor_msgs/msg/JointState", "json")._replace(schema="JointState", schema_encoding="", schema_data=b"")
-    assert read(made) == Joints(STAMP, ["a", "b"], [0.5, -0.5], "")
+    assert read(made) == JointSample(STAMP, ["a", "b"], [0.5, -0.5], "")
 
 
 # --- JSON
@@ -177,8 +180,8 @@ def test_protobufs_own_json_is_read(name):
     assert "Z" in text
     assert "_id" not in text
     found = read(make(name, "json")._replace(data=text.encode()))
-    if isinstance(found, Joints):
-        assert found == Joints(STAMP, ["a", "b"], [0.5, -0.5], "")
+    if isinstance(found, JointSample):
+        assert found == JointSample(STAMP, ["a", "b"], [0.5, -0.5], "")
     else:
         assert found[0] == read(make(name, "protobuf", seven))[0]
 
@@ -346,7 +349,7 @@ def test_a_part_that_comes_late_is_found_though_its_name_is_not_in_the_messages(
 
     path = write_messages(tmp_path / "log.mcap", [("/t", STAMP + k * S // 60, array(k)) for k in range(20)])
     with FrameSource(path, make_world(Tree(root="/t#7")), Config(time="log")) as source:
-        assert source.known.streams["/t", "7"].several  # else its gaps would not be held
+        assert source.prescan.streams["/t", "7"].varies  # else its gaps would not be held
         assert [f.roots[0][0] for f in source] == [0.25 * k for k in range(12, 20)]
 
 

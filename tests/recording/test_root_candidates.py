@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from geomphys.recording.root_candidates import PoseCandidate, rank_roots
+from geomphys.recording.root_candidates import PoseCandidate, rank_root_poses
 
 
 def candidate(name, messages=100):
@@ -23,17 +23,17 @@ def candidate(name, messages=100):
     ],
 )
 def test_the_root_is_the_pose_that_says_so(names, root, file, first):
-    ranked = rank_roots([candidate(n) for n in names], root, [file], "/joints", 100)
+    ranked = rank_root_poses([candidate(n) for n in names], root, [file], "/joints", 100)
     assert ranked[0][1].name == first
 
 
 def test_a_pose_that_came_once_is_no_root_beside_one_that_moves():
-    ranked = rank_roots([candidate("/hand/start", 1), candidate("/p")], "hand", [], "", 0)
+    ranked = rank_root_poses([candidate("/hand/start", 1), candidate("/p")], "hand", [], "", 0)
     assert ranked[0][1].name == "/p"
 
 
 def test_a_known_side_outweighs_every_name():
     names = ("/left_hand/palm", "/tracker/right")
     assert [
-        rank_roots([candidate(n) for n in names], "palm", ["hand"], "", 0, s)[0][1].name for s in ("left", "right")
+        rank_root_poses([candidate(n) for n in names], "palm", ["hand"], "", 0, s)[0][1].name for s in ("left", "right")
     ] == [*names]

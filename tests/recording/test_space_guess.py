@@ -8,7 +8,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from geomphys.recording.channels import Joints, kind_of, make_reader
+from geomphys.recording.channels import JointSample, kind_of, make_message_reader
 from geomphys.recording.reader import open_log
 from geomphys.recording.space_guess import SAMPLES, MotionSamples, guess_space
 
@@ -19,10 +19,12 @@ def read_paths(log):
     """Topic and frame -> times and positions of a log; names of its topics."""
     paths = {}
     with open_log(log) as reader:
-        reading = {k: make_reader(c, kind) for k, c in reader.channels.items() if (kind := kind_of(c)) is not None}
+        reading = {
+            k: make_message_reader(c, kind) for k, c in reader.channels.items() if (kind := kind_of(c)) is not None
+        }
         for raw in reader.read(set(reading)):
             content = reading[raw.key](raw.data)
-            for pose in () if isinstance(content, Joints) else content:
+            for pose in () if isinstance(content, JointSample) else content:
                 key = reader.channels[raw.key].topic, pose.child
                 paths.setdefault(key, []).append((raw.log_time, *pose.value[:3]))
         return paths, [c.topic for c in reader.channels.values()]
@@ -34,7 +36,7 @@ def guess(paths, names, up="z", unit="m"):
     for path in paths.values():
         samples = MotionSamples()
         for time, x, y, z in path:
-            samples.take(time, *((n * x, n * z, -n * y) if up == "y" else (n * x, n * y, n * z)))
+            samples.add(time, *((n * x, n * z, -n * y) if up == "y" else (n * x, n * y, n * z)))
         motions.append(samples.motion())
     return guess_space(motions, names)
 
@@ -49,8 +51,8 @@ def counts(logs):
                 space = guess(paths, names, up, unit)
                 found[up, unit, "up"] += space.up == up
                 found[up, unit, "unit"] += (space.unit != "m") == (unit != "m")
-                found[up, unit, "wrong"] += (space.up_sure and space.up == "y" != up) or (
-                    space.unit_sure and space.unit not in ("m", unit)
+                found[up, unit, "wrong"] += (space.is_up_certain and space.up == "y" != up) or (
+                    space.is_unit_certain and space.unit not in ("m", unit)
                 )
     return found
 
@@ -109,7 +111,7 @@ def test_a_table_frame_in_which_the_hand_dips_below_zero_is_z_up():
 def test_the_name_of_a_system_makes_a_suggestion_sure():
     path = walk(low=(-0.3, 0.1, -0.3), high=(0.3, 0.5, 0.3))
     alone, named = guess({"a": path}, ["/tracker"]), guess({"a": path}, ["/openxr/hand"])
-    assert (alone.up, alone.up_sure, named.up, named.up_sure) == ("y", False, "y", True)
+    assert (alone.up, alone.is_up_certain, named.up, named.is_up_certain) == ("y", False, "y", True)
 
 
 def test_nothing_is_said_of_nothing():
@@ -119,7 +121,7 @@ def test_nothing_is_said_of_nothing():
 def test_memory_is_bounded_and_the_samples_are_even():
     samples = MotionSamples()
     for k in range(100_000):
-        samples.take(k * 10**7, math.sin(k / 1000), 0.0, 1.0)
+        samples.add(k * 10**7, math.sin(k / 1000), 0.0, 1.0)
     assert len(samples.times) < SAMPLES
     steps = np.diff(samples.times)
     assert steps.min() == steps[:-1].max()
