@@ -112,7 +112,7 @@ def batch(
     except geomphys.OutputError as error:
         raise click.UsageError(str(error)) from error
 
-    def tell(entry: Entry) -> None:
+    def report_failure(entry: Entry) -> None:
         if entry.status == "failed":
             error = entry.error or ""
             terminal.warning(error if entry.log in error else f"{entry.log}: {error}")
@@ -120,7 +120,7 @@ def batch(
     with StopAtFrame(), ProgressBars(terminal) as bars:
 
         def progress(done: int, total: int | None) -> None:
-            bars.show(folder.name, done, total, unit="logs", every=1)
+            bars.show(folder.name, done, total, unit="logs", redraw_interval=1)
 
         report = geomphys.run_batch(
             logs,
@@ -137,7 +137,7 @@ def batch(
             force=force,
             loading=meshes_report(terminal, bars),
             progress=progress,
-            ended=tell,
+            ended=report_failure,
         )
     if as_json:
         terminal.json(report.as_dict())
@@ -148,9 +148,9 @@ def batch(
 
 def _exit_code(terminal: Terminal, report: BatchReport, limit_mm: float | None) -> int:
     """Return the exit code, and say on stderr why it is not 0."""
-    undone = len(report.entries) - report.count("done")
-    if undone:
-        terminal.error(f"{undone} of {counted(len(report.entries), 'log')} not done; {report.manifest} tells why")
+    not_done = len(report.entries) - report.count("done")
+    if not_done:
+        terminal.error(f"{not_done} of {counted(len(report.entries), 'log')} not done; {report.manifest} tells why")
         return EXIT_SOME_FAILED
     if limit_mm is not None:
         worst = max(report.entries, key=_residual_mm)
@@ -180,7 +180,7 @@ def _show(terminal: Terminal, report: BatchReport) -> None:
         style = {"done": "green", "failed": "bold red"}.get(entry.status, "yellow")
         rows.append([printable(entry.out), Text(status, style=style), *_figures(entry)])
     columns = ["output", "status", "frames", "recorded", "left", "moved by"]
-    table = table_in(terminal.width, columns, rows, least=("frames", "moved by"), left="status")
+    table = table_in(terminal.width, columns, rows, droppable=("frames", "moved by"), left_aligned="status")
     terminal.result(table, "", Text("; ".join(_sums(report))))
 
 

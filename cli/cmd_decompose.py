@@ -50,10 +50,10 @@ def decompose(path: Path, out: Path | None, threshold: float | None, seed: int, 
 
     What is cut is kept in the cache, so that a replay need not cut it again.
     """
-    several = path.suffix.lower() in {".toml", ".urdf"}
-    if several and out is not None and out.exists() and not out.is_dir():
+    has_many_meshes = path.suffix.lower() in {".toml", ".urdf"}
+    if has_many_meshes and out is not None and out.exists() and not out.is_dir():
         raise click.UsageError(f"{out}: is a file; the pieces of {path} need a folder")
-    if not several:
+    if not has_many_meshes:
         check_output(out, force=force, inputs=(path,))
 
     from geomphys.authoring.convex_pieces import decompose_file, write_pieces
@@ -62,11 +62,11 @@ def decompose(path: Path, out: Path | None, threshold: float | None, seed: int, 
     with ProgressBars(terminal) as bars:
         meshes = decompose_file(path, threshold=threshold, seed=seed, progress=meshes_report(terminal, bars))
     written = []
-    if out is not None and several:
+    if out is not None and has_many_meshes:
         out.mkdir(exist_ok=True)
     for number, mesh in enumerate(meshes):
         if out is not None:
-            target = out / f"{number:02d}_{mesh.path.stem}.glb" if several else out
+            target = out / f"{number:02d}_{mesh.path.stem}.glb" if has_many_meshes else out
             write_pieces(mesh.pieces, target, force=force)
             written.append(target)
     if as_json:
@@ -85,8 +85,8 @@ def _show(terminal: Terminal, meshes: tuple[DecomposedMesh, ...]) -> None:
     for heading, justify in (("mesh", "left"), ("triangles", "right"), ("pieces", "right"), ("how", "left")):
         table.add_column(heading, justify="right" if justify == "right" else "left", overflow="fold")
     for mesh in meshes:
-        how = {"hull": "convex", "parts": "convex parts", "coacd": "cut"}[mesh.pieces.method]
-        spent = "from the cache" if mesh.pieces.cached else f"{mesh.pieces.seconds:.1f} s"
-        note = f"{how}, {spent}" if mesh.pieces.method == "coacd" else how
+        description = {"hull": "convex", "parts": "convex parts", "coacd": "cut"}[mesh.pieces.method]
+        duration = "from the cache" if mesh.pieces.cached else f"{mesh.pieces.seconds:.1f} s"
+        note = f"{description}, {duration}" if mesh.pieces.method == "coacd" else description
         table.add_row(printable(mesh.path.name), f"{mesh.triangles:,}", str(len(mesh.pieces.hulls)), note)
     terminal.result(table)

@@ -81,22 +81,22 @@ def replay(
 
     terminal.detail(f"kernels: {cache_folder()}")
 
-    first, told = not are_compiled(), False
+    needs_compile, was_reported = not are_compiled(), False
 
     with StopAtFrame() as stop, ProgressBars(terminal) as bars, note_partial_outputs(out, rrd):
 
         def compiling(done: int, known: int) -> None:
-            nonlocal told
-            if not told:  # not before: what is wrong with the inputs is said alone
+            nonlocal was_reported
+            if not was_reported:  # not before: what is wrong with the inputs is said alone
                 terminal.note(f"Compiling the kernels, once per machine and version (about {COMPILE_SECONDS} s)…")
-                told = True
+                was_reported = True
             bars.show("kernels", done, known, unit="jobs")
             stop.at_frame()
 
-        moved = meshes_report(terminal, bars)
+        report_mesh = meshes_report(terminal, bars)
 
         def loading(what: str, share: float) -> None:
-            moved(what, share)
+            report_mesh(what, share)
             stop.at_frame()
 
         def progress(done: int, total: int | None) -> None:
@@ -113,7 +113,7 @@ def replay(
             force=force,
             copy_input=copy_input,
             loading=loading,
-            compiling=compiling if first else None,
+            compiling=compiling if needs_compile else None,
             progress=progress,
         )
     if as_json:

@@ -103,7 +103,7 @@ def _table(output: OutputStatistics, width: int) -> Table:
     ]
     rows += [[name, *_cells(times, 1e-3), "µs"] for name, times in output.stages.items()]
     columns = ["", "frames", "median", "p90", "p95", "p99", "largest", "unit"]
-    return table_in(width, columns, rows, least=("frames", "p90", "p99"), left="unit")
+    return table_in(width, columns, rows, droppable=("frames", "p90", "p99"), left_aligned="unit")
 
 
 def _cells(values: Distribution, factor: float) -> list[str]:

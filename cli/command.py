@@ -38,15 +38,15 @@ def command(name: str, *, examples: str, **settings: Any) -> Callable[[Callable[
     """Make a function a command of `geomphys`, with ``-h`` and the options of the terminal."""
 
     def decorate(function: Callable[..., Any]) -> Command:
-        made = click.command(
+        created = click.command(
             name,
             cls=Command,
             examples=examples,
             context_settings=SETTINGS,
             **settings,
         )(function)
-        assert isinstance(made, Command)
-        return made
+        assert isinstance(created, Command)
+        return created
 
     return decorate
 
@@ -101,19 +101,19 @@ class StopAtFrame:
     def __init__(self) -> None:
         self._pending: int | None = None
         self._in_frames = False
-        self._before: dict[int, Any] = {}
+        self._previous_handlers: dict[int, Any] = {}
 
     def __enter__(self) -> StopAtFrame:
         """Take the signals over."""
         for signum in (signal.SIGINT, signal.SIGTERM):
-            self._before[signum] = signal.signal(signum, self._receive)
+            self._previous_handlers[signum] = signal.signal(signum, self._receive)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Give the signals back."""
-        for signum, handler in self._before.items():
+        for signum, handler in self._previous_handlers.items():
             signal.signal(signum, handler)
 
     def at_frame(self) -> None:

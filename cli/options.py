@@ -29,20 +29,22 @@ class PathOrUrl(click.Path):
         from geomphys.storage.remote_files import as_path, is_remote
 
         try:
-            found = as_path(value)
-            if not is_remote(found):
-                return super().convert(str(found), param, ctx)
-            if self.exists and found.suffix != self.unchecked_suffix and not found.exists():
-                self.fail(f"{found}: there is no such file", param, ctx)
-            if not self.exists and not found.lists:
+            path_like = as_path(value)
+            if not is_remote(path_like):
+                return super().convert(str(path_like), param, ctx)
+            if self.exists and path_like.suffix != self.unchecked_suffix and not path_like.exists():
+                self.fail(f"{path_like}: there is no such file", param, ctx)
+            if not self.exists and not path_like.lists:
                 self.fail(
-                    f"{found}: a web server takes no files; write to a local path or a store such as s3://", param, ctx
+                    f"{path_like}: a web server takes no files; write to a local path or a store such as s3://",
+                    param,
+                    ctx,
                 )
         except InputError as problem:
             self.fail(str(problem), param, ctx)
         except OSError as problem:
             self.fail(f"{value}: cannot be reached ({problem.strerror})", param, ctx)
-        return found
+        return path_like
 
 
 INPUT = PathOrUrl(exists=True, readable=True, path_type=Path)
@@ -69,23 +71,23 @@ def _combine_options(*options: Callable[[Any], Any]) -> Callable[[F], F]:
 class _RequiredOption(click.Option):
     """A required option; where it is missing, the error tells how to come by it."""
 
-    def __init__(self, *args: Any, missing: str, **settings: Any) -> None:
+    def __init__(self, *args: Any, missing_message: str, **settings: Any) -> None:
         super().__init__(*args, required=True, **settings)
-        self.missing = missing
+        self.missing_message = missing_message
 
     def process_value(self, ctx: click.Context, value: Any) -> Any:
         """Take the value; raises UsageError without one."""
         try:
             return super().process_value(ctx, value)
         except click.MissingParameter as error:
-            raise click.UsageError(self.missing, ctx) from error
+            raise click.UsageError(self.missing_message, ctx) from error
 
 
 scene_option = click.option(
     "--scene",
     "-s",
     cls=_RequiredOption,
-    missing="no scene: name its file with --scene; geomphys init LOG --urdf URDF writes a first one",
+    missing_message="no scene: name its file with --scene; geomphys init LOG --urdf URDF writes a first one",
     type=INPUT_FILE,
     metavar="SCENE",
     help="The scene file (TOML).",
@@ -95,7 +97,7 @@ urdf_option = click.option(
     "--urdf",
     "urdfs",
     cls=_RequiredOption,
-    missing="no avatar: name the URDF of the recorded hand or body with --urdf",
+    missing_message="no avatar: name the URDF of the recorded hand or body with --urdf",
     type=LOCAL_FILE,
     multiple=True,
     metavar="URDF",
@@ -171,8 +173,8 @@ def check_output(path: Path | None, *, force: bool, inputs: tuple[Path, ...] = (
         raise click.UsageError(
             f"{path}: ends in {not_as}, but that is not what is written there; choose another ending"
         )
-    for given in inputs:
-        if path == given or (path.exists() and given.exists() and path.samefile(given)):
+    for input_path in inputs:
+        if path == input_path or (path.exists() and input_path.exists() and path.samefile(input_path)):
             raise click.UsageError(f"{path}: is an input and cannot be the output too")
     if isinstance(path, Path) and not path.parent.is_dir():
         raise click.UsageError(f"{path}: there is no folder {path.parent}; make it first")
@@ -183,12 +185,12 @@ def check_output(path: Path | None, *, force: bool, inputs: tuple[Path, ...] = (
 @contextmanager
 def note_partial_outputs(*outputs: Path | None) -> Iterator[None]:
     """Add to an error that ends the block where the finished part of an output is, if one was left."""
-    partials = [path.with_name(f"{path.stem}.partial{path.suffix}") for path in outputs if path is not None]
-    before = [_state(path) for path in partials]
+    partial_paths = [path.with_name(f"{path.stem}.partial{path.suffix}") for path in outputs if path is not None]
+    states_before = [_state(path) for path in partial_paths]
     try:
         yield
     except BaseException as error:
-        for path, state in zip(partials, before, strict=True):
+        for path, state in zip(partial_paths, states_before, strict=True):
             if _state(path) not in (None, state):
                 error.add_note(f"the finished part is in {path}")
         raise

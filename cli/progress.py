@@ -26,9 +26,9 @@ class Report(Protocol):
 
 @contextmanager
 def progress_bar(
-    terminal: Terminal, title: str, unit: str = "frames", every: int = REDRAW_INTERVAL
+    terminal: Terminal, title: str, unit: str = "frames", redraw_interval: int = REDRAW_INTERVAL
 ) -> Iterator[Report]:
-    """Show a bar while the block runs; yields the callback that moves it, which draws at every `every`-th call."""
+    """Show a bar while the block runs; yields the callback that moves it, which draws at every `redraw_interval`-th call."""
     if terminal.quiet or not sys.stderr.isatty():
         yield lambda done, total: None
         return
@@ -66,7 +66,7 @@ def progress_bar(
         task = bar.add_task(title, total=None)
 
         def report(done: int, total: int | None) -> None:
-            if done % every == 0 or done == total:
+            if done % redraw_interval == 0 or done == total:
                 bar.update(task, completed=done, total=total)
 
         yield report
@@ -90,14 +90,14 @@ class ProgressBars:
         self._shown.close()
 
     def show(
-        self, title: str, done: int, total: int | None, unit: str = "frames", every: int = REDRAW_INTERVAL
+        self, title: str, done: int, total: int | None, unit: str = "frames", redraw_interval: int = REDRAW_INTERVAL
     ) -> None:
         """Move the bar of this title; it takes the place of the one before."""
         if self._report is None or title != self._title:
             self._shown.close()
             self._title, self._report = (
                 title,
-                self._shown.enter_context(progress_bar(self._terminal, title, unit, every)),
+                self._shown.enter_context(progress_bar(self._terminal, title, unit, redraw_interval)),
             )
         self._report(done, total)
 
@@ -107,14 +107,14 @@ def meshes_report(terminal: Terminal, bars: ProgressBars) -> Callable[[str, floa
 
     On a terminal it moves a bar that names the mesh; elsewhere it writes one line if that takes longer than `NOTICE_DELAY`.
     """
-    begun, told = time.monotonic(), False
+    start_time, was_reported = time.monotonic(), False
 
     def report(what: str, share: float) -> None:
-        nonlocal told
+        nonlocal was_reported
         if sys.stderr.isatty():
-            bars.show(what, round(100 * share), 100, unit="%", every=1)
-        elif not told and time.monotonic() - begun > NOTICE_DELAY:
+            bars.show(what, round(100 * share), 100, unit="%", redraw_interval=1)
+        elif not was_reported and time.monotonic() - start_time > NOTICE_DELAY:
             terminal.note(f"Cutting meshes into convex pieces, once: {what}…")
-            told = True
+            was_reported = True
 
     return report

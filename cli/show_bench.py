@@ -48,7 +48,7 @@ def show_bench(terminal: Terminal, report: Report, *, markdown: bool) -> None:
         return
     terminal.result(fields(facts), "")
     for sheet in sheets(report):
-        table = table_in(terminal.width, sheet.columns, sheet.rows, least=sheet.columns[:3:-1])
+        table = table_in(terminal.width, sheet.columns, sheet.rows, droppable=sheet.columns[:3:-1])
         terminal.result(heading(sheet.title), *([sheet.note] if sheet.note else []), table, "")
 
 

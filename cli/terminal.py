@@ -45,9 +45,9 @@ def plain(value: Any) -> Any:
     return value
 
 
-def counted(number: int, what: str, several: str = "") -> str:
+def counted(number: int, noun: str, plural: str = "") -> str:
     """Return a number and what it counts, in the plural but for one."""
-    return f"{number:,} {what}" if number == 1 else f"{number:,} {several or what + 's'}"
+    return f"{number:,} {noun}" if number == 1 else f"{number:,} {plural or noun + 's'}"
 
 
 def heading(name: str, rest: str = "") -> Text:
@@ -68,12 +68,12 @@ def fields(rows: Iterable[tuple[str, Sequence[str | Text]]], colours: dict[str, 
     table = Table.grid(padding=(0, 2))
     table.add_column(style="cyan", no_wrap=True)
     table.add_column(overflow="fold")
-    before = None
+    previous_label = None
     for label, lines in rows:
         style = (colours or {}).get(label, "")
         texts = [line if isinstance(line, Text) else Text(printable(line), style=style) for line in lines]
-        table.add_row("" if label == before else Text(printable(label)), Text("\n").join(texts))
-        before = label
+        table.add_row("" if label == previous_label else Text(printable(label)), Text("\n").join(texts))
+        previous_label = label
     return table
 
 
@@ -82,36 +82,43 @@ NAME_WIDTH = 18
 
 
 def table_in(
-    width: int, columns: Sequence[str], rows: Sequence[Sequence[str | Text]], least: Sequence[str] = (), left: str = ""
+    width: int,
+    columns: Sequence[str],
+    rows: Sequence[Sequence[str | Text]],
+    droppable: Sequence[str] = (),
+    left_aligned: str = "",
 ) -> Table:
     """Return a table without lines: names on the left, folded if need be, figures on the right, never cut.
 
-    Where it is wider than `width`, the columns named in `least` are left out, the first ones first, and a last line
-    says so. `left` is the heading of a column that is justified left.
+    Where it is wider than `width`, the columns named in `droppable` are left out, the first ones first, and a last line
+    says so. `left_aligned` is the heading of a column that is justified left.
     """
     from rich.table import Table
     from rich.text import Text
 
     cells = [[str(cell) for cell in row] for row in (columns, *rows)]
     widths = [max((len(row[k]) for row in cells if k < len(row)), default=0) + 2 for k in range(len(columns))]
-    room = width - min(widths[0], NAME_WIDTH + 2)
-    gone: list[str] = []
-    for column in (*least, ""):
-        if sum(w for w, name in zip(widths[1:], columns[1:], strict=True) if name not in gone) <= room or not column:
+    available_width = width - min(widths[0], NAME_WIDTH + 2)
+    hidden: list[str] = []
+    for column in (*droppable, ""):
+        if (
+            sum(w for w, name in zip(widths[1:], columns[1:], strict=True) if name not in hidden) <= available_width
+            or not column
+        ):
             break
         if column in columns:
-            gone.append(column)
-    kept = [k for k, name in enumerate(columns) if name not in gone or k == 0]
+            hidden.append(column)
+    shown = [k for k, name in enumerate(columns) if name not in hidden or k == 0]
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
-    for k in kept:
+    for k in shown:
         if k == 0:
             table.add_column(columns[k], overflow="fold", min_width=min(widths[0] - 2, NAME_WIDTH))
         else:
-            table.add_column(columns[k], justify="left" if columns[k] == left else "right", no_wrap=True)
+            table.add_column(columns[k], justify="left" if columns[k] == left_aligned else "right", no_wrap=True)
     for row in rows:
-        table.add_row(*(row[k] if isinstance(row[k], Text) else Text(str(row[k])) for k in kept if k < len(row)))
-    if gone:
-        table.caption = Text(f"no room for {', '.join(gone)}: see a wider terminal or --json", style="dim")
+        table.add_row(*(row[k] if isinstance(row[k], Text) else Text(str(row[k])) for k in shown if k < len(row)))
+    if hidden:
+        table.caption = Text(f"too narrow for {', '.join(hidden)}: see a wider terminal or --json", style="dim")
         table.caption_justify = "left"
     return table
 

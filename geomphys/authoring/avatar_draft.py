@@ -66,7 +66,7 @@ class AnglesGuess:
     mirrored: tuple[str, ...] = ()
 
 
-def hand_sides(skeletons: Sequence[Skeleton], told: Collection[str]) -> list[str]:
+def hand_sides(skeletons: Sequence[Skeleton], log_names: Collection[str]) -> list[str]:
     """The side of each avatar, "" where nothing says one.
 
     Its URDF says it by the names of the file, the robot, the links and the joints. Of two hands of which one says its
@@ -87,7 +87,7 @@ def hand_sides(skeletons: Sequence[Skeleton], told: Collection[str]) -> list[str
         known = "".join(sides)
         sides = [s or ("left" if known == "right" else "right") for s in sides]
     if sides == [""]:
-        sides = [common_side(told)]
+        sides = [common_side(log_names)]
     return sides
 
 
@@ -116,10 +116,10 @@ def find_joints(
             if not matches:
                 continue
             sides = {side_of(topic.topic) or common_side(topic.joints), *((side,) if side else topic.sides)} - {""}
-            wrong = bool(hand and sides and hand not in sides)
+            is_other_hand = bool(hand and sides and hand not in sides)
             used = sum(m.is_used for m in matches)
-            free = (topic.topic, side) not in taken
-            rank = (-wrong, used, len(matches), not is_command_topic(topic.topic), free, topic.messages)
+            is_free = (topic.topic, side) not in taken
+            rank = (-is_other_hand, used, len(matches), not is_command_topic(topic.topic), is_free, topic.messages)
             ranked.append((rank, JointTopic(topic, side, matches, ())))
     if not ranked:
         return None
@@ -136,9 +136,9 @@ def guess_angles(skeleton: Skeleton, topic: TopicInfo | None, matches: Sequence[
     """The unit of a topic's angles, and which joints are mirrored: those that turn, not those that slide."""
     if topic is None:
         return AnglesGuess(UnitGuess("rad", ""))
-    turning = {j.name for j in skeleton.joints if j is not None and j.type in ("revolute", "continuous")}
+    revolute = {j.name for j in skeleton.joints if j is not None and j.type in ("revolute", "continuous")}
     column = {name: i for i, name in enumerate(skeleton.dof_names)}
-    used = {m.joint: m.recorded for m in matches if m.joint in turning and m.recorded in topic.ranges}
+    used = {m.joint: m.recorded for m in matches if m.joint in revolute and m.recorded in topic.ranges}
     ranges = {joint: topic.ranges[recorded] for joint, recorded in used.items()}
     limits = {j: (float(skeleton.lower[column[j]]), float(skeleton.upper[column[j]])) for j in used}
     guess = guess_angle_unit(ranges, limits)
@@ -153,13 +153,13 @@ def find_root(
     skeleton: Skeleton, poses: Sequence[PoseCandidate], hand: str, joints: JointTopic | None
 ) -> tuple[PoseCandidate | None, tuple[str, ...]]:
     """The pose that the root follows, None if none looks like it; and the other poses, likeliest first."""
-    sure = joints if joints is not None and any(m.is_used for m in joints.matches) else None
+    matched = joints if joints is not None and any(m.is_used for m in joints.matches) else None
     ranked = rank_root_poses(
         poses,
         skeleton.links[0].name,
         [skeleton.path.stem],
-        sure.topic.topic if sure is not None else "",
-        sure.topic.messages if sure is not None else 0,
+        matched.topic.topic if matched is not None else "",
+        matched.topic.messages if matched is not None else 0,
         hand,
     )
     root = ranked[0][1] if ranked and ranked[0][0] > MIN_ROOT_SCORE else None

@@ -27,7 +27,7 @@ class MeshUse(NamedTuple):
 
     path: Path
     scale: tuple[float, float, float]  # file units to m
-    how: Decomposition
+    method: Decomposition
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,10 +79,10 @@ def meshes_of_file(path: Path) -> list[MeshUse]:
     return list(dict.fromkeys(uses))
 
 
-def _meshes_of_urdf(path: Path, how: Decomposition) -> list[MeshUse]:
+def _meshes_of_urdf(path: Path, method: Decomposition) -> list[MeshUse]:
     """Return the meshes of a URDF's collision geometry."""
     shapes = [geometry.shape for link in load_skeleton(path).links for geometry in link.collisions]
-    return [MeshUse(shape.path, shape.scale, how) for shape in shapes if isinstance(shape, MeshShape)]
+    return [MeshUse(shape.path, shape.scale, method) for shape in shapes if isinstance(shape, MeshShape)]
 
 
 def decompose_file(
@@ -107,7 +107,7 @@ def decompose_file(
         The file or a mesh is wrong, or a mesh cannot be decomposed.
     """
     uses = meshes_of_file(path)
-    meshes = [Uncut(load_mesh(use.path, np.array(use.scale)), use.how) for use in uses]
+    meshes = [Uncut(load_mesh(use.path, np.array(use.scale)), use.method) for use in uses]
     cut = decompose_all(meshes, threshold=threshold, seed=seed, progress=progress)
     return tuple(
         DecomposedMesh(path=use.path, scale=use.scale, triangles=len(mesh.faces), pieces=pieces)

@@ -21,53 +21,53 @@ def joint_lines(avatar: AvatarDraft) -> Iterator[str]:
     if not topic:
         yield "# No topic of the log has joints of this URDF: all stay at 0."
         if avatar.unmatched_joints:
-            yield f"# The URDF has {named(avatar.unmatched_joints)}"
+            yield f"# The URDF has {short_list(avatar.unmatched_joints)}"
         return
-    hidden = "" if avatar.joints_topic else "# "
-    if hidden:
+    comment_prefix = "" if avatar.joints_topic else "# "
+    if comment_prefix:
         yield "# CHECK: no recorded joint has a name of this URDF, so all its joints stand still. If the guesses below are"
         yield "# right, uncomment them all; fill in what is missing."
     if avatar.two_sides:
         yield "# CHECK: the topic has a left and a right hand, and nothing says which of them this is."
-    yield hidden + "[avatar.joints]"
+    yield comment_prefix + "[avatar.joints]"
     if avatar.joint_choices:
-        yield f"# CHECK: or another topic with such joints: {named(avatar.joint_choices)}"
-    yield hidden + f"topic = {quoted(topic + ('#' + avatar.side if avatar.side else ''))}"
-    yield hidden + f'unit = "{avatar.unit.unit}"                   # CHECK: {plain_line(avatar.unit.reason)}'
+        yield f"# CHECK: or another topic with such joints: {short_list(avatar.joint_choices)}"
+    yield comment_prefix + f"topic = {quoted(topic + ('#' + avatar.side if avatar.side else ''))}"
+    yield comment_prefix + f'unit = "{avatar.unit.unit}"                   # CHECK: {plain_line(avatar.unit.reason)}'
     if avatar.unit.doubt:
         yield f"# CHECK: {plain_line(avatar.unit.doubt)} Convert them, or map them to rad by `scale` and `offset`."
     if avatar.mirrored:
         yield "# CHECK: recorded with the opposite sign? These joints would then be within their limits; uncomment it if so."
         yield f"# sign = {{ {', '.join(f'{quoted(j)} = -1' for j in avatar.mirrored)} }}"
     if avatar.unmatched_joints:
-        yield f"# Not recorded, they stay at 0: {named(avatar.unmatched_joints)}"
-    if avatar.unmatched_recorded and not hidden:
-        yield f"# Recorded, but of no use here: {named(avatar.unmatched_recorded)}; if that is meant so:"
+        yield f"# Not recorded, they stay at 0: {short_list(avatar.unmatched_joints)}"
+    if avatar.unmatched_recorded and not comment_prefix:
+        yield f"# Recorded, but of no use here: {short_list(avatar.unmatched_recorded)}; if that is meant so:"
         yield f"# ignore = [{', '.join(quoted(n) for n in avatar.unmatched_recorded[:MAX_FILL_IN_LINES])}]"
-    yield from _rename(avatar, hidden)
+    yield from _rename(avatar, comment_prefix)
 
 
-def _rename(avatar: AvatarDraft, hidden: str) -> Iterator[str]:
+def _rename(avatar: AvatarDraft, comment_prefix: str) -> Iterator[str]:
     """The table of recorded names that are otherwise in the URDF, and lines to fill in."""
-    spelled = [m for m in avatar.matches if m.how == "spelling"]
+    respelled = [m for m in avatar.matches if m.how == "spelling"]
     guessed = [m for m in avatar.matches if m.how == "guess" and m.is_used]
-    alike = [m for m in avatar.matches if not m.is_used]
-    open_names = avatar.unmatched_recorded[:MAX_FILL_IN_LINES] if avatar.unmatched_joints else ()
-    if not spelled and not guessed and not alike and not open_names:
+    similar = [m for m in avatar.matches if not m.is_used]
+    unmatched = avatar.unmatched_recorded[:MAX_FILL_IN_LINES] if avatar.unmatched_joints else ()
+    if not respelled and not guessed and not similar and not unmatched:
         return
     yield ""
-    yield hidden + "[avatar.joints.rename]            # recorded name = joint of the URDF"
-    yield from (_pair(m) for m in spelled)
+    yield comment_prefix + "[avatar.joints.rename]            # recorded name = joint of the URDF"
+    yield from (_pair(m) for m in respelled)
     if guessed:
         yield "# CHECK: guessed from finger, segment and motion."
         yield from (_pair(m) for m in guessed)
-    if alike:
-        if not hidden:
+    if similar:
+        if not comment_prefix:
             yield "# CHECK: only alike; uncomment what is right."
-        yield from (f"# {_pair(m)}" for m in alike)
-    if open_names:
-        yield f"# CHECK: fill in a joint and uncomment; free are {named(avatar.unmatched_joints)}"
-        yield from (f'# {quoted(n)} = ""' for n in open_names)
+        yield from (f"# {_pair(m)}" for m in similar)
+    if unmatched:
+        yield f"# CHECK: fill in a joint and uncomment; free are {short_list(avatar.unmatched_joints)}"
+        yield from (f'# {quoted(n)} = ""' for n in unmatched)
 
 
 def _pair(match: JointMatch) -> str:
@@ -79,7 +79,7 @@ def plain_line(text: str) -> str:
     return "".join(c if c.isprintable() else "?" for c in text)
 
 
-def named(names: Sequence[str]) -> str:
+def short_list(names: Sequence[str]) -> str:
     """Names with commas between them, the first `MAX_NAMES` of them."""
     more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
     return ", ".join(printable(n) for n in names[:MAX_NAMES]) + more

@@ -18,7 +18,7 @@ from geomphys.recording.recorded_space import RecordedSpace
 from geomphys.recording.streams import VALUE_LIMIT, PoseTuple, validated_pose
 from geomphys.scene.skeleton import Skeleton
 
-SAMPLES = 400
+MAX_POSES = 400
 """Poses that are looked at, at most twice as many."""
 
 
@@ -50,52 +50,52 @@ def lowest_link(
         The space of the recorded poses.
     """
     columns = {name: i for i, name in enumerate(skeleton.dof_names)}
-    used = {recorded: columns[joint] for recorded, joint in names.items()}
-    turning = {j.name for j in skeleton.joints if j is not None and j.type != "prismatic"}
-    scale = np.array([math.pi / 180.0 if degrees and n in turning else 1.0 for n in skeleton.dof_names])
+    column_of = {recorded: columns[joint] for recorded, joint in names.items()}
+    revolute = {j.name for j in skeleton.joints if j is not None and j.type != "prismatic"}
+    scale = np.array([math.pi / 180.0 if degrees and n in revolute else 1.0 for n in skeleton.dof_names])
     angles = np.zeros(len(columns))
     first: NDArray[np.float64] | None = (
         None  # angles of the first message with joints: what comes before it has them too
     )
     poses: list[PoseTuple] = []
-    taken: list[NDArray[np.float64] | None] = []
+    sampled_angles: list[NDArray[np.float64] | None] = []
     with open_log(log, recover=recover) as reader:
         root_topic, child = split_topic(root, reader.topics)
         joints_topic, side = split_topic(joints, reader.topics)
-        reading = {}
+        readers = {}
         for key, channel in reader.channels.items():
             kind = kind_of(channel)
             if kind is not None and channel.topic in (root_topic, joints_topic):
-                reading[key] = make_message_reader(channel, kind)
+                readers[key] = make_message_reader(channel, kind)
         stride = max(
-            1, sum(reader.channels[k].messages for k in reading if reader.channels[k].topic == root_topic) // SAMPLES
+            1, sum(reader.channels[k].messages for k in readers if reader.channels[k].topic == root_topic) // MAX_POSES
         )
-        samples_seen = 0
-        for raw in reader.read(set(reading)):
+        messages_seen = 0
+        for raw in reader.read(set(readers)):
             try:
-                content = reading[raw.key](raw.data)
+                content = readers[raw.key](raw.data)
             except BadMessageError:
                 continue
             if isinstance(content, JointSample):
                 if side and content.side != side:
                     continue
                 for name, value in zip(content.names, content.usable_values, strict=False):
-                    if name in used and abs(value) < VALUE_LIMIT:
-                        angles[used[name]] = value
+                    if name in column_of and abs(value) < VALUE_LIMIT:
+                        angles[column_of[name]] = value
                 first = angles * scale if first is None else first
                 continue
-            good = [
+            valid_poses = [
                 pose
                 for p in content
                 if (not child or p.child == child) and (pose := validated_pose(p.value)) is not None
             ]
-            samples_seen += 1
-            if good and (samples_seen - 1) % stride == 0:
-                poses.append(good[0])
-                taken.append(None if first is None else angles * scale)
+            messages_seen += 1
+            if valid_poses and (messages_seen - 1) % stride == 0:
+                poses.append(valid_poses[0])
+                sampled_angles.append(None if first is None else angles * scale)
     if not poses:
         return None
-    begin = np.zeros(len(columns)) if first is None else first
+    initial_angles = np.zeros(len(columns)) if first is None else first
     world_from_root = matrix_from_pose(np.array([space.to_world(space.to_metres(pose)) for pose in poses]))
-    links = skeleton.forward(np.array([begin if a is None else a for a in taken]), world_from_root)
+    links = skeleton.forward(np.array([initial_angles if a is None else a for a in sampled_angles]), world_from_root)
     return float(links[..., 2, 3].min())

@@ -37,7 +37,7 @@ from geomphys.scene.skeleton import Skeleton, load_skeleton, require_solid
 from geomphys.scene.urdf_file import MeshShape
 from geomphys.storage.remote_files import as_path
 
-TALL = 0.8
+BODY_REACH = 0.8
 """m; an avatar whose links reach further in its zero pose is a body, which yields limb by limb; a smaller one a hand."""
 
 
@@ -113,9 +113,9 @@ def draft_scene(
     skeletons = [load_skeleton(Path(urdf)) for urdf in urdfs]
     for skeleton in skeletons:
         require_solid(skeleton)
-    hands = hand_sides(skeletons, [*(p.name for p in poses), *(t.topic for t in joints)])
+    sides = hand_sides(skeletons, [*(p.name for p in poses), *(t.topic for t in joints)])
     avatars: list[AvatarDraft] = []
-    for skeleton, hand in zip(skeletons, hands, strict=True):
+    for skeleton, hand in zip(skeletons, sides, strict=True):
         taken = {a.root.name for a in avatars if a.root is not None}
         free = [p for p in poses if p.name not in taken]
         avatars.append(_avatar(skeleton, Path(folder), hand, free, joints, avatars))
@@ -149,13 +149,13 @@ def _avatar(
     hand: str,
     poses: Sequence[PoseCandidate],
     topics: Sequence[TopicInfo],
-    before: Sequence[AvatarDraft],
+    earlier: Sequence[AvatarDraft],
 ) -> AvatarDraft:
-    """What an avatar follows, `before` being the avatars that have what they follow already."""
-    joints = find_joints(skeleton, topics, hand, {(a.joints_topic, a.side) for a in before})
+    """What an avatar follows, `earlier` being the avatars that have what they follow already."""
+    joints = find_joints(skeleton, topics, hand, {(a.joints_topic, a.side) for a in earlier})
     matches = joints.matches if joints is not None else ()
     used = [m for m in matches if m.is_used]
-    topic = joints.topic if joints is not None else _any_joints(topics)
+    topic = joints.topic if joints is not None else _topic_with_most_messages(topics)
     recorded = [n for n in topic.joints if _is_valid_name(n)] if topic is not None else []
     if hand:
         recorded = [n for n in recorded if side_of(n) in ("", hand)]
@@ -165,10 +165,10 @@ def _avatar(
     found = {m.recorded for m in matches} | mimics
     path, stem = os.path.relpath(skeleton.path, folder), skeleton.path.stem
     return AvatarDraft(
-        name=_name(stem, {a.name for a in before}),
+        name=_unique_name(stem, {a.name for a in earlier}),
         urdf=Path(path).as_posix(),
         root_link=skeleton.links[0].name,
-        tall=_height(skeleton) > TALL,
+        tall=_reach(skeleton) > BODY_REACH,
         hull=_needs_hull(skeleton),
         hand=hand,
         root=root,
@@ -187,10 +187,10 @@ def _avatar(
     )
 
 
-def _any_joints(topics: Sequence[TopicInfo]) -> TopicInfo | None:
+def _topic_with_most_messages(topics: Sequence[TopicInfo]) -> TopicInfo | None:
     """A topic to fill in names of by hand where none has a name that is alike."""
-    some = [t for t in topics if t.messages and t.joints and not is_command_topic(t.topic)]
-    return max(some, key=lambda t: t.messages, default=None)
+    candidates = [t for t in topics if t.messages and t.joints and not is_command_topic(t.topic)]
+    return max(candidates, key=lambda t: t.messages, default=None)
 
 
 def pose_candidates(info: LogInfo) -> list[PoseCandidate]:
@@ -213,7 +213,7 @@ def _is_valid_name(name: str) -> bool:
     return 0 < len(name) <= 512 and name == name.strip() and name.isprintable()
 
 
-def _name(stem: str, taken: set[str]) -> str:
+def _unique_name(stem: str, taken: set[str]) -> str:
     """A name for an avatar that is not taken."""
     printable = "".join(c if c.isprintable() and c not in "/#" else "_" for c in stem).strip()
     name = printable if printable and printable not in ("world", "recorded", "table", "floor") else "avatar"
@@ -223,7 +223,7 @@ def _name(stem: str, taken: set[str]) -> str:
     return name
 
 
-def _height(skeleton: Skeleton) -> float:
+def _reach(skeleton: Skeleton) -> float:
     """Longest distance between link origins along an axis in the zero pose, m."""
     origins = skeleton.forward()[:, :3, 3]
     span = float((origins.max(axis=0) - origins.min(axis=0)).max())

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from geomphys.authoring.avatar_draft import AvatarDraft
-from geomphys.authoring.joints_toml import MAX_NAMES, joint_lines, named, quoted
+from geomphys.authoring.joints_toml import MAX_NAMES, joint_lines, quoted, short_list
 from geomphys.recording.display_names import printable
 from geomphys.recording.inspect import LogInfo, TopicInfo
 from geomphys.recording.recorded_space import RecordedSpace
@@ -23,13 +23,13 @@ class UnusedStreams:
 
 
 def scene_text(
-    log: LogInfo, avatars: Sequence[AvatarDraft], others: UnusedStreams, space: SpaceGuess, lowest: float
+    log: LogInfo, avatars: Sequence[AvatarDraft], unused: UnusedStreams, space: SpaceGuess, lowest: float
 ) -> str:
     """TOML of a scene in which these avatars follow a log; `lowest` is how low [m] the links of hands come."""
     lines = [*_head(log, avatars), *_recording(space)]
     for avatar in avatars:
         lines += ["", *_avatar(avatar)]
-    lines += ["", *_example(avatars, space, lowest), "", *_tracked(others)]
+    lines += ["", *_example(avatars, space, lowest), "", *_unused_lines(unused)]
     return "\n".join(lines).rstrip("\n") + "\n"
 
 
@@ -40,11 +40,11 @@ def _head(log: LogInfo, avatars: Sequence[AvatarDraft]) -> Iterator[str]:
     yield "# Lengths in metres, angles in radians, world z up, quaternions x y z w; paths are relative to this file."
     yield "#"
     yield "# The log has"
-    used = _users(avatars)
+    followers = _followers(avatars)
     widest = max((len(printable(t.topic)) for t in log.topics), default=0)
     for topic in log.topics:
         what = f"{printable(topic.schema) or 'no schema'}, {_content(topic)}"
-        yield f"#   {printable(topic.topic):<{widest}}  {what}{used.get(topic.topic, '')}"
+        yield f"#   {printable(topic.topic):<{widest}}  {what}{followers.get(topic.topic, '')}"
     yield ""
     yield "[scene]"
     yield f"name = {quoted(_title(name))}"
@@ -56,27 +56,27 @@ def _recording(space: SpaceGuess) -> Iterator[str]:
     if not space.up_reason and not space.unit_reason:
         return
     yield ""
-    sure = bool((space.up_reason and space.is_up_certain) or (space.unit_reason and space.is_unit_certain))
-    yield f"{'' if sure else '# '}[recording]                     # the space of the log"
-    for key, value, reason, is_sure in (
+    is_certain = bool((space.up_reason and space.is_up_certain) or (space.unit_reason and space.is_unit_certain))
+    yield f"{'' if is_certain else '# '}[recording]                     # the space of the log"
+    for key, value, reason, is_row_certain in (
         ("up", space.up, space.up_reason, space.is_up_certain),
         ("unit", space.unit, space.unit_reason, space.is_unit_certain),
     ):
         if reason:
-            hidden = "" if is_sure else "# "
-            question = "" if is_sure else "; uncomment it if that is so"
-            yield f'{hidden}{key} = "{value}"{" " * (12 - len(key) - len(value))}# CHECK: {reason}{question}'
+            comment_prefix = "" if is_row_certain else "# "
+            question = "" if is_row_certain else "; uncomment it if that is so"
+            yield f'{comment_prefix}{key} = "{value}"{" " * (12 - len(key) - len(value))}# CHECK: {reason}{question}'
 
 
-def _users(avatars: Sequence[AvatarDraft]) -> dict[str, str]:
+def _followers(avatars: Sequence[AvatarDraft]) -> dict[str, str]:
     """Topic -> what of the scene follows it, as told behind it."""
-    used: dict[str, list[str]] = {}
+    followers: dict[str, list[str]] = {}
     for avatar in avatars:
         if avatar.root is not None:
-            used.setdefault(avatar.root.name.split("#")[0], []).append(f"root of {avatar.name}")
+            followers.setdefault(avatar.root.name.split("#")[0], []).append(f"root of {avatar.name}")
         if avatar.joints_topic:
-            used.setdefault(avatar.joints_topic, []).append(f"joints of {avatar.name}")
-    return {topic: " -> " + ", ".join(names) for topic, names in used.items()}
+            followers.setdefault(avatar.joints_topic, []).append(f"joints of {avatar.name}")
+    return {topic: " -> " + ", ".join(names) for topic, names in followers.items()}
 
 
 def _content(topic: TopicInfo) -> str:
@@ -123,8 +123,8 @@ def _root(avatar: AvatarDraft) -> Iterator[str]:
         for name in avatar.root_choices[:MAX_NAMES]:
             yield f"# topic = {quoted(name)}"
     else:
-        others = f"; else: {named(avatar.root_choices)}" if avatar.root_choices else ""
-        yield f"# CHECK: is it the pose of {printable(avatar.root_link)!r}{others}"
+        unused = f"; else: {short_list(avatar.root_choices)}" if avatar.root_choices else ""
+        yield f"# CHECK: is it the pose of {printable(avatar.root_link)!r}{unused}"
         yield f"topic = {quoted(avatar.root.name)}"
     yield f"# CHECK: where {printable(avatar.root_link)!r} is, seen from the tracker: measure it."
     yield "position = [0.0, 0.0, 0.0]"
@@ -136,7 +136,7 @@ def _example(avatars: Sequence[AvatarDraft], space: SpaceGuess, lowest: float) -
     roots = [a.root for a in avatars if a.root is not None]
     recorded = RecordedSpace.from_table(space.table)
     corners = [recorded.world_position(p) for r in roots for p in (r.low, r.high)] or [(0.0, 0.0, 0.0)]
-    low, high = ([pick(c[i] for c in corners) for i in range(3)] for pick in (min, max))
+    low, high = ([extremum(c[i] for c in corners) for i in range(3)] for extremum in (min, max))
     x, y = (round((a + b) / 2, 2) + 0.0 for a, b in zip(low[:2], high[:2], strict=True))
     if avatars and all(a.tall for a in avatars):
         name, size, z, reason = "floor", [10.0, 10.0, 0.1], -0.05, "its top is at z = 0"
@@ -154,15 +154,15 @@ def _example(avatars: Sequence[AvatarDraft], space: SpaceGuess, lowest: float) -
     yield 'material = "wood"'
 
 
-def _tracked(others: UnusedStreams) -> Iterator[str]:
+def _unused_lines(unused: UnusedStreams) -> Iterator[str]:
     """Things whose poses the log has, as objects to uncomment."""
-    if others.joints:
-        yield f"# Joints of the log that nothing here follows: {named(others.joints)}"
-    if not others.poses:
+    if unused.joints:
+        yield f"# Joints of the log that nothing here follows: {short_list(unused.joints)}"
+    if not unused.poses:
         return
     yield "# Poses of the log that nothing here follows. A tracked thing is an object with a topic, such as:"
     yield "#"
-    first = others.poses[0]
+    first = unused.poses[0]
     for line in (
         "[[object]]",
         f"name = {quoted(_title(first.name.rsplit('/', 1)[-1].rsplit('#', 1)[-1]))}",
@@ -172,9 +172,9 @@ def _tracked(others: UnusedStreams) -> Iterator[str]:
         'material = "wood"',
     ):
         yield f"# {line}"
-    if len(others.poses) > 1:
+    if len(unused.poses) > 1:
         yield "#"
-        yield f"# The others: {named([p.name for p in others.poses[1:]])}"
+        yield f"# The others: {short_list([p.name for p in unused.poses[1:]])}"
 
 
 def _title(name: str) -> str:

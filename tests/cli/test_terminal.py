@@ -88,10 +88,10 @@ def test_a_table_never_cuts_a_figure_and_says_what_it_leaves_out(width: int) -> 
     rows = [["a_rather_long_name_of_a_thing", "12,345", "0.123", "9,876"], ["b", "1", "2", "3"]]
     console = Console(width=width, color_system=None)
     with console.capture() as captured:
-        console.print(table_in(width, ["thing", "frames", "median", "largest"], rows, least=("frames", "median")))
+        console.print(table_in(width, ["thing", "frames", "median", "largest"], rows, droppable=("frames", "median")))
     text = captured.get()
     assert "…" not in text
     assert max(map(len, text.splitlines())) <= width
     assert "9,876" in text
     assert ("12,345" in text) == (width != 40)
-    assert ("no room for frames" in text) == (width == 40)
+    assert ("too narrow for frames" in text) == (width == 40)
