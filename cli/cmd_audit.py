@@ -1,4 +1,4 @@
-"""``geomphys audit``: an output checked by an engine that took no part in it."""
+"""``geomphys audit``: checks an output for overlaps with python-fcl on the original triangles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``geomphys batch``: many logs, by several processes or a cluster, with a manifest and what is left of a killed run."""
+"""``geomphys batch``: replays many logs with several processes or a Dask cluster, with a manifest and resume."""
 
 from __future__ import annotations
 

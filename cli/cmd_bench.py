@@ -1,4 +1,4 @@
-"""``geomphys bench``: how long frames take, stage by stage, and how long they take elsewhere."""
+"""``geomphys bench``: measures frame times by stage, and those of other engines."""
 
 from __future__ import annotations
 

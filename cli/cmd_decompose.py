@@ -1,4 +1,4 @@
-"""``geomphys decompose``: meshes cut into convex pieces."""
+"""``geomphys decompose``: decomposes meshes into convex pieces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``geomphys diff``: what two outputs differ in."""
+"""``geomphys diff``: compares two outputs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``geomphys init``: a first scene file for a log."""
+"""``geomphys init``: drafts a scene file for a log."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``geomphys replay``: one log through the pipeline, and what it came to."""
+"""``geomphys replay``: replays one log and prints a summary."""
 
 from __future__ import annotations
 

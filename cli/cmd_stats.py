@@ -1,4 +1,4 @@
-"""``geomphys stats``: percentiles of one result or many."""
+"""``geomphys stats``: percentiles of one or more outputs."""
 
 from __future__ import annotations
 

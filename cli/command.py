@@ -1,4 +1,4 @@
-"""What all commands share: help that ends in examples, the options of the terminal, stopping at a frame's end."""
+"""The base of all commands: help with examples, terminal options, stopping at the end of a frame on a signal."""
 
 from __future__ import annotations
 

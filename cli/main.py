@@ -1,4 +1,4 @@
-"""The entry point: the group of commands, imported lazily, and what becomes of an error.
+"""Entry point: the lazily imported group of commands, and the mapping of errors to messages and exit codes.
 
 Exit codes: 0 done, 1 failed, 2 wrong usage, 3 some inputs failed, 4 a threshold was broken, 130 interrupted (SIGINT),
 143 terminated (SIGTERM).

@@ -1,4 +1,4 @@
-"""Options that several commands share, and what is checked of them before any work begins."""
+"""Options shared by commands, and checks of outputs before any work begins."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The progress bar: on a terminal only, on stderr, with frames per second and the time left."""
+"""Progress bars on stderr, on a terminal only: frames per second and time left."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A benchmark as tables: for a terminal, or as Markdown."""
+"""Prints benchmark results as tables, for a terminal or as Markdown."""
 
 from __future__ import annotations
 

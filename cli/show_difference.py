@@ -1,4 +1,4 @@
-"""A comparison of two outputs as a person reads it: same or not, then where, how much, and since when."""
+"""Prints a comparison of two outputs: verdict, and the largest differences of each channel."""
 
 from __future__ import annotations
 

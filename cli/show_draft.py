@@ -1,4 +1,4 @@
-"""What a drafted scene file came to, as a person reads it."""
+"""Prints the result of drafting a scene file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a log holds and whether it can be replayed, as a person reads it."""
+"""Prints what a log holds, and whether it can be replayed."""
 
 from __future__ import annotations
 

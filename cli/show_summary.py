@@ -1,4 +1,4 @@
-"""The summary of a replay as a person reads it: was it inside something, is it free now, how fast was it."""
+"""Prints the summary of a replay: recorded overlap, corrected motion, contacts, times, warnings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What reaches the user: results on stdout, everything else on stderr, in colour only on a terminal that wants it."""
+"""Terminal output: results on stdout, messages on stderr, colour only on a terminal that supports it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an avatar of a drafted scene follows: the topic of its joints, their names and unit, the pose of its root."""
+"""Chooses what an avatar of a drafted scene follows: topic, names and unit of its joints, pose of its root."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Convex pieces of the meshes of a file, to look at: what a replay would collide with."""
+"""Decomposes the meshes of a file into convex pieces, as a replay does, and writes them as mesh files."""
 
 from __future__ import annotations
 

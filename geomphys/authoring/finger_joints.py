@@ -1,4 +1,4 @@
-"""What the tree of a hand says of its joints where their names do not: which finger, which segment, which motion."""
+"""Labels the joints of a hand by finger, segment and motion from its kinematic tree."""
 
 from __future__ import annotations
 

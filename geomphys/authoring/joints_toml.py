@@ -1,4 +1,4 @@
-"""The part of a drafted scene file on the joints of an avatar: topic, unit, sign, names that are renamed or to be filled in."""
+"""The `[avatar.joints]` tables of a drafted scene file: topic, unit, sign, renamed joints, joints to fill in."""
 
 from __future__ import annotations
 

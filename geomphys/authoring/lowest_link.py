@@ -1,4 +1,4 @@
-"""How low the links of a drafted avatar come in a log: where a table is first put."""
+"""Computes the lowest height of the links of a drafted avatar over a log, to place a table below them."""
 
 from __future__ import annotations
 

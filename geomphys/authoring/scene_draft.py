@@ -1,4 +1,4 @@
-"""A first scene file for a log: what it has is looked up, what only its owner knows is marked to be filled in."""
+"""Drafts a scene file for a log and URDFs: matches joints, guesses units and topics, marks what the user must check."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The text of a drafted scene file: TOML that can be replayed as it is, with comments on what to look at."""
+"""The text of a drafted scene file: valid TOML with comments on what to check."""
 
 from __future__ import annotations
 

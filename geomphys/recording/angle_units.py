@@ -1,4 +1,4 @@
-"""The unit of recorded angles, and their sign, judged by their ranges and the limits of the joints they are for.
+"""Guesses the unit and the sign of recorded joint angles from their ranges and the limits of the joints they map to.
 
 One function decides for `geomphys init`, `check` and `replay`, so that none contradicts another. Small values never speak
 for degrees: as degrees anything small fits any limits. Limits that leave no room (0 to 0, what an exporter writes that

@@ -1,4 +1,4 @@
-"""What files a log consists of: an MCAP by itself, or the parts of a ROS 2 bag directory in their order."""
+"""Lists the MCAP files of a log: a single .mcap, or the parts of a ROS 2 bag directory in order."""
 
 from __future__ import annotations
 

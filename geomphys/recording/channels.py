@@ -1,4 +1,4 @@
-"""The messages of a channel: which kind they are, and the function that reads them.
+"""Maps a channel to its message kind and to the function that reads its messages.
 
 Every encoding of the same data yields the same `JointSample` or `Poses`, to the bit.
 """

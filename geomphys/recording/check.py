@@ -1,4 +1,4 @@
-"""Whether a log can be replayed in a scene, and what to expect of it: for ``geomphys check``.
+"""Checks whether a log can be replayed in a scene and reports what a replay will encounter (``geomphys check``).
 
 The check makes all the frames that a replay would, without the replay: what it says of gaps, held frames and limits is
 what a replay will meet.

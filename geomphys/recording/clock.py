@@ -1,4 +1,4 @@
-"""When frames are: at the messages of a topic, or at a fixed rate from its first message to its last."""
+"""Frame clocks: frame times at the messages of a topic, or at a fixed rate between its first and last message."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks whether the time stamps of the topics are of the same clock as those of the frame clock."""
+"""Checks that the time stamps of all topics are of the same clock as those of the frame clock."""
 
 from __future__ import annotations
 

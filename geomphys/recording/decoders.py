@@ -1,4 +1,4 @@
-"""Bytes of a message to its decoded form, by the library of its encoding.
+"""Decodes message bytes with the library of each encoding (cdr, ros1, protobuf, json, flatbuffer).
 
 cdr with ros2msg schemas goes through ``mcap-ros2-support``, ros1 through ``mcap-ros1-support`` (`ros1.py`), protobuf through
 ``mcap-protobuf-support``, json through the standard library, flatbuffer through `flatbuffer.py`. ``mcap-ros2-support`` does not

@@ -1,4 +1,4 @@
-"""What is told of a recording, for people and for programs: a line of text under a key that does not change."""
+"""Diagnostics of a recording: a line of text for people, with a stable key for programs."""
 
 from __future__ import annotations
 

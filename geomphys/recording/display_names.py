@@ -1,4 +1,4 @@
-"""How names that come from a log are told: in one line, not too long, not too many, with what was probably meant."""
+"""Prints names from a log safely: escaped, shortened, listed up to a limit, with the closest known name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the fields of decoded messages are fetched: attributes (cdr, ros1, protobuf) or keys of dictionaries (json, flatbuffer)."""
+"""Getters for fields of decoded messages: attributes (cdr, ros1, protobuf) or dictionary keys (json, flatbuffer)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""FlatBuffer messages, read by the schema that stands beside them (``.bfbs``: FlatBuffers' own description of itself).
+"""Decodes FlatBuffers messages by their binary schema (``.bfbs``, reflection.fbs).
 
 The `flatbuffers` package has generated code for known types only, so the description is read here with its `Table`, and
 what a message holds becomes dictionaries, as of JSON: a table's or struct's fields by name; None for a table, struct,

@@ -1,4 +1,4 @@
-"""What a file is that should be an MCAP and is not, by its first bytes, and what to do with it."""
+"""Recognises files that are not MCAP by their first bytes and says how to convert them."""
 
 from __future__ import annotations
 

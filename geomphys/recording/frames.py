@@ -1,4 +1,4 @@
-"""Frames of a recording: the poses and angles that a log has for a scene, on the frame clock.
+"""Frames of a replay: root poses and joint angles that a log gives for a scene, resampled at the frame clock.
 
 The log is streamed: a frame is made as soon as no message that could still change it may come, which is when the log
 has come `max_gap` + `max_delay` further than the frame's time. Until then its samples are kept; nothing else is.

@@ -1,4 +1,4 @@
-"""Which stream held the frames of a recording, over which gap, and what to do about it: one line for the user."""
+"""The warning on held frames: which stream lacked samples, over which gap, and the remedy."""
 
 from __future__ import annotations
 

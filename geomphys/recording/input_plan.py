@@ -1,4 +1,4 @@
-"""What of a log feeds what of a world: topics are looked up and their kinds checked before anything is read.
+"""Maps the inputs of a scene (root poses, joints, frame clock) to the channels of a log and checks their types.
 
 A source names a topic, or ``topic#part`` where a message speaks of several things: the child frame of a transform, the
 name or index of a pose, the side of a glove.

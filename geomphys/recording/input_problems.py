@@ -1,4 +1,4 @@
-"""Says which inputs of a scene have no usable sample in the log: poses that never come, topics without a joint of the tree."""
+"""Reports inputs of a scene that have no usable sample in the log: missing poses, topics without matching joints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a log holds: for ``geomphys info``. What a scene makes of it is in `check.py`."""
+"""Reads a log and summarises its topics (``geomphys info``); `check.py` relates them to a scene."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the name of a joint says: side, finger, segment, motion. Numbers are read by their order within a finger.
+"""Parses joint names into side, finger, segment and motion.
 
 Segments are told by the joint at their near end: ``cmc``, ``mcp``, ``pip``, ``dip``, of a thumb ``cmc``, ``mcp``, ``ip``. How
 sure each part is goes from 0 to 1: what a name says is 1, what follows from numbers or from the shape of a hand is less.

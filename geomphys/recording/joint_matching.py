@@ -1,4 +1,4 @@
-"""Guesses which recorded joint is which joint of a URDF, by their names.
+"""Matches recorded joint names to the joints of a URDF, with a confidence for each match.
 
 A guess is for a person to confirm, so every one comes with how sure it is. Guesses are one to one: of all ways to pair the
 names, the one whose scores sum up highest.

@@ -1,4 +1,4 @@
-"""MCAP records in bytes: walking them, unpacking chunks, and finding the next good record after a damaged place.
+"""Parses MCAP records from untrusted bytes: record iteration, chunk decompression, resynchronisation after damage.
 
 Everything here works on bytes that may be hostile: no length is believed before it is compared with what is there, and
 a chunk unpacks to at most `CHUNK_LIMIT` bytes, whatever it claims. Nothing here raises on bad input but

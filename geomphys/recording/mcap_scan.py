@@ -1,4 +1,4 @@
-"""One pass over an MCAP file that says what is in it, what of it is intact, and where.
+"""Scans an MCAP file once: schemas, channels, message counts, positions of chunks, and damage.
 
 The pass reads every record once, checks every checksum, and keeps a short list of where messages are (`Span`), so that
 later passes read only those. It goes on behind damage wherever records can be found again, for two reasons: the error

@@ -1,4 +1,4 @@
-"""What a log holds according to its own summary: opens a large log behind a URL without reading it.
+"""Opens an MCAP file behind a URL by its summary section, without reading its chunks.
 
 Only the footer, the summary and the message indexes behind the chunks are read. They are believed as far as they agree
 with each other; where they do not, or anything is missing, the log is scanned instead (`mcap_scan.py`). The chunks themselves

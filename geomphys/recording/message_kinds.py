@@ -1,4 +1,4 @@
-"""The kinds of messages that are understood: one table, from which everything is read, told and documented.
+"""The table of supported message types: schema names, encodings, content, and where the data is.
 
 A kind of message is one entry of `KINDS`: the names its schema goes by, the encodings it is read in, what it yields, and
 where its data is. Facts about types that have no page of their own:

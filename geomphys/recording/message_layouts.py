@@ -1,4 +1,4 @@
-"""Where a kind of message has its data, and the functions that read it.
+"""Layouts of message types, and the functions that extract joint values or poses by them.
 
 A layout names fields by their paths (``pose.position.x``). What a message looks like once it is decoded hangs on its
 encoding alone: objects with attributes (cdr, ros1, protobuf) or dictionaries (json, flatbuffer); so one layout makes the

@@ -1,4 +1,4 @@
-"""Which time a message has, and how far the frames may go while messages are still coming in."""
+"""The time of each message (header stamp, log time or publish time), and the watermark up to which frames can be made."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The words of a name in one spelling, and the side it is of: joints, links and topics of many makers say the same otherwise."""
+"""Splits names of joints, links and topics into normalised words, and finds the side (left, right) in them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rigid transforms as tuples of seven numbers: position, then the unit quaternion x y z w.
+"""Rigid transforms as tuples of seven floats: position x y z, unit quaternion x y z w.
 
 For single poses on their way into streams; arrays of them are in `geomphys.numerics.transforms`. ``a_from_c = compose(a_from_b,
 b_from_c)``. A part of the second transform that does nothing changes nothing, to the bit.

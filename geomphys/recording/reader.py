@@ -1,4 +1,4 @@
-"""Reading a log: which topics it has, what of it is intact, and its messages one after the other.
+"""Reads a log: its channels, its damage, and its messages in order of log time.
 
 A log is scanned once when it is opened (`mcap_scan.py`), so that damage is known before anything is computed; messages are
 then streamed in the order of their log times, with one chunk in memory, or as many as overlap in time. Several channels

@@ -1,4 +1,4 @@
-"""The recorded space: from the numbers of a log to the world of a scene. Everything that has a position goes through it."""
+"""The recorded space: transforms recorded poses (unit, up axis, `[recording]` pose) to the world of the scene."""
 
 from __future__ import annotations
 

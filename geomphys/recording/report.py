@@ -1,4 +1,4 @@
-"""What is told of a recording after its frames were made."""
+"""The report on a recording after its frames were made: counts, streams, unmatched names, warnings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which pose of a log is that of an avatar's root: by names, sides and how often it comes."""
+"""Ranks the poses of a log as candidates for the root of an avatar, by names, sides and rates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Messages of ROS 1, through ``mcap-ros1-support``.
+"""Decodes ROS 1 messages with ``mcap-ros1-support``, from definitions that are parsed and checked first.
 
 That library writes Python source from a message definition and runs it. So none of a log's text reaches it: a definition
 is parsed here, and what it gets is written anew from names and types that are checked, without constants, comments and

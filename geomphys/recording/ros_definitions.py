@@ -1,4 +1,4 @@
-"""Definitions of the standard ROS messages that are read: these never change, so a log need not bring them.
+"""Definitions of the standard ROS messages, used where the schema in a log is empty, corrupt or IDL (ros2idl).
 
 They are used where a schema is empty, corrupt or written in IDL (ros2idl).
 """

@@ -1,4 +1,4 @@
-"""From decoded messages to streams: each channel's messages go to the roots and joints that follow its topic."""
+"""Routes decoded messages to streams: each channel feeds the roots and joints that follow its topic."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which messages feed what: the routes of all channels, with the streams and frames behind them."""
+"""Builds the routing table of a pass over a log: channel -> root poses, joints, transforms and frame clock."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Warnings about the samples of a recording: their times, their order, and joint messages without a value for each name."""
+"""Warnings about samples: times, order, and joint messages with unequal numbers of names and positions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a message yields: joint values, or poses with the frames they are of and in."""
+"""The content of a message: joint values, or poses with their frame ids."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The space a log was recorded in: which axis is up, and the unit of its positions, judged by where things were.
+"""Guesses the up axis and the length unit of recorded poses from their extents and speeds.
 
 Nothing in a log of poses says either, so what people do has to: hands and bodies are above the floor, move by decimetres to
 metres, at decimetres a second. A wrong guess is worse than none: what may well be in metres with z up is taken so.

@@ -1,4 +1,4 @@
-"""Whether the stamps of a log can be what they say: times that start over, jump ahead, or run at another pace.
+"""Monitors the time stamps of each stream against the log times: restarts, jumps, wrong units, drift.
 
 Stamps are watched stream by stream while the log is read, against each other and against the log times, which go on
 when stamps do not. What would mix or stretch the motion is an error, what may be right is a warning; both tell the

@@ -1,4 +1,4 @@
-"""Time stamps of messages in whole nanoseconds, in every shape that writers give them."""
+"""Parses message time stamps of all encodings to integer nanoseconds."""
 
 from __future__ import annotations
 

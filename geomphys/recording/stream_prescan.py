@@ -1,4 +1,4 @@
-"""What must be known of a log's streams before its first frame: first values, constant streams, unset stamps.
+"""Reads the beginning of a log for what must be known before the first frame: first values, constant streams, unset stamps.
 
 The log is read from its beginning until all of it is known, which is a second or two of it as a rule. Only a name that
 never comes, or comes once, takes the whole log; messages in which it does not occur are then not decoded.

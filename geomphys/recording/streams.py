@@ -1,4 +1,4 @@
-"""Streams of samples, resampled to the frames: interpolated over short gaps, held over long ones.
+"""Streams of pose and joint samples, resampled at frame times: interpolated over short gaps, held over long ones.
 
 A stream takes samples in any order and is asked for frames in order of time. It keeps what lies ahead of the last
 frame, and of what lies behind only the last good value, so its memory does not grow with the log.

@@ -1,4 +1,4 @@
-"""Transforms over time: the poses of frames in other frames, and chains of them, at any time of a window that moves on.
+"""Buffers transforms over time and composes chains of them, from a frame of reference to the recorded space (like tf2).
 
 The rules are those of streams, but for a frame that has not moved: it is known for all times, however seldom it is told.
 What is static has the value of the last transform at or before a time, else of the first.

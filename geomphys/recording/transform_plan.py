@@ -1,4 +1,4 @@
-"""The recorded space of a log, and how the poses that are given in other frames are brought there."""
+"""Chooses the recorded space of a log and finds the transform paths from other frames of reference to it."""
 
 from __future__ import annotations
 

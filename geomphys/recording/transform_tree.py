@@ -1,4 +1,4 @@
-"""The tree of frames in a log: which frame is given in which, by which topics, and the way from one to another."""
+"""The transform (tf) tree of a log: parents of each frame of reference, and paths between frames."""
 
 from __future__ import annotations
 

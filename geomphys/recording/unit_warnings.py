@@ -1,4 +1,4 @@
-"""What is told of the units of a recording that was read: angles and positions that look as if they were in another one."""
+"""Warnings about angles and positions that appear to be in another unit, sign or up axis than the scene says."""
 
 from __future__ import annotations
 
