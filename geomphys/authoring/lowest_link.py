@@ -13,9 +13,10 @@ from geomphys.numerics.transforms import matrix_from_pose
 from geomphys.recording.channels import JointSample, kind_of, make_message_reader
 from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.input_plan import split_topic
+from geomphys.recording.pose_tuples import PoseTuple
 from geomphys.recording.reader import open_log
 from geomphys.recording.recorded_space import RecordedSpace
-from geomphys.recording.streams import VALUE_LIMIT, PoseTuple, validated_pose
+from geomphys.recording.streams import VALUE_LIMIT, validated_pose
 from geomphys.scene.skeleton import Skeleton
 
 MAX_POSES = 400

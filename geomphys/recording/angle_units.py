@@ -1,8 +1,7 @@
 """Guesses the unit and the sign of recorded joint angles from their ranges and the limits of the joints they map to.
 
-One function decides for `geomphys init`, `check` and `replay`, so that none contradicts another. Small values never speak
-for degrees: as degrees anything small fits any limits. Limits that leave no room (0 to 0, what an exporter writes that
-knows none) say nothing.
+`geomphys init`, `check` and `replay` use the same function. Small values never count as degrees: read as degrees, any
+small values fit any limits. Limits of zero width (0 to 0, written by exporters that know none) are ignored.
 """
 
 from __future__ import annotations
@@ -14,21 +13,21 @@ from typing import Literal, NamedTuple
 Range = tuple[float, float]
 
 FULL_TURN = 2 * math.pi + 0.02
-"""Values beyond this are no radians of a joint: more than a whole turn."""
+"""rad; a joint angle beyond this (more than a full turn) cannot be in radians."""
 MAX_LIMIT_EXCESS = math.radians(45)
 """rad; people and calibrations leave limits by less than this."""
 MAX_PLAUSIBLE_ANGLE = math.radians(200)
-"""rad; what a joint without limits may be expected to reach."""
+"""rad; largest plausible angle of a joint without limits."""
 FULL_SCALES = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 65535.0)
 """Largest values of sensors and of shares of a range."""
 MIN_MOTION = 0.15
-"""rad; a joint that moves by less says nothing of its sign."""
+"""rad; the sign of a joint that moves by less is not judged."""
 SIGN_MARGIN = 0.25
-"""rad; what stays closer to its limits than this may be as it is."""
+"""rad; a joint that exceeds its limits by less than this is not reported as mirrored."""
 
 
 class UnitGuess(NamedTuple):
-    """The unit of recorded angles, and what speaks for it."""
+    """The guessed unit of recorded angles, with the reason."""
 
     unit: Literal["rad", "deg"]
     reason: str
@@ -48,7 +47,7 @@ def guess_angle_unit(ranges: Mapping[str, Range], limits: Mapping[str, Range]) -
     if not ranges:
         return UnitGuess("rad", "there is no angle to judge by")
     known = {n: limits[n] for n in ranges if is_informative(limits[n])}
-    candidates = known or ranges  # a wheel without limits may turn as often as it likes
+    candidates = known or ranges  # joints without limits (wheels) are only used where no other is there
     name, largest = max(((n, _largest(ranges[n])) for n in candidates), key=lambda item: (item[1], item[0]))
     unit: Literal["rad", "deg"] = "deg" if largest > FULL_TURN else "rad"
     scale = math.pi / 180.0 if unit == "deg" else 1.0
@@ -89,7 +88,7 @@ def mirrored_joints(ranges: Mapping[str, Range], limits: Mapping[str, Range]) ->
 
 
 def is_informative(limits: Range) -> bool:
-    """Whether limits say anything: finite, and with room between them."""
+    """Whether limits are finite and span an interval."""
     return math.isfinite(limits[0]) and math.isfinite(limits[1]) and limits[1] - limits[0] > 1e-6
 
 
@@ -125,6 +124,6 @@ def _largest(span: Range) -> float:
 
 
 def _share_inside(span: Range, limits: Range) -> float:
-    """Share of a span that lies within limits widened by 5 degrees, for what people do."""
+    """Share of a span that lies within limits widened by 5 degrees (people exceed nominal limits)."""
     slack = math.radians(5)
     return max(0.0, min(span[1], limits[1] + slack) - max(span[0], limits[0] - slack)) / (span[1] - span[0])

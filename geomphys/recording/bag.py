@@ -15,16 +15,16 @@ from geomphys.storage.remote_files import is_remote
 METADATA = "metadata.yaml"
 METADATA_LIMIT = 4 * 2**20
 """Bytes; a longer metadata.yaml is refused."""
-MAX_LISTED = 4  # files that are told by name
+MAX_LISTED = 4  # file names listed in a message
 
 
 @dataclass(frozen=True)
 class LogFiles:
-    """The MCAP files of a log, in order, and what is missing of it."""
+    """The MCAP files of a log, in order, and the missing parts."""
 
     files: tuple[Path, ...]
     missing: tuple[str, ...] = ()  # one line each; never empty but with `recover`
-    notes: tuple[str, ...] = ()  # one line each: what its user should know of
+    notes: tuple[str, ...] = ()  # one line each, for the user
 
 
 def log_files(path: Path, *, recover: bool = False) -> LogFiles:
@@ -79,7 +79,7 @@ def _log_files(path: Path, recover: bool) -> LogFiles:
 
 
 def _add_unnamed_parts(path: Path, files: list[Path], missing: list[str]) -> LogFiles:
-    """Add the parts that metadata.yaml does not name, and note what other logs are there."""
+    """Add parts that metadata.yaml does not name, and note unrelated logs in the directory."""
     if is_remote(path) and not path.lists:
         return LogFiles(tuple(files), tuple(missing))
     known = {file.name for file in files}
@@ -157,7 +157,7 @@ def _named_parts(path: Path) -> list[str]:
         raise LogError(f"{file}: has no rosbag2_bagfile_information; is this a ROS 2 bag?")
     names = bag.get("relative_file_paths")
     storage = bag.get("storage_identifier")
-    if not storage and isinstance(names, list) and names:  # left empty by some tools: the files tell
+    if not storage and isinstance(names, list) and names:  # some tools leave it empty: inferred from the file names
         storage = "sqlite3" if all(str(name).endswith(".db3") for name in names) else "mcap"
     if storage == "sqlite3":
         raise LogError(f"{path}: is a bag stored as 'sqlite3'; {CONVERT_SQLITE}")

@@ -59,7 +59,7 @@ def make_message_reader(channel: LogChannel, kind: MessageKind, *, points: bool 
 
 
 def unsupported_reason(channel: LogChannel, wanted: tuple[ContentType, ...], holds: str) -> str:
-    """Say why a channel is of no use where `wanted` is asked for (`holds` in words), and what would be.
+    """Say why a channel does not provide the `wanted` content (`holds` in words), and which types would.
 
     It goes on a sentence that names the topic.
     """

@@ -1,6 +1,6 @@
 """Checks whether a log can be replayed in a scene and reports what a replay will encounter (``geomphys check``).
 
-The check makes all the frames that a replay would, without the replay: what it says of gaps, held frames and limits is
+The check makes all the frames that a replay would, without stepping the scene: gaps, held frames and limits are
 what a replay will meet.
 """
 
@@ -72,7 +72,7 @@ class CheckReport:
     joints: tuple[JointMapping, ...]
     recording: RecordingReport | None  # None if no frame can be made
     zero_pose_overlaps: tuple[tuple[str, str], ...]  # pairs of bodies that are left out for that
-    findings: Findings  # of the scene: what is not shown, cannot touch, is named otherwise, is taken by default
+    findings: Findings  # about the scene: hidden or non-colliding geometry, renamed bodies, defaults used
     space: SpaceReport | None = None  # None: that of the world, in metres
 
     def as_dict(self) -> dict[str, Any]:
@@ -174,7 +174,7 @@ def _rpy_warnings(world: World) -> Iterator[str]:
 
 
 def _space(table: RecordingTable) -> SpaceReport | None:
-    """What `[recording]` says of the space, if it is not that of the world."""
+    """The space described by `[recording]`; None if it is the world in metres."""
     if RecordedSpace.from_table(table) == RecordedSpace():
         return None
     return SpaceReport(table.up, table.unit, table.position, table.rotation)

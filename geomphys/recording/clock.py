@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from typing import Protocol
 
 from geomphys.errors import LogError
+from geomphys.recording.stamps import NEVER
 
-NEVER = -(2**62)
 RATE_FRAMES_LIMIT = 10_000_000
 """Frames that a fixed rate may put between two messages of the clock; more is a corrupt time."""
 
@@ -17,7 +17,7 @@ class FrameClock(Protocol):
     """Takes the times of the clock's messages, gives the times of frames."""
 
     def add(self, time: int) -> bool:
-        """Take in the time [ns] of a message; False if its place has been passed, so that no frame comes of it."""
+        """Add the time [ns] of a clock message; False if a later frame was already given, so that it makes no frame."""
 
     def until(self, limit: int) -> Iterator[int]:
         """Times of the frames up to `limit` [ns], in order, that were not given before."""
@@ -31,7 +31,7 @@ class TopicClock:
         self.last = NEVER
 
     def add(self, time: int) -> bool:
-        """Take in the time [ns] of a message; False if its place has been passed, so that no frame comes of it."""
+        """Add the time [ns] of a clock message; False if a later frame was already given, so that it makes no frame."""
         if time <= self.last:
             return time == self.last
         insort(self.pending, time)
@@ -59,7 +59,7 @@ class RateClock:
         self.count = 0
 
     def add(self, time: int) -> bool:
-        """Take in the time [ns] of a message; False if its place has been passed."""
+        """Add the time [ns] of a clock message; False if a later frame was already given."""
         return self.clock_times.add(time)
 
     def until(self, limit: int) -> Iterator[int]:

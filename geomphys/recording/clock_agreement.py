@@ -12,16 +12,16 @@ from geomphys.recording.reader import LogReader
 from geomphys.recording.stream_prescan import Prescan, StampOffset
 
 MAX_CLOCK_OFFSET = 3600 * 10**9
-"""ns; topics whose stamps differ by more than this from what their log times say are of different clocks."""
+"""ns; topics whose stamp offsets (stamp - log time) differ by more than this are of different clocks."""
 WARNED_CLOCK_OFFSET = 10**9
-"""ns; topics whose stamps differ by more than this from what their log times say are warned of."""
+"""ns; a difference of stamp offsets beyond this gives a warning."""
 
 
 def check_clock_agreement(reader: LogReader, plan: Plan, prescan: Prescan, config: Config) -> None:
     """Raise LogError if a topic's stamps are of another clock than the frame clock's; warn where they may be.
 
-    They are if they lie far apart both as they stand and measured from the log times, or if by its stamps the topic ends
-    before the clock begins, or the other way round, where by the log times it does not.
+        They are if both the stamps and the stamp offsets (stamp - log time) differ by more than `MAX_CLOCK_OFFSET`, or if by
+    its stamps, but not by its log times, the topic ends before the first frame or begins after the last.
     """
     if plan.clock is None:
         return

@@ -27,11 +27,11 @@ from geomphys.recording.ros_definitions import ROS1_TYPES, STANDARD_TYPES
 Decoder = Callable[[bytes], Any]
 
 _FIXED_BYTE_ARRAYS = re.compile(rb"^\s*(?:uint8|byte)\[[0-9]+\]", re.MULTILINE)
-"""Fields that mcap-ros2-support reads without a look at how many bytes are left; no type that is read here has them."""
+"""Fixed-size byte arrays, which mcap-ros2-support reads without a bounds check; no supported type has them."""
 
 
 class BadMessageError(Exception):
-    """A message that cannot be decoded or does not hold what its type says. Never leaves the package."""
+    """A message that cannot be decoded or lacks fields of its type. Internal to the package."""
 
 
 PAYLOAD_ERRORS = (
@@ -200,7 +200,7 @@ def _from_definition(name: str, definition: bytes) -> Decoder | None:
     from mcap_ros2.decoder import DecoderFactory
 
     schema = Schema(id=1, name=name, encoding="ros2msg", data=definition)
-    captured = io.StringIO()  # the library prints what it finds wrong; the error is told once, by the caller
+    captured = io.StringIO()  # the library prints its findings; the caller reports the error once
     try:
         with contextlib.redirect_stderr(captured), contextlib.redirect_stdout(captured):
             decoder: Decoder | None = DecoderFactory().decoder_for("cdr", schema)
@@ -210,6 +210,6 @@ def _from_definition(name: str, definition: bytes) -> Decoder | None:
 
 
 def _unreadable(channel: LogChannel, reason: str) -> LogError:
-    """Make the error for a channel whose schema does not serve."""
+    """Make the error for a channel whose schema cannot be used."""
     what = f"{printable(channel.schema_name)} ({printable(channel.encoding)})"
     return LogError(f"topic {printable(channel.topic)}: {what} cannot be decoded: {reason}")

@@ -45,11 +45,11 @@ MEANINGS: Final[dict[DiagnosticKey, str]] = {
     "other_frames": "poses of other frames on a topic that is followed for one",
     "scene": "anything of the scene itself: the size of a mesh, what is shown and cannot touch",
 }
-"""Key -> what it means, for the documents."""
+"""Key -> its meaning, as listed in the documentation."""
 
 
 class Diagnostic(str):
-    """A line of text; `key` says which kind of thing it tells."""
+    """A line of text; `key` is its category."""
 
     key: DiagnosticKey
 

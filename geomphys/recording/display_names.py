@@ -8,11 +8,11 @@ from collections.abc import Iterable, Sequence
 MAX_LENGTH = 80  # characters of a name
 MAX_LISTED = 20  # names of a list
 MAX_REMEMBERED = 10_000  # names of a topic that are remembered, but for those of one more message
-MAX_COMPARED = 2000  # names among which a similar one is looked for
+MAX_COMPARED = 2000  # names that are compared with an unknown one
 
 
 def printable(name: str) -> str:
-    r"""Return a name whose line ends and control characters became ``\n``, ``\x1b`` …, cut if it is very long."""
+    r"""Return a name with line ends and control characters escaped (``\n``, ``\x1b``), truncated to `MAX_LENGTH`."""
     shortened = name if len(name) <= MAX_LENGTH else name[:MAX_LENGTH] + "…"
     return "".join(c if c.isprintable() else c.encode("unicode_escape", "backslashreplace").decode() for c in shortened)
 
@@ -30,7 +30,7 @@ def add_names(known: set[str], names: Iterable[str]) -> None:
 
 
 def closest_name(name: str, names: Iterable[str]) -> str:
-    """The known name that was probably meant, "" if none is like it."""
+    """The closest of some names, "" if none is similar."""
     matches = difflib.get_close_matches(name[:MAX_LENGTH], list(names)[:MAX_COMPARED], n=1, cutoff=0.6)
     return matches[0] if matches else ""
 

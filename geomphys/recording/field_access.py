@@ -14,7 +14,7 @@ Values = tuple[float, ...]
 T = TypeVar("T")
 
 TIME_FIELDS = {"cdr": ("sec", "nanosec"), "ros1": ("secs", "nsecs"), "protobuf": ("seconds", "nanos")}
-"""Encoding whose messages have attributes -> those of a time."""
+"""Encoding with attribute access -> the attributes of its time type."""
 TEXT_NUMBERS = ("NaN", "Infinity", "-Infinity")
 """Numbers that protobuf's JSON writes as text."""
 
@@ -23,7 +23,7 @@ class FieldAccess:
     """How fields are fetched from messages of an encoding."""
 
     def __init__(self, encoding: str, *, lenient: bool) -> None:
-        """With `lenient`, what is not there is zero or empty, as protobuf leaves out what it is so; json only."""
+        """With `lenient` (json only), absent fields are zero or empty, as protobuf's JSON omits default values."""
         self.times = TIME_FIELDS.get(encoding)
         self.lenient = lenient or encoding == "flatbuffer"
         self.has_presence = encoding == "protobuf"
@@ -39,7 +39,7 @@ class FieldAccess:
         return _nested_getter(path, lenient=True)
 
     def numbers(self, paths: Sequence[str]) -> Callable[[Any], Values]:
-        """Fetch numbers; NaN for what is not one by intention (``null``)."""
+        """Fetch numbers; NaN for ``null``."""
         if self.times is not None:
             attributes: Callable[[Any], Values] = attrgetter(*paths)
             return attributes
@@ -66,7 +66,7 @@ class FieldAccess:
         return lambda m: stamp_of(*fetch_parts(m))
 
     def text(self, paths: Sequence[str]) -> Callable[[Any], str]:
-        """Fetch a text; "" for one that is not there; several are joined, equal ones told once."""
+        """Fetch a text, "" if absent; several are joined with "/", without repeats."""
         if not paths:
             return _no_text
         if len(paths) == 1:
@@ -99,7 +99,7 @@ def _no_text(_: Any) -> str:
 
 
 def _nested_getter(path: str, *, lenient: bool) -> Fetch:
-    """Fetch a field of dictionaries in dictionaries; with `lenient`, None for what is not there."""
+    """Fetch a field of nested dictionaries; with `lenient`, None if it is absent."""
     keys = path.split(".")
     if not lenient:
         return _strict_getter(keys)
@@ -149,7 +149,7 @@ def _camel(key: str) -> str:
 
 
 def _strict_numbers(groups: Sequence[tuple[Fetch | None, list[str]]]) -> Callable[[Any], Values]:
-    """Fetch numbers that stand side by side in few dictionaries."""
+    """Fetch numbers grouped by parent dictionary."""
     getters = [(parent, itemgetter(*leaves)) for parent, leaves in groups]
 
     def fetch(m: Any) -> Values:
@@ -162,7 +162,7 @@ def _strict_numbers(groups: Sequence[tuple[Fetch | None, list[str]]]) -> Callabl
 
 
 def _lenient_numbers(groups: Sequence[tuple[Fetch | None, list[str]]]) -> Callable[[Any], Values]:
-    """Fetch numbers that stand side by side in few dictionaries, zero for those that do not stand there."""
+    """Fetch numbers grouped by parent dictionary, zero for absent ones."""
     strict = _strict_numbers(groups)
 
     def fetch(m: Any) -> Values:

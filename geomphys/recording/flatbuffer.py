@@ -2,7 +2,7 @@
 
 The `flatbuffers` package has generated code for known types only, so the description is read here with its `Table`, and
 what a message holds becomes dictionaries, as of JSON: a table's or struct's fields by name; None for a table, struct,
-list or optional number that is not there. Nothing is believed: offsets are looked up within the bytes, and a message
+list or optional number that is not there. The bytes are untrusted: offsets are checked, and a message
 yields at most `VALUE_LIMIT` values, since tables may be shared, so that a few bytes can claim to hold any number.
 """
 
@@ -28,7 +28,7 @@ _FORMATS = {1: "B", 2: "?", 3: "b", 4: "B", 5: "h", 6: "H", 7: "i", 8: "I", 9: "
 
 
 class FlatBufferError(Exception):
-    """A schema or message that cannot be read; the text says why. Never leaves the package."""
+    """A schema or message that cannot be read, with the reason. Internal to the package."""
 
 
 class Type(NamedTuple):
@@ -153,7 +153,7 @@ def _field(view: _View, field_type: _View) -> Field:
 
 
 class _Struct:
-    """Numbers at fixed places, and how they are put together."""
+    """Decoder of a struct: numbers at fixed offsets, assembled into dictionaries."""
 
     def __init__(self, objects: list[Object], index: int) -> None:
         self.size = _object_at(objects, index).size
@@ -181,7 +181,7 @@ Build = Callable[[Iterator[Any]], Any]
 
 
 def _assemble(objects: list[Object], index: int, at: int, leaves: list[tuple[int, str]], depth: int) -> Build:
-    """List the numbers of a struct that stands at `at`; what puts them together from an iterator of them."""
+    """Append the numbers of a struct at byte `at` to `leaves`; returns the function that assembles it from them."""
     if depth > DEPTH_LIMIT:
         raise FlatBufferError("a struct holds itself")
     parts: list[tuple[str, Build]] = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 from geomphys.scene.git_lfs import IS_POINTER, is_lfs_pointer
 
 MAGIC_BYTES = 512
-"""Bytes from the beginning of a file that are looked at."""
+"""Bytes read from the beginning of a file."""
 CONVERT_SQLITE = "convert it to mcap with `ros2 bag convert`, or without ROS by `mcap convert FILE.db3 OUT.mcap`"
 """What to do with a bag of the storage sqlite3."""
 
@@ -22,7 +22,7 @@ _EXPECTED = "expected a recording: an .mcap file or a ROS 2 bag folder"
 
 
 def describe_foreign_format(start: bytes) -> str:
-    """Say what a file is instead of an MCAP, as far as its first bytes tell: the end of a line that says it is none."""
+    """Describe a file that is not an MCAP by its first bytes; completes a sentence "FILE is not an MCAP file"."""
     if is_lfs_pointer(start):
         return f": it {IS_POINTER}"
     if start.startswith(b"#ROSBAG"):

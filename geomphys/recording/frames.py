@@ -1,7 +1,7 @@
 """Frames of a replay: root poses and joint angles that a log gives for a scene, resampled at the frame clock.
 
-The log is streamed: a frame is made as soon as no message that could still change it may come, which is when the log
-has come `max_gap` + `max_delay` further than the frame's time. Until then its samples are kept; nothing else is.
+The log is streamed: a frame is made as soon as no later message can change it, which is when the watermark of the log is
+`max_gap` + `max_delay` past the frame's time. Only samples after the last frame are kept in memory.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from geomphys.recording.report import RecordingReport, make_report
 from geomphys.recording.routes import RootRoute, Route
 from geomphys.recording.routing import build_routing_table
 from geomphys.recording.stamp_monitor import StampMonitor
+from geomphys.recording.stamps import NEVER
 from geomphys.recording.stream_prescan import prescan_streams
 from geomphys.recording.transform_plan import plan_transforms
 from geomphys.recording.transform_tree import normalized_frame_id, two_parents_message
@@ -38,7 +39,6 @@ from geomphys.scene.arrays import JOINT_PRISMATIC, World
 Floats = NDArray[np.float64]
 
 LIMIT_SLACK = 1e-9  # rad or m by which an angle may leave its limits before it counts as outside
-NEVER = -(2**62)
 
 
 class FrameSource:
@@ -107,7 +107,7 @@ class FrameSource:
         self.reader.close()
 
     def __iter__(self) -> Iterator[Frame]:
-        """Make the frames, from the first; the report begins anew."""
+        """Make the frames from the first; resets the report."""
         self._pass = LogPass(self)
         return self._pass.frames()
 
@@ -118,7 +118,7 @@ class FrameSource:
 
     @property
     def expected_frames(self) -> int | None:
-        """How many frames there will be, as an estimate: duplicates and `start`/`end` are not looked into."""
+        """Estimated number of frames, from message counts and time spans; None if unknown."""
         config, clock = self.config, self.plan.clock
         channels = clock.channels if clock is not None else tuple(self.reader.channels.values())
         channels = tuple(c for c in channels if c.messages)
@@ -195,7 +195,7 @@ class LogPass:
                 yield (root.input.topic, root.input.child), root.stream.first
 
     def _awaiting_first(self, roots: list[RootRoute], time: int) -> Iterator[RootRoute]:
-        """Those whose first pose is still not known when the log has come to a time."""
+        """Roots whose first pose is not known yet when the log has been read up to a time [ns]."""
         for root in roots:
             root.resolve(time, time + self.gap)
             root.stream.first = next((v for v in root.stream.values if v is not None), None)
@@ -226,7 +226,7 @@ class LogPass:
                 yield frame
 
     def _process(self, raw: RawMessage, watermark: Watermark) -> None:
-        """Take in a message."""
+        """Add a message."""
         key, times = raw.key, self.times
         route, read = self.routes[key], self.source.prescan.readers.get(key)
         if read is None:  # a topic that only gives the clock
@@ -279,7 +279,7 @@ class LogPass:
             watermark.add(time)
 
     def _process_transform(self, raw: RawMessage, route: Route, pose: Pose, times_seen: set[int]) -> None:
-        """Take in a transform of the log's tree.
+        """Add a transform of the log's tree.
 
         Raises LogError if its frame was given in another before.
         """
@@ -294,7 +294,7 @@ class LogPass:
         track = route.tracks.get(child)
         if track is None:
             return
-        if route.static:  # stamped as its writer likes: it is valid at all times
+        if route.static:  # valid at all times, whatever its stamp
             time = pose.stamp or raw.log_time
         else:
             time = self.times.time_of(raw.key, pose.stamp, raw.log_time, raw.publish_time)
@@ -308,7 +308,7 @@ class LogPass:
             self.stamp_monitor.add(topic, part, time, raw.log_time)
 
     def _add_clock_time(self, time: int) -> None:
-        """Take in a message of the frame clock."""
+        """Add a message of the frame clock."""
         if not self.clock.add(time):
             self.lost_frames += 1
 

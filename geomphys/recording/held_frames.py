@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from geomphys.recording.display_names import printable
-from geomphys.recording.streams import NEVER
+from geomphys.recording.stamps import NEVER
 
 if TYPE_CHECKING:
     from geomphys.recording.frames import FrameSource, LogPass
@@ -22,7 +22,7 @@ class HeldStream(NamedTuple):
     stream_name: str  # topic, and the joint or root that it feeds
     length: int  # ns, of its longest stretch without a good sample
     start: int  # time at which that begins
-    text: str  # what that stretch is: "", or that the stream had not begun, or had ended
+    text: str  # "" for a gap; else that the stream had not begun or had ended
 
 
 def held_frames_warning(source: FrameSource, log_pass: LogPass) -> str:
@@ -83,7 +83,7 @@ def _topic(route: RootRoute | JointRoute) -> str:
 
 
 def _longest_hold(log_pass: LogPass, first_sample_time: int, end: int, start: int, length: int) -> tuple[int, int, str]:
-    """The longest stretch without a good sample: length [ns], beginning, and what to say of it where it is no gap."""
+    """The longest interval without a good sample: length [ns], start [ns], and a description where it is not a gap."""
     if first_sample_time == NEVER:
         return (
             log_pass.last_time - log_pass.first_time,

@@ -34,7 +34,7 @@ class PoseInput:
 
     @property
     def is_only_child(self) -> bool:
-        """Whether it follows what its topic is the pose of, without naming it: the messages do."""
+        """Whether the child frame is not named by the scene and taken from the messages."""
         return not self.child and self.content == "transform"
 
 
@@ -107,7 +107,7 @@ def make_plan(reader: LogReader, world: World, config: Config) -> Plan:
 
 
 def is_static(topic: str) -> bool:
-    """Whether a topic is one of static transforms, whose streams are constant."""
+    """Whether a topic holds static transforms (``tf_static``); its streams are constant."""
     return topic.rsplit("/", 1)[-1] == "tf_static"
 
 
@@ -123,7 +123,7 @@ def pose_part(channel: LogChannel, part: str) -> str:
 
 
 def split_topic(name: str, topics: Iterable[str]) -> tuple[str, str]:
-    """Split ``topic#part``; a name that is a topic as it stands has no part."""
+    """Split ``topic#part``; a name that equals a topic has no part."""
     if name in topics:
         return name, ""
     topic, _, part = name.partition("#")
@@ -213,7 +213,7 @@ def _what(channel: LogChannel) -> ContentType | None:
 
 
 def _missing(reader: LogReader, topic: str, user: str) -> str:
-    """Say that a topic is not there, and what is."""
+    """Say that a topic is missing, and list those that exist."""
     topics = reader.topics
     if not topics:
         return f"{reader.path}: topic {topic!r} for {user} is not in the log, which has no topics at all"
@@ -224,7 +224,7 @@ def _missing(reader: LogReader, topic: str, user: str) -> str:
 def _understood(
     plan: Plan, reader: LogReader, topic: str, user: str, accepted: tuple[ContentType, ...], holds: str
 ) -> tuple[LogChannel, ...]:
-    """Channels of a topic that hold what is wanted; none, and a problem, if there are none."""
+    """Channels of a topic with `accepted` content; () and a problem added if there are none."""
     channels = reader.of_topic(topic)
     if not channels:
         plan.problems.append(_missing(reader, topic, user))

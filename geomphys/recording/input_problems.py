@@ -52,7 +52,7 @@ def input_problems(reader: LogReader, plan: Plan, prescan: Prescan) -> Iterator[
 
 
 def _remedy(recorded: Iterable[str], awaited: Iterable[str]) -> str:
-    """What to do where no recorded joint is one of the scene: hands that were swapped are told from other names."""
+    """The remedy where no recorded joint is one of the scene: swapped hands, or names to be mapped."""
     recorded_sides, scene_sides = ({side_of(name) for name in names} - {""} for names in (recorded, awaited))
     if len(recorded_sides) == len(scene_sides) == 1 and recorded_sides != scene_sides:
         sides = f"the recorded ones are of the {recorded_sides.pop()} side, those of the scene of the {scene_sides.pop()} one"

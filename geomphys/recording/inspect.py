@@ -23,17 +23,17 @@ from geomphys.recording.streams import VALUE_LIMIT, validated_pose
 __all__ = ["CheckReport", "LogInfo", "TopicInfo", "check_log", "inspect_log", "log_space"]
 
 MAX_MOTIONS = 64
-"""Frames of a topic whose motion is looked at."""
+"""Child frames of a topic whose motion is summarised."""
 
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """A topic of a log, or what of it is of one type; the parts of a bag are taken together. Times are log times."""
+    """Messages of one topic and type, over all parts of a bag. Times are log times."""
 
     topic: str
     schema: str  # "" without one
     encoding: str
-    kind: str  # what its messages yield (`samples.What`); "" for one that is not understood
+    kind: str  # content of its messages (`samples.ContentType`); "" if not supported
     use: str  # that in words, "not understood" for one that is not
     messages: int
     first_ns: int | None
@@ -41,7 +41,7 @@ class TopicInfo:
     rate_hz: float | None  # None below two messages or without a span
     longest_gap_s: float | None
     joints: tuple[str, ...]  # named in the messages, sorted
-    frames: tuple[str, ...]  # what it has poses of: child frames, names, indices, sorted
+    frames: tuple[str, ...]  # child frames, names or indices of its poses, sorted
     sides: tuple[str, ...]  # of gloves
     ranges: dict[str, tuple[float, float]]  # joint -> least and largest good value, as recorded
     boxes: dict[str, tuple[Corner, Corner]]  # child frame ("" without one) -> box of its good positions, m
@@ -78,7 +78,7 @@ class LogInfo:
 
 
 def inspect_log(path: Path | str, *, recover: bool = False) -> LogInfo:
-    """Read a log through and say what it holds.
+    """Read a whole log and summarise its topics.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ class _TopicScan:
     readers: dict[int, Callable[[bytes], Content]] = field(default_factory=dict)
 
     def add(self, channel: LogChannel) -> None:
-        """Take in a channel, and make its reader."""
+        """Add a channel, and make its reader."""
         self.channels.append(channel)
         kind = kind_of(channel)
         if kind is not None:
@@ -175,11 +175,11 @@ class _TopicScan:
 
     @property
     def is_needed(self) -> bool:
-        """Whether the messages tell what is not known yet."""
+        """Whether the messages must be read: their content is supported, or the longest gap is unknown."""
         return bool(self.readers) or any(c.longest_gap_ns is None for c in self.channels)
 
     def add_message(self, raw: RawMessage) -> None:
-        """Take in a message."""
+        """Add a message."""
         if self.latest is not None:
             self.longest_gap = max(self.longest_gap, raw.log_time - self.latest)
         self.latest = raw.log_time if self.latest is None else max(self.latest, raw.log_time)

@@ -1,7 +1,8 @@
 """Parses joint names into side, finger, segment and motion.
 
-Segments are told by the joint at their near end: ``cmc``, ``mcp``, ``pip``, ``dip``, of a thumb ``cmc``, ``mcp``, ``ip``. How
-sure each part is goes from 0 to 1: what a name says is 1, what follows from numbers or from the shape of a hand is less.
+Segments are named by the joint at their proximal end: ``cmc``, ``mcp``, ``pip``, ``dip``; of a thumb ``cmc``, ``mcp``, ``ip``.
+Numbers are read by their order within a finger. Each part has a confidence from 0 to 1: 1 where the name states it, less
+where it follows from numbers or from the shape of the hand.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ _THUMB_ORDER: dict[int, tuple[float, list[tuple[str, str]]]] = {
     5: (0.8, [("cmc", "rot"), ("cmc", "flex"), ("mcp", "abd"), ("mcp", "flex"), ("ip", "flex")]),
 }
 _WRIST_ORDER: dict[int, tuple[float, list[tuple[str, str]]]] = {2: (0.8, [("", "abd"), ("", "flex")])}
-"""How many joints of a finger are told apart by numbers alone -> how sure, and what they are from the palm on."""
+"""Number of joints of a finger that are named by numbers alone -> confidence, and their labels from the palm on."""
 _NUMBERED_HANDS: dict[int, tuple[str, ...]] = {16: ("index", "middle", "ring", "thumb"), 20: FINGERS}
 """Joints of a hand that have numbers only, four a finger -> the fingers in the order that is usual."""
 
@@ -90,7 +91,7 @@ def standard_order(finger: str, count: int) -> list[tuple[str, str]]:
 
 
 def _label_of_words(found: list[str]) -> JointLabel:
-    """What words say by themselves. ``middle`` is a finger unless one is named before it: then it is a segment."""
+    """Label of a name by its words. ``middle`` is a finger unless a finger is named before it: then it is a segment."""
     side = [w for w in found if w in ("left", "right")]
     fingers = [w for w in found if w in FINGERS]
     segments = [w for w in found if w in _SEGMENTS]
@@ -111,7 +112,7 @@ def _label_of_words(found: list[str]) -> JointLabel:
 
 
 def _with_hint(label: JointLabel, hint: JointLabel) -> JointLabel:
-    """A meaning with what is missing taken from a hint, where the two are of the same finger."""
+    """A label with missing parts taken from a hint, where the two are of the same finger."""
     if label.finger and hint.finger and label.finger != hint.finger:
         return label
     filled = label
@@ -171,7 +172,7 @@ def _label_by_order(labels: dict[str, JointLabel], members: list[str]) -> None:
 
 
 def _thumb_segments(labels: dict[str, JointLabel], members: list[str]) -> None:
-    """A thumb has no pip: three segments told as those of a finger are its cmc, mcp and ip."""
+    """Rename segments of a thumb, which has no pip: mcp, pip, dip of other fingers are its cmc, mcp, ip."""
     if labels[members[0]].finger != "thumb":
         return
     recognized = {labels[n].segment for n in members} - {""}
@@ -187,7 +188,7 @@ def _thumb_segments(labels: dict[str, JointLabel], members: list[str]) -> None:
 
 
 def _infer_motions(labels: dict[str, JointLabel], members: list[str]) -> None:
-    """A segment whose motion is not named bends; the first of two such joints spreads."""
+    """Segments without a named motion are flexion; of two such joints the first is abduction."""
     for segment in _SEGMENTS:
         members_here = [n for n in members if labels[n].segment == segment and not labels[n].motion]
         if len(members_here) == 1:

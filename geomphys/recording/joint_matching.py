@@ -1,7 +1,7 @@
 """Matches recorded joint names to the joints of a URDF, with a confidence for each match.
 
-A guess is for a person to confirm, so every one comes with how sure it is. Guesses are one to one: of all ways to pair the
-names, the one whose scores sum up highest.
+Matches are for a person to confirm, so each has a score. They are one to one: the assignment with the highest total score
+(Hungarian algorithm).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from geomphys.recording.name_words import FINGERS, side_of, words_of_all
 MIN_SCORE = 0.5
 """Score from which on two names may mean the same joint."""
 ACCEPTED_SCORE = 0.7
-"""Score from which on a guess is used unless a person says no."""
+"""Least score of a match that a drafted scene uses."""
 MAX_NAMES = 400
 """Names of each side that are guessed among."""
 
@@ -41,11 +41,11 @@ class JointMatch:
     recorded: str
     joint: str
     how: MatchMethod  # equal; equal but for spelling and synonyms; a guess
-    score: float = 1.0  # 0 to 1, how sure
+    score: float = 1.0  # confidence, 0 to 1
 
     @property
     def is_used(self) -> bool:
-        """Whether a drafted scene goes by it; else it stands in a comment."""
+        """Whether a drafted scene uses the match; else it is written as a comment."""
         return self.how != "guess" or self.score >= ACCEPTED_SCORE
 
 
@@ -63,7 +63,7 @@ def match_joints(
     recorded, joints
         Names of each.
     side
-        ``left`` or ``right`` if the URDF is a hand of that side: names of the other side are then not looked at.
+        ``left`` or ``right`` if the URDF is a hand of that side: names of the other side are then ignored.
     shape
         Joint of the URDF -> what its tree of links says it is.
 
@@ -110,7 +110,7 @@ def _with_same_words(recorded: Iterable[str], joints: Iterable[str], side: str) 
 
 
 def _keys(names: Iterable[str], others: Iterable[str], ignored: Set[str]) -> dict[str, frozenset[str]]:
-    """The words of names that tell them apart: a word that all have and no other side's name has, is a prefix."""
+    """The distinguishing words of names: a word that all of them have, and none of `others`, is dropped as a prefix."""
     keys = {n: frozenset(w for w in found if w not in ignored) for n, found in words_of_all(names).items()}
     other_keys = [frozenset(w for w in found if w not in ignored) for found in words_of_all(others).values()]
     if len(keys) < 3 or len(other_keys) < 3 or frozenset.intersection(*other_keys):
@@ -125,7 +125,7 @@ def _assigned(
     labels: tuple[Mapping[str, JointLabel], Mapping[str, JointLabel]],
     side: str,
 ) -> list[tuple[str, str, float]]:
-    """The pairs whose scores sum up highest, those below `MIN_SCORE` left out."""
+    """The assignment with the highest total score (Hungarian algorithm), without pairs below `MIN_SCORE`."""
     if not recorded or not joints:
         return []
     two_sides = not side and len({labels[0][n].side for n in recorded} - {""}) == 2
@@ -147,7 +147,7 @@ def _assigned(
 def _score(
     name: str, joint: str, labels: tuple[Mapping[str, JointLabel], Mapping[str, JointLabel]], two_sides: bool
 ) -> float:
-    """How sure it is that a recorded name and a joint are the same, 0 to 1."""
+    """Score that a recorded name and a joint are the same, 0 to 1."""
     a_label, b_label = labels[0][name], labels[1][joint]
     if a_label.side and b_label.side and a_label.side != b_label.side:
         return 0.0

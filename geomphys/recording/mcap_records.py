@@ -1,6 +1,6 @@
 """Parses MCAP records from untrusted bytes: record iteration, chunk decompression, resynchronisation after damage.
 
-Everything here works on bytes that may be hostile: no length is believed before it is compared with what is there, and
+The bytes are untrusted: every length is checked against the available bytes, and
 a chunk unpacks to at most `CHUNK_LIMIT` bytes, whatever it claims. Nothing here raises on bad input but
 `BadRecordError`, which never leaves the package. Record bodies are read by the `mcap` library.
 """
@@ -23,27 +23,27 @@ from mcap.records import Channel, Metadata, Schema, Statistics
 
 MAGIC = b"\x89MCAP0\r\n"
 CHUNK_LIMIT = 256 * 2**20
-"""Bytes; what a chunk, packed or unpacked, or a message outside of chunks may take at most."""
+"""Bytes; maximum size of a chunk (compressed or not) and of a message outside of chunks."""
 BODY_LIMIT = 16 * 2**20
-"""Bytes; what a schema, channel, metadata or statistics record may take at most."""
+"""Bytes; maximum size of a schema, channel, metadata or statistics record."""
 DEFINITIONS_LIMIT = 128 * 2**20
-"""Bytes; what all schemas and channels of a file may take together, and all metadata: they are kept in memory."""
+"""Bytes; maximum total size of schemas and channels, and of metadata: they are held in memory."""
 HEAD = struct.Struct("<BQ")  # opcode, length
 MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 FOOTER = struct.Struct("<QQI")  # summary start, summary offset start, summary crc
 CHUNK = struct.Struct("<QQQII")  # start time, end time, unpacked size, crc, length of the compression's name
-WINDOW_LIMIT = 128 * 2**20  # zstd's own default for what a decoder must be able to hold
+WINDOW_LIMIT = 128 * 2**20  # zstd's default maximum window of a decoder
 LAST_OPCODE = int(Opcode.DATA_END)
 BLOCK_SIZE = 64 * 1024
-RESYNC_RECORDS = 4  # records in a row that must be in order before a place counts as found again
+RESYNC_RECORDS = 4  # consecutive valid records required to resynchronise
 
 
 class BadRecordError(Exception):
-    """A record that cannot be what it says; the text tells why. Never leaves the package."""
+    """An invalid record, with the reason. Internal to the package."""
 
 
 class ChunkHeader(NamedTuple):
-    """What stands before a chunk's data."""
+    """The fields of a chunk record before its data."""
 
     start_time: int
     end_time: int
@@ -82,7 +82,7 @@ def read_body(
 
 
 def read_chunk_header(body: bytes, length: int) -> ChunkHeader:
-    """Parse the head of a chunk whose record body is `length` bytes long; `body` need only hold its beginning.
+    """Parse the header of a chunk whose record body is `length` bytes long; `body` need only hold its beginning.
 
     Raises BadRecordError where the lengths in it do not add up to `length`.
     """
@@ -103,10 +103,10 @@ def read_chunk_header(body: bytes, length: int) -> ChunkHeader:
 
 
 def unpack_chunk(header: ChunkHeader, data: bytes) -> tuple[bytes, str]:
-    """Unpack what can be unpacked of a chunk: (bytes, what is wrong with it or "").
+    """Decompress as much of a chunk as possible: (bytes, description of its damage or "").
 
     `data` may be cut off. At most `head.size` and never more than `CHUNK_LIMIT` bytes come back; a chunk that claims
-    more than the limit is not unpacked at all. A checksum that does not fit is told, the bytes are given all the same.
+    more than the limit is not unpacked at all. A wrong checksum is reported, and the bytes are returned all the same.
     """
     if header.size > CHUNK_LIMIT:
         return b"", f"claims to unpack to {header.size} bytes, more than the limit of {CHUNK_LIMIT}"
@@ -130,7 +130,7 @@ def unpack_chunk(header: ChunkHeader, data: bytes) -> tuple[bytes, str]:
 
 
 def is_intact_prefix(header: ChunkHeader, data: bytes) -> bool:
-    """Whether `data` is the beginning of a chunk's data, in order to its very end: what is behind it was cut off.
+    """Whether `data` is an intact prefix of a chunk's data, truncated at its end.
 
     A record seen in such data is a part of it, not one that follows damage: packers store as it is what they cannot pack.
     """
@@ -151,7 +151,7 @@ def is_intact_prefix(header: ChunkHeader, data: bytes) -> bool:
 
 
 def _unzstd(data: bytes, size: int) -> tuple[bytes, str]:
-    """Unpack zstd up to `size` bytes; where that fails, as much as stands before the damage."""
+    """Decompress zstd up to `size` bytes; on failure, as much as precedes the damage."""
     decompressor = zstandard.ZstdDecompressor(max_window_size=WINDOW_LIMIT)
     try:
         with decompressor.stream_reader(data, read_across_frames=True) as stream:
@@ -164,12 +164,12 @@ def _unzstd(data: bytes, size: int) -> tuple[bytes, str]:
                 while len(blocks) * BLOCK_SIZE < size and (block := stream.read(BLOCK_SIZE)):
                     blocks.append(block)
         except (zstandard.ZstdError, MemoryError):
-            pass  # told below; what came before is kept
+            pass  # reported below with the bytes decompressed so far
         return b"".join(blocks)[:size], "cannot be unpacked to its end"
 
 
 def _unlz4(data: bytes, size: int) -> tuple[bytes, str]:
-    """Unpack an lz4 frame up to `size` bytes; where that fails, as much as stands before the damage."""
+    """Decompress an lz4 frame up to `size` bytes; on failure, as much as precedes the damage."""
     blocks: list[bytes] = []
     remaining = size + 1
     decompressor = lz4.frame.LZ4FrameDecompressor()
@@ -199,7 +199,7 @@ _CANDIDATE = re.compile(rb"[\x01-\x0f](?=[\s\S]{4}\x00{4})")
 
 
 def find_record(file: BinaryIO, start: int, size: int) -> int | None:
-    """Where good records begin again at or after `start`: a chunk whose lengths agree, or `RESYNC_RECORDS` records in a row.
+    """Offset of the next valid record at or after `start`: a chunk with consistent lengths, or `RESYNC_RECORDS` records in a row.
 
     Reads the file once, in growing blocks. None if nothing is found before its end.
     """

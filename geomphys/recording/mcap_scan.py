@@ -1,8 +1,8 @@
 """Scans an MCAP file once: schemas, channels, message counts, positions of chunks, and damage.
 
-The pass reads every record once, checks every checksum, and keeps a short list of where messages are (`Span`), so that
-later passes read only those. It goes on behind damage wherever records can be found again, for two reasons: the error
-a user gets says how much is intact, and `recover` replays just that.
+Every record is read once, every checksum is verified, and the positions of messages are listed (`Span`), so that later passes
+read only those. The scan resumes after damage wherever records can be found again: the error then says how much is intact,
+and `recover` replays just that.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from geomphys.recording.mcap_records import (
 )
 
 MAX_TRUNCATION_CHECKS = 16
-"""Chunks that reach beyond the end of a file and are looked into, to tell the one that was cut from damaged ones."""
+"""Maximum number of chunks beyond the end of the file that are checked for being the truncated last one."""
 MAX_RUN_BYTES = 2**20
 """Records outside of chunks are taken together up to this many bytes."""
 TIME_LIMIT = 2**62
@@ -57,7 +57,7 @@ class Span(NamedTuple):
 
 
 class Loss(NamedTuple):
-    """A damaged place."""
+    """A damaged region of a file."""
 
     offset: int
     bytes_lost: int
@@ -71,7 +71,7 @@ class ChannelCount:
     messages: int = 0
     first: int = TIME_LIMIT
     last: int = -1
-    longest_gap: int | None = None  # ns between messages in order of time, where indexes tell
+    longest_gap: int | None = None  # ns between messages in order of time; only from message indexes
 
 
 @dataclass
@@ -107,7 +107,7 @@ class _SpanContent:
         self.first, self.last = TIME_LIMIT, -1
 
     def add(self, channel: int, log_time: int) -> None:
-        """Take in a message."""
+        """Add a message."""
         self.channels.add(channel)
         if log_time < self.first:
             self.first = log_time
@@ -129,7 +129,7 @@ class _Scanner:
         self.run_start = -1  # of the run of messages outside of chunks being read
         self.seen = _SpanContent()
         self.data_crc: tuple[int, int] | None = None  # position and value
-        self.definition_bytes = [0, 0]  # bytes of schemas and channels, and of metadata, that are kept
+        self.definition_bytes = [0, 0]  # bytes of schemas and channels, and of metadata, held in memory
         self.has_footer = False
         self.is_truncated = False
         self.truncation_checks_left = MAX_TRUNCATION_CHECKS
@@ -162,7 +162,7 @@ class _Scanner:
         return self.result
 
     def record(self, opcode: int, at: int, length: int) -> None:
-        """Take in the record at `at`, whose body lies within the file. Raises BadRecordError."""
+        """Process the record at byte `at`, whose body lies within the file. Raises BadRecordError."""
         if opcode == Opcode.MESSAGE:
             self.message(at, length)
             return
@@ -189,7 +189,7 @@ class _Scanner:
         return self.file.read(length)
 
     def definition(self, opcode: int, body: bytes) -> None:
-        """Take in a schema, channel, metadata or statistics record. Raises BadRecordError."""
+        """Add a schema, channel, metadata or statistics record. Raises BadRecordError."""
         kind = int(opcode == Opcode.METADATA)  # counted by itself: notes must not cost messages
         if self.definition_bytes[kind] + len(body) > DEFINITIONS_LIMIT:
             what = ("schemas and channels", "metadata")[kind]
@@ -213,7 +213,7 @@ class _Scanner:
             self.definition_bytes[kind] += len(body)
 
     def message(self, at: int, length: int) -> None:
-        """Count a message that stands outside of a chunk."""
+        """Count a message outside of chunks."""
         if not MESSAGE.size <= length <= CHUNK_LIMIT:
             raise BadRecordError(f"a message of {length} bytes cannot be")
         channel, _, log_time, _ = MESSAGE.unpack(self.file.read(MESSAGE.size))
@@ -245,7 +245,7 @@ class _Scanner:
             self.run_start = -1
 
     def chunk(self, at: int, length: int, end: int) -> None:
-        """Take in a chunk, of which the bytes before `end` are there. Raises BadRecordError if its head is wrong."""
+        """Add a chunk, of which the bytes before `end` are there. Raises BadRecordError if its head is wrong."""
         self.file.seek(at + 9)
         beginning = self.file.read(max(0, min(CHUNK.size + 80, end - at - 9)))
         header = read_chunk_header(beginning, length)
@@ -263,7 +263,7 @@ class _Scanner:
             self.add_chunk_loss(at, header, len(data), usable, damage or "holds a record that does not fit into it")
 
     def chunk_records(self, data: bytes, window: tuple[int, int] | None) -> tuple[int, _SpanContent]:
-        """Count the messages of an unpacked chunk: (bytes of complete records, what messages).
+        """Count the messages of an unpacked chunk: (bytes of complete records, channels and times of the messages).
 
         With a `window`, messages of other log times are taken for damaged and passed over.
         """
@@ -291,13 +291,13 @@ class _Scanner:
         return usable, seen
 
     def add_chunk_loss(self, at: int, header: ChunkHeader, available: int, usable: int, damage: str) -> None:
-        """List what a chunk's damage costs: packed bytes in proportion to the unpacked ones that are not usable."""
+        """Add the loss of a damaged chunk: compressed bytes in proportion to the unusable decompressed ones."""
         share = usable / header.size if 0 < header.size <= CHUNK_LIMIT else 0.0
         lost = max(0, available - round(header.data_length * min(share, 1.0)))
         self.add_loss(at, lost, f"the chunk at byte {at} {damage}")
 
     def resume_after_damage(self, at: int, text: str) -> int:
-        """Deal with the damaged place `at`: save what a cut-off chunk holds, find where to go on."""
+        """Handle damage at byte `at`: recover records of a truncated chunk; returns the offset to resume at."""
         self.close_run(at)
         self.file.seek(at)
         header = self.file.read(9)

@@ -1,8 +1,8 @@
 """Opens an MCAP file behind a URL by its summary section, without reading its chunks.
 
-Only the footer, the summary and the message indexes behind the chunks are read. They are believed as far as they agree
+Only the footer, the summary and the message indexes behind the chunks are read. They are used as far as they agree
 with each other; where they do not, or anything is missing, the log is scanned instead (`mcap_scan.py`). The chunks themselves
-are not looked at: they are checked when they are read.
+are not read; they are checked when they are.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from geomphys.recording.mcap_scan import TIME_LIMIT, ChannelCount, FileScan, Spa
 SUMMARY_LIMIT = 64 * 2**20
 """Bytes; a log with a longer summary is scanned."""
 INDEX_BATCH = 64
-"""Chunks whose message indexes are asked for at once."""
+"""Chunks whose message indexes are requested together."""
 TAIL = 9 + FOOTER.size + len(MAGIC)
 _INDEX_ENTRY = struct.Struct("<QQ")  # log time, offset in the chunk
 
@@ -43,7 +43,7 @@ Ranges = Callable[[Sequence[tuple[int, int]]], list[bytes]]
 
 
 def scan_summary(stream: BinaryIO, size: int, ranges: Ranges) -> FileScan | None:
-    """What the summary tells of a log that begins with the magic bytes; None if it has none or it does not add up.
+    """Scan result from the summary of a log that begins with the magic bytes; None if it is missing or inconsistent.
 
     Raises OSError if the file cannot be read.
     """
@@ -64,7 +64,7 @@ class _Summary:
         self.statistics: Statistics | None = None
 
     def read(self, ranges: Ranges) -> FileScan:
-        """Read it. Raises BadRecordError and what the parsers raise where it does not add up."""
+        """Read the summary. Raises BadRecordError and the parsers' errors where it is inconsistent."""
         self.stream.seek(len(MAGIC))
         opcode, length = HEAD.unpack(self.stream.read(HEAD.size))
         _require(opcode == Opcode.HEADER and length <= BODY_LIMIT, "the file does not begin with a header")
@@ -80,7 +80,7 @@ class _Summary:
         return self.result
 
     def _records(self) -> None:
-        """Take in the records of the summary."""
+        """Add the records of the summary."""
         _require(self.size > len(MAGIC) + TAIL, "the file is too short")
         self.stream.seek(self.size - TAIL)
         tail = self.stream.read(TAIL)
@@ -98,7 +98,7 @@ class _Summary:
         _require(at == len(data), "the last record is cut off")
 
     def _take(self, kind: int, body: bytes) -> None:
-        """Take in a record."""
+        """Add a record."""
         if kind == Opcode.SCHEMA:
             schema = cast(Schema, read_body(Schema, body))
             self.result.schemas[schema.id] = schema

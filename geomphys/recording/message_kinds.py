@@ -1,6 +1,6 @@
 """The table of supported message types: schema names, encodings, content, and where the data is.
 
-A kind of message is one entry of `KINDS`: the names its schema goes by, the encodings it is read in, what it yields, and
+A message kind is one entry of `KINDS`: schema names, supported encodings, content, and
 where its data is. Facts about types that have no page of their own:
 
 - *vicon_receiver/Position*: ``x_trans`` … are mm, as Vicon's DataStream has them; ``x_rot, y_rot, z_rot, w`` are a quaternion in
@@ -30,7 +30,7 @@ ENCODINGS = {
     "json": "JSON",
     "flatbuffer": "FlatBuffers",
 }
-"""Message encodings that are read, and how they are told."""
+"""Supported message encodings -> their display names."""
 
 _FINGERS = ("thumb", "index", "middle", "ring", "little")
 _SEGMENTS = ("metacarpal", "proximal", "intermediate", "distal", "tip")
@@ -50,14 +50,12 @@ class MessageKind(NamedTuple):
     content: ContentType
     layout: Layout
     has_stamp: bool = True  # whether the type has a stamp at all
-    in_metres: bool = (
-        False  # whether the type itself says what its positions are in: they are m, whatever the log's unit is
-    )
-    points: PoseLayout | None = None  # poses that come along with joint values
+    in_metres: bool = False  # positions are converted to m by the type's own unit, whatever `[recording] unit` says
+    points: PoseLayout | None = None  # poses in the same message as joint values
 
     @property
     def omits_defaults(self) -> bool:
-        """Whether its JSON is that of a protobuf message, which leaves out what is zero."""
+        """Whether its JSON omits default values, as protobuf's JSON does."""
         return "protobuf" in self.encodings
 
 
@@ -167,7 +165,7 @@ KINDS: tuple[MessageKind, ...] = (
         has_stamp=False, in_metres=True,
     ),
 )  # fmt: skip
-"""What is understood, in the order in which it is told."""
+"""Supported message kinds, in the order of the documentation."""
 
 _KIND_BY_TYPE = {(name, encoding): kind for kind in KINDS for name in kind.names for encoding in kind.encodings}
 _SEPARATORS = re.compile(r"/|::|\.")
@@ -224,5 +222,5 @@ def encodings_of(schema_name: str) -> tuple[str, ...]:
 
 
 def type_names(what: tuple[ContentType, ...]) -> list[str]:
-    """Names of the types that yield something, as messages and documents tell them: the first of each kind's."""
+    """Display names of the types with some content: the first name of each kind."""
     return [kind.names[0].replace("/msg/", "/") for kind in KINDS if kind.content in what]

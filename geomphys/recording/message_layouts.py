@@ -1,6 +1,6 @@
 """Layouts of message types, and the functions that extract joint values or poses by them.
 
-A layout names fields by their paths (``pose.position.x``). What a message looks like once it is decoded hangs on its
+A layout names fields by their paths (``pose.position.x``). The form of a decoded message depends on its
 encoding alone: objects with attributes (cdr, ros1, protobuf) or dictionaries (json, flatbuffer); so one layout makes the
 reading function of every encoding, and all of them yield the same.
 """
@@ -31,16 +31,16 @@ STAMPED_POSE = pose_at("pose.position", "pose.orientation")
 
 @dataclass(frozen=True, kw_only=True)
 class PoseLayout:
-    """One pose, or a list of them. Paths within a message; "" for what it does not have."""
+    """Field paths of one pose or a list of poses in a message; "" for a field it lacks."""
 
     pose: tuple[str, ...]  # paths of the seven numbers; in a list, within its item
     items: str = ""  # path of the list
     stamp: str = ""
     frame: str = ""  # frame id
-    child: tuple[str, ...] = ()  # paths of the name of what it is the pose of; several are joined with "/"
+    child: tuple[str, ...] = ()  # paths of the child frame id or body name; several are joined with "/"
     number: str = ""  # path of a whole number that is its name
     names: tuple[str, ...] = ()  # names of the items of a list, in their order
-    valid: str = ""  # a flag: what has it off is no pose
+    valid: str = ""  # path of a flag; false: no pose
     item_headers: bool = False  # each item has a stamp and frame of its own
     header_optional: bool = False  # versions of the type have neither
     parallel_lists: bool = False  # names and flags are lists of the message, as long as that of the poses
@@ -48,7 +48,7 @@ class PoseLayout:
 
     @property
     def has_literal_names(self) -> bool:
-        """Whether the names of poses stand in a message as they are: not so indices, and names that are put together."""
+        """Whether child names occur literally in the message bytes: not indices, nor joined names."""
         return len(self.child) == 1 or not (self.items or self.child)
 
 

@@ -9,10 +9,10 @@ from geomphys.config import TimeSource
 from geomphys.errors import LogError
 from geomphys.recording.display_names import printable
 from geomphys.recording.reader import LogChannel
+from geomphys.recording.stamps import NEVER
 
-NEVER = -(2**62)
 EARLY_CLOCK = 60 * 10**9
-"""ns; a zero stamp is a time only on a channel whose next stamps are below this: its clock counts from about 0."""
+"""ns; a zero stamp counts as a time only where the next stamps are below this (a clock that starts near 0)."""
 CLOCK_MISMATCH = 10**9
 """ns; stamps further than this from their log times are of another clock than the log's."""
 ZERO_STAMP_TOLERANCE = 10**9
@@ -24,7 +24,7 @@ class MessageTimes:
     """The time of a message by the user's choice; `header` falls back to the log time, with one warning a channel.
 
     A stamp of zero is what a driver writes that does not know the time, unless the channel's clock counts from zero
-    (`zero_stamp_times`). The log time that stands in for it is moved by `offsets`: onto the clock of the channel's other stamps.
+    (`zero_stamp_times`). The log time that replaces it is shifted by `offsets`: onto the clock of the channel's other stamps.
     """
 
     def __init__(self, source: TimeSource, channels: dict[int, LogChannel], path: Path) -> None:
@@ -37,7 +37,7 @@ class MessageTimes:
         self.zero_stamps: dict[int, int] = {}  # channel -> messages and transforms with a stamp of zero that is no time
 
     def fresh_copy(self) -> MessageTimes:
-        """The same for another pass over the log: what is known of the channels stays, what was met is forgotten."""
+        """A copy for another pass over the log: prescan results are shared, counters are reset."""
         other = MessageTimes(self.source, self.channels, self.path)
         other.zero_stamp_times, other.offsets = self.zero_stamp_times, self.offsets
         return other
@@ -77,7 +77,7 @@ class MessageTimes:
         return max(0, time)
 
     def warnings(self) -> list[str]:
-        """One line a channel whose log times stand in."""
+        """One line for each channel whose log times replace its stamps."""
         lines = []
         for key in sorted(self.unstamped | set(self.zero_stamps)):
             channel = self.channels[key]
@@ -103,7 +103,7 @@ class Watermark:
         self.time = NEVER
 
     def add(self, time: int) -> None:
-        """Take in the time of a message."""
+        """Add the time of a message."""
         if len(self.latest) < WATERMARK_RANK:
             heapq.heappush(self.latest, time)
             if len(self.latest) == WATERMARK_RANK:

@@ -1,7 +1,7 @@
 """Rigid transforms as tuples of seven floats: position x y z, unit quaternion x y z w.
 
-For single poses on their way into streams; arrays of them are in `geomphys.numerics.transforms`. ``a_from_c = compose(a_from_b,
-b_from_c)``. A part of the second transform that does nothing changes nothing, to the bit.
+For single poses of streams; arrays of transforms are in `geomphys.numerics.transforms`. ``a_from_c = compose(a_from_b,
+b_from_c)``. Composing with an identity rotation or zero offset leaves values unchanged to the bit.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Reads a log: its channels, its damage, and its messages in order of log time.
 
-A log is scanned once when it is opened (`mcap_scan.py`), so that damage is known before anything is computed; messages are
-then streamed in the order of their log times, with one chunk in memory, or as many as overlap in time. Several channels
-of a topic, and the parts of a bag, stay apart.
+A log is scanned once when it is opened (`mcap_scan.py`), so that damage is known before anything is computed. Messages are
+then streamed in order of log time, with one chunk in memory, or as many as overlap in time. Channels of the same topic, and of
+different parts of a bag, are kept apart.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ from geomphys.storage.remote_files import RemotePath, as_path, is_remote
 
 PENDING_LIMIT = 256 * 2**20
 """Bytes of messages that are held to bring them into the order of their times."""
-_Pending = tuple[int, int, int, int, bytes, int]  # log time, place in the file, channel, publish time, data, sequence
-MAX_LISTED_DAMAGE = 3  # damaged places that are told one by one
+_Pending = tuple[int, int, int, int, bytes, int]  # log time, order in the file, channel, publish time, data, sequence
+MAX_LISTED_DAMAGE = 3  # losses listed one by one in a message
 
 
 @dataclass(frozen=True)
@@ -56,11 +56,11 @@ class LogChannel:
     first_ns: int  # log time of the earliest message; 0 if there is none
     last_ns: int
     metadata: tuple[tuple[str, str], ...] = ()
-    longest_gap_ns: int | None = None  # None where only the messages tell
+    longest_gap_ns: int | None = None  # None: only known by reading the messages
 
 
 class RawMessage(NamedTuple):
-    """A message as it stands in the log; times in ns."""
+    """An undecoded message; times in ns."""
 
     key: int  # of its channel
     log_time: int
@@ -147,7 +147,7 @@ class LogReader:
     def read(self, keys: Container[int] | None = None, *, file_order: bool = False) -> Iterator[RawMessage]:
         """Stream the messages of the channels `keys` (None: of all) in the order of their log times.
 
-        Messages of one log time keep their order in the file; with `file_order` all do. `keys` is asked anew for every
+        Messages of one log time keep their order in the file; with `file_order` all do. `keys` is evaluated for every
         message, so a caller may drop channels while it reads. Memory: the messages asked for of the chunks that overlap
         in time, at most `PENDING_LIMIT` bytes and one chunk; where more overlap, the order is that of the file in part.
 
@@ -180,7 +180,7 @@ class LogReader:
                     yield RawMessage(key, log_time, publish_time, data, sequence)
 
     def _load(self, number: int, span: Span, order: int, keys: Container[int] | None) -> list[_Pending]:
-        """Messages of a span, each with its place in the order of the file."""
+        """Messages of a span, each with its rank in file order."""
         base, channels, file = number << 16, self._scans[number].channels, self.files[number]
         selected = {c for c in span.channels if c in channels and (keys is None or base | c in keys)}
         if not selected:
@@ -212,7 +212,7 @@ class LogReader:
 
     @staticmethod
     def _chunk_messages(stream: BinaryIO, span: Span, selected: set[int]) -> Iterator[tuple[int, int, int, bytes, int]]:
-        """Messages of a chunk; the stream stands at its beginning."""
+        """Messages of a chunk; the stream is positioned at its record."""
         first_bytes = stream.read(min(span.length, 9 + CHUNK.size + 80))
         if len(first_bytes) < 9:
             raise BadRecordError("the file is shorter than it was")
@@ -240,7 +240,7 @@ class LogReader:
 
     @staticmethod
     def _run_messages(stream: BinaryIO, span: Span, selected: set[int]) -> Iterator[tuple[int, int, int, bytes, int]]:
-        """Messages that stand outside of chunks."""
+        """Messages outside of chunks."""
         read, seek = stream.read, stream.seek
         at, stop = span.offset, span.offset + span.length
         while at < stop:
@@ -276,7 +276,7 @@ class LogReader:
             raise LogError(f"{file}: cannot be read ({problem.strerror})") from problem
 
     def _add_channels(self, number: int, scan: FileScan) -> None:
-        """Take in the channels of part `number`."""
+        """Add the channels of part `number`."""
         for i in sorted(scan.channels):
             channel = scan.channels[i]
             schema = scan.schemas.get(channel.schema_id)
@@ -297,7 +297,7 @@ class LogReader:
             )
 
     def _damage(self, missing: tuple[str, ...]) -> Damage | None:
-        """Sum up what the scans found damaged."""
+        """Summarise the losses of all files."""
         has_parts = len(self.files) > 1
         losses = [
             (loss.bytes_lost, f"{file.name}: {loss.text}" if has_parts else loss.text)
@@ -314,7 +314,7 @@ class LogReader:
         )
 
     def _intact(self) -> str:
-        """Say what is intact."""
+        """Describe the intact part."""
         seconds = (self.end_ns - self.start_ns) / 1e9
         return f"{self.messages} messages over {seconds:.3f} s are intact"
 

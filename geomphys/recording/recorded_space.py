@@ -11,7 +11,7 @@ from geomphys.scene.scene_inputs import RecordingTable
 
 @dataclass(frozen=True)
 class RecordedSpace:
-    """The space in which a log has its poses, placed in the world.
+    """The frame of reference of recorded poses, and its pose in the world.
 
     A recorded position p [units of the log] is at  t + R p / n  in the world, n the units in a metre; a recorded rotation
     r becomes  R r. R is the rotation of `[recording]`: with ``up = "y"`` first the right-handed rotation by +90 degrees
@@ -28,7 +28,7 @@ class RecordedSpace:
         return cls((*table.position, *table.rotation), {"m": 1.0, "cm": 100.0, "mm": 1000.0}[table.unit])
 
     def to_metres(self, pose: Sequence[float]) -> PoseTuple:
-        """Return a recorded pose with its position in metres; to the bit what it was where that is the log's unit."""
+        """Convert the position of a recorded pose to metres; unchanged to the bit where that is the log's unit."""
         if self.units_per_metre == 1.0:
             return tuple(pose)
         x, y, z, *rotation = pose
@@ -36,7 +36,7 @@ class RecordedSpace:
         return (x / n, y / n, z / n, *rotation)
 
     def to_world(self, pose: PoseTuple) -> PoseTuple:
-        """Pose in the world of a pose in this space, in metres; to the bit what it was where the space is the world."""
+        """Pose in the world of a pose in this space [m]; unchanged to the bit where the space is the world."""
         return pose if self.world_from_space == IDENTITY else compose(self.world_from_space, pose)
 
     def world_position(self, position: Sequence[float]) -> tuple[float, float, float]:

@@ -23,7 +23,7 @@ from geomphys.recording.unit_warnings import angle_warnings, space_warnings
 if TYPE_CHECKING:
     from geomphys.recording.frames import FrameSource, LogPass
 
-MAX_NAMES = 8  # names told in a warning
+MAX_NAMES = 8  # names listed in a warning
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Unmatched:
 
     topic: str
     name: str
-    suggestion: str  # "" if nothing is like it
+    suggestion: str  # "" if no name is similar
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class RecordingReport:
     held_frames: int
     first_ns: int | None
     last_ns: int | None
-    out_of_order: int  # messages that came after a later one of their topic, and were put in their place
+    out_of_order: int  # messages after a later one of their topic; sorted into their stream
     late: int  # messages that came after the frames of their time had been made
     lost_frames: int  # of these, messages of the frame clock: no frame came of them
     duplicates: int  # messages of a time that their stream had already; the first counts
@@ -190,7 +190,7 @@ def _outside_limits(source: FrameSource, log_pass: LogPass) -> Iterator[OutsideL
 
 
 def _warnings(source: FrameSource, log_pass: LogPass, report: RecordingReport) -> Iterator[str]:
-    """One line for everything a user should know of."""
+    """All warnings, one line each."""
     if report.recovered:
         yield Diagnostic(f"the log is damaged: {report.recovered}", "damaged")
     yield from (Diagnostic(text, "files") for text in source.reader.notes)

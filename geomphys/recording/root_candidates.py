@@ -83,5 +83,5 @@ def rank_root_poses(
 
 
 def is_command_topic(topic: str) -> bool:
-    """Whether a topic's name says that it is what was asked for, not what was measured."""
+    """Whether a topic's name is that of a command or target, not of a measurement."""
     return bool(_COMMAND_WORDS & set(words(topic)))

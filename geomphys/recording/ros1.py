@@ -27,7 +27,7 @@ _SIZES = {
     "float32": 4, "int64": 8, "uint64": 8, "float64": 8, "time": 8, "duration": 8, "string": 4,
 }  # fmt: skip
 _BYTES = {"uint8", "char"}
-"""Fixed arrays of these are cut out of a message without a look at how many bytes are left."""
+"""Fixed arrays of these are sliced out of a message without a bounds check."""
 _FIELD = re.compile(r"([A-Za-z]\w*(?:/[A-Za-z]\w*)?)(\[\d{0,5}\])?\s+([A-Za-z]\w*)(?=\s|=|$)\s*(=?)", re.ASCII)
 _TYPE = re.compile(r"[A-Za-z]\w*/[A-Za-z]\w*", re.ASCII)
 _SEPARATOR = re.compile(r"^=+[ \t]*$", re.MULTILINE)
@@ -36,7 +36,7 @@ _RESERVED_NAMES = {"serialize", "deserialize", "serialize_numpy", "deserialize_n
 
 
 class DefinitionError(Exception):
-    """A definition that cannot be used; the text says why. Never leaves the package."""
+    """A message definition that cannot be used, with the reason. Internal to the package."""
 
 
 class Field(NamedTuple):
@@ -94,7 +94,7 @@ def _fields(owner: str, body: str) -> tuple[Field, ...]:
 
 
 def _check(types: Mapping[str, tuple[Field, ...]], root: str) -> None:
-    """Refuse what a short message could blow up with."""
+    """Refuse types with which a short message could exhaust memory or time."""
     known: dict[str, tuple[int, int]] = {}  # least bytes that are checked when it is read, and fields
 
     def measure(name: str, ancestors: tuple[str, ...]) -> tuple[int, int]:
@@ -125,7 +125,7 @@ def _check(types: Mapping[str, tuple[Field, ...]], root: str) -> None:
 
 
 def make_ros1_decoder(name: str, definition: str) -> tuple[Callable[[bytes], Any], type[Exception]]:
-    """Decoder of a ROS 1 type, and what it raises on bytes that are too short.
+    """Decoder of a ROS 1 type, and the exception it raises on too few bytes.
 
     Parameters
     ----------

@@ -14,6 +14,7 @@ from geomphys.recording.display_names import add_names
 from geomphys.recording.input_plan import JointInput, PoseInput, is_static
 from geomphys.recording.pose_tuples import PoseTuple, compose
 from geomphys.recording.space_guess import MotionSamples
+from geomphys.recording.stamps import NEVER
 from geomphys.recording.stream_prescan import Prescan, joint_key
 from geomphys.recording.streams import VALUE_LIMIT, JointStream, PoseStream, validated_pose
 from geomphys.recording.transform_chain import TransformBuffer, TransformChain, TransformTrack
@@ -23,8 +24,7 @@ Ints = NDArray[np.int64]
 
 MAX_COLUMN_MAPS = 256  # different lists of joint names of which the order is remembered
 MAX_CACHED_NAMES = 10_000  # names of a list that is not worth remembering
-NEVER = -(2**62)
-NO_OFFSET = -0.0  # changes no number, to the bit, not even a zero's sign
+NO_OFFSET = -0.0  # adding it changes no float, not even the sign of a zero
 MISSING: PoseTuple = (math.nan,) * 7
 
 
@@ -70,7 +70,7 @@ class RootRoute:
         return self._chains[frame]
 
     def add(self, time: int, pose: Pose) -> None:
-        """Take in a pose. Raises LogError if nothing leads from its frame to the recorded space."""
+        """Add a pose. Raises LogError if nothing leads from its frame to the recorded space."""
         if time < self.latest:
             self.out_of_order += 1
             self.max_disorder = max(self.max_disorder, self.latest - time)
@@ -90,7 +90,7 @@ class RootRoute:
             insort(self._pending, (time, value, chain), key=lambda item: item[0])
 
     def resolve(self, time: int, until: int) -> None:
-        """Bring waiting poses up to `until` to the recorded space, and what is attached to a frame for `time`."""
+        """Transform pending poses up to `until` [ns] to the recorded space, and an attached static pose at `time`."""
         if self.attached is not None:
             chain, value = self.attached
             self._add_transformed(chain, time, value)
@@ -108,7 +108,7 @@ class RootRoute:
         self._add(time, MISSING if transformed is None else transformed)
 
     def _add(self, time: int, value: PoseTuple) -> None:
-        """Take in a pose in the recorded space, in metres."""
+        """Add a pose in the recorded space, in metres."""
         if abs(value[0]) + abs(value[1]) + abs(value[2]) < VALUE_LIMIT:
             self.samples.add(time, value[0], value[1], value[2])
         self.stream.add(time, value)
@@ -116,7 +116,7 @@ class RootRoute:
     def world_from_root(self, value: PoseTuple) -> PoseTuple:
         """Pose of the root where the tracker has the pose `value` in the recorded space.
 
-        That is world_from_space ∘ space_from_tracker ∘ tracker_from_root; what does nothing changes nothing, to the bit.
+        That is world_from_space ∘ space_from_tracker ∘ tracker_from_root; identity parts change nothing, to the bit.
         """
         return compose(self.space.to_world(value), self.tracker_from_root)
 
@@ -138,7 +138,7 @@ class LengthMismatches:
     longer: int = 0
 
     def add(self, message: JointSample) -> None:
-        """Take in a message."""
+        """Add a message."""
         values, names = len(message.values), len(message.names)
         if values < names:
             self.empty, self.shorter = self.empty + (values == 0), self.shorter + (values > 0)
@@ -166,7 +166,7 @@ class JointRoute:
         *,
         holds_bad_samples: bool,
     ) -> None:
-        """`prismatic` (Q,) says which angles of the scene are lengths."""
+        """`prismatic` (Q,) marks degrees of freedom that are lengths."""
         scale, offsets = np.ones(len(prismatic)), np.full(len(prismatic), NO_OFFSET)
         if source.degrees:
             scale[~prismatic] = np.pi / 180
@@ -207,7 +207,7 @@ class JointRoute:
         self._column_maps: dict[tuple[str, ...], _ColumnMap] = {}
 
     def add(self, time: int, message: JointSample) -> bool:
-        """Take in a message; False if it is of the other side's glove."""
+        """Add a message; False if it is of the other side's glove."""
         if self.input.side and message.side != self.input.side:
             return False
         if len(message.values) != len(message.names):

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class RoutingTable(NamedTuple):
-    """Routes by channel, and what they feed."""
+    """Routes by channel key, and the streams and transforms they feed."""
 
     routes: dict[int, Route]
     roots: list[RootRoute]
@@ -61,7 +61,7 @@ def build_routing_table(source: FrameSource, gap: int) -> RoutingTable:
 
 
 def _route_transforms(source: FrameSource, routing: RoutingTable) -> None:
-    """Routes to the transforms of frames, and what parent a frame has that is watched."""
+    """Route messages to the transform buffer, and set the expected parent of each child frame."""
     for edge, track in routing.tracks.tracks.items():
         for key in source.transforms.tree.link(edge).keys:
             route = routing.routes.setdefault(key, Route())

@@ -32,7 +32,7 @@ def largest_disorder(log_pass: LogPass) -> str:
 
 
 def most_repeated(source: FrameSource, log_pass: LogPass) -> str:
-    """Which topic repeats its times most, and what to do where that loses much of it: the end of a sentence, or ""."""
+    """The topic with the most duplicate times and the remedy, where most of its messages are lost; ends a sentence, or ""."""
     streams = [(r.stream.duplicates, r.input.topic) for r in log_pass.roots]
     streams += [(r.stream.duplicates, r.input.topic) for r in log_pass.joints if r.stream is not None]
     count, topic = max(streams, default=(0, ""))
@@ -45,7 +45,7 @@ def most_repeated(source: FrameSource, log_pass: LogPass) -> str:
 
 
 def length_mismatch_warnings(source: FrameSource, log_pass: LogPass) -> Iterator[Diagnostic]:
-    """Joint messages whose positions are not as many as their names."""
+    """Joint messages with unequal numbers of positions and names."""
     for topic in sorted({route.input.topic for route in log_pass.joints}):
         counts = max(
             (r.length_mismatches for r in log_pass.joints if r.input.topic == topic),

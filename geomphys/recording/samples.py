@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 
 NAN = math.nan
 MISSING = (NAN,) * 7
-"""A pose that the message says is none."""
+"""The value of a pose that the message marks as invalid."""
 
 ContentType = Literal["joints", "glove", "pose", "transform", "transforms", "poses", "named_poses"]
 
@@ -25,7 +25,7 @@ CONTENT_NAMES: dict[ContentType, str] = {
 JOINTS: tuple[ContentType, ...] = ("joints", "glove")
 POSES: tuple[ContentType, ...] = ("pose", "transform", "transforms", "poses", "named_poses")
 PART_PLACEHOLDERS: dict[ContentType, str] = {"transforms": "CHILD_FRAME", "poses": "INDEX", "named_poses": "NAME"}
-"""Messages that hold several poses, and what a source must say behind the topic to follow one, as ``topic#part``."""
+"""Content with several poses -> placeholder of the part to name, as ``topic#part``."""
 
 
 class JointSample(NamedTuple):
@@ -38,7 +38,7 @@ class JointSample(NamedTuple):
 
     @property
     def usable_values(self) -> Sequence[float]:
-        """The values that count: none where there are fewer than names, as nobody knows whose they are.
+        """The values that can be assigned to names: none where there are fewer values than names.
 
         Such messages are valid in ROS (velocities only) and are passed over by its own tools. Of more values than names
         the first ones are those of the names.

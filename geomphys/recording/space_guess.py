@@ -1,7 +1,7 @@
 """Guesses the up axis and the length unit of recorded poses from their extents and speeds.
 
-Nothing in a log of poses says either, so what people do has to: hands and bodies are above the floor, move by decimetres to
-metres, at decimetres a second. A wrong guess is worse than none: what may well be in metres with z up is taken so.
+A log states neither, so typical human motion is the prior: hands and bodies are above the floor, move over decimetres to
+metres, at decimetres per second. A wrong guess is worse than none: what is plausible in metres with z up is taken as such.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ METRES_PER_UNIT: dict[LengthUnit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 """Unit of length -> metres."""
 
 SAMPLES = 1024
-"""Positions of a pose that are kept, at most."""
+"""Maximum number of positions sampled from a pose."""
 PLAUSIBLE_SPEED = 2.0
 """m/s; people's hands and bodies do not go faster on the average."""
 PLAUSIBLE_DISTANCE = 5.0
@@ -31,11 +31,11 @@ PLAUSIBLE_DISTANCE = 5.0
 SUSPICIOUS_DISTANCE = 50.0
 """m; positions further from the origin are suspicious by themselves."""
 MIN_SPEED_SAMPLES = 20
-"""Positions of a pose from which on its speed tells something."""
+"""Least number of positions for a meaningful speed."""
 FLOOR_MARGIN = 0.05
-"""m; what stays this far on one side of 0 is above a floor, what goes this far beyond it is not."""
+"""m; tolerance for positions below the floor at 0."""
 MIN_BODY_HEIGHT = 0.5
-"""m; least height at which the hands and bodies of people who sit or stand are recorded."""
+"""m; least height of hands and bodies of people who sit or stand."""
 
 _PRIORS = {"m": 0.0, "cm": -3.0, "mm": -1.0}
 _Y_UP_WORDS = {"optitrack", "motive", "natnet", "openxr", "unity", "steamvr", "openvr", "oculus", "quest"}
@@ -53,7 +53,7 @@ class PoseExtent(NamedTuple):
 
 
 class SpaceGuess(NamedTuple):
-    """The space of a log. A reason is "" where there is nothing to say: z is up, lengths are metres."""
+    """The space of a log. A reason is "" for the defaults: z up, metres."""
 
     up: Literal["y", "z"] = "z"
     up_reason: str = ""
@@ -64,7 +64,7 @@ class SpaceGuess(NamedTuple):
 
     @property
     def table(self) -> RecordingTable:
-        """What a scene file says of this space, without what is only suggested."""
+        """The `[recording]` table of this space, without uncertain guesses."""
         up = self.up if self.is_up_certain else "z"
         return RecordingTable(up=up, unit=self.unit if self.is_unit_certain else "m")
 
@@ -80,7 +80,7 @@ class MotionSamples:
     _skip: int = 0
 
     def add(self, time: int, x: float, y: float, z: float) -> None:
-        """Take in a position at a time [ns]."""
+        """Add a position at a time [ns]."""
         if self._skip:
             self._skip -= 1
             return
@@ -127,7 +127,7 @@ def guess_space(motions: Sequence[PoseExtent], names: Iterable[str]) -> SpaceGue
 
 
 def _guess_unit(motions: Sequence[PoseExtent]) -> tuple[LengthUnit, str, bool]:
-    """The unit of lengths, what speaks for it, and whether that is beyond doubt."""
+    """The length unit, the reason, and whether it is certain."""
     extent = max(b - a for m in motions for a, b in zip(m.low, m.high, strict=True))
     farthest = max(abs(v) for m in motions for v in (*m.low, *m.high))
     speed = max(m.speed for m in motions)
@@ -161,7 +161,7 @@ def _likelihood(unit: LengthUnit, extent: float, farthest: float, speed: float) 
 
 
 def _guess_up(motions: Sequence[PoseExtent], metres: float, named: set[str]) -> tuple[Literal["y", "z"], str, bool]:
-    """The axis that is up, what speaks for y, and whether that is beyond doubt."""
+    """The up axis, the reason for y, and whether it is certain."""
     low = [metres * min(m.low[i] for m in motions) for i in range(3)]
     high = [metres * max(m.high[i] for m in motions) for i in range(3)]
     system = sorted(named & _Y_UP_WORDS)

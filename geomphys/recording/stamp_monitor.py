@@ -1,9 +1,8 @@
 """Monitors the time stamps of each stream against the log times: restarts, jumps, wrong units, drift.
 
-Stamps are watched stream by stream while the log is read, against each other and against the log times, which go on
-when stamps do not. What would mix or stretch the motion is an error, what may be right is a warning; both tell the
-topic, the size, and that ``--time log`` goes by the log times. Nothing is said of what the log times bear out: slow topics,
-pauses, messages that came late, clocks that do not count from 1970.
+Stamps of each stream are compared with each other and with the log times while the log is read. Errors that would mix or
+stretch the motion raise LogError, plausible anomalies give warnings; both name the topic, the size and the remedy
+(``--time log``). What the log times confirm is not reported: slow topics, pauses, late messages, clocks not counting from 1970.
 """
 
 from __future__ import annotations
@@ -16,13 +15,14 @@ from typing import NamedTuple
 
 from geomphys.errors import LogError
 from geomphys.recording.display_names import printable
-from geomphys.recording.message_times import NEVER, Watermark
+from geomphys.recording.message_times import Watermark
+from geomphys.recording.stamps import NEVER
 
 REMEDY = "--time log goes by when the log received the messages"
 CONFIRMING_MESSAGES = 5
 """Messages in a row that show that a jump back is not a message gone astray."""
 MIN_RATE_MESSAGES = 16
-"""Messages of a stream from which its pace is told while the log is read; at its end `MIN_FINAL_MESSAGES` do."""
+"""Messages of a stream before its rate is judged while reading; at the end of the log `MIN_FINAL_MESSAGES`."""
 MIN_FINAL_MESSAGES = 4
 WRONG_UNIT_RATIO = 100.0
 """Stamps that go this much faster or slower than the log times are in a wrong unit."""
@@ -33,9 +33,9 @@ MIN_FAST_STEP = 3 * 10**8
 MAX_SLOW_STEP = 5 * 10**4
 """ns; only messages that are stamped at most this far apart have stamps that go too slowly."""
 MIN_LOG_STEP = 3 * 10**5
-"""ns; log times closer than this are those of a program that wrote the log later, and tell no pace."""
+"""ns; log times closer than this on average are of a log written after the fact and give no rate."""
 MIN_LOG_SPAN = 10**8
-"""ns of log time that are too short to tell a pace."""
+"""ns; least span of log times for a rate."""
 WARNED_JUMP = 10**9
 """ns; stamps that jump ahead of the log times by more than this, and stay there, are warned of."""
 WARNED_DRIFT = 5 * 10**8
@@ -67,7 +67,7 @@ class StampTrack:
         self.first: list[tuple[int, int]] = []  # the first stamps and their log times
         self.max_stamp, self.max_log_time = Watermark(), Watermark()  # of the stamps and of the log times
         self.previous = (NEVER, 0)
-        self.messages_behind = self.messages_ahead = 0  # messages behind what was reached, and in a row that are not
+        self.messages_behind = self.messages_ahead = 0  # messages before the largest stamp; in a row after it
         self.backward_jump: StampStep | None = None  # where the stamps last went back
         self.largest_jump = StampStep(0, 0, 0, 0)  # the largest step ahead, and its excess
         self.max_excess = 0
@@ -75,7 +75,7 @@ class StampTrack:
         self.first_offset = 0.0
 
     def add(self, stamp: int, log_time: int, delay: int) -> bool:
-        """Take in a message; True if the stamps have started over: gone back by more than `delay`, and stayed there."""
+        """Add a message; True if the stamps have started over: gone back by more than `delay`, and stayed there."""
         before, before_log = self.previous
         self.previous = stamp, log_time
         self.count += 1
@@ -124,7 +124,7 @@ class StampTrack:
 
     @property
     def is_clock_jump(self) -> bool:
-        """Whether the largest step ahead was one of the clock: for good, and not borne out by the pace of the others."""
+        """Whether the largest step ahead is a clock jump: permanent, and not explained by the rate of the other steps."""
         span, log_span = self.spans
         messages_ahead, log_step = (
             self.largest_jump.after - self.largest_jump.before,
@@ -151,7 +151,7 @@ class StampMonitor:
         self.start = NEVER  # log time of the first message
 
     def add(self, topic: str, part: str, stamp: int, log_time: int) -> None:
-        """Take in a message; raises LogError where the stamps start over or cannot be times of this log."""
+        """Add a message; raises LogError where the stamps start over or cannot be times of this log."""
         if self.start == NEVER:
             self.start = log_time
         key = topic, part
@@ -175,7 +175,7 @@ class StampMonitor:
                 raise LogError(self._wrong_rate_message(key, track))
 
     def warnings(self, clock: tuple[str, str] | None) -> Iterator[str]:
-        """Lines on stamps that may be right: steps ahead, another pace, and drift against the topic of the `clock`."""
+        """Warnings on plausible stamps: steps ahead, another rate, drift against the topic of the `clock`."""
         reported = set[str]()
         clock_track = next(
             (t for (topic, part), t in self.tracks.items() if clock in ((topic, part), (topic, ""))), None

@@ -1,7 +1,7 @@
 """Reads the beginning of a log for what must be known before the first frame: first values, constant streams, unset stamps.
 
-The log is read from its beginning until all of it is known, which is a second or two of it as a rule. Only a name that
-never comes, or comes once, takes the whole log; messages in which it does not occur are then not decoded.
+The log is read from its beginning until all of it is known, usually within a second or two. Only a name that never occurs,
+or occurs once, needs the whole log; messages without it are then not decoded.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ from geomphys.recording.display_names import add_names
 from geomphys.recording.input_plan import Plan
 from geomphys.recording.message_layouts import PoseLayout
 from geomphys.recording.message_times import EARLY_CLOCK, MessageTimes
+from geomphys.recording.pose_tuples import PoseTuple
 from geomphys.recording.reader import LogChannel, LogReader, RawMessage
-from geomphys.recording.streams import VALUE_LIMIT, PoseTuple, validated_pose
+from geomphys.recording.streams import VALUE_LIMIT, validated_pose
 
-OFFSET_MESSAGES = 8  # messages of a channel whose stamps are compared with their log times
+OFFSET_MESSAGES = 8  # messages of a channel whose stamp offsets are recorded
 MAX_FRAME_IDS = 64  # frame ids of a stream that are noted
 MAX_ZERO_STAMPS = 1024  # messages with a stamp of zero after which a channel counts as not stamped
 MAX_ZERO_STAMP_BYTES = 16 * 2**20  # or bytes of such messages
@@ -34,12 +35,12 @@ class StreamInfo:
 
     first_time: int = 0  # of the earliest good sample
     value: PoseTuple | None = None  # the earliest good sample
-    time: int | None = None  # of the first sample met, good or bad
+    time: int | None = None  # of the first sample, good or bad
     varies: bool = False  # whether it has samples of more than one time
     frame: str = ""  # frame id of the earliest good sample
 
     def add(self, time: int, value: PoseTuple | None, frame: str = "") -> None:
-        """Take in a sample; None is a bad one."""
+        """Add a sample; None is a bad one."""
         if self.time is None:
             self.time = time
         elif time != self.time:
@@ -57,34 +58,34 @@ class StampOffset(NamedTuple):
 
 @dataclass
 class Prescan:
-    """What was learnt. Streams are keyed by topic and name: child frame, joint as recorded, or ""."""
+    """The result of the prescan. Streams are keyed by topic and name: child frame, joint as recorded, or ""."""
 
     streams: dict[tuple[str, str], StreamInfo] = field(default_factory=dict)
-    names: dict[str, set[str]] = field(default_factory=dict)  # topic -> joints and frames met
+    names: dict[str, set[str]] = field(default_factory=dict)  # topic -> joint and frame names
     frame_ids: dict[tuple[str, str], dict[str, None]] = field(
         default_factory=dict
     )  # stream -> frame ids it is given in
     readers: dict[int, Callable[[bytes], Content]] = field(default_factory=dict)
-    sides: dict[str, set[str]] = field(default_factory=dict)  # topic -> sides of gloves met
+    sides: dict[str, set[str]] = field(default_factory=dict)  # topic -> sides of gloves
     stamp_offsets: dict[tuple[str, str], list[StampOffset]] = field(
         default_factory=dict
     )  # topic, child -> of its first messages
     implied_children: dict[str, str] = field(
         default_factory=dict
     )  # topic followed without a child frame -> the first it names
-    unreadable: dict[str, str] = field(default_factory=dict)  # topic -> what is wrong with the first bad message
+    unreadable: dict[str, str] = field(default_factory=dict)  # topic -> error of its first bad message
     warnings: list[str] = field(default_factory=list)
 
 
 @dataclass
 class _ChannelProbe:
-    """What is still to be learnt from a channel."""
+    """The state of the prescan of one channel."""
 
     channel: LogChannel
-    awaited: dict[str, bytes]  # names and how they look in a message
-    zero_stamps_resolved: bool  # whether it is known what a stamp of zero means on it
+    awaited: dict[str, bytes]  # names -> bytes to search for in a message
+    zero_stamps_resolved: bool  # whether the meaning of a zero stamp is known
     is_child_implied: bool = False  # whether it is followed without naming the child frame
-    timed_children: frozenset[str] = frozenset()  # children whose times are noted
+    timed_children: frozenset[str] = frozenset()  # children whose stamp offsets are recorded
     messages_read: int = 0
     bytes: int = 0  # of the messages that wait
     latest: int = -(2**62)
@@ -158,13 +159,13 @@ def joint_key(name: str, side: str) -> str:
 
 
 def _is_informative(probe: _ChannelProbe, prescan: Prescan, raw: RawMessage) -> bool:
-    """Whether a message can tell anything new: only then it is decoded."""
+    """Whether a message may hold anything new; only then it is decoded."""
     if probe.messages_read <= OFFSET_MESSAGES or not probe.zero_stamps_resolved:
         return True
     topic = probe.channel.topic
     incomplete = [n for n in probe.awaited if not _is_complete(prescan.streams.get((topic, n)))]
     if not incomplete:
-        return True  # all are known but for what may still come late
+        return True  # all known; earlier samples may still arrive late
     ascii_only = probe.channel.encoding != "json" or all(n.isascii() for n in incomplete)
     return not ascii_only or any(probe.awaited[n] in raw.data for n in incomplete)
 
@@ -174,7 +175,7 @@ def _is_complete(facts: StreamInfo | None) -> bool:
 
 
 def _is_channel_complete(probe: _ChannelProbe, prescan: Prescan, delay: int) -> bool:
-    """Whether a channel has told all."""
+    """Whether everything about a channel is known."""
     if probe.messages_read < 2:
         return False
     for name in probe.awaited:
@@ -218,7 +219,7 @@ def _decode_resolved(
 
 
 def _record(probe: _ChannelProbe, prescan: Prescan, times: MessageTimes, raw: RawMessage, content: Content) -> None:
-    """Note what a message tells."""
+    """Record the content of a message."""
     key, topic = raw.key, probe.channel.topic
     names = prescan.names.setdefault(topic, set())
     items: list[tuple[int, str, PoseTuple | None, str]] = []

@@ -1,16 +1,16 @@
 """Streams of pose and joint samples, resampled at frame times: interpolated over short gaps, held over long ones.
 
-A stream takes samples in any order and is asked for frames in order of time. It keeps what lies ahead of the last
-frame, and of what lies behind only the last good value, so its memory does not grow with the log.
+A stream accepts samples in any order and is sampled at frames in order of time. It stores samples after the last frame
+and the last good value, so its memory does not grow with the log.
 
-The rules, for a frame at t between the good samples a (at or before t) and b (the next one):
+Rules for a frame at t between the good samples a (at or before t) and b (the next one):
 
-- a stands at t: the value of a, to the bit;
-- b - a <= max_gap: interpolated, v = a + w (b - a) with w = (t - a) / (b - a); rotations by slerp and angles of joints
-  that go all the way round (`JointStream.whole`), both the short way round;
+- a is at t: the value of a, to the bit;
+- b - a <= max_gap: interpolated, v = a + w (b - a) with w = (t - a) / (b - a); rotations by slerp, and angles of continuous
+  joints (`JointStream.wraps`) the short way round;
 - otherwise, or without a b: the value of a, and the frame is held;
 - without an a: the value of b, and the frame is held and *before the first*;
-- a stream that keeps the clock and has only a bad sample at t: the value of a, held.
+- the frame clock's own stream with only a bad sample at t (`holds_bad_samples`): the value of a, held.
 
 Of samples at the same time the first good one counts. A constant stream (a single sample in the whole log, or static
 transforms) has the value of the last sample at or before t, else of the first, and is never held.
@@ -25,14 +25,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-PoseTuple = tuple[float, ...]
+from geomphys.recording.pose_tuples import PoseTuple
+from geomphys.recording.stamps import NEVER
 
-NEVER = -(2**62)
+Floats = NDArray[np.float64]
+
 QUATERNION_TOLERANCE = 1e-2
-"""A quaternion whose norm is further than this from 1 is a bad sample."""
+"""A quaternion whose norm differs from 1 by more is a bad sample."""
 UNIT_NORM_TOLERANCE = 1e-9
-"""A quaternion whose norm is at most this far from 1 is kept as it is, to the bit; beyond it is normalised."""
+"""A quaternion whose norm differs from 1 by no more is unchanged to the bit; otherwise it is normalised."""
 VALUE_LIMIT = 1e9
 """A coordinate or angle beyond this (m or rad) is a bad sample: its square would not be a length any more."""
 
@@ -109,14 +110,14 @@ class PoseStream:
         self.last_time = NEVER  # of the last good sample at or before the last frame
         self.last: PoseTuple | None = None
         self.bad_time = NEVER  # of the last bad sample at or before the last frame
-        self.first: PoseTuple | None = None  # stands in before the first sample, if known
+        self.first: PoseTuple | None = None  # value before the first sample, if known
         self.frame_time = NEVER
         self.bad = self.duplicates = self.gaps = self.held_frames = 0
         self.longest_gap = Gap()
         self.first_sample_time = NEVER  # time of the first good sample passed
 
     def add(self, time: int, value: PoseTuple) -> None:
-        """Take in a sample of any time."""
+        """Add a sample of any time."""
         good = validated_pose(value)
         if good is None:
             self.bad += 1
@@ -151,7 +152,7 @@ class PoseStream:
         self.last_time, self.last = time, value
 
     def advance(self, time: int) -> None:
-        """Forget what lies before a time that no frame before it will be asked for."""
+        """Discard samples up to a time [ns]; no earlier frame may be asked for afterwards."""
         self.frame_time = time
         passed = 0
         for when in self.times:
@@ -205,7 +206,7 @@ class JointStream:
         holds_bad_samples: bool = False,
         wraps: NDArray[np.bool_] | None = None,
     ) -> None:
-        """`wraps` (m,): angles of joints that go all the way round, rad; such are interpolated the short way round."""
+        """`wraps` (m,): continuous joints, whose angles [rad] are interpolated the short way round the circle."""
         self.max_gap, self.holds_bad_samples = max_gap, holds_bad_samples
         self.constant = np.full(joints, constant)
         self.wraps = np.zeros(joints, dtype=bool) if wraps is None else wraps
@@ -229,7 +230,7 @@ class JointStream:
         self.duplicates = 0
 
     def add(self, time: int, row: Floats, bad: NDArray[np.bool_] | None = None) -> None:
-        """Take in a sample of any time: `row` (m,) with NaN where a joint is missing, `bad` (m,) where it is bad."""
+        """Add a sample of any time: `row` (m,) with NaN where a joint is missing, `bad` (m,) where it is bad."""
         if bad is not None:
             self.bad_samples += bad
         if time <= self.frame_time:
@@ -246,7 +247,7 @@ class JointStream:
         self.bad_masks.insert(at, bad)
 
     def _merge(self, at: int, row: Floats, bad: NDArray[np.bool_] | None) -> None:
-        """Take in a second sample of the same time: it only fills what the first one lacks."""
+        """Merge a second sample of the same time: it only fills joints that the first lacks."""
         old = self.rows[at]
         missing = np.isnan(old)
         present = ~np.isnan(row)
@@ -260,7 +261,7 @@ class JointStream:
             self.bad_masks[at] = np.logical_or.reduce(both) & np.isnan(merged)
 
     def _add_late(self, time: int, row: Floats) -> None:
-        """Take in a sample from before the last frame: it can only be what is held from now on."""
+        """Add a sample from before the last frame: it can only become the last good value."""
         present = ~np.isnan(row)
         newer = present & (time > self.last_time)
         if (present & (time == self.last_time)).any():
@@ -272,7 +273,7 @@ class JointStream:
             self.row_full = False
 
     def _move_past(self, k: int) -> None:
-        """Move past row k of what lies ahead."""
+        """Make row k the last sample."""
         time, row = self.times[k], self.rows[k]
         if self.full[k]:
             if self.row_full:
@@ -302,7 +303,7 @@ class JointStream:
         self.longest_gap[longer], self.longest_gap_start[longer] = gap[longer], self.last_time[longer]
 
     def advance(self, time: int) -> None:
-        """Forget what lies before a time that no frame before it will be asked for."""
+        """Discard samples up to a time [ns]; no earlier frame may be asked for afterwards."""
         self.frame_time = time
         passed = 0
         for when in self.times:

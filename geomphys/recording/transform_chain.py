@@ -1,6 +1,6 @@
 """Buffers transforms over time and composes chains of them, from a frame of reference to the recorded space (like tf2).
 
-The rules are those of streams, but for a frame that has not moved: it is known for all times, however seldom it is told.
+Interpolation follows the rules of streams, except that a frame that has not moved is known at all times.
 What is static has the value of the last transform at or before a time, else of the first.
 """
 
@@ -21,14 +21,14 @@ class TransformTrack:
     """The pose of a frame in its parent over time. Times are ns; positions are in metres."""
 
     def __init__(self, max_gap: int, *, static: bool, first: PoseTuple | None = None) -> None:
-        """`first` stands in for a static one until a message comes."""
+        """`first` is the value of a static transform until a message comes."""
         self.max_gap, self.static, self.first = max_gap, static, first
         self.moved = False
         self.times: list[int] = []
         self.values: list[PoseTuple] = []  # good ones
 
     def add(self, time: int, value: PoseTuple) -> None:
-        """Take in a transform of any time; one that is not good counts as none, and of one time the first counts."""
+        """Add a transform of any time; one that is not good counts as none, and of one time the first counts."""
         good = validated_pose(value)
         if good is None:
             return
@@ -40,7 +40,7 @@ class TransformTrack:
         self.values.insert(at, good)
 
     def discard_before(self, time: int) -> None:
-        """Forget what is only needed for times before this one."""
+        """Discard transforms that are only needed before this time [ns]."""
         expired = bisect_right(self.times, time) - 1
         if expired > 0:
             del self.times[:expired], self.values[:expired]
@@ -67,21 +67,21 @@ class TransformTrack:
 
 @dataclass(frozen=True)
 class ChainLink:
-    """A frame on the way to the recorded space; `inverse`: the way leads from the parent to the child."""
+    """A transform on the path to the recorded space; `inverse`: from the parent to the child."""
 
     track: TransformTrack
     inverse: bool
 
 
 class TransformChain:
-    """The way from a frame to the recorded space."""
+    """The chain of transforms from a frame to the recorded space."""
 
     def __init__(self, links: tuple[ChainLink, ...]) -> None:
         self.links = links
         self.moving = not all(link.track.static for link in links)
 
     def at(self, time: int) -> PoseTuple | None:
-        """space_from_frame at a time; None where a transform of the way is not known."""
+        """space_from_frame at a time; None where a transform of the chain is not known."""
         result = IDENTITY
         for track, inverse in ((link.track, link.inverse) for link in self.links):
             value = track.at(time)
@@ -92,7 +92,7 @@ class TransformChain:
 
 
 class TransformBuffer:
-    """Transforms of all the frames on the ways of a plan, in metres."""
+    """Transforms over time of all edges of a plan, in metres."""
 
     def __init__(self, plan: TransformPlan, space: RecordedSpace, max_gap: int) -> None:
         self.plan, self.space, self.max_gap = plan, space, max_gap
@@ -106,7 +106,7 @@ class TransformBuffer:
         return not all(track.static for track in self.tracks.values())
 
     def chain(self, topic: str, frame: str) -> TransformChain | None:
-        """Way to the recorded space from a frame of a topic's poses; None where it is that space.
+        """Chain to the recorded space from a frame of a topic's poses; None where it is that space.
 
         Raises LogError if there is none.
         """
@@ -119,7 +119,7 @@ class TransformBuffer:
         return TransformChain(tuple(ChainLink(self._track(s.edge), s.inverse) for s in path)) if path else None
 
     def discard_before(self, time: int) -> None:
-        """Forget what is only needed for times before this one."""
+        """Discard transforms that are only needed before this time [ns]."""
         for track in self.tracks.values():
             track.discard_before(time)
 

@@ -23,7 +23,7 @@ from geomphys.recording.transform_tree import (
 
 @dataclass(frozen=True)
 class TransformUse:
-    """A topic's poses, the frame they are given in, and what brings them to the recorded space."""
+    """Poses of a topic in another frame than the recorded space, and the topics that transform them."""
 
     topic: str  # `topic` or `topic#child`
     frame: str
@@ -38,7 +38,7 @@ class TransformUse:
 
 @dataclass(frozen=True)
 class TransformPlan:
-    """Which frames are the recorded space, and the ways from others to it. Names are without leading slash."""
+    """The frames that are the recorded space, and the paths from other frames to it. Frame ids have no leading slash."""
 
     path: str
     spaces: tuple[str, ...] = ()  # frame ids of the recorded space; empty where no pose names one
@@ -58,7 +58,7 @@ class TransformPlan:
 
     @property
     def edges(self) -> set[Edge]:
-        """Edges of all ways."""
+        """Edges of all paths."""
         return {step.edge for steps in self.steps_by_frame.values() for step in steps}
 
     @property
@@ -68,12 +68,12 @@ class TransformPlan:
 
 
 def plan_transforms(reader: LogReader, plan: Plan, prescan: Prescan, spaces: Sequence[str]) -> TransformPlan:
-    """Find the recorded space and the ways to it.
+    """Find the recorded space and the transform paths to it.
 
     Parameters
     ----------
     reader, plan, known
-        The log, what feeds what, and what was learnt of the poses: the frames they name.
+        The log, the inputs, and the result of the prescan: the frames that poses name.
     spaces
         The frame ids that `[recording] frame` names; none: the root of the log's tree, where a pose is given in it (of
         several trees, that of the first pose in one), else the first frame that a pose names.
@@ -111,7 +111,7 @@ def _named(plan: Plan, prescan: Prescan) -> Iterator[tuple[PoseInput, str]]:
 
 
 def _default_space(path: str, tree: TransformTree, named: Sequence[tuple[PoseInput, str]]) -> str:
-    """Root of the tree that the first pose in a tree hangs in; without one, the first frame that is named."""
+    """Root of the tree of the first pose whose frame is in a tree; otherwise the first frame named."""
     found = next(((pose, frame) for pose, frame in named if frame in tree.frames), None)
     if found is None:
         return named[0][1]
@@ -126,7 +126,7 @@ def _default_space(path: str, tree: TransformTree, named: Sequence[tuple[PoseInp
 def _build_plan(
     path: str, tree: TransformTree, spaces: tuple[str, ...], named: Sequence[tuple[PoseInput, str]]
 ) -> TransformPlan:
-    """The plan with the ways from all the frames that poses name."""
+    """The plan with the paths from all frames that poses name."""
     frames = TransformPlan(path, spaces, tree)
     uses = []
     for pose, frame in named:

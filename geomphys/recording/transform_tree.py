@@ -28,7 +28,7 @@ TRANSFORM_TYPES = (
 )
 """Messages that make up the tree. A pose of something is in a frame too, but no other pose is given in that something."""
 TREE_SCAN_NS = 10 * 10**9
-"""ns of a log that are read for its tree; more only where a frame is looked for that has not come yet."""
+"""ns of a log that are read for its tree; more only if a required frame has not occurred by then."""
 MAX_FRAMES = 10_000
 """frames of a log's tree"""
 
@@ -41,7 +41,7 @@ class Edge(NamedTuple):
 
 
 class PathStep(NamedTuple):
-    """An edge on the way from one frame to another; `inverse`: from the parent to the child."""
+    """An edge on the path from one frame to another; `inverse`: from the parent to the child."""
 
     edge: Edge
     inverse: bool
@@ -68,7 +68,7 @@ class TransformTree:
     parents: dict[str, dict[str, Link]] = field(default_factory=dict)  # child -> parent -> link
 
     def add(self, parent: str, child: str, channel: LogChannel, value: PoseTuple) -> None:
-        """Take in a transform."""
+        """Add a transform."""
         if not parent or not child or parent == child or len(self.parents) >= MAX_FRAMES:
             return
         link = self.parents.setdefault(child, {}).setdefault(parent, Link())
@@ -106,9 +106,9 @@ class TransformTree:
         return found[0][0] if found else None
 
     def path_to_root(self, frame: str, scan_end: str) -> list[Edge]:
-        """Edges from a frame to another that it hangs on, or else to its root.
+        """Edges from a frame up to an ancestor, or to its root.
 
-        Raises FrameError if a frame on the way has two parents, or if they go round in a circle.
+        Raises FrameError if a frame on the path has two parents, or if the path is a cycle.
         """
         edges: list[Edge] = []
         while frame != scan_end and (parent := self.parent_of(frame)) is not None:
@@ -156,7 +156,7 @@ def is_transform_channel(channel: LogChannel) -> bool:
 
 
 def read_transform_trees(reader: LogReader, names: Iterable[str]) -> Iterator[TransformTree]:
-    """Read a log's tree; `names` are frames that are looked for.
+    """Read a log's tree; `names` are required frames.
 
     Yields what the first `TREE_SCAN_NS` ns of the log and the first message of every topic tell, with what speaks of the
     names, which may come at any time; then, if asked for more, what the whole log tells.
@@ -192,7 +192,7 @@ def _add_message(tree: TransformTree, channel: LogChannel, read: Callable[[bytes
 
 
 def _reader(channel: LogChannel) -> Callable[[bytes], Content] | None:
-    """Make the function that reads a channel; None where its schema cannot be read, of which its followers are told."""
+    """Make the reader of a channel; None where its schema cannot be read (reported for the inputs that use it)."""
     kind = kind_of(channel)
     try:
         return None if kind is None else make_message_reader(channel, kind)

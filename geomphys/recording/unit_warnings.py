@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from geomphys.recording.frames import FrameSource, LogPass
     from geomphys.recording.routes import JointRoute
 
-MAX_NAMES = 8  # names told in a warning
+MAX_NAMES = 8  # names listed in a warning
 MIN_EXTENT = 0.02  # m; a recording that stays closer to its origin was read in too small a unit
 UNIT_NAMES = {"m": "metres", "cm": "centimetres", "mm": "millimetres"}
 
@@ -56,7 +56,7 @@ def angle_warnings(source: FrameSource, log_pass: LogPass) -> Iterator[str]:
 
 
 def space_warnings(source: FrameSource, log_pass: LogPass) -> Iterator[str]:
-    """One line each if the space of the poses looks like another one than the scene says, by `guess_space`."""
+    """Warnings if the up axis or unit of the poses differs from the scene's, by `guess_space`."""
     table = source.world.file.recording
     stated = table.model_fields_set
     motions = [m for r in log_pass.roots if (m := r.samples.motion()) is not None]
@@ -93,7 +93,7 @@ def _is_glove(route: JointRoute) -> bool:
 def _angle_ranges(
     source: FrameSource, log_pass: LogPass, route: JointRoute
 ) -> tuple[dict[str, tuple[float, float]], dict[str, tuple[float, float]]]:
-    """Angles [rad] that joints that turn had, and their limits; of objects without limits a wheel may turn for ever."""
+    """Ranges [rad] of revolute joints, and their limits; of objects only joints with limits."""
     world = source.world
     driven = world.scene.trees.role[route.input.source.tree] == DRIVEN
     ranges, limits = {}, {}
