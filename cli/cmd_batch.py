@@ -147,7 +147,7 @@ def batch(
 
 
 def _exit_code(terminal: Terminal, report: BatchReport, limit_mm: float | None) -> int:
-    """Return the exit code, and say on stderr why it is not 0."""
+    """Return the exit code; reports the reason on stderr if it is not 0."""
     not_done = len(report.entries) - report.count("done")
     if not_done:
         terminal.error(f"{not_done} of {counted(len(report.entries), 'log')} not done; {report.manifest} tells why")
@@ -164,12 +164,12 @@ def _exit_code(terminal: Terminal, report: BatchReport, limit_mm: float | None) 
 
 
 def _residual_mm(entry: Entry) -> float:
-    """Return the overlap that remains in a log."""
+    """Return the largest residual overlap of a log, mm."""
     return MM * float((entry.metrics or {}).get("residual_penetration_max_m", 0.0))
 
 
 def _show(terminal: Terminal, report: BatchReport) -> None:
-    """Print a line a log, and the sums."""
+    """Print one line per log, and the totals."""
     from rich.text import Text
 
     from .terminal import printable, table_in
@@ -193,7 +193,7 @@ def _figures(entry: Entry) -> list[str]:
 
 
 def _sums(report: BatchReport) -> Iterator[str]:
-    """Yield how many logs came to what."""
+    """Yield the number of logs of each status."""
     yield f"{counted(len(report.entries), 'log')}: {report.count('done')} done"
     if report.up_to_date:
         yield f"{len(report.up_to_date)} of them before"

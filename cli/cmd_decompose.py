@@ -78,7 +78,7 @@ def decompose(path: Path, out: Path | None, threshold: float | None, seed: int, 
 
 
 def _show(terminal: Terminal, meshes: tuple[DecomposedMesh, ...]) -> None:
-    """Print a line a mesh."""
+    """Print one line per mesh."""
     from rich.table import Table
 
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")

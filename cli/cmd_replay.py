@@ -28,7 +28,7 @@ EXIT_THRESHOLD = 4
 MM = 1000.0
 
 COMPILE_SECONDS = 30
-"""About how long the compiler takes, on a machine of 2024 with two cores."""
+"""s; approximate compile time on two cores of 2024."""
 
 
 @command(
@@ -62,7 +62,7 @@ def replay(
     as_json: bool,
     **options: Any,
 ) -> int:
-    """Replay LOG (an MCAP file or a ROS 2 bag folder) in a scene; print what it came to.
+    """Replay LOG (an MCAP file or a ROS 2 bag folder) in a scene and print a summary.
 
     Bodies that were recorded inside something are moved out of it; where nothing touches, the motion stays as it was
     recorded, bit for bit.
@@ -74,7 +74,7 @@ def replay(
     check_output(rrd, force=force, inputs=(log, scene), not_as=".mcap")
     config = config_of(options)
 
-    os.environ.setdefault("RUST_LOG", "off")  # what the rerun SDK writes to stderr by itself comes as an error too
+    os.environ.setdefault("RUST_LOG", "off")  # the rerun SDK's own messages are raised as errors anyway
 
     import geomphys
     from geomphys.jit.kernel import are_compiled, cache_folder
@@ -87,7 +87,7 @@ def replay(
 
         def compiling(done: int, known: int) -> None:
             nonlocal was_reported
-            if not was_reported:  # not before: what is wrong with the inputs is said alone
+            if not was_reported:  # not earlier: errors of the inputs are reported alone
                 terminal.note(f"Compiling the kernels, once per machine and version (about {COMPILE_SECONDS} s)…")
                 was_reported = True
             bars.show("kernels", done, known, unit="jobs")

@@ -12,7 +12,7 @@ import click
 from .terminal import Terminal
 
 SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
-"""How every help is asked for and laid out."""
+"""Settings of the help of all commands."""
 
 
 class Command(click.Command):
@@ -52,7 +52,7 @@ def command(name: str, *, examples: str, **settings: Any) -> Callable[[Callable[
 
 
 def terminal_of(ctx: click.Context) -> Terminal:
-    """Return the terminal of this call of the program, made on first use."""
+    """Return the terminal of this invocation, created on first use."""
     root = ctx.find_root()
     if root.obj is None:
         root.obj = Terminal()
@@ -92,7 +92,7 @@ class Stopped(BaseException):
 
 
 class StopAtFrame:
-    """While it is entered, SIGINT and SIGTERM stop the work at the end of the frame it is in.
+    """Context in which SIGINT and SIGTERM stop the work at the end of the current frame.
 
     Call `at_frame` after every frame: it raises `Stopped` if a signal came. Before the first frame, and at a second
     signal, `Stopped` is raised at once.
@@ -104,7 +104,7 @@ class StopAtFrame:
         self._previous_handlers: dict[int, Any] = {}
 
     def __enter__(self) -> StopAtFrame:
-        """Take the signals over."""
+        """Install the signal handlers."""
         for signum in (signal.SIGINT, signal.SIGTERM):
             self._previous_handlers[signum] = signal.signal(signum, self._receive)
         return self
@@ -112,18 +112,18 @@ class StopAtFrame:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Give the signals back."""
+        """Restore the previous signal handlers."""
         for signum, handler in self._previous_handlers.items():
             signal.signal(signum, handler)
 
     def at_frame(self) -> None:
-        """Stop here if a signal came."""
+        """Raise `Stopped` if a signal was received."""
         self._in_frames = True
         if self._pending is not None:
             raise Stopped(self._pending)
 
     def _receive(self, signum: int, frame: FrameType | None) -> None:
-        """Take note of a signal."""
+        """Handle a signal."""
         if self._pending is not None or not self._in_frames:
             raise Stopped(signum)
         self._pending = signum

@@ -16,13 +16,13 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 class PathOrUrl(click.Path):
-    """A local path, or a URL: one that is read must exist, as `click.Path` demands of paths."""
+    """Parameter type of a local path or URL; inputs must exist, as with `click.Path`."""
 
     unchecked_suffix: str | None = None
-    """Ending of URLs that are not looked for."""
+    """Suffix of URLs whose existence is not checked."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return what stands for the path or URL; wrong usage where it is not there."""
+        """Return the path or URL as a path object; usage error where it does not exist."""
         if "://" not in str(value):
             return super().convert(value, param, ctx)
         from geomphys.errors import InputError
@@ -49,7 +49,7 @@ class PathOrUrl(click.Path):
 
 INPUT = PathOrUrl(exists=True, readable=True, path_type=Path)
 INPUTS = PathOrUrl(exists=True, readable=True, path_type=Path)
-INPUTS.unchecked_suffix = ".mcap"  # of many logs one that is missing stops none
+INPUTS.unchecked_suffix = ".mcap"  # a missing log does not stop a batch
 INPUT_FILE = PathOrUrl(exists=True, dir_okay=False, readable=True, path_type=Path)
 LOCAL_FILE = click.Path(exists=True, dir_okay=False, readable=True, path_type=Path)
 OUTPUT_FILE = PathOrUrl(dir_okay=False, path_type=Path)
@@ -69,7 +69,7 @@ def _combine_options(*options: Callable[[Any], Any]) -> Callable[[F], F]:
 
 
 class _RequiredOption(click.Option):
-    """A required option; where it is missing, the error tells how to come by it."""
+    """A required option with its own message where it is missing."""
 
     def __init__(self, *args: Any, missing_message: str, **settings: Any) -> None:
         super().__init__(*args, required=True, **settings)
@@ -151,7 +151,7 @@ written_options = _combine_options(
         help="End with exit code 4 if more than this overlap (mm) remains in any frame.",
     ),
 )
-"""The options on what is written and when it counts as good."""
+"""Options of outputs, and of the overlap at which a replay fails."""
 
 
 def config_of(options: dict[str, Any]) -> Config:
@@ -184,7 +184,7 @@ def check_output(path: Path | None, *, force: bool, inputs: tuple[Path, ...] = (
 
 @contextmanager
 def note_partial_outputs(*outputs: Path | None) -> Iterator[None]:
-    """Add to an error that ends the block where the finished part of an output is, if one was left."""
+    """Add a note with the path of a partial output, if one was left, to an error raised in the block."""
     partial_paths = [path.with_name(f"{path.stem}.partial{path.suffix}") for path in outputs if path is not None]
     states_before = [_state(path) for path in partial_paths]
     try:
@@ -197,7 +197,7 @@ def note_partial_outputs(*outputs: Path | None) -> Iterator[None]:
 
 
 def _state(path: Path) -> tuple[int, int, int] | None:
-    """Return what changes when a file is replaced; None if there is none."""
+    """Return inode, size and time of a file; None if it does not exist."""
     try:
         status = path.stat()
     except FileNotFoundError:

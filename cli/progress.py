@@ -12,16 +12,16 @@ if TYPE_CHECKING:
     from .terminal import Terminal
 
 REDRAW_INTERVAL = 16
-"""Frames between two looks at the bar: drawing must cost nothing beside the work."""
+"""Frames between two updates of the bar."""
 NOTICE_DELAY = 1.0
-"""s after which it is said what is being done where there is no bar"""
+"""s; without a terminal, a notice is printed after this time."""
 
 
 class Report(Protocol):
-    """What a library call tells of its progress: frames done, and how many there will be if that is known."""
+    """Progress callback of library calls: frames done, and their total if known."""
 
     def __call__(self, done: int, total: int | None, /) -> None:
-        """Take the figures."""
+        """Report the counts."""
 
 
 @contextmanager
@@ -36,18 +36,18 @@ def progress_bar(
     from rich.text import Text
 
     class Speed(ProgressColumn):
-        """Units a second."""
+        """Units per second."""
 
         def render(self, task: Task) -> Text:
-            """Return the speed, or nothing while it is not known."""
+            """Return the speed, empty while unknown."""
             speed = task.finished_speed or task.speed
             return Text("" if speed is None else f"{speed:,.0f} {unit}/s", style="cyan")
 
     class Done(ProgressColumn):
-        """How many of how many."""
+        """Count and total."""
 
         def render(self, task: Task) -> Text:
-            """Return the count; without a total only what is done."""
+            """Return the count, and the total if known."""
             if not task.completed:
                 return Text("")
             total = "" if task.total is None else f"/{task.total:,.0f}"
@@ -73,7 +73,7 @@ def progress_bar(
 
 
 class ProgressBars:
-    """One bar after the other, as the work goes on; a context manager that takes the last one away."""
+    """Successive progress bars; a context manager that removes the last one."""
 
     def __init__(self, terminal: Terminal) -> None:
         self._terminal = terminal
@@ -82,17 +82,17 @@ class ProgressBars:
         self._report: Report | None = None
 
     def __enter__(self) -> ProgressBars:
-        """Show nothing yet."""
+        """Enter without a bar."""
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         self._shown.close()
 
     def show(
         self, title: str, done: int, total: int | None, unit: str = "frames", redraw_interval: int = REDRAW_INTERVAL
     ) -> None:
-        """Move the bar of this title; it takes the place of the one before."""
+        """Update the bar of this title, which replaces the previous one."""
         if self._report is None or title != self._title:
             self._shown.close()
             self._title, self._report = (
@@ -103,7 +103,7 @@ class ProgressBars:
 
 
 def meshes_report(terminal: Terminal, bars: ProgressBars) -> Callable[[str, float], None]:
-    """Return the callback that shows how far the meshes of a scene are cut.
+    """Return the callback that shows the progress of mesh decomposition.
 
     On a terminal it moves a bar that names the mesh; elsewhere it writes one line if that takes longer than `NOTICE_DELAY`.
     """

@@ -61,7 +61,7 @@ def as_markdown(sheet: Sheet) -> list[str]:
 
 
 def machine_facts(report: Report) -> list[tuple[str, list[str]]]:
-    """Return what it ran on, and what compiling cost."""
+    """Return the machine, versions and compile times."""
     machine = report.machine
     versions = ", ".join(f"{name} {version}" for name, version in machine.versions.items())
     load = f"load {machine.load[0]:.1f}"

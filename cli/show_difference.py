@@ -25,7 +25,7 @@ DEGREES = 57.29577951308232
 
 
 def show_difference(terminal: Terminal, difference: OutputDifference) -> None:
-    """Print the verdict, a table of what differs, and what the two were made from."""
+    """Print the verdict, the parameters that differ, and a table per channel with differences."""
     from rich.text import Text
 
     frames = difference.frames
@@ -59,20 +59,20 @@ def show_difference(terminal: Terminal, difference: OutputDifference) -> None:
 
 
 def _has_no_differences(channel: ChannelDifference) -> bool:
-    """Return whether there is nothing to say of a channel that is equal."""
+    """Return whether an equal channel has no difference within the tolerance either."""
     measures = [channel.overall_m, channel.overall_rad, *channel.others.values()]
     return not channel.sets and not any(m is not None and m.max for m in measures)
 
 
 def _first_difference(channel: ChannelDifference) -> str:
-    """Return what follows a channel's name."""
+    """Return the text after a channel's name."""
     if channel.equal:
         return "  within the tolerance"
     return "" if channel.first_frame is None else f"  from frame {channel.first_frame:,} on"
 
 
 def _table(channel: ChannelDifference, limit: int | None, width: int) -> Table:
-    """Return a line for each part that differs."""
+    """Return one row per part that differs."""
     headers = _headers(channel)
     lines: dict[tuple[str, ...], list[str]] = {}
     for part in channel.largest_differences():
@@ -96,7 +96,7 @@ def _part_names(names: list[str], *, show_all: bool) -> str:
 
 
 def _headers(channel: ChannelDifference) -> list[str]:
-    """Return the columns that have anything in them."""
+    """Return the columns that are not empty."""
     found = dict.fromkeys(header for part in channel.largest_differences() for header, _ in _cells(channel, part))
     order = ["largest", "RMS", "turned", "RMS turn", "gained", "lost", "first frame", "worst frame", "frames"]
     return [header for header in order if header in found]

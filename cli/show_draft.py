@@ -38,7 +38,7 @@ def show_draft(terminal: Terminal, draft: SceneDraft, log: Path, out: Path) -> N
 
 
 def _found(avatar: AvatarDraft) -> Iterator[str]:
-    """Yield what an avatar follows."""
+    """Yield the inputs of an avatar."""
     if avatar.root is None:
         yield f"root {avatar.root_link}: stands still, no pose of the log looks like it"
     else:
@@ -80,7 +80,7 @@ def _found(avatar: AvatarDraft) -> Iterator[str]:
 
 
 def space_lines(space: SpaceGuess) -> Iterator[str]:
-    """Yield what was found of the recorded space, where it is not the usual one."""
+    """Yield the guesses of the recorded space that differ from the defaults."""
     for statement, reason, sure in (
         (f"{space.up} is up", space.up_reason, space.is_up_certain),
         (f"lengths are in {space.unit}", space.unit_reason, space.is_unit_certain),

@@ -20,26 +20,26 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 PIPED_WIDTH = 200
-"""Columns a table may take where no terminal limits it."""
+"""Width of tables where the output is not a terminal."""
 
 
 def printable(text: object) -> str:
-    r"""Return a text in one line that cannot steer a terminal: control characters become ``\n``, ``\x1b``…"""
+    r"""Return a text in one line without terminal control: control characters become ``\n``, ``\x1b``…"""
     return "".join(
         character if character.isprintable() else character.encode("unicode_escape").decode() for character in str(text)
     )
 
 
-def plain(value: Any) -> Any:
-    """Return a value as JSON takes it: paths as text, arrays as lists, what is not finite as null."""
+def json_value(value: Any) -> Any:
+    """Convert a value for JSON: paths to text, arrays to lists, non-finite numbers to null."""
     if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {str(key): json_value(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [json_value(item) for item in value]
     if isinstance(value, Path):
         return str(value)
     if hasattr(value, "tolist"):
-        return plain(value.tolist())
+        return json_value(value.tolist())
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
@@ -125,7 +125,7 @@ def table_in(
 
 @dataclass
 class Terminal:
-    """How much is said, and in which colours."""
+    """Verbosity and colours of the output."""
 
     quiet: bool = False
     verbose: bool = False
@@ -149,25 +149,25 @@ class Terminal:
 
     def json(self, value: Any) -> None:
         """Print a value as JSON to stdout."""
-        click.echo(json.dumps(plain(value), indent=2, allow_nan=False))
+        click.echo(json.dumps(json_value(value), indent=2, allow_nan=False))
 
     def note(self, text: str) -> None:
-        """Say on stderr what is going on; not under ``-q``."""
+        """Print a progress note to stderr; not with ``-q``."""
         if not self.quiet:
             _write_error(printable(text))
 
     def detail(self, text: str) -> None:
-        """Say on stderr what only matters to one who looks for a cause: under ``-v``."""
+        """Print a detail to stderr; only with ``-v``."""
         if self.verbose:
             _write_error(printable(text))
 
     def warning(self, text: str) -> None:
-        """Warn on stderr in one line; not under ``-q``."""
+        """Print a warning line to stderr; not with ``-q``."""
         if not self.quiet:
             self._labelled("warning", "yellow", text)
 
     def error(self, text: str) -> None:
-        """Tell on stderr in one line what went wrong."""
+        """Print an error line to stderr."""
         self._labelled("error", "red", text)
 
     def console(self, stream: TextIO) -> Console:

@@ -15,19 +15,19 @@ from geomphys.recording.root_candidates import PoseCandidate, is_command_topic, 
 from geomphys.scene.skeleton import Skeleton
 
 MIN_ROOT_SCORE = -3.0
-"""A pose that scores less is not taken for a root: it says itself that it is something else."""
+"""Least score of a root pose; below it the name says that it is something else."""
 
 
 @dataclass(frozen=True)
 class AvatarDraft:
-    """What an avatar of a drafted scene follows, and how that was found."""
+    """The inputs of an avatar of a drafted scene, and how they were found."""
 
     name: str
     urdf: str  # path, as the scene file names it
     root_link: str
-    tall: bool  # a body, not a hand
-    hull: bool  # a mesh of it has holes
-    hand: str  # left, right, or "" where nothing says a side
+    tall: bool  # whether it is a body rather than a hand
+    hull: bool  # whether a mesh is not closed, so that all collide as convex hulls
+    hand: str  # left, right, or "" if unknown
     root: PoseCandidate | None
     root_choices: tuple[str, ...]  # the other poses, likeliest first
     joints_topic: str  # "" if none matches
@@ -38,24 +38,24 @@ class AvatarDraft:
     matches: tuple[JointMatch, ...]
     unmatched_recorded: tuple[str, ...]
     unmatched_joints: tuple[str, ...]
-    guessed_topic: str  # topic whose joints are only alike; "" if there is a better one or none
-    two_sides: bool  # that topic has a left and a right hand, and nothing says which this is
+    guessed_topic: str  # topic with only similar joint names; "" if there is a better one or none
+    two_sides: bool  # whether the topic has both hands and the side of the avatar is unknown
     chains: tuple[tuple[str, str, str], ...]  # name, base link, tip link
 
     @property
     def used(self) -> tuple[JointMatch, ...]:
-        """Matches that the scene goes by."""
+        """Matches that the scene uses."""
         return tuple(m for m in self.matches if m.is_used)
 
 
 @dataclass(frozen=True)
 class JointTopic:
-    """The topic that a tree's joints are likely on."""
+    """The best topic for the joints of a tree."""
 
     topic: TopicInfo
     side: str  # part to name after `#`: of a topic with several gloves
     matches: tuple[JointMatch, ...]
-    others: tuple[str, ...]  # topics that match no worse
+    others: tuple[str, ...]  # topics that match equally well
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class AnglesGuess:
 
 
 def hand_sides(skeletons: Sequence[Skeleton], log_names: Collection[str]) -> list[str]:
-    """The side of each avatar, "" where nothing says one.
+    """The side of each avatar, "" if unknown.
 
     Its URDF says it by the names of the file, the robot, the links and the joints. Of two hands of which one says its
     side, the other is the other; a single hand is of the only side that the poses of the log are of.
@@ -94,7 +94,7 @@ def hand_sides(skeletons: Sequence[Skeleton], log_names: Collection[str]) -> lis
 def find_joints(
     skeleton: Skeleton, topics: Sequence[TopicInfo], hand: str, taken: Collection[tuple[str, str]]
 ) -> JointTopic | None:
-    """The topic that has most of a tree's joints, the part of it to name, and what matches; None if nothing is alike.
+    """The topic with most of a tree's joints, the part to name, and the matches; None if no name is similar.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def find_joints(
 
 
 def guess_angles(skeleton: Skeleton, topic: TopicInfo | None, matches: Sequence[JointMatch]) -> AnglesGuess:
-    """The unit of a topic's angles, and which joints are mirrored: those that turn, not those that slide."""
+    """The unit of a topic's angles, and the mirrored joints; revolute and continuous joints only."""
     if topic is None:
         return AnglesGuess(UnitGuess("rad", ""))
     revolute = {j.name for j in skeleton.joints if j is not None and j.type in ("revolute", "continuous")}
@@ -152,7 +152,7 @@ def guess_angles(skeleton: Skeleton, topic: TopicInfo | None, matches: Sequence[
 def find_root(
     skeleton: Skeleton, poses: Sequence[PoseCandidate], hand: str, joints: JointTopic | None
 ) -> tuple[PoseCandidate | None, tuple[str, ...]]:
-    """The pose that the root follows, None if none looks like it; and the other poses, likeliest first."""
+    """The pose that the root follows, None if none is plausible; and the other poses, best first."""
     matched = joints if joints is not None and any(m.is_used for m in joints.matches) else None
     ranked = rank_root_poses(
         poses,
@@ -167,6 +167,6 @@ def find_root(
 
 
 def is_of_either_hand(hand: str, names: Collection[str], joints: Collection[str]) -> bool:
-    """Whether names are of a left and of a right hand while the joints of a tree, and nothing else, say which it is."""
+    """Whether names are of both hands while neither `hand` nor the joints of the tree state a side."""
     sides = {side_of(n) for n in names} - {""}
     return not hand and len(sides) == 2 and not any(side_of(j) for j in joints)

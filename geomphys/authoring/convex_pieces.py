@@ -19,11 +19,11 @@ from geomphys.scene.skeleton import load_skeleton
 from geomphys.scene.urdf_file import MeshShape
 
 FORMATS = (".glb", ".obj", ".ply", ".stl")
-"""Suffixes of what `write_pieces` can write."""
+"""Suffixes of the formats of `write_pieces`."""
 
 
 class MeshUse(NamedTuple):
-    """A mesh as a scene uses it; the same mesh in another size counts as another."""
+    """A mesh file with its scale and decomposition method."""
 
     path: Path
     scale: tuple[float, float, float]  # file units to m
@@ -40,7 +40,7 @@ class DecomposedMesh:
     pieces: Pieces
 
     def as_dict(self) -> dict[str, Any]:
-        """Figures of it, fit for JSON; lengths in m."""
+        """The mesh as plain values for JSON; lengths in m."""
         return {
             "mesh": str(self.path),
             "scale": list(self.scale),
@@ -57,7 +57,7 @@ class DecomposedMesh:
 
 
 def meshes_of_file(path: Path) -> list[MeshUse]:
-    """Return the meshes a file stands for: a mesh itself, or those a scene file (.toml) or a URDF collides with.
+    """Return the meshes of a file: a mesh itself, or the collision meshes of a scene file (.toml) or URDF.
 
     Raises SceneError or ModelError if the file is wrong.
     """
@@ -88,7 +88,7 @@ def _meshes_of_urdf(path: Path, method: Decomposition) -> list[MeshUse]:
 def decompose_file(
     path: Path, *, threshold: float | None = None, seed: int = 0, progress: Progress | None = None
 ) -> tuple[DecomposedMesh, ...]:
-    """Cut the meshes of a file into convex pieces, as a replay does, and keep them in its cache.
+    """Decompose the meshes of a file into convex pieces, as a replay does; results are cached.
 
     Parameters
     ----------

@@ -11,13 +11,13 @@ from geomphys.recording.name_words import FINGERS
 from geomphys.scene.skeleton import Floats, Skeleton
 
 MAX_FINGER_JOINTS = 7
-"""Joints of a finger; a longer row of joints is an arm."""
+"""Maximum joints of a finger; a longer chain is an arm."""
 SHAPE_CONFIDENCE = 0.8
-"""How sure a finger is that is known by where it stands on the palm."""
+"""Confidence of a finger that is identified by its position on the palm."""
 
 
 def label_finger_joints(skeleton: Skeleton) -> dict[str, JointLabel]:
-    """What the joints of fingers are, by the chains of links they are in; other joints are not in it.
+    """Joint name -> label of the joints of fingers, by their kinematic chains.
 
     A finger is a row of moving joints from a link with several such rows to a tip. It is told by names of its joints and
     links, else by where it stands: the thumb is the one that points elsewhere, the others follow from there. Its last
@@ -47,7 +47,7 @@ def label_finger_joints(skeleton: Skeleton) -> dict[str, JointLabel]:
 
 
 def _finger_chains(skeleton: Skeleton) -> list[list[int]]:
-    """Links below moving joints of each finger, from the palm to the tip."""
+    """Child links of the moving joints of each finger, from the palm to the tip."""
     children = skeleton.children()
     is_moving = [j is not None and j.dof >= 0 and j.type != "prismatic" for j in skeleton.joints]
     tips_below = [0] * len(skeleton.links)  # tips with a moving joint above them, through or below a link
@@ -72,7 +72,7 @@ def _finger_chains(skeleton: Skeleton) -> list[list[int]]:
 
 
 def _palm(skeleton: Skeleton, chain: list[int]) -> int:
-    """The link that a row of joints stands on, fixed joints not counting."""
+    """The link that a chain starts from, fixed joints skipped."""
     link = skeleton.parents[chain[0]]
     while link > 0 and (joint := skeleton.joints[link]) is not None and joint.dof < 0:
         link = joint.parent
@@ -80,7 +80,7 @@ def _palm(skeleton: Skeleton, chain: list[int]) -> int:
 
 
 def _finger_by_name(skeleton: Skeleton, chain: list[int]) -> str:
-    """The finger that most names of a row say; "" if none does."""
+    """The finger named by most joints and links of a chain; "" if none is."""
     names = [skeleton.links[i].name for i in chain]
     names += [joint.name for i in chain if (joint := skeleton.joints[i]) is not None]
     name_counts = Counter(m.finger for m in label_joints(names).values() if m.finger in FINGERS)
@@ -88,7 +88,7 @@ def _finger_by_name(skeleton: Skeleton, chain: list[int]) -> str:
 
 
 def _fingers_by_position(skeleton: Skeleton, chains: list[list[int]], poses: Floats) -> list[str]:
-    """Fingers by where they stand in the zero pose: the thumb points elsewhere or stands nearer to the wrist."""
+    """Fingers by position in the zero pose: the thumb points in another direction or is nearer to the wrist."""
     origin = poses[_palm(skeleton, chains[0]), :3, 3]
     bases = np.array([poses[chain[0], :3, 3] for chain in chains]) - origin
     tips = np.array([poses[_tip(skeleton, chain), :3, 3] for chain in chains]) - origin
@@ -104,7 +104,7 @@ def _fingers_by_position(skeleton: Skeleton, chains: list[list[int]], poses: Flo
     outlier_scores = (1.0 - directions @ mean_direction) + (np.median(reach) - reach) / reach_range
     ranked = np.argsort(-outlier_scores)
     if outlier_scores[ranked[0]] < outlier_scores[ranked[1]] + 0.2:
-        return [""] * len(chains)  # no thumb that stands out
+        return [""] * len(chains)  # no distinct thumb
     thumb = int(ranked[0])
     others = [i for i in range(len(chains)) if i != thumb]
     lateral_axis = int(np.ptp(bases[others], axis=0).argmax())
@@ -119,7 +119,7 @@ def _fingers_by_position(skeleton: Skeleton, chains: list[list[int]], poses: Flo
 
 
 def _tip(skeleton: Skeleton, chain: list[int]) -> int:
-    """The last link of a row, fixed ones beyond its last joint counting."""
+    """The last link of a chain, fixed links included."""
     children, link_below = skeleton.children(), chain[-1]
     while children[link_below]:
         link_below = children[link_below][0]
@@ -127,7 +127,7 @@ def _tip(skeleton: Skeleton, chain: list[int]) -> int:
 
 
 def _label_chain(skeleton: Skeleton, chain: list[int], finger: str, poses: Floats) -> list[tuple[int, str, str]]:
-    """Link, segment and motion of the joints of a row: of a thumb, and of many joints, by what is usual, else by their axes."""
+    """Link, segment and motion of the joints of a chain: standard order for thumbs and five joints, else by their axes."""
     order = standard_order(finger, len(chain))
     if order and (len(chain) == 5 or (finger == "thumb" and len(chain) == 4)):
         return [(link, *part) for link, part in zip(chain, order, strict=True)]

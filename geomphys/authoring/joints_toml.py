@@ -10,13 +10,13 @@ from geomphys.recording.display_names import printable
 from geomphys.recording.joint_matching import JointMatch
 
 MAX_NAMES = 12
-"""Names of a list in a comment."""
+"""Maximum names of a list in a comment."""
 MAX_FILL_IN_LINES = 60
-"""Lines to fill in."""
+"""Maximum lines to fill in."""
 
 
 def joint_lines(avatar: AvatarDraft) -> Iterator[str]:
-    """TOML of the joints of an avatar, in comments where nothing is sure."""
+    """TOML of the joints of an avatar; uncertain lines are comments."""
     topic = avatar.joints_topic or avatar.guessed_topic
     if not topic:
         yield "# No topic of the log has joints of this URDF: all stay at 0."
@@ -48,7 +48,7 @@ def joint_lines(avatar: AvatarDraft) -> Iterator[str]:
 
 
 def _rename(avatar: AvatarDraft, comment_prefix: str) -> Iterator[str]:
-    """The table of recorded names that are otherwise in the URDF, and lines to fill in."""
+    """The table of recorded names -> joints of the URDF, and lines to fill in."""
     respelled = [m for m in avatar.matches if m.how == "spelling"]
     guessed = [m for m in avatar.matches if m.how == "guess" and m.is_used]
     similar = [m for m in avatar.matches if not m.is_used]
@@ -75,12 +75,12 @@ def _pair(match: JointMatch) -> str:
 
 
 def plain_line(text: str) -> str:
-    """A reason as one line of a comment."""
+    """Text as one line of a comment."""
     return "".join(c if c.isprintable() else "?" for c in text)
 
 
 def short_list(names: Sequence[str]) -> str:
-    """Names with commas between them, the first `MAX_NAMES` of them."""
+    """The first `MAX_NAMES` names, separated by commas."""
     more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
     return ", ".join(printable(n) for n in names[:MAX_NAMES]) + more
 

@@ -20,7 +20,7 @@ from geomphys.recording.streams import VALUE_LIMIT, validated_pose
 from geomphys.scene.skeleton import Skeleton
 
 MAX_POSES = 400
-"""Poses that are looked at, at most twice as many."""
+"""Approximate number of poses evaluated (at most twice as many)."""
 
 
 def lowest_link(
@@ -55,9 +55,7 @@ def lowest_link(
     revolute = {j.name for j in skeleton.joints if j is not None and j.type != "prismatic"}
     scale = np.array([math.pi / 180.0 if degrees and n in revolute else 1.0 for n in skeleton.dof_names])
     angles = np.zeros(len(columns))
-    first: NDArray[np.float64] | None = (
-        None  # angles of the first message with joints: what comes before it has them too
-    )
+    first: NDArray[np.float64] | None = None  # angles of the first joint message; used for earlier poses
     poses: list[PoseTuple] = []
     sampled_angles: list[NDArray[np.float64] | None] = []
     with open_log(log, recover=recover) as reader:

@@ -38,12 +38,12 @@ from geomphys.scene.urdf_file import MeshShape
 from geomphys.storage.remote_files import as_path
 
 BODY_REACH = 0.8
-"""m; an avatar whose links reach further in its zero pose is a body, which yields limb by limb; a smaller one a hand."""
+"""m; an avatar with a larger reach in its zero pose is a body (mode "chains"), a smaller one a hand."""
 
 
 @dataclass(frozen=True)
 class SceneDraft:
-    """A scene file for a log, and what was found out for it."""
+    """A drafted scene file, and the findings it is based on."""
 
     text: str  # TOML, valid
     log: LogInfo
@@ -53,7 +53,7 @@ class SceneDraft:
 
     @property
     def is_replayable(self) -> bool:
-        """Whether the scene can be replayed as it is: something in it follows the log."""
+        """Whether the scene can be replayed as it is: an avatar follows a topic."""
         return any(a.root is not None or a.joints_topic for a in self.avatars)
 
     def as_dict(self) -> dict[str, Any]:
@@ -151,7 +151,7 @@ def _avatar(
     topics: Sequence[TopicInfo],
     earlier: Sequence[AvatarDraft],
 ) -> AvatarDraft:
-    """What an avatar follows, `earlier` being the avatars that have what they follow already."""
+    """Draft an avatar; `earlier` are the avatars drafted before, whose inputs are taken."""
     joints = find_joints(skeleton, topics, hand, {(a.joints_topic, a.side) for a in earlier})
     matches = joints.matches if joints is not None else ()
     used = [m for m in matches if m.is_used]
@@ -188,13 +188,13 @@ def _avatar(
 
 
 def _topic_with_most_messages(topics: Sequence[TopicInfo]) -> TopicInfo | None:
-    """A topic to fill in names of by hand where none has a name that is alike."""
+    """The joint topic with most messages, for names to be filled in by hand."""
     candidates = [t for t in topics if t.messages and t.joints and not is_command_topic(t.topic)]
     return max(candidates, key=lambda t: t.messages, default=None)
 
 
 def pose_candidates(info: LogInfo) -> list[PoseCandidate]:
-    """Everything in a log that has a pose."""
+    """All poses of a log that a root or object could follow."""
     found = []
     for topic in info.topics:
         if topic.kind not in POSES or not _is_valid_name(topic.topic) or is_static(topic.topic):
@@ -214,7 +214,7 @@ def _is_valid_name(name: str) -> bool:
 
 
 def _unique_name(stem: str, taken: set[str]) -> str:
-    """A name for an avatar that is not taken."""
+    """A unique name for an avatar."""
     printable = "".join(c if c.isprintable() and c not in "/#" else "_" for c in stem).strip()
     name = printable if printable and printable not in ("world", "recorded", "table", "floor") else "avatar"
     number = 2
@@ -231,7 +231,7 @@ def _reach(skeleton: Skeleton) -> float:
 
 
 def _needs_hull(skeleton: Skeleton) -> bool:
-    """Whether a mesh has holes: it can then only collide as its hull. MeshError for one that cannot be read."""
+    """Whether a mesh is not closed, so that it can only collide as its convex hull. MeshError for one that cannot be read."""
     shapes = {g.shape for link in skeleton.links for g in link.collisions if isinstance(g.shape, MeshShape)}
     for shape in sorted(shapes, key=lambda s: (str(s.path), str(s.scale))):
         mesh = load_mesh(shape.path, name=f"{skeleton.path}: mesh {shape.path.name}")

@@ -16,7 +16,7 @@ from geomphys.recording.space_guess import SpaceGuess
 
 @dataclass(frozen=True)
 class UnusedStreams:
-    """What of a log no avatar follows."""
+    """Poses and joint topics of a log that no avatar follows."""
 
     poses: tuple[PoseCandidate, ...]
     joints: tuple[str, ...]
@@ -25,7 +25,7 @@ class UnusedStreams:
 def scene_text(
     log: LogInfo, avatars: Sequence[AvatarDraft], unused: UnusedStreams, space: SpaceGuess, lowest: float
 ) -> str:
-    """TOML of a scene in which these avatars follow a log; `lowest` is how low [m] the links of hands come."""
+    """TOML of a scene in which these avatars follow a log; `lowest` is the lowest height [m] of links of hands."""
     lines = [*_head(log, avatars), *_recording(space)]
     for avatar in avatars:
         lines += ["", *_avatar(avatar)]
@@ -52,7 +52,7 @@ def _head(log: LogInfo, avatars: Sequence[AvatarDraft]) -> Iterator[str]:
 
 
 def _recording(space: SpaceGuess) -> Iterator[str]:
-    """The recorded space, where it is not that of the world: what is sure, and what is only suggested in comments."""
+    """The `[recording]` table, where the recorded space is not the world; uncertain guesses are comments."""
     if not space.up_reason and not space.unit_reason:
         return
     yield ""
@@ -69,7 +69,7 @@ def _recording(space: SpaceGuess) -> Iterator[str]:
 
 
 def _followers(avatars: Sequence[AvatarDraft]) -> dict[str, str]:
-    """Topic -> what of the scene follows it, as told behind it."""
+    """Topic -> text on what in the scene follows it."""
     followers: dict[str, list[str]] = {}
     for avatar in avatars:
         if avatar.root is not None:
@@ -80,7 +80,7 @@ def _followers(avatars: Sequence[AvatarDraft]) -> dict[str, str]:
 
 
 def _content(topic: TopicInfo) -> str:
-    """What a topic holds, in a few words."""
+    """A short description of a topic's content."""
     if not topic.kind:
         return "not understood"
     rate = f"{topic.rate_hz:.4g} Hz" if topic.rate_hz is not None else f"{topic.messages} messages"
@@ -132,7 +132,7 @@ def _root(avatar: AvatarDraft) -> Iterator[str]:
 
 
 def _example(avatars: Sequence[AvatarDraft], space: SpaceGuess, lowest: float) -> Iterator[str]:
-    """A thing to run into: a floor for a body, a table for hands."""
+    """An example of an object: a floor for a body, a table for hands."""
     roots = [a.root for a in avatars if a.root is not None]
     recorded = RecordedSpace.from_table(space.table)
     corners = [recorded.world_position(p) for r in roots for p in (r.low, r.high)] or [(0.0, 0.0, 0.0)]
@@ -155,7 +155,7 @@ def _example(avatars: Sequence[AvatarDraft], space: SpaceGuess, lowest: float) -
 
 
 def _unused_lines(unused: UnusedStreams) -> Iterator[str]:
-    """Things whose poses the log has, as objects to uncomment."""
+    """Unused poses of the log, as objects in comments."""
     if unused.joints:
         yield f"# Joints of the log that nothing here follows: {short_list(unused.joints)}"
     if not unused.poses:
@@ -178,6 +178,6 @@ def _unused_lines(unused: UnusedStreams) -> Iterator[str]:
 
 
 def _title(name: str) -> str:
-    """A name for a scene or an object from that of a file or a topic."""
+    """A name of a scene or object, from that of a file or topic."""
     stem = printable(name.rsplit(".mcap", 1)[0]).replace("/", "_").replace("#", "_").strip()
     return stem or "scene"

@@ -10,7 +10,7 @@ import sys
 
 import numpy as np
 import pytest
-from geomphys_cli.terminal import Terminal, plain, printable
+from geomphys_cli.terminal import Terminal, json_value, printable
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -39,7 +39,7 @@ def test_json_holds_no_nan(capsys: pytest.CaptureFixture[str]) -> None:
     value = {"a": np.float64(1.5), "b": [float("nan"), np.inf], "c": np.arange(3), "d": (np.int64(4), None, True)}
     Terminal().json(value)
     assert json.loads(capsys.readouterr().out) == {"a": 1.5, "b": [None, None], "c": [0, 1, 2], "d": [4, None, True]}
-    assert plain(value)["a"] == 1.5
+    assert json_value(value)["a"] == 1.5
 
 
 def test_quiet_keeps_errors_only(capsys: pytest.CaptureFixture[str]) -> None:
