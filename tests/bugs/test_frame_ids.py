@@ -357,7 +357,7 @@ def test_memory_does_not_grow_with_the_log(tmp_path):
         for _frame in source:
             (track,) = source._pass.tracks.tracks.values()
             (root,) = source._pass.roots
-            most = max(most, len(track.times), len(root._waiting), len(root.stream.times))
+            most = max(most, len(track.times), len(root._pending), len(root.stream.times))
         assert source.report.frames == 4000
     assert most < 2 * RATE * (2 * 0.1 + 1.0)
 
