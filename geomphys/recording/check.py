@@ -40,7 +40,7 @@ class PoseMapping:
 
 @dataclass(frozen=True)
 class JointMapping:
-    """A joint of the scene and the recorded one that feeds it."""
+    """A joint of the scene and its recorded joint."""
 
     tree: str
     joint: str
@@ -61,7 +61,7 @@ class SpaceReport:
 
 @dataclass(frozen=True)
 class CheckReport:
-    """What a replay of a log in a scene would meet. `errors` forbid it, `warnings` do not."""
+    """The result of a check. `errors` prevent a replay, `warnings` do not."""
 
     log: str
     scene: str
@@ -81,7 +81,7 @@ class CheckReport:
 
 
 def check_log(log: Path | str, world: World, config: Config | None = None) -> CheckReport:
-    """Say whether `log` can be replayed in `world`, and what to expect.
+    """Check whether `log` can be replayed in `world`.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def check_log(log: Path | str, world: World, config: Config | None = None) -> Ch
 
 
 def _scan_frames(log: Path, world: World, config: Config) -> tuple[RecordingReport, tuple[JointMapping, ...]]:
-    """Make all frames; the report of them, and which recorded joint feeds which."""
+    """Make all frames; returns their report and the joint mappings."""
     with FrameSource(log, world, config) as source:
         for _ in source:
             pass
@@ -162,7 +162,7 @@ def _recorded_joints(source: JointInput, names: set[str]) -> list[tuple[str, int
 
 
 def _rpy_warnings(world: World) -> Iterator[str]:
-    """Angles of `rpy` that are round ones in radians."""
+    """Warnings on `rpy` angles that look like radians (multiples of pi / 12)."""
     file = world.file
     tables = [("recording", file.recording.rpy)]
     tables += [(f"object {table.name!r}", table.rpy) for table in file.object]
@@ -188,7 +188,7 @@ def _clock(plan: Plan) -> str | None:
 
 
 def _poses(plan: Plan, world: World) -> list[PoseMapping]:
-    """Which tree follows which topic."""
+    """The topic of each root pose."""
     return [
         PoseMapping(
             tree=world.tree_names[p.source.tree],

@@ -26,7 +26,7 @@ from geomphys.recording.pose_tuples import PoseTuple
 from geomphys.recording.reader import LogReader, RawMessage, open_log
 from geomphys.recording.recorded_space import RecordedSpace
 from geomphys.recording.report import RecordingReport, make_report
-from geomphys.recording.routes import RootRoute, Route
+from geomphys.recording.routes import ChannelRoutes, RootRoute
 from geomphys.recording.routing import build_routing_table
 from geomphys.recording.stamp_monitor import StampMonitor
 from geomphys.recording.stamps import NEVER
@@ -38,7 +38,7 @@ from geomphys.scene.arrays import JOINT_PRISMATIC, World
 
 Floats = NDArray[np.float64]
 
-LIMIT_SLACK = 1e-9  # rad or m by which an angle may leave its limits before it counts as outside
+LIMIT_SLACK = 1e-9  # rad or m; tolerance of joint limits
 
 
 class FrameSource:
@@ -135,7 +135,7 @@ class FrameSource:
 
     @property
     def report(self) -> RecordingReport:
-        """Figures of the frames made so far."""
+        """Report on the frames made so far."""
         return self._pass.report()
 
 
@@ -175,7 +175,7 @@ class LogPass:
         self.last_frame_time = NEVER  # time of the last frame, also of those before `start`
 
     def first_poses(self) -> Iterator[tuple[tuple[str, str], PoseTuple | None]]:
-        """First good poses in the recorded space of the streams that are given in frames that move; None if there is none.
+        """First valid poses in the recorded space of streams in moving frames; None where there is none.
 
         The log is read until they are known.
         """
@@ -204,7 +204,7 @@ class LogPass:
                 yield root
 
     def frames(self) -> Iterator[Frame]:
-        """Stream the log."""
+        """Read the log and yield its frames."""
         if self.source.plan.clock is None:
             self.clock.add(self.source.reader.start_ns)
             self.clock.add(self.source.reader.end_ns)
@@ -229,7 +229,7 @@ class LogPass:
         """Add a message."""
         key, times = raw.key, self.times
         route, read = self.routes[key], self.source.prescan.readers.get(key)
-        if read is None:  # a topic that only gives the clock
+        if read is None:  # a topic used only as frame clock
             time = times.time_of(key, None, raw.log_time, raw.publish_time)
             watermark.add(time)
             self._add_clock_time(time + route.clock_delay)
@@ -278,7 +278,7 @@ class LogPass:
         for time in times_seen:
             watermark.add(time)
 
-    def _process_transform(self, raw: RawMessage, route: Route, pose: Pose, times_seen: set[int]) -> None:
+    def _process_transform(self, raw: RawMessage, route: ChannelRoutes, pose: Pose, times_seen: set[int]) -> None:
         """Add a transform of the log's tree.
 
         Raises LogError if its frame was given in another before.
@@ -302,7 +302,7 @@ class LogPass:
         track.add(time, source.space.to_metres(pose.value))
 
     def _check_stamp(self, key: int, part: str, stamp: int | None, time: int, raw: RawMessage) -> None:
-        """Compare the time of a message with those before it; raises LogError where they cannot be right."""
+        """Check the stamp of a message against earlier ones; raises LogError where they are inconsistent."""
         topic = self.source.reader.channels[key].topic
         if self.stamp_monitor is not None and (stamp or self.config.time == "publish") and not is_static(topic):
             self.stamp_monitor.add(topic, part, time, raw.log_time)
@@ -353,7 +353,7 @@ class LogPass:
         return frame
 
     def _limits(self, angles: Floats) -> int:
-        """Count angles outside of their limits, clamp them if that is asked for; the frame's flags."""
+        """Count angles outside of their limits, and clamp them if configured; returns the frame's flags."""
         np.minimum(self.min_angles, angles, out=self.min_angles)
         np.maximum(self.max_angles, angles, out=self.max_angles)
         outside = (angles < self.lower - LIMIT_SLACK) | (angles > self.upper + LIMIT_SLACK)
@@ -366,12 +366,12 @@ class LogPass:
         return FLAG_CLAMPED
 
     def report(self) -> RecordingReport:
-        """Figures so far."""
+        """Report on the frames made so far."""
         return make_report(self.source, self)
 
 
 def prismatic_columns(world: World) -> NDArray[np.bool_]:
-    """(Q,) which degrees of freedom are lengths."""
+    """(Q,) mask of prismatic degrees of freedom, whose values are lengths."""
     bodies = world.scene.bodies
     prismatic = np.zeros(len(world.scene.dofs.lower), dtype=bool)
     own = (bodies.dof >= 0) & (bodies.multiplier == 1) & (bodies.offset == 0)

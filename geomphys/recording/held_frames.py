@@ -20,13 +20,13 @@ class HeldStream(NamedTuple):
 
     frames: int
     stream_name: str  # topic, and the joint or root that it feeds
-    length: int  # ns, of its longest stretch without a good sample
+    length: int  # ns, of its longest interval without a good sample
     start: int  # time at which that begins
     text: str  # "" for a gap; else that the stream had not begun or had ended
 
 
 def held_frames_warning(source: FrameSource, log_pass: LogPass) -> str:
-    """The line on held frames; "" if there are none."""
+    """The warning on held frames; "" if there are none."""
     held_streams = [*_held_roots(source, log_pass), *_held_joints(source, log_pass)]
     if not log_pass.held_frames:
         return ""

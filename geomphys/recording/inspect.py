@@ -34,7 +34,7 @@ class TopicInfo:
     schema: str  # "" without one
     encoding: str
     kind: str  # content of its messages (`samples.ContentType`); "" if not supported
-    use: str  # that in words, "not understood" for one that is not
+    use: str  # the same in words; "not understood" if not supported
     messages: int
     first_ns: int | None
     last_ns: int | None
@@ -50,7 +50,7 @@ class TopicInfo:
     ]  # the same frames -> how it moved, as recorded; of the first `MAX_MOTIONS` of a topic
     bad_samples: int  # not finite, or without a unit quaternion
     bad_messages: int  # cannot be decoded
-    bad_reason: str  # why the first of them cannot; "" without any
+    bad_reason: str  # error of the first of them; "" without any
     problem: str  # why the channel's schema cannot be read; "" if it can
 
 
@@ -109,7 +109,7 @@ def inspect_log(path: Path | str, *, recover: bool = False) -> LogInfo:
 
 
 def log_space(info: LogInfo, roots: Collection[str] = ()) -> SpaceGuess:
-    """Judge the space of a log, by its single poses and by those that `roots` follow (``topic`` or ``topic#child``).
+    """Guess the space of a log, by its single poses and by those that `roots` follow (``topic`` or ``topic#child``).
 
     Poses in other frames than the roots', or than most, do not count.
     """
@@ -146,7 +146,7 @@ def _info(reader: LogReader, topics: tuple[TopicInfo, ...]) -> LogInfo:
 
 @dataclass
 class _TopicScan:
-    """What is gathered of channels of one topic and type."""
+    """Accumulates the summary of the channels of one topic and type."""
 
     channels: list[LogChannel] = field(default_factory=list)
     latest: int | None = None
@@ -224,7 +224,7 @@ class _TopicScan:
             self.samples.setdefault(pose.child, MotionSamples(frame=pose.frame)).add(time, x, y, z)
 
     def info(self) -> TopicInfo:
-        """Sum up."""
+        """Make the summary."""
         c, kind = self.channels[0], kind_of(self.channels[0])
         nonempty = sorted(
             (c for c in self.channels if c.messages),

@@ -14,9 +14,9 @@ from geomphys.recording.stamps import NEVER
 EARLY_CLOCK = 60 * 10**9
 """ns; a zero stamp counts as a time only where the next stamps are below this (a clock that starts near 0)."""
 CLOCK_MISMATCH = 10**9
-"""ns; stamps further than this from their log times are of another clock than the log's."""
+"""ns; a larger offset between stamp and log time means another clock."""
 ZERO_STAMP_TOLERANCE = 10**9
-"""ns; a zero stamp behind others is a time only where the log received it within this of the clock's zero."""
+"""ns; a later zero stamp counts as a time only within this of the clock's zero by log time."""
 WATERMARK_RANK = 3
 
 
@@ -31,10 +31,10 @@ class MessageTimes:
         self.source = source
         self.channels = channels
         self.path = path
-        self.zero_stamp_times: dict[int, int | None] = {}  # channel -> log time of its message at zero, once it came
+        self.zero_stamp_times: dict[int, int | None] = {}  # channel -> log time of its zero stamp that is a time
         self.offsets: dict[int, int] = {}  # channel -> first stamp that is not zero, less its log time; ns
-        self.unstamped: set[int] = set()  # channels of which messages carry no stamp at all
-        self.zero_stamps: dict[int, int] = {}  # channel -> messages and transforms with a stamp of zero that is no time
+        self.unstamped: set[int] = set()  # channels with messages without a stamp
+        self.zero_stamps: dict[int, int] = {}  # channel -> number of zero stamps that are no times
 
     def fresh_copy(self) -> MessageTimes:
         """A copy for another pass over the log: prescan results are shared, counters are reset."""
@@ -96,7 +96,7 @@ class MessageTimes:
 
 
 class Watermark:
-    """How far the log has come: the third latest time seen, so that a single corrupt time does not carry it away."""
+    """Watermark of the log: the third latest time, robust to single corrupt times."""
 
     def __init__(self) -> None:
         self.latest: list[int] = []

@@ -36,12 +36,12 @@ class StreamReport:
     held_frames: int
     gaps: int  # longer than `max_gap`
     longest_gap_s: float
-    bad_samples: int  # NaN, too large, or a quaternion that is none
+    bad_samples: int  # NaN, too large, or a without unit quaternion
 
 
 @dataclass(frozen=True)
-class Unmatched:
-    """A name that found no partner on the other side."""
+class UnmatchedName:
+    """A name without a match on the other side."""
 
     topic: str
     name: str
@@ -61,7 +61,7 @@ class OutsideLimits:
 
 @dataclass(frozen=True)
 class RecordingReport:
-    """Figures of a recording, as far as its frames have been made."""
+    """Statistics of a recording, up to the last frame made."""
 
     frames: int
     held_frames: int
@@ -74,8 +74,8 @@ class RecordingReport:
     bad_samples: int
     bad_messages: int  # could not be decoded
     streams: tuple[StreamReport, ...]
-    unmatched_recorded: tuple[Unmatched, ...]  # recorded joints that no joint of the scene takes
-    unmatched_joints: tuple[Unmatched, ...]  # joints of the scene that are not recorded: 0
+    unmatched_recorded: tuple[UnmatchedName, ...]  # recorded joints without a joint of the scene
+    unmatched_joints: tuple[UnmatchedName, ...]  # joints of the scene that are not recorded: 0
     ignored_mimics: tuple[str, ...]  # recorded, but follow their master
     outside_limits: tuple[OutsideLimits, ...]
     bytes_lost: int
@@ -91,7 +91,7 @@ class RecordingReport:
 
 
 def make_report(source: FrameSource, log_pass: LogPass) -> RecordingReport:
-    """Sum up a pass over a log as far as it has come."""
+    """Make the report of a pass over a log, up to the last frame made."""
     damage = source.reader.damage
     unmatched_recorded, ignored = _unmatched_recorded(source, log_pass.joints)
     streams = tuple(_streams(source, log_pass))
@@ -146,8 +146,10 @@ def _names(source: FrameSource, route: JointRoute) -> set[str]:
     return set(source.prescan.names.get(route.input.topic, ())) | route.names
 
 
-def _unmatched_recorded(source: FrameSource, routes: list[JointRoute]) -> tuple[tuple[Unmatched, ...], tuple[str, ...]]:
-    """Recorded joints that nothing takes, and those that are not used because their joint mimics another."""
+def _unmatched_recorded(
+    source: FrameSource, routes: list[JointRoute]
+) -> tuple[tuple[UnmatchedName, ...], tuple[str, ...]]:
+    """Recorded joints without a match, and those whose joint mimics another."""
     unmatched, ignored = [], set()
     for topic in sorted({r.input.topic for r in routes}):
         topic_routes = [r for r in routes if r.input.topic == topic]
@@ -161,11 +163,13 @@ def _unmatched_recorded(source: FrameSource, routes: list[JointRoute]) -> tuple[
             if any(r.input.source.rename.get(name, name) in r.input.source.mimics for r in topic_routes):
                 ignored.add(name)
             else:
-                unmatched.append(Unmatched(topic, name, closest_name(name, unused)))
+                unmatched.append(UnmatchedName(topic, name, closest_name(name, unused)))
     return tuple(unmatched), tuple(sorted(ignored))
 
 
-def _unmatched_joints(source: FrameSource, log_pass: LogPass, recorded: tuple[Unmatched, ...]) -> tuple[Unmatched, ...]:
+def _unmatched_joints(
+    source: FrameSource, log_pass: LogPass, recorded: tuple[UnmatchedName, ...]
+) -> tuple[UnmatchedName, ...]:
     """Joints of trees with a joint topic that are not recorded."""
     found = []
     for route in log_pass.joints:
@@ -173,7 +177,7 @@ def _unmatched_joints(source: FrameSource, log_pass: LogPass, recorded: tuple[Un
         names = [u.name for u in recorded if u.topic == topic]
         for name, column in sorted(route.input.source.dofs.items(), key=lambda item: item[1]):
             if not log_pass.recorded[column] and not route.input.source.covers(name):
-                found.append(Unmatched(topic, name, closest_name(name, names)))
+                found.append(UnmatchedName(topic, name, closest_name(name, names)))
     return tuple(found)
 
 
@@ -260,8 +264,8 @@ def _warnings(source: FrameSource, log_pass: LogPass, report: RecordingReport) -
 
 
 def _name_warnings(source: FrameSource, log_pass: LogPass, report: RecordingReport) -> Iterator[str]:
-    """Names without a partner."""
-    groups: tuple[tuple[tuple[Unmatched, ...], DiagnosticKey, str], ...] = (
+    """Warnings on unmatched names."""
+    groups: tuple[tuple[tuple[UnmatchedName, ...], DiagnosticKey, str], ...] = (
         (
             report.unmatched_recorded,
             "unmatched_recorded",
@@ -302,7 +306,7 @@ def _name_warnings(source: FrameSource, log_pass: LogPass, report: RecordingRepo
 
 
 def _unfed_avatars(source: FrameSource) -> Iterator[str]:
-    """Avatars without a joint topic though the log has joint values that nothing follows."""
+    """Avatars without a joint topic though the log has unused joint values."""
     world, used = source.world, {i.topic for i in source.plan.joints}
     unused = sorted(
         {

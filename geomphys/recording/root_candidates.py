@@ -43,7 +43,7 @@ def rank_root_poses(
     messages: int,
     side: str = "",
 ) -> list[tuple[float, PoseCandidate]]:
-    """Poses that may be that of an avatar's root, likeliest first.
+    """Poses ranked as the root of an avatar, best first.
 
     Parameters
     ----------

@@ -22,14 +22,14 @@ from geomphys.recording.transform_chain import TransformBuffer, TransformChain, 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-MAX_COLUMN_MAPS = 256  # different lists of joint names of which the order is remembered
-MAX_CACHED_NAMES = 10_000  # names of a list that is not worth remembering
+MAX_COLUMN_MAPS = 256  # cached column maps, one per list of joint names
+MAX_CACHED_NAMES = 10_000  # longer lists of names are not cached
 NO_OFFSET = -0.0  # adding it changes no float, not even the sign of a zero
 MISSING: PoseTuple = (math.nan,) * 7
 
 
 class RootRoute:
-    """Feeds the pose of one tree's root: recorded poses are brought to the recorded space, and from there to the world.
+    """Feeds the pose of one tree's root: recorded poses are transformed to the recorded space and to the world.
 
     A pose that is given in a frame that moves waits until the transforms around its time are there (`resolve`); where
     they never come it is a bad sample. One that is static in such a frame goes along with it.
@@ -52,9 +52,9 @@ class RootRoute:
         self.tracker_from_root: PoseTuple = (*source.source.position, *source.source.orientation)
         self._tracks = tracks
         self._chains: dict[str, TransformChain | None] = {}
-        self.attached: tuple[TransformChain, PoseTuple] | None = None  # static in a frame that moves
+        self.attached: tuple[TransformChain, PoseTuple] | None = None  # a static pose in a moving frame
         self._pending: list[tuple[int, PoseTuple, TransformChain]] = []
-        self.moving = False  # whether a frame that it is given in may move
+        self.moving = False  # whether a frame it is given in moves
         for frame in prescan.frame_ids.get((source.topic, source.child), ()):
             chain = self.chain(frame)
             self.moving |= chain is not None and chain.moving
@@ -64,7 +64,7 @@ class RootRoute:
             self.stream.first = first if chain is None else _to_space(chain, infos.first_time + self.delay, first)
 
     def chain(self, frame: str) -> TransformChain | None:
-        """Way from a frame to the recorded space; None where it is that space. Raises LogError if there is none."""
+        """Transform chain from a frame to the recorded space; None where it is that space. Raises LogError if there is none."""
         if frame not in self._chains:
             self._chains[frame] = self._tracks.chain(self.input.topic, frame)
         return self._chains[frame]
@@ -122,7 +122,7 @@ class RootRoute:
 
 
 def _to_space(chain: TransformChain, time: int, value: PoseTuple) -> PoseTuple | None:
-    """Pose in the recorded space of one in a chain's frame; None where the chain is not known."""
+    """Transform a pose from a chain's frame to the recorded space; None where the chain is not known."""
     if (good := validated_pose(value)) is None:
         return value
     space_from_frame = chain.at(time)
@@ -131,9 +131,9 @@ def _to_space(chain: TransformChain, time: int, value: PoseTuple) -> PoseTuple |
 
 @dataclass
 class LengthMismatches:
-    """Messages of joints that have not one value a name."""
+    """Counts of joint messages with unequal numbers of names and values."""
 
-    empty: int = 0  # no values at all
+    empty: int = 0  # without values
     shorter: int = 0
     longer: int = 0
 
@@ -148,14 +148,14 @@ class LengthMismatches:
 
 @dataclass
 class _ColumnMap:
-    """Where the values of a list of joint names go."""
+    """Indices of message values and of the stream's columns they are written to."""
 
     source: Ints
     target: Ints
 
 
 class JointRoute:
-    """Feeds the joints of one tree: those with more than one sample a stream, the others a constant."""
+    """Feeds the joints of one tree: a stream for joints with several samples, constants for the others."""
 
     def __init__(
         self,
@@ -181,7 +181,7 @@ class JointRoute:
             for name in source.recorded_names()
             if (source.topic, joint_key(name, source.side)) in prescan.streams
         }
-        self.constants: dict[int, float] = {}  # column -> value; one without a good sample is not here
+        self.constants: dict[int, float] = {}  # column -> value
         columns: dict[int, float] = {}  # column -> first value, NaN if there is none
         for name, info in infos.items():
             column = source.column(name)
@@ -238,7 +238,7 @@ class JointRoute:
         return True
 
     def _make_column_map(self, names: tuple[str, ...]) -> _ColumnMap:
-        """Work out where values go; of a name that comes twice the first counts."""
+        """Make the column map of a list of names; of duplicate names the first is used."""
         index_of_column: dict[int, int] = {}
         for i, name in enumerate(names):
             column = self.input.column(name)
@@ -256,17 +256,15 @@ class JointRoute:
 
 
 @dataclass
-class Route:
-    """Where the messages of one channel go."""
+class ChannelRoutes:
+    """The consumers of the messages of one channel."""
 
     roots: dict[str, list[RootRoute]] = field(default_factory=dict)  # by child frame
     tracks: dict[str, TransformTrack] = field(default_factory=dict)  # by child frame, without leading slash
-    expected_parents: dict[str, str] = field(
-        default_factory=dict
-    )  # the one that each of these, and of the roots, may have
+    expected_parents: dict[str, str] = field(default_factory=dict)  # child frame -> the only parent it may have
     static: bool = False
     joints: list[JointRoute] = field(default_factory=list)
     clock: bool = False
     clock_delay: int = 0  # ns
-    clock_child: str = ""  # only poses of this child, or gloves of this side, give frames
-    unused_poses: int = 0  # poses that nothing follows
+    clock_child: str = ""  # frames are made only at poses of this child or gloves of this side
+    unused_poses: int = 0  # poses without a consumer

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 from geomphys.recording.input_plan import is_static
-from geomphys.recording.routes import JointRoute, RootRoute, Route
+from geomphys.recording.routes import ChannelRoutes, JointRoute, RootRoute
 from geomphys.recording.transform_chain import TransformBuffer
 from geomphys.recording.transform_tree import is_transform_channel, normalized_frame_id
 
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 class RoutingTable(NamedTuple):
     """Routes by channel key, and the streams and transforms they feed."""
 
-    routes: dict[int, Route]
+    routes: dict[int, ChannelRoutes]
     roots: list[RootRoute]
     joints: list[JointRoute]
     tracks: TransformBuffer
 
 
 def build_routing_table(source: FrameSource, gap: int) -> RoutingTable:
-    """Make the streams of a pass over a log and the routes to them; `gap` is the longest to interpolate over, ns."""
+    """Make the streams of a pass over a log and the routes to them; `gap` [ns] is the longest gap to interpolate."""
     plan, prescan, clock = source.plan, source.prescan, source.plan.clock
     by_topic = source.config.rate is None and clock is not None
 
@@ -39,7 +39,7 @@ def build_routing_table(source: FrameSource, gap: int) -> RoutingTable:
         routing.roots.append(root)
         child = prescan.implied_children.get(pose.topic, "") if pose.is_only_child else pose.child
         for channel in pose.channels:
-            routes.setdefault(channel.key, Route()).roots.setdefault(child, []).append(root)
+            routes.setdefault(channel.key, ChannelRoutes()).roots.setdefault(child, []).append(root)
     for joint_input in plan.joints:
         joints = JointRoute(
             joint_input,
@@ -50,9 +50,9 @@ def build_routing_table(source: FrameSource, gap: int) -> RoutingTable:
         )
         routing.joints.append(joints)
         for channel in joint_input.channels:
-            routes.setdefault(channel.key, Route()).joints.append(joints)
+            routes.setdefault(channel.key, ChannelRoutes()).joints.append(joints)
     for channel in clock.channels if clock is not None else ():
-        route = routes.setdefault(channel.key, Route())
+        route = routes.setdefault(channel.key, ChannelRoutes())
         route.clock = True
         route.clock_child = (clock.child or prescan.implied_children.get(clock.topic, "")) if clock is not None else ""
         route.clock_delay = round(clock.delay * 1e9) if clock is not None else 0
@@ -64,7 +64,7 @@ def _route_transforms(source: FrameSource, routing: RoutingTable) -> None:
     """Route messages to the transform buffer, and set the expected parent of each child frame."""
     for edge, track in routing.tracks.tracks.items():
         for key in source.transforms.tree.link(edge).keys:
-            route = routing.routes.setdefault(key, Route())
+            route = routing.routes.setdefault(key, ChannelRoutes())
             route.tracks[edge.child], route.expected_parents[edge.child] = track, edge.parent
             route.static = is_static(source.reader.channels[key].topic)
     for pose in source.plan.poses:

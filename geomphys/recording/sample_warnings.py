@@ -23,7 +23,7 @@ def time_warnings(source: FrameSource, log_pass: LogPass) -> Iterator[Diagnostic
 
 
 def largest_disorder(log_pass: LogPass) -> str:
-    """Which topic went back furthest in time, and by how much: the end of a sentence; "" if none did."""
+    """The topic with the largest step back in time; ends a sentence, "" if there is none."""
     all_routes: list[RootRoute | JointRoute] = [*log_pass.roots, *log_pass.joints]
     worst = max((r for r in all_routes if r.out_of_order), key=lambda r: r.max_disorder, default=None)
     if worst is None:

@@ -20,33 +20,33 @@ from geomphys.recording.stamps import NEVER
 
 REMEDY = "--time log goes by when the log received the messages"
 CONFIRMING_MESSAGES = 5
-"""Messages in a row that show that a jump back is not a message gone astray."""
+"""Consecutive messages that confirm a jump back, as opposed to a single wrong stamp."""
 MIN_RATE_MESSAGES = 16
 """Messages of a stream before its rate is judged while reading; at the end of the log `MIN_FINAL_MESSAGES`."""
 MIN_FINAL_MESSAGES = 4
 WRONG_UNIT_RATIO = 100.0
-"""Stamps that go this much faster or slower than the log times are in a wrong unit."""
+"""Ratio of stamp and log time spans from which stamps are in a wrong unit."""
 WARNED_RATIO = 10.0
-"""Stamps that go this much faster than the log times are warned of."""
+"""Ratio of stamp and log time spans that gives a warning."""
 MIN_FAST_STEP = 3 * 10**8
-"""ns; only messages that are stamped at least this far apart have stamps that go too fast."""
+"""ns; least mean step of stamps that are too fast."""
 MAX_SLOW_STEP = 5 * 10**4
-"""ns; only messages that are stamped at most this far apart have stamps that go too slowly."""
+"""ns; largest mean step of stamps that are too slow."""
 MIN_LOG_STEP = 3 * 10**5
 """ns; log times closer than this on average are of a log written after the fact and give no rate."""
 MIN_LOG_SPAN = 10**8
 """ns; least span of log times for a rate."""
 WARNED_JUMP = 10**9
-"""ns; stamps that jump ahead of the log times by more than this, and stay there, are warned of."""
+"""ns; a permanent jump ahead of the log times by more gives a warning."""
 WARNED_DRIFT = 5 * 10**8
-"""ns by which two topics may drift apart in a log before that is warned of."""
+"""ns; drift between two topics that gives a warning."""
 OFFSET_WINDOW = 8  # messages at each end of a stream of which the offset is the median
 MAX_TRACKS = 4096
-"""Streams that are watched at most."""
+"""Maximum number of monitored streams."""
 
 
 class StampStep(NamedTuple):
-    """Stamps of two messages in a row, and when they came; ns."""
+    """Stamps and log times of two consecutive messages; ns."""
 
     before: int
     after: int
@@ -55,7 +55,7 @@ class StampStep(NamedTuple):
 
     @property
     def excess(self) -> int:
-        """By how much more the stamps went ahead than the log times."""
+        """Step of the stamps less that of the log times, ns."""
         return self.after - self.before - (self.log_time - self.log_before)
 
 
@@ -75,7 +75,7 @@ class StampTrack:
         self.first_offset = 0.0
 
     def add(self, stamp: int, log_time: int, delay: int) -> bool:
-        """Add a message; True if the stamps have started over: gone back by more than `delay`, and stayed there."""
+        """Add a message; True if the stamps have restarted: gone back by more than `delay` permanently."""
         before, before_log = self.previous
         self.previous = stamp, log_time
         self.count += 1
@@ -102,13 +102,13 @@ class StampTrack:
 
     @property
     def spans(self) -> tuple[int, int]:
-        """How far stamps and log times went; the stamps without a single one that is corrupt."""
+        """Spans of stamps and log times, ns; robust to a single corrupt stamp."""
         stamp, log_time = sorted(self.first)[len(self.first) // 2]
         return self.max_stamp.time - stamp, self.max_log_time.time - log_time
 
     @property
     def has_rate(self) -> bool:
-        """Whether the log times are those of the recording, and long enough to compare the stamps with."""
+        """Whether the log times were set live, over a span long enough to compare rates."""
         _, log_span = self.spans
         return self.count >= MIN_FINAL_MESSAGES and log_span >= max(MIN_LOG_SPAN, MIN_LOG_STEP * self.count)
 
@@ -137,12 +137,12 @@ class StampTrack:
 
     @property
     def drift(self) -> float:
-        """How far the stamps have moved against the log times."""
+        """Change of the offset between stamps and log times, ns."""
         return statistics.median(self.offsets) - self.first_offset
 
 
 class StampMonitor:
-    """The stamps of all streams that are read."""
+    """Monitors the stamps of all streams."""
 
     def __init__(self, path: Path, delay: int) -> None:
         """`delay`: ns that a message may come late."""
@@ -167,7 +167,7 @@ class StampMonitor:
             raise LogError(self._wrong_rate_message(key, track))
 
     def finish(self) -> None:
-        """Say that the log has ended; raises LogError as `add` does, for streams of few messages."""
+        """Check streams of few messages at the end of the log; raises LogError as `add` does."""
         for key, track in self.tracks.items():
             if track.messages_behind > 1 and track.messages_ahead == 0:
                 raise LogError(self._restart_message(key, track))

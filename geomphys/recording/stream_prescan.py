@@ -22,16 +22,16 @@ from geomphys.recording.reader import LogChannel, LogReader, RawMessage
 from geomphys.recording.streams import VALUE_LIMIT, validated_pose
 
 OFFSET_MESSAGES = 8  # messages of a channel whose stamp offsets are recorded
-MAX_FRAME_IDS = 64  # frame ids of a stream that are noted
+MAX_FRAME_IDS = 64  # frame ids recorded per stream
 MAX_ZERO_STAMPS = 1024  # messages with a stamp of zero after which a channel counts as not stamped
 MAX_ZERO_STAMP_BYTES = 16 * 2**20  # or bytes of such messages
 ZERO_STAMP_TOLERANCE = 25 * 10**7
-"""ns by which the log times may differ from the stamps where a clock begins at zero."""
+"""ns; tolerance between log times and stamps of a clock that begins at zero."""
 
 
 @dataclass
 class StreamInfo:
-    """Of one stream: a frame of transforms, a joint, or the one pose of a topic."""
+    """First samples of one stream: a child frame, a joint, or the single pose of a topic."""
 
     first_time: int = 0  # of the earliest good sample
     value: PoseTuple | None = None  # the earliest good sample
@@ -50,7 +50,7 @@ class StreamInfo:
 
 
 class StampOffset(NamedTuple):
-    """Time of a message, and that less its log time; ns."""
+    """Time of a message, and its offset from the log time; ns."""
 
     time: int
     offset: int
@@ -87,13 +87,13 @@ class _ChannelProbe:
     is_child_implied: bool = False  # whether it is followed without naming the child frame
     timed_children: frozenset[str] = frozenset()  # children whose stamp offsets are recorded
     messages_read: int = 0
-    bytes: int = 0  # of the messages that wait
+    bytes: int = 0  # of the pending messages
     latest: int = -(2**62)
-    pending: list[tuple[RawMessage, Content]] = field(default_factory=list)  # until that is decided
+    pending: list[tuple[RawMessage, Content]] = field(default_factory=list)  # until `zero_stamps_resolved`
 
 
 def prescan_streams(reader: LogReader, plan: Plan, config: Config, times: MessageTimes) -> Prescan:
-    """Read the log's beginning; fills `times.zero_counts` as well.
+    """Read the log's beginning; fills `times.zero_stamp_times` and `times.offsets` as well.
 
     Raises LogError if a schema cannot be read, if a pose has no good sample, or if the topics' clocks are not the same.
     """
@@ -116,7 +116,7 @@ def prescan_streams(reader: LogReader, plan: Plan, config: Config, times: Messag
 
 
 def _probes(plan: Plan, prescan: Prescan, *, zero_stamps_resolved: bool) -> dict[int, _ChannelProbe]:
-    """One probe a channel that feeds something; makes the channels' readers."""
+    """One probe per input channel; makes the channels' readers."""
     awaited: dict[int, set[str]] = {}
     channels: dict[int, LogChannel] = {}
     for pose in plan.poses:
@@ -149,12 +149,12 @@ def _probes(plan: Plan, prescan: Prescan, *, zero_stamps_resolved: bool) -> dict
 
 
 def _joint_keys(names: dict[str, int], side: str) -> list[str]:
-    """Names of joint streams: with a side, each side is apart."""
+    """Names of joint streams; each side of a glove has its own."""
     return [joint_key(n, side) for n in names]
 
 
 def joint_key(name: str, side: str) -> str:
-    """Name under which `Known.streams` has a joint of a topic read for one side ("" for any)."""
+    """Key of a joint in `Prescan.streams`, for one side ("" for any)."""
     return f"{side}\0{name}" if side else name
 
 
@@ -188,7 +188,7 @@ def _is_channel_complete(probe: _ChannelProbe, prescan: Prescan, delay: int) -> 
 def _decode_resolved(
     probe: _ChannelProbe, prescan: Prescan, times: MessageTimes, raw: RawMessage, last: bool
 ) -> list[tuple[RawMessage, Content]]:
-    """Decode a message; returns it, and those before it, once it is decided what a stamp of zero means on the channel.
+    """Decode a message; returns it with the pending ones once the meaning of a zero stamp on the channel is known.
 
     A stamp of zero is a time if it is that of a single message which comes as long before the next one as the stamps say.
     """

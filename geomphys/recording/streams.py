@@ -35,11 +35,11 @@ QUATERNION_TOLERANCE = 1e-2
 UNIT_NORM_TOLERANCE = 1e-9
 """A quaternion whose norm differs from 1 by no more is unchanged to the bit; otherwise it is normalised."""
 VALUE_LIMIT = 1e9
-"""A coordinate or angle beyond this (m or rad) is a bad sample: its square would not be a length any more."""
+"""A coordinate or angle beyond this (m or rad) is a bad sample."""
 
 
 class Gap(NamedTuple):
-    """A stretch between two good samples of a stream, in ns."""
+    """An interval between two good samples of a stream; ns."""
 
     start: int = 0
     length: int = 0
@@ -54,7 +54,7 @@ class StreamValue(NamedTuple):
 
 
 def validated_pose(value: PoseTuple) -> PoseTuple | None:
-    """The pose with a quaternion of norm 1, None if it is not finite or its quaternion is none.
+    """The pose with a unit quaternion; None if it is not finite or has no unit quaternion.
 
     A quaternion within `UNIT_NORM_TOLERANCE` of the norm 1 is returned as it is.
     """
@@ -164,7 +164,7 @@ class PoseStream:
             del self.times[:passed], self.values[:passed]
 
     def at(self, time: int) -> StreamValue:
-        """Value at a frame; frames must be asked for in order of time. The value is None if there never was one."""
+        """Value at a frame time [ns]; times must not decrease. The value is None if there is no good sample."""
         self.advance(time)
         sampled = self._sample(time)
         self.held_frames += sampled.held
@@ -213,7 +213,7 @@ class JointStream:
         self.times: list[int] = []  # ahead of the last frame
         self.rows: list[Floats] = []  # (m,) NaN where missing
         self.full: list[bool] = []
-        self.bad_masks: list[NDArray[np.bool_] | None] = []  # (m,) which of them the log has as bad
+        self.bad_masks: list[NDArray[np.bool_] | None] = []  # (m,) bad samples of the log
         self.last_time = np.full(joints, NEVER, dtype=np.int64)
         self.last = np.zeros(joints)
         self.first = np.full(joints, np.nan)
@@ -315,7 +315,7 @@ class JointStream:
             del self.times[:passed], self.rows[:passed], self.full[:passed], self.bad_masks[:passed]
 
     def at(self, time: int) -> StreamValue:
-        """Values (m,) at a frame, not to be written to; frames must be asked for in order of time.
+        """Values (m,) at a frame time [ns], read-only; times must not decrease.
 
         NaN for a joint of which nothing is known at all.
         """
@@ -331,7 +331,7 @@ class JointStream:
         return self._sample_each_joint(time)
 
     def _sample_each_joint(self, time: int) -> StreamValue:
-        """Values where some joint is missing from a sample, or a gap is too long."""
+        """Values (m,) where a joint is missing from a sample, or a gap is too long."""
         started = self.last_time != NEVER
         value = np.where(started, self.last, self._first_values(started))
         undecided = started & (self.last_time != time) & ~self.constant
@@ -357,7 +357,7 @@ class JointStream:
         return StreamValue(value, bool(held.any()), bool(before_first.any()))
 
     def _first_values(self, started: NDArray[np.bool_]) -> Floats:
-        """First values of the joints that have not begun: the next ones ahead, else those known beforehand."""
+        """Values of joints before their first sample: the next samples, else `first`."""
         if started.all():
             return self.last
         value = np.full(len(started), np.nan)

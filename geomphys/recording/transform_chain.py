@@ -28,7 +28,7 @@ class TransformTrack:
         self.values: list[PoseTuple] = []  # good ones
 
     def add(self, time: int, value: PoseTuple) -> None:
-        """Add a transform of any time; one that is not good counts as none, and of one time the first counts."""
+        """Add a transform at any time; invalid ones are ignored, and of several at one time the first is used."""
         good = validated_pose(value)
         if good is None:
             return
@@ -46,7 +46,7 @@ class TransformTrack:
             del self.times[:expired], self.values[:expired]
 
     def at(self, time: int) -> PoseTuple | None:
-        """parent_from_child at a time; None where no transform is near enough."""
+        """parent_from_child at a time; None without a transform within `max_gap`."""
         if not self.times:
             return self.first
         next_index = bisect_right(self.times, time)

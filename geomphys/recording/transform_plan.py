@@ -103,7 +103,7 @@ def plan_transforms(reader: LogReader, plan: Plan, prescan: Prescan, spaces: Seq
 
 
 def _named(plan: Plan, prescan: Prescan) -> Iterator[tuple[PoseInput, str]]:
-    """Poses and the frames they are given in, where they name one, in the order of the scene."""
+    """Poses with their frame ids, where they have one, in the order of the scene."""
     for pose in plan.poses:
         for frame in prescan.frame_ids.get((pose.topic, pose.child), ()):
             if name := normalized_frame_id(frame):

@@ -26,11 +26,11 @@ TRANSFORM_TYPES = (
     "foxglove_msgs/msg/FrameTransform",
     "foxglove_msgs/msg/FrameTransforms",
 )
-"""Messages that make up the tree. A pose of something is in a frame too, but no other pose is given in that something."""
+"""Message types that make up the tree. Other poses have a frame id too, but their child is no frame of reference."""
 TREE_SCAN_NS = 10 * 10**9
 """ns of a log that are read for its tree; more only if a required frame has not occurred by then."""
 MAX_FRAMES = 10_000
-"""frames of a log's tree"""
+"""Maximum number of frames in a tree."""
 
 
 class Edge(NamedTuple):
@@ -49,7 +49,7 @@ class PathStep(NamedTuple):
 
 @dataclass
 class Link:
-    """How an edge is known."""
+    """The source of an edge: topics, channels, static or not."""
 
     topics: list[str] = field(default_factory=list)  # without repeats
     keys: set[int] = field(default_factory=set)  # of channels
@@ -58,7 +58,7 @@ class Link:
 
 
 class FrameError(Exception):
-    """Why one frame cannot be given in another; the text goes on a sentence that names them."""
+    """The reason why one frame cannot be transformed to another."""
 
 
 @dataclass
@@ -86,11 +86,11 @@ class TransformTree:
 
     @property
     def roots(self) -> list[str]:
-        """Frames that are given in no other, sorted."""
+        """Frames without a parent, sorted."""
         return sorted(self.frames - set(self.parents))
 
     def link(self, edge: Edge) -> Link:
-        """How an edge is known."""
+        """The source of an edge: topics, channels, static or not."""
         return self.parents[edge.child][edge.parent]
 
     def parent_of(self, frame: str, topic: str | None = None) -> str | None:
@@ -138,7 +138,7 @@ class TransformTree:
 
 
 def two_parents_message(frame: str, a: str, a_topic: str, b: str, b_topic: str) -> str:
-    """Say that a frame is given in two."""
+    """The message on a frame with two parents."""
     return (
         f"the frame {printable(frame)!r} has two parents, {printable(a)!r} (topic {printable(a_topic)!r}) and {printable(b)!r} "
         f"(topic {printable(b_topic)!r}), and a frame can have one: leave one of the two publishers out of the log"
@@ -146,7 +146,7 @@ def two_parents_message(frame: str, a: str, a_topic: str, b: str, b_topic: str) 
 
 
 def normalized_frame_id(name: str) -> str:
-    """Return a frame id as the tree has it: ``/world`` of old writers is ``world``."""
+    """Normalise a frame id: strips spaces and the leading slash of tf1 (``/world`` is ``world``)."""
     return name.strip().lstrip("/")
 
 
