@@ -81,12 +81,12 @@ def _found(avatar: AvatarDraft) -> Iterator[str]:
 
 def space_lines(space: SpaceGuess) -> Iterator[str]:
     """Yield the guesses of the recorded space that differ from the defaults."""
-    for statement, reason, sure in (
+    for statement, reason, is_certain in (
         (f"{space.up} is up", space.up_reason, space.is_up_certain),
         (f"lengths are in {space.unit}", space.unit_reason, space.is_unit_certain),
     ):
         if reason:
-            yield f"{statement}: {reason}" if sure else f"perhaps {statement}: {reason}"
+            yield f"{statement}: {reason}" if is_certain else f"perhaps {statement}: {reason}"
 
 
 def _some(names: Sequence[str]) -> str:

@@ -25,12 +25,12 @@ FLAG_TEXTS = {
     "before_first": "before the first sample of some stream",
     "clamped": "with an angle clamped to its limit",
     "outside_limits": "with a recorded angle outside its limits, kept",
-    "not_converged": "where no free place was found, or none within a bound",
+    "not_converged": "where no free pose was found within the bounds",
     "impact_bound": "where the simulated loop ended at its bound",
     "quarantined": "where a body was put back to its last good state",
     "blocked": "held back by something in between",
     "started_inside": "began inside something",
-    "wedged": "kept the turn of the last free place, for want of room",
+    "wedged": "kept the orientation of the last free pose: none is free with the recorded one",
 }
 
 

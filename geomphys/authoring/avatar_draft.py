@@ -69,13 +69,13 @@ class AnglesGuess:
 def hand_sides(skeletons: Sequence[Skeleton], log_names: Collection[str]) -> list[str]:
     """The side of each avatar, "" if unknown.
 
-    Its URDF says it by the names of the file, the robot, the links and the joints. Of two hands of which one says its
-    side, the other is the other; a single hand is of the only side that the poses of the log are of.
+    The side is taken from the names of the URDF file, the robot, the links and the joints. Of two hands with one known
+    side, the other has the opposite one; a single hand has the side of the poses of the log, if they have only one.
 
     Parameters
     ----------
     skeletons
-    told
+    log_names
         Names of the log's poses and joint topics.
     """
     sides = []

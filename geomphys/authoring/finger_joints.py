@@ -19,8 +19,8 @@ SHAPE_CONFIDENCE = 0.8
 def label_finger_joints(skeleton: Skeleton) -> dict[str, JointLabel]:
     """Joint name -> label of the joints of fingers, by their kinematic chains.
 
-    A finger is a row of moving joints from a link with several such rows to a tip. It is told by names of its joints and
-    links, else by where it stands: the thumb is the one that points elsewhere, the others follow from there. Its last
+    A finger is a chain of moving joints from a link with several such chains to a tip. It is identified by names of its
+    joints and links, else by position: the thumb is the one that points elsewhere, the others follow from there. Its last
     joints bend about one axis; what turns about another spreads.
     """
     poses = skeleton.forward()

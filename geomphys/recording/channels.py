@@ -58,8 +58,8 @@ def make_message_reader(channel: LogChannel, kind: MessageKind, *, points: bool 
     return content
 
 
-def unsupported_reason(channel: LogChannel, wanted: tuple[ContentType, ...], holds: str) -> str:
-    """Say why a channel does not provide the `wanted` content (`holds` in words), and which types would.
+def unsupported_reason(channel: LogChannel, accepted: tuple[ContentType, ...], holds: str) -> str:
+    """Say why a channel does not provide the `accepted` content (`holds` in words), and which types would.
 
     It goes on a sentence that names the topic.
     """
@@ -73,5 +73,5 @@ def unsupported_reason(channel: LogChannel, wanted: tuple[ContentType, ...], hol
         return f"{what} is not understood: this type is read in {encoding_text}, so convert the log"
     if channel.encoding not in ENCODINGS:
         return f"{what} is not understood: of the encodings {', '.join(ENCODINGS)} are read, so convert the log"
-    names = ", ".join(type_names(wanted))
+    names = ", ".join(type_names(accepted))
     return f"{what} is not understood; types with {holds} that are: {names}"

@@ -159,7 +159,7 @@ def read_transform_trees(reader: LogReader, names: Iterable[str]) -> Iterator[Tr
     """Read a log's tree; `names` are required frames.
 
     Yields what the first `TREE_SCAN_NS` ns of the log and the first message of every topic tell, with what speaks of the
-    names, which may come at any time; then, if asked for more, what the whole log tells.
+    names, which may come at any time; then, if iterated further, the tree of the whole log.
     """
     tree = TransformTree()
     channels = {c.key: c for c in reader.channels.values() if c.messages and is_transform_channel(c)}
