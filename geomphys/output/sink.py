@@ -1,4 +1,4 @@
-"""What takes the frames of a replay: one small protocol, and what all sinks that write files share."""
+"""The protocol of sinks, which receive the frames of a replay, and the shared handling of output files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from geomphys.storage.temporary_folders import TemporaryFolder
 
 
 class Sink(Protocol):
-    """Takes frames in order: `open` once, `write` once a frame, `close` once."""
+    """Receives frames in order: `open` once, `write` once a frame, `close` once."""
 
     def open(self, world: World, config: Config, provenance: Provenance) -> None:
         """Begin. Raises OutputError if the output cannot be made."""
@@ -25,7 +25,7 @@ class Sink(Protocol):
         """Take a frame. Raises OutputError if it cannot be written."""
 
     def close(self, complete: bool) -> None:
-        """End; `complete` is false if frames are missing. A sink that is not open stays as it is."""
+        """End; `complete` is false if frames are missing. Does nothing if the sink is not open."""
 
 
 class ContextManaged:
@@ -100,7 +100,7 @@ class OutputFile:
             raise OutputError(f"{path}: cannot be written ({problem.strerror})") from problem
 
     def error(self, problem: OSError) -> OutputError:
-        """What to raise for a foreign error of the file system."""
+        """The OutputError for an error of the file system."""
         return OutputError(
             f"{self.path}: cannot be written ({problem.strerror or problem}); is the disk full or the folder read-only?"
         )

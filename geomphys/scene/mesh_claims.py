@@ -10,7 +10,7 @@ from geomphys.scene.git_lfs import IS_POINTER, is_lfs_pointer
 
 HEAD = 84
 """bytes before the triangles of a binary STL; the last four count them"""
-RECORD = 50
+METADATA_RECORD = 50
 """bytes of a triangle in a binary STL"""
 
 _FACET = re.compile(rb"\bfacet\s+normal\b", re.IGNORECASE)
@@ -44,7 +44,7 @@ def mesh_fault(data: bytes, suffix: str) -> str:
 
 def is_ascii_stl(data: bytes) -> bool:
     """Whether an STL is text. Binary ones may begin with "solid" too; their length gives them away."""
-    if len(data) >= HEAD and len(data) == HEAD + RECORD * stl_count(data):
+    if len(data) >= HEAD and len(data) == HEAD + METADATA_RECORD * stl_count(data):
         return False
     start = data[:2048].lstrip().lower()
     return start.startswith(b"solid") and (b"facet" in start or b"endsolid" in start)
@@ -59,13 +59,13 @@ def without_trailer(data: bytes) -> bytes:
     """A binary STL without what some programs write behind its last triangle."""
     if is_ascii_stl(data) or len(data) < HEAD:
         return data
-    return data[: HEAD + RECORD * stl_count(data)]
+    return data[: HEAD + METADATA_RECORD * stl_count(data)]
 
 
 def _binary_stl_fault(data: bytes) -> str:
     if len(data) < HEAD:
         return f"is not a readable .stl mesh: it is cut off after {len(data)} bytes, its head alone has {HEAD}"
-    count, there = stl_count(data), (len(data) - HEAD) // RECORD
+    count, there = stl_count(data), (len(data) - HEAD) // METADATA_RECORD
     if count > there:
         return f"is cut off: {count} triangles announced, {there} there: fetch or save it again"
     if count == 0 and there:

@@ -25,9 +25,9 @@ pytestmark = pytest.mark.filterwarnings("ignore:datetime.datetime.utc:Deprecatio
 
 HOLD = """
 import sys
-from geomphys.batch.remote_lock import own_far
+from geomphys.batch.remote_lock import remote_lock_held
 from geomphys.storage.remote_files import RemotePath
-with own_far(RemotePath(sys.argv[1])):
+with remote_lock_held(RemotePath(sys.argv[1])):
     print("held", flush=True)
     input()
 """
@@ -83,11 +83,11 @@ def test_only_what_this_machine_left_is_taken_over(
     lock: RemotePath, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with remote_lock_held(lock):
-        left = lock.read_bytes()
-    lock.write_bytes(left)
+        existing = lock.read_bytes()
+    lock.write_bytes(existing)
     with remote_lock_held(lock):  # the batch that made it is gone: it does not hold the local file
-        assert lock.read_bytes() != left
-    lock.write_bytes(left)
+        assert lock.read_bytes() != existing
+    lock.write_bytes(existing)
     use_cache(tmp_path / "another", monkeypatch)
     with pytest.raises(OutputError, match="another batch"), remote_lock_held(lock):
         pass
