@@ -1,4 +1,4 @@
-"""``geomphys audit``: an output checked by an engine that took no part in it."""
+"""``geomphys audit``: checks an output for overlaps with python-fcl on the original triangles."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def _show(terminal: Terminal, report: AuditReport) -> None:
     from rich.text import Text
 
     tested = f"{report.frames:,}, {report.motion} motion"
-    pairs = f"{report.pairs:,} of bodies, {report.triangles:,} triangles; {report.tests:,} times their boxes met"
+    pairs = f"{report.pairs:,} of bodies, {report.triangles:,} triangles; {report.tests:,} box overlaps"
     if report.frames_broken:
         verdict = Text(f"{counted(report.frames_broken, 'frame')} with an overlap", style="bold red")
     else:

@@ -1,4 +1,4 @@
-"""``geomphys batch``: many logs, by several processes or a cluster, with a manifest and what is left of a killed run."""
+"""``geomphys batch``: replays many logs with several processes or a Dask cluster, with a manifest and resume."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def batch(
     except geomphys.OutputError as error:
         raise click.UsageError(str(error)) from error
 
-    def tell(entry: Entry) -> None:
+    def report_failure(entry: Entry) -> None:
         if entry.status == "failed":
             error = entry.error or ""
             terminal.warning(error if entry.log in error else f"{entry.log}: {error}")
@@ -120,7 +120,7 @@ def batch(
     with StopAtFrame(), ProgressBars(terminal) as bars:
 
         def progress(done: int, total: int | None) -> None:
-            bars.show(folder.name, done, total, unit="logs", every=1)
+            bars.show(folder.name, done, total, unit="logs", redraw_interval=1)
 
         report = geomphys.run_batch(
             logs,
@@ -137,7 +137,7 @@ def batch(
             force=force,
             loading=meshes_report(terminal, bars),
             progress=progress,
-            ended=tell,
+            ended=report_failure,
         )
     if as_json:
         terminal.json(report.as_dict())
@@ -147,10 +147,10 @@ def batch(
 
 
 def _exit_code(terminal: Terminal, report: BatchReport, limit_mm: float | None) -> int:
-    """Return the exit code, and say on stderr why it is not 0."""
-    undone = len(report.entries) - report.count("done")
-    if undone:
-        terminal.error(f"{undone} of {counted(len(report.entries), 'log')} not done; {report.manifest} tells why")
+    """Return the exit code; reports the reason on stderr if it is not 0."""
+    not_done = len(report.entries) - report.count("done")
+    if not_done:
+        terminal.error(f"{not_done} of {counted(len(report.entries), 'log')} not done; {report.manifest} tells why")
         return EXIT_SOME_FAILED
     if limit_mm is not None:
         worst = max(report.entries, key=_residual_mm)
@@ -164,12 +164,12 @@ def _exit_code(terminal: Terminal, report: BatchReport, limit_mm: float | None) 
 
 
 def _residual_mm(entry: Entry) -> float:
-    """Return the overlap that remains in a log."""
+    """Return the largest residual overlap of a log, mm."""
     return MM * float((entry.metrics or {}).get("residual_penetration_max_m", 0.0))
 
 
 def _show(terminal: Terminal, report: BatchReport) -> None:
-    """Print a line a log, and the sums."""
+    """Print one line per log, and the totals."""
     from rich.text import Text
 
     from .terminal import printable, table_in
@@ -180,7 +180,7 @@ def _show(terminal: Terminal, report: BatchReport) -> None:
         style = {"done": "green", "failed": "bold red"}.get(entry.status, "yellow")
         rows.append([printable(entry.out), Text(status, style=style), *_figures(entry)])
     columns = ["output", "status", "frames", "recorded", "left", "moved by"]
-    table = table_in(terminal.width, columns, rows, least=("frames", "moved by"), left="status")
+    table = table_in(terminal.width, columns, rows, droppable=("frames", "moved by"), left_aligned="status")
     terminal.result(table, "", Text("; ".join(_sums(report))))
 
 
@@ -193,7 +193,7 @@ def _figures(entry: Entry) -> list[str]:
 
 
 def _sums(report: BatchReport) -> Iterator[str]:
-    """Yield how many logs came to what."""
+    """Yield the number of logs of each status."""
     yield f"{counted(len(report.entries), 'log')}: {report.count('done')} done"
     if report.up_to_date:
         yield f"{len(report.up_to_date)} of them before"

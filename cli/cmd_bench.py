@@ -1,4 +1,4 @@
-"""``geomphys bench``: how long frames take, stage by stage, and how long they take elsewhere."""
+"""``geomphys bench``: measures frame times by stage, and those of other engines."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def bench(
     from geomphys.bench.run import run_bench
 
     terminal = current_terminal()
-    with progress_bar(terminal, "bench", unit="parts", every=1) as bar:
+    with progress_bar(terminal, "bench", unit="parts", redraw_interval=1) as bar:
         report = run_bench(
             folder,
             only=only,

@@ -1,4 +1,4 @@
-"""``geomphys check``: whether a log can be replayed in a scene, and what to expect of it."""
+"""``geomphys check``: checks whether a log can be replayed in a scene."""
 
 from __future__ import annotations
 

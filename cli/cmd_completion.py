@@ -1,4 +1,4 @@
-"""``geomphys completion``: completion of commands, options and paths in a shell."""
+"""``geomphys completion``: prints the shell completion script."""
 
 from __future__ import annotations
 

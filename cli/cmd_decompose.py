@@ -1,4 +1,4 @@
-"""``geomphys decompose``: meshes cut into convex pieces."""
+"""``geomphys decompose``: decomposes meshes into convex pieces."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .progress import ProgressBars, meshes_report
 from .terminal import printable
 
 if TYPE_CHECKING:
-    from geomphys.authoring.piece_files import DecomposedMesh
+    from geomphys.authoring.convex_pieces import DecomposedMesh
 
     from .terminal import Terminal
 
@@ -50,23 +50,23 @@ def decompose(path: Path, out: Path | None, threshold: float | None, seed: int, 
 
     What is cut is kept in the cache, so that a replay need not cut it again.
     """
-    several = path.suffix.lower() in {".toml", ".urdf"}
-    if several and out is not None and out.exists() and not out.is_dir():
+    has_many_meshes = path.suffix.lower() in {".toml", ".urdf"}
+    if has_many_meshes and out is not None and out.exists() and not out.is_dir():
         raise click.UsageError(f"{out}: is a file; the pieces of {path} need a folder")
-    if not several:
+    if not has_many_meshes:
         check_output(out, force=force, inputs=(path,))
 
-    from geomphys.authoring.piece_files import decompose_file, write_pieces
+    from geomphys.authoring.convex_pieces import decompose_file, write_pieces
 
     terminal = current_terminal()
     with ProgressBars(terminal) as bars:
         meshes = decompose_file(path, threshold=threshold, seed=seed, progress=meshes_report(terminal, bars))
     written = []
-    if out is not None and several:
+    if out is not None and has_many_meshes:
         out.mkdir(exist_ok=True)
     for number, mesh in enumerate(meshes):
         if out is not None:
-            target = out / f"{number:02d}_{mesh.path.stem}.glb" if several else out
+            target = out / f"{number:02d}_{mesh.path.stem}.glb" if has_many_meshes else out
             write_pieces(mesh.pieces, target, force=force)
             written.append(target)
     if as_json:
@@ -78,15 +78,15 @@ def decompose(path: Path, out: Path | None, threshold: float | None, seed: int, 
 
 
 def _show(terminal: Terminal, meshes: tuple[DecomposedMesh, ...]) -> None:
-    """Print a line a mesh."""
+    """Print one line per mesh."""
     from rich.table import Table
 
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
     for heading, justify in (("mesh", "left"), ("triangles", "right"), ("pieces", "right"), ("how", "left")):
         table.add_column(heading, justify="right" if justify == "right" else "left", overflow="fold")
     for mesh in meshes:
-        how = {"hull": "convex", "parts": "convex parts", "coacd": "cut"}[mesh.pieces.method]
-        spent = "from the cache" if mesh.pieces.cached else f"{mesh.pieces.seconds:.1f} s"
-        note = f"{how}, {spent}" if mesh.pieces.method == "coacd" else how
+        description = {"hull": "convex", "parts": "convex parts", "coacd": "cut"}[mesh.pieces.method]
+        duration = "from the cache" if mesh.pieces.cached else f"{mesh.pieces.seconds:.1f} s"
+        note = f"{description}, {duration}" if mesh.pieces.method == "coacd" else description
         table.add_row(printable(mesh.path.name), f"{mesh.triangles:,}", str(len(mesh.pieces.hulls)), note)
     terminal.result(table)

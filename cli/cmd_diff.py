@@ -1,4 +1,4 @@
-"""``geomphys diff``: what two outputs differ in."""
+"""``geomphys diff``: compares two outputs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .progress import progress_bar
 
 EXIT_SAME = 0
 EXIT_DIFFERENT = 1
-EXIT_TROUBLE = 2
+EXIT_ERROR = 2
 
 CHANNELS = ["/tf", "/recorded/tf", "joint_states", "/contacts", "/penetration", "/metrics", "/log"]
 
@@ -106,7 +106,7 @@ def diff(
             write_overlay(difference, rrd, scene=scene)
     except geomphys.GeomphysError as error:
         terminal.error("; ".join([str(error), *getattr(error, "__notes__", ())]))
-        return EXIT_TROUBLE
+        return EXIT_ERROR
     if as_json:
         terminal.json(difference.as_dict())
     else:

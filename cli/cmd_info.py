@@ -1,4 +1,4 @@
-"""``geomphys info``: what a log holds."""
+"""``geomphys info``: shows the topics of a log."""
 
 from __future__ import annotations
 

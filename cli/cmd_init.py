@@ -1,4 +1,4 @@
-"""``geomphys init``: a first scene file for a log."""
+"""``geomphys init``: drafts a scene file for a log."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def init(log: Path, urdfs: tuple[Path, ...], out: Path, recover: bool, as_json: 
     If something of the log fits the URDF, it can be replayed as it is; comments marked CHECK say what was guessed and
     what only you can know, such as where the tracker sits on the hand.
     """
-    from geomphys.authoring.draft import draft_scene
+    from geomphys.authoring.scene_draft import draft_scene
 
     terminal, printed = current_terminal(), str(out) == "-"
     if not printed:

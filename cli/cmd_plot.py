@@ -1,4 +1,4 @@
-"""``geomphys plot``: curves of a result as a figure."""
+"""``geomphys plot``: plots an output over its frames."""
 
 from __future__ import annotations
 

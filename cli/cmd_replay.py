@@ -1,4 +1,4 @@
-"""``geomphys replay``: one log through the pipeline, and what it came to."""
+"""``geomphys replay``: replays one log and prints a summary."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .options import (
     config_options,
     force_option,
     json_option,
-    naming_partials,
+    note_partial_outputs,
     scene_option,
     written_options,
 )
@@ -28,7 +28,7 @@ EXIT_THRESHOLD = 4
 MM = 1000.0
 
 COMPILE_SECONDS = 30
-"""About how long the compiler takes, on a machine of 2024 with two cores."""
+"""s; approximate compile time on two cores of 2024."""
 
 
 @command(
@@ -62,7 +62,7 @@ def replay(
     as_json: bool,
     **options: Any,
 ) -> int:
-    """Replay LOG (an MCAP file or a ROS 2 bag folder) in a scene; print what it came to.
+    """Replay LOG (an MCAP file or a ROS 2 bag folder) in a scene and print a summary.
 
     Bodies that were recorded inside something are moved out of it; where nothing touches, the motion stays as it was
     recorded, bit for bit.
@@ -74,29 +74,29 @@ def replay(
     check_output(rrd, force=force, inputs=(log, scene), not_as=".mcap")
     config = config_of(options)
 
-    os.environ.setdefault("RUST_LOG", "off")  # what the rerun SDK writes to stderr by itself comes as an error too
+    os.environ.setdefault("RUST_LOG", "off")  # the rerun SDK's own messages are raised as errors anyway
 
     import geomphys
     from geomphys.jit.kernel import are_compiled, cache_folder
 
     terminal.detail(f"kernels: {cache_folder()}")
 
-    first, told = not are_compiled(), False
+    needs_compile, was_reported = not are_compiled(), False
 
-    with StopAtFrame() as stop, ProgressBars(terminal) as bars, naming_partials(out, rrd):
+    with StopAtFrame() as stop, ProgressBars(terminal) as bars, note_partial_outputs(out, rrd):
 
         def compiling(done: int, known: int) -> None:
-            nonlocal told
-            if not told:  # not before: what is wrong with the inputs is said alone
+            nonlocal was_reported
+            if not was_reported:  # not earlier: errors of the inputs are reported alone
                 terminal.note(f"Compiling the kernels, once per machine and version (about {COMPILE_SECONDS} s)…")
-                told = True
+                was_reported = True
             bars.show("kernels", done, known, unit="jobs")
             stop.at_frame()
 
-        moved = meshes_report(terminal, bars)
+        report_mesh = meshes_report(terminal, bars)
 
         def loading(what: str, share: float) -> None:
-            moved(what, share)
+            report_mesh(what, share)
             stop.at_frame()
 
         def progress(done: int, total: int | None) -> None:
@@ -113,7 +113,7 @@ def replay(
             force=force,
             copy_input=copy_input,
             loading=loading,
-            compiling=compiling if first else None,
+            compiling=compiling if needs_compile else None,
             progress=progress,
         )
     if as_json:

@@ -1,4 +1,4 @@
-"""``geomphys schema``: the JSON Schema of the scene file."""
+"""``geomphys schema``: prints the JSON Schema of the scene file."""
 
 from __future__ import annotations
 

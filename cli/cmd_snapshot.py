@@ -1,4 +1,4 @@
-"""``geomphys snapshot``: a picture of one frame, without a screen."""
+"""``geomphys snapshot``: renders one frame to an image, without a screen."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``geomphys stats``: percentiles of one result or many."""
+"""``geomphys stats``: percentiles of one or more outputs."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ ROWS = {
     "corrected_jerk_m_s3": ("jerk corrected", "m/s³", 1.0),
     "correction_jerk_m_s3": ("jerk of the correction", "m/s³", 1.0),
 }
-"""Series -> what it is called, the unit it is shown in, and the factor to it."""
+"""Series -> label, display unit, factor from the SI unit."""
 
 
 @command(
@@ -69,7 +69,7 @@ def stats(outputs: tuple[Path, ...], as_json: bool) -> None:
 
 
 def _show(terminal: Terminal, statistics: Statistics) -> None:
-    """Print each output, and the sum of several."""
+    """Print each output, and the total of several."""
     several = len(statistics.outputs) > 1
     for output in (*statistics.outputs, *([statistics.all] if several else [])):
         name = f"all {len(statistics.outputs)}" if output is statistics.all else Path(output.name).name
@@ -77,7 +77,7 @@ def _show(terminal: Terminal, statistics: Statistics) -> None:
 
 
 def _facts(output: OutputStatistics) -> list[tuple[str, list[str]]]:
-    """Return what is counted."""
+    """Return the counts."""
     share = f"{output.frames_penetrating:,} inside something as recorded, {output.frames_in_contact:,} in contact"
     rows = [("Frames", [f"{output.frames:,} in {output.duration_s:,.2f} s", share])]
     notes = [
@@ -95,7 +95,7 @@ def _facts(output: OutputStatistics) -> list[tuple[str, list[str]]]:
 
 
 def _table(output: OutputStatistics, width: int) -> Table:
-    """Return a line for each series that has values."""
+    """Return one row per series with values."""
     rows = [
         [label, *_cells(output.values[key], factor), unit]
         for key, (label, unit, factor) in ROWS.items()
@@ -103,7 +103,7 @@ def _table(output: OutputStatistics, width: int) -> Table:
     ]
     rows += [[name, *_cells(times, 1e-3), "µs"] for name, times in output.stages.items()]
     columns = ["", "frames", "median", "p90", "p95", "p99", "largest", "unit"]
-    return table_in(width, columns, rows, least=("frames", "p90", "p99"), left="unit")
+    return table_in(width, columns, rows, droppable=("frames", "p90", "p99"), left_aligned="unit")
 
 
 def _cells(values: Distribution, factor: float) -> list[str]:

@@ -1,4 +1,4 @@
-"""``geomphys view``: a result in the rerun viewer."""
+"""``geomphys view``: opens an output in the rerun viewer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all commands share: help that ends in examples, the options of the terminal, stopping at a frame's end."""
+"""The base of all commands: help with examples, terminal options, stopping at the end of a frame on a signal."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import click
 from .terminal import Terminal
 
 SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
-"""How every help is asked for and laid out."""
+"""Settings of the help of all commands."""
 
 
 class Command(click.Command):
@@ -38,21 +38,21 @@ def command(name: str, *, examples: str, **settings: Any) -> Callable[[Callable[
     """Make a function a command of `geomphys`, with ``-h`` and the options of the terminal."""
 
     def decorate(function: Callable[..., Any]) -> Command:
-        made = click.command(
+        created = click.command(
             name,
             cls=Command,
             examples=examples,
             context_settings=SETTINGS,
             **settings,
         )(function)
-        assert isinstance(made, Command)
-        return made
+        assert isinstance(created, Command)
+        return created
 
     return decorate
 
 
 def terminal_of(ctx: click.Context) -> Terminal:
-    """Return the terminal of this call of the program, made on first use."""
+    """Return the terminal of this invocation, created on first use."""
     root = ctx.find_root()
     if root.obj is None:
         root.obj = Terminal()
@@ -92,7 +92,7 @@ class Stopped(BaseException):
 
 
 class StopAtFrame:
-    """While it is entered, SIGINT and SIGTERM stop the work at the end of the frame it is in.
+    """Context in which SIGINT and SIGTERM stop the work at the end of the current frame.
 
     Call `at_frame` after every frame: it raises `Stopped` if a signal came. Before the first frame, and at a second
     signal, `Stopped` is raised at once.
@@ -101,29 +101,29 @@ class StopAtFrame:
     def __init__(self) -> None:
         self._pending: int | None = None
         self._in_frames = False
-        self._before: dict[int, Any] = {}
+        self._previous_handlers: dict[int, Any] = {}
 
     def __enter__(self) -> StopAtFrame:
-        """Take the signals over."""
+        """Install the signal handlers."""
         for signum in (signal.SIGINT, signal.SIGTERM):
-            self._before[signum] = signal.signal(signum, self._receive)
+            self._previous_handlers[signum] = signal.signal(signum, self._receive)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Give the signals back."""
-        for signum, handler in self._before.items():
+        """Restore the previous signal handlers."""
+        for signum, handler in self._previous_handlers.items():
             signal.signal(signum, handler)
 
     def at_frame(self) -> None:
-        """Stop here if a signal came."""
+        """Raise `Stopped` if a signal was received."""
         self._in_frames = True
         if self._pending is not None:
             raise Stopped(self._pending)
 
     def _receive(self, signum: int, frame: FrameType | None) -> None:
-        """Take note of a signal."""
+        """Handle a signal."""
         if self._pending is not None or not self._in_frames:
             raise Stopped(signum)
         self._pending = signum

@@ -1,4 +1,4 @@
-"""The entry point: the group of commands, imported lazily, and what becomes of an error.
+"""Entry point: the lazily imported group of commands, and the mapping of errors to messages and exit codes.
 
 Exit codes: 0 done, 1 failed, 2 wrong usage, 3 some inputs failed, 4 a threshold was broken, 130 interrupted (SIGINT),
 143 terminated (SIGTERM).
@@ -22,8 +22,8 @@ from .terminal import Terminal
 EXIT_FAILED = 1
 EXIT_USAGE = 2
 EXIT_INTERRUPTED = 130
-GARBAGE = 50_000
-"""Objects between two searches for cycles of garbage: looking after every 700 takes a tenth of a short replay's time."""
+GC_THRESHOLD = 50_000
+"""Allocations between garbage collections; the default of 700 costs 10 % of a short replay."""
 
 COMMANDS = {
     "init": "Write a first scene file for a log.",
@@ -42,11 +42,11 @@ COMMANDS = {
     "schema": "Print the JSON Schema of the scene file.",
     "completion": "Print the completion script of a shell.",
 }
-"""Every command, in the order of the help, with the line that stands there; the function `NAME` in `cmd_NAME.py`."""
+"""Command -> its line in the help, in order; the function `NAME` is in `cmd_NAME.py`."""
 
 
 class LazyGroup(click.Group):
-    """The commands of `COMMANDS`; the module of a command is imported when the command is used, not before."""
+    """The commands of `COMMANDS`; the module of a command is imported on use."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names, in the order of the table."""
@@ -63,7 +63,7 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command; a name that does not exist is answered with the nearest ones."""
+        """Find the command; the error for an unknown name suggests the closest ones."""
         if args and args[0] not in COMMANDS and not ctx.resilient_parsing and not args[0].startswith("-"):
             from difflib import get_close_matches
 
@@ -73,7 +73,7 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; Ctrl-C ends it as `Stopped`, before click, which would put an empty line on stderr, sees it."""
+        """Run the command; maps KeyboardInterrupt to `Stopped` before click prints an empty line."""
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
@@ -121,7 +121,7 @@ def cli() -> None:
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line on `arguments` (default: the process's own) and return the exit code.
 
-    What went wrong is said in one line on stderr.
+    Errors are one line on stderr.
     """
     terminal = Terminal()
     try:
@@ -145,7 +145,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         terminal.error("interrupted")
         return EXIT_INTERRUPTED
     except BrokenPipeError:
-        _forget_stdout()
+        _discard_stdout()
         return EXIT_FAILED
     except MemoryError:
         terminal.error("out of memory; a smaller scene, simpler meshes or fewer --jobs need less")
@@ -159,19 +159,19 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 
 def _with_notes(error: BaseException) -> str:
-    """Return what an error says, with what was added to it on its way."""
+    """Return the text of an error with its notes."""
     return "; ".join([str(error), *getattr(error, "__notes__", ())])
 
 
 def _expected_errors() -> type[Exception]:
-    """Return the base class of what the library raises on purpose; looked up only when something was raised."""
+    """Return the base class of the library's errors; imported only when something was raised."""
     from geomphys.errors import GeomphysError
 
     return GeomphysError
 
 
-def _forget_stdout() -> None:
-    """Point stdout at nothing: its reader has gone, and the interpreter would complain of that when it ends."""
+def _discard_stdout() -> None:
+    """Redirect stdout to the null device after a broken pipe, so that the interpreter does not report it at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
@@ -180,11 +180,11 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
-    gc.set_threshold(GARBAGE, 20, 20)
+    gc.set_threshold(GC_THRESHOLD, 20, 20)
     code = run()
     try:
         sys.stdout.flush()
     except BrokenPipeError:
-        _forget_stdout()
+        _discard_stdout()
         code = code or EXIT_FAILED
     sys.exit(code)

@@ -1,4 +1,4 @@
-"""Options that several commands share, and what is checked of them before any work begins."""
+"""Options shared by commands, and checks of outputs before any work begins."""
 
 from __future__ import annotations
 
@@ -15,47 +15,49 @@ if TYPE_CHECKING:
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-class Place(click.Path):
-    """A local path, or a URL: one that is read must exist, as `click.Path` demands of paths."""
+class PathOrUrl(click.Path):
+    """Parameter type of a local path or URL; inputs must exist, as with `click.Path`."""
 
-    unseen_suffix: str | None = None
-    """Ending of URLs that are not looked for."""
+    unchecked_suffix: str | None = None
+    """Suffix of URLs whose existence is not checked."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return what stands for the path or URL; wrong usage where it is not there."""
+        """Return the path or URL as a path object; usage error where it does not exist."""
         if "://" not in str(value):
             return super().convert(value, param, ctx)
         from geomphys.errors import InputError
         from geomphys.storage.remote_files import as_path, is_remote
 
         try:
-            found = as_path(value)
-            if not is_remote(found):
-                return super().convert(str(found), param, ctx)
-            if self.exists and found.suffix != self.unseen_suffix and not found.exists():
-                self.fail(f"{found}: there is no such file", param, ctx)
-            if not self.exists and not found.lists:
+            path_like = as_path(value)
+            if not is_remote(path_like):
+                return super().convert(str(path_like), param, ctx)
+            if self.exists and path_like.suffix != self.unchecked_suffix and not path_like.exists():
+                self.fail(f"{path_like}: there is no such file", param, ctx)
+            if not self.exists and not path_like.lists:
                 self.fail(
-                    f"{found}: a web server takes no files; write to a local path or a store such as s3://", param, ctx
+                    f"{path_like}: a web server takes no files; write to a local path or a store such as s3://",
+                    param,
+                    ctx,
                 )
         except InputError as problem:
             self.fail(str(problem), param, ctx)
         except OSError as problem:
             self.fail(f"{value}: cannot be reached ({problem.strerror})", param, ctx)
-        return found
+        return path_like
 
 
-INPUT = Place(exists=True, readable=True, path_type=Path)
-INPUTS = Place(exists=True, readable=True, path_type=Path)
-INPUTS.unseen_suffix = ".mcap"  # of many logs one that is missing stops none
-INPUT_FILE = Place(exists=True, dir_okay=False, readable=True, path_type=Path)
+INPUT = PathOrUrl(exists=True, readable=True, path_type=Path)
+INPUTS = PathOrUrl(exists=True, readable=True, path_type=Path)
+INPUTS.unchecked_suffix = ".mcap"  # a missing log does not stop a batch
+INPUT_FILE = PathOrUrl(exists=True, dir_okay=False, readable=True, path_type=Path)
 LOCAL_FILE = click.Path(exists=True, dir_okay=False, readable=True, path_type=Path)
-OUTPUT_FILE = Place(dir_okay=False, path_type=Path)
-OUTPUT_FOLDER = Place(file_okay=False, path_type=Path)
+OUTPUT_FILE = PathOrUrl(dir_okay=False, path_type=Path)
+OUTPUT_FOLDER = PathOrUrl(file_okay=False, path_type=Path)
 SECONDS = click.FloatRange(min=0.0)
 
 
-def _together(*options: Callable[[Any], Any]) -> Callable[[F], F]:
+def _combine_options(*options: Callable[[Any], Any]) -> Callable[[F], F]:
     """Return a decorator that adds the options in the order they are given."""
 
     def decorate(function: F) -> F:
@@ -66,26 +68,26 @@ def _together(*options: Callable[[Any], Any]) -> Callable[[F], F]:
     return decorate
 
 
-class _NeededOption(click.Option):
-    """A required option; where it is missing, the error tells how to come by it."""
+class _RequiredOption(click.Option):
+    """A required option with its own message where it is missing."""
 
-    def __init__(self, *args: Any, missing: str, **settings: Any) -> None:
+    def __init__(self, *args: Any, missing_message: str, **settings: Any) -> None:
         super().__init__(*args, required=True, **settings)
-        self.missing = missing
+        self.missing_message = missing_message
 
     def process_value(self, ctx: click.Context, value: Any) -> Any:
         """Take the value; raises UsageError without one."""
         try:
             return super().process_value(ctx, value)
         except click.MissingParameter as error:
-            raise click.UsageError(self.missing, ctx) from error
+            raise click.UsageError(self.missing_message, ctx) from error
 
 
 scene_option = click.option(
     "--scene",
     "-s",
-    cls=_NeededOption,
-    missing="no scene: name its file with --scene; geomphys init LOG --urdf URDF writes a first one",
+    cls=_RequiredOption,
+    missing_message="no scene: name its file with --scene; geomphys init LOG --urdf URDF writes a first one",
     type=INPUT_FILE,
     metavar="SCENE",
     help="The scene file (TOML).",
@@ -94,8 +96,8 @@ scene_option = click.option(
 urdf_option = click.option(
     "--urdf",
     "urdfs",
-    cls=_NeededOption,
-    missing="no avatar: name the URDF of the recorded hand or body with --urdf",
+    cls=_RequiredOption,
+    missing_message="no avatar: name the URDF of the recorded hand or body with --urdf",
     type=LOCAL_FILE,
     multiple=True,
     metavar="URDF",
@@ -106,7 +108,7 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON, 
 
 force_option = click.option("--force", "-f", is_flag=True, help="Overwrite outputs that exist.")
 
-config_options = _together(
+config_options = _combine_options(
     click.option(
         "--mode",
         type=click.Choice(["rigid", "chains"]),
@@ -137,7 +139,7 @@ config_options = _together(
 )
 """The options that make up a `Config`; hand them to `config_of`."""
 
-written_options = _together(
+written_options = _combine_options(
     click.option(
         "--no-timing", is_flag=True, help="No /timing channel, nor its plots: equal inputs then give equal bytes."
     ),
@@ -149,7 +151,7 @@ written_options = _together(
         help="End with exit code 4 if more than this overlap (mm) remains in any frame.",
     ),
 )
-"""The options on what is written and when it counts as good."""
+"""Options of outputs, and of the overlap at which a replay fails."""
 
 
 def config_of(options: dict[str, Any]) -> Config:
@@ -173,8 +175,8 @@ def check_output(path: Path | None, *, force: bool, inputs: tuple[Path, ...] = (
         )
     from geomphys.storage.remote_files import is_same_file
 
-    for given in inputs:
-        if path == given or (path.exists() and given.exists() and is_same_file(path, given)):
+    for input_path in inputs:
+        if path == input_path or (path.exists() and input_path.exists() and is_same_file(path, input_path)):
             raise click.UsageError(f"{path}: is an input and cannot be the output too")
     if isinstance(path, Path) and not path.parent.is_dir():
         raise click.UsageError(f"{path}: there is no folder {path.parent}; make it first")
@@ -183,21 +185,21 @@ def check_output(path: Path | None, *, force: bool, inputs: tuple[Path, ...] = (
 
 
 @contextmanager
-def naming_partials(*outputs: Path | None) -> Iterator[None]:
-    """Add to an error that ends the block where the finished part of an output is, if one was left."""
-    partials = [path.with_name(f"{path.stem}.partial{path.suffix}") for path in outputs if path is not None]
-    before = [_state(path) for path in partials]
+def note_partial_outputs(*outputs: Path | None) -> Iterator[None]:
+    """Add a note with the path of a partial output, if one was left, to an error raised in the block."""
+    partial_paths = [path.with_name(f"{path.stem}.partial{path.suffix}") for path in outputs if path is not None]
+    states_before = [_state(path) for path in partial_paths]
     try:
         yield
     except BaseException as error:
-        for path, state in zip(partials, before, strict=True):
+        for path, state in zip(partial_paths, states_before, strict=True):
             if _state(path) not in (None, state):
                 error.add_note(f"the finished part is in {path}")
         raise
 
 
 def _state(path: Path) -> tuple[int, int, int] | None:
-    """Return what changes when a file is replaced; None if there is none."""
+    """Return inode, size and time of a file; None if it does not exist."""
     try:
         status = path.stat()
     except FileNotFoundError:

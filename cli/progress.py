@@ -1,4 +1,4 @@
-"""The progress bar: on a terminal only, on stderr, with frames per second and the time left."""
+"""Progress bars on stderr, on a terminal only: frames per second and time left."""
 
 from __future__ import annotations
 
@@ -11,22 +11,24 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:
     from .terminal import Terminal
 
-EVERY = 16
-"""Frames between two looks at the bar: drawing must cost nothing beside the work."""
-PATIENCE = 1.0
-"""s after which it is said what is being done where there is no bar"""
+REDRAW_INTERVAL = 16
+"""Frames between two updates of the bar."""
+NOTICE_DELAY = 1.0
+"""s; without a terminal, a notice is printed after this time."""
 
 
 class Report(Protocol):
-    """What a library call tells of its progress: frames done, and how many there will be if that is known."""
+    """Progress callback of library calls: frames done, and their total if known."""
 
     def __call__(self, done: int, total: int | None, /) -> None:
-        """Take the figures."""
+        """Report the counts."""
 
 
 @contextmanager
-def progress_bar(terminal: Terminal, title: str, unit: str = "frames", every: int = EVERY) -> Iterator[Report]:
-    """Show a bar while the block runs; yields the callback that moves it, which draws at every `every`-th call."""
+def progress_bar(
+    terminal: Terminal, title: str, unit: str = "frames", redraw_interval: int = REDRAW_INTERVAL
+) -> Iterator[Report]:
+    """Show a bar while the block runs; yields the callback that moves it, which draws at every `redraw_interval`-th call."""
     if terminal.quiet or not sys.stderr.isatty():
         yield lambda done, total: None
         return
@@ -34,18 +36,18 @@ def progress_bar(terminal: Terminal, title: str, unit: str = "frames", every: in
     from rich.text import Text
 
     class Speed(ProgressColumn):
-        """Units a second."""
+        """Units per second."""
 
         def render(self, task: Task) -> Text:
-            """Return the speed, or nothing while it is not known."""
+            """Return the speed, empty while unknown."""
             speed = task.finished_speed or task.speed
             return Text("" if speed is None else f"{speed:,.0f} {unit}/s", style="cyan")
 
     class Done(ProgressColumn):
-        """How many of how many."""
+        """Count and total."""
 
         def render(self, task: Task) -> Text:
-            """Return the count; without a total only what is done."""
+            """Return the count, and the total if known."""
             if not task.completed:
                 return Text("")
             total = "" if task.total is None else f"/{task.total:,.0f}"
@@ -64,14 +66,14 @@ def progress_bar(terminal: Terminal, title: str, unit: str = "frames", every: in
         task = bar.add_task(title, total=None)
 
         def report(done: int, total: int | None) -> None:
-            if done % every == 0 or done == total:
+            if done % redraw_interval == 0 or done == total:
                 bar.update(task, completed=done, total=total)
 
         yield report
 
 
 class ProgressBars:
-    """One bar after the other, as the work goes on; a context manager that takes the last one away."""
+    """Successive progress bars; a context manager that removes the last one."""
 
     def __init__(self, terminal: Terminal) -> None:
         self._terminal = terminal
@@ -80,37 +82,39 @@ class ProgressBars:
         self._report: Report | None = None
 
     def __enter__(self) -> ProgressBars:
-        """Show nothing yet."""
+        """Enter without a bar."""
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         self._shown.close()
 
-    def show(self, title: str, done: int, total: int | None, unit: str = "frames", every: int = EVERY) -> None:
-        """Move the bar of this title; it takes the place of the one before."""
+    def show(
+        self, title: str, done: int, total: int | None, unit: str = "frames", redraw_interval: int = REDRAW_INTERVAL
+    ) -> None:
+        """Update the bar of this title, which replaces the previous one."""
         if self._report is None or title != self._title:
             self._shown.close()
             self._title, self._report = (
                 title,
-                self._shown.enter_context(progress_bar(self._terminal, title, unit, every)),
+                self._shown.enter_context(progress_bar(self._terminal, title, unit, redraw_interval)),
             )
         self._report(done, total)
 
 
 def meshes_report(terminal: Terminal, bars: ProgressBars) -> Callable[[str, float], None]:
-    """Return the callback that shows how far the meshes of a scene are cut.
+    """Return the callback that shows the progress of mesh decomposition.
 
-    On a terminal it moves a bar that names the mesh; elsewhere it writes one line if that takes longer than `PATIENCE`.
+    On a terminal it moves a bar that names the mesh; elsewhere it writes one line if that takes longer than `NOTICE_DELAY`.
     """
-    begun, told = time.monotonic(), False
+    start_time, was_reported = time.monotonic(), False
 
     def report(what: str, share: float) -> None:
-        nonlocal told
+        nonlocal was_reported
         if sys.stderr.isatty():
-            bars.show(what, round(100 * share), 100, unit="%", every=1)
-        elif not told and time.monotonic() - begun > PATIENCE:
+            bars.show(what, round(100 * share), 100, unit="%", redraw_interval=1)
+        elif not was_reported and time.monotonic() - start_time > NOTICE_DELAY:
             terminal.note(f"Cutting meshes into convex pieces, once: {what}…")
-            told = True
+            was_reported = True
 
     return report

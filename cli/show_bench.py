@@ -1,4 +1,4 @@
-"""A benchmark as tables: for a terminal, or as Markdown."""
+"""Prints benchmark results as tables, for a terminal or as Markdown."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def show_bench(terminal: Terminal, report: Report, *, markdown: bool) -> None:
         return
     terminal.result(fields(facts), "")
     for sheet in sheets(report):
-        table = table_in(terminal.width, sheet.columns, sheet.rows, least=sheet.columns[:3:-1])
+        table = table_in(terminal.width, sheet.columns, sheet.rows, droppable=sheet.columns[:3:-1])
         terminal.result(heading(sheet.title), *([sheet.note] if sheet.note else []), table, "")
 
 
@@ -61,7 +61,7 @@ def as_markdown(sheet: Sheet) -> list[str]:
 
 
 def machine_facts(report: Report) -> list[tuple[str, list[str]]]:
-    """Return what it ran on, and what compiling cost."""
+    """Return the machine, versions and compile times."""
     machine = report.machine
     versions = ", ".join(f"{name} {version}" for name, version in machine.versions.items())
     load = f"load {machine.load[0]:.1f}"

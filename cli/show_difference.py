@@ -1,4 +1,4 @@
-"""A comparison of two outputs as a person reads it: same or not, then where, how much, and since when."""
+"""Prints a comparison of two outputs: verdict, and the largest differences of each channel."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ DEGREES = 57.29577951308232
 
 
 def show_difference(terminal: Terminal, difference: OutputDifference) -> None:
-    """Print the verdict, a table of what differs, and what the two were made from."""
+    """Print the verdict, the parameters that differ, and a table per channel with differences."""
     from rich.text import Text
 
     frames = difference.frames
@@ -42,7 +42,7 @@ def show_difference(terminal: Terminal, difference: OutputDifference) -> None:
     tolerance = difference.tolerance
     if not tolerance.exact:
         rows.append(("Tolerance", [f"{_length(tolerance.m)}, {_angle(tolerance.rad)}"]))
-    same = [name for name, channel in difference.channels.items() if channel.equal and _silent(channel)]
+    same = [name for name, channel in difference.channels.items() if channel.equal and _has_no_differences(channel)]
     if same:
         rows.append(("Equal", ["  ".join(same)]))
     rows += [
@@ -54,49 +54,49 @@ def show_difference(terminal: Terminal, difference: OutputDifference) -> None:
     terminal.result(heading(Path(difference.a).name, f" against {Path(difference.b).name}"), fields(rows))
     limit = None if terminal.verbose else PARTS_SHOWN
     for name, channel in difference.channels.items():
-        if frames.compared and not (channel.equal and _silent(channel)):
-            terminal.result("", heading(name, _since(channel)), _table(channel, limit, terminal.width))
+        if frames.compared and not (channel.equal and _has_no_differences(channel)):
+            terminal.result("", heading(name, _first_difference(channel)), _table(channel, limit, terminal.width))
 
 
-def _silent(channel: ChannelDifference) -> bool:
-    """Return whether there is nothing to say of a channel that is equal."""
+def _has_no_differences(channel: ChannelDifference) -> bool:
+    """Return whether an equal channel has no difference within the tolerance either."""
     measures = [channel.overall_m, channel.overall_rad, *channel.others.values()]
     return not channel.sets and not any(m is not None and m.max for m in measures)
 
 
-def _since(channel: ChannelDifference) -> str:
-    """Return what follows a channel's name."""
+def _first_difference(channel: ChannelDifference) -> str:
+    """Return the text after a channel's name."""
     if channel.equal:
         return "  within the tolerance"
     return "" if channel.first_frame is None else f"  from frame {channel.first_frame:,} on"
 
 
 def _table(channel: ChannelDifference, limit: int | None, width: int) -> Table:
-    """Return a line for each part that differs."""
+    """Return one row per part that differs."""
     headers = _headers(channel)
     lines: dict[tuple[str, ...], list[str]] = {}
     for part in channel.largest_differences():
         cells = dict(_cells(channel, part))
         lines.setdefault(tuple(cells.get(header, "") for header in headers), []).append(part)
-    rows = [[_named(names, whole=limit is None), *texts] for texts, names in list(lines.items())[:limit]]
-    for side, alone in (("a", channel.only_a), ("b", channel.only_b)):
-        if alone:
-            rows.append([f"only in {side}: {printable(', '.join(alone))}"])
+    rows = [[_part_names(names, show_all=limit is None), *texts] for texts, names in list(lines.items())[:limit]]
+    for side, parts in (("a", channel.only_a), ("b", channel.only_b)):
+        if parts:
+            rows.append([f"only in {side}: {printable(', '.join(parts))}"])
     if limit is not None and len(lines) > limit:
         hidden = sum(len(names) for names in list(lines.values())[limit:])
         rows.append([f"and {hidden} more, with -v"])
-    return table_in(width, [channel.kind, *headers], rows, least=("frames", "worst frame", "RMS turn", "RMS"))
+    return table_in(width, [channel.kind, *headers], rows, droppable=("frames", "worst frame", "RMS turn", "RMS"))
 
 
-def _named(names: list[str], *, whole: bool) -> str:
+def _part_names(names: list[str], *, show_all: bool) -> str:
     """Return the names of parts that share a line."""
-    if whole or len(names) <= 2:
+    if show_all or len(names) <= 2:
         return printable(", ".join(names))
     return printable(f"{names[0]} and {len(names) - 1} that move with it")
 
 
 def _headers(channel: ChannelDifference) -> list[str]:
-    """Return the columns that have anything in them."""
+    """Return the columns that are not empty."""
     found = dict.fromkeys(header for part in channel.largest_differences() for header, _ in _cells(channel, part))
     order = ["largest", "RMS", "turned", "RMS turn", "gained", "lost", "first frame", "worst frame", "frames"]
     return [header for header in order if header in found]

@@ -1,4 +1,4 @@
-"""What a drafted scene file came to, as a person reads it."""
+"""Prints the result of drafting a scene file."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from .terminal import counted, fields, heading
 
 if TYPE_CHECKING:
     from geomphys.authoring.avatar_draft import AvatarDraft
-    from geomphys.authoring.draft import SceneDraft
-    from geomphys.recording.recorded_space import SpaceGuess
+    from geomphys.authoring.scene_draft import SceneDraft
+    from geomphys.recording.space_guess import SpaceGuess
 
     from .terminal import Terminal
 
@@ -23,9 +23,9 @@ def show_draft(terminal: Terminal, draft: SceneDraft, log: Path, out: Path) -> N
     space = list(space_lines(draft.space))
     if space:
         rows.append(("Space", space))
-    left = [p.name for p in draft.others.poses] + list(draft.others.joints)
-    if left:
-        rows.append(("Not used", [_some(left)]))
+    unused = [p.name for p in draft.others.poses] + list(draft.others.joints)
+    if unused:
+        rows.append(("Not used", [_some(unused)]))
     if not draft.is_replayable:
         rows.append(
             ("But", ["it cannot be replayed yet: nothing in it follows a topic; fill in the lines in comments"])
@@ -38,7 +38,7 @@ def show_draft(terminal: Terminal, draft: SceneDraft, log: Path, out: Path) -> N
 
 
 def _found(avatar: AvatarDraft) -> Iterator[str]:
-    """Yield what an avatar follows."""
+    """Yield the inputs of an avatar."""
     if avatar.root is None:
         yield f"root {avatar.root_link}: stands still, no pose of the log looks like it"
     else:
@@ -67,12 +67,12 @@ def _found(avatar: AvatarDraft) -> Iterator[str]:
     guessed = sum(m.how == "guess" and m.is_used for m in avatar.matches)
     alike = len(avatar.matches) - by_name - renamed - guessed
     if renamed or guessed or alike:
-        told = (
+        labels = (
             f"{renamed} spelled otherwise",
             f"{guessed} guessed and renamed",
             f"{alike} only alike and left in comments",
         )
-        yield f"names: {', '.join(t for t, n in zip(told, (renamed, guessed, alike), strict=True) if n)}"
+        yield f"names: {', '.join(t for t, n in zip(labels, (renamed, guessed, alike), strict=True) if n)}"
     if avatar.joint_choices:
         yield f"or: the same joints are on {_some(avatar.joint_choices)}"
     if avatar.unmatched_joints:
@@ -80,13 +80,13 @@ def _found(avatar: AvatarDraft) -> Iterator[str]:
 
 
 def space_lines(space: SpaceGuess) -> Iterator[str]:
-    """Yield what was found of the recorded space, where it is not the usual one."""
-    for said, reason, sure in (
-        (f"{space.up} is up", space.up_reason, space.up_sure),
-        (f"lengths are in {space.unit}", space.unit_reason, space.unit_sure),
+    """Yield the guesses of the recorded space that differ from the defaults."""
+    for statement, reason, is_certain in (
+        (f"{space.up} is up", space.up_reason, space.is_up_certain),
+        (f"lengths are in {space.unit}", space.unit_reason, space.is_unit_certain),
     ):
         if reason:
-            yield f"{said}: {reason}" if sure else f"perhaps {said}: {reason}"
+            yield f"{statement}: {reason}" if is_certain else f"perhaps {statement}: {reason}"
 
 
 def _some(names: Sequence[str]) -> str:

@@ -1,4 +1,4 @@
-"""What a log holds and whether it can be replayed, as a person reads it."""
+"""Prints what a log holds, and whether it can be replayed."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from .terminal import Terminal
 
 NAMES_SHOWN = 6
-"""Names of a list that are shown unless more is asked for."""
+"""Names of a list shown without ``-v``."""
 
 NARROW = 90
 """Columns below which topics are listed one below the other instead of in a table."""
 
 FROM_1990 = 631_152_000
-"""s; a clock that shows less does not count from 1970."""
+"""s; a smaller time is not of a clock that counts from 1970."""
 
 
 def show_log(terminal: Terminal, log: LogInfo) -> None:
@@ -77,7 +77,7 @@ def _list_of(log: LogInfo) -> Text:
 
 
 def _topics(topics: Iterable[TopicInfo]) -> Table:
-    """Return a line a topic and what it can be used for; what is not understood is dim."""
+    """Return one row per topic with its content; unsupported topics are dim."""
     from rich.table import Table
 
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
@@ -116,7 +116,7 @@ def _found(topic: TopicInfo, all_names: bool) -> Iterator[str]:
 
 
 def show_check(terminal: Terminal, report: CheckReport) -> None:
-    """Print whether a log can be replayed in a scene: what feeds what, what is missing, what a replay will meet."""
+    """Print whether a log can be replayed in a scene: mapped inputs, missing inputs, expected problems."""
     rows: list[tuple[str, Sequence[str]]] = []
     if report.clock is not None:
         rows.append(("Clock", [report.clock]))
@@ -144,13 +144,13 @@ def show_check(terminal: Terminal, report: CheckReport) -> None:
 
 
 def _placed(space: SpaceReport) -> str:
-    """Return how the recorded space lies in the world."""
+    """Return the pose of the recorded space in the world."""
     at, turned = (", ".join(f"{value:.4g}" for value in values) for values in (space.position, space.orientation))
     return f"recorded with {space.up} up, in {space.unit}; its origin is at [{at}], its axes are turned by [{turned}]"
 
 
 def finding_rows(findings: Findings, all_lines: bool) -> Iterator[tuple[str, list[str]]]:
-    """Yield what a user should know of a scene beside its warnings."""
+    """Yield notes on a scene other than warnings."""
     if findings.without_collision:
         names = list(findings.without_collision)
         what = f"{counted(len(names), 'link')} with a visual, but no collision geometry"
@@ -204,7 +204,7 @@ def _recording_rows(recording: RecordingReport, all_names: bool) -> Iterator[tup
 
 
 def _verdict(report: CheckReport) -> Text:
-    """Return the answer in one line."""
+    """Return the verdict in one line."""
     from rich.text import Text
 
     if report.errors:

@@ -1,4 +1,4 @@
-"""The summary of a replay as a person reads it: was it inside something, is it free now, how fast was it."""
+"""Prints the summary of a replay: recorded overlap, corrected motion, contacts, times, warnings."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ FLAG_TEXTS = {
     "before_first": "before the first sample of some stream",
     "clamped": "with an angle clamped to its limit",
     "outside_limits": "with a recorded angle outside its limits, kept",
-    "not_converged": "where no free place was found, or none within a bound",
+    "not_converged": "where no free pose was found within the bounds",
     "impact_bound": "where the simulated loop ended at its bound",
     "quarantined": "where a body was put back to its last good state",
     "blocked": "held back by something in between",
     "started_inside": "began inside something",
-    "wedged": "kept the turn of the last free place, for want of room",
+    "wedged": "kept the orientation of the last free pose: none is free with the recorded one",
 }
 
 
@@ -78,7 +78,7 @@ def _frames(summary: Summary) -> str:
 
 
 def _recorded(summary: Summary) -> list[str]:
-    """Tell how deep the recording lay in something."""
+    """Describe the recorded overlaps."""
     if not summary.frames_penetrating:
         return ["never inside anything"]
     share = 100.0 * summary.frames_penetrating / summary.frames
@@ -94,7 +94,7 @@ def _recorded(summary: Summary) -> list[str]:
 
 
 def _corrected(summary: Summary) -> list[str | Text]:
-    """Tell whether it is free now, and how far that moved it."""
+    """Describe the residual overlap and the corrections."""
     from rich.text import Text
 
     if 1000.0 * summary.residual_penetration_max_m <= FREE_MM:
@@ -111,7 +111,7 @@ def _corrected(summary: Summary) -> list[str | Text]:
 
 
 def _times(summary: Summary) -> Iterator[str]:
-    """Tell the time of a frame, and how much faster than life the whole went."""
+    """Describe frame times and the speed relative to real time."""
     step = summary.timing["step"]
     yield f"{_duration(step.median_ns)} a frame, {_duration(step.p95_ns)} at the 95th percentile"
     if summary.elapsed_s > 0:

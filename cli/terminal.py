@@ -1,4 +1,4 @@
-"""What reaches the user: results on stdout, everything else on stderr, in colour only on a terminal that wants it."""
+"""Terminal output: results on stdout, messages on stderr, colour only on a terminal that supports it."""
 
 from __future__ import annotations
 
@@ -20,34 +20,34 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 PIPED_WIDTH = 200
-"""Columns a table may take where no terminal limits it."""
+"""Width of tables where the output is not a terminal."""
 
 
 def printable(text: object) -> str:
-    r"""Return a text in one line that cannot steer a terminal: control characters become ``\n``, ``\x1b``…"""
+    r"""Return a text in one line without terminal control: control characters become ``\n``, ``\x1b``…"""
     return "".join(
         character if character.isprintable() else character.encode("unicode_escape").decode() for character in str(text)
     )
 
 
-def plain(value: Any) -> Any:
-    """Return a value as JSON takes it: paths as text, arrays as lists, what is not finite as null."""
+def json_value(value: Any) -> Any:
+    """Convert a value for JSON: paths to text, arrays to lists, non-finite numbers to null."""
     if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {str(key): json_value(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [json_value(item) for item in value]
     if isinstance(value, Path):
         return str(value)
     if hasattr(value, "tolist"):
-        return plain(value.tolist())
+        return json_value(value.tolist())
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
 
 
-def counted(number: int, what: str, several: str = "") -> str:
+def counted(number: int, noun: str, plural: str = "") -> str:
     """Return a number and what it counts, in the plural but for one."""
-    return f"{number:,} {what}" if number == 1 else f"{number:,} {several or what + 's'}"
+    return f"{number:,} {noun}" if number == 1 else f"{number:,} {plural or noun + 's'}"
 
 
 def heading(name: str, rest: str = "") -> Text:
@@ -68,12 +68,12 @@ def fields(rows: Iterable[tuple[str, Sequence[str | Text]]], colours: dict[str, 
     table = Table.grid(padding=(0, 2))
     table.add_column(style="cyan", no_wrap=True)
     table.add_column(overflow="fold")
-    before = None
+    previous_label = None
     for label, lines in rows:
         style = (colours or {}).get(label, "")
         texts = [line if isinstance(line, Text) else Text(printable(line), style=style) for line in lines]
-        table.add_row("" if label == before else Text(printable(label)), Text("\n").join(texts))
-        before = label
+        table.add_row("" if label == previous_label else Text(printable(label)), Text("\n").join(texts))
+        previous_label = label
     return table
 
 
@@ -82,43 +82,50 @@ NAME_WIDTH = 18
 
 
 def table_in(
-    width: int, columns: Sequence[str], rows: Sequence[Sequence[str | Text]], least: Sequence[str] = (), left: str = ""
+    width: int,
+    columns: Sequence[str],
+    rows: Sequence[Sequence[str | Text]],
+    droppable: Sequence[str] = (),
+    left_aligned: str = "",
 ) -> Table:
     """Return a table without lines: names on the left, folded if need be, figures on the right, never cut.
 
-    Where it is wider than `width`, the columns named in `least` are left out, the first ones first, and a last line
-    says so. `left` is the heading of a column that is justified left.
+    Where it is wider than `width`, the columns named in `droppable` are left out, the first ones first, and a last line
+    says so. `left_aligned` is the heading of a column that is justified left.
     """
     from rich.table import Table
     from rich.text import Text
 
     cells = [[str(cell) for cell in row] for row in (columns, *rows)]
     widths = [max((len(row[k]) for row in cells if k < len(row)), default=0) + 2 for k in range(len(columns))]
-    room = width - min(widths[0], NAME_WIDTH + 2)
-    gone: list[str] = []
-    for column in (*least, ""):
-        if sum(w for w, name in zip(widths[1:], columns[1:], strict=True) if name not in gone) <= room or not column:
+    available_width = width - min(widths[0], NAME_WIDTH + 2)
+    hidden: list[str] = []
+    for column in (*droppable, ""):
+        if (
+            sum(w for w, name in zip(widths[1:], columns[1:], strict=True) if name not in hidden) <= available_width
+            or not column
+        ):
             break
         if column in columns:
-            gone.append(column)
-    kept = [k for k, name in enumerate(columns) if name not in gone or k == 0]
+            hidden.append(column)
+    shown = [k for k, name in enumerate(columns) if name not in hidden or k == 0]
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
-    for k in kept:
+    for k in shown:
         if k == 0:
             table.add_column(columns[k], overflow="fold", min_width=min(widths[0] - 2, NAME_WIDTH))
         else:
-            table.add_column(columns[k], justify="left" if columns[k] == left else "right", no_wrap=True)
+            table.add_column(columns[k], justify="left" if columns[k] == left_aligned else "right", no_wrap=True)
     for row in rows:
-        table.add_row(*(row[k] if isinstance(row[k], Text) else Text(str(row[k])) for k in kept if k < len(row)))
-    if gone:
-        table.caption = Text(f"no room for {', '.join(gone)}: see a wider terminal or --json", style="dim")
+        table.add_row(*(row[k] if isinstance(row[k], Text) else Text(str(row[k])) for k in shown if k < len(row)))
+    if hidden:
+        table.caption = Text(f"too narrow for {', '.join(hidden)}: see a wider terminal or --json", style="dim")
         table.caption_justify = "left"
     return table
 
 
 @dataclass
 class Terminal:
-    """How much is said, and in which colours."""
+    """Verbosity and colours of the output."""
 
     quiet: bool = False
     verbose: bool = False
@@ -142,25 +149,25 @@ class Terminal:
 
     def json(self, value: Any) -> None:
         """Print a value as JSON to stdout."""
-        click.echo(json.dumps(plain(value), indent=2, allow_nan=False))
+        click.echo(json.dumps(json_value(value), indent=2, allow_nan=False))
 
     def note(self, text: str) -> None:
-        """Say on stderr what is going on; not under ``-q``."""
+        """Print a progress note to stderr; not with ``-q``."""
         if not self.quiet:
             _write_error(printable(text))
 
     def detail(self, text: str) -> None:
-        """Say on stderr what only matters to one who looks for a cause: under ``-v``."""
+        """Print a detail to stderr; only with ``-v``."""
         if self.verbose:
             _write_error(printable(text))
 
     def warning(self, text: str) -> None:
-        """Warn on stderr in one line; not under ``-q``."""
+        """Print a warning line to stderr; not with ``-q``."""
         if not self.quiet:
             self._labelled("warning", "yellow", text)
 
     def error(self, text: str) -> None:
-        """Tell on stderr in one line what went wrong."""
+        """Print an error line to stderr."""
         self._labelled("error", "red", text)
 
     def console(self, stream: TextIO) -> Console:

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from geomphys.analysis.diff.rerun_overlay import write_overlay
     from geomphys.analysis.plots import plot_output
     from geomphys.analysis.stats import Statistics, statistics_of
-    from geomphys.authoring.draft import SceneDraft, draft_scene
-    from geomphys.authoring.piece_files import DecomposedMesh, decompose_file, write_pieces
+    from geomphys.authoring.convex_pieces import DecomposedMesh, decompose_file, write_pieces
+    from geomphys.authoring.scene_draft import SceneDraft, draft_scene
     from geomphys.batch.run import BatchReport, run_batch
     from geomphys.bench.run import run_bench
     from geomphys.config import Config
@@ -57,7 +57,7 @@ _HOME = {
     "ConfigError": "errors",
     "Contacts": "results",
     "DamagedLogError": "errors",
-    "DecomposedMesh": "authoring.piece_files",
+    "DecomposedMesh": "authoring.convex_pieces",
     "Frame": "results",
     "FrameResult": "results",
     "GeomphysError": "errors",
@@ -72,7 +72,7 @@ _HOME = {
     "OutputLog": "output.output_log",
     "Penetrations": "results",
     "Scene": "scene.arrays",
-    "SceneDraft": "authoring.draft",
+    "SceneDraft": "authoring.scene_draft",
     "SceneError": "errors",
     "Statistics": "analysis.stats",
     "Summarizer": "output.summary",
@@ -82,8 +82,8 @@ _HOME = {
     "audit_output": "analysis.audit",
     "check_log": "recording.check",
     "compare_outputs": "analysis.diff.compare",
-    "decompose_file": "authoring.piece_files",
-    "draft_scene": "authoring.draft",
+    "decompose_file": "authoring.convex_pieces",
+    "draft_scene": "authoring.scene_draft",
     "inspect_log": "recording.inspect",
     "load_world": "load",
     "open_output": "output.output_log",
@@ -98,7 +98,7 @@ _HOME = {
     "view_result": "viewer.view",
     "write_overlay": "analysis.diff.rerun_overlay",
     "write_page": "analysis.diff.html_report",
-    "write_pieces": "authoring.piece_files",
+    "write_pieces": "authoring.convex_pieces",
 }
 
 __all__ = [

@@ -17,7 +17,7 @@ import numpy as np
 
 import geomphys
 from geomphys.analysis.audit import audit_output
-from geomphys.authoring.draft import draft_scene
+from geomphys.authoring.scene_draft import draft_scene
 from geomphys.load import load_world
 from geomphys.recording.check import check_log
 from recordings.mcap_files import Recording, write

@@ -1,4 +1,4 @@
-"""What an avatar of a drafted scene follows: the topic of its joints, their names and unit, the pose of its root."""
+"""Chooses what an avatar of a drafted scene follows: topic, names and unit of its joints, pose of its root."""
 
 from __future__ import annotations
 
@@ -6,28 +6,28 @@ import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from geomphys.authoring.finger_joints import finger_joints
-from geomphys.recording.angle_units import UnitGuess, guess_unit, mirrored_joints
+from geomphys.authoring.finger_joints import label_finger_joints
+from geomphys.recording.angle_units import UnitGuess, guess_angle_unit, mirrored_joints
 from geomphys.recording.inspect import TopicInfo
-from geomphys.recording.matching import JointMatch, match_joints
+from geomphys.recording.joint_matching import JointMatch, match_joints
 from geomphys.recording.name_words import common_side, side_of
-from geomphys.recording.root_poses import PoseCandidate, is_request, rank_roots
+from geomphys.recording.root_candidates import PoseCandidate, is_command_topic, rank_root_poses
 from geomphys.scene.skeleton import Skeleton
 
-UNLIKELY = -3.0
-"""A pose that scores less is not taken for a root: it says itself that it is something else."""
+MIN_ROOT_SCORE = -3.0
+"""Least score of a root pose; below it the name says that it is something else."""
 
 
 @dataclass(frozen=True)
 class AvatarDraft:
-    """What an avatar of a drafted scene follows, and how that was found."""
+    """The inputs of an avatar of a drafted scene, and how they were found."""
 
     name: str
     urdf: str  # path, as the scene file names it
     root_link: str
-    tall: bool  # a body, not a hand
-    hull: bool  # a mesh of it has holes
-    hand: str  # left, right, or "" where nothing says a side
+    tall: bool  # whether it is a body rather than a hand
+    hull: bool  # whether a mesh is not closed, so that all collide as convex hulls
+    hand: str  # left, right, or "" if unknown
     root: PoseCandidate | None
     root_choices: tuple[str, ...]  # the other poses, likeliest first
     joints_topic: str  # "" if none matches
@@ -38,24 +38,24 @@ class AvatarDraft:
     matches: tuple[JointMatch, ...]
     unmatched_recorded: tuple[str, ...]
     unmatched_joints: tuple[str, ...]
-    guessed_topic: str  # topic whose joints are only alike; "" if there is a better one or none
-    two_sides: bool  # that topic has a left and a right hand, and nothing says which this is
+    guessed_topic: str  # topic with only similar joint names; "" if there is a better one or none
+    two_sides: bool  # whether the topic has both hands and the side of the avatar is unknown
     chains: tuple[tuple[str, str, str], ...]  # name, base link, tip link
 
     @property
     def used(self) -> tuple[JointMatch, ...]:
-        """Matches that the scene goes by."""
+        """Matches that the scene uses."""
         return tuple(m for m in self.matches if m.is_used)
 
 
 @dataclass(frozen=True)
 class JointTopic:
-    """The topic that a tree's joints are likely on."""
+    """The best topic for the joints of a tree."""
 
     topic: TopicInfo
     side: str  # part to name after `#`: of a topic with several gloves
     matches: tuple[JointMatch, ...]
-    others: tuple[str, ...]  # topics that match no worse
+    others: tuple[str, ...]  # topics that match equally well
 
 
 @dataclass(frozen=True)
@@ -66,16 +66,16 @@ class AnglesGuess:
     mirrored: tuple[str, ...] = ()
 
 
-def hand_sides(skeletons: Sequence[Skeleton], told: Collection[str]) -> list[str]:
-    """The side of each avatar, "" where nothing says one.
+def hand_sides(skeletons: Sequence[Skeleton], log_names: Collection[str]) -> list[str]:
+    """The side of each avatar, "" if unknown.
 
-    Its URDF says it by the names of the file, the robot, the links and the joints. Of two hands of which one says its
-    side, the other is the other; a single hand is of the only side that the poses of the log are of.
+    The side is taken from the names of the URDF file, the robot, the links and the joints. Of two hands with one known
+    side, the other has the opposite one; a single hand has the side of the poses of the log, if they have only one.
 
     Parameters
     ----------
     skeletons
-    told
+    log_names
         Names of the log's poses and joint topics.
     """
     sides = []
@@ -87,14 +87,14 @@ def hand_sides(skeletons: Sequence[Skeleton], told: Collection[str]) -> list[str
         known = "".join(sides)
         sides = [s or ("left" if known == "right" else "right") for s in sides]
     if sides == [""]:
-        sides = [common_side(told)]
+        sides = [common_side(log_names)]
     return sides
 
 
 def find_joints(
     skeleton: Skeleton, topics: Sequence[TopicInfo], hand: str, taken: Collection[tuple[str, str]]
 ) -> JointTopic | None:
-    """The topic that has most of a tree's joints, the part of it to name, and what matches; None if nothing is alike.
+    """The topic with most of a tree's joints, the part to name, and the matches; None if no name is similar.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def find_joints(
     taken
         Topics and parts that other avatars follow.
     """
-    shape = finger_joints(skeleton)
+    shape = label_finger_joints(skeleton)
     ranked: list[tuple[tuple[int, int, int, bool, bool, int], JointTopic]] = []
     for topic in topics:
         if topic.messages == 0:
@@ -116,10 +116,10 @@ def find_joints(
             if not matches:
                 continue
             sides = {side_of(topic.topic) or common_side(topic.joints), *((side,) if side else topic.sides)} - {""}
-            wrong = bool(hand and sides and hand not in sides)
+            is_other_hand = bool(hand and sides and hand not in sides)
             used = sum(m.is_used for m in matches)
-            free = (topic.topic, side) not in taken
-            rank = (-wrong, used, len(matches), not is_request(topic.topic), free, topic.messages)
+            is_free = (topic.topic, side) not in taken
+            rank = (-is_other_hand, used, len(matches), not is_command_topic(topic.topic), is_free, topic.messages)
             ranked.append((rank, JointTopic(topic, side, matches, ())))
     if not ranked:
         return None
@@ -129,19 +129,19 @@ def find_joints(
         for r, j in ranked
         if r[:2] == rank[:2] and j is not best
     ]
-    return JointTopic(best.topic, best.side, best.matches, tuple(o for o in others if not is_request(o)))
+    return JointTopic(best.topic, best.side, best.matches, tuple(o for o in others if not is_command_topic(o)))
 
 
-def judge_angles(skeleton: Skeleton, topic: TopicInfo | None, matches: Sequence[JointMatch]) -> AnglesGuess:
-    """The unit of a topic's angles, and which joints are mirrored: those that turn, not those that slide."""
+def guess_angles(skeleton: Skeleton, topic: TopicInfo | None, matches: Sequence[JointMatch]) -> AnglesGuess:
+    """The unit of a topic's angles, and the mirrored joints; revolute and continuous joints only."""
     if topic is None:
         return AnglesGuess(UnitGuess("rad", ""))
-    turning = {j.name for j in skeleton.joints if j is not None and j.type in ("revolute", "continuous")}
+    revolute = {j.name for j in skeleton.joints if j is not None and j.type in ("revolute", "continuous")}
     column = {name: i for i, name in enumerate(skeleton.dof_names)}
-    used = {m.joint: m.recorded for m in matches if m.joint in turning and m.recorded in topic.ranges}
+    used = {m.joint: m.recorded for m in matches if m.joint in revolute and m.recorded in topic.ranges}
     ranges = {joint: topic.ranges[recorded] for joint, recorded in used.items()}
     limits = {j: (float(skeleton.lower[column[j]]), float(skeleton.upper[column[j]])) for j in used}
-    guess = guess_unit(ranges, limits)
+    guess = guess_angle_unit(ranges, limits)
     if topic.kind == "glove":
         guess = UnitGuess("deg", "gloves of this type send degrees")
     scale = math.pi / 180.0 if guess.unit == "deg" else 1.0
@@ -152,21 +152,21 @@ def judge_angles(skeleton: Skeleton, topic: TopicInfo | None, matches: Sequence[
 def find_root(
     skeleton: Skeleton, poses: Sequence[PoseCandidate], hand: str, joints: JointTopic | None
 ) -> tuple[PoseCandidate | None, tuple[str, ...]]:
-    """The pose that the root follows, None if none looks like it; and the other poses, likeliest first."""
-    sure = joints if joints is not None and any(m.is_used for m in joints.matches) else None
-    ranked = rank_roots(
+    """The pose that the root follows, None if none is plausible; and the other poses, best first."""
+    matched = joints if joints is not None and any(m.is_used for m in joints.matches) else None
+    ranked = rank_root_poses(
         poses,
         skeleton.links[0].name,
         [skeleton.path.stem],
-        sure.topic.topic if sure is not None else "",
-        sure.topic.messages if sure is not None else 0,
+        matched.topic.topic if matched is not None else "",
+        matched.topic.messages if matched is not None else 0,
         hand,
     )
-    root = ranked[0][1] if ranked and ranked[0][0] > UNLIKELY else None
+    root = ranked[0][1] if ranked and ranked[0][0] > MIN_ROOT_SCORE else None
     return root, tuple(c.name for _, c in ranked if c is not root)
 
 
 def is_of_either_hand(hand: str, names: Collection[str], joints: Collection[str]) -> bool:
-    """Whether names are of a left and of a right hand while the joints of a tree, and nothing else, say which it is."""
+    """Whether names are of both hands while neither `hand` nor the joints of the tree state a side."""
     sides = {side_of(n) for n in names} - {""}
     return not hand and len(sides) == 2 and not any(side_of(j) for j in joints)

@@ -34,12 +34,12 @@ from geomphys.output.decoders import (
     decode_transforms,
 )
 from geomphys.output.provenance import METADATA_RECORD, NON_PARAMETER_KEYS
-from geomphys.recording.records import (
+from geomphys.recording.mcap_records import (
     CHUNK_LIMIT,
     HEAD,
     MESSAGE,
     BadRecordError,
-    read_chunk_head,
+    read_chunk_header,
     unpack_chunk,
     walk,
 )
@@ -253,8 +253,8 @@ class OutputLog:
             if length > CHUNK_LIMIT:
                 raise BadRecordError(f"a chunk of {length} bytes is longer than the limit of {CHUNK_LIMIT}")
             body = stream.read(length)
-            head = read_chunk_head(body, length)
-            data, damage = unpack_chunk(head, body[head.head_length : head.head_length + head.data_length])
+            head = read_chunk_header(body, length)
+            data, damage = unpack_chunk(head, body[head.header_length : head.header_length + head.data_length])
             if damage:
                 raise BadRecordError(f"the chunk at byte {chunk.chunk_start_offset} {damage}")
             for opcode, begin, end in walk(data):

@@ -1,8 +1,7 @@
-"""The unit of recorded angles, and their sign, judged by their ranges and the limits of the joints they are for.
+"""Guesses the unit and the sign of recorded joint angles from their ranges and the limits of the joints they map to.
 
-One function decides for `geomphys init`, `check` and `replay`, so that none contradicts another. Small values never speak
-for degrees: as degrees anything small fits any limits. Limits that leave no room (0 to 0, what an exporter writes that
-knows none) say nothing.
+`geomphys init`, `check` and `replay` use the same function. Small values never count as degrees: read as degrees, any
+small values fit any limits. Limits of zero width (0 to 0, written by exporters that know none) are ignored.
 """
 
 from __future__ import annotations
@@ -13,29 +12,29 @@ from typing import Literal, NamedTuple
 
 Range = tuple[float, float]
 
-TURN = 2 * math.pi + 0.02
-"""Values beyond this are no radians of a joint: more than a whole turn."""
-FAR_OUTSIDE = math.radians(45)
+FULL_TURN = 2 * math.pi + 0.02
+"""rad; a joint angle beyond this (more than a full turn) cannot be in radians."""
+MAX_LIMIT_EXCESS = math.radians(45)
 """rad; people and calibrations leave limits by less than this."""
-LIKELY_ANGLE = math.radians(200)
-"""rad; what a joint without limits may be expected to reach."""
+MAX_PLAUSIBLE_ANGLE = math.radians(200)
+"""rad; largest plausible angle of a joint without limits."""
 FULL_SCALES = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 65535.0)
 """Largest values of sensors and of shares of a range."""
-MOVED = 0.15
-"""rad; a joint that moves by less says nothing of its sign."""
-OPPOSITE = 0.25
-"""rad; what stays closer to its limits than this may be as it is."""
+MIN_MOTION = 0.15
+"""rad; the sign of a joint that moves by less is not judged."""
+SIGN_MARGIN = 0.25
+"""rad; a joint that exceeds its limits by less than this is not reported as mirrored."""
 
 
 class UnitGuess(NamedTuple):
-    """The unit of recorded angles, and what speaks for it."""
+    """The guessed unit of recorded angles, with the reason."""
 
     unit: Literal["rad", "deg"]
     reason: str
     doubt: str = ""  # why the values are probably no angles at all; "" if they may be
 
 
-def guess_unit(ranges: Mapping[str, Range], limits: Mapping[str, Range]) -> UnitGuess:
+def guess_angle_unit(ranges: Mapping[str, Range], limits: Mapping[str, Range]) -> UnitGuess:
     """Tell radians from degrees, and both from values that are no angles.
 
     Parameters
@@ -47,18 +46,18 @@ def guess_unit(ranges: Mapping[str, Range], limits: Mapping[str, Range]) -> Unit
     """
     if not ranges:
         return UnitGuess("rad", "there is no angle to judge by")
-    known = {n: limits[n] for n in ranges if is_telling(limits[n])}
-    judged = known or ranges  # a wheel without limits may turn as often as it likes
-    name, largest = max(((n, _largest(ranges[n])) for n in judged), key=lambda item: (item[1], item[0]))
-    unit: Literal["rad", "deg"] = "deg" if largest > TURN else "rad"
+    known = {n: limits[n] for n in ranges if is_informative(limits[n])}
+    candidates = known or ranges  # joints without limits (wheels) are only used where no other is there
+    name, largest = max(((n, _largest(ranges[n])) for n in candidates), key=lambda item: (item[1], item[0]))
+    unit: Literal["rad", "deg"] = "deg" if largest > FULL_TURN else "rad"
     scale = math.pi / 180.0 if unit == "deg" else 1.0
-    inside = sum(outside(ranges[n], known[n], scale) <= math.radians(5) for n in known)
+    inside = sum(limit_excess(ranges[n], known[n], scale) <= math.radians(5) for n in known)
     fits = f"{inside} of {len(known)} joints within their limits" if known else "no limits to compare with"
     if unit == "deg":
         reason = f"{name} reaches {largest:.3g}, more than a whole turn as radians; {fits} as degrees"
     else:
         reason = f"no value is above {largest:.3g}; {fits}"
-    return UnitGuess(unit, reason, _doubt(ranges, limits, unit))
+    return UnitGuess(unit, reason, _angle_doubt(ranges, limits, unit))
 
 
 def mirrored_joints(ranges: Mapping[str, Range], limits: Mapping[str, Range]) -> tuple[str, ...]:
@@ -71,34 +70,34 @@ def mirrored_joints(ranges: Mapping[str, Range], limits: Mapping[str, Range]) ->
     ranges, limits
         Joint -> least and largest angle, and its limits; both in rad.
     """
-    found, likely, judged = [], [], 0
+    found, likely, candidates = [], [], 0
     for name, (low, high) in ranges.items():
-        if not is_telling(limits[name]) or high - low < MOVED:
+        if not is_informative(limits[name]) or high - low < MIN_MOTION:
             continue
-        judged += 1
+        candidates += 1
         as_is, mirrored = _share_inside((low, high), limits[name]), _share_inside((-high, -low), limits[name])
-        if mirrored < 0.9 or outside((low, high), limits[name], 1.0) < OPPOSITE:
+        if mirrored < 0.9 or limit_excess((low, high), limits[name], 1.0) < SIGN_MARGIN:
             continue
         if as_is <= 0.5:
             found.append(name)
         elif as_is <= 0.7:
             likely.append(name)
-    if 10 * len(found) < judged:
+    if 10 * len(found) < candidates:
         return ()
     return tuple(n for n in ranges if n in found or (n in likely and len(found) > 1))
 
 
-def is_telling(limits: Range) -> bool:
-    """Whether limits say anything: finite, and with room between them."""
+def is_informative(limits: Range) -> bool:
+    """Whether limits are finite and span an interval."""
     return math.isfinite(limits[0]) and math.isfinite(limits[1]) and limits[1] - limits[0] > 1e-6
 
 
-def outside(span: Range, limits: Range, scale: float) -> float:
+def limit_excess(span: Range, limits: Range, scale: float) -> float:
     """How far values, `scale` of them a rad, reach outside of limits, rad."""
     return max(limits[0] - scale * span[0], scale * span[1] - limits[1], 0.0)
 
 
-def _doubt(ranges: Mapping[str, Range], limits: Mapping[str, Range], unit: Literal["rad", "deg"]) -> str:
+def _angle_doubt(ranges: Mapping[str, Range], limits: Mapping[str, Range], unit: Literal["rad", "deg"]) -> str:
     """Why values are probably no angles: they fill a sensor's scale, or fit in neither unit."""
     largest = max(map(_largest, ranges.values()))
     full = next((f for f in FULL_SCALES if math.isclose(largest, f, rel_tol=1e-6)), 0.0)
@@ -108,15 +107,16 @@ def _doubt(ranges: Mapping[str, Range], limits: Mapping[str, Range], unit: Liter
         return f"{filled} of {len(ranges)} joints go from 0 to exactly {full:.0f}: shares of a range, no angles?"
     if unit == "rad":
         return ""
-    far = sum(
-        outside(span, limits[n], math.pi / 180.0) > FAR_OUTSIDE
-        if is_telling(limits[n])
-        else math.radians(_largest(span)) > LIKELY_ANGLE
+    implausible = sum(
+        limit_excess(span, limits[n], math.pi / 180.0) > MAX_LIMIT_EXCESS
+        if is_informative(limits[n])
+        else math.radians(_largest(span)) > MAX_PLAUSIBLE_ANGLE
         for n, span in ranges.items()
     )
-    if 2 * far < len(ranges):
+    if 2 * implausible < len(ranges):
         return ""
-    return f"values up to {largest:.4g} fit neither radians nor degrees ({far} of {len(ranges)} joints): raw sensor values?"
+    joints = f"{implausible} of {len(ranges)} joints"
+    return f"values up to {largest:.4g} fit neither radians nor degrees ({joints}): raw sensor values?"
 
 
 def _largest(span: Range) -> float:
@@ -124,6 +124,6 @@ def _largest(span: Range) -> float:
 
 
 def _share_inside(span: Range, limits: Range) -> float:
-    """Share of a span that lies within limits widened by 5 degrees, for what people do."""
+    """Share of a span that lies within limits widened by 5 degrees (people exceed nominal limits)."""
     slack = math.radians(5)
     return max(0.0, min(span[1], limits[1] + slack) - max(span[0], limits[0] - slack)) / (span[1] - span[0])

@@ -1,4 +1,4 @@
-"""What files a log consists of: an MCAP by itself, or the parts of a ROS 2 bag directory in their order."""
+"""Lists the MCAP files of a log: a single .mcap, or the parts of a ROS 2 bag directory in order."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from pathlib import Path
 from typing import Any
 
 from geomphys.errors import DamagedLogError, LogError
-from geomphys.recording.formats import CONVERT_SQLITE
-from geomphys.recording.naming import listed
+from geomphys.recording.display_names import join_names
+from geomphys.recording.foreign_formats import CONVERT_SQLITE
 from geomphys.storage.remote_files import AnyPath, is_remote, lies_within
 
 METADATA = "metadata.yaml"
 METADATA_LIMIT = 4 * 2**20
 """Bytes; a longer metadata.yaml is refused."""
-TOLD = 4  # files that are told by name
+MAX_LISTED = 4  # file names listed in a message
 
 
 @dataclass(frozen=True)
 class LogFiles:
-    """The MCAP files of a log, in order, and what is missing of it."""
+    """The MCAP files of a log, in order, and the missing parts."""
 
     files: tuple[AnyPath, ...]
     missing: tuple[str, ...] = ()  # one line each; never empty but with `recover`
-    notes: tuple[str, ...] = ()  # one line each: what its user should know of
+    notes: tuple[str, ...] = ()  # one line each, for the user
 
 
 def log_files(path: AnyPath, *, recover: bool = False) -> LogFiles:
@@ -75,31 +75,31 @@ def _log_files(path: AnyPath, recover: bool) -> LogFiles:
             )
     if not files:
         raise LogError(f"{path}: none of the {len(named)} files that {METADATA} names is there")
-    return _with_others(path, files, missing)
+    return _add_unnamed_parts(path, files, missing)
 
 
-def _with_others(path: AnyPath, files: list[AnyPath], missing: list[str]) -> LogFiles:
-    """Add the parts that metadata.yaml does not name, and note what other logs are there."""
+def _add_unnamed_parts(path: AnyPath, files: list[AnyPath], missing: list[str]) -> LogFiles:
+    """Add parts that metadata.yaml does not name, and note unrelated logs in the directory."""
     if is_remote(path) and not path.lists:
         return LogFiles(tuple(files), tuple(missing))
     known = {file.name for file in files}
-    others = sorted((p for p in path.glob("*.mcap") if p.is_file() and p.name not in known), key=_natural)
+    others = sorted((p for p in path.glob("*.mcap") if p.is_file() and p.name not in known), key=_natural_key)
     stems = {stem for name in known if (stem := _stem(name)) is not None}
     parts = [p for p in others if _stem(p.name) in stems]
-    apart = [p.name for p in others if p not in parts]
+    unrelated = [p.name for p in others if p not in parts]
     notes = []
     if parts:
-        names = listed([p.name for p in parts], TOLD)
+        names = join_names([p.name for p in parts], MAX_LISTED)
         notes.append(
             f"{METADATA} does not name {names}, which carry on its numbering: they are read as parts of the bag"
         )
-    if apart:
+    if unrelated:
         notes.append(
-            f"{METADATA} does not name {listed(apart, TOLD)}: not read, as their names are not those of its parts"
+            f"{METADATA} does not name {join_names(unrelated, MAX_LISTED)}: not read, as their names are not those of its parts"
         )
     in_order = [*files, *parts]
-    if parts and files == sorted(files, key=_natural):
-        in_order.sort(key=_natural)
+    if parts and files == sorted(files, key=_natural_key):
+        in_order.sort(key=_natural_key)
     return LogFiles(tuple(in_order), tuple(missing), tuple(notes))
 
 
@@ -111,28 +111,28 @@ def _stem(name: str) -> str | None:
 
 def _without_metadata(path: AnyPath, recover: bool) -> LogFiles:
     """Take the .mcap files of a directory in the order of the numbers in their names."""
-    files = sorted((p for p in path.glob("*.mcap") if p.is_file()), key=_natural)
+    files = sorted((p for p in path.glob("*.mcap") if p.is_file()), key=_natural_key)
     if not files:
         if any(path.glob("*.db3")):
             raise LogError(f"{path}: is a bag stored as 'sqlite3'; {CONVERT_SQLITE}")
         raise LogError(f"{path}: is a directory without {METADATA} and without .mcap files: not a bag")
     stems = {_stem(file.name) for file in files}
-    names = listed([file.name for file in files], TOLD)
+    names = join_names([file.name for file in files], MAX_LISTED)
     if len(files) > 1 and (len(stems) > 1 or None in stems):
         raise LogError(
             f"{path}: is a folder of {len(files)} logs ({names}) and no bag, as it has no {METADATA}; name one of them "
             "(`geomphys batch` replays all logs of a folder)"
         )
     if not recover:
-        those = "its .mcap file" if len(files) == 1 else f"its {len(files)} .mcap files as one log"
+        files_text = "its .mcap file" if len(files) == 1 else f"its {len(files)} .mcap files as one log"
         raise DamagedLogError(
-            f"{path}: has no {METADATA}, so the recorder was not closed; --recover replays {those} ({names}); if it is no "
+            f"{path}: has no {METADATA}, so the recorder was not closed; --recover replays {files_text} ({names}); if it is no "
             "bag but a folder of logs, name one of them"
         )
     return LogFiles(tuple(files), (f"{METADATA} is missing; the parts are taken in the order of their names",))
 
 
-def _natural(path: AnyPath) -> list[tuple[int, str]]:
+def _natural_key(path: AnyPath) -> list[tuple[int, str]]:
     """Sort key that puts part 10 behind part 9."""
     return [(int(x), "") if x.isdigit() else (-1, x) for x in re.split(r"([0-9]+)", path.name)]
 
@@ -157,7 +157,7 @@ def _named_parts(path: AnyPath) -> list[str]:
         raise LogError(f"{file}: has no rosbag2_bagfile_information; is this a ROS 2 bag?")
     names = bag.get("relative_file_paths")
     storage = bag.get("storage_identifier")
-    if not storage and isinstance(names, list) and names:  # left empty by some tools: the files tell
+    if not storage and isinstance(names, list) and names:  # some tools leave it empty: inferred from the file names
         storage = "sqlite3" if all(str(name).endswith(".db3") for name in names) else "mcap"
     if storage == "sqlite3":
         raise LogError(f"{path}: is a bag stored as 'sqlite3'; {CONVERT_SQLITE}")

@@ -1,6 +1,6 @@
-"""The messages of a channel: which kind they are, and the function that reads them.
+"""Maps a channel to its message kind and to the function that reads its messages.
 
-Every encoding of the same data yields the same `Joints` or `Poses`, to the bit.
+Every encoding of the same data yields the same `JointSample` or `Poses`, to the bit.
 """
 
 from __future__ import annotations
@@ -8,25 +8,32 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from geomphys.recording.decoders import PAYLOAD_ERRORS, BadMessageError, make_decoder
-from geomphys.recording.fields import Access
-from geomphys.recording.kinds import ENCODINGS, Kind, encodings_of, find_kind, full_name, short_names
-from geomphys.recording.layouts import make_read
-from geomphys.recording.naming import plain
+from geomphys.recording.display_names import printable
+from geomphys.recording.field_access import FieldAccess
+from geomphys.recording.message_kinds import (
+    ENCODINGS,
+    MessageKind,
+    canonical_type_name,
+    encodings_of,
+    find_kind,
+    type_names,
+)
+from geomphys.recording.message_layouts import make_extractor
 from geomphys.recording.reader import LogChannel
-from geomphys.recording.samples import Content, Joints, Pose, What
+from geomphys.recording.samples import Content, ContentType, JointSample, Pose
 
-__all__ = ["Content", "Joints", "Kind", "Pose", "kind_of", "make_reader", "not_understood"]
+__all__ = ["Content", "JointSample", "MessageKind", "Pose", "kind_of", "make_message_reader", "unsupported_reason"]
 
 MESSAGE_LIMIT = 4 * 2**20
 """Bytes; a longer message of joints or poses is not decoded: decoded it would take many times that."""
 
 
-def kind_of(channel: LogChannel) -> Kind | None:
+def kind_of(channel: LogChannel) -> MessageKind | None:
     """How a channel's messages are read; None if they are not understood."""
     return find_kind(channel.schema_name, channel.encoding)
 
 
-def make_reader(channel: LogChannel, kind: Kind, *, points: bool = False) -> Callable[[bytes], Content]:
+def make_message_reader(channel: LogChannel, kind: MessageKind, *, points: bool = False) -> Callable[[bytes], Content]:
     """Make the function from a message's bytes to its content; it raises BadMessageError on bytes that hold none.
 
     With `points`, the poses that come along with joint values, of a kind that has them.
@@ -34,8 +41,10 @@ def make_reader(channel: LogChannel, kind: Kind, *, points: bool = False) -> Cal
     Raises LogError if the channel's schema cannot be read.
     """
     layout = kind.points if points and kind.points is not None else kind.layout
-    decode = make_decoder(channel, full_name(channel.schema_name))
-    read = make_read(layout, Access(channel.encoding, lenient=kind.lenient and channel.encoding == "json"))
+    decode = make_decoder(channel, canonical_type_name(channel.schema_name))
+    read = make_extractor(
+        layout, FieldAccess(channel.encoding, lenient=kind.omits_defaults and channel.encoding == "json")
+    )
 
     def content(data: bytes) -> Content:
         if len(data) > MESSAGE_LIMIT:
@@ -49,20 +58,20 @@ def make_reader(channel: LogChannel, kind: Kind, *, points: bool = False) -> Cal
     return content
 
 
-def not_understood(channel: LogChannel, wanted: tuple[What, ...], holds: str) -> str:
-    """Say why a channel is of no use where `wanted` is asked for (`holds` in words), and what would be.
+def unsupported_reason(channel: LogChannel, accepted: tuple[ContentType, ...], holds: str) -> str:
+    """Say why a channel does not provide the `accepted` content (`holds` in words), and which types would.
 
     It goes on a sentence that names the topic.
     """
     kind = kind_of(channel)
-    what = f"({plain(channel.schema_name) or 'no schema'}, {plain(channel.encoding) or 'no encoding'})"
+    what = f"({printable(channel.schema_name) or 'no schema'}, {printable(channel.encoding) or 'no encoding'})"
     if kind is not None:
         return f"{what} does not hold {holds}"
     read_in = encodings_of(channel.schema_name)
     if read_in:
-        spelled = " or ".join(ENCODINGS[e] for e in read_in)
-        return f"{what} is not understood: this type is read in {spelled}, so convert the log"
+        encoding_text = " or ".join(ENCODINGS[e] for e in read_in)
+        return f"{what} is not understood: this type is read in {encoding_text}, so convert the log"
     if channel.encoding not in ENCODINGS:
         return f"{what} is not understood: of the encodings {', '.join(ENCODINGS)} are read, so convert the log"
-    names = ", ".join(short_names(wanted))
+    names = ", ".join(type_names(accepted))
     return f"{what} is not understood; types with {holds} that are: {names}"

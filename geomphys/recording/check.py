@@ -1,6 +1,6 @@
-"""Whether a log can be replayed in a scene, and what to expect of it: for ``geomphys check``.
+"""Checks whether a log can be replayed in a scene and reports what a replay will encounter (``geomphys check``).
 
-The check makes all the frames that a replay would, without the replay: what it says of gaps, held frames and limits is
+The check makes all the frames that a replay would, without stepping the scene: gaps, held frames and limits are
 what a replay will meet.
 """
 
@@ -16,10 +16,10 @@ from geomphys.config import Config
 from geomphys.errors import DamagedLogError, LogError
 from geomphys.recording.diagnostics import Diagnostic, as_records
 from geomphys.recording.frames import FrameSource
-from geomphys.recording.plan import JointInput, Plan, make_plan
+from geomphys.recording.input_plan import JointInput, Plan, make_plan
 from geomphys.recording.reader import open_log
+from geomphys.recording.recorded_space import RecordedSpace
 from geomphys.recording.report import RecordingReport
-from geomphys.recording.space import RecordedSpace
 from geomphys.scene.arrays import World
 from geomphys.scene.findings import Findings
 from geomphys.scene.recording_tables import RecordingTable
@@ -39,7 +39,7 @@ class PoseMapping:
 
 @dataclass(frozen=True)
 class JointMapping:
-    """A joint of the scene and the recorded one that feeds it."""
+    """A joint of the scene and its recorded joint."""
 
     tree: str
     joint: str
@@ -60,7 +60,7 @@ class SpaceReport:
 
 @dataclass(frozen=True)
 class CheckReport:
-    """What a replay of a log in a scene would meet. `errors` forbid it, `warnings` do not."""
+    """The result of a check. `errors` prevent a replay, `warnings` do not."""
 
     log: str
     scene: str
@@ -71,7 +71,7 @@ class CheckReport:
     joints: tuple[JointMapping, ...]
     recording: RecordingReport | None  # None if no frame can be made
     zero_pose_overlaps: tuple[tuple[str, str], ...]  # pairs of bodies that are left out for that
-    findings: Findings  # of the scene: what is not shown, cannot touch, is named otherwise, is taken by default
+    findings: Findings  # about the scene: hidden or non-colliding geometry, renamed bodies, defaults used
     space: SpaceReport | None = None  # None: that of the world, in metres
 
     def as_dict(self) -> dict[str, Any]:
@@ -80,7 +80,7 @@ class CheckReport:
 
 
 def check_log(log: AnyPath | str, world: World, config: Config | None = None) -> CheckReport:
-    """Say whether `log` can be replayed in `world`, and what to expect.
+    """Check whether `log` can be replayed in `world`.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def check_log(log: AnyPath | str, world: World, config: Config | None = None) ->
     recording, mapped = None, tuple[JointMapping, ...]()
     if not plan.problems:
         try:
-            recording, mapped = _frames(log, world, config)
+            recording, mapped = _scan_frames(log, world, config)
         except LogError as problem:
             errors.append(Diagnostic(str(problem), "input"))
     if recording is not None and recording.frames == 0:
@@ -133,12 +133,12 @@ def check_log(log: AnyPath | str, world: World, config: Config | None = None) ->
     )
 
 
-def _frames(log: AnyPath, world: World, config: Config) -> tuple[RecordingReport, tuple[JointMapping, ...]]:
-    """Make all frames; the report of them, and which recorded joint feeds which."""
+def _scan_frames(log: AnyPath, world: World, config: Config) -> tuple[RecordingReport, tuple[JointMapping, ...]]:
+    """Make all frames; returns their report and the joint mappings."""
     with FrameSource(log, world, config) as source:
         for _ in source:
             pass
-        names = {i.topic: source.known.names.get(i.topic, set()) for i in source.plan.joints}
+        names = {i.topic: source.prescan.names.get(i.topic, set()) for i in source.plan.joints}
         prismatic = source.prismatic
         mapped = [
             JointMapping(
@@ -149,32 +149,32 @@ def _frames(log: AnyPath, world: World, config: Config) -> tuple[RecordingReport
                 unit="m" if prismatic[column] else "deg" if i.degrees else "rad",
             )
             for i in source.plan.joints
-            for name, column in _recorded(i, names[i.topic])
+            for name, column in _recorded_joints(i, names[i.topic])
         ]
         return source.report, tuple(mapped)
 
 
-def _recorded(source: JointInput, names: set[str]) -> list[tuple[str, int]]:
+def _recorded_joints(source: JointInput, names: set[str]) -> list[tuple[str, int]]:
     """Recorded joints of a topic that feed a tree, in the order of its angles."""
     found = [(n, c) for n, c in source.recorded_names().items() if n in names]
     return sorted(found, key=lambda item: item[1])
 
 
 def _rpy_warnings(world: World) -> Iterator[str]:
-    """Angles of `rpy` that are round ones in radians."""
+    """Warnings on `rpy` angles that look like radians (multiples of pi / 12)."""
     file = world.file
     tables = [("recording", file.recording.rpy)]
     tables += [(f"object {table.name!r}", table.rpy) for table in file.object]
     tables += [(f"the root of avatar {table.name!r}", table.root.rpy) for table in file.avatar]
     for where, rpy in tables:
-        given = [abs(angle) for angle in rpy or () if angle]
-        if given and all(any(abs(angle - k * math.pi / 12) < 1e-3 for k in range(1, 25)) for angle in given):
+        angles = [abs(angle) for angle in rpy or () if angle]
+        if angles and all(any(abs(angle - k * math.pi / 12) < 1e-3 for k in range(1, 25)) for angle in angles):
             yield f"{where}: rpy = {list(rpy or ())}: degrees are expected, and these look like radians"
 
 
 def _space(table: RecordingTable) -> SpaceReport | None:
-    """What `[recording]` says of the space, if it is not that of the world."""
-    if RecordedSpace.of(table) == RecordedSpace():
+    """The space described by `[recording]`; None if it is the world in metres."""
+    if RecordedSpace.from_table(table) == RecordedSpace():
         return None
     return SpaceReport(table.up, table.unit, table.position, table.rotation)
 
@@ -187,7 +187,7 @@ def _clock(plan: Plan) -> str | None:
 
 
 def _poses(plan: Plan, world: World) -> list[PoseMapping]:
-    """Which tree follows which topic."""
+    """The topic of each root pose."""
     return [
         PoseMapping(
             tree=world.tree_names[p.source.tree],

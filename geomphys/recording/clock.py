@@ -1,4 +1,4 @@
-"""When frames are: at the messages of a topic, or at a fixed rate from its first message to its last."""
+"""Frame clocks: frame times at the messages of a topic, or at a fixed rate between its first and last message."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from typing import Protocol
 
 from geomphys.errors import LogError
+from geomphys.recording.stamps import NEVER
 
-NEVER = -(2**62)
 RATE_FRAMES_LIMIT = 10_000_000
 """Frames that a fixed rate may put between two messages of the clock; more is a corrupt time."""
 
@@ -17,7 +17,7 @@ class FrameClock(Protocol):
     """Takes the times of the clock's messages, gives the times of frames."""
 
     def add(self, time: int) -> bool:
-        """Take in the time [ns] of a message; False if its place has been passed, so that no frame comes of it."""
+        """Add the time [ns] of a clock message; False if a later frame was already given, so that it makes no frame."""
 
     def until(self, limit: int) -> Iterator[int]:
         """Times of the frames up to `limit` [ns], in order, that were not given before."""
@@ -31,7 +31,7 @@ class TopicClock:
         self.last = NEVER
 
     def add(self, time: int) -> bool:
-        """Take in the time [ns] of a message; False if its place has been passed, so that no frame comes of it."""
+        """Add the time [ns] of a clock message; False if a later frame was already given, so that it makes no frame."""
         if time <= self.last:
             return time == self.last
         insort(self.pending, time)
@@ -41,9 +41,9 @@ class TopicClock:
         """Times of the frames up to `limit` [ns], in order, that were not given before."""
         while self.pending and self.pending[0] <= limit:
             count = next((i for i, t in enumerate(self.pending) if t > limit), len(self.pending))
-            ready = self.pending[:count]
+            due = self.pending[:count]
             del self.pending[:count]
-            for time in ready:
+            for time in due:
                 if time > self.last:
                     self.last = time
                     yield time
@@ -54,28 +54,28 @@ class RateClock:
 
     def __init__(self, rate: float) -> None:
         self.rate = rate
-        self.beats = TopicClock()
+        self.clock_times = TopicClock()
         self.first: int | None = None
         self.count = 0
 
     def add(self, time: int) -> bool:
-        """Take in the time [ns] of a message; False if its place has been passed."""
-        return self.beats.add(time)
+        """Add the time [ns] of a clock message; False if a later frame was already given."""
+        return self.clock_times.add(time)
 
     def until(self, limit: int) -> Iterator[int]:
         """Times of the frames up to `limit` [ns], in order, that were not given before.
 
         Raises LogError if two times of the clock are so far apart that the frames between could not be counted.
         """
-        for beat in self.beats.until(limit):
+        for clock_time in self.clock_times.until(limit):
             if self.first is None:
-                self.first = beat
-            if (beat - self.first) * self.rate / 1e9 - self.count > RATE_FRAMES_LIMIT:
+                self.first = clock_time
+            if (clock_time - self.first) * self.rate / 1e9 - self.count > RATE_FRAMES_LIMIT:
                 raise LogError(
-                    f"the frame clock jumps by {(beat - self._time(self.count)) / 1e9:.0f} s at {beat} ns, too far for "
-                    f"{self.rate:g} frames a second; leave --rate out, or try --time log"
+                    f"the frame clock jumps by {(clock_time - self._time(self.count)) / 1e9:.0f} s at {clock_time} ns, "
+                    f"too far for {self.rate:g} frames a second; leave --rate out, or try --time log"
                 )
-            while (time := self._time(self.count)) <= beat:
+            while (time := self._time(self.count)) <= clock_time:
                 self.count += 1
                 yield time
 

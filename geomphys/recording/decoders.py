@@ -1,4 +1,4 @@
-"""Bytes of a message to its decoded form, by the library of its encoding.
+"""Decodes message bytes with the library of each encoding (cdr, ros1, protobuf, json, flatbuffer).
 
 cdr with ros2msg schemas goes through ``mcap-ros2-support``, ros1 through ``mcap-ros1-support`` (`ros1.py`), protobuf through
 ``mcap-protobuf-support``, json through the standard library, flatbuffer through `flatbuffer.py`. ``mcap-ros2-support`` does not
@@ -20,18 +20,18 @@ from mcap.exceptions import McapError
 from mcap.records import Schema
 
 from geomphys.errors import LogError
-from geomphys.recording.definitions import ROS1_TYPES, STANDARD_TYPES
-from geomphys.recording.naming import plain
+from geomphys.recording.display_names import printable
 from geomphys.recording.reader import LogChannel
+from geomphys.recording.ros_definitions import ROS1_TYPES, STANDARD_TYPES
 
 Decoder = Callable[[bytes], Any]
 
-_UNCHECKED = re.compile(rb"^\s*(?:uint8|byte)\[[0-9]+\]", re.MULTILINE)
-"""Fields that mcap-ros2-support reads without a look at how many bytes are left; no type that is read here has them."""
+_FIXED_BYTE_ARRAYS = re.compile(rb"^\s*(?:uint8|byte)\[[0-9]+\]", re.MULTILINE)
+"""Fixed-size byte arrays, which mcap-ros2-support reads without a bounds check; no supported type has them."""
 
 
 class BadMessageError(Exception):
-    """A message that cannot be decoded or does not hold what its type says. Never leaves the package."""
+    """A message that cannot be decoded or lacks fields of its type. Internal to the package."""
 
 
 PAYLOAD_ERRORS = (
@@ -71,29 +71,29 @@ def make_decoder(channel: LogChannel, schema_name: str) -> Decoder:
         The schema cannot be read.
     """
     if channel.encoding == "json":
-        return _safe(_json)
+        return _guarded(_json)
     if channel.encoding == "protobuf":
-        return _safe(_protobuf(channel))
+        return _guarded(_protobuf(channel))
     if channel.encoding == "flatbuffer":
         return _flatbuffer(channel)
     if channel.encoding == "ros1":
         return _ros1(channel, schema_name)
-    return _plain_cdr(_ros2(channel, schema_name))
+    return _guarded_cdr(_ros2(channel, schema_name))
 
 
-def _safe(decode: Decoder, *more: type[Exception]) -> Decoder:
+def _guarded(decode: Decoder, *more: type[Exception]) -> Decoder:
     """Map what a library raises on a bad payload to BadMessageError."""
     from google.protobuf.message import DecodeError
 
     errors = (*PAYLOAD_ERRORS, DecodeError, *more)
 
-    def safe(data: bytes) -> Any:
+    def guarded(data: bytes) -> Any:
         try:
             return decode(data)
         except errors as problem:
             raise BadMessageError(f"cannot be decoded ({type(problem).__name__})") from problem
 
-    return safe
+    return guarded
 
 
 def _json(data: bytes) -> Any:
@@ -116,7 +116,7 @@ def _protobuf(channel: LogChannel) -> Decoder:
         raise _unreadable(channel, "its protobuf descriptors cannot be read") from problem
     if decoder is None:
         raise _unreadable(
-            channel, f"messages are protobuf, the schema is {plain(channel.schema_encoding) or 'missing'}"
+            channel, f"messages are protobuf, the schema is {printable(channel.schema_encoding) or 'missing'}"
         )
     return decoder
 
@@ -125,22 +125,24 @@ def _ros2(channel: LogChannel, schema_name: str) -> Decoder:
     """Decoder from the message definition in the schema, or from the known one of a standard type."""
     data, name, standard = channel.schema_data, schema_name, STANDARD_TYPES.get(schema_name)
     if channel.schema_encoding == "ros2msg" and data.strip():
-        if _UNCHECKED.search(data):
+        if _FIXED_BYTE_ARRAYS.search(data):
             raise _unreadable(channel, "its message definition has byte arrays of fixed size")
         decoder = _from_definition(name, data)
         if decoder is not None:
             return decoder
-        why = "its message definition cannot be read"
+        reason = "its message definition cannot be read"
     else:
-        why = f"its schema is {plain(channel.schema_encoding) or 'missing'}; of this type only ros2msg can be read"
+        reason = (
+            f"its schema is {printable(channel.schema_encoding) or 'missing'}; of this type only ros2msg can be read"
+        )
     decoder = _from_definition(schema_name, standard.encode()) if standard is not None else None
     if decoder is None:
-        raise _unreadable(channel, why)
+        raise _unreadable(channel, reason)
     return decoder
 
 
-def _plain_cdr(decode: Decoder) -> Decoder:
-    """As `_safe`; refuses what ``mcap-ros2-support`` would read as if it were plain CDR, and so wrongly."""
+def _guarded_cdr(decode: Decoder) -> Decoder:
+    """As `_guarded`; refuses what ``mcap-ros2-support`` would read as if it were plain CDR, and so wrongly."""
 
     def plain_only(data: bytes) -> Any:
         try:
@@ -148,9 +150,11 @@ def _plain_cdr(decode: Decoder) -> Decoder:
                 return decode(data)
         except PAYLOAD_ERRORS as problem:
             raise BadMessageError(f"cannot be decoded ({type(problem).__name__})") from problem
-        way = "a parameter list" if data[1] in (2, 3) else "XCDR2" if 6 <= data[1] <= 11 else "an unknown way"
+        representation = (
+            "a parameter list" if data[1] in (2, 3) else "XCDR2" if 6 <= data[1] <= 11 else "an unknown way"
+        )
         raise BadMessageError(
-            f"is written in {way} (its first bytes are {data[:2].hex()}), and only plain CDR (0000 or 0001) can be "
+            f"is written in {representation} (its first bytes are {data[:2].hex()}), and only plain CDR (0000 or 0001) can be "
             "read: record it with the data representation XCDR1, the default of ROS 2"
         )
 
@@ -163,16 +167,18 @@ def _ros1(channel: LogChannel, schema_name: str) -> Decoder:
 
     name, standard = schema_name.replace("/msg/", "/"), ROS1_TYPES.get(schema_name)
     text = channel.schema_data.decode("utf-8", "replace") if channel.schema_encoding == "ros1msg" else ""
-    why = "its message definition" if text.strip() else f"its schema is {plain(channel.schema_encoding) or 'missing'}"
+    reason = (
+        "its message definition" if text.strip() else f"its schema is {printable(channel.schema_encoding) or 'missing'}"
+    )
     for definition in (text, standard or ""):
         if definition.strip():
             try:
                 decode, short = make_ros1_decoder(name, definition)
             except DefinitionError as problem:
-                why = f"its message definition cannot be read: {problem}"
+                reason = f"its message definition cannot be read: {problem}"
             else:
-                return _safe(decode, short)
-    raise _unreadable(channel, why)
+                return _guarded(decode, short)
+    raise _unreadable(channel, reason)
 
 
 def _flatbuffer(channel: LogChannel) -> Decoder:
@@ -180,10 +186,10 @@ def _flatbuffer(channel: LogChannel) -> Decoder:
     from geomphys.recording.flatbuffer import FlatBufferError, make_flatbuffer_decoder
 
     if channel.schema_encoding != "flatbuffer":
-        why = f"messages are FlatBuffers, the schema is {plain(channel.schema_encoding) or 'missing'}"
-        raise _unreadable(channel, why)
+        reason = f"messages are FlatBuffers, the schema is {printable(channel.schema_encoding) or 'missing'}"
+        raise _unreadable(channel, reason)
     try:
-        return _safe(make_flatbuffer_decoder(channel.schema_name.strip(), channel.schema_data), FlatBufferError)
+        return _guarded(make_flatbuffer_decoder(channel.schema_name.strip(), channel.schema_data), FlatBufferError)
     except FlatBufferError as problem:
         raise _unreadable(channel, f"its FlatBuffers schema cannot be read: {problem}") from problem
 
@@ -194,16 +200,16 @@ def _from_definition(name: str, definition: bytes) -> Decoder | None:
     from mcap_ros2.decoder import DecoderFactory
 
     schema = Schema(id=1, name=name, encoding="ros2msg", data=definition)
-    said = io.StringIO()  # the library prints what it finds wrong; the error is told once, by the caller
+    captured = io.StringIO()  # the library prints its findings; the caller reports the error once
     try:
-        with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
+        with contextlib.redirect_stderr(captured), contextlib.redirect_stdout(captured):
             decoder: Decoder | None = DecoderFactory().decoder_for("cdr", schema)
     except (*PAYLOAD_ERRORS, NameError, AssertionError, InvalidSpecification, InvalidValue):
         return None
     return decoder
 
 
-def _unreadable(channel: LogChannel, why: str) -> LogError:
-    """Make the error for a channel whose schema does not serve."""
-    what = f"{plain(channel.schema_name)} ({plain(channel.encoding)})"
-    return LogError(f"topic {plain(channel.topic)}: {what} cannot be decoded: {why}")
+def _unreadable(channel: LogChannel, reason: str) -> LogError:
+    """Make the error for a channel whose schema cannot be used."""
+    what = f"{printable(channel.schema_name)} ({printable(channel.encoding)})"
+    return LogError(f"topic {printable(channel.topic)}: {what} cannot be decoded: {reason}")

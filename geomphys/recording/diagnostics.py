@@ -1,18 +1,18 @@
-"""What is told of a recording, for people and for programs: a line of text under a key that does not change."""
+"""Diagnostics of a recording: a line of text for people, with a stable key for programs."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from typing import Final, Literal
 
-Key = Literal[
+DiagnosticKey = Literal[
     "damaged", "input", "no_frames", "times", "mixed_kinds", "single_message_clock", "position_unit", "up_axis", "angle_unit",
     "no_angles", "angle_sign", "unmatched_recorded", "unmatched_joints", "joints_without_topic", "recorded_mimics",
     "unknown_rename", "unknown_ignore", "several_gloves", "held", "unplaced", "bad_messages", "bad_samples", "late",
     "lost_frames", "out_of_order", "duplicates", "outside_limits", "files", "uneven_joints", "other_frames", "scene",
 ]  # fmt: skip
 
-MEANINGS: Final[dict[Key, str]] = {
+MEANINGS: Final[dict[DiagnosticKey, str]] = {
     "damaged": "the log is damaged",
     "input": "a topic, frame or joint that the scene follows is not there or cannot be read",
     "no_frames": "the log gives no frame",
@@ -45,19 +45,19 @@ MEANINGS: Final[dict[Key, str]] = {
     "other_frames": "poses of other frames on a topic that is followed for one",
     "scene": "anything of the scene itself: the size of a mesh, what is shown and cannot touch",
 }
-"""Key -> what it means, for the documents."""
+"""Key -> its meaning, as listed in the documentation."""
 
 
 class Diagnostic(str):
-    """A line of text; `key` says which kind of thing it tells."""
+    """A line of text; `key` is its category."""
 
-    key: Key
+    key: DiagnosticKey
 
-    def __new__(cls, text: str, key: Key = "scene") -> Diagnostic:
+    def __new__(cls, text: str, key: DiagnosticKey = "scene") -> Diagnostic:
         """Make it of its text."""
-        made = super().__new__(cls, text)
-        made.key = key
-        return made
+        diagnostic = super().__new__(cls, text)
+        diagnostic.key = key
+        return diagnostic
 
 
 def as_records(errors: Iterable[str], warnings: Iterable[str]) -> list[dict[str, str]]:

@@ -1,8 +1,8 @@
-"""FlatBuffer messages, read by the schema that stands beside them (``.bfbs``: FlatBuffers' own description of itself).
+"""Decodes FlatBuffers messages by their binary schema (``.bfbs``, reflection.fbs).
 
 The `flatbuffers` package has generated code for known types only, so the description is read here with its `Table`, and
 what a message holds becomes dictionaries, as of JSON: a table's or struct's fields by name; None for a table, struct,
-list or optional number that is not there. Nothing is believed: offsets are looked up within the bytes, and a message
+list or optional number that is not there. The bytes are untrusted: offsets are checked, and a message
 yields at most `VALUE_LIMIT` values, since tables may be shared, so that a few bytes can claim to hold any number.
 """
 
@@ -28,7 +28,7 @@ _FORMATS = {1: "B", 2: "?", 3: "b", 4: "B", 5: "h", 6: "H", 7: "i", 8: "I", 9: "
 
 
 class FlatBufferError(Exception):
-    """A schema or message that cannot be read; the text says why. Never leaves the package."""
+    """A schema or message that cannot be read, with the reason. Internal to the package."""
 
 
 class Type(NamedTuple):
@@ -124,39 +124,39 @@ def read_schema(data: bytes) -> tuple[dict[str, int], list[Object]]:
     if len(data) < 8 or data[4:8] != b"BFBS":
         raise FlatBufferError("it is no compiled FlatBuffers schema")
     try:
-        root, objects, seen = _View(data, int.from_bytes(data[:4], "little")), [], 0
+        root, objects, field_count = _View(data, int.from_bytes(data[:4], "little")), [], 0
         for view in root.children(0):
             fields = []
             for f in view.children(1):
-                kind = f.child(1)
-                if kind is not None and not f.number(6, "?", False):
-                    fields.append(_field(f, kind))
-                seen += 1
-                if seen > SCHEMA_LIMIT:
+                field_type = f.child(1)
+                if field_type is not None and not f.number(6, "?", False):
+                    fields.append(_field(f, field_type))
+                field_count += 1
+                if field_count > SCHEMA_LIMIT:
                     raise FlatBufferError(f"it has more than {SCHEMA_LIMIT} fields")
             objects.append(Object(view.text(0), tuple(fields), view.number(2, "?", False), view.number(4, "i", 0)))
-            seen += 1
+            field_count += 1
     except (struct.error, ValueError, IndexError, OverflowError) as problem:
         raise FlatBufferError("it cannot be read to its end") from problem
     return {o.name: i for i, o in enumerate(objects)}, objects
 
 
-def _field(view: _View, kind: _View) -> Field:
-    base = kind.number(0, "b", 0)
+def _field(view: _View, field_type: _View) -> Field:
+    base = field_type.number(0, "b", 0)
     real = base in (11, 12)
     default = view.number(5, "d", 0.0) if real else view.number(4, "q", 0)
     if base == 2:
         default = bool(default)
     optional = view.number(11, "?", False)
-    what = Type(base, kind.number(1, "b", 0), kind.number(2, "i", -1), kind.number(3, "H", 0))
+    what = Type(base, field_type.number(1, "b", 0), field_type.number(2, "i", -1), field_type.number(3, "H", 0))
     return Field(view.text(0), what, view.number(3, "H", 0), None if optional else default)
 
 
 class _Struct:
-    """Numbers at fixed places, and how they are put together."""
+    """Decoder of a struct: numbers at fixed offsets, assembled into dictionaries."""
 
     def __init__(self, objects: list[Object], index: int) -> None:
-        self.size = _of(objects, index).size
+        self.size = _object_at(objects, index).size
         leaves: list[tuple[int, str]] = []
         self._build = _assemble(objects, index, 0, leaves, 0)
         layout, at = "<", 0
@@ -181,23 +181,27 @@ Build = Callable[[Iterator[Any]], Any]
 
 
 def _assemble(objects: list[Object], index: int, at: int, leaves: list[tuple[int, str]], depth: int) -> Build:
-    """List the numbers of a struct that stands at `at`; what puts them together from an iterator of them."""
+    """Append the numbers of a struct at byte `at` to `leaves`; returns the function that assembles it from them."""
     if depth > DEPTH_LIMIT:
         raise FlatBufferError("a struct holds itself")
     parts: list[tuple[str, Build]] = []
-    for f in sorted(_of(objects, index).fields, key=lambda f: f.offset):
+    for f in sorted(_object_at(objects, index).fields, key=lambda f: f.offset):
         base, offset = f.type.base, at + f.offset
         count = f.type.length if base == _ARRAY else 1
-        kind = f.type.element if base == _ARRAY else base
-        size = _of(objects, f.type.object).size if kind == _OBJECT else struct.calcsize("<" + _code(kind))
+        field_type = f.type.element if base == _ARRAY else base
+        size = (
+            _object_at(objects, f.type.object).size
+            if field_type == _OBJECT
+            else struct.calcsize("<" + _code(field_type))
+        )
         builds: list[Build] = []
         for i in range(count):
             if len(leaves) > VALUE_LIMIT:
                 raise FlatBufferError("a struct has too many numbers")
-            if kind == _OBJECT:
+            if field_type == _OBJECT:
                 builds.append(_assemble(objects, f.type.object, offset + i * size, leaves, depth + 1))
             else:
-                leaves.append((offset + i * size, _code(kind)))
+                leaves.append((offset + i * size, _code(field_type)))
                 builds.append(next)
         parts.append((f.name, _listed(builds) if base == _ARRAY else builds[0]))
     return lambda numbers: {name: build(numbers) for name, build in parts}
@@ -213,7 +217,7 @@ def _code(base: int) -> str:
     return _FORMATS[base]
 
 
-def _of(objects: list[Object], index: int) -> Object:
+def _object_at(objects: list[Object], index: int) -> Object:
     if not 0 <= index < len(objects):
         raise FlatBufferError("it speaks of a type that it does not have")
     return objects[index]
@@ -226,32 +230,32 @@ class FlatBufferDecoder:
     objects: list[Object]
     root: int
     structs: dict[int, _Struct] = field(default_factory=dict)
-    left: int = 0  # values that the message may still have
+    values_left: int = 0  # values that the message may still have
 
     def __post_init__(self) -> None:
         """Look at every type that a message can have."""
-        pending, seen = [self.root], {self.root}
+        pending, field_count = [self.root], {self.root}
         while pending:
             index = pending.pop()
-            found = _of(self.objects, index)
+            found = _object_at(self.objects, index)
             if found.is_struct:
                 self.structs[index] = _Struct(self.objects, index)
                 continue
             for f in found.fields:
-                if (f.type.base == _OBJECT or f.type.element == _OBJECT) and f.type.object not in seen:
-                    seen.add(f.type.object)
+                if (f.type.base == _OBJECT or f.type.element == _OBJECT) and f.type.object not in field_count:
+                    field_count.add(f.type.object)
                     pending.append(f.type.object)
 
     def __call__(self, data: bytes) -> dict[str, Any]:
         """Decode a message. Raises FlatBufferError, or struct.error or ValueError on bytes that hold none."""
-        self.left = VALUE_LIMIT
+        self.values_left = VALUE_LIMIT
         if len(data) < 8:
             raise FlatBufferError("it is too short")
         return self._table(data, int.from_bytes(data[:4], "little"), self.root, 0)
 
     def _count(self, values: int) -> None:
-        self.left -= values
-        if self.left < 0:
+        self.values_left -= values
+        if self.values_left < 0:
             raise FlatBufferError(f"it has more than {VALUE_LIMIT} values")
 
     def _table(self, data: bytes, at: int, index: int, depth: int) -> dict[str, Any]:
@@ -281,24 +285,24 @@ class FlatBufferDecoder:
         self._count(found.values)
         return found.read(data, at)
 
-    def _list(self, data: bytes, at: int, kind: Type, depth: int) -> Any:
-        if kind.element in _FORMATS:
-            code = _FORMATS[kind.element]
+    def _list(self, data: bytes, at: int, field_type: Type, depth: int) -> Any:
+        if field_type.element in _FORMATS:
+            code = _FORMATS[field_type.element]
             start, count = _list(data, at, struct.calcsize("<" + code))
             self._count(count)
             return list(struct.unpack_from(f"<{count}{code}", data, start))
-        if kind.element == _OBJECT and kind.object in self.structs:
-            size = self.structs[kind.object].size
+        if field_type.element == _OBJECT and field_type.object in self.structs:
+            size = self.structs[field_type.object].size
             start, count = _list(data, at, size)
-            return [self._struct(data, start + i * size, kind.object) for i in range(count)]
-        if kind.element not in (_OBJECT, _STRING):
+            return [self._struct(data, start + i * size, field_type.object) for i in range(count)]
+        if field_type.element not in (_OBJECT, _STRING):
             return None  # a list of unions: of no use here
         start, count = _list(data, at, 4)
         self._count(count)
-        places = [p + int(struct.unpack_from("<I", data, p)[0]) for p in range(start, start + 4 * count, 4)]
-        if kind.element == _STRING:
-            return [_text(data, p) for p in places]
-        return [self._table(data, p, kind.object, depth + 1) for p in places]
+        positions = [p + int(struct.unpack_from("<I", data, p)[0]) for p in range(start, start + 4 * count, 4)]
+        if field_type.element == _STRING:
+            return [_text(data, p) for p in positions]
+        return [self._table(data, p, field_type.object, depth + 1) for p in positions]
 
 
 def make_flatbuffer_decoder(name: str, schema: bytes) -> FlatBufferDecoder:

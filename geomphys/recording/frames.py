@@ -1,7 +1,7 @@
-"""Frames of a recording: the poses and angles that a log has for a scene, on the frame clock.
+"""Frames of a replay: root poses and joint angles that a log gives for a scene, resampled at the frame clock.
 
-The log is streamed: a frame is made as soon as no message that could still change it may come, which is when the log
-has come `max_gap` + `max_delay` further than the frame's time. Until then its samples are kept; nothing else is.
+The log is streamed: a frame is made as soon as no later message can change it, which is when the watermark of the log is
+`max_gap` + `max_delay` past the frame's time. Only samples after the last frame are kept in memory.
 """
 
 from __future__ import annotations
@@ -14,29 +14,31 @@ from numpy.typing import NDArray
 
 from geomphys.config import Config
 from geomphys.errors import LogError
-from geomphys.recording.channels import Joints, Pose, kind_of, make_reader
+from geomphys.recording.channels import JointSample, Pose, kind_of, make_message_reader
 from geomphys.recording.clock import FrameClock, RateClock, TopicClock
+from geomphys.recording.clock_agreement import check_clock_agreement, log_times_agree
 from geomphys.recording.decoders import BadMessageError
-from geomphys.recording.facts import learn, log_times_agree, stream_problems
-from geomphys.recording.frame_plan import plan_frames
-from geomphys.recording.frame_tree import plain_frame, two_parents
-from geomphys.recording.plan import Plan, is_static, make_plan
-from geomphys.recording.poses import Seven
+from geomphys.recording.input_plan import Plan, is_static, make_plan
+from geomphys.recording.input_problems import input_problems
+from geomphys.recording.message_times import MessageTimes, Watermark
+from geomphys.recording.pose_tuples import PoseTuple
 from geomphys.recording.reader import LogReader, RawMessage, open_log
-from geomphys.recording.report import RecordingReport, report_of
-from geomphys.recording.routes import RootRoute, Route
-from geomphys.recording.space import RecordedSpace
-from geomphys.recording.stamp_watch import StampWatch
-from geomphys.recording.times import MessageTimes, Watermark
-from geomphys.recording.wiring import wire
+from geomphys.recording.recorded_space import RecordedSpace
+from geomphys.recording.report import RecordingReport, make_report
+from geomphys.recording.routes import ChannelRoutes, RootRoute
+from geomphys.recording.routing import build_routing_table
+from geomphys.recording.stamp_monitor import StampMonitor
+from geomphys.recording.stamps import NEVER
+from geomphys.recording.stream_prescan import prescan_streams
+from geomphys.recording.transform_plan import plan_transforms
+from geomphys.recording.transform_tree import normalized_frame_id, two_parents_message
 from geomphys.results import FLAG_BEFORE_FIRST, FLAG_CLAMPED, FLAG_HELD, FLAG_OUTSIDE_LIMITS, Frame
 from geomphys.scene.arrays import JOINT_PRISMATIC, World
 from geomphys.storage.remote_files import AnyPath
 
 Floats = NDArray[np.float64]
 
-LIMIT_SLACK = 1e-9  # rad or m by which an angle may leave its limits before it counts as outside
-NEVER = -(2**62)
+LIMIT_SLACK = 1e-9  # rad or m; tolerance of joint limits
 
 
 class FrameSource:
@@ -66,31 +68,35 @@ class FrameSource:
         self.plan: Plan = make_plan(self.reader, world, config)
         if self.plan.problems:
             more = len(self.plan.problems) - 1
-            also = f" (and {more} more; `geomphys check` lists them)" if more else ""
-            raise LogError(self.plan.problems[0] + also)
+            more_text = f" (and {more} more; `geomphys check` lists them)" if more else ""
+            raise LogError(self.plan.problems[0] + more_text)
         self.times = MessageTimes(config.time, self.reader.channels, self.reader.path)
-        self.known = learn(self.reader, self.plan, config, self.times)
-        problem = next(stream_problems(self.reader, self.plan, self.known), None)
+        self.prescan = prescan_streams(self.reader, self.plan, config, self.times)
+        if config.time != "log":
+            check_clock_agreement(self.reader, self.plan, self.prescan, config)
+        problem = next(input_problems(self.reader, self.plan, self.prescan), None)
         if problem is not None:
             raise LogError(problem)
         recorded = world.file.recording
-        self.space = RecordedSpace.of(recorded)
-        self.frames = plan_frames(self.reader, self.plan, self.known, recorded.frame)
-        for key in self.frames.keys - set(self.known.readers):
+        self.space = RecordedSpace.from_table(recorded)
+        self.transforms = plan_transforms(self.reader, self.plan, self.prescan, recorded.frame)
+        for key in self.transforms.keys - set(self.prescan.readers):
             channel = self.reader.channels[key]
             if (kind := kind_of(channel)) is not None:
-                self.known.readers[key] = make_reader(channel, kind)
-        self.firsts: dict[tuple[str, str], Seven] = {}  # of poses in frames that move: the first in the recorded space
-        self.file_order = not log_times_agree(self.known, round(config.max_delay * 1e9))
+                self.prescan.readers[key] = make_message_reader(channel, kind)
+        self.first_space_poses: dict[
+            tuple[str, str], PoseTuple
+        ] = {}  # of poses in frames that move: the first in the recorded space
+        self.file_order = not log_times_agree(self.prescan, round(config.max_delay * 1e9))
         self.prismatic = prismatic_columns(world)
-        for (topic, child), value in Run(self).first_poses():
+        for (topic, child), value in LogPass(self).first_poses():
             if value is None:
                 raise LogError(
                     f"{log}: topic {topic!r} has no good pose{f' of {child!r}' if child else ''} while the transforms to "
-                    f"{self.frames.spaces[0]!r} are there (their times, or NaN in them): try --max-gap, --time log"
+                    f"{self.transforms.spaces[0]!r} are there (their times, or NaN in them): try --max-gap, --time log"
                 )
-            self.firsts[topic, child] = value
-        self._run = Run(self)
+            self.first_space_poses[topic, child] = value
+        self._pass = LogPass(self)
 
     def __enter__(self) -> FrameSource:
         return self
@@ -101,18 +107,18 @@ class FrameSource:
         self.reader.close()
 
     def __iter__(self) -> Iterator[Frame]:
-        """Make the frames, from the first; the report begins anew."""
-        self._run = Run(self)
-        return self._run.frames()
+        """Make the frames from the first; resets the report."""
+        self._pass = LogPass(self)
+        return self._pass.frames()
 
     @property
     def topics(self) -> tuple[str, ...]:
         """Topics that are used, sorted."""
-        return tuple(sorted({self.reader.channels[k].topic for k in self.plan.keys | self.frames.keys}))
+        return tuple(sorted({self.reader.channels[k].topic for k in self.plan.keys | self.transforms.keys}))
 
     @property
     def expected_frames(self) -> int | None:
-        """How many frames there will be, as an estimate: duplicates and `start`/`end` are not looked into."""
+        """Estimated number of frames, from message counts and time spans; None if unknown."""
         config, clock = self.config, self.plan.clock
         channels = clock.channels if clock is not None else tuple(self.reader.channels.values())
         channels = tuple(c for c in channels if c.messages)
@@ -124,49 +130,52 @@ class FrameSource:
             return count
         if span <= 0:
             return None
-        kept = min(config.end if config.end is not None else span, span) - (config.start or 0.0)
-        return max(0, min(count, round(count * kept / span)))
+        selected = min(config.end if config.end is not None else span, span) - (config.start or 0.0)
+        return max(0, min(count, round(count * selected / span)))
 
     @property
     def report(self) -> RecordingReport:
-        """Figures of the frames made so far."""
-        return self._run.report()
+        """Report on the frames made so far."""
+        return self._pass.report()
 
 
-class Run:
+class LogPass:
     """One pass over the log."""
 
     def __init__(self, source: FrameSource) -> None:
         self.source, self.world, self.config = source, source.world, source.config
-        self.times = source.times.anew()
+        self.times = source.times.fresh_copy()
         delay = round(self.config.max_delay * 1e9)
-        self.watch = StampWatch(source.reader.path, delay) if self.config.time != "log" else None
+        self.stamp_monitor = StampMonitor(source.reader.path, delay) if self.config.time != "log" else None
         scene = self.world.scene
         gap = round(self.config.max_gap * 1e9)
         self.gap = gap
         self.clock: FrameClock = TopicClock() if self.config.rate is None else RateClock(self.config.rate)
-        wiring = wire(source, gap)
-        self.routes, self.roots, self.joints, self.tracks = wiring
-        self.still_roots = np.ascontiguousarray(scene.trees.rest, dtype=np.float64)
-        self.still_angles = np.zeros(len(scene.dofs.lower))
+        routing = build_routing_table(source, gap)
+        self.routes, self.roots, self.joints, self.tracks = routing
+        self.default_roots = np.ascontiguousarray(scene.trees.rest, dtype=np.float64)
+        self.default_angles = np.zeros(len(scene.dofs.lower))
         self.prismatic = source.prismatic
-        early = min([0, *(root.delay for root in self.roots), *(joints.delay for joints in self.joints)])
-        self.lookahead = gap + delay - early + gap * self.tracks.moving
-        self.recorded = np.zeros(len(self.still_angles), dtype=bool)
+        earliest_delay = min([0, *(root.delay for root in self.roots), *(joints.delay for joints in self.joints)])
+        self.lookahead = gap + delay - earliest_delay + gap * self.tracks.moving
+        self.recorded = np.zeros(len(self.default_angles), dtype=bool)
         for route in self.joints:
             self.recorded[route.columns] = True
             for column, value in route.constants.items():
-                self.still_angles[column], self.recorded[column] = value, True
+                self.default_angles[column], self.recorded[column] = value, True
         self.lower = np.where(self.recorded, scene.dofs.lower, -np.inf)
         self.upper = np.where(self.recorded, scene.dofs.upper, np.inf)
-        self.least, self.most = np.full_like(self.still_angles, np.inf), np.full_like(self.still_angles, -np.inf)
-        self.outside_frames = np.zeros(len(self.still_angles), dtype=np.int64)
-        self.count = self.held = self.bad_messages = self.late = self.lost_frames = 0
+        self.min_angles, self.max_angles = (
+            np.full_like(self.default_angles, np.inf),
+            np.full_like(self.default_angles, -np.inf),
+        )
+        self.outside_frames = np.zeros(len(self.default_angles), dtype=np.int64)
+        self.count = self.held_frames = self.bad_messages = self.late = self.lost_frames = 0
         self.first_time = self.last_time = NEVER
-        self.passed = NEVER  # time of the last frame, also of those before `start`
+        self.last_frame_time = NEVER  # time of the last frame, also of those before `start`
 
-    def first_poses(self) -> Iterator[tuple[tuple[str, str], Seven | None]]:
-        """First good poses in the recorded space of the streams that are given in frames that move; None if there is none.
+    def first_poses(self) -> Iterator[tuple[tuple[str, str], PoseTuple | None]]:
+        """First valid poses in the recorded space of streams in moving frames; None where there is none.
 
         The log is read until they are known.
         """
@@ -175,131 +184,131 @@ class Run:
             return
         watermark, keys = Watermark(), set(self.routes)
         for raw in self.source.reader.read(keys, file_order=self.source.file_order):
-            self._take(raw, watermark)
-            waiting = list(self._without_first(waiting, watermark.time - self.lookahead))
+            self._process(raw, watermark)
+            waiting = list(self._awaiting_first(waiting, watermark.time - self.lookahead))
             if not waiting:
                 break
         else:
-            waiting = list(self._without_first(waiting, 2**62))
+            waiting = list(self._awaiting_first(waiting, 2**62))
         for root in self.roots:
             if root.moving:
                 yield (root.input.topic, root.input.child), root.stream.first
 
-    def _without_first(self, roots: list[RootRoute], time: int) -> Iterator[RootRoute]:
-        """Those whose first pose is still not known when the log has come to a time."""
+    def _awaiting_first(self, roots: list[RootRoute], time: int) -> Iterator[RootRoute]:
+        """Roots whose first pose is not known yet when the log has been read up to a time [ns]."""
         for root in roots:
-            root.settle(time, time + self.gap)
+            root.resolve(time, time + self.gap)
             root.stream.first = next((v for v in root.stream.values if v is not None), None)
             if root.stream.first is None:
                 root.stream.advance(time + self.gap)
                 yield root
 
     def frames(self) -> Iterator[Frame]:
-        """Stream the log."""
+        """Read the log and yield its frames."""
         if self.source.plan.clock is None:
             self.clock.add(self.source.reader.start_ns)
             self.clock.add(self.source.reader.end_ns)
         watermark, clock, lookahead = Watermark(), self.clock, self.lookahead
         keys = set(self.routes)
         for raw in self.source.reader.read(keys, file_order=self.source.file_order) if keys else ():
-            self._take(raw, watermark)
+            self._process(raw, watermark)
             for time in clock.until(watermark.time - lookahead):
                 frame = self._frame(time)
                 if frame is not None:
                     yield frame
                 elif self.config.end is not None and time > self.first_time + self.config.end * 1e9:
                     return
-        if self.watch is not None:
-            self.watch.finish()
+        if self.stamp_monitor is not None:
+            self.stamp_monitor.finish()
         for time in clock.until(2**63):
             frame = self._frame(time)
             if frame is not None:
                 yield frame
 
-    def _take(self, raw: RawMessage, watermark: Watermark) -> None:
-        """Take in a message."""
+    def _process(self, raw: RawMessage, watermark: Watermark) -> None:
+        """Add a message."""
         key, times = raw.key, self.times
-        route, read = self.routes[key], self.source.known.readers.get(key)
-        if read is None:  # a topic that only gives the clock
-            time = times.of(key, None, raw.log_time, raw.publish_time)
+        route, read = self.routes[key], self.source.prescan.readers.get(key)
+        if read is None:  # a topic used only as frame clock
+            time = times.time_of(key, None, raw.log_time, raw.publish_time)
             watermark.add(time)
-            self._beat(time + route.clock_delay)
+            self._add_clock_time(time + route.clock_delay)
             return
         try:
             content = read(raw.data)
         except BadMessageError:
             self.bad_messages += 1
             return
-        if isinstance(content, Joints):
-            time = times.of(key, content.stamp, raw.log_time, raw.publish_time)
+        if isinstance(content, JointSample):
+            time = times.time_of(key, content.stamp, raw.log_time, raw.publish_time)
             watermark.add(time)
             if route.joints or route.clock:
-                self._watch(key, next(iter(content.names), "") if route.joints else "", content.stamp, time, raw)
+                self._check_stamp(key, next(iter(content.names), "") if route.joints else "", content.stamp, time, raw)
             late = False
             for joints in route.joints:
-                late |= time + joints.delay <= self.passed
+                late |= time + joints.delay <= self.last_frame_time
                 joints.add(time + joints.delay, content)
             if route.clock and (not route.clock_child or route.clock_child == content.side):
-                late |= time + route.clock_delay <= self.passed
-                self._beat(time + route.clock_delay)
+                late |= time + route.clock_delay <= self.last_frame_time
+                self._add_clock_time(time + route.clock_delay)
             self.late += late
             return
-        moments: set[int] = set()
-        passed: set[int] = set()
+        times_seen: set[int] = set()
+        last_frame_time: set[int] = set()
         for pose in content:
-            if route.parents:
-                self._take_transform(raw, route, pose, moments)
+            if route.expected_parents:
+                self._process_transform(raw, route, pose, times_seen)
             roots = route.roots.get(pose.child, ())
-            beats = route.clock and (not route.clock_child or route.clock_child == pose.child)
-            if not roots and not beats:
-                route.others += 1
+            is_clock_message = route.clock and (not route.clock_child or route.clock_child == pose.child)
+            if not roots and not is_clock_message:
+                route.unused_poses += 1
                 continue
-            time = times.of(key, pose.stamp, raw.log_time, raw.publish_time)
-            moments.add(time)
-            self._watch(key, pose.child, pose.stamp, time, raw)
+            time = times.time_of(key, pose.stamp, raw.log_time, raw.publish_time)
+            times_seen.add(time)
+            self._check_stamp(key, pose.child, pose.stamp, time, raw)
             for root in roots:
-                if time + root.delay <= self.passed:
-                    passed.add(time)
+                if time + root.delay <= self.last_frame_time:
+                    last_frame_time.add(time)
                 root.add(time + root.delay, pose)
-            if beats:
-                if time + route.clock_delay <= self.passed:
-                    passed.add(time)
-                self._beat(time + route.clock_delay)
-        self.late += len(passed)
-        for time in moments:
+            if is_clock_message:
+                if time + route.clock_delay <= self.last_frame_time:
+                    last_frame_time.add(time)
+                self._add_clock_time(time + route.clock_delay)
+        self.late += len(last_frame_time)
+        for time in times_seen:
             watermark.add(time)
 
-    def _take_transform(self, raw: RawMessage, route: Route, pose: Pose, moments: set[int]) -> None:
-        """Take in a transform of the log's tree.
+    def _process_transform(self, raw: RawMessage, route: ChannelRoutes, pose: Pose, times_seen: set[int]) -> None:
+        """Add a transform of the log's tree.
 
         Raises LogError if its frame was given in another before.
         """
-        child, parent = plain_frame(pose.child), plain_frame(pose.frame)
-        known = route.parents.get(child)
-        if known is None or not parent:
+        child, parent = normalized_frame_id(pose.child), normalized_frame_id(pose.frame)
+        expected = route.expected_parents.get(child)
+        if expected is None or not parent:
             return
         source = self.source
         topic = source.reader.channels[raw.key].topic
-        if parent != known:
-            raise LogError(f"{source.reader.path}: {two_parents(child, known, topic, parent, topic)}")
+        if parent != expected:
+            raise LogError(f"{source.reader.path}: {two_parents_message(child, expected, topic, parent, topic)}")
         track = route.tracks.get(child)
         if track is None:
             return
-        if route.static:  # stamped as its writer likes: it is valid at all times
+        if route.static:  # valid at all times, whatever its stamp
             time = pose.stamp or raw.log_time
         else:
-            time = self.times.of(raw.key, pose.stamp, raw.log_time, raw.publish_time)
-            moments.add(time)
-        track.add(time, source.space.metres(pose.value))
+            time = self.times.time_of(raw.key, pose.stamp, raw.log_time, raw.publish_time)
+            times_seen.add(time)
+        track.add(time, source.space.to_metres(pose.value))
 
-    def _watch(self, key: int, part: str, stamp: int | None, time: int, raw: RawMessage) -> None:
-        """Compare the time of a message with those before it; raises LogError where they cannot be right."""
+    def _check_stamp(self, key: int, part: str, stamp: int | None, time: int, raw: RawMessage) -> None:
+        """Check the stamp of a message against earlier ones; raises LogError where they are inconsistent."""
         topic = self.source.reader.channels[key].topic
-        if self.watch is not None and (stamp or self.config.time == "publish") and not is_static(topic):
-            self.watch.add(topic, part, time, raw.log_time)
+        if self.stamp_monitor is not None and (stamp or self.config.time == "publish") and not is_static(topic):
+            self.stamp_monitor.add(topic, part, time, raw.log_time)
 
-    def _beat(self, time: int) -> None:
-        """Take in a message of the frame clock."""
+    def _add_clock_time(self, time: int) -> None:
+        """Add a message of the frame clock."""
         if not self.clock.add(time):
             self.lost_frames += 1
 
@@ -308,45 +317,45 @@ class Run:
         config = self.config
         if self.first_time == NEVER:
             self.first_time = time
-        self.passed = time
-        since = time - self.first_time
+        self.last_frame_time = time
+        elapsed = time - self.first_time
         for root in self.roots:
-            root.settle(time, time + self.gap)
-        self.tracks.forget(time)
-        if config.end is not None and since > config.end * 1e9:
+            root.resolve(time, time + self.gap)
+        self.tracks.discard_before(time)
+        if config.end is not None and elapsed > config.end * 1e9:
             return None
-        if config.start is not None and since < config.start * 1e9:
+        if config.start is not None and elapsed < config.start * 1e9:
             for root in self.roots:
                 root.stream.advance(time)
             for joints in self.joints:
                 if joints.stream is not None:
                     joints.stream.advance(time)
             return None
-        held = before = False
-        roots, angles = self.still_roots.copy(), self.still_angles.copy()
+        is_held = before_first = False
+        roots, angles = self.default_roots.copy(), self.default_angles.copy()
         for root in self.roots:
             pose = root.stream.at(time)
             roots[root.input.source.tree] = root.world_from_root(pose.value)
-            held |= pose.held
-            before |= pose.before
+            is_held |= pose.held
+            before_first |= pose.before_first
         for joints in self.joints:
             if joints.stream is None:
                 continue
             row = joints.stream.at(time)
-            angles[joints.columns] = np.where(np.isnan(row.value), 0.0, row.value) if row.before else row.value
-            held |= row.held
-            before |= row.before
-        flags = FLAG_HELD * held | FLAG_BEFORE_FIRST * before | self._limits(angles)
-        frame = Frame(self.count, time, roots, angles, held, flags)
+            angles[joints.columns] = np.where(np.isnan(row.value), 0.0, row.value) if row.before_first else row.value
+            is_held |= row.held
+            before_first |= row.before_first
+        flags = FLAG_HELD * is_held | FLAG_BEFORE_FIRST * before_first | self._limits(angles)
+        frame = Frame(self.count, time, roots, angles, is_held, flags)
         self.count += 1
-        self.held += held
+        self.held_frames += is_held
         self.last_time = time
         return frame
 
     def _limits(self, angles: Floats) -> int:
-        """Count angles outside of their limits, clamp them if that is asked for; the frame's flags."""
-        np.minimum(self.least, angles, out=self.least)
-        np.maximum(self.most, angles, out=self.most)
+        """Count angles outside of their limits, and clamp them if configured; returns the frame's flags."""
+        np.minimum(self.min_angles, angles, out=self.min_angles)
+        np.maximum(self.max_angles, angles, out=self.max_angles)
         outside = (angles < self.lower - LIMIT_SLACK) | (angles > self.upper + LIMIT_SLACK)
         if not outside.any():
             return 0
@@ -357,12 +366,12 @@ class Run:
         return FLAG_CLAMPED
 
     def report(self) -> RecordingReport:
-        """Figures so far."""
-        return report_of(self.source, self)
+        """Report on the frames made so far."""
+        return make_report(self.source, self)
 
 
 def prismatic_columns(world: World) -> NDArray[np.bool_]:
-    """(Q,) which degrees of freedom are lengths."""
+    """(Q,) mask of prismatic degrees of freedom, whose values are lengths."""
     bodies = world.scene.bodies
     prismatic = np.zeros(len(world.scene.dofs.lower), dtype=bool)
     own = (bodies.dof >= 0) & (bodies.multiplier == 1) & (bodies.offset == 0)

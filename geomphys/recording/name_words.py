@@ -1,4 +1,4 @@
-"""The words of a name in one spelling, and the side it is of: joints, links and topics of many makers say the same otherwise."""
+"""Splits names of joints, links and topics into normalised words, and finds the side (left, right) in them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable
 
-from geomphys.recording.naming import LENGTH
+from geomphys.recording.display_names import MAX_LENGTH
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 
@@ -24,7 +24,7 @@ _SAME_WORD = {
     "intermediate": "pip", "medial": "pip", "pij": "pip", "distal": "dip", "dist": "dip", "dij": "dip", "ij": "ip",
     "l": "left", "lh": "left", "r": "right", "rh": "right",
 }  # fmt: skip
-"""Word -> how it is told here; segments of a finger by the joint at their near end."""
+"""Word -> its normal form; segments of a finger are named by the joint at their proximal end."""
 
 _NAMED = (*FINGERS, "pinky", "pinkie", "pointer", "forefinger")
 _SIDED = (*_NAMED, "hand", "glove", "wrist", "palm", "arm", "forearm", "elbow", "shoulder", "finger", "hip", "knee", "ankle",
@@ -36,7 +36,7 @@ _AFTER_FINGER = {"finger", "tip", "joint", "j", "cmc", "tm", "mcp", "pip", "dip"
 
 def words(name: str) -> list[str]:
     """Words of a name in one spelling: ``IndexMCPStretch`` and ``index_mcp_flex`` are the same three."""
-    parts = re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|[0-9]+", name[:LENGTH])
+    parts = re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|[0-9]+", name[:MAX_LENGTH])
     return [_SAME_WORD.get(w, w) for part in parts for w in _split(part.lower())]
 
 
@@ -51,13 +51,13 @@ def words_of_all(names: Iterable[str]) -> dict[str, list[str]]:
 
 
 def side_of(name: str) -> str:
-    """``left``, ``right``, or "" for a name that says neither or both."""
+    """``left``, ``right``, or "" for a name with neither or both."""
     sides = {"left", "right"} & set(words(name))
     return sides.pop() if len(sides) == 1 else ""
 
 
 def common_side(names: Iterable[str]) -> str:
-    """The side that names are of; "" if none says one, or some are of each (one in ten may be of the other)."""
+    """The side of at least 90 % of the names that have one; "" if there is none."""
     count = Counter(s for s in map(side_of, names) if s)
     if not count:
         return ""
@@ -66,7 +66,7 @@ def common_side(names: Iterable[str]) -> str:
 
 
 def _split(word: str) -> list[str]:
-    """Parts of what is written as one word: ``lefthand``, ``rindex``, ``indexmcp``."""
+    """Split compound words: ``lefthand``, ``rindex``, ``indexmcp``."""
     if word in _SAME_WORD or word in _AFTER_FINGER or len(word) < 4:
         return [word]
     for side in ("left", "right"):

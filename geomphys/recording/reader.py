@@ -1,8 +1,8 @@
-"""Reading a log: which topics it has, what of it is intact, and its messages one after the other.
+"""Reads a log: its channels, its damage, and its messages in order of log time.
 
-A log is scanned once when it is opened (`scan.py`), so that damage is known before anything is computed; messages are
-then streamed in the order of their log times, with one chunk in memory, or as many as overlap in time. Several channels
-of a topic, and the parts of a bag, stay apart.
+A log is scanned once when it is opened (`mcap_scan.py`), so that damage is known before anything is computed. Messages are
+then streamed in order of log time, with one chunk in memory, or as many as overlap in time. Channels of the same topic, and of
+different parts of a bag, are kept apart.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ from mcap.opcode import Opcode
 
 from geomphys.errors import DamagedLogError, LogError
 from geomphys.recording.bag import log_files
-from geomphys.recording.formats import LOOKED_AT, other_format
-from geomphys.recording.records import (
+from geomphys.recording.foreign_formats import MAGIC_BYTES, describe_foreign_format
+from geomphys.recording.mcap_records import (
     CHUNK,
     CHUNK_LIMIT,
     HEAD,
     MAGIC,
     MESSAGE,
     BadRecordError,
-    read_chunk_head,
+    read_chunk_header,
     unpack_chunk,
     walk,
 )
-from geomphys.recording.scan import TIME_LIMIT, FileScan, Span, scan_file
-from geomphys.recording.summary import scan_summary
+from geomphys.recording.mcap_scan import TIME_LIMIT, FileScan, Span, scan_file
+from geomphys.recording.mcap_summary import scan_summary
 from geomphys.storage.remote_files import AnyPath, RemotePath, as_path, is_remote
 
 PENDING_LIMIT = 256 * 2**20
 """Bytes of messages that are held to bring them into the order of their times."""
-_Pending = tuple[int, int, int, int, bytes, int]  # log time, place in the file, channel, publish time, data, sequence
-TOLD = 3  # damaged places that are told one by one
+_Pending = tuple[int, int, int, int, bytes, int]  # log time, order in the file, channel, publish time, data, sequence
+MAX_LISTED_DAMAGE = 3  # losses listed one by one in a message
 
 
 @dataclass(frozen=True)
@@ -55,11 +55,11 @@ class LogChannel:
     first_ns: int  # log time of the earliest message; 0 if there is none
     last_ns: int
     metadata: tuple[tuple[str, str], ...] = ()
-    longest_gap_ns: int | None = None  # None where only the messages tell
+    longest_gap_ns: int | None = None  # None: only known by reading the messages
 
 
 class RawMessage(NamedTuple):
-    """A message as it stands in the log; times in ns."""
+    """An undecoded message; times in ns."""
 
     key: int  # of its channel
     log_time: int
@@ -146,7 +146,7 @@ class LogReader:
     def read(self, keys: Container[int] | None = None, *, file_order: bool = False) -> Iterator[RawMessage]:
         """Stream the messages of the channels `keys` (None: of all) in the order of their log times.
 
-        Messages of one log time keep their order in the file; with `file_order` all do. `keys` is asked anew for every
+        Messages of one log time keep their order in the file; with `file_order` all do. `keys` is evaluated for every
         message, so a caller may drop channels while it reads. Memory: the messages asked for of the chunks that overlap
         in time, at most `PENDING_LIMIT` bytes and one chunk; where more overlap, the order is that of the file in part.
 
@@ -159,35 +159,35 @@ class LogReader:
                     if keys is None or key in keys:
                         yield RawMessage(key, log_time, publish_time, data, sequence)
             return
-        waiting = deque(sorted(enumerate(spans), key=lambda item: item[1][1].first))
+        unread_spans = deque(sorted(enumerate(spans), key=lambda item: item[1][1].first))
         pending: deque[_Pending] = deque()
         size = 0
-        while waiting or pending:
-            while waiting and size < PENDING_LIMIT:
-                order, (number, span) = waiting[0]
+        while unread_spans or pending:
+            while unread_spans and size < PENDING_LIMIT:
+                order, (number, span) = unread_spans[0]
                 if pending and span.first > pending[0][0]:
                     break
-                waiting.popleft()
+                unread_spans.popleft()
                 loaded = self._load(number, span, order << 32, keys)
                 size += sum(len(m[4]) for m in loaded)
                 pending = deque(sorted([*pending, *loaded]))
-            until = waiting[0][1][1].first if waiting else None
-            while pending and (until is None or size >= PENDING_LIMIT or pending[0][0] < until):
+            next_start = unread_spans[0][1][1].first if unread_spans else None
+            while pending and (next_start is None or size >= PENDING_LIMIT or pending[0][0] < next_start):
                 log_time, _, key, publish_time, data, sequence = pending.popleft()
                 size -= len(data)
                 if keys is None or key in keys:
                     yield RawMessage(key, log_time, publish_time, data, sequence)
 
     def _load(self, number: int, span: Span, order: int, keys: Container[int] | None) -> list[_Pending]:
-        """Messages of a span, each with its place in the order of the file."""
-        base, known, file = number << 16, self._scans[number].channels, self.files[number]
-        wanted = {c for c in span.channels if c in known and (keys is None or base | c in keys)}
-        if not wanted:
+        """Messages of a span, each with its rank in file order."""
+        base, channels, file = number << 16, self._scans[number].channels, self.files[number]
+        selected = {c for c in span.channels if c in channels and (keys is None or base | c in keys)}
+        if not selected:
             return []
         try:
             with self._opened(file) as stream:
                 stream.seek(span.offset)
-                messages = (self._of_chunk if span.chunk else self._of_run)(stream, span, wanted)
+                messages = (self._chunk_messages if span.chunk else self._run_messages)(stream, span, selected)
                 return [(t, order | k, base | c, p, data, n) for k, (c, t, p, data, n) in enumerate(messages)]
         except OSError as problem:
             raise LogError(f"{file}: cannot be read any more ({problem.strerror})") from problem
@@ -210,21 +210,21 @@ class LogReader:
         yield self._streams[file]
 
     @staticmethod
-    def _of_chunk(stream: BinaryIO, span: Span, wanted: set[int]) -> Iterator[tuple[int, int, int, bytes, int]]:
-        """Messages of a chunk; the stream stands at its beginning."""
-        beginning = stream.read(min(span.length, 9 + CHUNK.size + 80))
-        if len(beginning) < 9:
+    def _chunk_messages(stream: BinaryIO, span: Span, selected: set[int]) -> Iterator[tuple[int, int, int, bytes, int]]:
+        """Messages of a chunk; the stream is positioned at its record."""
+        first_bytes = stream.read(min(span.length, 9 + CHUNK.size + 80))
+        if len(first_bytes) < 9:
             raise BadRecordError("the file is shorter than it was")
-        head = read_chunk_head(beginning[9:], HEAD.unpack_from(beginning, 0)[1])
+        head = read_chunk_header(first_bytes[9:], HEAD.unpack_from(first_bytes, 0)[1])
         if head.data_length > CHUNK_LIMIT:
             raise BadRecordError("the chunk is not what it was")
-        start = 9 + head.head_length
+        start = 9 + head.header_length
         stream.seek(span.offset + start)
         if span.verified:
             head = head._replace(crc=0)
-        unpacked, trouble = unpack_chunk(head, stream.read(min(head.data_length, span.length - start)))
-        if trouble and not span.verified:
-            raise BadRecordError(trouble)
+        unpacked, damage_text = unpack_chunk(head, stream.read(min(head.data_length, span.length - start)))
+        if damage_text and not span.verified:
+            raise BadRecordError(damage_text)
         if len(unpacked) < span.usable:
             raise BadRecordError("the chunk is not what it was")
         message, unpack, window = int(Opcode.MESSAGE), MESSAGE.unpack_from, span.window
@@ -234,12 +234,12 @@ class LogReader:
             channel, sequence, log_time, publish_time = unpack(unpacked, begin)
             if not span.verified and (end - begin < MESSAGE.size or log_time > TIME_LIMIT):
                 raise BadRecordError("holds a message that cannot be")
-            if channel in wanted and (window is None or window[0] <= log_time <= window[1]):
+            if channel in selected and (window is None or window[0] <= log_time <= window[1]):
                 yield channel, log_time, publish_time, unpacked[begin + 22 : end], sequence
 
     @staticmethod
-    def _of_run(stream: BinaryIO, span: Span, wanted: set[int]) -> Iterator[tuple[int, int, int, bytes, int]]:
-        """Messages that stand outside of chunks."""
+    def _run_messages(stream: BinaryIO, span: Span, selected: set[int]) -> Iterator[tuple[int, int, int, bytes, int]]:
+        """Messages outside of chunks."""
         read, seek = stream.read, stream.seek
         at, stop = span.offset, span.offset + span.length
         while at < stop:
@@ -251,7 +251,7 @@ class LogReader:
             channel, sequence, log_time, publish_time = MESSAGE.unpack_from(head, 9)
             if not MESSAGE.size <= length <= CHUNK_LIMIT:
                 raise BadRecordError("the record is not what it was")
-            if channel in wanted:
+            if channel in selected:
                 yield channel, log_time, publish_time, read(length - MESSAGE.size), sequence
             at += 9 + length
 
@@ -261,11 +261,11 @@ class LogReader:
             with self._opened(file) as stream:
                 size = stream.seek(0, 2)
                 stream.seek(0)
-                start = stream.read(LOOKED_AT)
+                start = stream.read(MAGIC_BYTES)
                 if not start:
                     raise LogError(f"{file}: is empty: the recording was not written or not fetched; copy it again")
                 if start[: len(MAGIC)] != MAGIC[: len(start)]:
-                    raise LogError(f"{file}: is not an MCAP file{other_format(start)}")
+                    raise LogError(f"{file}: is not an MCAP file{describe_foreign_format(start)}")
                 if is_remote(file) and not self._recover:
                     found = scan_summary(stream, size, file.ranges)
                     if found is not None:
@@ -275,7 +275,7 @@ class LogReader:
             raise LogError(f"{file}: cannot be read ({problem.strerror})") from problem
 
     def _add_channels(self, number: int, scan: FileScan) -> None:
-        """Take in the channels of part `number`."""
+        """Add the channels of part `number`."""
         for i in sorted(scan.channels):
             channel = scan.channels[i]
             schema = scan.schemas.get(channel.schema_id)
@@ -296,10 +296,10 @@ class LogReader:
             )
 
     def _damage(self, missing: tuple[str, ...]) -> Damage | None:
-        """Sum up what the scans found damaged."""
-        several = len(self.files) > 1
+        """Summarise the losses of all files."""
+        has_parts = len(self.files) > 1
         losses = [
-            (loss.bytes_lost, f"{file.name}: {loss.text}" if several else loss.text)
+            (loss.bytes_lost, f"{file.name}: {loss.text}" if has_parts else loss.text)
             for file, scan in zip(self.files, self._scans, strict=True)
             for loss in scan.losses
         ]
@@ -307,11 +307,13 @@ class LogReader:
         if not texts:
             return None
         lost = sum(count for count, _ in losses)
-        more = f", and {len(texts) - TOLD} more places" if len(texts) > TOLD else ""
-        return Damage(lost, f"{'; '.join(texts[:TOLD])}{more} ({lost} of {self.size} bytes lost)", len(texts))
+        more = f", and {len(texts) - MAX_LISTED_DAMAGE} more places" if len(texts) > MAX_LISTED_DAMAGE else ""
+        return Damage(
+            lost, f"{'; '.join(texts[:MAX_LISTED_DAMAGE])}{more} ({lost} of {self.size} bytes lost)", len(texts)
+        )
 
     def _intact(self) -> str:
-        """Say what is intact."""
+        """Describe the intact part."""
         seconds = (self.end_ns - self.start_ns) / 1e9
         return f"{self.messages} messages over {seconds:.3f} s are intact"
 

@@ -1,4 +1,4 @@
-"""What is told of a recording after its frames were made."""
+"""The report on a recording after its frames were made: counts, streams, unmatched names, warnings."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from geomphys.recording.channels import kind_of
-from geomphys.recording.diagnostics import Diagnostic, Key
-from geomphys.recording.frame_plan import FrameUse
-from geomphys.recording.held import held_warning
-from geomphys.recording.naming import closest, listed, plain
-from geomphys.recording.plan import split_topic
+from geomphys.recording.diagnostics import Diagnostic, DiagnosticKey
+from geomphys.recording.display_names import closest_name, join_names, printable
+from geomphys.recording.held_frames import held_frames_warning
+from geomphys.recording.input_plan import split_topic
 from geomphys.recording.routes import JointRoute
-from geomphys.recording.sample_warnings import furthest_back, most_repeated, time_warnings, uneven_warnings
+from geomphys.recording.sample_warnings import largest_disorder, length_mismatch_warnings, most_repeated, time_warnings
+from geomphys.recording.transform_plan import TransformUse
 from geomphys.recording.unit_warnings import angle_warnings, space_warnings
 
 if TYPE_CHECKING:
-    from geomphys.recording.frames import FrameSource, Run
+    from geomphys.recording.frames import FrameSource, LogPass
 
-TOLD = 8  # names told in a warning
+MAX_NAMES = 8  # names listed in a warning
 
 
 @dataclass(frozen=True)
@@ -36,16 +36,16 @@ class StreamReport:
     held_frames: int
     gaps: int  # longer than `max_gap`
     longest_gap_s: float
-    bad_samples: int  # NaN, too large, or a quaternion that is none
+    bad_samples: int  # NaN, too large, or a without unit quaternion
 
 
 @dataclass(frozen=True)
-class Unmatched:
-    """A name that found no partner on the other side."""
+class UnmatchedName:
+    """A name without a match on the other side."""
 
     topic: str
     name: str
-    suggestion: str  # "" if nothing is like it
+    suggestion: str  # "" if no name is similar
 
 
 @dataclass(frozen=True)
@@ -61,28 +61,28 @@ class OutsideLimits:
 
 @dataclass(frozen=True)
 class RecordingReport:
-    """Figures of a recording, as far as its frames have been made."""
+    """Statistics of a recording, up to the last frame made."""
 
     frames: int
     held_frames: int
     first_ns: int | None
     last_ns: int | None
-    out_of_order: int  # messages that came after a later one of their topic, and were put in their place
+    out_of_order: int  # messages after a later one of their topic; sorted into their stream
     late: int  # messages that came after the frames of their time had been made
     lost_frames: int  # of these, messages of the frame clock: no frame came of them
     duplicates: int  # messages of a time that their stream had already; the first counts
     bad_samples: int
     bad_messages: int  # could not be decoded
     streams: tuple[StreamReport, ...]
-    unmatched_recorded: tuple[Unmatched, ...]  # recorded joints that no joint of the scene takes
-    unmatched_joints: tuple[Unmatched, ...]  # joints of the scene that are not recorded: 0
+    unmatched_recorded: tuple[UnmatchedName, ...]  # recorded joints without a joint of the scene
+    unmatched_joints: tuple[UnmatchedName, ...]  # joints of the scene that are not recorded: 0
     ignored_mimics: tuple[str, ...]  # recorded, but follow their master
     outside_limits: tuple[OutsideLimits, ...]
     bytes_lost: int
     recovered: str  # what `recover` could not read; "" for a whole log
     warnings: tuple[str, ...]
     space: str | None = None  # frame id of the recorded space; None where no pose names a frame
-    transforms: tuple[FrameUse, ...] = ()  # poses that are given in other frames
+    transforms: tuple[TransformUse, ...] = ()  # poses that are given in other frames
     ignored: tuple[str, ...] = ()  # recorded joints that `ignore` leaves out
 
     def as_dict(self) -> dict[str, Any]:
@@ -90,47 +90,47 @@ class RecordingReport:
         return dataclasses.asdict(self)
 
 
-def report_of(source: FrameSource, run: Run) -> RecordingReport:
-    """Sum up a pass over a log as far as it has come."""
+def make_report(source: FrameSource, log_pass: LogPass) -> RecordingReport:
+    """Make the report of a pass over a log, up to the last frame made."""
     damage = source.reader.damage
-    unmatched_recorded, ignored = _unmatched_recorded(source, run.joints)
-    streams = tuple(_streams(source, run))
+    unmatched_recorded, ignored = _unmatched_recorded(source, log_pass.joints)
+    streams = tuple(_streams(source, log_pass))
     report = RecordingReport(
-        frames=run.count,
-        held_frames=run.held,
-        first_ns=run.first_time if run.count else None,
-        last_ns=run.last_time if run.count else None,
-        out_of_order=sum(r.out_of_order for r in run.roots) + sum(r.out_of_order for r in run.joints),
-        late=run.late,
-        lost_frames=run.lost_frames,
-        duplicates=sum(r.stream.duplicates for r in run.roots)
-        + sum(r.stream.duplicates for r in run.joints if r.stream is not None),
+        frames=log_pass.count,
+        held_frames=log_pass.held_frames,
+        first_ns=log_pass.first_time if log_pass.count else None,
+        last_ns=log_pass.last_time if log_pass.count else None,
+        out_of_order=sum(r.out_of_order for r in log_pass.roots) + sum(r.out_of_order for r in log_pass.joints),
+        late=log_pass.late,
+        lost_frames=log_pass.lost_frames,
+        duplicates=sum(r.stream.duplicates for r in log_pass.roots)
+        + sum(r.stream.duplicates for r in log_pass.joints if r.stream is not None),
         bad_samples=sum(s.bad_samples for s in streams),
-        bad_messages=run.bad_messages,
+        bad_messages=log_pass.bad_messages,
         streams=streams,
         unmatched_recorded=unmatched_recorded,
-        unmatched_joints=_unmatched_joints(source, run, unmatched_recorded),
+        unmatched_joints=_unmatched_joints(source, log_pass, unmatched_recorded),
         ignored_mimics=ignored,
-        outside_limits=tuple(_outside_limits(source, run)),
+        outside_limits=tuple(_outside_limits(source, log_pass)),
         bytes_lost=damage.bytes_lost if damage is not None else 0,
         recovered=damage.text if damage is not None else "",
         warnings=(),
-        space=next(iter(source.frames.spaces), None),
-        transforms=source.frames.uses,
-        ignored=tuple(sorted({n for r in run.joints for n in _names(source, r) if r.input.source.ignores(n)})),
+        space=next(iter(source.transforms.spaces), None),
+        transforms=source.transforms.uses,
+        ignored=tuple(sorted({n for r in log_pass.joints for n in _names(source, r) if r.input.source.ignores(n)})),
     )
-    return dataclasses.replace(report, warnings=tuple(_warnings(source, run, report)))
+    return dataclasses.replace(report, warnings=tuple(_warnings(source, log_pass, report)))
 
 
-def _streams(source: FrameSource, run: Run) -> Iterator[StreamReport]:
+def _streams(source: FrameSource, log_pass: LogPass) -> Iterator[StreamReport]:
     """Figures of each stream: roots, then joints, in the order of the scene."""
     world = source.world
-    for root in run.roots:
+    for root in log_pass.roots:
         s, i = root.stream, root.input
         topic = f"{i.topic}#{i.child}" if i.child else i.topic
         name = world.tree_names[i.source.tree]
         yield StreamReport(topic, name, s.constant, s.held_frames, s.gaps, s.longest_gap.length / 1e9, s.bad)
-    for joints in run.joints:
+    for joints in log_pass.joints:
         topic = joints.input.topic
         for k, column in enumerate(joints.columns):
             assert joints.stream is not None
@@ -143,80 +143,90 @@ def _streams(source: FrameSource, run: Run) -> Iterator[StreamReport]:
 
 def _names(source: FrameSource, route: JointRoute) -> set[str]:
     """Names of the joints in a route's topic."""
-    return set(source.known.names.get(route.input.topic, ())) | route.names
+    return set(source.prescan.names.get(route.input.topic, ())) | route.names
 
 
-def _unmatched_recorded(source: FrameSource, routes: list[JointRoute]) -> tuple[tuple[Unmatched, ...], tuple[str, ...]]:
-    """Recorded joints that nothing takes, and those that are not used because their joint mimics another."""
+def _unmatched_recorded(
+    source: FrameSource, routes: list[JointRoute]
+) -> tuple[tuple[UnmatchedName, ...], tuple[str, ...]]:
+    """Recorded joints without a match, and those whose joint mimics another."""
     unmatched, ignored = [], set()
     for topic in sorted({r.input.topic for r in routes}):
-        here = [r for r in routes if r.input.topic == topic]
-        names = set(source.known.names.get(topic, ())).union(*(r.names for r in here))
-        free = [n for r in here for n in r.input.source.dofs if n not in names]
+        topic_routes = [r for r in routes if r.input.topic == topic]
+        names = set(source.prescan.names.get(topic, ())).union(*(r.names for r in topic_routes))
+        unused = [n for r in topic_routes for n in r.input.source.dofs if n not in names]
         for name in sorted(names):
-            if any(r.input.column(name) is not None for r in here) or all(r.input.source.ignores(name) for r in here):
+            if any(r.input.column(name) is not None for r in topic_routes) or all(
+                r.input.source.ignores(name) for r in topic_routes
+            ):
                 continue
-            if any(r.input.source.rename.get(name, name) in r.input.source.mimics for r in here):
+            if any(r.input.source.rename.get(name, name) in r.input.source.mimics for r in topic_routes):
                 ignored.add(name)
             else:
-                unmatched.append(Unmatched(topic, name, closest(name, free)))
+                unmatched.append(UnmatchedName(topic, name, closest_name(name, unused)))
     return tuple(unmatched), tuple(sorted(ignored))
 
 
-def _unmatched_joints(source: FrameSource, run: Run, recorded: tuple[Unmatched, ...]) -> tuple[Unmatched, ...]:
+def _unmatched_joints(
+    source: FrameSource, log_pass: LogPass, recorded: tuple[UnmatchedName, ...]
+) -> tuple[UnmatchedName, ...]:
     """Joints of trees with a joint topic that are not recorded."""
     found = []
-    for route in run.joints:
+    for route in log_pass.joints:
         topic = route.input.topic
         names = [u.name for u in recorded if u.topic == topic]
         for name, column in sorted(route.input.source.dofs.items(), key=lambda item: item[1]):
-            if not run.recorded[column] and not route.input.source.covers(name):
-                found.append(Unmatched(topic, name, closest(name, names)))
+            if not log_pass.recorded[column] and not route.input.source.covers(name):
+                found.append(UnmatchedName(topic, name, closest_name(name, names)))
     return tuple(found)
 
 
-def _outside_limits(source: FrameSource, run: Run) -> Iterator[OutsideLimits]:
+def _outside_limits(source: FrameSource, log_pass: LogPass) -> Iterator[OutsideLimits]:
     """Joints that left their limits."""
     world, dofs = source.world, source.world.scene.dofs
-    for column in np.flatnonzero(run.outside_frames):
-        amount = max(run.lower[column] - run.least[column], run.most[column] - run.upper[column])
+    for column in np.flatnonzero(log_pass.outside_frames):
+        amount = max(
+            log_pass.lower[column] - log_pass.min_angles[column], log_pass.max_angles[column] - log_pass.upper[column]
+        )
         tree, name = world.tree_names[dofs.tree[column]], world.dof_names[column]
-        frames = int(run.outside_frames[column])
+        frames = int(log_pass.outside_frames[column])
         yield OutsideLimits(tree, name, frames, float(amount), source.config.clamp_limits)
 
 
-def _warnings(source: FrameSource, run: Run, report: RecordingReport) -> Iterator[str]:
-    """One line for everything a user should know of."""
+def _warnings(source: FrameSource, log_pass: LogPass, report: RecordingReport) -> Iterator[str]:
+    """All warnings, one line each."""
     if report.recovered:
         yield Diagnostic(f"the log is damaged: {report.recovered}", "damaged")
     yield from (Diagnostic(text, "files") for text in source.reader.notes)
-    yield from time_warnings(source, run)
-    yield from uneven_warnings(source, run)
-    held = held_warning(source, run)
-    if held:
-        yield Diagnostic(held, "held")
+    yield from time_warnings(source, log_pass)
+    yield from length_mismatch_warnings(source, log_pass)
+    held_frames = held_frames_warning(source, log_pass)
+    if held_frames:
+        yield Diagnostic(held_frames, "held")
     for topic in source.topics:
         for channel in source.reader.of_topic(topic):
-            if channel.messages and channel.key not in source.plan.keys | source.frames.keys:
-                what = f"{channel.messages} messages ({plain(channel.schema_name)}, {plain(channel.encoding)})"
+            if channel.messages and channel.key not in source.plan.keys | source.transforms.keys:
+                what = f"{channel.messages} messages ({printable(channel.schema_name)}, {printable(channel.encoding)})"
                 yield Diagnostic(
-                    f"topic {plain(topic)}: {what} of another kind than the rest are not used", "mixed_kinds"
+                    f"topic {printable(topic)}: {what} of another kind than the rest are not used", "mixed_kinds"
                 )
-    for topic, child in sorted(source.known.only.items()):
-        others = sum(r.others for key, r in run.routes.items() if source.reader.channels[key].topic == topic)
-        if others:
-            text = f"topic {plain(topic)}: {others} poses of other frames than {child!r} are not used"
+    for topic, child in sorted(source.prescan.implied_children.items()):
+        unused_poses = sum(
+            r.unused_poses for key, r in log_pass.routes.items() if source.reader.channels[key].topic == topic
+        )
+        if unused_poses:
+            text = f"topic {printable(topic)}: {unused_poses} poses of other frames than {child!r} are not used"
             yield Diagnostic(text, "other_frames")
     clock = source.plan.clock
     if clock is not None and source.config.rate is None and sum(c.messages for c in clock.channels) == 1:
         text = f"topic {clock.topic}, the frame clock, has a single message: one frame; see --clock and --rate"
         yield Diagnostic(text, "single_message_clock")
-    yield from space_warnings(source, run)
-    yield from angle_warnings(source, run)
-    yield from _name_warnings(source, run, report)
-    counts: tuple[tuple[int, Key, str], ...] = (
+    yield from space_warnings(source, log_pass)
+    yield from angle_warnings(source, log_pass)
+    yield from _name_warnings(source, log_pass, report)
+    counts: tuple[tuple[int, DiagnosticKey, str], ...] = (
         (
-            sum(root.unplaced for root in run.roots),
+            sum(root.untransformed for root in log_pass.roots),
             "unplaced",
             "poses have no transform of their frame near enough in time",
         ),
@@ -235,12 +245,12 @@ def _warnings(source: FrameSource, run: Run, report: RecordingReport) -> Iterato
         (
             report.out_of_order,
             "out_of_order",
-            f"messages were out of order and were put in their place{furthest_back(run)}",
+            f"messages were out of order and were put in their place{largest_disorder(log_pass)}",
         ),
         (
             report.duplicates,
             "duplicates",
-            f"messages repeat a time of their stream; the first of them counts{most_repeated(source, run)}",
+            f"messages repeat a time of their stream; the first of them counts{most_repeated(source, log_pass)}",
         ),
     )
     yield from (Diagnostic(f"{count} {text}", key) for count, key, text in counts if count)
@@ -253,9 +263,9 @@ def _warnings(source: FrameSource, run: Run, report: RecordingReport) -> Iterato
         yield Diagnostic(text, "outside_limits")
 
 
-def _name_warnings(source: FrameSource, run: Run, report: RecordingReport) -> Iterator[str]:
-    """Names without a partner."""
-    groups: tuple[tuple[tuple[Unmatched, ...], Key, str], ...] = (
+def _name_warnings(source: FrameSource, log_pass: LogPass, report: RecordingReport) -> Iterator[str]:
+    """Warnings on unmatched names."""
+    groups: tuple[tuple[tuple[UnmatchedName, ...], DiagnosticKey, str], ...] = (
         (
             report.unmatched_recorded,
             "unmatched_recorded",
@@ -265,49 +275,51 @@ def _name_warnings(source: FrameSource, run: Run, report: RecordingReport) -> It
     )
     for found, key, text in groups:
         if found:
-            told = [
-                plain(u.name) + (f" (did you mean {plain(u.suggestion)}?)" if u.suggestion else "")
-                for u in found[:TOLD]
+            names_text = [
+                printable(u.name) + (f" (did you mean {printable(u.suggestion)}?)" if u.suggestion else "")
+                for u in found[:MAX_NAMES]
             ]
-            more = f" and {len(found) - TOLD} more" if len(found) > TOLD else ""
-            yield Diagnostic(f"{len(found)} {text}: {', '.join(told)}{more}", key)
+            more = f" and {len(found) - MAX_NAMES} more" if len(found) > MAX_NAMES else ""
+            yield Diagnostic(f"{len(found)} {text}: {', '.join(names_text)}{more}", key)
     if report.ignored_mimics:
-        text = f"recorded values of joints that follow another are not used: {listed(report.ignored_mimics, TOLD)}"
+        text = f"recorded values of joints that follow another are not used: {join_names(report.ignored_mimics, MAX_NAMES)}"
         yield Diagnostic(text, "recorded_mimics")
-    yield from _still_avatars(source)
-    for route in run.joints:
+    yield from _unfed_avatars(source)
+    for route in log_pass.joints:
         topic, _ = split_topic(route.input.topic, source.reader.topics)
-        names = set(source.known.names.get(topic, ())) | route.names
+        names = set(source.prescan.names.get(topic, ())) | route.names
         absent = sorted(n for n in route.input.source.rename if n not in names)
         if absent:
-            text = f"topic {topic}: `rename` speaks of {listed(absent, TOLD)}, which the log does not have"
+            text = f"topic {topic}: `rename` speaks of {join_names(absent, MAX_NAMES)}, which the log does not have"
             yield Diagnostic(text, "unknown_rename")
-        joints = [n for n, column in route.input.source.dofs.items() if not run.recorded[column]]
-        idle = [p for p in route.input.source.ignore if not any(fnmatch.fnmatchcase(n, p) for n in (*names, *joints))]
-        if idle:
-            text = f"topic {topic}: `ignore` has {listed(idle, TOLD)}, which no joint is called"
+        joints = [n for n, column in route.input.source.dofs.items() if not log_pass.recorded[column]]
+        unmatched_patterns = [
+            p for p in route.input.source.ignore if not any(fnmatch.fnmatchcase(n, p) for n in (*names, *joints))
+        ]
+        if unmatched_patterns:
+            text = f"topic {topic}: `ignore` has {join_names(unmatched_patterns, MAX_NAMES)}, which no joint is called"
             yield Diagnostic(text, "unknown_ignore")
-        sides = source.known.sides.get(topic, set())
+        sides = source.prescan.sides.get(topic, set())
         if len(sides) > 1 and not route.input.side:
-            text = f"topic {topic}: holds gloves of several sides; name one as {topic}#{plain(min(sides))}"
+            text = f"topic {topic}: holds gloves of several sides; name one as {topic}#{printable(min(sides))}"
             yield Diagnostic(text, "several_gloves")
 
 
-def _still_avatars(source: FrameSource) -> Iterator[str]:
-    """Avatars without a joint topic though the log has joint values that nothing follows."""
+def _unfed_avatars(source: FrameSource) -> Iterator[str]:
+    """Avatars without a joint topic though the log has unused joint values."""
     world, used = source.world, {i.topic for i in source.plan.joints}
-    free = sorted(
+    unused = sorted(
         {
             c.topic
             for c in source.reader.channels.values()
             if c.messages
             and c.topic not in used
             and (kind := kind_of(c)) is not None
-            and kind.what in ("joints", "glove")
+            and kind.content in ("joints", "glove")
         }
     )
-    for tree in range(world.avatar_count if free else 0):
+    for tree in range(world.avatar_count if unused else 0):
         joints = int((world.scene.dofs.tree == tree).sum())
         if joints and all(i.source.tree != tree for i in source.plan.joints):
             text = f"the {joints} joints of {world.tree_names[tree]} stand still at 0, nothing feeds them; the log has "
-            yield Diagnostic(f"{text}joint values on {listed(free, TOLD)}", "joints_without_topic")
+            yield Diagnostic(f"{text}joint values on {join_names(unused, MAX_NAMES)}", "joints_without_topic")

@@ -1,4 +1,4 @@
-"""Messages of ROS 1, through ``mcap-ros1-support``.
+"""Decodes ROS 1 messages with ``mcap-ros1-support``, from definitions that are parsed and checked first.
 
 That library writes Python source from a message definition and runs it. So none of a log's text reaches it: a definition
 is parsed here, and what it gets is written anew from names and types that are checked, without constants, comments and
@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from mcap.records import Schema
 
-from geomphys.recording.definitions import ROS1_HEADER, joined
+from geomphys.recording.ros_definitions import ROS1_HEADER, joined
 
 FIELD_LIMIT = 10_000
 """Numbers and texts of a message, without those of its lists."""
@@ -27,16 +27,16 @@ _SIZES = {
     "float32": 4, "int64": 8, "uint64": 8, "float64": 8, "time": 8, "duration": 8, "string": 4,
 }  # fmt: skip
 _BYTES = {"uint8", "char"}
-"""Fixed arrays of these are cut out of a message without a look at how many bytes are left."""
+"""Fixed arrays of these are sliced out of a message without a bounds check."""
 _FIELD = re.compile(r"([A-Za-z]\w*(?:/[A-Za-z]\w*)?)(\[\d{0,5}\])?\s+([A-Za-z]\w*)(?=\s|=|$)\s*(=?)", re.ASCII)
 _TYPE = re.compile(r"[A-Za-z]\w*/[A-Za-z]\w*", re.ASCII)
-_BAR = re.compile(r"^=+[ \t]*$", re.MULTILINE)
-_TAKEN = {"serialize", "deserialize", "serialize_numpy", "deserialize_numpy", "self", "struct", "genpy"}
+_SEPARATOR = re.compile(r"^=+[ \t]*$", re.MULTILINE)
+_RESERVED_NAMES = {"serialize", "deserialize", "serialize_numpy", "deserialize_numpy", "self", "struct", "genpy"}
 """Names that the library needs itself."""
 
 
 class DefinitionError(Exception):
-    """A definition that cannot be used; the text says why. Never leaves the package."""
+    """A message definition that cannot be used, with the reason. Internal to the package."""
 
 
 class Field(NamedTuple):
@@ -55,7 +55,7 @@ class Field(NamedTuple):
 def parse_definition(root: str, text: str) -> dict[str, tuple[Field, ...]]:
     """Types of a concatenated definition and their fields. Raises DefinitionError."""
     types: dict[str, tuple[Field, ...]] = {"std_msgs/Header": _fields("std_msgs/Header", ROS1_HEADER)}
-    for number, part in enumerate(_BAR.split(text)):
+    for number, part in enumerate(_SEPARATOR.split(text)):
         name, body = root, part
         if number:
             head, _, body = part.strip().partition("\n")
@@ -72,16 +72,16 @@ def parse_definition(root: str, text: str) -> dict[str, tuple[Field, ...]]:
 def _fields(owner: str, body: str) -> tuple[Field, ...]:
     found = []
     for line in body.splitlines():
-        plain = line.partition("#")[0].strip()
-        if not plain:
+        printable = line.partition("#")[0].strip()
+        if not printable:
             continue
-        match = _FIELD.match(plain)
+        match = _FIELD.match(printable)
         if match is None:
             raise DefinitionError("it has a line that is no field")
         kind, array, name, constant = match.groups()
         if constant:
             continue
-        if keyword.iskeyword(name) or name.startswith("_") or name in _TAKEN:
+        if keyword.iskeyword(name) or name.startswith("_") or name in _RESERVED_NAMES:
             raise DefinitionError(f"it has a field named {name}")
         if kind in ("Header", "roslib/Header"):
             kind = "std_msgs/Header"
@@ -94,20 +94,20 @@ def _fields(owner: str, body: str) -> tuple[Field, ...]:
 
 
 def _check(types: Mapping[str, tuple[Field, ...]], root: str) -> None:
-    """Refuse what a short message could blow up with."""
+    """Refuse types with which a short message could exhaust memory or time."""
     known: dict[str, tuple[int, int]] = {}  # least bytes that are checked when it is read, and fields
 
-    def measure(name: str, within: tuple[str, ...]) -> tuple[int, int]:
+    def measure(name: str, ancestors: tuple[str, ...]) -> tuple[int, int]:
         if name in _SIZES:
             return _SIZES[name], 1
-        if name in within or len(within) > 32:
+        if name in ancestors or len(ancestors) > 32:
             raise DefinitionError("it has types that hold each other")
         if name not in types:
             raise DefinitionError(f"it lacks the type {name[:80]}")
         if name not in known:
             size = fields = 0
             for field in types[name]:
-                least, count = measure(field.type, (*within, name))
+                least, count = measure(field.type, (*ancestors, name))
                 if field.array == "[]":
                     if least == 0:
                         raise DefinitionError("it has lists of elements that take no bytes")
@@ -125,7 +125,7 @@ def _check(types: Mapping[str, tuple[Field, ...]], root: str) -> None:
 
 
 def make_ros1_decoder(name: str, definition: str) -> tuple[Callable[[bytes], Any], type[Exception]]:
-    """Decoder of a ROS 1 type, and what it raises on bytes that are too short.
+    """Decoder of a ROS 1 type, and the exception it raises on too few bytes.
 
     Parameters
     ----------
@@ -154,11 +154,11 @@ def _generate(name: str, definition: str) -> tuple[Callable[[bytes], Any], type[
         schema = Schema(id=1, name=name, encoding="ros1msg", data=definition.encode())
         decode = decoder.DecoderFactory().decoder_for("ros1", schema)
         genpy = importlib.import_module(decoder.dynamic.__package__)  # type: ignore[attr-defined]
-        short: type[Exception] = genpy.DeserializationError
+        too_short_error: type[Exception] = genpy.DeserializationError
     except OSError as problem:
         raise DefinitionError(f"its library needs a temporary folder: {problem.strerror}") from problem
     finally:
         sys.path[:] = path
     if decode is None:
         raise DefinitionError("its library does not take it")
-    return decode, short
+    return decode, too_short_error

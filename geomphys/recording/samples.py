@@ -1,4 +1,4 @@
-"""What a message yields: joint values, or poses with the frames they are of and in."""
+"""The content of a message: joint values, or poses with their frame ids."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Literal, NamedTuple
 
 NAN = math.nan
 MISSING = (NAN,) * 7
-"""A pose that the message says is none."""
+"""The value of a pose that the message marks as invalid."""
 
-What = Literal["joints", "glove", "pose", "transform", "transforms", "poses", "named_poses"]
+ContentType = Literal["joints", "glove", "pose", "transform", "transforms", "poses", "named_poses"]
 
-USES: dict[What, str] = {
+CONTENT_NAMES: dict[ContentType, str] = {
     "joints": "joint values",
     "glove": "joint angles in degrees",
     "pose": "a pose",
@@ -22,13 +22,13 @@ USES: dict[What, str] = {
     "named_poses": "poses by name",
 }
 """What the messages of a topic can be used for, as people read it."""
-JOINTS: tuple[What, ...] = ("joints", "glove")
-POSES: tuple[What, ...] = ("pose", "transform", "transforms", "poses", "named_poses")
-PARTS: dict[What, str] = {"transforms": "CHILD_FRAME", "poses": "INDEX", "named_poses": "NAME"}
-"""Messages that hold several poses, and what a source must say behind the topic to follow one, as ``topic#part``."""
+JOINTS: tuple[ContentType, ...] = ("joints", "glove")
+POSES: tuple[ContentType, ...] = ("pose", "transform", "transforms", "poses", "named_poses")
+PART_PLACEHOLDERS: dict[ContentType, str] = {"transforms": "CHILD_FRAME", "poses": "INDEX", "named_poses": "NAME"}
+"""Content with several poses -> placeholder of the part to name, as ``topic#part``."""
 
 
-class Joints(NamedTuple):
+class JointSample(NamedTuple):
     """A message with joint values, in the units of the log."""
 
     stamp: int | None  # ns, as stamped; None if the message carries no stamp
@@ -37,8 +37,8 @@ class Joints(NamedTuple):
     side: str  # of a glove: "left", "right" or ""
 
     @property
-    def sample(self) -> Sequence[float]:
-        """The values that count: none where there are fewer than names, as nobody knows whose they are.
+    def usable_values(self) -> Sequence[float]:
+        """The values that can be assigned to names: none where there are fewer values than names.
 
         Such messages are valid in ROS (velocities only) and are passed over by its own tools. Of more values than names
         the first ones are those of the names.
@@ -61,4 +61,4 @@ class Pose(NamedTuple):
     frame: str = ""  # frame id that it is given in; "" where the message has none
 
 
-Content = Joints | list[Pose]
+Content = JointSample | list[Pose]

@@ -1,4 +1,4 @@
-"""Time stamps of messages in whole nanoseconds, in every shape that writers give them."""
+"""Parses message time stamps of all encodings to integer nanoseconds."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import re
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
+NEVER = -(2**62)
+"""ns; a time before all others."""
 STAMP_LIMIT = 2**62
 """ns; a stamp from here on (the year 2116) is none."""
 NANOSECONDS_FROM = 10**17
@@ -41,7 +43,7 @@ def json_stamp(time: Any) -> int | None:
     if isinstance(time, dict):
         sec = time.get("sec")
         nanosec = time.get("nsec", time.get("nanosec"))
-        if type(sec) is int and type(nanosec) is int:  # what nearly all writers have
+        if type(sec) is int and type(nanosec) is int:  # the common case
             return stamp_of(sec, nanosec)
         seconds = next((time[k] for k in _SECONDS if k in time), None)
         rest = next((time[k] for k in _NANOSECONDS if k in time), None)

@@ -1,16 +1,16 @@
-"""Streams of samples, resampled to the frames: interpolated over short gaps, held over long ones.
+"""Streams of pose and joint samples, resampled at frame times: interpolated over short gaps, held over long ones.
 
-A stream takes samples in any order and is asked for frames in order of time. It keeps what lies ahead of the last
-frame, and of what lies behind only the last good value, so its memory does not grow with the log.
+A stream accepts samples in any order and is sampled at frames in order of time. It stores samples after the last frame
+and the last good value, so its memory does not grow with the log.
 
-The rules, for a frame at t between the good samples a (at or before t) and b (the next one):
+Rules for a frame at t between the good samples a (at or before t) and b (the next one):
 
-- a stands at t: the value of a, to the bit;
-- b - a <= max_gap: interpolated, v = a + w (b - a) with w = (t - a) / (b - a); rotations by slerp and angles of joints
-  that go all the way round (`JointStream.whole`), both the short way round;
+- a is at t: the value of a, to the bit;
+- b - a <= max_gap: interpolated, v = a + w (b - a) with w = (t - a) / (b - a); rotations by slerp, and angles of continuous
+  joints (`JointStream.wraps`) the short way round;
 - otherwise, or without a b: the value of a, and the frame is held;
 - without an a: the value of b, and the frame is held and *before the first*;
-- a stream that keeps the clock and has only a bad sample at t: the value of a, held.
+- the frame clock's own stream with only a bad sample at t (`holds_bad_samples`): the value of a, held.
 
 Of samples at the same time the first good one counts. A constant stream (a single sample in the whole log, or static
 transforms) has the value of the last sample at or before t, else of the first, and is never held.
@@ -25,46 +25,47 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Seven = tuple[float, ...]
+from geomphys.recording.pose_tuples import PoseTuple
+from geomphys.recording.stamps import NEVER
 
-NEVER = -(2**62)
+Floats = NDArray[np.float64]
+
 QUATERNION_TOLERANCE = 1e-2
-"""A quaternion whose norm is further than this from 1 is a bad sample."""
-KEPT_NORM = 1e-9
-"""A quaternion whose norm is at most this far from 1 is kept as it is, to the bit; beyond it is normalised."""
+"""A quaternion whose norm differs from 1 by more is a bad sample."""
+UNIT_NORM_TOLERANCE = 1e-9
+"""A quaternion whose norm differs from 1 by no more is unchanged to the bit; otherwise it is normalised."""
 VALUE_LIMIT = 1e9
-"""A coordinate or angle beyond this (m or rad) is a bad sample: its square would not be a length any more."""
+"""A coordinate or angle beyond this (m or rad) is a bad sample."""
 
 
 class Gap(NamedTuple):
-    """A stretch between two good samples of a stream, in ns."""
+    """An interval between two good samples of a stream; ns."""
 
     start: int = 0
     length: int = 0
 
 
-class Sampled(NamedTuple):
+class StreamValue(NamedTuple):
     """A stream's value at a frame."""
 
     value: Any
     held: bool
-    before: bool  # the stream has not begun
+    before_first: bool  # the stream has not begun
 
 
-def good_pose(value: Seven) -> Seven | None:
-    """The pose with a quaternion of norm 1, None if it is not finite or its quaternion is none.
+def validated_pose(value: PoseTuple) -> PoseTuple | None:
+    """The pose with a unit quaternion; None if it is not finite or has no unit quaternion.
 
-    A quaternion within `KEPT_NORM` of the norm 1 is returned as it is.
+    A quaternion within `UNIT_NORM_TOLERANCE` of the norm 1 is returned as it is.
     """
     x, y, z, a, b, c, d = value
     norm = math.sqrt(a * a + b * b + c * c + d * d) if abs(a) + abs(b) + abs(c) + abs(d) < 8 else math.inf
     if not abs(norm - 1) < QUATERNION_TOLERANCE or not abs(x) + abs(y) + abs(z) < VALUE_LIMIT:
         return None
-    return value if abs(norm - 1) <= KEPT_NORM else (x, y, z, a / norm, b / norm, c / norm, d / norm)
+    return value if abs(norm - 1) <= UNIT_NORM_TOLERANCE else (x, y, z, a / norm, b / norm, c / norm, d / norm)
 
 
-def blend_poses(a: Seven, b: Seven, w: float) -> Seven:
+def interpolate_poses(a: PoseTuple, b: PoseTuple, w: float) -> PoseTuple:
     """Pose between a (w = 0) and b (w = 1): linear in position, slerp the short way round in rotation."""
     position = tuple(p + w * (q - p) for p, q in zip(a[:3], b[:3], strict=True))
     qa, qb = a[3:], b[3:]
@@ -84,47 +85,47 @@ def blend_poses(a: Seven, b: Seven, w: float) -> Seven:
     return (*position, *(q / norm for q in mixed))
 
 
-def blend_angles(a: Floats, b: Floats, w: Floats | float, whole: NDArray[np.bool_]) -> Floats:
-    """Values between a (w = 0) and b (w = 1), (m,); where `whole` is set by the short way round the circle.
+def interpolate_angles(a: Floats, b: Floats, w: Floats | float, wraps: NDArray[np.bool_]) -> Floats:
+    """Values between a (w = 0) and b (w = 1), (m,); where `wraps` is set by the short way round the circle.
 
     There a result counts from the nearer of the two, so that it stays on the side of a cut at half a turn on which that
     one was recorded.
     """
-    way = b - a
-    value: Floats = a + w * way
-    cut = whole & (np.abs(way) > np.pi)
-    if cut.any():
-        short = np.remainder(way + np.pi, 2 * np.pi) - np.pi
-        value = np.where(cut, np.where(np.less_equal(w, 0.5), a + w * short, b - (1 - w) * short), value)
+    delta = b - a
+    value: Floats = a + w * delta
+    wrapped = wraps & (np.abs(delta) > np.pi)
+    if wrapped.any():
+        shortest = np.remainder(delta + np.pi, 2 * np.pi) - np.pi
+        value = np.where(wrapped, np.where(np.less_equal(w, 0.5), a + w * shortest, b - (1 - w) * shortest), value)
     return value
 
 
 class PoseStream:
     """Poses over time. Times are ns; `max_gap` ns."""
 
-    def __init__(self, max_gap: int, *, constant: bool = False, keeps_clock: bool = False) -> None:
-        self.max_gap, self.constant, self.keeps_clock = max_gap, constant, keeps_clock
+    def __init__(self, max_gap: int, *, constant: bool = False, holds_bad_samples: bool = False) -> None:
+        self.max_gap, self.constant, self.holds_bad_samples = max_gap, constant, holds_bad_samples
         self.times: list[int] = []  # ahead of the last frame
-        self.values: list[Seven | None] = []  # None: a bad sample
+        self.values: list[PoseTuple | None] = []  # None: a bad sample
         self.last_time = NEVER  # of the last good sample at or before the last frame
-        self.last: Seven | None = None
+        self.last: PoseTuple | None = None
         self.bad_time = NEVER  # of the last bad sample at or before the last frame
-        self.first: Seven | None = None  # stands in before the first sample, if known
+        self.first: PoseTuple | None = None  # value before the first sample, if known
         self.frame_time = NEVER
         self.bad = self.duplicates = self.gaps = self.held_frames = 0
         self.longest_gap = Gap()
-        self.begin = NEVER  # time of the first good sample passed
+        self.first_sample_time = NEVER  # time of the first good sample passed
 
-    def add(self, time: int, value: Seven) -> None:
-        """Take in a sample of any time."""
-        good = good_pose(value)
+    def add(self, time: int, value: PoseTuple) -> None:
+        """Add a sample of any time."""
+        good = validated_pose(value)
         if good is None:
             self.bad += 1
         if time <= self.frame_time:
             if time == self.last_time:
                 self.duplicates += 1
             elif good is not None and time > self.last_time:
-                self._pass(time, good)
+                self._move_past(time, good)
             return
         times = self.times
         at = len(times) if not times or time > times[-1] else bisect_left(times, time)
@@ -136,7 +137,7 @@ class PoseStream:
         times.insert(at, time)
         self.values.insert(at, good)
 
-    def _pass(self, time: int, value: Seven | None) -> None:
+    def _move_past(self, time: int, value: PoseTuple | None) -> None:
         """Move past a sample."""
         if value is None:
             self.bad_time = time
@@ -147,46 +148,46 @@ class PoseStream:
                 self.longest_gap = Gap(self.last_time, gap)
             self.gaps += gap > self.max_gap
         else:
-            self.begin = time
+            self.first_sample_time = time
         self.last_time, self.last = time, value
 
     def advance(self, time: int) -> None:
-        """Forget what lies before a time that no frame before it will be asked for."""
+        """Discard samples up to a time [ns]; no earlier frame may be asked for afterwards."""
         self.frame_time = time
         passed = 0
         for when in self.times:
             if when > time:
                 break
-            self._pass(when, self.values[passed])
+            self._move_past(when, self.values[passed])
             passed += 1
         if passed:
             del self.times[:passed], self.values[:passed]
 
-    def at(self, time: int) -> Sampled:
-        """Value at a frame; frames must be asked for in order of time. The value is None if there never was one."""
+    def at(self, time: int) -> StreamValue:
+        """Value at a frame time [ns]; times must not decrease. The value is None if there is no good sample."""
         self.advance(time)
         sampled = self._sample(time)
         self.held_frames += sampled.held
         return sampled
 
-    def _sample(self, time: int) -> Sampled:
+    def _sample(self, time: int) -> StreamValue:
         if self.last_time == time:
-            return Sampled(self.last, False, False)
+            return StreamValue(self.last, False, False)
         if self.last is None:
             upcoming = next((v for v in self.values if v is not None), None)
             value = self.first if upcoming is None else upcoming
-            return Sampled(value, not self.constant, not self.constant)
+            return StreamValue(value, not self.constant, not self.constant)
         if self.constant:
-            return Sampled(self.last, False, False)
-        if self.keeps_clock and self.bad_time == time:
-            return Sampled(self.last, True, False)
+            return StreamValue(self.last, False, False)
+        if self.holds_bad_samples and self.bad_time == time:
+            return StreamValue(self.last, True, False)
         for when, value in zip(self.times, self.values, strict=True):
             gap = when - self.last_time
             if gap > self.max_gap:
                 break
             if value is not None:
-                return Sampled(blend_poses(self.last, value, (time - self.last_time) / gap), False, False)
-        return Sampled(self.last, True, False)
+                return StreamValue(interpolate_poses(self.last, value, (time - self.last_time) / gap), False, False)
+        return StreamValue(self.last, True, False)
 
 
 class JointStream:
@@ -202,17 +203,17 @@ class JointStream:
         max_gap: int,
         *,
         constant: bool = False,
-        keeps_clock: bool = False,
-        whole: NDArray[np.bool_] | None = None,
+        holds_bad_samples: bool = False,
+        wraps: NDArray[np.bool_] | None = None,
     ) -> None:
-        """`whole` (m,): angles of joints that go all the way round, rad; such are interpolated the short way round."""
-        self.max_gap, self.keeps_clock = max_gap, keeps_clock
+        """`wraps` (m,): continuous joints, whose angles [rad] are interpolated the short way round the circle."""
+        self.max_gap, self.holds_bad_samples = max_gap, holds_bad_samples
         self.constant = np.full(joints, constant)
-        self.whole = np.zeros(joints, dtype=bool) if whole is None else whole
+        self.wraps = np.zeros(joints, dtype=bool) if wraps is None else wraps
         self.times: list[int] = []  # ahead of the last frame
         self.rows: list[Floats] = []  # (m,) NaN where missing
         self.full: list[bool] = []
-        self.bads: list[NDArray[np.bool_] | None] = []  # (m,) which of them the log has as bad
+        self.bad_masks: list[NDArray[np.bool_] | None] = []  # (m,) bad samples of the log
         self.last_time = np.full(joints, NEVER, dtype=np.int64)
         self.last = np.zeros(joints)
         self.first = np.full(joints, np.nan)
@@ -223,17 +224,17 @@ class JointStream:
         self.held_frames = np.zeros(joints, dtype=np.int64)
         self.gaps = np.zeros(joints, dtype=np.int64)
         self.longest_gap = np.zeros(joints, dtype=np.int64)
-        self.longest_from = np.zeros(joints, dtype=np.int64)  # time at which that gap begins
-        self.begin = np.full(joints, NEVER, dtype=np.int64)  # of the first good sample passed
+        self.longest_gap_start = np.zeros(joints, dtype=np.int64)  # time at which that gap begins
+        self.first_sample_time = np.full(joints, NEVER, dtype=np.int64)  # of the first good sample passed
         self.bad_samples = np.zeros(joints, dtype=np.int64)
         self.duplicates = 0
 
     def add(self, time: int, row: Floats, bad: NDArray[np.bool_] | None = None) -> None:
-        """Take in a sample of any time: `row` (m,) with NaN where a joint is missing, `bad` (m,) where it is bad."""
+        """Add a sample of any time: `row` (m,) with NaN where a joint is missing, `bad` (m,) where it is bad."""
         if bad is not None:
             self.bad_samples += bad
         if time <= self.frame_time:
-            self._late(time, row)
+            self._add_late(time, row)
             return
         times = self.times
         at = len(times) if not times or time > times[-1] else bisect_left(times, time)
@@ -243,36 +244,36 @@ class JointStream:
         times.insert(at, time)
         self.rows.insert(at, row)
         self.full.insert(at, not bool(np.isnan(row).any()))
-        self.bads.insert(at, bad)
+        self.bad_masks.insert(at, bad)
 
     def _merge(self, at: int, row: Floats, bad: NDArray[np.bool_] | None) -> None:
-        """Take in a second sample of the same time: it only fills what the first one lacks."""
+        """Merge a second sample of the same time: it only fills joints that the first lacks."""
         old = self.rows[at]
         missing = np.isnan(old)
-        there = ~np.isnan(row)
-        if not (missing & there).any() or (~missing & there).any():
+        present = ~np.isnan(row)
+        if not (missing & present).any() or (~missing & present).any():
             self.duplicates += 1
         merged = np.where(missing, row, old)
         self.rows[at] = merged
         self.full[at] = not bool(np.isnan(merged).any())
-        both = [b for b in (self.bads[at], bad) if b is not None]
+        both = [b for b in (self.bad_masks[at], bad) if b is not None]
         if both:
-            self.bads[at] = np.logical_or.reduce(both) & np.isnan(merged)
+            self.bad_masks[at] = np.logical_or.reduce(both) & np.isnan(merged)
 
-    def _late(self, time: int, row: Floats) -> None:
-        """Take in a sample from before the last frame: it can only be what is held from now on."""
-        there = ~np.isnan(row)
-        newer = there & (time > self.last_time)
-        if (there & (time == self.last_time)).any():
+    def _add_late(self, time: int, row: Floats) -> None:
+        """Add a sample from before the last frame: it can only become the last good value."""
+        present = ~np.isnan(row)
+        newer = present & (time > self.last_time)
+        if (present & (time == self.last_time)).any():
             self.duplicates += 1
         if newer.any():
             self.last = np.where(newer, row, self.last)
             self.last_time[newer] = time
-            self.begin[newer & (self.begin == NEVER)] = time
+            self.first_sample_time[newer & (self.first_sample_time == NEVER)] = time
             self.row_full = False
 
-    def _pass(self, k: int) -> None:
-        """Move past row k of what lies ahead."""
+    def _move_past(self, k: int) -> None:
+        """Make row k the last sample."""
         time, row = self.times[k], self.rows[k]
         if self.full[k]:
             if self.row_full:
@@ -281,87 +282,87 @@ class JointStream:
                     self.gaps += 1
                 longer = gap > self.longest_gap
                 if longer.any():
-                    self.longest_gap[longer], self.longest_from[longer] = gap, self.row_time
+                    self.longest_gap[longer], self.longest_gap_start[longer] = gap, self.row_time
             else:
                 self._count_gaps(time, np.ones(len(row), dtype=bool))
             self.last = row
             self.last_time.fill(time)
         else:
-            there = ~np.isnan(row)
-            self._count_gaps(time, there)
-            self.last = np.where(there, row, self.last)
-            self.last_time[there] = time
-        self.row_time, self.row_full, self.row_bad = time, self.full[k], self.bads[k]
+            present = ~np.isnan(row)
+            self._count_gaps(time, present)
+            self.last = np.where(present, row, self.last)
+            self.last_time[present] = time
+        self.row_time, self.row_full, self.row_bad = time, self.full[k], self.bad_masks[k]
 
-    def _count_gaps(self, time: int, there: NDArray[np.bool_]) -> None:
-        begun = self.last_time != NEVER
-        self.begin[there & ~begun] = time
-        gap = np.where(there & begun, time - self.last_time, 0)
+    def _count_gaps(self, time: int, present: NDArray[np.bool_]) -> None:
+        started = self.last_time != NEVER
+        self.first_sample_time[present & ~started] = time
+        gap = np.where(present & started, time - self.last_time, 0)
         self.gaps += gap > self.max_gap
         longer = gap > self.longest_gap
-        self.longest_gap[longer], self.longest_from[longer] = gap[longer], self.last_time[longer]
+        self.longest_gap[longer], self.longest_gap_start[longer] = gap[longer], self.last_time[longer]
 
     def advance(self, time: int) -> None:
-        """Forget what lies before a time that no frame before it will be asked for."""
+        """Discard samples up to a time [ns]; no earlier frame may be asked for afterwards."""
         self.frame_time = time
         passed = 0
         for when in self.times:
             if when > time:
                 break
-            self._pass(passed)
+            self._move_past(passed)
             passed += 1
         if passed:
-            del self.times[:passed], self.rows[:passed], self.full[:passed], self.bads[:passed]
+            del self.times[:passed], self.rows[:passed], self.full[:passed], self.bad_masks[:passed]
 
-    def at(self, time: int) -> Sampled:
-        """Values (m,) at a frame, not to be written to; frames must be asked for in order of time.
+    def at(self, time: int) -> StreamValue:
+        """Values (m,) at a frame time [ns], read-only; times must not decrease.
 
         NaN for a joint of which nothing is known at all.
         """
         self.advance(time)
         if self.row_full:
             if self.row_time == time:
-                return Sampled(self.last, False, False)
+                return StreamValue(self.last, False, False)
             if self.times and self.full[0]:
                 gap = self.times[0] - self.row_time
                 if gap <= self.max_gap:
                     w = (time - self.row_time) / gap
-                    return Sampled(blend_angles(self.last, self.rows[0], w, self.whole), False, False)
-        return self._joint_by_joint(time)
+                    return StreamValue(interpolate_angles(self.last, self.rows[0], w, self.wraps), False, False)
+        return self._sample_each_joint(time)
 
-    def _joint_by_joint(self, time: int) -> Sampled:
-        """Values where some joint is missing from a sample, or a gap is too long."""
-        begun = self.last_time != NEVER
-        value = np.where(begun, self.last, self._upcoming(begun))
-        open_ = begun & (self.last_time != time) & ~self.constant
-        if self.keeps_clock and self.row_time == time and self.row_bad is not None:
-            frozen = open_ & self.row_bad
+    def _sample_each_joint(self, time: int) -> StreamValue:
+        """Values (m,) where a joint is missing from a sample, or a gap is too long."""
+        started = self.last_time != NEVER
+        value = np.where(started, self.last, self._first_values(started))
+        undecided = started & (self.last_time != time) & ~self.constant
+        if self.holds_bad_samples and self.row_time == time and self.row_bad is not None:
+            frozen = undecided & self.row_bad
         else:
-            frozen = np.zeros_like(open_)
-        waiting = open_ & ~frozen
+            frozen = np.zeros_like(undecided)
+        waiting = undecided & ~frozen
         for when, row in zip(self.times, self.rows, strict=True):
             if not waiting.any():
                 break
             gap = when - self.last_time
             waiting &= gap <= self.max_gap
-            hit = waiting & ~np.isnan(row)
-            if hit.any():
-                w = (time - self.last_time[hit]) / gap[hit]
-                value[hit] = blend_angles(self.last[hit], row[hit], w, self.whole[hit])
-                waiting &= ~hit
-                open_ &= ~hit
-        before = ~begun & ~self.constant
-        held = open_ | before
+            found = waiting & ~np.isnan(row)
+            if found.any():
+                w = (time - self.last_time[found]) / gap[found]
+                value[found] = interpolate_angles(self.last[found], row[found], w, self.wraps[found])
+                waiting &= ~found
+                undecided &= ~found
+        before_first = ~started & ~self.constant
+        held = undecided | before_first
         self.held_frames += held
-        return Sampled(value, bool(held.any()), bool(before.any()))
+        return StreamValue(value, bool(held.any()), bool(before_first.any()))
 
-    def _upcoming(self, begun: NDArray[np.bool_]) -> Floats:
-        """First values of the joints that have not begun: the next ones ahead, else those known beforehand."""
-        if begun.all():
+    def _first_values(self, started: NDArray[np.bool_]) -> Floats:
+        """Values of joints before their first sample: the next samples, else `first`."""
+        if started.all():
             return self.last
-        value = np.full(len(begun), np.nan)
+        value = np.full(len(started), np.nan)
         for row in self.rows:
             value = np.where(np.isnan(value), row, value)
-            if not np.isnan(value[~begun]).any():
+            if not np.isnan(value[~started]).any():
                 break
         return np.where(np.isnan(value), self.first, value)

@@ -17,7 +17,7 @@ from geomphys.errors import LogError
 from geomphys.load import load_world
 from geomphys.recording.check import check_log
 from geomphys.recording.frames import FrameSource
-from geomphys.recording.poses import compose, invert
+from geomphys.recording.pose_tuples import compose, invert
 from geomphys.results import Frame
 from tests.recording.log_files import IDENTITY, Item, S, Tree, make_world, pose, transforms, turned, write_log
 
@@ -355,9 +355,9 @@ def test_memory_does_not_grow_with_the_log(tmp_path):
     with source:
         most = 0
         for _frame in source:
-            (track,) = source._run.tracks.tracks.values()
-            (root,) = source._run.roots
-            most = max(most, len(track.times), len(root._waiting), len(root.stream.times))
+            (track,) = source._pass.tracks.tracks.values()
+            (root,) = source._pass.roots
+            most = max(most, len(track.times), len(root._pending), len(root.stream.times))
         assert source.report.frames == 4000
     assert most < 2 * RATE * (2 * 0.1 + 1.0)
 

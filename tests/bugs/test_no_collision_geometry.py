@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from geomphys.authoring.draft import draft_scene
+from geomphys.authoring.scene_draft import draft_scene
 from geomphys.errors import ModelError
 from geomphys.load import load_world
 from tests.cli.press import command_line

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from geomphys.authoring.draft import draft_scene
+from geomphys.authoring.scene_draft import draft_scene
 from geomphys.config import Config
 from geomphys.errors import LogError
 from geomphys.load import load_world
 from geomphys.recording.check import check_log
 from geomphys.recording.frames import FrameSource
 from geomphys.recording.inspect import inspect_log
-from geomphys.recording.kinds import KINDS
+from geomphys.recording.message_kinds import KINDS
 from tests.recording.log_files import Tree, make_world
 from tests.recording.made_messages import STAMP, Made, make, write_messages
 
@@ -134,7 +134,7 @@ def test_every_type_with_a_pose_is_in_the_error(tmp_path):
             FrameSource(path, make_world(tree), Config())
         for kind in KINDS:
             named = kind.names[0].replace("/msg/", "/") in str(found.value)
-            assert named == (kind.what in whats)
+            assert named == (kind.content in whats)
     with pytest.raises(LogError, match=re.escape("(some_msgs/msg/Wrist, cdr); types that are: sensor_msgs/JointState")):
         draft_scene(path, [])
     assert inspect_log(path).topics[0].use == "not understood"

@@ -8,10 +8,10 @@ import tomllib
 
 import pytest
 from geomphys_cli.main import run
-from tests.test_draft import twin
 
-from geomphys.recording.channels import Joints, kind_of, make_reader
+from geomphys.recording.channels import JointSample, kind_of, make_message_reader
 from geomphys.recording.reader import open_log
+from tests.authoring.test_scene_draft import twin
 from tests.recording.log_files import joints, pose, write_log
 
 
@@ -24,8 +24,8 @@ def write_twin(source, path, up, unit):
             kind = kind_of(channel)
             if kind is None:
                 continue
-            content, time = make_reader(channel, kind)(raw.data), raw.log_time / 1e9
-            if isinstance(content, Joints):
+            content, time = make_message_reader(channel, kind)(raw.data), raw.log_time / 1e9
+            if isinstance(content, JointSample):
                 items.append(joints(channel.topic, time, dict(zip(content.names, content.values, strict=True))))
             else:
                 items.append(pose(channel.topic, time, twin(content[0].value, up, unit)))

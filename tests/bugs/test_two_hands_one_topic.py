@@ -6,10 +6,10 @@ import math
 import tomllib
 
 import pytest
-from tests.test_draft import HAND
 
 import geomphys
 from geomphys.recording.check import check_log
+from tests.authoring.test_scene_draft import HAND
 from tests.recording.log_files import joints, pose, transforms, write_log
 
 JOINTS = ("index_mcp_flex", "index_pip_flex")

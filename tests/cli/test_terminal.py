@@ -10,7 +10,7 @@ import sys
 
 import numpy as np
 import pytest
-from geomphys_cli.terminal import Terminal, plain, printable
+from geomphys_cli.terminal import Terminal, json_value, printable
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -39,7 +39,7 @@ def test_json_holds_no_nan(capsys: pytest.CaptureFixture[str]) -> None:
     value = {"a": np.float64(1.5), "b": [float("nan"), np.inf], "c": np.arange(3), "d": (np.int64(4), None, True)}
     Terminal().json(value)
     assert json.loads(capsys.readouterr().out) == {"a": 1.5, "b": [None, None], "c": [0, 1, 2], "d": [4, None, True]}
-    assert plain(value)["a"] == 1.5
+    assert json_value(value)["a"] == 1.5
 
 
 def test_quiet_keeps_errors_only(capsys: pytest.CaptureFixture[str]) -> None:
@@ -88,10 +88,10 @@ def test_a_table_never_cuts_a_figure_and_says_what_it_leaves_out(width: int) -> 
     rows = [["a_rather_long_name_of_a_thing", "12,345", "0.123", "9,876"], ["b", "1", "2", "3"]]
     console = Console(width=width, color_system=None)
     with console.capture() as captured:
-        console.print(table_in(width, ["thing", "frames", "median", "largest"], rows, least=("frames", "median")))
+        console.print(table_in(width, ["thing", "frames", "median", "largest"], rows, droppable=("frames", "median")))
     text = captured.get()
     assert "…" not in text
     assert max(map(len, text.splitlines())) <= width
     assert "9,876" in text
     assert ("12,345" in text) == (width != 40)
-    assert ("no room for frames" in text) == (width == 40)
+    assert ("too narrow for frames" in text) == (width == 40)

@@ -18,7 +18,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 import geomphys
-from geomphys.recording.kinds import KINDS
+from geomphys.recording.message_kinds import KINDS
 from tests.cli.press import SCENE
 from tests.cli.press import write_log as write_press
 from tests.fuzz.targets import _KINDS, CUBE, MODEL

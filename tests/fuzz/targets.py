@@ -11,7 +11,7 @@ from geomphys.config import Config
 from geomphys.errors import GeomphysError
 from geomphys.load import load_world
 from geomphys.output.output_log import open_output
-from geomphys.recording.channels import kind_of, make_reader
+from geomphys.recording.channels import kind_of, make_message_reader
 from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.frames import FrameSource
 from geomphys.recording.inspect import inspect_log
@@ -71,7 +71,7 @@ def message(data: bytes, folder: Path) -> None:
         channel = _channel(data[0], None)
         kind = kind_of(channel)
         assert kind is not None
-        read = make_reader(channel, kind)
+        read = make_message_reader(channel, kind)
         with suppress(BadMessageError):
             read(data[1:])
 
@@ -83,7 +83,7 @@ def schema(data: bytes, folder: Path) -> None:
         kind = kind_of(channel)
         assert kind is not None
         try:
-            read = make_reader(channel, kind)
+            read = make_message_reader(channel, kind)
         except GeomphysError as error:
             said(error)
             return

@@ -9,15 +9,15 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from geomphys.recording.kinds import ENCODINGS, KINDS  # noqa: E402
-from geomphys.recording.samples import PARTS, USES  # noqa: E402
+from geomphys.recording.message_kinds import ENCODINGS, KINDS  # noqa: E402
+from geomphys.recording.samples import CONTENT_NAMES, PART_PLACEHOLDERS  # noqa: E402
 
 DOCUMENT = ROOT / "assets/docs/your_recording.md"
 TABLE = re.compile(r"(?<=<!-- inputs -->\n).*?(?=<!-- end of inputs -->)", re.DOTALL)
 FOLLOWED = {
     "glove": "`topic`, `topic#left`",
     "transform": "`topic`, `topic#CHILD_FRAME`",
-    **{what: f"`topic#{part}`" for what, part in PARTS.items()},
+    **{content: f"`topic#{part}`" for content, part in PART_PLACEHOLDERS.items()},
 }
 
 
@@ -26,11 +26,13 @@ def table() -> str:
     rows: dict[tuple[str, tuple[str, ...]], list[str]] = {}
     for kind in KINDS:
         names = [f"`{name.replace('/msg/', '/')}`" for name in kind.names]
-        rows.setdefault((kind.what, kind.encodings), []).extend(names)
+        rows.setdefault((kind.content, kind.encodings), []).extend(names)
     lines = ["| holds | types | read in | followed as |", "|---|---|---|---|"]
-    for (what, encodings), names in sorted(rows.items(), key=lambda item: list(USES).index(item[0][0])):
+    for (content, encodings), names in sorted(rows.items(), key=lambda item: list(CONTENT_NAMES).index(item[0][0])):
         spelled = ", ".join(ENCODINGS[e] for e in encodings)
-        lines.append(f"| {USES[what]} | {', '.join(names)} | {spelled} | {FOLLOWED.get(what, '`topic`')} |")
+        lines.append(
+            f"| {CONTENT_NAMES[content]} | {', '.join(names)} | {spelled} | {FOLLOWED.get(content, '`topic`')} |"
+        )
     return "\n".join(lines) + "\n"
 
 

@@ -15,7 +15,7 @@ import click
 import pytest
 from click.testing import CliRunner
 from geomphys_cli.main import COMMANDS, cli
-from geomphys_cli.options import Place
+from geomphys_cli.options import PathOrUrl
 
 from tests.house.sources import ROOT, modules
 
@@ -39,7 +39,7 @@ def parses(words: list[str]) -> None:
     assert command is not None
     with (
         mock.patch.object(click.Path, "convert", lambda self, value, parameter, context: Path(value)),
-        mock.patch.object(Place, "convert", lambda self, value, parameter, context: Path(value)),
+        mock.patch.object(PathOrUrl, "convert", lambda self, value, parameter, context: Path(value)),
         contextlib.suppress(click.exceptions.Exit),
     ):
         command.make_context(command.name, rest, parent=context)

@@ -18,7 +18,7 @@ from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 from mcap_ros2._dynamic import serialize_dynamic
 
-from geomphys.recording.definitions import STANDARD_TYPES
+from geomphys.recording.ros_definitions import STANDARD_TYPES
 from geomphys.scene.arrays import (
     DRIVEN,
     FIXED,

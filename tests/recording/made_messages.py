@@ -21,8 +21,8 @@ from mcap_protobuf.schema import build_file_descriptor_set
 from mcap_ros1.decoder import dynamic
 from mcap_ros2._dynamic import serialize_dynamic
 
-from geomphys.recording.definitions import ROS1_TYPES, STANDARD_TYPES, joined
-from geomphys.recording.kinds import HAND_JOINTS, KINDS, Kind, find_kind
+from geomphys.recording.message_kinds import HAND_JOINTS, KINDS, MessageKind, find_kind
+from geomphys.recording.ros_definitions import ROS1_TYPES, STANDARD_TYPES, joined
 
 S = 10**9
 STAMP = 3 * S // 2
@@ -447,16 +447,16 @@ def write_messages(path: Path, messages: Iterable[tuple[str, int, Made]]) -> Pat
     return path
 
 
-def kind(made: Made) -> Kind:
+def kind(made: Made) -> MessageKind:
     """The table's entry for a message."""
     found = find_kind(made.schema, made.encoding)
     assert found is not None, made.schema
     return found
 
 
-def part_of(what: Kind) -> str:
-    """What a scene writes behind the topic to follow the tracker of `content`."""
-    return {"transforms": "#wrist", "poses": "#0", "named_poses": "#wrist"}.get(what.what, "")
+def part_of(kind: MessageKind) -> str:
+    """What a scene writes behind the topic to follow the tracker of a message of this `kind`."""
+    return {"transforms": "#wrist", "poses": "#0", "named_poses": "#wrist"}.get(kind.content, "")
 
 
 assert HAND_JOINTS[1] == "wrist"

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geomphys.recording.angle_units import guess_unit, mirrored_joints
+from geomphys.recording.angle_units import guess_angle_unit, mirrored_joints
 
 FINGER = {f"j{k}": (-0.3, 1.6) for k in range(8)}
 NOTHING = {f"j{k}": (0.0, 0.0) for k in range(8)}
@@ -19,7 +19,7 @@ NONE = {f"j{k}": (-math.inf, math.inf) for k in range(8)}
 @pytest.mark.parametrize("limits", [FINGER, NOTHING, NONE])
 @pytest.mark.parametrize("factor", [1.0, math.degrees(1.0)])
 def test_radians_and_degrees_are_told_apart(factor, limits):
-    guess = guess_unit(dict.fromkeys(limits, (-0.1 * factor, 1.2 * factor)), limits)
+    guess = guess_angle_unit(dict.fromkeys(limits, (-0.1 * factor, 1.2 * factor)), limits)
     assert guess.unit == ("rad" if factor == 1.0 else "deg")
     assert f"{1.2 * factor:.3g}" in guess.reason
     assert guess.doubt == ""
@@ -31,32 +31,32 @@ def test_radians_and_degrees_are_told_apart(factor, limits):
 )
 def test_values_within_a_turn_are_never_degrees(spans, limit):
     ranges = {f"j{k}": (min(s), max(s)) for k, s in enumerate(spans)}
-    assert guess_unit(ranges, dict.fromkeys(ranges, limit)).unit == "rad"
+    assert guess_angle_unit(ranges, dict.fromkeys(ranges, limit)).unit == "rad"
 
 
 def test_a_wheel_that_turns_on_does_not_make_the_limited_joints_degrees():
     ranges = {"wheel": (0.0, 60.0), "arm": (-1.0, 1.2)}
-    assert guess_unit(ranges, {"wheel": (-math.inf, math.inf), "arm": (-1.5, 1.5)}).unit == "rad"
-    assert guess_unit({"wheel": (0.0, 60.0)}, {"wheel": (-math.inf, math.inf)}).unit == "deg"
-    assert guess_unit({}, {}).unit == "rad"
+    assert guess_angle_unit(ranges, {"wheel": (-math.inf, math.inf), "arm": (-1.5, 1.5)}).unit == "rad"
+    assert guess_angle_unit({"wheel": (0.0, 60.0)}, {"wheel": (-math.inf, math.inf)}).unit == "deg"
+    assert guess_angle_unit({}, {}).unit == "rad"
 
 
 @pytest.mark.parametrize(
     ("full", "limits"), [(1.0, FINGER), (100.0, FINGER), (255.0, NONE), (1023.0, NOTHING), (4095.0, FINGER)]
 )
 def test_full_scales_of_sensors_are_no_angles(full, limits):
-    assert guess_unit(dict.fromkeys(limits, (0.0, full)), limits).doubt
+    assert guess_angle_unit(dict.fromkeys(limits, (0.0, full)), limits).doubt
 
 
 @pytest.mark.parametrize("limits", [FINGER, NOTHING, NONE])
 def test_raw_values_fit_in_neither_unit(limits):
-    guess = guess_unit(dict.fromkeys(limits, (213.0, 780.0)), limits)
+    guess = guess_angle_unit(dict.fromkeys(limits, (213.0, 780.0)), limits)
     assert "neither radians nor degrees" in guess.doubt
 
 
 def test_a_glove_in_degrees_that_bends_beyond_a_robots_limits_is_a_glove():
     for top in (40.0, 90.0, 110.0):
-        assert guess_unit(dict.fromkeys(FINGER, (-15.0, top)), FINGER)[::2] == ("deg", "")
+        assert guess_angle_unit(dict.fromkeys(FINGER, (-15.0, top)), FINGER)[::2] == ("deg", "")
 
 
 def test_a_joint_is_mirrored_where_the_opposite_sign_fits_far_better():

@@ -17,10 +17,10 @@ from mcap.writer import CompressionType
 
 from geomphys.config import Config
 from geomphys.errors import DamagedLogError, LogError
-from geomphys.recording import scan
+from geomphys.recording import mcap_scan
 from geomphys.recording.frames import FrameSource
+from geomphys.recording.mcap_records import CHUNK_LIMIT, MAGIC, ChunkHeader, unpack_chunk
 from geomphys.recording.reader import open_log
-from geomphys.recording.records import CHUNK_LIMIT, MAGIC, ChunkHead, unpack_chunk
 from tests.recording.log_files import Item, Tree, joints, make_world, pose, write_log
 
 LAYOUTS = {
@@ -199,7 +199,7 @@ def hostile() -> dict[str, bytes]:
 
 def test_what_is_kept_of_definitions_is_bounded(tmp_path, monkeypatch):
     """Schemas and metadata of more than the limit together; the same once more, as in a summary, costs nothing."""
-    monkeypatch.setattr(scan, "DEFINITIONS_LIMIT", 10_000)
+    monkeypatch.setattr(mcap_scan, "DEFINITIONS_LIMIT", 10_000)
     path = write_log(tmp_path / "log.mcap", some_items(), **LAYOUTS["zstd"])
     whole = messages(path)
     content = path.read_bytes()
@@ -259,7 +259,7 @@ def test_absurdly_long_messages_are_not_decoded(tmp_path, encoding):
 
 def test_a_window_that_takes_much_memory_is_refused():
     data = wide_window()
-    head = ChunkHead(0, 1, 1000, 0, "zstd", len(data), 0)
+    head = ChunkHeader(0, 1, 1000, 0, "zstd", len(data), 0)
     assert unpack_chunk(head, data) == (b"", "cannot be unpacked to its end")
 
 

@@ -12,7 +12,7 @@ from mcap.writer import CompressionType, Writer
 
 from geomphys.config import Config
 from geomphys.errors import LogError
-from geomphys.recording.channels import Joints, kind_of, make_reader
+from geomphys.recording.channels import JointSample, kind_of, make_message_reader
 from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.frames import FrameSource
 from geomphys.recording.reader import open_log
@@ -177,14 +177,14 @@ def cdr_joints(tmp_path: Path) -> bytes:
 )
 def test_standard_ros_types_need_no_ros2msg_schema(tmp_path, schema_encoding, schema):
     channel = channel_of(tmp_path, "sensor_msgs/msg/JointState", schema_encoding, schema, "cdr")
-    read_message = make_reader(channel, kind_of(channel))
-    assert read_message(cdr_joints(tmp_path)) == Joints(1_500_000_000, ["a"], [1.0], "")
+    read_message = make_message_reader(channel, kind_of(channel))
+    assert read_message(cdr_joints(tmp_path)) == JointSample(1_500_000_000, ["a"], [1.0], "")
 
 
 def test_other_ros_types_in_idl_are_an_error_that_says_so(tmp_path):
     channel = channel_of(tmp_path, GLOVE_TYPE, "ros2idl", b"module m {};", "cdr")
     with pytest.raises(LogError, match=r"/t.*ros2idl.*only ros2msg"):
-        make_reader(channel, kind_of(channel))
+        make_message_reader(channel, kind_of(channel))
 
 
 @pytest.mark.parametrize(
@@ -203,7 +203,7 @@ def test_schemas_that_cannot_be_read_are_an_error_with_the_topic(
 ):
     channel = channel_of(tmp_path, name, schema_encoding, schema, encoding)
     with pytest.raises(LogError, match=f"topic /t: {name}"):
-        make_reader(channel, kind_of(channel))
+        make_message_reader(channel, kind_of(channel))
     assert capfd.readouterr() == ("", "")
 
 
@@ -220,7 +220,7 @@ def test_bytes_that_hold_no_message_are_bad_messages(tmp_path, name, encoding, d
     made = make(name, encoding)
     channel = channel_of(tmp_path, made.schema, made.schema_encoding, made.schema_data, encoding)
     with pytest.raises(BadMessageError):
-        make_reader(channel, kind_of(channel))(data)
+        make_message_reader(channel, kind_of(channel))(data)
 
 
 @pytest.mark.parametrize("data", [b"\xff\xff\xff", b"\x0a\x7f", b"\x12" * 50])
@@ -228,7 +228,7 @@ def test_bytes_that_are_no_protobuf_message_are_bad_messages(tmp_path, data):
     path = write_log(tmp_path / "log.mcap", [pose("/t", 0.0, (0, 0, 0, 0, 0, 0, 1))], encoding="protobuf")
     (channel,) = open_log(path).channels.values()
     with pytest.raises(BadMessageError):
-        make_reader(channel, kind_of(channel))(data)
+        make_message_reader(channel, kind_of(channel))(data)
 
 
 def test_a_definition_whose_elements_take_no_bytes_is_refused(tmp_path):
@@ -236,7 +236,7 @@ def test_a_definition_whose_elements_take_no_bytes_is_refused(tmp_path):
     schema = f"m/E[] transforms\n{'=' * 80}\nMSG: m/E\nuint8[8] a".encode()
     channel = channel_of(tmp_path, "tf2_msgs/msg/TFMessage", "ros2msg", schema, "cdr")
     with pytest.raises(LogError, match="byte arrays of fixed size"):
-        make_reader(channel, kind_of(channel))
+        make_message_reader(channel, kind_of(channel))
 
 
 def test_messages_that_cannot_be_decoded_are_counted_and_the_rest_replayed(tmp_path):

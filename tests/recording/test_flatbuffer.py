@@ -10,7 +10,7 @@ import flatbuffers
 import pytest
 
 from geomphys.errors import LogError
-from geomphys.recording.channels import kind_of, make_reader
+from geomphys.recording.channels import kind_of, make_message_reader
 from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.flatbuffer import (
     VALUE_LIMIT,
@@ -62,7 +62,7 @@ def test_every_cut_and_every_changed_byte_is_read_or_a_bad_message():
     ):
         made = make(name, "flatbuffer")
         channel = LogChannel(0, "/t", name, "flatbuffer", made.schema_data, "flatbuffer", 1, 0, 0)
-        read = make_reader(channel, kind_of(channel))
+        read = make_message_reader(channel, kind_of(channel))
         tries = [made.data[:n] for n in range(0, len(made.data), 3)]
         for _ in range(300):
             data = bytearray(made.data)
@@ -99,7 +99,7 @@ def test_every_changed_byte_of_a_schema_is_read_or_an_error():
 def test_a_schema_that_does_not_serve_is_an_error_of_one_line(encoding, schema, why):
     channel = LogChannel(0, "/t", "core.HandPoseRecord", encoding, schema, "flatbuffer", 1, 0, 0)
     with pytest.raises(LogError, match=f"^topic /t: core.HandPoseRecord \\(flatbuffer\\) cannot be decoded: .*{why}"):
-        make_reader(channel, kind_of(channel))
+        make_message_reader(channel, kind_of(channel))
 
 
 def test_tables_that_are_shared_cannot_claim_endless_values():

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from geomphys.errors import LogError
-from geomphys.recording.channels import Joints, Pose, kind_of, make_reader
+from geomphys.recording.channels import JointSample, Pose, kind_of, make_message_reader
 from geomphys.recording.decoders import BadMessageError
-from geomphys.recording.definitions import ROS1_TYPES
 from geomphys.recording.reader import LogChannel
 from geomphys.recording.ros1 import DefinitionError, Field, make_ros1_decoder, parse_definition
+from geomphys.recording.ros_definitions import ROS1_TYPES
 from tests.recording.made_messages import SEVEN, STAMP, make
 
 BAR = "\n" + "=" * 80 + "\n"
@@ -28,7 +28,7 @@ def channel(schema: str | bytes, name: str = JOINT_STATE, encoding: str = "ros1m
 def reader(c: LogChannel):
     kind = kind_of(c)
     assert kind is not None
-    return make_reader(c, kind)
+    return make_message_reader(c, kind)
 
 
 def test_a_definition_is_read_with_comments_constants_defaults_and_short_names():
@@ -49,7 +49,7 @@ def test_a_definition_is_read_with_comments_constants_defaults_and_short_names()
 )  # fmt: skip
 def test_a_standard_type_is_read_whatever_its_schema_is(schema):
     made = make("sensor_msgs/msg/JointState", "ros1")
-    assert reader(channel(schema))(made.data) == Joints(STAMP, ["a", "b"], (0.5, -0.5), "")
+    assert reader(channel(schema))(made.data) == JointSample(STAMP, ["a", "b"], (0.5, -0.5), "")
     assert reader(channel(b"", encoding=""))(made.data).stamp == STAMP
 
 

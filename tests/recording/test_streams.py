@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
 from geomphys.recording.clock import RateClock, TopicClock
-from geomphys.recording.streams import JointStream, PoseStream, blend_poses, good_pose
-from geomphys.recording.times import Watermark
+from geomphys.recording.message_times import Watermark
+from geomphys.recording.streams import JointStream, PoseStream, interpolate_poses, validated_pose
 
 MS = 10**6
 GAP = 10 * MS
@@ -60,7 +60,7 @@ def test_joints_follow_the_rules_each_by_itself(streams, frames):
         got = joints.at(t * MS)
         np.testing.assert_allclose(got.value, [e[0] for e in expected], atol=1e-12)
         assert got.held == any(e[1] for e in expected)
-        assert got.before == any(e[2] for e in expected)
+        assert got.before_first == any(e[2] for e in expected)
 
 
 @settings(max_examples=200, deadline=None)
@@ -93,7 +93,7 @@ def test_samples_may_come_while_frames_are_asked_for(stream, frames, delay):
             when, row = waiting.pop(0)
             live.add(when * MS, row)
         expected, got = whole.at(t * MS), live.at(t * MS)
-        if not expected.before:
+        if not expected.before_first:
             assert str(got) == str(expected)
 
 
@@ -106,7 +106,7 @@ quaternions = st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q
 @example([0, 0, 0, 1], [0, 0, 1e-9, 1], 0.7)
 def test_rotations_are_blended_by_slerp(a, b, w):
     qa, qb = (tuple(x / math.hypot(*q) for x in q) for q in (a, b))
-    out = blend_poses((0, 0, 0, *qa), (1, 2, 3, *qb), w)
+    out = interpolate_poses((0, 0, 0, *qa), (1, 2, 3, *qb), w)
     assert out[:3] == (w, 2 * w, 3 * w)
     assert abs(math.hypot(*out[3:]) - 1) < 1e-15
     turn = (Rotation.from_quat(qa).inv() * Rotation.from_quat(qb)).magnitude()
@@ -118,14 +118,14 @@ def test_rotations_are_blended_by_slerp(a, b, w):
 
 def test_only_unit_quaternions_and_sane_lengths_are_good():
     unit = (1.0, 2.0, 3.0, 0.0, 0.6, 0.0, 0.8)
-    assert good_pose(unit) is unit
+    assert validated_pose(unit) is unit
     for k in range(7):
         for wrong in (math.nan, math.inf, -math.inf, 1e200):
-            assert good_pose((*unit[:k], wrong, *unit[k + 1 :])) is None
-    assert good_pose((0, 0, 0, 0, 0, 0, 0)) is None
-    assert good_pose((0, 0, 0, 0, 0, 0, 1.0101)) is None
-    assert good_pose((0, 0, 0, 0, 0, 0, 0.9899)) is None
-    assert good_pose((0, 0, 0, 0, 0, 0, -1.009)) == (0, 0, 0, 0, 0, 0, -1)
+            assert validated_pose((*unit[:k], wrong, *unit[k + 1 :])) is None
+    assert validated_pose((0, 0, 0, 0, 0, 0, 0)) is None
+    assert validated_pose((0, 0, 0, 0, 0, 0, 1.0101)) is None
+    assert validated_pose((0, 0, 0, 0, 0, 0, 0.9899)) is None
+    assert validated_pose((0, 0, 0, 0, 0, 0, -1.009)) == (0, 0, 0, 0, 0, 0, -1)
 
 
 @settings(max_examples=100, deadline=None)
