@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:
     from .terminal import Terminal
 
-FRAME_STRIDE = 16
+EVERY = 16
 """Frames between two looks at the bar: drawing must cost nothing beside the work."""
 PATIENCE = 1.0
 """s after which it is said what is being done where there is no bar"""
@@ -25,7 +25,7 @@ class Report(Protocol):
 
 
 @contextmanager
-def progress_bar(terminal: Terminal, title: str, unit: str = "frames", every: int = FRAME_STRIDE) -> Iterator[Report]:
+def progress_bar(terminal: Terminal, title: str, unit: str = "frames", every: int = EVERY) -> Iterator[Report]:
     """Show a bar while the block runs; yields the callback that moves it, which draws at every `every`-th call."""
     if terminal.quiet or not sys.stderr.isatty():
         yield lambda done, total: None
@@ -87,7 +87,7 @@ class ProgressBars:
         """Take the bar away."""
         self._shown.close()
 
-    def show(self, title: str, done: int, total: int | None, unit: str = "frames", every: int = FRAME_STRIDE) -> None:
+    def show(self, title: str, done: int, total: int | None, unit: str = "frames", every: int = EVERY) -> None:
         """Move the bar of this title; it takes the place of the one before."""
         if self._report is None or title != self._title:
             self._shown.close()

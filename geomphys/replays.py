@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, closing
-from pathlib import Path
 
 from geomphys.config import Config
 from geomphys.engine.frame_buffer import FRAMES
@@ -24,12 +23,12 @@ from geomphys.recording.report import RecordingReport
 from geomphys.results import Frame, FrameResult
 from geomphys.scene.arrays import World
 from geomphys.scene.decomposition import Progress
-from geomphys.storage.remote_files import as_path
+from geomphys.storage.remote_files import AnyPath, as_path, is_same_file
 
 
 def replay(
-    log: Path | str,
-    scene: Path | str | World,
+    log: AnyPath | str,
+    scene: AnyPath | str | World,
     *,
     config: Config | None = None,
     sinks: Sequence[Sink] = (),
@@ -83,11 +82,11 @@ def replay(
 
 
 def run(
-    log: Path | str,
-    scene: Path | str | World,
+    log: AnyPath | str,
+    scene: AnyPath | str | World,
     *,
-    out: Path | str | None = None,
-    rrd: Path | str | None = None,
+    out: AnyPath | str | None = None,
+    rrd: AnyPath | str | None = None,
     config: Config | None = None,
     timing: bool = True,
     force: bool = False,
@@ -174,10 +173,10 @@ def run(
     return summarizer.summary(log=log, scene=world.path, out=out, rrd=rrd, elapsed_s=elapsed)
 
 
-def _check_distinct(log: Path, out: Path | None, rrd: Path | None) -> None:
+def _check_distinct(log: AnyPath, out: AnyPath | None, rrd: AnyPath | None) -> None:
     """Raise OutputError if an output would overwrite the log or the other output."""
     for path in (out, rrd):
-        if path is not None and path.exists() and log.exists() and path.samefile(log):
+        if path is not None and path.exists() and log.exists() and is_same_file(path, log):
             raise OutputError(f"{path}: is the log itself; choose another name for the output")
     if out is not None and rrd is not None and out.resolve() == rrd.resolve():
         raise OutputError(f"{out}: is named as MCAP and as rerun recording; give them different names")

@@ -10,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +21,7 @@ from geomphys.output.output_log import OutputFrame, open_output
 from geomphys.output.output_world import world_of_output
 from geomphys.output.provenance import sha256_of_world
 from geomphys.scene.arrays import FIXED, SIMULATED, World
-from geomphys.storage.remote_files import as_path
+from geomphys.storage.remote_files import AnyPath, as_path
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -77,9 +76,9 @@ class AuditReport:
 
 
 def audit_output(
-    output: Path | str,
+    output: AnyPath | str,
     *,
-    scene: Path | str | None = None,
+    scene: AnyPath | str | None = None,
     recorded: bool = False,
     progress: Callable[[int, int | None], None] | None = None,
 ) -> AuditReport:
@@ -176,7 +175,7 @@ class _Shape(NamedTuple):
 class _Auditor:
     """Poses the bodies of a world as in a frame, and tests them for overlaps."""
 
-    def __init__(self, world: World, path: Path, recorded: bool) -> None:
+    def __init__(self, world: World, path: AnyPath, recorded: bool) -> None:
         self.pairs = pairs_to_test(world)
         self.tests = 0
         self._world, self._path, self._recorded = world, path, recorded

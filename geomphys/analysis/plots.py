@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from pathlib import Path
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from geomphys.errors import ConfigError, LogError
 from geomphys.output.output_log import OutputFrame, OutputLog, open_output
 from geomphys.output.sink import OutputFile
-from geomphys.storage.remote_files import as_path
+from geomphys.storage.remote_files import AnyPath, as_path
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -79,8 +79,8 @@ _STYLE: Any = {
 
 
 def plot_output(
-    output: Path | str,
-    out: Path | str,
+    output: AnyPath | str,
+    out: AnyPath | str,
     *,
     panels: Collection[str] = PANELS,
     scale: str = "auto",
@@ -108,7 +108,7 @@ def plot_output(
     Raises
     ------
     ConfigError
-        An unknown panel, scale or ending.
+        An unknown panel, scale or ending, or matplotlib (the extra ``plots``) is not installed.
     LogError
         `output` is none, has no frame, or has no stage times and `panels` asks for nothing else.
     OutputError
@@ -121,6 +121,8 @@ def plot_output(
         raise ConfigError(f"scale = {scale!r}: choose auto, linear or log")
     if out.suffix.lower() not in FORMATS:
         raise ConfigError(f"{out}: ends in {out.suffix!r}; choose {', '.join(FORMATS)}")
+    if find_spec("matplotlib") is None:
+        raise ConfigError("figures need matplotlib: pip install 'geomphys[plots]'")
     file = OutputFile(out, force)
     curves = _read(log, progress)
     shown = [panel for panel in PANELS if panel in panels and (panel != "time" or curves.stages)]

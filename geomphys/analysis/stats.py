@@ -6,7 +6,6 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from geomphys.numerics.motion_rates import MotionMeter
 from geomphys.numerics.quantiles import Quantiles
 from geomphys.output.output_log import OutputFrame, open_output
 from geomphys.output.summary import FLAG_NAMES, RESIDUAL_LIMIT_M
+from geomphys.storage.remote_files import AnyPath
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -83,7 +83,7 @@ class Statistics:
 
 
 def statistics_of(
-    outputs: Sequence[Path | str], *, progress: Callable[[int, int | None], None] | None = None
+    outputs: Sequence[AnyPath | str], *, progress: Callable[[int, int | None], None] | None = None
 ) -> Statistics:
     """Read outputs and return their figures; memory does not grow with their length.
 

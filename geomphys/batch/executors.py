@@ -17,7 +17,6 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, cast
 
 from geomphys.batch.deferred_signals import blocked_in_children, signals_deferred
@@ -26,7 +25,7 @@ from geomphys.batch.worker import initialize_worker
 from geomphys.errors import ClusterError
 from geomphys.jit.kernel import are_compiled
 from geomphys.scene.arrays import World
-from geomphys.storage.remote_files import is_remote
+from geomphys.storage.remote_files import AnyPath, is_remote
 
 Finished = tuple[int, Outcome]
 JobQueue = deque[tuple[int, Job]]
@@ -137,7 +136,7 @@ def largest_first(jobs: Sequence[Job]) -> list[tuple[int, Job]]:
     return sorted(enumerate(jobs), key=lambda item: (-_size(item[1].log), item[0]))
 
 
-def _size(log: Path) -> int:
+def _size(log: AnyPath) -> int:
     """Bytes of a local log; 0 if unknown."""
     if is_remote(log):
         return 0

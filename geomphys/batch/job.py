@@ -20,7 +20,7 @@ from geomphys.output.output_log import open_output
 from geomphys.output.provenance import sha256_of_file, sha256_of_world
 from geomphys.replays import run
 from geomphys.scene.arrays import World
-from geomphys.storage.remote_files import is_remote, move
+from geomphys.storage.remote_files import AnyPath, is_remote, move
 from geomphys.storage.temporary_folders import TemporaryFolder
 
 STOP = "stop"
@@ -38,17 +38,17 @@ Status = Literal["done", "failed", "interrupted"]
 class Job:
     """Parameters of a worker's job. Paths are absolute and valid on every machine."""
 
-    log: Path
-    scene: Path
+    log: AnyPath
+    scene: AnyPath
     scene_sha256: str
     world_sha256: str
     """Hashes computed by the batch's own process; a worker that computes others fails."""
-    out: Path
-    rrd: Path | None
+    out: AnyPath
+    rrd: AnyPath | None
     config: Config
     timing: bool
     copy_input: bool
-    running: Path
+    running: AnyPath
     """Folder on the outputs' file system for incomplete files; behind a URL it holds only `STOP`."""
     version: str = __version__
 
@@ -86,8 +86,12 @@ def run_job(job: Job) -> Outcome:
         raise GeomphysError(
             f"this worker has geomphys {__version__}, the batch was started by {job.version}; install the same version"
         )
-    output_folder = TemporaryFolder() if is_remote(job.running) else None
-    work_folder = job.running / f"{job.out.stem}.{uuid.uuid4().hex}" if output_folder is None else output_folder.path
+    output_folder: TemporaryFolder | None = None
+    if is_remote(job.running):
+        output_folder = TemporaryFolder()
+        work_folder = output_folder.path
+    else:
+        work_folder = job.running / f"{job.out.stem}.{uuid.uuid4().hex}"
     try:
         work_folder.mkdir(exist_ok=True)
         outcome = _replay(job, work_folder)
@@ -148,7 +152,7 @@ def preload_world(world: World) -> None:
 
 
 @lru_cache(maxsize=2)
-def _load_world_cached(scene: Path, mode: str | None, seed: int, world_sha256: str) -> World:
+def _load_world_cached(scene: AnyPath, mode: str | None, seed: int, world_sha256: str) -> World:
     """The world of a scene file: preloaded, or loaded once; SceneError if its hash differs."""
     if world_sha256 in _preloaded_worlds:
         return _preloaded_worlds[world_sha256]
@@ -158,7 +162,7 @@ def _load_world_cached(scene: Path, mode: str | None, seed: int, world_sha256: s
     return world
 
 
-def _world_changed(scene: Path) -> SceneError:
+def _world_changed(scene: AnyPath) -> SceneError:
     return SceneError(
         f"{scene}: is not what the batch began with: it, a mesh or a URDF was changed or differs on this machine; "
         "start the batch again"
@@ -182,14 +186,14 @@ def _move_partials(job: Job, work_folder: Path) -> None:
             move(work_folder / _partial(target).name, _partial(target))
 
 
-def _partial(path: Path) -> Path:
+def _partial(path: AnyPath) -> AnyPath:
     return path.with_name(f"{path.stem}.partial{path.suffix}")
 
 
 class _StopFileCheck:
     """Progress callback that ends the replay once a file exists; it is checked at intervals."""
 
-    def __init__(self, stop_file: Path) -> None:
+    def __init__(self, stop_file: AnyPath) -> None:
         self._stop_file = stop_file
         self._next = 0.0
 

@@ -6,12 +6,11 @@ import dataclasses
 import json
 import os
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Literal
 
 from geomphys.errors import OutputError
 from geomphys.output.provenance import sha256_of_file
-from geomphys.storage.remote_files import is_remote
+from geomphys.storage.remote_files import AnyPath, is_remote
 
 FILE_NAME = "manifest.json"
 FORMAT = 1
@@ -55,7 +54,7 @@ class Entry:
             and self.rrd == other.rrd
         )
 
-    def outputs_are_complete(self, folder: Path) -> bool:
+    def outputs_are_complete(self, folder: AnyPath) -> bool:
         """Whether the outputs are there and are the bytes that were written."""
         files = ((self.out, self.out_sha256), (self.rrd, self.rrd_sha256))
         return all(
@@ -68,16 +67,16 @@ class Entry:
 class Manifest:
     """All entries of a folder by the name of their output; `save` replaces the file atomically."""
 
-    folder: Path
+    folder: AnyPath
     entries: dict[str, Entry] = field(default_factory=dict)
 
     @property
-    def path(self) -> Path:
+    def path(self) -> AnyPath:
         """The file."""
         return self.folder / FILE_NAME
 
     @classmethod
-    def load(cls, folder: Path) -> Manifest:
+    def load(cls, folder: AnyPath) -> Manifest:
         """Read the manifest of a folder, an empty one if it has none; raises OutputError if it cannot be understood."""
         path = folder / FILE_NAME
         try:

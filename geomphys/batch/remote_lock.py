@@ -19,7 +19,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from geomphys.errors import OutputError
-from geomphys.storage.cache import user_folder
+from geomphys.storage.cache import user_cache_folder
 from geomphys.storage.remote_files import RemotePath
 
 LOCK = "lock.json"
@@ -124,7 +124,7 @@ def _folder(path: RemotePath) -> RemotePath:
 
 def _open_local(path: RemotePath) -> int:
     """The file of this user and machine that is locked while a batch works at that URL."""
-    local = user_folder("locks") / hashlib.sha256(str(path).encode()).hexdigest()[:32]
+    local = user_cache_folder("locks") / hashlib.sha256(str(path).encode()).hexdigest()[:32]
     try:
         return os.open(local, os.O_CREAT | os.O_RDWR, 0o600)
     except OSError as problem:

@@ -9,8 +9,7 @@ import shutil
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from geomphys import __version__
 from geomphys.batch.executors import Control, Finished, run_in_processes, run_on_cluster
@@ -24,7 +23,7 @@ from geomphys.load import load_world
 from geomphys.output.provenance import sha256_of_file, sha256_of_log, sha256_of_world
 from geomphys.scene.arrays import World
 from geomphys.scene.decomposition import Progress
-from geomphys.storage.remote_files import as_path, is_remote
+from geomphys.storage.remote_files import AnyPath, as_path, is_remote
 
 RUNNING = ".running"
 """Name of the folder for incomplete files, in the batch's folder."""
@@ -49,9 +48,9 @@ class BatchReport:
 
 
 def run_batch(
-    logs: Sequence[Path | str],
-    scene: Path | str,
-    folder: Path | str,
+    logs: Sequence[AnyPath | str],
+    scene: AnyPath | str,
+    folder: AnyPath | str,
     *,
     config: Config | None = None,
     rrd: bool = False,
@@ -184,7 +183,7 @@ def run_batch(
     )
 
 
-def check_outputs(planned: Sequence[PlannedLog], folder: Path, *, rrd: bool, resume: bool, force: bool) -> None:
+def check_outputs(planned: Sequence[PlannedLog], folder: AnyPath, *, rrd: bool, resume: bool, force: bool) -> None:
     """Raise OutputError if an output is an input, or exists and may not be replaced.
 
     With `resume` those that the folder's manifest names may.
@@ -215,7 +214,7 @@ def _processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _is_up_to_date(entry: Entry | None, requested: Entry, folder: Path) -> bool:
+def _is_up_to_date(entry: Entry | None, requested: Entry, folder: AnyPath) -> bool:
     """Whether an entry of an earlier batch matches the request and its outputs are intact.
 
     False for files that cannot be read; the replay then reports the problem.
@@ -235,7 +234,7 @@ def _finished_entry(requested: Entry, outcome: Outcome) -> Entry:
     return dataclasses.replace(requested, **{**facts, "scene_sha256": outcome.scene_sha256 or requested.scene_sha256})
 
 
-def _with_folder_made(out: Path) -> Path:
+def _with_folder_made(out: AnyPath) -> AnyPath:
     """Create the folder of a path; returns the path."""
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -245,20 +244,21 @@ def _with_folder_made(out: Path) -> Path:
 
 
 @contextmanager
-def _working_folder(folder: Path) -> Iterator[Path]:
+def _working_folder(folder: AnyPath) -> Iterator[AnyPath]:
     """Create and lock the batch's folder; yields an empty folder in it for incomplete files.
 
     A folder behind a URL is locked by an object, see `geomphys.batch.remote_lock`.
     """
-    running = folder / RUNNING
-    if is_remote(running):
-        with remote_lock_held(running / LOCK):
+    if is_remote(folder):
+        remote = folder / RUNNING
+        with remote_lock_held(remote / LOCK):
             try:
-                (running / STOP).unlink(missing_ok=True)
+                (remote / STOP).unlink(missing_ok=True)
             except OSError as problem:
                 raise OutputError(f"{folder}: cannot be written to ({problem.strerror})") from problem
-            yield cast(Path, running)
+            yield remote
         return
+    running = folder / RUNNING
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = os.open(folder, os.O_RDONLY)

@@ -18,7 +18,7 @@ from geomphys.jit.packed_records import pack
 from geomphys.numerics.transforms import compose, frame_from_matrix, matrix_from_frame, matrix_from_pose
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, SPHERE, Pieces, World
-from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PlacedShape, Shape, Sphere, build_pieces
+from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PosedShape, Shape, Sphere, build_pieces
 
 Floats = NDArray[np.float64]
 
@@ -124,7 +124,7 @@ def shape_of(pieces: Pieces, k: int) -> Shape:
 
 
 def _arranged(name: str, shapes: Sequence[Shape], frames: Floats) -> Pairs:
-    return Pairs(name, build_pieces([PlacedShape(s, np.eye(4), k) for k, s in enumerate(shapes)]), frames)
+    return Pairs(name, build_pieces([PosedShape(s, np.eye(4), k) for k, s in enumerate(shapes)]), frames)
 
 
 def _overlapping(name: str, shapes: Sequence[Shape], frames: Floats) -> Pairs:

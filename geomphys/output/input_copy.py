@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from mcap.writer import Writer
 
 from geomphys.recording.reader import RawMessage, open_log
+from geomphys.storage.remote_files import AnyPath
 
 PREFIX = "/input"
 
@@ -24,7 +23,7 @@ class InputCopy:
         Whether to copy the readable part of a damaged log; without it DamagedLogError is raised here.
     """
 
-    def __init__(self, path: Path, recover: bool) -> None:
+    def __init__(self, path: AnyPath, recover: bool) -> None:
         self._reader = open_log(path, recover=recover)
         self._items = self._reader.read(file_order=True)
         self._next = next(self._items, None)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
@@ -36,6 +35,7 @@ from geomphys.output.sink import ContextManaged, OutputFile
 from geomphys.output.urdf_description import descriptions
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import DRIVEN, FIXED, World
+from geomphys.storage.remote_files import AnyPath
 
 _MAX_TIME_NS = (1 << 31) * 1_000_000_000  # ns; a ROS 2 stamp counts seconds in 31 bits
 
@@ -77,7 +77,9 @@ class McapSink(ContextManaged):
         written (before 0 or after 2038), the disk is full.
     """
 
-    def __init__(self, path: Path, *, timing: bool = True, force: bool = False, copy_input: Path | None = None) -> None:
+    def __init__(
+        self, path: AnyPath, *, timing: bool = True, force: bool = False, copy_input: AnyPath | None = None
+    ) -> None:
         self._path = path
         self._timing = timing
         self._force = force

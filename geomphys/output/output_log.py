@@ -6,7 +6,6 @@ import struct
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 import numpy as np
@@ -44,7 +43,7 @@ from geomphys.recording.records import (
     unpack_chunk,
     walk,
 )
-from geomphys.storage.remote_files import as_path
+from geomphys.storage.remote_files import AnyPath, as_path
 
 CHANNELS = ("/tf", "/recorded/tf", "joint_states", "/contacts", "/penetration", "/metrics", "/timing", "/log")
 """What `OutputLog.frames` can read; ``joint_states`` stands for those of every avatar."""
@@ -111,7 +110,7 @@ class OutputLog:
         Log times of the first and last message of ``/tf`` and its like.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: AnyPath) -> None:
         self.path = path
         with self._reading() as (_, reader):
             summary = reader.get_summary()
@@ -278,7 +277,7 @@ class OutputLog:
             ) from problem
 
 
-def open_output(path: Path | str) -> OutputLog:
+def open_output(path: AnyPath | str) -> OutputLog:
     """Open an output log; raises LogError if it is none, DamagedLogError if it is damaged."""
     return OutputLog(as_path(path))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tomllib
-from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 from xml.etree.ElementTree import ParseError
@@ -15,13 +14,14 @@ from geomphys.load import load_world, zero_pose_overlaps
 from geomphys.output.output_log import OutputLog
 from geomphys.output.provenance import sha256_of_world
 from geomphys.scene.arrays import World
-from geomphys.scene.assembly import assemble, exclude
+from geomphys.scene.assembly import assemble, exclude_pairs
 from geomphys.scene.free_joints import joint_ends, links_above_free_joint
 from geomphys.scene.scene_file import SceneFile, parse_scene
+from geomphys.storage.remote_files import AnyPath
 from geomphys.storage.temporary_folders import TemporaryFolder
 
 
-def world_of_output(output: OutputLog, scene: Path | None = None) -> World:
+def world_of_output(output: OutputLog, scene: AnyPath | None = None) -> World:
     """Load the world of an output.
 
     Without `scene`, the scene file and the URDFs are those attached to the output, and meshes are read from the paths
@@ -65,7 +65,7 @@ def world_of_output(output: OutputLog, scene: Path | None = None) -> World:
 
 
 def _attached(
-    output: OutputLog, folder: Path, name: str, files: dict[str, bytes], mode: str | None, seed: int
+    output: OutputLog, folder: AnyPath, name: str, files: dict[str, bytes], mode: str | None, seed: int
 ) -> World:
     """The world of the attached files, their paths made absolute."""
     path = folder / name
@@ -83,7 +83,7 @@ def _attached(
             entry["mesh"] = meshes.get(entry["name"], entry["mesh"])
     file: Any = SceneFile.model_validate(table)
     world = assemble(file, path, mode=mode, seed=seed)
-    return exclude(world, zero_pose_overlaps(world))
+    return exclude_pairs(world, zero_pose_overlaps(world))
 
 
 def _meshes_of_objects(texts: dict[str, str]) -> dict[str, str]:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -19,7 +18,7 @@ from geomphys import __version__
 from geomphys.config import Config
 from geomphys.errors import LogError, SceneError
 from geomphys.scene.arrays import Scene, World
-from geomphys.storage.remote_files import open_sequential
+from geomphys.storage.remote_files import AnyPath, open_sequential, relative_path
 
 METADATA_RECORD = "geomphys"
 NON_PARAMETER_KEYS = ("version", "input_sha256", "scene_sha256", "world_sha256", "complete")
@@ -51,7 +50,7 @@ class Provenance:
         }
 
 
-def provenance_of(log: Path, world: World, config: Config) -> Provenance:
+def provenance_of(log: AnyPath, world: World, config: Config) -> Provenance:
     """Provenance of a replay of `log` in `world`; reads the log once to hash it.
 
     Raises LogError or SceneError if a file cannot be read.
@@ -72,19 +71,19 @@ def provenance_of(log: Path, world: World, config: Config) -> Provenance:
     )
 
 
-def sha256_of_file(path: Path) -> str:
+def sha256_of_file(path: AnyPath) -> str:
     """SHA-256 of a file's bytes; OSError if it cannot be read."""
     with open_sequential(path) as stream:
         return hashlib.file_digest(cast(Any, stream), "sha256").hexdigest()
 
 
-def sha256_of_log(path: Path) -> str:
+def sha256_of_log(path: AnyPath) -> str:
     """SHA-256 of a log: of the file's bytes, or of a bag directory as one line ``name NUL sha256`` a file, sorted."""
     if not path.is_dir():
         return sha256_of_file(path)
     digest = hashlib.sha256()
     for file in sorted(p for p in path.rglob("*") if p.is_file()):
-        digest.update(f"{file.relative_to(path).as_posix()}\0{sha256_of_file(file)}\n".encode())
+        digest.update(f"{relative_path(file, path).as_posix()}\0{sha256_of_file(file)}\n".encode())
     return digest.hexdigest()
 
 

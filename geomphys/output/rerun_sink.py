@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,6 +32,7 @@ from geomphys.output.vertex_normals import with_vertex_normals
 from geomphys.output.view_statistics import ViewStatistics
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import DRIVEN, FIXED, World
+from geomphys.storage.remote_files import AnyPath
 
 if TYPE_CHECKING:
     from rerun.blueprint import Blueprint
@@ -74,7 +74,7 @@ class RerunSink(ContextManaged):
         file could not be written to its end.
     """
 
-    def __init__(self, path: Path, *, force: bool = False, timing: bool = True) -> None:
+    def __init__(self, path: AnyPath, *, force: bool = False, timing: bool = True) -> None:
         self._path = path
         self._force = force
         self._timing = timing

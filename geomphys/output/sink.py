@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from types import TracebackType
 from typing import Protocol
 
@@ -11,7 +10,7 @@ from geomphys.errors import OutputError
 from geomphys.output.provenance import Provenance
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import World
-from geomphys.storage.remote_files import RemotePath, is_remote, move
+from geomphys.storage.remote_files import AnyPath, RemotePath, is_remote, move
 from geomphys.storage.temporary_folders import TemporaryFolder
 
 
@@ -59,7 +58,7 @@ class OutputFile:
         Whether a file that is there may be replaced; without it OutputError is raised.
     """
 
-    def __init__(self, path: Path, force: bool = False) -> None:
+    def __init__(self, path: AnyPath, force: bool = False) -> None:
         self.path = path
         self.partial = path.with_name(f"{path.stem}.partial{path.suffix}")
         if is_remote(path):
@@ -75,7 +74,7 @@ class OutputFile:
             raise OutputError(f"{path}: the folder {path.parent} does not exist; make it first")
         self.temporary = path.with_name(f".{path.name}.tmp")
 
-    def publish(self, complete: bool) -> Path:
+    def publish(self, complete: bool) -> AnyPath:
         """Give the file its name; returns it. Raises OutputError if the folder refuses."""
         target = self.path if complete else self.partial
         try:

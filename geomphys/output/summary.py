@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from geomphys import results
@@ -12,6 +11,7 @@ from geomphys.engine.log_messages import is_of_flag
 from geomphys.numerics.quantiles import Quantiles
 from geomphys.results import FrameResult
 from geomphys.scene.findings import Findings
+from geomphys.storage.remote_files import AnyPath
 
 RESIDUAL_LIMIT_M = 1e-5
 """A driven body that overlaps by no more than this is free (m)."""
@@ -200,7 +200,13 @@ class Summarizer:
             self._messages_dropped += 1
 
     def summary(
-        self, *, log: Path, scene: Path, out: Path | None = None, rrd: Path | None = None, elapsed_s: float = 0.0
+        self,
+        *,
+        log: AnyPath,
+        scene: AnyPath,
+        out: AnyPath | None = None,
+        rrd: AnyPath | None = None,
+        elapsed_s: float = 0.0,
     ) -> Summary:
         """Return the summary so far, with the paths of the files and the elapsed time [s]."""
         return Summary(

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from copy import deepcopy
-from pathlib import Path
 
 import numpy as np
 from defusedxml import ElementTree as SafeTree
@@ -22,9 +21,10 @@ from geomphys.numerics.transforms import rotation_about
 from geomphys.output.colours import Colour, colours_of_trees
 from geomphys.scene.arrays import World
 from geomphys.scene.free_joints import joint_ends, links_above_free_joint
-from geomphys.scene.packages import MeshFinder
+from geomphys.scene.ros_packages import MeshResolver
 from geomphys.scene.scene_file import ObjectTable
 from geomphys.scene.urdf_elements import SHAPES
+from geomphys.storage.remote_files import AnyPath
 
 WORLD = "world"
 
@@ -50,7 +50,7 @@ def descriptions(world: World) -> dict[str, str]:
     return texts
 
 
-def urdf_for_viewers(path: Path, frames: dict[str, str], colour: Colour) -> str:
+def urdf_for_viewers(path: AnyPath, frames: dict[str, str], colour: Colour) -> str:
     """Text of the URDF at `path` with links named as in `frames` (link name -> frame id) and meshes by ``file://``.
 
     What has no colour of its own gets `colour`. A capsule, which few viewers know, becomes a cylinder and two spheres;
@@ -73,7 +73,7 @@ def urdf_for_viewers(path: Path, frames: dict[str, str], colour: Colour) -> str:
         for end in ("parent", "child"):
             for element in joint.findall(end):
                 _rename(element, "link", frames)
-    finder = MeshFinder(path.absolute().parent)
+    finder = MeshResolver(path.absolute().parent)
     for mesh in tree.iter("mesh"):
         with suppress(MeshError):  # a visual's: no collision mesh is without its file here
             mesh.set("filename", finder.find(mesh.get("filename", "")).resolve().as_uri())
@@ -151,7 +151,7 @@ def _numbers(text: str | None, count: int = 3) -> list[float]:
     return [float(word) for word in (text or "").replace(",", " ").split()] or [0.0] * count
 
 
-def urdf_of_objects(name: str, tables: Sequence[ObjectTable], folder: Path, palette: dict[str, Colour]) -> str:
+def urdf_of_objects(name: str, tables: Sequence[ObjectTable], folder: AnyPath, palette: dict[str, Colour]) -> str:
     """URDF in which every object is a link of its name that floats in the link ``world``; `folder` is the scene's."""
     robot = etree.Element("robot", name=name)
     etree.SubElement(robot, "link", name=WORLD)
@@ -170,7 +170,7 @@ def urdf_of_objects(name: str, tables: Sequence[ObjectTable], folder: Path, pale
     return text
 
 
-def _geometries(table: ObjectTable, folder: Path) -> list[tuple[etree._Element, float]]:
+def _geometries(table: ObjectTable, folder: AnyPath) -> list[tuple[etree._Element, float]]:
     """Elements and the height each is moved up by; a capsule is a cylinder and two spheres."""
     if table.mesh is not None:
         scale = f"{table.scale!r} {table.scale!r} {table.scale!r}"

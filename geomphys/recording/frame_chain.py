@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from geomphys.errors import LogError
 from geomphys.recording.frame_plan import FramePlan
 from geomphys.recording.frame_tree import Edge
-from geomphys.recording.poses import NON_PARAMETER_KEYS, Seven, compose, invert
+from geomphys.recording.poses import IDENTITY, Seven, compose, invert
 from geomphys.recording.space import RecordedSpace
 from geomphys.recording.streams import blend_poses, good_pose
 
@@ -82,7 +82,7 @@ class FrameChain:
 
     def at(self, time: int) -> Seven | None:
         """space_from_frame at a time; None where a transform of the way is not known."""
-        result = NON_PARAMETER_KEYS
+        result = IDENTITY
         for track, inverse in ((link.track, link.inverse) for link in self.links):
             value = track.at(time)
             if value is None:

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 
 Seven = tuple[float, ...]
 
-NON_PARAMETER_KEYS: Seven = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-_NO_OFFSET, _NO_ROTATION = NON_PARAMETER_KEYS[:3], NON_PARAMETER_KEYS[3:]
+IDENTITY: Seven = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+_NO_OFFSET, _NO_ROTATION = IDENTITY[:3], IDENTITY[3:]
 
 
 def rotate(quaternion: Sequence[float], vector: Sequence[float]) -> tuple[float, float, float]:

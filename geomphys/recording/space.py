@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from geomphys.recording.poses import NON_PARAMETER_KEYS, Seven, compose
-from geomphys.scene.scene_inputs import RecordingTable
+from geomphys.recording.poses import IDENTITY, Seven, compose
+from geomphys.scene.recording_tables import RecordingTable
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class RecordedSpace:
     rotated: a body's own axes, and so the offset from a tracker to a root, stay as they are.
     """
 
-    world_from_space: Seven = NON_PARAMETER_KEYS
+    world_from_space: Seven = IDENTITY
     units_per_metre: float = 1.0
 
     @classmethod
@@ -37,9 +37,9 @@ class RecordedSpace:
 
     def to_world(self, pose: Seven) -> Seven:
         """Pose in the world of a pose in this space, in metres; to the bit what it was where the space is the world."""
-        return pose if self.world_from_space == NON_PARAMETER_KEYS else compose(self.world_from_space, pose)
+        return pose if self.world_from_space == IDENTITY else compose(self.world_from_space, pose)
 
     def point(self, position: Sequence[float]) -> tuple[float, float, float]:
         """Position in the world [m] of a recorded one [units of the log]."""
-        x, y, z = self.to_world((*self.metres((*position, *NON_PARAMETER_KEYS[3:]))[:3], *NON_PARAMETER_KEYS[3:]))[:3]
+        x, y, z = self.to_world((*self.metres((*position, *IDENTITY[3:]))[:3], *IDENTITY[3:]))[:3]
         return (x, y, z)

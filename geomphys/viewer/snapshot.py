@@ -10,7 +10,6 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +17,7 @@ import numpy as np
 from geomphys.errors import InputError, ViewerError
 from geomphys.output.output_log import open_output
 from geomphys.output.sink import OutputFile
+from geomphys.storage.remote_files import AnyPath
 from geomphys.viewer.view import ADDRESS, as_recording, offline_environment, uses_unix_time, viewer_command
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ WINDOW_TIMEOUT_S = 15.0
 
 
 def take_snapshot(
-    result: Path, out: Path, *, frame: int = 0, size: tuple[int, int] = (1280, 960), whole_window: bool = False
+    result: AnyPath, out: AnyPath, *, frame: int = 0, size: tuple[int, int] = (1280, 960), whole_window: bool = False
 ) -> None:
     """Write a picture of a frame as PNG.
 
@@ -81,7 +81,7 @@ def take_snapshot(
 
 
 @contextlib.contextmanager
-def _headless_viewer(recording: Path, size: tuple[int, int]) -> Iterator[ViewerClient]:
+def _headless_viewer(recording: AnyPath, size: tuple[int, int]) -> Iterator[ViewerClient]:
     """Start a viewer without a window; yields a client connected to it."""
     from rerun.experimental import ViewerClient
 
@@ -133,7 +133,7 @@ def _failure_reason(process: subprocess.Popen[bytes], messages: Any) -> str:
     return f"the rerun viewer did not start (exit code {process.poll()}): {said}"
 
 
-def _wait_for_load(client: ViewerClient, result: Path) -> None:
+def _wait_for_load(client: ViewerClient, result: AnyPath) -> None:
     end = time.monotonic() + TIMEOUT_S
     while time.monotonic() < end:
         state = client.get_state()
@@ -143,7 +143,7 @@ def _wait_for_load(client: ViewerClient, result: Path) -> None:
     raise ViewerError(f"{result}: the rerun viewer did not load it in {TIMEOUT_S:.0f} s")
 
 
-def _check_frame(client: ViewerClient, result: Path, frame: int) -> None:
+def _check_frame(client: ViewerClient, result: AnyPath, frame: int) -> None:
     for timeline in client.get_state().recordings[0].timelines:
         if timeline.name == "frame" and timeline.start is not None and timeline.end is not None:
             if timeline.start <= frame <= timeline.end:
@@ -152,7 +152,7 @@ def _check_frame(client: ViewerClient, result: Path, frame: int) -> None:
     raise InputError(f"{result}: has no timeline 'frame': it is no recording that geomphys replay wrote")
 
 
-def _settled_picture(client: ViewerClient, result: Path, whole_window: bool) -> bytes:
+def _settled_picture(client: ViewerClient, result: AnyPath, whole_window: bool) -> bytes:
     """The picture once the scene is rendered; raises ViewerError if it is not, or only in part.
 
     The rest of the window may go on changing for minutes with a long recording.

@@ -21,13 +21,14 @@ from geomphys.output.output_world import world_of_output
 from geomphys.output.rerun_blueprint import mcap_blueprint
 from geomphys.output.rerun_stream import UNIX_TIME_START, RerunStream
 from geomphys.scene.arrays import FIXED
+from geomphys.storage.remote_files import AnyPath, RemotePath
 from geomphys.storage.temporary_folders import TemporaryFolder
 
 ADDRESS = "127.0.0.1"
 """Where the viewer listens: to this machine only."""
 
 
-def view_result(path: Path, *, web: bool = False) -> None:
+def view_result(path: AnyPath, *, web: bool = False) -> None:
     """Open a result in the viewer and wait until it is closed.
 
     Parameters
@@ -75,7 +76,7 @@ def offline_environment() -> dict[str, str]:
 
 
 @contextmanager
-def as_recording(path: Path) -> Iterator[Path]:
+def as_recording(path: AnyPath) -> Iterator[AnyPath]:
     """Yield the rerun recording of a result; an output log is converted to a temporary one.
 
     Raises InputError if the file is no result.
@@ -86,11 +87,21 @@ def as_recording(path: Path) -> Iterator[Path]:
     else:
         with TemporaryFolder() as folder:
             recording = folder / f"{path.stem}.rrd"
-            _write_recording(path, recording)
+            _write_recording(_local_copy(path, folder) if is_remote(path) else path, recording)
             yield recording
 
 
-def _check_result(path: Path) -> None:
+def _local_copy(path: RemotePath, folder: Path) -> Path:
+    """Download a result for the viewer's importer, which reads local files only. Raises InputError."""
+    copy = folder / path.name
+    try:
+        copy.write_bytes(path.read_bytes())
+    except OSError as problem:
+        raise InputError(f"{path}: cannot be read ({problem.strerror})") from problem
+    return copy
+
+
+def _check_result(path: AnyPath) -> None:
     if not path.is_file():
         raise InputError(f"{path}: there is no such file; name a .rrd or .mcap that geomphys replay wrote")
     if path.suffix == ".mcap":

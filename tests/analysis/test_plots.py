@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -80,3 +81,12 @@ def test_bins_keep_means_and_largest_of_equal_stretches(length: int) -> None:
     starts = range(0, length, bins.stride)
     assert bins.maximum().tolist() == [series[k : k + bins.stride].max() for k in starts]
     assert bins.mean() == pytest.approx([series[k : k + bins.stride].mean() for k in starts])
+
+
+def test_without_matplotlib_the_extra_is_named(
+    landed: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(geomphys.ConfigError, match=r"pip install 'geomphys\[plots\]'"):
+        geomphys.plot_output(landed.out, tmp_path / "a.png")
+    assert list(tmp_path.iterdir()) == []

@@ -19,7 +19,7 @@ from geomphys.recording.check import check_log
 from geomphys.recording.frames import FrameSource
 from geomphys.recording.poses import compose, invert
 from geomphys.results import Frame
-from tests.recording.log_files import NON_PARAMETER_KEYS, Item, S, Tree, make_world, pose, transforms, turned, write_log
+from tests.recording.log_files import IDENTITY, Item, S, Tree, make_world, pose, transforms, turned, write_log
 
 HAND = Tree(root="/wrist")
 TF_HAND = Tree(root="/tf#wrist")
@@ -177,7 +177,7 @@ def test_the_root_of_the_tree_is_the_recorded_space_also_above_the_frame_that_po
 def test_another_tree_in_the_log_does_not_matter(tmp_path):
     """A robot of its own, not related to the room: the space is the root of the tree that the hand hangs in."""
     items = [
-        transforms("/tf_static", 0.0, {"arm": NON_PARAMETER_KEYS, "gripper": NON_PARAMETER_KEYS}, frame="robot"),
+        transforms("/tf_static", 0.0, {"arm": IDENTITY, "gripper": IDENTITY}, frame="robot"),
         transforms("/tf_static", 0.0, {"lighthouse": LIGHTHOUSE}),
     ]
     items += [pose("/wrist", t, seen_from(still(LIGHTHOUSE), moves, t), frame="lighthouse") for t in times()]
@@ -259,15 +259,15 @@ def test_two_parents_of_a_frame_on_the_way_are_an_error(tmp_path):
 
 
 def test_two_parents_of_a_frame_that_is_not_used_do_not_matter(tmp_path):
-    items = [transforms("/tf_static", 0.0, {"x": NON_PARAMETER_KEYS}, frame=frame) for frame in ("world", "map")]
+    items = [transforms("/tf_static", 0.0, {"x": IDENTITY}, frame=frame) for frame in ("world", "map")]
     items += [pose("/wrist", t, moves(t)) for t in times()]
     assert_follow(frames_of(tmp_path, items, HAND), moves)
 
 
 def test_frames_that_go_round_in_a_circle(tmp_path):
     items = [
-        transforms("/tf_static", 0.0, {"a": NON_PARAMETER_KEYS}, frame="b"),
-        transforms("/tf_static", 0.0, {"b": NON_PARAMETER_KEYS}, frame="a"),
+        transforms("/tf_static", 0.0, {"a": IDENTITY}, frame="b"),
+        transforms("/tf_static", 0.0, {"b": IDENTITY}, frame="a"),
     ]
     items += [pose("/wrist", t, moves(t), frame="a") for t in times()]
     assert "'a', 'b' are given in one another" in problem(tmp_path, items, HAND, recording={"frame": "world"})
@@ -308,7 +308,7 @@ def test_a_frame_that_comes_late_is_looked_for_in_the_whole_log(tmp_path):
     items = [
         pose("/wrist", t, seen_from(still(LIGHTHOUSE), moves, t), frame="lighthouse") for t in np.arange(0, 15, 0.1)
     ]
-    items += [transforms("/tf_static", 0.0, {"other": NON_PARAMETER_KEYS})]
+    items += [transforms("/tf_static", 0.0, {"other": IDENTITY})]
     items += [transforms("/tf_static", 14.0, {"lighthouse": LIGHTHOUSE})]
     assert_follow(frames_of(tmp_path, items, HAND), moves)
 

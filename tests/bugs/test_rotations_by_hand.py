@@ -9,7 +9,7 @@ import pytest
 
 from geomphys.load import load_world
 from geomphys.recording.check import check_log
-from tests.recording.log_files import NON_PARAMETER_KEYS, pose, write_log
+from tests.recording.log_files import IDENTITY, pose, write_log
 
 BOX = '[[object]]\nname = "mug"\nclass = "driven"\nbox = [0.1, 0.1, 0.1]\ntopic = "/mug"\n'
 SHELF = '[[object]]\nname = "shelf"\nclass = "fixed"\nbox = [1.0, 0.5, 0.1]\n'
@@ -35,16 +35,14 @@ def test_a_box_on_its_side(tmp_path: Path, text: str) -> None:
     ("rpy", "told"), [("[0, 0, 1.5708]", True), ("[3.14159, 0, 0.7854]", True), ("[0, 0, 2]", False)]
 )
 def test_radians_are_noticed(tmp_path: Path, rpy: str, told: bool) -> None:
-    log = write_log(tmp_path / "log.mcap", [pose("/mug", k / 50, NON_PARAMETER_KEYS) for k in range(10)])
+    log = write_log(tmp_path / "log.mcap", [pose("/mug", k / 50, IDENTITY) for k in range(10)])
     world = load_world(scene(tmp_path, BOX + SHELF + f"position = [0, 0, -1]\nrpy = {rpy}\n"))
     warnings = check_log(log, world).warnings
     assert any("look like radians" in w and "'shelf'" in w for w in warnings) == told
 
 
 def test_the_recorded_space_is_told(tmp_path: Path) -> None:
-    log = write_log(
-        tmp_path / "log.mcap", [pose("/mug", k / 50, (0, 100, 0, *NON_PARAMETER_KEYS[3:])) for k in range(10)]
-    )
+    log = write_log(tmp_path / "log.mcap", [pose("/mug", k / 50, (0, 100, 0, *IDENTITY[3:])) for k in range(10)])
     assert check_log(log, load_world(scene(tmp_path, BOX))).space is None
     world = load_world(scene(tmp_path, '[recording]\nup = "y"\nunit = "mm"\n' + BOX))
     report = check_log(log, world)

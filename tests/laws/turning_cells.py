@@ -16,7 +16,7 @@ from tests.scene.models import joint, link, urdf
 
 KINDS = ("cell", "box", "carried", "lidless", "slot", "fork", "door", "shut door")
 CLOSED = ("cell", "box", "carried")
-FRAME_STRIDE = tuple((axis, sign) for axis in range(3) for sign in (-1, 1))
+EVERY = tuple((axis, sign) for axis in range(3) for sign in (-1, 1))
 HALF, ROOM = 0.05, 0.054  # m: half sizes of a cube and of the cell it is in
 BODIES = ("block", "ball", "rod", "hull", "hand", "chains")
 
@@ -133,12 +133,12 @@ def play_turning(folder: Path, seed: int, n: int = 60, kind: str = "", body: str
         size = np.abs(shape).max(axis=0)
     half, thin = size * rng.uniform(1.02, 1.6, 3), float(rng.choice([0.001, 0.003, 0.01]))
     sides = {
-        "lidless": tuple(side for side in FRAME_STRIDE if side != (2, 1)),
+        "lidless": tuple(side for side in EVERY if side != (2, 1)),
         "slot": ((0, -1), (0, 1)),
         "fork": ((0, -1), (0, 1), (1, -1)),
         "door": ((0, -1),),
         "shut door": ((0, -1),),
-    }.get(kind, FRAME_STRIDE)
+    }.get(kind, EVERY)
     frame = frame_path(rng, n, rate, kind, float(np.linalg.norm(half)))
     things: list[Thing] = []
     if kind in ("door", "shut door"):
@@ -225,7 +225,7 @@ def turning_frame(angles: np.ndarray, centre: tuple[float, float, float] = (0, 0
 def play_cube(folder: Path, frame: np.ndarray, whole: bool, thin: float = 0.002) -> Run:
     """A cube, recorded at rest, in a cell that moves by `frame`."""
     folder.mkdir(parents=True, exist_ok=True)
-    walls = panels(np.full(3, ROOM), thin, FRAME_STRIDE)
+    walls = panels(np.full(3, ROOM), thin, EVERY)
     still = np.tile([0.0, 0, 0, 0, 0, 0, 1], (len(frame), 1))
     things = [Thing(name="cube", shape=("box", *[2 * HALF] * 3), role="driven", path=still)]
     if whole:

@@ -34,12 +34,12 @@ from geomphys.scene.arrays import (
     Trees,
     World,
 )
-from geomphys.scene.inputs import JointSource, RootSource
+from geomphys.scene.recording_tables import RecordingTable
 from geomphys.scene.scene_file import SceneFile
-from geomphys.scene.scene_inputs import RecordingTable
+from geomphys.scene.topic_sources import JointSource, RootSource
 
 S = 10**9
-NON_PARAMETER_KEYS = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 GLOVE_TYPE = "manus_ros2_msgs/msg/ManusGlove"
 GLOVE_DEFINITION = f"""int32 glove_id
 string side
@@ -307,7 +307,7 @@ class Tree:
 
     name: str = "hand"
     root: str | None = None
-    offset: Sequence[float] = NON_PARAMETER_KEYS
+    offset: Sequence[float] = IDENTITY
     topic: str | None = None
     joints: Sequence[str] = ()
     unit: str | None = None
@@ -316,7 +316,7 @@ class Tree:
     limits: tuple[float, float] = (-np.inf, np.inf)
     kinds: dict[str, int] = field(default_factory=dict)
     avatar: bool = True
-    rest: Sequence[float] = NON_PARAMETER_KEYS
+    rest: Sequence[float] = IDENTITY
 
 
 def make_world(*trees: Tree, recording: dict[str, Any] | None = None) -> World:
@@ -362,7 +362,7 @@ def make_world(*trees: Tree, recording: dict[str, Any] | None = None) -> World:
             mass=np.zeros(bodies),
             com=np.zeros((bodies, 3)),
             inertia=np.zeros((bodies, 3)),
-            principal=np.tile(NON_PARAMETER_KEYS[3:], (bodies, 1)),
+            principal=np.tile(IDENTITY[3:], (bodies, 1)),
             parent=np.array(parent),
             joint=np.array(joint),
             origin=np.zeros((bodies, 12)),

@@ -16,7 +16,7 @@ from geomphys.recording.frames import FrameSource
 from geomphys.results import FLAG_BEFORE_FIRST, FLAG_CLAMPED, FLAG_HELD, FLAG_OUTSIDE_LIMITS, Frame
 from geomphys.scene.arrays import JOINT_PRISMATIC, World
 from tests.recording.log_files import (
-    NON_PARAMETER_KEYS,
+    IDENTITY,
     Item,
     S,
     Tree,
@@ -31,7 +31,7 @@ from tests.recording.log_files import (
 HAND = Tree(root="/wrist", topic="/glove", joints=("a", "b"))
 
 
-def at(x: float, q=NON_PARAMETER_KEYS[3:]) -> tuple[float, ...]:
+def at(x: float, q=IDENTITY[3:]) -> tuple[float, ...]:
     return (x, 0.0, 0.0, *q)
 
 

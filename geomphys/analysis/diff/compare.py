@@ -6,7 +6,6 @@ import dataclasses
 import hashlib
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
 from defusedxml import ElementTree
@@ -19,6 +18,7 @@ from geomphys.analysis.diff.result_channels import ContactChannel, LogChannel, M
 from geomphys.errors import ConfigError, LogError
 from geomphys.output.decoders import Poses
 from geomphys.output.output_log import OutputFrame, OutputLog, open_output
+from geomphys.storage.remote_files import AnyPath
 
 CHANNELS = ("/tf", "/recorded/tf", "joint_states", "/contacts", "/penetration", "/metrics", "/log")
 """What can be compared; ``joint_states`` stands for the joint values of every avatar."""
@@ -38,8 +38,8 @@ class PeakPoses(NamedTuple):
 
 
 def compare_outputs(
-    a: Path | str,
-    b: Path | str,
+    a: AnyPath | str,
+    b: AnyPath | str,
     *,
     tolerance_m: float = 0.0,
     tolerance_rad: float = 0.0,

@@ -19,6 +19,7 @@ from geomphys.errors import InputError
 from geomphys.output.output_log import open_output
 from geomphys.output.output_world import world_of_output
 from geomphys.output.sink import OutputFile
+from geomphys.storage.remote_files import AnyPath
 
 _STYLE = """
 :root { color-scheme: light dark; --ink: #1d2126; --soft: #5d6570; --line: #d9dce0; --paper: #ffffff; --panel: #f6f7f8;
@@ -50,7 +51,7 @@ _SHOWN = 12
 """Parts of a channel shown at once; the others are in a collapsed table."""
 
 
-def write_page(difference: OutputDifference, out: Path, *, scene: Path | None = None) -> None:
+def write_page(difference: OutputDifference, out: AnyPath, *, scene: AnyPath | None = None) -> None:
     """Write a comparison as an HTML page with curves, pictures of the worst frames and all figures.
 
     Parameters
@@ -78,7 +79,7 @@ def write_page(difference: OutputDifference, out: Path, *, scene: Path | None = 
     output.publish(complete=True)
 
 
-def _page(difference: OutputDifference, scene: Path | None) -> Iterator[str]:
+def _page(difference: OutputDifference, scene: AnyPath | None) -> Iterator[str]:
     a, b = Path(difference.a).name, Path(difference.b).name
     yield '<!doctype html><html lang="en"><head><meta charset="utf-8">'
     yield '<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">'
@@ -148,7 +149,7 @@ def _curves(difference: OutputDifference) -> Iterator[str]:
         yield curve(title, unit, frames, values, steps=steps)
 
 
-def _pictures(difference: OutputDifference, scene: Path | None) -> Iterator[str]:
+def _pictures(difference: OutputDifference, scene: AnyPath | None) -> Iterator[str]:
     if not difference.peaks:
         return
     yield "<h2>Where they differ most</h2>"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from itertools import islice
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +23,7 @@ from geomphys.output.rerun_stream import UNIX_TIME_START, RerunStream, Times
 from geomphys.output.sink import OutputFile
 from geomphys.output.vertex_normals import with_vertex_normals
 from geomphys.scene.arrays import World
+from geomphys.storage.remote_files import AnyPath
 
 if TYPE_CHECKING:
     from rerun.blueprint import Blueprint
@@ -41,7 +41,7 @@ EYE_FRAMES = 200
 OPACITY = {"a": 255, "b": 130}
 
 
-def write_overlay(difference: OutputDifference, out: Path, *, scene: Path | None = None) -> None:
+def write_overlay(difference: OutputDifference, out: AnyPath, *, scene: AnyPath | None = None) -> None:
     """Write both motions as a rerun recording: timelines ``frame`` (as a counts) and ``time``.
 
     Parameters
