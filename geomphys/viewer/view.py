@@ -21,7 +21,7 @@ from geomphys.output.output_world import world_of_output
 from geomphys.output.rerun_blueprint import mcap_blueprint
 from geomphys.output.rerun_stream import UNIX_TIME_START, RerunStream
 from geomphys.scene.arrays import FIXED
-from geomphys.storage.remote_files import AnyPath, RemotePath
+from geomphys.storage.remote_files import AnyPath, RemotePath, is_remote
 from geomphys.storage.temporary_folders import TemporaryFolder
 
 ADDRESS = "127.0.0.1"
