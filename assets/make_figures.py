@@ -18,7 +18,7 @@ sys.path.insert(0, str(HERE))
 from figure_drawing import before_and_after, draw_times  # noqa: E402
 from figure_scenes import EXPERIMENTS, PAPER, Experiment  # noqa: E402
 
-from geomphys.bench.experiments import load_experiment, places  # noqa: E402
+from geomphys.bench.experiments import experiment_files, load_experiment  # noqa: E402
 from geomphys.bench.machine import describe_machine  # noqa: E402
 from geomphys.config import Config  # noqa: E402
 from geomphys.engine.frame_buffer import FRAMES  # noqa: E402
@@ -46,8 +46,8 @@ def main() -> None:
 def section(experiment: Experiment, pictures: Path, repeats: int) -> str:
     """Replay an experiment, draw its pictures, and return its part of the page."""
     print(f"{experiment.name} …", flush=True)
-    (place,) = places(HERE.parent, [experiment.name])
-    loaded = load_experiment(place, Config())
+    (files,) = experiment_files(HERE.parent, [experiment.name])
+    loaded = load_experiment(files, Config())
     wanted = {n for shot in experiment.shots for n in (shot.frame, shot.later)}
     times: list[list[int]] = []
     metrics, kept = [], {}
