@@ -47,7 +47,7 @@ fuzz: $(VENV)/.fuzz
 bench: $(VENV)/.bench
 	$(BIN)/geomphys bench
 
-figures: $(VENV)/.runtime
+figures: $(VENV)/.plots
 	$(BIN)/python assets/make_figures.py
 
 format: $(VENV)/.test
@@ -75,6 +75,11 @@ $(VENV)/.runtime: pyproject.toml $(VENV)/.venv
 	@echo "Installing geomphys and what it needs into $(VENV) (some minutes the first time) …"
 	@$(PIP) install --editable .
 	@touch $@
+
+$(VENV)/.plots: pyproject.toml $(VENV)/.venv
+	@echo "Installing geomphys and what it draws with into $(VENV) (some minutes the first time) …"
+	@$(PIP) install --editable '.[plots]'
+	@touch $@ $(VENV)/.runtime
 
 $(VENV)/.test: pyproject.toml $(VENV)/.venv
 	@echo "Installing geomphys and what its tests need into $(VENV) (some minutes the first time) …"

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from figure_scenes import Experiment, Shot
 
-from geomphys.analysis.diff.drawing import Surface, View, png, render
+from geomphys.analysis.diff.rasterizer import Surface, View, png, render
 from geomphys.numerics.transforms import rotation_from_quaternion
 from geomphys.output import colours, frame_columns
 from geomphys.results import FrameResult

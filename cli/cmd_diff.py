@@ -97,11 +97,11 @@ def diff(
                 progress=bar,
             )
         if html is not None:
-            from geomphys.analysis.diff.page import write_page
+            from geomphys.analysis.diff.html_report import write_page
 
             write_page(difference, html, scene=scene)
         if rrd is not None:
-            from geomphys.analysis.diff.overlay import write_overlay
+            from geomphys.analysis.diff.rerun_overlay import write_overlay
 
             write_overlay(difference, rrd, scene=scene)
     except geomphys.GeomphysError as error:

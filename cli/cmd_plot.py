@@ -41,7 +41,7 @@ FORMATS = {".png", ".svg", ".pdf"}
 )
 @force_option
 def plot(result: Path, out: Path, panels: tuple[str, ...], scale: str, force: bool) -> None:
-    """Draw OUT over its frames: frame time by stage, penetration, correction, contacts."""
+    """Draw OUT over its frames: frame time by stage, penetration, correction, contacts (extra: plots)."""
     check_output(out, force=force, inputs=(result,))
     if out.suffix.lower() not in FORMATS:
         raise click.UsageError(f"{out}: ends in {out.suffix!r}; choose {', '.join(sorted(FORMATS))}")

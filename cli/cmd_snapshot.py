@@ -36,5 +36,5 @@ def snapshot(result: Path, out: Path, frame: int, whole: bool, size: tuple[int, 
     from geomphys.viewer.snapshot import take_snapshot
 
     check_output(out, force=force, inputs=(result,))
-    take_snapshot(result, out, frame=frame, size=size, whole=whole)
+    take_snapshot(result, out, frame=frame, size=size, whole_window=whole)
     current_terminal().note(f"wrote {out}")

@@ -171,8 +171,10 @@ def check_output(path: Path | None, *, force: bool, inputs: tuple[Path, ...] = (
         raise click.UsageError(
             f"{path}: ends in {not_as}, but that is not what is written there; choose another ending"
         )
+    from geomphys.storage.remote_files import is_same_file
+
     for given in inputs:
-        if path == given or (path.exists() and given.exists() and path.samefile(given)):
+        if path == given or (path.exists() and given.exists() and is_same_file(path, given)):
             raise click.UsageError(f"{path}: is an input and cannot be the output too")
     if isinstance(path, Path) and not path.parent.is_dir():
         raise click.UsageError(f"{path}: there is no folder {path.parent}; make it first")

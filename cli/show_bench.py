@@ -11,7 +11,7 @@ import click
 from .terminal import fields, heading, table_in
 
 if TYPE_CHECKING:
-    from geomphys.bench.figures import Curve, DepthFigures, ExperimentFigures, Report
+    from geomphys.bench.report import Curve, DepthResult, ExperimentResult, Report
 
     from .terminal import Terminal
 
@@ -88,7 +88,7 @@ def sheets(report: Report) -> list[Sheet]:
     return found
 
 
-def _frames(experiments: Sequence[ExperimentFigures]) -> Sheet:
+def _frames(experiments: Sequence[ExperimentResult]) -> Sheet:
     """Frame times."""
     rows = [
         (
@@ -112,7 +112,7 @@ def _frames(experiments: Sequence[ExperimentFigures]) -> Sheet:
     )
 
 
-def _peers(experiments: Sequence[ExperimentFigures]) -> Sheet:
+def _peers(experiments: Sequence[ExperimentResult]) -> Sheet:
     """Frame times beside those of other engines."""
     rows = [
         (
@@ -142,7 +142,7 @@ def _peers(experiments: Sequence[ExperimentFigures]) -> Sheet:
     )
 
 
-def _stages(experiments: Sequence[ExperimentFigures]) -> Sheet:
+def _stages(experiments: Sequence[ExperimentResult]) -> Sheet:
     """Times of the stages."""
     rows = [
         (
@@ -157,7 +157,7 @@ def _stages(experiments: Sequence[ExperimentFigures]) -> Sheet:
     return Sheet("Stages", note, ("stage", "median", "p95", "p99", "mean", "count"), tuple(rows))
 
 
-def _depths(depths: Sequence[DepthFigures]) -> Sheet:
+def _depths(depths: Sequence[DepthResult]) -> Sheet:
     """Penetration depths of pairs."""
     rows = [
         (

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from geomphys.analysis.diff.channels import ChannelDifference
+    from geomphys.analysis.diff.difference import OutputDifference
     from geomphys.analysis.diff.measures import Measure
-    from geomphys.analysis.diff.report import OutputDifference
 
     from .terminal import Terminal
 
@@ -30,10 +30,10 @@ def show_difference(terminal: Terminal, difference: OutputDifference) -> None:
 
     frames = difference.frames
     verdict = Text("the same", style="green") if difference.equal else Text("different", style="bold red")
-    matched = f"{counted(frames.compared, 'frame')} compared"
+    match_frames = f"{counted(frames.compared, 'frame')} compared"
     if frames.only_a or frames.only_b:
-        matched += f", {frames.only_a:,} only in a, {frames.only_b:,} only in b"
-    rows: list[tuple[str, list[str | Text]]] = [("Result", [verdict]), ("Frames", [matched])]
+        match_frames += f", {frames.only_a:,} only in a, {frames.only_b:,} only in b"
+    rows: list[tuple[str, list[str | Text]]] = [("Result", [verdict]), ("Frames", [match_frames])]
     if frames.offset_s:
         first = ("b", "a") if frames.offset_s > 0 else ("a", "b")
         rows.append(

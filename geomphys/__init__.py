@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     __version__: str
     from geomphys.analysis.audit import AuditReport, audit_output
     from geomphys.analysis.diff.compare import compare_outputs
-    from geomphys.analysis.diff.overlay import write_overlay
-    from geomphys.analysis.diff.page import write_page
-    from geomphys.analysis.diff.report import OutputDifference
+    from geomphys.analysis.diff.difference import OutputDifference
+    from geomphys.analysis.diff.html_report import write_page
+    from geomphys.analysis.diff.rerun_overlay import write_overlay
     from geomphys.analysis.plots import plot_output
     from geomphys.analysis.stats import Statistics, statistics_of
     from geomphys.authoring.draft import SceneDraft, draft_scene
@@ -67,7 +67,7 @@ _HOME = {
     "MeshError": "errors",
     "Metrics": "results",
     "ModelError": "errors",
-    "OutputDifference": "analysis.diff.report",
+    "OutputDifference": "analysis.diff.difference",
     "OutputError": "errors",
     "OutputLog": "output.output_log",
     "Penetrations": "results",
@@ -96,8 +96,8 @@ _HOME = {
     "statistics_of": "analysis.stats",
     "take_snapshot": "viewer.snapshot",
     "view_result": "viewer.view",
-    "write_overlay": "analysis.diff.overlay",
-    "write_page": "analysis.diff.page",
+    "write_overlay": "analysis.diff.rerun_overlay",
+    "write_page": "analysis.diff.html_report",
     "write_pieces": "authoring.piece_files",
 }
 

@@ -1,4 +1,4 @@
-"""The knobs of a replay: frozen, checked when made, each with its unit, default and effect."""
+"""Parameters of a replay: frozen, validated on construction, each with its unit, default and effect."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class Config:
     """All parameters of a replay; written into the output's provenance record."""
 
     mode: Literal["rigid", "chains"] | None = None
-    """How avatars yield; None leaves it to the scene file."""
+    """How avatars are corrected, as one rigid body or joint by joint; None: as the scene file says."""
     time: TimeSource = "header"
-    """Which time of a message counts. `header` falls back to `log` where a message carries none."""
+    """Which time of a message is used. `header` falls back to `log` for messages without a stamp."""
     clock: str | None = None
     """Topic whose messages are the frames; None: the first avatar's root, else its joints, else the first object's topic."""
     rate: float | None = None
@@ -29,21 +29,21 @@ class Config:
     end: float | None = None
     """s since the log's first frame; later frames are not replayed."""
     seed: int = 0
-    """Of everything random: the order of the chains, the convex decomposition."""
+    """Seed of everything random: the order of the chains, the convex decomposition."""
     max_gap: float = 0.1
     """s; longer gaps of a stream are held instead of interpolated. More: fewer held frames, more invented motion."""
     max_delay: float = 1.0
-    """s; how late a message may come and still be put in its place. More: more memory."""
+    """s; how late a message may arrive and still be sorted by time. More: more memory."""
     clamp_limits: bool = False
     """Clamp recorded angles to the joints' limits."""
     recover: bool = False
-    """Replay what is readable of a damaged log."""
+    """Replay the readable part of a damaged log."""
     gap: float = 2e-6
-    """m; clearance kept between surfaces in contact. More: rounder arithmetic, a correction larger by as much."""
+    """m; clearance kept between surfaces in contact. More: less sensitive to rounding, corrections larger by as much."""
     max_iterations: int = 30
-    """Rounds of the driven loop in a frame. Fewer: faster, but a worse correction where many things meet."""
+    """Iterations of the driven loop in a frame. Fewer: faster, but worse corrections where many bodies are in contact."""
     max_impacts: int = 500
-    """Impacts of the simulated loop in a frame; what is beyond is reported."""
+    """Limit on the impacts of the simulated loop in a frame; reaching it is reported."""
 
     def __post_init__(self) -> None:
         """Check ranges; raises ConfigError that names parameter and value."""

@@ -1,4 +1,4 @@
-"""Everything geomphys raises on purpose.
+"""Exceptions that geomphys raises.
 
 ::
 
@@ -43,7 +43,7 @@ class ModelError(InputError):
 
 
 class MeshError(InputError):
-    """A mesh that cannot serve; the text names it and what would."""
+    """A mesh that cannot be used; the text names it and a remedy."""
 
 
 class OutputError(GeomphysError):

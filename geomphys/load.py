@@ -1,9 +1,8 @@
-"""From a scene file to the world of a replay."""
+"""Loads the world of a replay from a scene file, and excludes body pairs that overlap in the zero pose."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
@@ -11,18 +10,20 @@ from geomphys.collision.penetration import make_scratch, separation
 from geomphys.errors import ConfigError
 from geomphys.numerics.transforms import compose, frame_from_matrix, matrix_from_frame
 from geomphys.scene.arrays import Floats, World
-from geomphys.scene.assembly import assemble, exclude
+from geomphys.scene.assembly import assemble, exclude_pairs
 from geomphys.scene.decomposition import Progress
-from geomphys.scene.scene_cache import find_world, keep_world
+from geomphys.scene.scene_cache import cache_world, load_cached_world
 from geomphys.scene.scene_file import load_scene_file
-from geomphys.scene.source_files import noted_sources
-from geomphys.storage.remote_files import as_path, is_remote
+from geomphys.scene.source_files import tracked_sources
+from geomphys.storage.remote_files import AnyPath, as_path, is_remote
 
-CLOSE = 5e-6
-"""m; bodies nearer than this in the zero pose count as overlapping there: no clearance could be kept between them."""
+ZERO_POSE_CLEARANCE = 5e-6
+"""m; bodies closer than this in the zero pose count as overlapping there."""
 
 
-def load_world(path: Path | str, *, mode: str | None = None, seed: int = 0, progress: Progress | None = None) -> World:
+def load_world(
+    path: AnyPath | str, *, mode: str | None = None, seed: int = 0, progress: Progress | None = None
+) -> World:
     """Read a scene file and everything it names.
 
     Parameters
@@ -35,7 +36,7 @@ def load_world(path: Path | str, *, mode: str | None = None, seed: int = 0, prog
     seed
         Of the convex decomposition.
     progress
-        Called with what is being done and the share of it that is done, where something takes long.
+        Called with a description and the fraction done while meshes are decomposed.
 
     Raises
     ------
@@ -48,23 +49,23 @@ def load_world(path: Path | str, *, mode: str | None = None, seed: int = 0, prog
         raise ConfigError(f"mode = {mode!r}: expected rigid or chains")
     path = as_path(path)
     is_local = not is_remote(path)
-    kept = find_world(path, mode, seed) if is_local else None
-    if kept is not None:
-        return kept
-    with noted_sources() as sources:
+    cached = load_cached_world(path, mode, seed) if is_local else None
+    if cached is not None:
+        return cached
+    with tracked_sources() as sources:
         world = _load(path, mode, seed, progress)
     if is_local:
-        keep_world(world, sources, mode, seed)
+        cache_world(world, sources, mode, seed)
     return world
 
 
-def _load(path: Path, mode: str | None, seed: int, progress: Progress | None) -> World:
+def _load(path: AnyPath, mode: str | None, seed: int, progress: Progress | None) -> World:
     world = assemble(load_scene_file(path), path, mode=mode, seed=seed, progress=progress)
-    return exclude(world, zero_pose_overlaps(world))
+    return exclude_pairs(world, zero_pose_overlaps(world))
 
 
 def zero_pose_overlaps(world: World) -> list[tuple[int, int]]:
-    """Pairs a < b of bodies of one avatar nearer than `CLOSE` with all angles zero, without those excluded."""
+    """Pairs a < b of one avatar's bodies, not yet excluded, closer than `ZERO_POSE_CLEARANCE` at zero joint angles."""
     pieces = world.scene.pieces
     poses = _zero_poses(world)
     frames = np.ascontiguousarray(frame_from_matrix(compose(poses[pieces.body], matrix_from_frame(pieces.local))))
@@ -73,12 +74,14 @@ def zero_pose_overlaps(world: World) -> list[tuple[int, int]]:
     for i, j in _candidates(world, frames):
         pair = (int(pieces.body[i]), int(pieces.body[j]))
         if not found.get(pair, False):
-            found[pair] = separation(pieces, frames, i, j, CLOSE, no_axis, scratch)[0] < CLOSE
+            found[pair] = (
+                separation(pieces, frames, i, j, ZERO_POSE_CLEARANCE, no_axis, scratch)[0] < ZERO_POSE_CLEARANCE
+            )
     return sorted(pair for pair, close in found.items() if close)
 
 
 def _candidates(world: World, frames: Floats) -> Iterator[tuple[int, int]]:
-    """Pairs i < j of pieces of one avatar whose bounding balls touch, of bodies that are not excluded."""
+    """Pairs i < j of pieces of one avatar whose bounding spheres touch, without excluded body pairs."""
     scene = world.scene
     pieces, excluded = scene.pieces, scene.excluded
     centres = np.einsum("pij,pj->pi", frames[:, :9].reshape(-1, 3, 3), pieces.centre) + frames[:, 9:]
@@ -86,10 +89,10 @@ def _candidates(world: World, frames: Floats) -> Iterator[tuple[int, int]]:
         first, last = scene.bodies.piece_start[scene.trees.body_start[tree : tree + 2]]
         for i in range(first, last):
             other = slice(i + 1, last)
-            away = np.linalg.norm(centres[other] - centres[i], axis=1)
-            near = away <= pieces.reach[other] + pieces.reach[i] + CLOSE
-            near &= excluded[pieces.body[i], pieces.body[other]] == 0
-            for j in np.flatnonzero(near):
+            distance = np.linalg.norm(centres[other] - centres[i], axis=1)
+            close = distance <= pieces.reach[other] + pieces.reach[i] + ZERO_POSE_CLEARANCE
+            close &= excluded[pieces.body[i], pieces.body[other]] == 0
+            for j in np.flatnonzero(close):
                 yield i, int(i + 1 + j)
 
 

@@ -1,11 +1,10 @@
-"""Replays: a log in a scene as an iterator of results, or from files to files with a summary."""
+"""The entry points `replay` (an iterator of frame results) and `run` (files in, files and a summary out)."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, closing
-from pathlib import Path
 
 from geomphys.config import Config
 from geomphys.engine.frame_buffer import FRAMES
@@ -15,6 +14,7 @@ from geomphys.errors import LogError, OutputError
 from geomphys.jit.compiling.crew import telling
 from geomphys.jit.kernel import are_compiled
 from geomphys.load import load_world
+from geomphys.output.file_sinks import FILE_SINKS, FileSinkOptions, make_file_sink
 from geomphys.output.provenance import provenance_of
 from geomphys.output.sink import Sink
 from geomphys.output.summary import Summarizer, Summary
@@ -23,12 +23,12 @@ from geomphys.recording.report import RecordingReport
 from geomphys.results import Frame, FrameResult
 from geomphys.scene.arrays import World
 from geomphys.scene.decomposition import Progress
-from geomphys.storage.remote_files import as_path
+from geomphys.storage.remote_files import AnyPath, as_path, is_same_file
 
 
 def replay(
-    log: Path | str,
-    scene: Path | str | World,
+    log: AnyPath | str,
+    scene: AnyPath | str | World,
     *,
     config: Config | None = None,
     sinks: Sequence[Sink] = (),
@@ -53,7 +53,7 @@ def replay(
     Yields
     ------
     FrameResult
-        In order of time. The stage `encode` of a frame is what the sinks took for the frame before it.
+        In order of time. The stage `encode` of a frame is the time the sinks took for the frame before it.
 
     Raises
     ------
@@ -76,17 +76,17 @@ def replay(
             yield from _results(source, Pipeline(world, config), sinks, progress)
         complete = True
     finally:
-        with ExitStack() as closing:  # one that fails to close keeps none of the others open
+        with ExitStack() as closing:  # every sink is closed even if another fails to close
             for sink in reversed(opened):
                 closing.callback(sink.close, complete)
 
 
 def run(
-    log: Path | str,
-    scene: Path | str | World,
+    log: AnyPath | str,
+    scene: AnyPath | str | World,
     *,
-    out: Path | str | None = None,
-    rrd: Path | str | None = None,
+    out: AnyPath | str | None = None,
+    rrd: AnyPath | str | None = None,
     config: Config | None = None,
     timing: bool = True,
     force: bool = False,
@@ -95,7 +95,7 @@ def run(
     compiling: Callable[[int, int], None] | None = None,
     progress: Callable[[int, int | None], None] | None = None,
 ) -> Summary:
-    """Replay a log to its end, write what is asked for, and return its figures.
+    """Replay a log to its end, write the requested outputs and return a summary.
 
     Parameters
     ----------
@@ -103,22 +103,24 @@ def run(
         An MCAP file or a ROS 2 bag directory.
     scene : Path, str or World
         The scene file, or the world it was loaded into.
-    out, rrd : Path or str, optional
-        The MCAP and the rerun recording to write; neither: only the figures.
+    out : Path or str, optional
+        The file to write. Its suffix chooses the format among `geomphys.output.file_sinks.FILE_SINKS`; MCAP for others.
+    rrd : Path or str, optional
+        The rerun recording to write. With neither, only the figures are returned.
     config : Config, optional
         All parameters; None: the defaults.
     timing : bool
-        Whether `out` has the channel ``/timing`` and `rrd` the plots of it, all that may differ between two runs.
+        Whether `out` has the channel ``/timing`` and `rrd` its plots, the only content that differs between two runs.
     force : bool
         Whether outputs that exist are replaced.
     copy_input : bool
         Whether `out` also holds the channels of the log.
     loading : callable, optional
-        Called while meshes are cut for the first time, with what is being done and the share of it that is done. What
-        it raises ends the replay; the meshes that are cut by then are kept.
+        Called during the first convex decomposition of meshes, with a description and the fraction done. What it
+        raises ends the replay; finished decompositions stay in the cache.
     compiling : callable, optional
-        Called while kernels are compiled, with how many jobs are done and how many are known of so far. What it raises
-        ends the replay.
+        Called while kernels are compiled, with the numbers of finished and of known jobs. What it raises ends the
+        replay.
     progress : callable, optional
         Called after each frame with the frames done and their number if it is known. What it raises ends the replay at
         that frame; the outputs are then closed as partial.
@@ -145,7 +147,9 @@ def run(
             else load_world(scene, mode=config.mode, seed=config.seed, progress=loading)
         )
         summarizer = Summarizer(world.body_names, world.findings)
-        sinks = _sinks(log, out, rrd, timing=timing, force=force, copy_input=copy_input)
+        options = FileSinkOptions(force=force, timing=timing, copied_log=log if copy_input else None)
+        sinks = [] if out is None else [make_file_sink(out, options, default=".mcap")]
+        sinks += [] if rrd is None else [FILE_SINKS[".rrd"](rrd, options)]
         start = time.perf_counter()
         results = replay(log, world, config=config, sinks=sinks, progress=progress)
         assert isinstance(results, Generator)
@@ -157,37 +161,25 @@ def run(
                 summarizer.add(result)
         elapsed = time.perf_counter() - start
     if summarizer.frames == 0:
-        cut = [
+        time_limits = [
             f"{name} = {value:g} s"
             for name, value in (("start", config.start), ("end", config.end))
             if value is not None
         ]
-        why = f"with {' and '.join(cut)} nothing is left of it" if cut else "`geomphys check` tells why"
-        raise LogError(f"{log}: gave no frame in the scene {world.path}; {why}")
+        reason = (
+            f"with {' and '.join(time_limits)} it has no frames" if time_limits else "`geomphys check` shows the reason"
+        )
+        raise LogError(f"{log}: gave no frame in the scene {world.path}; {reason}")
     return summarizer.summary(log=log, scene=world.path, out=out, rrd=rrd, elapsed_s=elapsed)
 
 
-def _check_distinct(log: Path, out: Path | None, rrd: Path | None) -> None:
+def _check_distinct(log: AnyPath, out: AnyPath | None, rrd: AnyPath | None) -> None:
     """Raise OutputError if an output would overwrite the log or the other output."""
     for path in (out, rrd):
-        if path is not None and path.exists() and log.exists() and path.samefile(log):
+        if path is not None and path.exists() and log.exists() and is_same_file(path, log):
             raise OutputError(f"{path}: is the log itself; choose another name for the output")
     if out is not None and rrd is not None and out.resolve() == rrd.resolve():
         raise OutputError(f"{out}: is named as MCAP and as rerun recording; give them different names")
-
-
-def _sinks(log: Path, out: Path | None, rrd: Path | None, *, timing: bool, force: bool, copy_input: bool) -> list[Sink]:
-    """Make the sinks that write the files asked for; what they need is imported only then."""
-    sinks: list[Sink] = []
-    if out is not None:
-        from geomphys.output.mcap_sink import McapSink
-
-        sinks.append(McapSink(out, force=force, timing=timing, copy_input=log if copy_input else None))
-    if rrd is not None:
-        from geomphys.output.rerun_sink import RerunSink
-
-        sinks.append(RerunSink(rrd, force=force, timing=timing))
-    return sinks
 
 
 def _batches(source: FrameSource) -> Iterator[tuple[list[Frame], int]]:
@@ -200,14 +192,14 @@ def _batches(source: FrameSource) -> Iterator[tuple[list[Frame], int]]:
         yield batch, (time.perf_counter_ns() - start) // len(batch)
 
 
-def _messages(report: RecordingReport) -> Iterator[tuple[str, str]]:
-    """Level and text of what is told of a recording at its end."""
+def _recording_messages(report: RecordingReport) -> Iterator[tuple[str, str]]:
+    """Level and text of the messages on the recording, reported with the last frame."""
     yield from (("info", str(use)) for use in report.transforms)
     yield from (("warning", text) for text in report.warnings)
 
 
-def _of_scene(world: World) -> tuple[Message, ...]:
-    """What is told of a scene when a replay begins."""
+def _scene_messages(world: World) -> tuple[Message, ...]:
+    """Level and text of the messages on the scene, reported with the first frame."""
     findings = world.findings
     return (*(("warning", text) for text in findings.warnings), *(("info", text) for text in findings.notes))
 
@@ -218,9 +210,9 @@ def _results(
     done, encode_ns = 0, 0
     for chunk in pipeline.chunks(_batches(source)):
         for row in range(len(chunk.frames)):
-            ends = chunk.is_last and row == len(chunk.frames) - 1
-            messages = () if done else _of_scene(pipeline.world)
-            messages += tuple(_messages(source.report)) if ends else ()
+            is_last = chunk.is_last and row == len(chunk.frames) - 1
+            messages = () if done else _scene_messages(pipeline.world)
+            messages += tuple(_recording_messages(source.report)) if is_last else ()
             result = pipeline.result(chunk, row, encode_ns, messages)
             start = time.perf_counter_ns()
             for sink in sinks:

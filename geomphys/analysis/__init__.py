@@ -1,1 +1,1 @@
-"""Checks, statistics, comparisons and plots of results."""
+"""Audits, statistics, comparisons and plots of outputs."""

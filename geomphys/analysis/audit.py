@@ -1,9 +1,8 @@
-"""Checks an output with an engine that took no part in it: python-fcl on the original triangles.
+"""Checks an output for overlaps with python-fcl on the original triangles, independently of the collision kernels.
 
-Nothing of the collision pipeline is used: no convex pieces, no GJK, no penetration depths. The poses are those of the
+None of the collision pipeline is used: no convex pieces, no GJK, no penetration depths. The poses are those of the
 file's ``/tf``, the shapes the triangles of the URDFs and meshes as they were read (spheres, capsules and cylinders
-tessellated). Two surfaces overlap if a triangle of one meets a triangle of the other, or if one lies wholly inside the
-other.
+tessellated). Two surfaces overlap if a triangle of one intersects a triangle of the other, or if one encloses the other.
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,25 +18,25 @@ from numpy.typing import NDArray
 from geomphys.errors import LogError
 from geomphys.numerics.transforms import rotation_from_quaternion
 from geomphys.output.output_log import OutputFrame, open_output
-from geomphys.output.output_scene import world_of_output
+from geomphys.output.output_world import world_of_output
 from geomphys.output.provenance import sha256_of_world
 from geomphys.scene.arrays import FIXED, SIMULATED, World
-from geomphys.storage.remote_files import as_path
+from geomphys.storage.remote_files import AnyPath, as_path
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 DRIVEN_LIMIT_M = 1e-5
-"""m; a driven body that is freed by moving it this far counts as free."""
+"""m; a driven body counts as free if moving it this far ends the overlap."""
 SIMULATED_LIMIT_M = 1e-4
-"""m; a resting simulated body may sink as far as this."""
+"""m; allowed penetration of a resting simulated body."""
 
 BISECTIONS = 12
-NORMALS = 4
-"""Pairs of triangles that meet whose normals are tried as ways out."""
+MAX_CONTACT_NORMALS = 4
+"""Intersecting triangles whose normals are tried as separation directions."""
 LARGEST_DEPTH_M = 10.0
 MAX_OVERLAPS = 10_000
-"""Overlaps that are listed; what is beyond is only counted."""
+"""Maximum number of listed overlaps; further ones are only counted."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,27 +48,27 @@ class Overlap:
     body_a: str
     body_b: str
     depth_at_most_m: float
-    """An estimate from above of the penetration depth: moving `body_a` that far in one of some directions sets it free."""
+    """Upper bound of the penetration depth: moving `body_a` this far along one of the tested directions ends the overlap."""
     broken: bool
-    """Whether that is more than the bodies are allowed."""
+    """Whether the depth exceeds the limit of the two bodies."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class AuditReport:
-    """What python-fcl found in an output."""
+    """Overlaps that python-fcl found in an output."""
 
     output: str
     motion: str  # "corrected" or "recorded"
     frames: int
     pairs: int  # pairs of bodies that must not overlap
-    tests: int  # pairs whose boxes met, so that their triangles were tested
+    tests: int  # pairs with overlapping boxes, whose triangles were tested
     triangles: int
     frames_overlapping: int
-    frames_broken: int  # frames with an overlap of more than is allowed
+    frames_broken: int  # frames with an overlap above its limit
     deepest: Overlap | None
     overlaps: tuple[Overlap, ...]
     overlaps_dropped: int
-    same_world: bool  # whether the scene is, to the bit, what the output was made in
+    same_world: bool  # whether the scene is bit for bit that of the replay
 
     def as_dict(self) -> dict[str, Any]:
         """Everything by name, of plain Python types: fit for JSON."""
@@ -78,9 +76,9 @@ class AuditReport:
 
 
 def audit_output(
-    output: Path | str,
+    output: AnyPath | str,
     *,
-    scene: Path | str | None = None,
+    scene: AnyPath | str | None = None,
     recorded: bool = False,
     progress: Callable[[int, int | None], None] | None = None,
 ) -> AuditReport:
@@ -112,7 +110,7 @@ def audit_output(
     world = world_of_output(log, None if scene is None else as_path(scene))
     auditor = _Auditor(world, log.path, recorded)
     frames = overlapping = broken = dropped = 0
-    listed: list[Overlap] = []
+    kept_overlaps: list[Overlap] = []
     deepest: Overlap | None = None
     for frame in log.frames(["/tf", "/recorded/tf"] if recorded else ["/tf"]):
         found = list(auditor.overlaps(frame))
@@ -122,8 +120,8 @@ def audit_output(
         for overlap in found:
             if deepest is None or overlap.depth_at_most_m > deepest.depth_at_most_m:
                 deepest = overlap
-        capacity = MAX_OVERLAPS - len(listed)
-        listed += found[:capacity]
+        capacity = MAX_OVERLAPS - len(kept_overlaps)
+        kept_overlaps += found[:capacity]
         dropped += max(0, len(found) - capacity)
         if progress is not None:
             progress(frames, log.frame_count)
@@ -139,7 +137,7 @@ def audit_output(
         frames_overlapping=overlapping,
         frames_broken=broken,
         deepest=deepest,
-        overlaps=tuple(listed),
+        overlaps=tuple(kept_overlaps),
         overlaps_dropped=dropped,
         same_world=sha256_of_world(world) == log.metadata.get("world_sha256"),
     )
@@ -164,7 +162,7 @@ def pairs_to_test(world: World) -> list[tuple[int, int]]:
 
 
 class _Shape(NamedTuple):
-    """A body as python-fcl and the test for containment know it; body frame, m."""
+    """Geometry of a body for python-fcl and the containment test; body frame, m."""
 
     collider: Any
     low: Floats  # (3,)
@@ -175,39 +173,39 @@ class _Shape(NamedTuple):
 
 
 class _Auditor:
-    """Places the bodies of a world as a frame says, and tests them."""
+    """Poses the bodies of a world as in a frame, and tests them for overlaps."""
 
-    def __init__(self, world: World, path: Path, recorded: bool) -> None:
+    def __init__(self, world: World, path: AnyPath, recorded: bool) -> None:
         self.pairs = pairs_to_test(world)
         self.tests = 0
         self._world, self._path, self._recorded = world, path, recorded
-        self._used = sorted({body for pair in self.pairs for body in pair})
-        self._shapes = {body: _shape(*world.collision_triangles[body]) for body in self._used}
-        self._ends = np.array(self.pairs, np.int64).reshape(-1, 2)
+        self._tested_bodies = sorted({body for pair in self.pairs for body in pair})
+        self._shapes = {body: _shape(*world.collision_triangles[body]) for body in self._tested_bodies}
+        self._pair_bodies = np.array(self.pairs, np.int64).reshape(-1, 2)
         self._poses = np.full((len(world.body_names), 7), np.nan)
         self._index = {name: body for body, name in enumerate(world.frame_names)}
 
     def overlaps(self, frame: OutputFrame) -> Iterator[Overlap]:
         """Pairs that overlap in a frame, sorted by their bodies."""
-        if not self._used:
+        if not self._tested_bodies:
             return
         self._update_poses(frame)
-        used, poses = self._used, self._poses
+        used, poses = self._tested_bodies, self._poses
         rotations = rotation_from_quaternion(poses[used, 3:])
         corners = np.stack([self._shapes[body].corners for body in used])
         world_corners = np.einsum("bij,bcj->bci", rotations, corners) + poses[used, None, :3]
         low, high = np.empty((len(poses), 3)), np.empty((len(poses), 3))
         low[used], high[used] = world_corners.min(axis=1), world_corners.max(axis=1)
-        rotation_of = dict(zip(used, rotations, strict=True))
-        a, b = self._ends.T
-        close = np.flatnonzero(((low[a] <= high[b]) & (low[b] <= high[a])).all(axis=1))
-        for one, other in self._ends[close].tolist():
+        rotations_by_body = dict(zip(used, rotations, strict=True))
+        a, b = self._pair_bodies.T
+        candidates = np.flatnonzero(((low[a] <= high[b]) & (low[b] <= high[a])).all(axis=1))
+        for one, other in self._pair_bodies[candidates].tolist():
             self.tests += 1
-            pair = _Pair(
+            pair = _PosedPair(
                 self._shapes[one],
                 self._shapes[other],
-                rotation_of[one],
-                rotation_of[other],
+                rotations_by_body[one],
+                rotations_by_body[other],
                 poses[one, :3],
                 poses[other, :3],
             )
@@ -223,14 +221,14 @@ class _Auditor:
                 )
 
     def _update_poses(self, frame: OutputFrame) -> None:
-        """Take the poses of a frame; bodies that it does not name stay where they are."""
+        """Set the poses of a frame; bodies that it does not name keep theirs."""
         for name, pose in zip(frame.tf.names, frame.tf.values, strict=True):
             if name in self._index:
                 self._poses[self._index[name]] = pose
         if self._recorded:
             for name, pose in zip(frame.recorded.names, frame.recorded.values, strict=True):
                 self._poses[self._index[name.removeprefix("recorded/")]] = pose
-        missing = [body for body in self._used if np.isnan(self._poses[body]).any()]
+        missing = [body for body in self._tested_bodies if np.isnan(self._poses[body]).any()]
         if missing:
             raise LogError(
                 f"{self._path}: frame {frame.index}: /tf has no pose of {self._world.frame_names[missing[0]]!r}, which "
@@ -243,8 +241,8 @@ class _Auditor:
 
 
 @dataclass(frozen=True)
-class _Pair:
-    """Two placed shapes."""
+class _PosedPair:
+    """Two shapes and their poses."""
 
     a: _Shape
     b: _Shape
@@ -267,41 +265,41 @@ class _Pair:
         return _any_inside(inside_b, self.b) or _any_inside(inside_a, self.a)
 
     def depth(self) -> float:
-        """The least of the distances along some directions that set a free, m: an upper bound of the depth."""
+        """Smallest distance along the tested directions that separates a from b, m: an upper bound of the depth."""
         best = LARGEST_DEPTH_M
-        for direction in [*self._likely(), *_DIRECTIONS]:
+        for direction in [*self._candidate_directions(), *_DIRECTIONS]:
             best = min(best, self._separation_along(direction, best))
         return best
 
-    def _likely(self) -> list[Floats]:
-        """Directions that may be short ways out: between the middles, and along normals of triangles that meet."""
+    def _candidate_directions(self) -> list[Floats]:
+        """Likely directions of least separation: between the box centres, and normals of intersecting triangles."""
         import fcl
 
         one = fcl.CollisionObject(self.a.collider, fcl.Transform(self.rotation_a, self.position_a))
         other = fcl.CollisionObject(self.b.collider, fcl.Transform(self.rotation_b, self.position_b))
         result = fcl.CollisionResult()
-        fcl.collide(one, other, fcl.CollisionRequest(num_max_contacts=NORMALS, enable_contact=True), result)
+        fcl.collide(one, other, fcl.CollisionRequest(num_max_contacts=MAX_CONTACT_NORMALS, enable_contact=True), result)
         middle_a = self.rotation_a @ (0.5 * (self.a.low + self.a.high)) + self.position_a
         middle_b = self.rotation_b @ (0.5 * (self.b.low + self.b.high)) + self.position_b
         found = [middle_a - middle_b]
         for contact in result.contacts:
-            for shape, rotation_of, triangle in (
+            for shape, rotation, triangle in (
                 (self.a, self.rotation_a, contact.b1),
                 (self.b, self.rotation_b, contact.b2),
             ):
                 corners = shape.triangles[triangle]
-                normal = rotation_of @ np.cross(corners[1] - corners[0], corners[2] - corners[0])
+                normal = rotation @ np.cross(corners[1] - corners[0], corners[2] - corners[0])
                 found.append(-normal if shape is self.a else normal)
         lengths = [float(np.linalg.norm(direction)) for direction in found]
         return [direction / length for direction, length in zip(found, lengths, strict=True) if length > 0.0]
 
     def _separation_along(self, direction: Floats, bound: float) -> float:
-        """Distance along a direction at which the shapes first found apart stay so; not more than `bound` matters."""
+        """Smallest distance found along a direction that separates the shapes, at most `bound` [m]."""
         if self.overlaps(bound * direction):
             return bound
         inside, free = 0.0, bound
         step = DRIVEN_LIMIT_M
-        while step < bound:  # a first guess by doubling: the way out is mostly short
+        while step < bound:  # exponential search: the distance is mostly small
             if not self.overlaps(step * direction):
                 free = step
                 break
@@ -338,13 +336,13 @@ def _shape(vertices: Floats, faces: Ints) -> _Shape:
     ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
     graph = coo_matrix((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(len(vertices), len(vertices)))
     _, component = connected_components(graph, directed=False)
-    _, first_frames = np.unique(component[used], return_index=True)
+    _, first_vertices = np.unique(component[used], return_index=True)
     low, high = vertices[used].min(axis=0), vertices[used].max(axis=0)
     ends_of_box = np.stack([low, high])
     corners = np.array(
         [[ends_of_box[i, 0], ends_of_box[j, 1], ends_of_box[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)]
     )
-    return _Shape(model, low, high, corners, vertices[used[first_frames]], vertices[faces])
+    return _Shape(model, low, high, corners, vertices[used[first_vertices]], vertices[faces])
 
 
 def _any_inside(points: Floats, shape: _Shape) -> bool:
@@ -353,13 +351,15 @@ def _any_inside(points: Floats, shape: _Shape) -> bool:
     The solid angles of the triangles as seen from the point add up to 4 pi times that number (van Oosterom and Strackee
     1983).
     """
-    boxed = points[((points > shape.low) & (points < shape.high)).all(axis=1)]
-    for point in boxed:
+    points_in_box = points[((points > shape.low) & (points < shape.high)).all(axis=1)]
+    for point in points_in_box:
         a, b, c = (shape.triangles[:, k] - point for k in range(3))
         la, lb, lc = (np.linalg.norm(edge, axis=1) for edge in (a, b, c))
-        volume = np.einsum("ij,ij->i", a, np.cross(b, c))
-        flat = la * lb * lc
-        flat += np.einsum("ij,ij->i", a, b) * lc + np.einsum("ij,ij->i", b, c) * la + np.einsum("ij,ij->i", c, a) * lb
-        if abs(float(np.arctan2(volume, flat).sum()) / (2.0 * np.pi)) > 0.5:
+        numerator = np.einsum("ij,ij->i", a, np.cross(b, c))
+        denominator = la * lb * lc
+        denominator += (
+            np.einsum("ij,ij->i", a, b) * lc + np.einsum("ij,ij->i", b, c) * la + np.einsum("ij,ij->i", c, a) * lb
+        )
+        if abs(float(np.arctan2(numerator, denominator).sum()) / (2.0 * np.pi)) > 0.5:
             return True
     return False

@@ -1,9 +1,9 @@
-"""A result as a figure for print: frame times by stage, penetration, correction and contacts over the frames."""
+"""Plots a result for print: frame times by stage, penetration, correction and contacts over the frames."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from pathlib import Path
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from geomphys.errors import ConfigError, LogError
 from geomphys.output.output_log import OutputFrame, OutputLog, open_output
 from geomphys.output.sink import OutputFile
-from geomphys.storage.remote_files import as_path
+from geomphys.storage.remote_files import AnyPath, as_path
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,24 +22,24 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 PANELS = ("time", "penetration", "correction", "contacts")
-"""What a figure can show, one above the other."""
+"""Panels of a figure, from top to bottom."""
 FORMATS = (".png", ".svg", ".pdf")
 
-COLUMNS = 3000
-"""Points of a curve at most; of longer recordings each is the largest (of times the mean) of its frames."""
-LOG_FROM = 30.0
-"""Ratio of the 99th percentile to the median of the frame times from which their axis is logarithmic."""
+MAX_BINS = 3000
+"""Maximum number of points of a curve; each is the maximum (of times the mean) over its frames."""
+LOG_SCALE_RATIO = 30.0
+"""Ratio of the 99th percentile to the median of the frame times above which their axis is logarithmic."""
 HEADROOM = 1.35
-"""A linear axis of times ends at this much above the 99.5th percentile; what is beyond is marked at the rim."""
-LINE_POINTS = 300
-"""Points of a stage's line on a logarithmic axis, each the median of its bins: dashes can be told apart then."""
-VISIBLE = 1e-3
-"""Share of all the time from which a stage is shown."""
+"""Upper end of a linear time axis, times the 99.5th percentile; larger values are marked at the edge."""
+MAX_LINE_POINTS = 300
+"""Maximum number of points of a stage's line on a logarithmic axis, each a median over bins; keeps dashes legible."""
+MIN_STAGE_SHARE = 1e-3
+"""Fraction of the total time above which a stage is shown."""
 
 _WIDTH_INCHES = 7.2
 _HEIGHTS = {"time": 2.5, "penetration": 1.7, "correction": 1.7, "contacts": 1.3}
 _DPI = 200
-# of Paul Tol's schemes, told apart by the colour-blind: stages by turns dark and light, so that neighbours differ in grey
+# Paul Tol's colour-blind safe schemes; dark and light stages alternate, so that neighbours also differ in grey
 _STAGES = ("#332288", "#ee8866", "#228833", "#ddcc77", "#aa3377", "#88ccee", "#4477aa", "#cccccc", "#666633")
 _BLUE, _RED, _GREEN = "#4477aa", "#cc3311", "#228833"
 _PALE = "#a9afb6"
@@ -79,8 +79,8 @@ _STYLE: Any = {
 
 
 def plot_output(
-    output: Path | str,
-    out: Path | str,
+    output: AnyPath | str,
+    out: AnyPath | str,
     *,
     panels: Collection[str] = PANELS,
     scale: str = "auto",
@@ -108,7 +108,7 @@ def plot_output(
     Raises
     ------
     ConfigError
-        An unknown panel, scale or ending.
+        An unknown panel, scale or ending, or matplotlib (the extra ``plots``) is not installed.
     LogError
         `output` is none, has no frame, or has no stage times and `panels` asks for nothing else.
     OutputError
@@ -121,6 +121,8 @@ def plot_output(
         raise ConfigError(f"scale = {scale!r}: choose auto, linear or log")
     if out.suffix.lower() not in FORMATS:
         raise ConfigError(f"{out}: ends in {out.suffix!r}; choose {', '.join(FORMATS)}")
+    if find_spec("matplotlib") is None:
+        raise ConfigError("figures need matplotlib: pip install 'geomphys[plots]'")
     file = OutputFile(out, force)
     curves = _read(log, progress)
     shown = [panel for panel in PANELS if panel in panels and (panel != "time" or curves.stages)]
@@ -136,50 +138,50 @@ def plot_output(
     file.publish(complete=True)
 
 
-class Binned:
-    """A curve in at most twice `COLUMNS` bins of equally many frames: mean and largest of each."""
+class BinnedCurve:
+    """A curve in at most twice `MAX_BINS` bins of equally many frames: mean and largest of each."""
 
     def __init__(self) -> None:
         self.stride = 1
-        self._in_last = 0
+        self._last_count = 0
         self._sums: list[float] = []
-        self._tops: list[float] = []
+        self._maxima: list[float] = []
 
     def add(self, value: float) -> None:
         """Take the value of the next frame."""
-        if self._sums and self._in_last < self.stride:
-            self._in_last += 1
+        if self._sums and self._last_count < self.stride:
+            self._last_count += 1
             self._sums[-1] += value
-            self._tops[-1] = max(self._tops[-1], value)
+            self._maxima[-1] = max(self._maxima[-1], value)
             return
-        if len(self._sums) == 2 * COLUMNS:
+        if len(self._sums) == 2 * MAX_BINS:
             self._sums = [a + b for a, b in zip(self._sums[::2], self._sums[1::2], strict=True)]
-            self._tops = [max(a, b) for a, b in zip(self._tops[::2], self._tops[1::2], strict=True)]
+            self._maxima = [max(a, b) for a, b in zip(self._maxima[::2], self._maxima[1::2], strict=True)]
             self.stride *= 2
         self._sums.append(value)
-        self._tops.append(value)
-        self._in_last = 1
+        self._maxima.append(value)
+        self._last_count = 1
 
     def mean(self) -> Floats:
         """(n,) mean of each bin."""
         counts = np.full(len(self._sums), self.stride)
-        counts[-1] = self._in_last
+        counts[-1] = self._last_count
         means: Floats = np.array(self._sums) / counts
         return means
 
-    def top(self) -> Floats:
+    def maximum(self) -> Floats:
         """(n,) largest of each bin."""
-        return np.array(self._tops)
+        return np.array(self._maxima)
 
 
 class _Curves:
-    """What a figure is drawn from; every curve has the same bins."""
+    """The curves of a figure; all have the same bins."""
 
     def __init__(self) -> None:
         self.frames = 0
         self.first = 0
-        self.values: dict[str, Binned] = {}
-        self.stages: dict[str, Binned] = {}
+        self.values: dict[str, BinnedCurve] = {}
+        self.stages: dict[str, BinnedCurve] = {}
 
     def add(self, frame: OutputFrame) -> None:
         if self.frames == 0:
@@ -190,17 +192,17 @@ class _Curves:
             "recorded": 1e3 * metrics["recorded_penetration_m"],
             "global": 1e3 * deepest,
             "residual": 1e3 * metrics["residual_penetration_m"],
-            "moved": 1e3 * metrics["correction_m"],
-            "turned": float(np.degrees(metrics["correction_rad"])),
+            "translation": 1e3 * metrics["correction_m"],
+            "rotation": float(np.degrees(metrics["correction_rad"])),
             "contacts": metrics["contacts"],
             "impacts": metrics["impacts"],
         }
         for name, value in values.items():
-            self.values.setdefault(name, Binned()).add(value)
+            self.values.setdefault(name, BinnedCurve()).add(value)
         times = {stage.name: stage.ns / 1e3 for stage in frame.timing}
         for name in dict.fromkeys([*self.stages, *times]):
             if name not in self.stages:
-                self.stages[name] = Binned()
+                self.stages[name] = BinnedCurve()
                 for _ in range(self.frames):
                     self.stages[name].add(0.0)
             self.stages[name].add(times.get(name, 0.0))
@@ -209,7 +211,7 @@ class _Curves:
     def x(self) -> Floats:
         """Frame number at which each bin begins."""
         bins = self.values["recorded"]
-        starts: Floats = self.first + bins.stride * np.arange(len(bins.top()), dtype=np.float64)
+        starts: Floats = self.first + bins.stride * np.arange(len(bins.maximum()), dtype=np.float64)
         return starts
 
 
@@ -247,13 +249,14 @@ def _draw(log: OutputLog, curves: _Curves, panels: list[str], scale: str) -> Fig
         seconds = (log.end_ns - log.start_ns) / 1e9
         title = f"{log.path.stem}: {curves.frames:,} frames in {seconds:,.1f} s"
         figure.suptitle(title, x=0.012, horizontalalignment="left", fontsize=9.0, fontweight="bold")
-        _freeze(figure)
+        _fix_layout(figure)
     return figure
 
 
-def _freeze(figure: Figure) -> None:
-    """Lay the panels out once and round their places: the solver of the layout varies in the last bits from run to run,
-    and the names of an SVG's parts are hashes of such numbers.
+def _fix_layout(figure: Figure) -> None:
+    """Run the layout once and round the axes' positions, so that equal inputs give equal bytes.
+
+    The layout solver varies in the last bits from run to run, and ids in an SVG are hashes of such numbers.
     """
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
@@ -265,46 +268,59 @@ def _freeze(figure: Figure) -> None:
 def _draw_times(axis: Axes, curves: _Curves, scale: str) -> None:
     """Times of the step's stages, stacked, or on a logarithmic axis as lines."""
     x, overall = curves.x(), curves.stages.get("step")
-    stages = {name: series for name, series in curves.stages.items() if name.startswith("step.") and series.top().any()}
+    stages = {
+        name: series for name, series in curves.stages.items() if name.startswith("step.") and series.maximum().any()
+    }
     stages = {name: series for name, series in stages.items() if name.count(".") == 1} or stages
     parts = {name.removeprefix("step."): series.mean() for name, series in stages.items()}
     total = overall.mean() if overall is not None else np.sum(list(parts.values()), axis=0)
-    parts = {name: values for name, values in parts.items() if values.sum() > VISIBLE * total.sum()}
-    rest = np.maximum(total - np.sum(list(parts.values()), axis=0), 0.0) if parts else total
-    if rest.sum() > 0.02 * total.sum():
-        parts["other"] = rest
+    parts = {name: values for name, values in parts.items() if values.sum() > MIN_STAGE_SHARE * total.sum()}
+    remainder = np.maximum(total - np.sum(list(parts.values()), axis=0), 0.0) if parts else total
+    if remainder.sum() > 0.02 * total.sum():
+        parts["other"] = remainder
     if scale == "auto":
         typical = max(float(np.median(total)), 1e-3)
-        scale = "log" if float(np.percentile(total, 99)) / typical > LOG_FROM else "linear"
+        scale = "log" if float(np.percentile(total, 99)) / typical > LOG_SCALE_RATIO else "linear"
     axis.set_ylabel("frame time [µs]")
     if scale == "log":
         axis.plot(x, total, color=_PALE, label="whole", linewidth=0.6)
         for k, (name, values) in enumerate(parts.items()):
-            at, middle = _medians(x, values)
+            positions, middle = _medians(x, values)
             colour, dashes = _STAGES[k % len(_STAGES)], _DASHES[k % len(_DASHES)]
             axis.plot(
-                at, np.where(middle > 0, middle, np.nan), color=colour, linestyle=dashes, label=name, linewidth=1.1
+                positions,
+                np.where(middle > 0, middle, np.nan),
+                color=colour,
+                linestyle=dashes,
+                label=name,
+                linewidth=1.1,
             )
         axis.set_yscale("log")
         axis.set_ylim(bottom=max(0.1, float(np.percentile(total[total > 0], 1)) / 10) if total.any() else 0.1)
     else:
         axis.stackplot(x, *parts.values(), labels=list(parts), colors=_STAGES, linewidth=0.0)
-        top = HEADROOM * float(np.percentile(total, 99.5))
-        beyond = total > top
-        if top > 0:
-            axis.set_ylim(0.0, top)
+        maximum = HEADROOM * float(np.percentile(total, 99.5))
+        beyond = total > maximum
+        if maximum > 0:
+            axis.set_ylim(0.0, maximum)
         if beyond.any():
             label = f"beyond: up to {total.max():,.0f} µs"
             axis.plot(
-                x[beyond], np.full(int(beyond.sum()), top), "v", color=_INK, markersize=3, clip_on=False, label=label
+                x[beyond],
+                np.full(int(beyond.sum()), maximum),
+                "v",
+                color=_INK,
+                markersize=3,
+                clip_on=False,
+                label=label,
             )
     axis.yaxis.set_major_formatter(lambda value, _: f"{value:,g}")
     _legend(axis, reverse=scale == "linear")
 
 
 def _medians(x: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """Medians of at most `LINE_POINTS` equal stretches of a curve, at the middles of these."""
-    length = -(-len(values) // LINE_POINTS)
+    """Centres and medians of at most `MAX_LINE_POINTS` equal intervals of a curve."""
+    length = -(-len(values) // MAX_LINE_POINTS)
     starts = range(0, len(values), length)
     middles: Floats = np.array([np.median(values[k : k + length]) for k in starts])
     return np.array([x[k : k + length].mean() for k in starts]), middles
@@ -313,7 +329,7 @@ def _medians(x: Floats, values: Floats) -> tuple[Floats, Floats]:
 def _draw_penetration(axis: Axes, curves: _Curves) -> None:
     x = curves.x()
     axis.set_ylabel("penetration [mm]")
-    recorded, depth, left = (curves.values[name].top() for name in ("recorded", "global", "residual"))
+    recorded, depth, left = (curves.values[name].maximum() for name in ("recorded", "global", "residual"))
     axis.fill_between(x, recorded, color=_BLUE, alpha=0.25, linewidth=0.0)
     axis.plot(x, recorded, color=_BLUE, label="as recorded, deepest piece")
     axis.plot(x, depth, color=_RED, linestyle=_DASHED, label="global depth PD", linewidth=1.0)
@@ -325,13 +341,13 @@ def _draw_penetration(axis: Axes, curves: _Curves) -> None:
 def _draw_correction(axis: Axes, curves: _Curves) -> None:
     x = curves.x()
     axis.set_ylabel("correction [mm]")
-    moved, rotated = curves.values["moved"].top(), curves.values["turned"].top()
-    axis.plot(x, moved, color=_BLUE, label="moved")
+    translations, rotations = curves.values["translation"].maximum(), curves.values["rotation"].maximum()
+    axis.plot(x, translations, color=_BLUE, label="moved")
     axis.set_ylim(bottom=0.0)
-    if rotated.max() > 1e-3:
+    if rotations.max() > 1e-3:
         axis.plot([], [], color=_RED, linestyle=_DASHED, label="turned")  # for the legend
         angles = axis.twinx()
-        angles.plot(x, rotated, color=_RED, linestyle=_DASHED)
+        angles.plot(x, rotations, color=_RED, linestyle=_DASHED)
         angles.set_ylabel("turned [°]", color=_RED)
         angles.set_ylim(bottom=0.0)
         angles.grid(False)
@@ -344,7 +360,7 @@ def _draw_contacts(axis: Axes, curves: _Curves) -> None:
 
     x = curves.x()
     axis.set_ylabel("contacts")
-    contacts, impacts = curves.values["contacts"].top(), curves.values["impacts"].top()
+    contacts, impacts = curves.values["contacts"].maximum(), curves.values["impacts"].maximum()
     axis.fill_between(x, contacts, step="post", color=_BLUE, alpha=0.55, linewidth=0.0, label="contact points")
     if impacts.any():
         hit = impacts > 0
@@ -364,7 +380,7 @@ def _draw_contacts(axis: Axes, curves: _Curves) -> None:
 
 
 def _legend(axis: Axes, *, reverse: bool = False) -> None:
-    """A legend above the panel, where it hides nothing."""
+    """A legend above the panel, outside of the axes."""
     handles, labels = axis.get_legend_handles_labels()
     if reverse:
         handles, labels = handles[::-1], labels[::-1]

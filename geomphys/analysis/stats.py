@@ -1,4 +1,4 @@
-"""Figures of one output or many: percentiles of penetration, correction, speeds, jerks and stage times."""
+"""Statistics of one or more outputs: percentiles of penetration, correction, speeds, jerks and stage times."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from geomphys.numerics.motion_rates import MotionMeter
 from geomphys.numerics.quantiles import Quantiles
 from geomphys.output.output_log import OutputFrame, open_output
 from geomphys.output.summary import FLAG_NAMES, RESIDUAL_LIMIT_M
+from geomphys.storage.remote_files import AnyPath
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -34,7 +34,7 @@ _MOTIONS = ("recorded", "corrected", "correction")
 
 @dataclass(frozen=True, kw_only=True)
 class Distribution:
-    """A series of values >= 0 in figures, in the unit of its name."""
+    """Distribution of a series of values >= 0, in the unit of its name."""
 
     count: int
     mean: float
@@ -47,7 +47,7 @@ class Distribution:
 
 @dataclass(frozen=True, kw_only=True)
 class OutputStatistics:
-    """An output, or all together, in figures. SI units.
+    """Statistics of an output, or of all together, in SI units.
 
     `values` holds, over frames: ``recorded_penetration_m``, ``correction_m`` and ``correction_rad`` where they are above
     0, ``contacts`` of the frames in contact, ``residual_penetration_m`` and ``iterations`` of all; and of the fastest
@@ -72,7 +72,7 @@ class OutputStatistics:
 
 @dataclass(frozen=True, kw_only=True)
 class Statistics:
-    """Outputs one by one, and all together."""
+    """Statistics of each output, and of all together."""
 
     outputs: tuple[OutputStatistics, ...]
     all: OutputStatistics
@@ -83,7 +83,7 @@ class Statistics:
 
 
 def statistics_of(
-    outputs: Sequence[Path | str], *, progress: Callable[[int, int | None], None] | None = None
+    outputs: Sequence[AnyPath | str], *, progress: Callable[[int, int | None], None] | None = None
 ) -> Statistics:
     """Read outputs and return their figures; memory does not grow with their length.
 
@@ -105,16 +105,16 @@ def statistics_of(
         raise ValueError("statistics of no output at all")
     logs = [open_output(path) for path in outputs]
     total, done = sum(log.frame_count for log in logs), 0
-    together = _Series()
+    combined = _OutputTotals()
     found: list[OutputStatistics] = []
     for log in logs:
-        series = _Series() if len(logs) > 1 else together
-        motion = _Motion()
+        series = _OutputTotals() if len(logs) > 1 else combined
+        motion = _MotionRates()
         for frame in log.frames(["/tf", "/recorded/tf", "/metrics", "/timing"]):
-            moved = motion.add(frame)
-            series.add(frame, moved)
-            if series is not together:
-                together.add(frame, moved)
+            rates = motion.add(frame)
+            series.add(frame, rates)
+            if series is not combined:
+                combined.add(frame, rates)
             done += 1
             if progress is not None:
                 progress(done, total)
@@ -122,13 +122,13 @@ def statistics_of(
             raise LogError(f"{log.path}: holds no frame")
         duration = (log.end_ns - log.start_ns) / 1e9
         series.duration_s = duration
-        if series is not together:
-            together.duration_s += duration
+        if series is not combined:
+            combined.duration_s += duration
         found.append(series.statistics(str(log.path), log.complete))
-    return Statistics(outputs=tuple(found), all=together.statistics("all", all(o.complete for o in found)))
+    return Statistics(outputs=tuple(found), all=combined.statistics("all", all(o.complete for o in found)))
 
 
-class _Motion:
+class _MotionRates:
     """Speeds and jerks of the driven bodies from one frame to the next."""
 
     def __init__(self) -> None:
@@ -150,8 +150,8 @@ class _Motion:
 
 
 @dataclass
-class _Series:
-    """What is gathered of one output, or of all."""
+class _OutputTotals:
+    """Totals accumulated over one output, or over all."""
 
     frames: int = 0
     duration_s: float = 0.0
@@ -165,7 +165,7 @@ class _Series:
     _values: dict[str, Quantiles] = field(default_factory=dict)
     _stages: dict[str, Quantiles] = field(default_factory=dict)
 
-    def add(self, frame: OutputFrame, moved: dict[str, float]) -> None:
+    def add(self, frame: OutputFrame, rates: dict[str, float]) -> None:
         metrics = frame.metrics
         self.frames += 1
         self._in_contact += metrics["contacts"] > 0
@@ -181,11 +181,11 @@ class _Series:
         for name in _METRICS:
             value = float(metrics[name])
             if value > 0.0 or name in ("residual_penetration_m", "iterations"):
-                self._take(self._values, name, value)
-        for name, value in moved.items():
-            self._take(self._values, name, value)
+                self._add_value(self._values, name, value)
+        for name, value in rates.items():
+            self._add_value(self._values, name, value)
         for stage in frame.timing:
-            self._take(self._stages, stage.name, float(stage.ns))
+            self._add_value(self._stages, stage.name, float(stage.ns))
 
     def statistics(self, name: str, complete: bool) -> OutputStatistics:
         motions = [f"{motion}_{unit}" for unit in ("speed_m_s", "jerk_m_s3") for motion in _MOTIONS]
@@ -206,7 +206,7 @@ class _Series:
         )
 
     @staticmethod
-    def _take(series: dict[str, Quantiles], name: str, value: float) -> None:
+    def _add_value(series: dict[str, Quantiles], name: str, value: float) -> None:
         if name not in series:
             series[name] = Quantiles()
         series[name].add(value)

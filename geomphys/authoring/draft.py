@@ -35,7 +35,7 @@ from geomphys.scene.meshes import load_mesh, require_closed
 from geomphys.scene.scene_file import parse_scene
 from geomphys.scene.skeleton import Skeleton, load_skeleton, require_solid
 from geomphys.scene.urdf_file import MeshShape
-from geomphys.storage.remote_files import as_path
+from geomphys.storage.remote_files import AnyPath, as_path
 
 TALL = 0.8
 """m; an avatar whose links reach further in its zero pose is a body, which yields limb by limb; a smaller one a hand."""
@@ -72,7 +72,7 @@ class SceneDraft:
 
 
 def draft_scene(
-    log: Path | str, urdfs: Sequence[Path | str], *, folder: Path | str = ".", recover: bool = False
+    log: AnyPath | str, urdfs: Sequence[Path | str], *, folder: Path | str = ".", recover: bool = False
 ) -> SceneDraft:
     """Draft a scene file for a log and the avatars it is of.
 
@@ -163,7 +163,7 @@ def _avatar(
     angles = judge_angles(skeleton, topic, used or matches)
     mimics = {j.name for j in skeleton.joints if j is not None and j.mimics is not None}
     found = {m.recorded for m in matches} | mimics
-    path, stem = os.path.relpath(skeleton.path, folder), skeleton.path.stem
+    path, stem = os.path.relpath(str(skeleton.path), folder), skeleton.path.stem
     return AvatarDraft(
         name=_name(stem, {a.name for a in before}),
         urdf=Path(path).as_posix(),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +16,14 @@ from geomphys.recording.reader import open_log
 from geomphys.recording.space import RecordedSpace
 from geomphys.recording.streams import VALUE_LIMIT, Seven, good_pose
 from geomphys.scene.skeleton import Skeleton
+from geomphys.storage.remote_files import AnyPath
 
 SAMPLES = 400
 """Poses that are looked at, at most twice as many."""
 
 
 def lowest_link(
-    log: Path,
+    log: AnyPath,
     skeleton: Skeleton,
     root: str,
     joints: str,

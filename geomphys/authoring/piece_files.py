@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import colorsys
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from geomphys.errors import OutputError, SceneError
 from geomphys.output.sink import OutputFile
-from geomphys.scene.decomposition import Pieces, Progress, Uncut, decompose_all
+from geomphys.scene.decomposition import Decomposed, DecompositionTask, Progress, decompose_all
 from geomphys.scene.meshes import load_mesh
 from geomphys.scene.scene_file import load_scene_file
 from geomphys.scene.scene_values import Decomposition
 from geomphys.scene.skeleton import load_skeleton
 from geomphys.scene.urdf_file import MeshShape
+from geomphys.storage.remote_files import AnyPath
 
 FORMATS = (".glb", ".obj", ".ply", ".stl")
 """Suffixes of what `write_pieces` can write."""
@@ -25,7 +25,7 @@ FORMATS = (".glb", ".obj", ".ply", ".stl")
 class MeshUse(NamedTuple):
     """A mesh as a scene uses it; the same mesh in another size counts as another."""
 
-    path: Path
+    path: AnyPath
     scale: tuple[float, float, float]  # file units to m
     how: Decomposition
 
@@ -34,10 +34,10 @@ class MeshUse(NamedTuple):
 class DecomposedMesh:
     """A mesh and its convex pieces."""
 
-    path: Path
+    path: AnyPath
     scale: tuple[float, float, float]
     triangles: int
-    pieces: Pieces
+    pieces: Decomposed
 
     def as_dict(self) -> dict[str, Any]:
         """Figures of it, fit for JSON; lengths in m."""
@@ -50,13 +50,13 @@ class DecomposedMesh:
             "vertices": [len(hull) for hull in self.pieces.hulls],
             "threshold": self.pieces.threshold,
             "seed": self.pieces.seed,
-            "uncovered_m": self.pieces.uncovered,
+            "uncovered_m": self.pieces.uncovered_m,
             "seconds": self.pieces.seconds,
             "cached": self.pieces.cached,
         }
 
 
-def meshes_of_file(path: Path) -> list[MeshUse]:
+def meshes_of_file(path: AnyPath) -> list[MeshUse]:
     """Return the meshes a file stands for: a mesh itself, or those a scene file (.toml) or a URDF collides with.
 
     Raises SceneError or ModelError if the file is wrong.
@@ -79,14 +79,14 @@ def meshes_of_file(path: Path) -> list[MeshUse]:
     return list(dict.fromkeys(uses))
 
 
-def _meshes_of_urdf(path: Path, how: Decomposition) -> list[MeshUse]:
+def _meshes_of_urdf(path: AnyPath, how: Decomposition) -> list[MeshUse]:
     """Return the meshes of a URDF's collision geometry."""
     shapes = [geometry.shape for link in load_skeleton(path).links for geometry in link.collisions]
     return [MeshUse(shape.path, shape.scale, how) for shape in shapes if isinstance(shape, MeshShape)]
 
 
 def decompose_file(
-    path: Path, *, threshold: float | None = None, seed: int = 0, progress: Progress | None = None
+    path: AnyPath, *, threshold: float | None = None, seed: int = 0, progress: Progress | None = None
 ) -> tuple[DecomposedMesh, ...]:
     """Cut the meshes of a file into convex pieces, as a replay does, and keep them in its cache.
 
@@ -107,7 +107,7 @@ def decompose_file(
         The file or a mesh is wrong, or a mesh cannot be decomposed.
     """
     uses = meshes_of_file(path)
-    meshes = [Uncut(load_mesh(use.path, np.array(use.scale)), use.how) for use in uses]
+    meshes = [DecompositionTask(load_mesh(use.path, np.array(use.scale)), use.how) for use in uses]
     cut = decompose_all(meshes, threshold=threshold, seed=seed, progress=progress)
     return tuple(
         DecomposedMesh(path=use.path, scale=use.scale, triangles=len(mesh.faces), pieces=pieces)
@@ -115,7 +115,7 @@ def decompose_file(
     )
 
 
-def write_pieces(pieces: Pieces, out: Path, *, force: bool = False) -> None:
+def write_pieces(pieces: Decomposed, out: AnyPath, *, force: bool = False) -> None:
     """Write convex pieces as a mesh file, each in its own colour, in metres.
 
     Raises OutputError for a suffix that is none of `FORMATS`, a file that exists without `force`, a full disk.

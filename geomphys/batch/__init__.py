@@ -1,1 +1,1 @@
-"""Many logs through the pipeline: planned, run by processes or a Dask cluster, recorded in a manifest, resumed."""
+"""Replays many logs, in processes or on a Dask cluster, with a manifest that allows a batch to be resumed."""

@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM wait while code runs that an exception out of a handler would leave half done."""
+"""Defers SIGINT and SIGTERM during code that an exception raised by a handler would leave in an inconsistent state."""
 
 from __future__ import annotations
 
@@ -7,41 +7,41 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-STOPPING = (signal.SIGINT, signal.SIGTERM)
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextmanager
 def signals_deferred() -> Iterator[None]:
-    """Keep the signals that come until the end, and give them to their handlers then.
+    """Record the signals that arrive in the block and pass them to their handlers at its end.
 
-    Masking them would not do: Python runs handlers in the main thread whichever thread the system picks. Keep it short.
-    In another thread than the main one, where no handler ever runs, it does nothing.
+    Masking them is not enough: the system may deliver a signal to any thread, and Python runs the handler in the main
+    one. The block should be short. In other threads than the main one this does nothing.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    noted: list[int] = []
-    before = {number: signal.signal(number, lambda came, _: noted.append(came)) for number in STOPPING}
+    pending: list[int] = []
+    before = {number: signal.signal(number, lambda received, _: pending.append(received)) for number in STOP_SIGNALS}
     try:
         yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-        for came in noted:
-            signal.raise_signal(came)
+        for received in pending:
+            signal.raise_signal(received)
 
 
 @contextmanager
 def blocked_in_children() -> Iterator[None]:
-    """Let a process that is begun meanwhile start with the signals blocked, until it calls `take_signals`."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
+    """Start processes in the block with the signals blocked, until they call `restore_signals`."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def take_signals() -> None:
-    """In a process begun under `blocked_in_children`: leave Ctrl-C to the parent, and take SIGTERM again."""
+def restore_signals() -> None:
+    """In a process begun under `blocked_in_children`: ignore Ctrl-C, which the parent handles, and unblock SIGTERM."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPPING)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, STOP_SIGNALS)

@@ -1,7 +1,7 @@
-"""Where the jobs of a batch run: processes of this machine, or the workers of a Dask scheduler.
+"""Runs the jobs of a batch in processes of this machine or on the workers of a Dask scheduler.
 
-An engine takes jobs and yields ``(index, outcome)`` as they end, in any order. If it is left before its end, it asks
-the jobs that run to stop, and waits for them as far as it can.
+An executor is a generator of ``(index, outcome)`` in the order in which jobs end. If it is closed early it asks the
+running jobs to stop and waits for them.
 """
 
 from __future__ import annotations
@@ -17,137 +17,140 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, cast
 
 from geomphys.batch.deferred_signals import blocked_in_children, signals_deferred
 from geomphys.batch.job import Job, Outcome, failure, run_job
-from geomphys.batch.worker import begin_worker
+from geomphys.batch.worker import initialize_worker
 from geomphys.errors import ClusterError
 from geomphys.jit.kernel import are_compiled
 from geomphys.scene.arrays import World
-from geomphys.storage.remote_files import is_remote
+from geomphys.storage.remote_files import AnyPath, is_remote
 
 Finished = tuple[int, Outcome]
-Waiting = deque[tuple[int, Job]]
+JobQueue = deque[tuple[int, Job]]
 
 
 @dataclass(frozen=True)
 class Control:
-    """What an engine asks and tells."""
+    """Callbacks of the batch that an executor calls."""
 
-    go: Callable[[], bool]
-    """Asked before a job is begun; once it says no, only what runs is waited for."""
-    stop: Callable[[], None]
-    """Tells the jobs that run to stop."""
+    may_start: Callable[[], bool]
+    """Whether another job may start; once false, the executor only waits for running jobs."""
+    request_stop: Callable[[], None]
+    """Ask the running jobs to stop."""
 
 
 POLL_S = 0.1
-"""s; a signal waits so long at most."""
-END_WITHIN_S = 10.0
-"""s; processes whose jobs have ended and that do not end by themselves in this time are killed."""
-CONNECT_S = 10
-"""s; how long a Dask scheduler is waited for."""
+"""s; longest delay of a signal."""
+SHUTDOWN_TIMEOUT_S = 10.0
+"""s; processes that have not exited this long after their jobs are killed."""
+CONNECT_TIMEOUT_S = 10
+"""s; time limit for connecting to a Dask scheduler."""
 
 
 def run_in_processes(
     jobs: Sequence[Job], world: World, count: int, control: Control
 ) -> Generator[Finished, None, None]:
-    """Run jobs in up to `count` processes of their own, which are given the world of all.
+    """Run jobs in up to `count` worker processes, to which the world is sent once.
 
-    Several processes begin with the largest logs, so that none works on one alone for long at the end.
+    With several processes the largest logs come first, which balances their load.
 
     Until the kernels are compiled only one job runs, so that they are compiled once. Where a process dies (killed, out
     of memory), the jobs that ran then run again one at a time; one whose process dies again has failed.
     """
-    waiting: Waiting = deque(enumerate(jobs) if count == 1 else largest_first(jobs))
-    suspects: Waiting = deque()
-    while (waiting or suspects) and control.go():
-        alone = bool(suspects)
-        lost = yield from _run_until_process_dies(suspects if alone else waiting, world, 1 if alone else count, control)
-        if alone and lost:
-            yield lost[0][0], Outcome(status="failed", error="its process died twice; was it short of memory?")
+    queue: JobQueue = deque(enumerate(jobs) if count == 1 else largest_first(jobs))
+    retries: JobQueue = deque()
+    while (queue or retries) and control.may_start():
+        one_at_a_time = bool(retries)
+        lost_jobs = yield from _run_until_process_dies(
+            retries if one_at_a_time else queue, world, 1 if one_at_a_time else count, control
+        )
+        if one_at_a_time and lost_jobs:
+            yield lost_jobs[0][0], Outcome(status="failed", error="its process died twice; was it short of memory?")
         else:
-            suspects.extend(lost)
+            retries.extend(lost_jobs)
 
 
 def _run_until_process_dies(
-    queue: Waiting, world: World, count: int, control: Control
+    queue: JobQueue, world: World, count: int, control: Control
 ) -> Generator[Finished, None, list[tuple[int, Job]]]:
     """Run a queue until it is empty or a process dies; returns the jobs that ran when it died."""
     context = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(count, mp_context=context, initializer=begin_worker, initargs=(pickle.dumps(world),))
+    executor = ProcessPoolExecutor(
+        count, mp_context=context, initializer=initialize_worker, initargs=(pickle.dumps(world),)
+    )
     running: dict[Future[Outcome], tuple[int, Job]] = {}
-    lost: list[tuple[int, Job]] = []
+    lost_jobs: list[tuple[int, Job]] = []
     try:
-        while (running or queue) and not lost:
-            while queue and len(running) < (count if are_compiled() else 1) and control.go():
+        while (running or queue) and not lost_jobs:
+            while queue and len(running) < (count if are_compiled() else 1) and control.may_start():
                 with signals_deferred(), blocked_in_children():
                     running[executor.submit(run_job, queue[0][1])] = queue[0]
                 queue.popleft()
             if not running:
                 break
             with signals_deferred():
-                ended, _ = wait(running, timeout=POLL_S, return_when=FIRST_COMPLETED)
-            for future in sorted(ended, key=lambda f: running[f][0]):
+                completed, _ = wait(running, timeout=POLL_S, return_when=FIRST_COMPLETED)
+            for future in sorted(completed, key=lambda f: running[f][0]):
                 index, job = running.pop(future)
                 error = future.exception()
                 if isinstance(error, BrokenProcessPool):
-                    lost.append((index, job))
+                    lost_jobs.append((index, job))
                 else:
                     yield index, future.result() if error is None else failure(error)
-            if lost:
-                lost = sorted([*lost, *running.values()], key=lambda item: item[0])
+            if lost_jobs:
+                lost_jobs = sorted([*lost_jobs, *running.values()], key=lambda item: item[0])
     except BrokenProcessPool:  # a process died between two jobs
-        lost = sorted(running.values(), key=lambda item: item[0])
+        lost_jobs = sorted(running.values(), key=lambda item: item[0])
     except BaseException:
-        control.stop()
-        _end(executor, running)
+        control.request_stop()
+        _shut_down(executor, running)
         raise
-    _end(executor, running)
-    return lost
+    _shut_down(executor, running)
+    return lost_jobs
 
 
-def _end(executor: ProcessPoolExecutor, running: Iterable[Future[Outcome]]) -> None:
-    """Wait for jobs, which were asked to stop, and their processes; who does not want to wait for them kills them."""
-    ending = threading.Thread(target=executor.shutdown, kwargs={"cancel_futures": True}, daemon=True)
-    ending.start()
+def _shut_down(executor: ProcessPoolExecutor, running: Iterable[Future[Outcome]]) -> None:
+    """Wait for the running jobs, then for their processes; an exception meanwhile kills the processes."""
+    shutdown = threading.Thread(target=executor.shutdown, kwargs={"cancel_futures": True}, daemon=True)
+    shutdown.start()
     try:
         _poll_until(lambda: all(future.done() for future in running), None)
-        _poll_until(lambda: not ending.is_alive(), END_WITHIN_S)
+        _poll_until(lambda: not shutdown.is_alive(), SHUTDOWN_TIMEOUT_S)
     finally:
-        if ending.is_alive():
+        if shutdown.is_alive():
             for process in multiprocessing.active_children():
                 process.kill()
 
 
 def _poll_until(done: Callable[[], bool], limit_s: float | None) -> None:
-    """Wait until something is done, or for `limit_s`; nothing is held up by an exception that comes meanwhile."""
+    """Poll until `done` returns true, at most for `limit_s`."""
     begin = time.monotonic()
     while not done() and (limit_s is None or time.monotonic() - begin < limit_s):
         time.sleep(POLL_S / 10)
 
 
 def largest_first(jobs: Sequence[Job]) -> list[tuple[int, Job]]:
-    """The jobs with their numbers, by size of the log; those behind URLs, whose size is not asked for, at the end."""
+    """The jobs with their numbers, largest log first; logs behind URLs, whose size is not queried, come last."""
     return sorted(enumerate(jobs), key=lambda item: (-_size(item[1].log), item[0]))
 
 
-def _size(log: Path) -> int:
-    """Bytes of a local log; 0 where that is not known."""
+def _size(log: AnyPath) -> int:
+    """Bytes of a local log; 0 if unknown."""
     if is_remote(log):
         return 0
     try:
         files = [path for path in log.rglob("*") if path.is_file()] if log.is_dir() else [log]
         return sum(path.stat().st_size for path in files)
-    except OSError:  # the job tells what is wrong
+    except OSError:  # the job reports the problem
         return 0
 
 
 def run_on_cluster(jobs: Sequence[Job], address: str, control: Control) -> Generator[Finished, None, None]:
     """Run jobs on the workers of the Dask scheduler at `address` (``tcp://host:port``).
 
-    The scheduler gives the jobs of a worker that dies to another one. Paths must mean the same on all machines.
+    The scheduler reruns the jobs of a worker that dies on another one. Paths must be valid on all machines.
 
     Raises
     ------
@@ -159,25 +162,27 @@ def run_on_cluster(jobs: Sequence[Job], address: str, control: Control) -> Gener
     except ImportError as problem:
         raise ClusterError("Dask is not installed; install geomphys[cluster]") from problem
     try:
-        client = cast(Any, Client)(address, timeout=CONNECT_S, set_as_default=False)
+        client = cast(Any, Client)(address, timeout=CONNECT_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError) as problem:
         raise ClusterError(f"{address}: there is no Dask scheduler to be reached ({problem})") from problem
-    with _without_its_log(), client:
+    with _client_log_silenced(), client:
         futures = {
             client.submit(run_job, job, pure=False, priority=-rank): index
             for rank, (index, job) in enumerate(largest_first(jobs))
         }
         try:
-            yield from _as_they_end(futures, cast(Any, as_completed)(futures, loop=client.loop), address, control)
+            yield from _outcomes_of_futures(
+                futures, cast(Any, as_completed)(futures, loop=client.loop), address, control
+            )
         except BaseException:
-            control.stop()
+            control.request_stop()
             client.cancel(list(futures))
             raise
 
 
 @contextmanager
-def _without_its_log() -> Iterator[None]:
-    """Keep Dask from printing the traceback of a connection that is lost: that becomes an error of one line."""
+def _client_log_silenced() -> Iterator[None]:
+    """Silence Dask's traceback of a lost connection, which is reported as a ClusterError instead."""
     log = logging.getLogger("distributed.client")
     before = log.level
     log.setLevel(logging.CRITICAL + 1)
@@ -187,17 +192,19 @@ def _without_its_log() -> Iterator[None]:
         log.setLevel(before)
 
 
-def _as_they_end(futures: dict[Any, int], ended: Iterable[Any], address: str, control: Control) -> Iterator[Finished]:
-    """What Dask's futures come to; no more is begun once `control` says so."""
+def _outcomes_of_futures(
+    futures: dict[Any, int], completed: Iterable[Any], address: str, control: Control
+) -> Iterator[Finished]:
+    """Outcomes of Dask's futures as they complete; pending ones are cancelled once no more may start."""
     stopped = False
-    for future in ended:
+    for future in completed:
         if future.cancelled():
             if not stopped:
                 raise ClusterError(f"{address}: the Dask scheduler was lost; start it again and add --resume")
             continue
         error = future.exception()
         yield futures[future], future.result() if error is None else failure(error)
-        if not stopped and not control.go():
+        if not stopped and not control.may_start():
             stopped = True
             for other in futures:
                 if not other.done():

@@ -1,4 +1,4 @@
-"""One log of a batch, replayed in whatever process it lands in: pure, idempotent, and safe to run twice at once."""
+"""Replays one log of a batch in a worker process: idempotent, and safe to run twice concurrently."""
 
 from __future__ import annotations
 
@@ -20,46 +20,46 @@ from geomphys.output.output_log import open_output
 from geomphys.output.provenance import sha256_of_file, sha256_of_world
 from geomphys.replays import run
 from geomphys.scene.arrays import World
-from geomphys.storage.remote_files import is_remote, move
+from geomphys.storage.remote_files import AnyPath, is_remote, move
 from geomphys.storage.temporary_folders import TemporaryFolder
 
 STOP = "stop"
-"""File in the folder of running jobs; as soon as it is there they end at the frame they are in."""
+"""File in the folder of running jobs; once it exists they end at their current frame."""
 
 POLL_S = 0.2
-"""s; between two looks for `STOP`."""
+"""s; interval between checks for `STOP`."""
 REMOTE_POLL_S = 5.0
-"""s; likewise, where it lies behind a URL."""
+"""s; the same for a folder behind a URL."""
 
 Status = Literal["done", "failed", "interrupted"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """What a worker is told. Paths are absolute and mean the same file on every machine."""
+    """Parameters of a worker's job. Paths are absolute and valid on every machine."""
 
-    log: Path
-    scene: Path
+    log: AnyPath
+    scene: AnyPath
     scene_sha256: str
     world_sha256: str
-    """Both as the batch's own process found them: a worker that finds others fails instead of differing."""
-    out: Path
-    rrd: Path | None
+    """Hashes computed by the batch's own process; a worker that computes others fails."""
+    out: AnyPath
+    rrd: AnyPath | None
     config: Config
     timing: bool
     copy_input: bool
-    running: Path
-    """Folder on the outputs' file system for what is not complete; behind a URL only for `STOP`."""
+    running: AnyPath
+    """Folder on the outputs' file system for incomplete files; behind a URL it holds only `STOP`."""
     version: str = __version__
 
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What became of a job. Hashes are SHA-256 in hexadecimal."""
+    """Result of a job. Hashes are SHA-256 in hexadecimal."""
 
     status: Status
     error: str | None = None
-    traceback: str | None = None  # of a mistake of the program; expected errors have none
+    traceback: str | None = None  # of an internal error; expected errors have none
     input_sha256: str | None = None
     scene_sha256: str | None = None
     out_sha256: str | None = None
@@ -77,57 +77,61 @@ def failure(error: BaseException) -> Outcome:
 
 
 def run_job(job: Job) -> Outcome:
-    """Replay a log and put its outputs in place.
+    """Replay a log and publish its outputs.
 
-    They are written in a folder of this call alone and renamed when complete, so a job that runs twice at once, after a
-    network failure say, writes nothing torn. What is complete of a replay that ends early becomes ``STEM.partial.mcap``.
+    They are written in a folder unique to this call and renamed when complete, so a job that runs twice concurrently,
+    after a network failure for example, leaves no torn file. A replay that ends early leaves ``STEM.partial.mcap``.
     """
     if job.version != __version__:
         raise GeomphysError(
-            f"this worker has geomphys {__version__}, the batch was begun by {job.version}; install the same version"
+            f"this worker has geomphys {__version__}, the batch was started by {job.version}; install the same version"
         )
-    output_folder = TemporaryFolder() if is_remote(job.running) else None
-    place = job.running / f"{job.out.stem}.{uuid.uuid4().hex}" if output_folder is None else output_folder.path
+    output_folder: TemporaryFolder | None = None
+    if is_remote(job.running):
+        output_folder = TemporaryFolder()
+        work_folder = output_folder.path
+    else:
+        work_folder = job.running / f"{job.out.stem}.{uuid.uuid4().hex}"
     try:
-        place.mkdir(exist_ok=True)
-        outcome = _replay(job, place)
+        work_folder.mkdir(exist_ok=True)
+        outcome = _replay(job, work_folder)
         if outcome.status == "done":
-            _publish(job, place)
+            _publish(job, work_folder)
     except GeomphysError as error:
         outcome = failure(error)
     except OSError as error:
         outcome = Outcome(status="failed", error=f"{error.filename or job.out}: {error.strerror or error}")
     finally:
-        _move_partials(job, place)
-        shutil.rmtree(place, ignore_errors=True)
+        _move_partials(job, work_folder)
+        shutil.rmtree(work_folder, ignore_errors=True)
         if output_folder is not None:
             output_folder.close()
     return outcome
 
 
 class _StopRequestedError(Exception):
-    """Somebody made the file `STOP`."""
+    """The file `STOP` exists."""
 
 
-def _replay(job: Job, place: Path) -> Outcome:
-    out = place / job.out.name
-    rrd = None if job.rrd is None else place / job.rrd.name
+def _replay(job: Job, work_folder: Path) -> Outcome:
+    out = work_folder / job.out.name
+    rrd = None if job.rrd is None else work_folder / job.rrd.name
     try:
         summary = run(
             job.log,
-            _world(job.scene, job.config.mode, job.config.seed, job.world_sha256),
+            _load_world_cached(job.scene, job.config.mode, job.config.seed, job.world_sha256),
             out=out,
             rrd=rrd,
             config=job.config,
             timing=job.timing,
             copy_input=job.copy_input,
-            progress=_Stopping(job.running / STOP),
+            progress=_StopFileCheck(job.running / STOP),
         )
     except _StopRequestedError:
         return Outcome(status="interrupted", error="stopped before its end")
     record = open_output(out).metadata
     if record["scene_sha256"] != job.scene_sha256:
-        raise _changed(job.scene)
+        raise _world_changed(job.scene)
     summary = dataclasses.replace(summary, out=str(job.out), rrd=None if job.rrd is None else str(job.rrd))
     return Outcome(
         status="done",
@@ -139,63 +143,63 @@ def _replay(job: Job, place: Path) -> Outcome:
     )
 
 
-_given: dict[str, World] = {}
+_preloaded_worlds: dict[str, World] = {}
 
 
-def give_world(world: World) -> None:
-    """Spare this process from loading the world of its jobs: reading meshes takes longer than many a log."""
-    _given[sha256_of_world(world)] = world
+def preload_world(world: World) -> None:
+    """Make a world available to the jobs of this process, which then need not load its meshes."""
+    _preloaded_worlds[sha256_of_world(world)] = world
 
 
 @lru_cache(maxsize=2)
-def _world(scene: Path, mode: str | None, seed: int, world_sha256: str) -> World:
-    """The world of a scene file: what this process was given, or loaded once."""
-    if world_sha256 in _given:
-        return _given[world_sha256]
+def _load_world_cached(scene: AnyPath, mode: str | None, seed: int, world_sha256: str) -> World:
+    """The world of a scene file: preloaded, or loaded once; SceneError if its hash differs."""
+    if world_sha256 in _preloaded_worlds:
+        return _preloaded_worlds[world_sha256]
     world = load_world(scene, mode=mode, seed=seed)
     if sha256_of_world(world) != world_sha256:
-        raise _changed(scene)
+        raise _world_changed(scene)
     return world
 
 
-def _changed(scene: Path) -> SceneError:
+def _world_changed(scene: AnyPath) -> SceneError:
     return SceneError(
         f"{scene}: is not what the batch began with: it, a mesh or a URDF was changed or differs on this machine; "
         "start the batch again"
     )
 
 
-def _publish(job: Job, place: Path) -> None:
-    """Give complete outputs their names; those of an earlier attempt are replaced, its partial ones removed."""
+def _publish(job: Job, work_folder: Path) -> None:
+    """Move complete outputs to their final paths, replacing those of an earlier attempt and removing its partial ones."""
     for target in (job.out, job.rrd):
         if target is not None:
             try:
-                move(place / target.name, target)
+                move(work_folder / target.name, target)
             except OSError as problem:
                 raise OutputError(f"{target}: cannot be written ({problem.strerror or problem})") from problem
             _partial(target).unlink(missing_ok=True)
 
 
-def _move_partials(job: Job, place: Path) -> None:
+def _move_partials(job: Job, work_folder: Path) -> None:
     for target in (job.out, job.rrd):
-        if target is not None and (place / _partial(target).name).is_file():
-            move(place / _partial(target).name, _partial(target))
+        if target is not None and (work_folder / _partial(target).name).is_file():
+            move(work_folder / _partial(target).name, _partial(target))
 
 
-def _partial(path: Path) -> Path:
+def _partial(path: AnyPath) -> AnyPath:
     return path.with_name(f"{path.stem}.partial{path.suffix}")
 
 
-class _Stopping:
-    """Progress callback that ends the replay once a file is there, looking now and then."""
+class _StopFileCheck:
+    """Progress callback that ends the replay once a file exists; it is checked at intervals."""
 
-    def __init__(self, sign: Path) -> None:
-        self._sign = sign
+    def __init__(self, stop_file: AnyPath) -> None:
+        self._stop_file = stop_file
         self._next = 0.0
 
     def __call__(self, done: int, total: int | None) -> None:
         now = time.monotonic()
         if now >= self._next:
-            self._next = now + (REMOTE_POLL_S if is_remote(self._sign) else POLL_S)
-            if self._sign.exists():
+            self._next = now + (REMOTE_POLL_S if is_remote(self._stop_file) else POLL_S)
+            if self._stop_file.exists():
                 raise _StopRequestedError

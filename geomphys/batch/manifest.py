@@ -1,4 +1,4 @@
-"""The record of a batch: what became of each log, with the hashes that tell whether it has to be replayed again."""
+"""The manifest of a batch: the outcome of each log and the hashes that decide whether it must be replayed again."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ import dataclasses
 import json
 import os
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Literal
 
 from geomphys.errors import OutputError
 from geomphys.output.provenance import sha256_of_file
-from geomphys.storage.remote_files import is_remote
+from geomphys.storage.remote_files import AnyPath, is_remote
 
-FILE = "manifest.json"
+FILE_NAME = "manifest.json"
 FORMAT = 1
 
 EntryStatus = Literal["pending", "done", "failed", "interrupted"]
@@ -21,7 +20,7 @@ EntryStatus = Literal["pending", "done", "failed", "interrupted"]
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """A log of a batch. Hashes are SHA-256 in hexadecimal; those of a log that is not done are None."""
+    """A log of a batch. Hashes are SHA-256 in hexadecimal, None for a log that is not done."""
 
     log: str
     status: EntryStatus = "pending"
@@ -55,7 +54,7 @@ class Entry:
             and self.rrd == other.rrd
         )
 
-    def outputs_are_complete(self, folder: Path) -> bool:
+    def outputs_are_complete(self, folder: AnyPath) -> bool:
         """Whether the outputs are there and are the bytes that were written."""
         files = ((self.out, self.out_sha256), (self.rrd, self.rrd_sha256))
         return all(
@@ -66,20 +65,20 @@ class Entry:
 
 @dataclass
 class Manifest:
-    """All entries of a folder by the name of their output; `save` replaces the file at once."""
+    """All entries of a folder by the name of their output; `save` replaces the file atomically."""
 
-    folder: Path
+    folder: AnyPath
     entries: dict[str, Entry] = field(default_factory=dict)
 
     @property
-    def path(self) -> Path:
+    def path(self) -> AnyPath:
         """The file."""
-        return self.folder / FILE
+        return self.folder / FILE_NAME
 
     @classmethod
-    def load(cls, folder: Path) -> Manifest:
+    def load(cls, folder: AnyPath) -> Manifest:
         """Read the manifest of a folder, an empty one if it has none; raises OutputError if it cannot be understood."""
-        path = folder / FILE
+        path = folder / FILE_NAME
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
         except FileNotFoundError:
@@ -99,25 +98,25 @@ class Manifest:
         return cls(folder, {entry.out: entry for entry in entries})
 
     def as_dict(self) -> dict[str, Any]:
-        """What the file holds."""
+        """The content of the file."""
         logs = [dataclasses.asdict(self.entries[out]) for out in sorted(self.entries)]
         return {"format": FORMAT, "logs": logs}
 
     def save(self) -> None:
-        """Write the file beside its name and rename it; raises OutputError if the folder refuses."""
+        """Write a temporary file and rename it; raises OutputError if the folder refuses."""
         if is_remote(self.path):
             try:
                 self.path.write_bytes((json.dumps(self.as_dict(), indent=1, ensure_ascii=False) + "\n").encode())
             except OSError as problem:
                 raise OutputError(f"{self.path}: cannot be written ({problem.strerror or problem})") from problem
             return
-        beside = self.path.with_name(f".{FILE}.tmp")
+        temporary = self.path.with_name(f".{FILE_NAME}.tmp")
         try:
-            with beside.open("w", encoding="utf-8") as stream:
+            with temporary.open("w", encoding="utf-8") as stream:
                 json.dump(self.as_dict(), stream, indent=1, ensure_ascii=False)
                 stream.write("\n")
                 stream.flush()
                 os.fsync(stream.fileno())
-            os.replace(beside, self.path)
+            os.replace(temporary, self.path)
         except OSError as problem:
             raise OutputError(f"{self.path}: cannot be written ({problem.strerror or problem})") from problem

@@ -1,4 +1,4 @@
-"""Which logs a batch replays, and under which names their outputs stand."""
+"""Finds the logs of a batch and names their outputs."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import cast
 
 from geomphys.errors import LogError, OutputError
 from geomphys.recording.bag import METADATA
-from geomphys.storage.remote_files import RemotePath, as_path, is_remote
+from geomphys.storage.remote_files import AnyPath, RemotePath, as_path, is_remote, lies_within, relative_path
 
 PARTIAL = ".partial.mcap"
 
@@ -20,14 +19,14 @@ class PlannedLog:
     """A log and the name of its outputs: `name`.mcap and `name`.rrd below the batch's folder."""
 
     name: str
-    log: Path  # absolute
+    log: AnyPath  # absolute
 
 
-def plan_logs(inputs: Sequence[Path | str], folder: Path | str) -> tuple[PlannedLog, ...]:
+def plan_logs(inputs: Sequence[AnyPath | str], folder: AnyPath | str) -> tuple[PlannedLog, ...]:
     """Find the logs among `inputs` and name their outputs, sorted by name.
 
     A file gives ``STEM``, a ROS 2 bag (a folder with metadata.yaml) the folder's name. Of any other folder all
-    ``*.mcap`` files and bags in it and below it are taken, and their outputs keep their place below it:
+    ``*.mcap`` files and bags in it and below it are taken, and their outputs keep their relative path:
     ``DIR/monday/take1.mcap`` becomes ``monday/take1``. Hidden files, ``*.partial.mcap`` and what lies in the batch's own
     `folder` are left out. A log named twice is replayed once. Files and folders may be URLs; whether a file
     ``….mcap`` behind one is there is seen when it is replayed.
@@ -39,10 +38,10 @@ def plan_logs(inputs: Sequence[Path | str], folder: Path | str) -> tuple[Planned
     OutputError
         Two different logs would have the same output.
     """
-    found: dict[str, Path] = {}
+    found: dict[str, AnyPath] = {}
     output_folder = as_path(folder).resolve()
-    for given in map(as_path, inputs):
-        for name, log in _logs_of(given, output_folder):
+    for input_path in map(as_path, inputs):
+        for name, log in _logs_of(input_path, output_folder):
             log = log.resolve()
             other = found.setdefault(name, log)
             if other != log:
@@ -59,27 +58,27 @@ def plan_logs(inputs: Sequence[Path | str], folder: Path | str) -> tuple[Planned
     return tuple(PlannedLog(name, found[name]) for name in names)
 
 
-def _logs_of(given: Path, output_folder: Path) -> Iterator[tuple[str, Path]]:
+def _logs_of(input_path: AnyPath, output_folder: AnyPath) -> Iterator[tuple[str, AnyPath]]:
     """Name and path of each log of one input."""
-    if (is_remote(given) and given.suffix == ".mcap") or given.is_file():
-        yield given.stem, given
-    elif not given.is_dir():
-        raise LogError(f"{given}: there is no such log")
-    elif (given / METADATA).is_file():
-        yield given.resolve().name, given
+    if (is_remote(input_path) and input_path.suffix == ".mcap") or input_path.is_file():
+        yield input_path.stem, input_path
+    elif not input_path.is_dir():
+        raise LogError(f"{input_path}: there is no such log")
+    elif (input_path / METADATA).is_file():
+        yield input_path.resolve().name, input_path
     else:
-        logs = sorted(_below(given, output_folder))
+        logs = sorted(_logs_under(input_path, output_folder))
         if not logs:
-            raise LogError(f"{given}: holds neither an MCAP file nor a ROS 2 bag")
+            raise LogError(f"{input_path}: holds neither an MCAP file nor a ROS 2 bag")
         for log in logs:
-            within = log.relative_to(given)
+            within = relative_path(log, input_path)
             yield (within if log.is_dir() else within.with_suffix("")).as_posix(), log
 
 
-def _below(folder: Path, output_folder: Path) -> Iterator[Path]:
+def _logs_under(folder: AnyPath, output_folder: AnyPath) -> Iterator[AnyPath]:
     """MCAP files and bags in a folder and its subfolders."""
     if is_remote(folder):
-        yield from _below_url(folder, output_folder)
+        yield from _logs_under_url(folder, output_folder)
         return
     for directory, folders, files in os.walk(folder):
         current = Path(directory)
@@ -100,17 +99,15 @@ def _is_log(name: str) -> bool:
     return name.endswith(".mcap") and not name.endswith(PARTIAL) and not name.startswith(".")
 
 
-def _below_url(folder: RemotePath, output_folder: Path) -> Iterator[Path]:
-    """The same of a folder behind a URL."""
+def _logs_under_url(folder: RemotePath, output_folder: AnyPath) -> Iterator[AnyPath]:
+    """MCAP files and bags below a folder behind a URL."""
     files = folder.files()
     bags = {file.parent for file in files if file.name == METADATA} - {folder}
-    yield from (
-        cast(Path, bag) for bag in bags if not any(bag != other and bag.is_relative_to(other) for other in bags)
-    )
+    yield from (bag for bag in bags if not any(bag != other and lies_within(bag, other) for other in bags))
     for file in files:
-        hidden = any(part.startswith(".") for part in file.relative_to(folder).parts)
-        inside = any(file.is_relative_to(bag) for bag in bags) or (
-            output_folder != folder and file.is_relative_to(output_folder)
+        hidden = any(part.startswith(".") for part in relative_path(file, folder).parts)
+        inside = any(lies_within(file, bag) for bag in bags) or (
+            output_folder != folder and lies_within(file, output_folder)
         )
         if _is_log(file.name) and not hidden and not inside:
-            yield cast(Path, file)
+            yield file

@@ -1,8 +1,8 @@
-"""One batch at a time in a folder behind a URL: an object that says who is at work there.
+"""Locks a folder behind a URL for one batch, by an object that names its owner.
 
-The object is made by a conditional write, of which a store lets one succeed. It stays when its batch is killed. On the
-machine and for the user it was made by, it is then known to be left over and is taken over: while a batch runs it keeps
-a file in the user's cache locked as well (``flock``), whose random name in the object tells that this is the file.
+The object is created by a conditional write, of which a store lets only one succeed. It remains when its batch is
+killed. The same user on the same machine can then replace it: a running batch also locks a file in the user's cache
+(``flock``), and the object holds that file's random identity.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from geomphys.errors import OutputError
-from geomphys.storage.cache import user_folder
+from geomphys.storage.cache import user_cache_folder
 from geomphys.storage.remote_files import RemotePath
 
 LOCK = "lock.json"
@@ -50,21 +50,23 @@ def remote_lock_held(path: RemotePath) -> Iterator[None]:
             "machine": _identity(local),
             "batch": uuid.uuid4().hex,
         }
-        _take(path, own_record)
+        _acquire(path, own_record)
         try:
             yield
         finally:
-            _give_back(path, own_record)
+            _release(path, own_record)
     finally:
         os.close(local)
 
 
-def _take(path: RemotePath, own_record: dict[str, Any]) -> None:
-    """Make the object; one that a batch of this machine left which is gone is replaced."""
+def _acquire(path: RemotePath, own_record: dict[str, Any]) -> None:
+    """Create the object, replacing one left by a batch of this machine that no longer runs."""
     data = (json.dumps(own_record, indent=1) + "\n").encode()
     try:
-        left = _read(path)
-        if left is not None and _is_of(left, own_record):  # its batch would keep the local file locked, if it lived
+        existing = _read(path)
+        if existing is not None and _is_from_same_machine(
+            existing, own_record
+        ):  # a running batch would hold the local lock
             path.unlink(missing_ok=True)
         path.create(data)
         holder = _read(path)
@@ -72,11 +74,11 @@ def _take(path: RemotePath, own_record: dict[str, Any]) -> None:
         raise _refused(path, _read_or_none(path)) from None
     except OSError as problem:
         raise OutputError(f"{path}: cannot be written ({problem.strerror or problem})") from problem
-    if holder != own_record:  # the store does not know conditional writes
+    if holder != own_record:  # the store does not support conditional writes
         raise _refused(path, holder)
 
 
-def _give_back(path: RemotePath, own_record: dict[str, Any]) -> None:
+def _release(path: RemotePath, own_record: dict[str, Any]) -> None:
     try:
         if _read(path) == own_record:
             path.unlink(missing_ok=True)
@@ -84,8 +86,8 @@ def _give_back(path: RemotePath, own_record: dict[str, Any]) -> None:
         raise OutputError(f"{path}: cannot be removed ({problem.strerror or problem}); remove it") from problem
 
 
-def _is_of(left: dict[str, Any], own_record: dict[str, Any]) -> bool:
-    return all(left.get(key) == own_record[key] for key in ("host", "machine"))
+def _is_from_same_machine(existing: dict[str, Any], own_record: dict[str, Any]) -> bool:
+    return all(existing.get(key) == own_record[key] for key in ("host", "machine"))
 
 
 def _refused(path: RemotePath, holder: dict[str, Any] | None) -> OutputError:
@@ -98,7 +100,7 @@ def _refused(path: RemotePath, holder: dict[str, Any] | None) -> OutputError:
 
 
 def _read(path: RemotePath) -> dict[str, Any] | None:
-    """What the object says: None if it is not there, nothing if it is none of ours; raises OSError."""
+    """Content of the object: None if it does not exist, empty if it is not a lock; raises OSError."""
     try:
         content = json.loads(path.read_bytes())
     except FileNotFoundError:
@@ -122,7 +124,7 @@ def _folder(path: RemotePath) -> RemotePath:
 
 def _open_local(path: RemotePath) -> int:
     """The file of this user and machine that is locked while a batch works at that URL."""
-    local = user_folder("locks") / hashlib.sha256(str(path).encode()).hexdigest()[:32]
+    local = user_cache_folder("locks") / hashlib.sha256(str(path).encode()).hexdigest()[:32]
     try:
         return os.open(local, os.O_CREAT | os.O_RDWR, 0o600)
     except OSError as problem:
@@ -130,7 +132,7 @@ def _open_local(path: RemotePath) -> int:
 
 
 def _identity(local: int) -> str:
-    """What tells the locked file from that of any other user or machine: random, written when it is first locked."""
+    """Random identity of the locked file, which distinguishes users and machines; written when it is first locked."""
     found = os.pread(local, 64, 0).decode("ascii", "replace")
     if len(found) != 32:
         found = uuid.uuid4().hex

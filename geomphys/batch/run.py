@@ -1,4 +1,4 @@
-"""A batch from its plan to its manifest."""
+"""Runs a batch: plans the logs, replays them and keeps the manifest."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import shutil
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from geomphys import __version__
 from geomphys.batch.executors import Control, Finished, run_in_processes, run_on_cluster
@@ -24,20 +23,20 @@ from geomphys.load import load_world
 from geomphys.output.provenance import sha256_of_file, sha256_of_log, sha256_of_world
 from geomphys.scene.arrays import World
 from geomphys.scene.decomposition import Progress
-from geomphys.storage.remote_files import as_path, is_remote
+from geomphys.storage.remote_files import AnyPath, as_path, is_remote
 
 RUNNING = ".running"
-"""Folder in the batch's folder for what is not complete."""
+"""Name of the folder for incomplete files, in the batch's folder."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class BatchReport:
-    """What became of the logs of a batch, in the order of their names."""
+    """Outcome of a batch: the entries of its logs, sorted by name."""
 
     folder: str
     manifest: str
     entries: tuple[Entry, ...]
-    up_to_date: tuple[str, ...]  # outputs that `resume` found to be good already
+    up_to_date: tuple[str, ...]  # outputs that `resume` left as they are
 
     def count(self, status: str) -> int:
         """How many logs have that status: ``done``, ``failed``, ``interrupted`` or ``pending``."""
@@ -49,9 +48,9 @@ class BatchReport:
 
 
 def run_batch(
-    logs: Sequence[Path | str],
-    scene: Path | str,
-    folder: Path | str,
+    logs: Sequence[AnyPath | str],
+    scene: AnyPath | str,
+    folder: AnyPath | str,
     *,
     config: Config | None = None,
     rrd: bool = False,
@@ -94,12 +93,12 @@ def run_batch(
         Whether logs that the manifest has as done are left alone if their input, the scene with its meshes and URDFs,
         all parameters, the version, and the bytes of the outputs are the same still.
     keep_going : bool
-        Whether the others are replayed if a log fails; otherwise none is begun after that.
+        Whether to go on if a log fails; otherwise no further job is started.
     force : bool
         Whether outputs are replaced that no batch in this folder has made.
     loading : callable, optional
-        Called while meshes are cut for the first time, with what is being done and the share of it that is done. What
-        it raises ends the batch; the meshes that are cut by then are kept.
+        Called during the first convex decomposition of meshes, with a description and the fraction done. What it
+        raises ends the batch; finished decompositions stay in the cache.
     progress : callable, optional
         Called with the logs done and their number.
     ended : callable, optional
@@ -137,7 +136,9 @@ def run_batch(
     ]
     with _working_folder(folder) as running:
         manifest = Manifest.load(folder)
-        up_to_date = tuple(e.out for e in requested if resume and _is_good(manifest.entries.get(e.out), e, folder))
+        up_to_date = tuple(
+            e.out for e in requested if resume and _is_up_to_date(manifest.entries.get(e.out), e, folder)
+        )
         todo = [entry for entry in requested if entry.out not in up_to_date]
         manifest.entries |= {entry.out: entry for entry in todo}
         manifest.save()
@@ -147,7 +148,7 @@ def run_batch(
                 scene=scene,
                 scene_sha256=scene_sha256,
                 world_sha256=world_sha256,
-                out=_absolute(folder / entry.out),
+                out=_with_folder_made(folder / entry.out),
                 rrd=None if entry.rrd is None else folder / entry.rrd,
                 config=config,
                 timing=timing,
@@ -158,14 +159,14 @@ def run_batch(
         ]
         failed = False
 
-        control = Control(go=lambda: keep_going or not failed, stop=(running / STOP).touch)
-        finished = _engine(tasks, world, jobs, scheduler, control)
+        control = Control(may_start=lambda: keep_going or not failed, request_stop=(running / STOP).touch)
+        finished = _execute(tasks, world, jobs, scheduler, control)
         done = len(up_to_date)
         if progress is not None:
             progress(done, len(requested))
         with closing(finished):
             for index, outcome in finished:
-                entry = _entry(todo[index], outcome)
+                entry = _finished_entry(todo[index], outcome)
                 failed = failed or entry.status == "failed"
                 manifest.entries[entry.out] = entry
                 manifest.save()
@@ -182,7 +183,7 @@ def run_batch(
     )
 
 
-def check_outputs(planned: Sequence[PlannedLog], folder: Path, *, rrd: bool, resume: bool, force: bool) -> None:
+def check_outputs(planned: Sequence[PlannedLog], folder: AnyPath, *, rrd: bool, resume: bool, force: bool) -> None:
     """Raise OutputError if an output is an input, or exists and may not be replaced.
 
     With `resume` those that the folder's manifest names may.
@@ -200,7 +201,7 @@ def check_outputs(planned: Sequence[PlannedLog], folder: Path, *, rrd: bool, res
                 raise OutputError(f"{path}: exists; choose another folder, or add --resume or --force")
 
 
-def _engine(
+def _execute(
     jobs: Sequence[Job], world: World, count: int | None, scheduler: str | None, control: Control
 ) -> Generator[Finished, None, None]:
     if scheduler is not None and jobs:
@@ -209,14 +210,14 @@ def _engine(
 
 
 def _processors() -> int:
-    """How many processors this process may use."""
+    """Number of processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _is_good(entry: Entry | None, requested: Entry, folder: Path) -> bool:
-    """Whether an entry of an earlier batch is what is asked for, and its outputs are whole.
+def _is_up_to_date(entry: Entry | None, requested: Entry, folder: AnyPath) -> bool:
+    """Whether an entry of an earlier batch matches the request and its outputs are intact.
 
-    What cannot be read is neither: the replay tells what is wrong with it.
+    False for files that cannot be read; the replay then reports the problem.
     """
     if entry is None or entry.status != "done":
         return False
@@ -228,13 +229,13 @@ def _is_good(entry: Entry | None, requested: Entry, folder: Path) -> bool:
         return False
 
 
-def _entry(requested: Entry, outcome: Outcome) -> Entry:
+def _finished_entry(requested: Entry, outcome: Outcome) -> Entry:
     facts = {field.name: getattr(outcome, field.name) for field in dataclasses.fields(outcome)}
     return dataclasses.replace(requested, **{**facts, "scene_sha256": outcome.scene_sha256 or requested.scene_sha256})
 
 
-def _absolute(out: Path) -> Path:
-    """The path itself, its folder made."""
+def _with_folder_made(out: AnyPath) -> AnyPath:
+    """Create the folder of a path; returns the path."""
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
@@ -243,20 +244,21 @@ def _absolute(out: Path) -> Path:
 
 
 @contextmanager
-def _working_folder(folder: Path) -> Iterator[Path]:
-    """Make the folder, keep other batches out of it, and yield an empty folder in it for what is not complete.
+def _working_folder(folder: AnyPath) -> Iterator[AnyPath]:
+    """Create and lock the batch's folder; yields an empty folder in it for incomplete files.
 
-    Behind a URL an object does that, see `geomphys.batch.remote_lock`.
+    A folder behind a URL is locked by an object, see `geomphys.batch.remote_lock`.
     """
-    running = folder / RUNNING
-    if is_remote(running):
-        with remote_lock_held(running / LOCK):
+    if is_remote(folder):
+        remote = folder / RUNNING
+        with remote_lock_held(remote / LOCK):
             try:
-                (running / STOP).unlink(missing_ok=True)
+                (remote / STOP).unlink(missing_ok=True)
             except OSError as problem:
                 raise OutputError(f"{folder}: cannot be written to ({problem.strerror})") from problem
-            yield cast(Path, running)
+            yield remote
         return
+    running = folder / RUNNING
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = os.open(folder, os.O_RDONLY)
@@ -272,7 +274,7 @@ def _working_folder(folder: Path) -> Iterator[Path]:
         try:
             yield running
         except BaseException:
-            if {path.name for path in running.iterdir()} <= {STOP}:  # else workers elsewhere have still to see it
+            if {path.name for path in running.iterdir()} <= {STOP}:  # else remote workers have yet to see it
                 shutil.rmtree(running)
             raise
         shutil.rmtree(running)

@@ -1,7 +1,7 @@
-"""A process of a batch, as it begins.
+"""Initializer of the worker processes of a batch.
 
-Nothing is imported here that takes long: the process that starts this one waits until all it sends is read, and it is
-read only as far as what it names is imported.
+Module-level imports are cheap on purpose: the parent waits until the child has read its arguments, which requires this
+module to be imported.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ import pickle
 import threading
 from multiprocessing.connection import wait
 
-from geomphys.batch.deferred_signals import take_signals
+from geomphys.batch.deferred_signals import restore_signals
 
 
-def begin_worker(world: bytes) -> None:
-    """Leave Ctrl-C to the parent, and end with it however it ends; keep the pickled world at hand."""
-    take_signals()
+def initialize_worker(world: bytes) -> None:
+    """Ignore Ctrl-C, exit when the parent exits, and preload the pickled world."""
+    restore_signals()
     parent = multiprocessing.parent_process()
     assert parent is not None
 
@@ -26,6 +26,6 @@ def begin_worker(world: bytes) -> None:
         os._exit(1)
 
     threading.Thread(target=end_with_parent, daemon=True).start()
-    from geomphys.batch.job import give_world
+    from geomphys.batch.job import preload_world
 
-    give_world(pickle.loads(world))
+    preload_world(pickle.loads(world))

@@ -1,4 +1,4 @@
-"""coal and FCL as peers of the penetration depth: the same shapes, one call a pair."""
+"""Adapters that let coal and python-fcl measure the same pairs of shapes, one call a pair."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class DepthPeer(Protocol):
     name: str
 
     def run(self, first: int, last: int) -> None:
-        """Find the contacts of some pairs, forgetting the answers."""
+        """Find the contacts of the pairs `first` to `last` and discard them."""
 
     def answers(self) -> Floats:
         """Normals out of B into A and minus the depths (N, 4) of all pairs; 0 where it finds no contact."""
@@ -52,15 +52,15 @@ class Coal:
         self._request.num_max_contacts = 1
 
     def run(self, first: int, last: int) -> None:
-        """Find the contacts of some pairs."""
+        """Find the contacts of the pairs `first` to `last`."""
         collide, request, result = self._coal.collide, self._request, self._result
-        shapes, experiment_files = self._shapes, self._transforms
+        shapes, transforms = self._shapes, self._transforms
         for k in range(2 * first, 2 * last, 2):
             result.clear()
-            collide(shapes[k], experiment_files[k], shapes[k + 1], experiment_files[k + 1], request, result)
+            collide(shapes[k], transforms[k], shapes[k + 1], transforms[k + 1], request, result)
 
     def answers(self) -> Floats:
-        """Normals and minus the depths of all pairs."""
+        """Normals and minus the depths (N, 4) of all pairs."""
         out = np.zeros((len(self._shapes) // 2, 4))
         for k in range(len(out)):
             self.run(k, k + 1)
@@ -70,15 +70,15 @@ class Coal:
         return out
 
     def all(self, frames: Floats) -> Floats:
-        """Normals and minus the depths with the pieces elsewhere."""
+        """Normals and minus the depths (N, 4) with the pieces at `frames` (2 N, 12)."""
         before, self._transforms = self._transforms, self._transforms_of(frames)
         answers = self.answers()
         self._transforms = before
         return answers
 
     def _transforms_of(self, frames: Floats) -> list[Any]:
-        rotations, experiment_files = frames[:, :9].reshape(-1, 3, 3), frames[:, 9:]
-        pairs = zip(rotations, experiment_files, strict=True)
+        rotations, positions = frames[:, :9].reshape(-1, 3, 3), frames[:, 9:]
+        pairs = zip(rotations, positions, strict=True)
         return [self._coal.Transform3s(np.ascontiguousarray(r), np.ascontiguousarray(p)) for r, p in pairs]
 
     def _shape(self, pieces: Pieces, k: int) -> Any:
@@ -110,12 +110,12 @@ class Fcl:
         self._request: Callable[[], Any] = lambda: fcl.CollisionRequest(num_max_contacts=1, enable_contact=True)
 
     def run(self, first: int, last: int) -> None:
-        """Find the contacts of some pairs."""
+        """Find the contacts of the pairs `first` to `last`."""
         for k in range(first, last):
             self._contact(k)
 
     def answers(self) -> Floats:
-        """Normals and minus the depths of all pairs."""
+        """Normals and minus the depths (N, 4) of all pairs."""
         out = np.zeros((len(self._shapes) // 2, 4))
         for k in range(len(out)):
             contacts = self._contact(k).contacts
@@ -124,7 +124,7 @@ class Fcl:
         return out
 
     def all(self, frames: Floats) -> Floats:
-        """Normals and minus the depths with the pieces elsewhere."""
+        """Normals and minus the depths (N, 4) with the pieces at `frames` (2 N, 12)."""
         before, self._objects = self._objects, self._transforms_of(frames)
         answers = self.answers()
         self._objects = before

@@ -1,4 +1,4 @@
-"""Penetration depths of pairs of convex pieces, by the kernels here, by coal and by FCL, in turn."""
+"""Times and checks penetration depths of pairs of convex pieces: the kernels of geomphys, coal and python-fcl."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.bench.depth_engines import Coal, DepthPeer, Fcl
-from geomphys.bench.figures import DepthEngine, DepthFigures, figures_of
 from geomphys.bench.pair_loop import measure_pairs
+from geomphys.bench.report import DepthEngine, DepthResult, distribution_of
 from geomphys.collision.penetration import make_scratch
 from geomphys.jit.packed_records import pack
 from geomphys.numerics.transforms import compose, frame_from_matrix, matrix_from_frame, matrix_from_pose
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, SPHERE, Pieces, World
-from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PlacedShape, Shape, Sphere, build_pieces
+from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PosedShape, Shape, Sphere, build_pieces
 
 Floats = NDArray[np.float64]
 
 CORNERS = (8, 20, 60, 250)  # of random hulls
-SHALLOW = 0.05  # share of the depth that is left to pairs that only graze each other, as most do in a replay
-PAIRS = 24  # random ones of each number of corners
-MET_PAIRS = 256  # most that are kept of an experiment
-BLOCK = 64  # pairs timed together: so many that the call counts for little beside them
-EVERY = 5  # frames between two from which pairs are taken
+SHALLOW = 0.05  # fraction of the depth kept in the shallow sets; most overlaps of a replay are shallow
+PAIRS = 24  # random pairs for each number of corners
+MAX_RECORDED_PAIRS = 256  # most pairs taken from an experiment
+BLOCK = 64  # pairs timed together, so that the cost of the call itself is negligible
+FRAME_STRIDE = 5  # pairs are taken from every so many frames
 
 
 class Pairs(NamedTuple):
@@ -40,7 +40,7 @@ class Pairs(NamedTuple):
 
 def random_pairs(seed: int = 0, corner_counts: Sequence[int] = CORNERS) -> list[Pairs]:
     """Overlapping pairs of random hulls of 2 to 10 cm: for each number of corners a set deep in each other, and the same
-    pairs drawn apart along their normals until they graze.
+    pairs moved apart along their normals until the overlap is shallow.
     """
     random = np.random.default_rng(seed)
     sets = []
@@ -52,21 +52,21 @@ def random_pairs(seed: int = 0, corner_counts: Sequence[int] = CORNERS) -> list[
             for size in sizes:
                 rays = random.normal(size=(corners, 3))
                 shapes.append(Hull(rays / np.linalg.norm(rays, axis=1, keepdims=True) * size))
-            turns = np.linalg.qr(random.normal(size=(2, 3, 3)))[0]
-            turns *= np.sign(np.linalg.det(turns))[:, None, None]
+            rotations = np.linalg.qr(random.normal(size=(2, 3, 3)))[0]
+            rotations *= np.sign(np.linalg.det(rotations))[:, None, None]
             direction = random.normal(size=3)
-            place = direction / np.linalg.norm(direction) * random.uniform(0.3, 0.9) * np.sum(np.min(sizes, axis=1))
-            frames.append(np.concatenate([turns[0].ravel(), place]))
-            frames.append(np.concatenate([turns[1].ravel(), np.zeros(3)]))
+            position = direction / np.linalg.norm(direction) * random.uniform(0.3, 0.9) * np.sum(np.min(sizes, axis=1))
+            frames.append(np.concatenate([rotations[0].ravel(), position]))
+            frames.append(np.concatenate([rotations[1].ravel(), np.zeros(3)]))
         deep = _overlapping(f"{corners} corners, deep", shapes, np.array(frames))
         grazing = deep.frames.copy()
-        exact = Loop(deep).all(deep.frames)
+        exact = PairLoop(deep).all(deep.frames)
         grazing[::2, 9:] -= (1.0 - SHALLOW) * exact[:, 3:] * exact[:, :3]
         sets += [deep, Pairs(f"{corners} corners, shallow", deep.pieces, grazing)]
     return sets
 
 
-class EncounteredPairs:
+class RecordedPairs:
     """Gathers the pairs of pieces that overlap in the recorded poses of an experiment."""
 
     def __init__(self, name: str) -> None:
@@ -75,8 +75,8 @@ class EncounteredPairs:
         self._frames: list[Floats] = []
 
     def __call__(self, world: World, result: FrameResult) -> None:
-        """Look at a frame."""
-        if result.frame.index % EVERY or len(self._shapes) >= 2 * MET_PAIRS:
+        """Take the overlapping pairs of a frame."""
+        if result.frame.index % FRAME_STRIDE or len(self._shapes) >= 2 * MAX_RECORDED_PAIRS:
             return
         pieces, starts = world.scene.pieces, world.scene.bodies.piece_start
         for a, b in zip(result.penetrations.body_a, result.penetrations.body_b, strict=True):
@@ -103,7 +103,7 @@ def _frame(world: World, result: FrameResult, piece: int) -> Floats:
 
 
 def _distance(pieces: Pieces, i: int, one: Floats, j: int, other: Floats) -> float:
-    """Between the centres of two placed pieces [m]."""
+    """Distance between the centres of two posed pieces, m."""
     a = one[:9].reshape(3, 3) @ pieces.centre[i] + one[9:]
     b = other[:9].reshape(3, 3) @ pieces.centre[j] + other[9:]
     return float(np.linalg.norm(a - b))
@@ -124,19 +124,19 @@ def shape_of(pieces: Pieces, k: int) -> Shape:
 
 
 def _arranged(name: str, shapes: Sequence[Shape], frames: Floats) -> Pairs:
-    return Pairs(name, build_pieces([PlacedShape(s, np.eye(4), k) for k, s in enumerate(shapes)]), frames)
+    return Pairs(name, build_pieces([PosedShape(s, np.eye(4), k) for k, s in enumerate(shapes)]), frames)
 
 
 def _overlapping(name: str, shapes: Sequence[Shape], frames: Floats) -> Pairs:
-    """Those of the pairs that overlap."""
+    """The pairs among `shapes` that overlap by more than 1 µm."""
     pairs = _arranged(name, shapes, frames)
-    keep = np.repeat(Loop(pairs).all(frames)[:, 3] < -1e-6, 2)
+    keep = np.repeat(PairLoop(pairs).all(frames)[:, 3] < -1e-6, 2)
     if keep.all():
         return pairs
     return _arranged(name, [s for s, kept in zip(shapes, keep, strict=True) if kept], frames[keep])
 
 
-class Loop:
+class PairLoop:
     """The compiled loop over the pairs of a set."""
 
     def __init__(self, pairs: Pairs) -> None:
@@ -161,44 +161,44 @@ class Loop:
         return out
 
 
-def compare_depths(pairs: Pairs, repeats: int, with_peers: bool) -> DepthFigures:
-    """Time and judge penetration depths of a set.
+def compare_depths(pairs: Pairs, repeats: int, with_peers: bool) -> DepthResult:
+    """Time the penetration depths of a set of pairs and check their accuracy.
 
-    Blocks of pairs go through the engines in turn, so that whatever else the machine does hits all of them; a block's
-    time is the smallest of its repeats. Peers are called from Python, once a pair, as their users do; reading their
-    answers is not timed. Moved along its normal by its depth, a pair should just touch: what is left is the residual.
+    Engines alternate block by block, so that other load on the machine affects all of them; the time of a block is the
+    smallest of its repeats. Peers are called from Python, once a pair, as their users do; reading their
+    answers is not timed. The residual is the overlap that remains once a pair is separated along its normal by its depth.
 
     Raises
     ------
     ConfigError
         A peer is not installed.
     """
-    loop = Loop(pairs)
+    loop = PairLoop(pairs)
     exact = loop.all(pairs.frames)
     peers: list[DepthPeer] = [Coal(pairs.pieces, pairs.frames), Fcl(pairs.pieces, pairs.frames)] if with_peers else []
     engines: dict[str, Callable[[int, int], None]] = {"loop": loop.run, "call": loop.run_singly}
     engines |= {peer.name: peer.run for peer in peers}
     times = _times(engines, loop.count, repeats)
-    own_bit = float(np.median(times["loop"]))
+    own_median = float(np.median(times["loop"]))
     rows = []
     for name in engines:
         answers = next((peer.answers() for peer in peers if peer.name == name), exact)
         moved = pairs.frames.copy()
         moved[::2, 9:] -= answers[:, 3:] * answers[:, :3]
-        judge: DepthPeer | Loop = peers[0] if peers and name in ("loop", "call") else loop
-        left = np.maximum(0.0, -judge.all(moved)[:, 3])
+        judge: DepthPeer | PairLoop = peers[0] if peers and name in ("loop", "call") else loop
+        residual = np.maximum(0.0, -judge.all(moved)[:, 3])
         rows.append(
             DepthEngine(
                 engine=f"geomphys, {name}" if name in ("loop", "call") else name,
-                ns=figures_of(times[name]),
-                ratio=own_bit / float(np.median(times[name])),
+                ns=distribution_of(times[name]),
+                ratio=own_median / float(np.median(times[name])),
                 missed=int(np.sum(answers[:, 3] == 0.0)),
-                deviation=figures_of(np.abs(answers[:, 3] / exact[:, 3] - 1.0)),
-                residual_m=figures_of(left),
-                judge="geomphys" if isinstance(judge, Loop) else judge.name,
+                deviation=distribution_of(np.abs(answers[:, 3] / exact[:, 3] - 1.0)),
+                residual_m=distribution_of(residual),
+                judge="geomphys" if isinstance(judge, PairLoop) else judge.name,
             )
         )
-    return DepthFigures(name=pairs.name, pairs=loop.count, engines=tuple(rows))
+    return DepthResult(name=pairs.name, pairs=loop.count, engines=tuple(rows))
 
 
 def _times(engines: dict[str, Callable[[int, int], None]], count: int, repeats: int) -> dict[str, Floats]:
@@ -206,12 +206,12 @@ def _times(engines: dict[str, Callable[[int, int], None]], count: int, repeats: 
     edges = np.linspace(0, count, max(1, round(count / BLOCK)) + 1).astype(int).tolist()
     blocks = list(pairwise(edges))
     best = {name: np.full(len(blocks), np.inf) for name in engines}
-    for turn in range(repeats + 1):
+    for round_index in range(repeats + 1):
         for k, (first, last) in enumerate(blocks):
             for name, run in engines.items():
                 start = time.perf_counter_ns()
                 run(first, last)
                 ns = (time.perf_counter_ns() - start) / (last - first)
-                if turn > 0:
+                if round_index > 0:
                     best[name][k] = min(best[name][k], ns)
     return best

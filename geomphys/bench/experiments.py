@@ -1,4 +1,4 @@
-"""The recorded experiments: where they are, and their frames decoded."""
+"""Finds the files of the recorded experiments and decodes their frames."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from geomphys.scene.arrays import World
 
 Floats = NDArray[np.float64]
 
-BUNDLED = {
+BUNDLED_EXPERIMENTS = {
     "gallery": ("recordings/gallery_hand.mcap", "assets/scenes/gallery.toml"),
     "wall_slide": ("recordings/wall_slide.mcap", "assets/scenes/wall_slide.toml"),
     "finger_snip": ("recordings/finger_snip.mcap", "assets/scenes/finger_snip.toml"),
@@ -32,7 +32,7 @@ BUNDLED = {
 }
 """Name -> log and scene in the checkout."""
 
-REAL = {
+SHARED_EXPERIMENTS = {
     "door": ("recordings/adroit_door_00_ros2.mcap", "checks/scenes/door_rigid.toml"),
     "door_chains": ("recordings/adroit_door_00_ros2.mcap", "checks/scenes/door_chains.toml"),
     "table_grab": ("recordings/leap_grab_protobuf.mcap", "checks/scenes/table_grab.toml"),
@@ -41,7 +41,7 @@ REAL = {
 }
 """Name -> log and scene in the folder of real recordings: $GEOMPHYS_SHARED, or `shared` beside the checkout."""
 
-NAMES = (*BUNDLED, *REAL)
+NAMES = (*BUNDLED_EXPERIMENTS, *SHARED_EXPERIMENTS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +60,7 @@ class ExperimentFiles:
 
 @dataclass(frozen=True, kw_only=True)
 class Experiment:
-    """A world and the frames that go through it."""
+    """A world and the decoded frames to replay in it."""
 
     name: str
     world: World
@@ -74,22 +74,22 @@ def experiment_files(folder: Path | None, only: Sequence[str]) -> list[Experimen
     Parameters
     ----------
     folder
-        Holds `recordings` and `assets`; None: the folder the package stands in, which in a checkout is that.
+        Holds `recordings` and `assets`; None: the folder that holds the package, the root of a checkout.
     only
         Names; empty: all.
 
     Raises
     ------
     ConfigError
-        A name that is none.
+        A name is not among `NAMES`.
     """
     unknown = [name for name in only if name not in NAMES]
     if unknown:
         raise ConfigError(f"experiment = {unknown[0]!r}: expected one of {', '.join(NAMES)}")
-    own_bit = folder if folder is not None else Path(__file__).resolve().parents[2]
-    real = Path(os.environ.get("GEOMPHYS_SHARED", own_bit.parent / "shared"))
-    rows = [(name, own_bit, files) for name, files in BUNDLED.items()] + [
-        (name, real, files) for name, files in REAL.items()
+    checkout = folder if folder is not None else Path(__file__).resolve().parents[2]
+    real = Path(os.environ.get("GEOMPHYS_SHARED", checkout.parent / "shared"))
+    rows = [(name, checkout, files) for name, files in BUNDLED_EXPERIMENTS.items()] + [
+        (name, real, files) for name, files in SHARED_EXPERIMENTS.items()
     ]
     return [
         ExperimentFiles(name=name, log=root / log, scene=root / scene)
@@ -98,7 +98,7 @@ def experiment_files(folder: Path | None, only: Sequence[str]) -> list[Experimen
     ]
 
 
-def load_experiment(chosen: ExperimentFiles, config: Config) -> Experiment:
+def load_experiment(files: ExperimentFiles, config: Config) -> Experiment:
     """Read the scene and decode the whole log.
 
     Raises
@@ -106,16 +106,16 @@ def load_experiment(chosen: ExperimentFiles, config: Config) -> Experiment:
     InputError
         The log, the scene or a model is wrong.
     """
-    world = load_world(chosen.scene, mode=config.mode, seed=config.seed)
+    world = load_world(files.scene, mode=config.mode, seed=config.seed)
     frames: list[Frame] = []
     times: list[float] = []
-    with FrameSource(chosen.log, world, config) as source:
-        coming = iter(source)
+    with FrameSource(files.log, world, config) as source:
+        frames_left = iter(source)
         while True:
             start = time.perf_counter_ns()
-            batch = [frame for _, frame in zip(range(FRAMES), coming, strict=False)]
+            batch = [frame for _, frame in zip(range(FRAMES), frames_left, strict=False)]
             if not batch:
                 break
             times += [(time.perf_counter_ns() - start) / len(batch)] * len(batch)
             frames += batch
-    return Experiment(name=chosen.name, world=world, frames=frames, decode_ns=np.array(times))
+    return Experiment(name=files.name, world=world, frames=frames, decode_ns=np.array(times))

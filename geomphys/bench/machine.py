@@ -1,4 +1,4 @@
-"""What a benchmark ran on, and what compiling costs there."""
+"""Describes the computer a benchmark runs on and measures the time to compile the kernels."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from geomphys.errors import GeomphysError
 from geomphys.jit.kernel import are_compiled
 
 PACKAGES = ("numpy", "numba", "llvmlite", "mujoco", "coal", "python-fcl")
-"""Whose versions bear on the figures; those that are not installed are left out."""
+"""Packages whose versions are reported; those that are not installed are left out."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,16 +28,16 @@ class Machine:
     system: str
     python: str
     versions: dict[str, str]
-    load: tuple[float, float, float]  # average number of busy processes over 1, 5 and 15 minutes, when it was asked
+    load: tuple[float, float, float]  # load averages over 1, 5 and 15 minutes at the start
 
     @property
     def is_busy(self) -> bool:
-        """Whether others are at work on it, so that absolute times are too long."""
+        """Whether other processes keep it busy, so that absolute times are too long."""
         return self.load[0] > 0.75 * self.cores
 
 
 def describe_machine() -> Machine:
-    """Return what is known of this machine."""
+    """Describe this computer."""
     versions = {}
     for name in PACKAGES:
         try:
@@ -57,7 +57,7 @@ def describe_machine() -> Machine:
 
 
 def _processor() -> str:
-    """Name of the processor; of its architecture where the system does not tell."""
+    """Name of the processor; of its architecture where the system does not report it."""
     listed = Path("/proc/cpuinfo")
     if listed.is_file():
         for line in listed.read_text(encoding="utf-8", errors="replace").splitlines():

@@ -1,4 +1,4 @@
-"""Frames of an experiment through the step, again and again, and through a peer in between."""
+"""Times the frames of an experiment: repeated passes through the step, interleaved with other physics engines."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.bench.experiments import Experiment
-from geomphys.bench.figures import ExperimentFigures, PeerFrames, Stage, figures_of
+from geomphys.bench.report import ExperimentResult, PeerResult, Stage, distribution_of
 from geomphys.config import Config
 from geomphys.engine.frame_buffer import FRAMES, Block
 from geomphys.engine.look_ahead import Track
@@ -20,8 +20,8 @@ from geomphys.scene.arrays import DRIVEN, World
 
 Floats = NDArray[np.float64]
 
-WARM = 1
-"""Frames at the start that count neither here nor there: an engine sets up what it keeps from frame to frame."""
+WARM_UP_FRAMES = 1
+"""Frames at the start that are not timed: engines allocate their persistent state in them."""
 
 
 class PeerFrame(NamedTuple):
@@ -33,16 +33,16 @@ class PeerFrame(NamedTuple):
 
 
 class Peer(Protocol):
-    """Another engine with the same scene in it, following the same recording."""
+    """Another physics engine that holds the same scene and follows the same recording."""
 
     name: str
 
     @property
     def warnings(self) -> int:
-        """How often it warned so far."""
+        """Number of warnings so far."""
 
     def frame(self, result: FrameResult) -> PeerFrame:
-        """Go on to the frame's time with the recorded poses of `result` as the target."""
+        """Simulate up to the frame's time with the recorded poses of `result` as targets."""
 
 
 PeerMaker = Callable[[World, FrameResult], Peer]
@@ -50,7 +50,7 @@ Collector = Callable[[World, FrameResult], None]
 
 
 class TimedPipeline(Pipeline):
-    """A pipeline that knows how long its calls of the compiled step took of the processor."""
+    """A pipeline that sums the processor time of its calls of the compiled step."""
 
     busy_ns = 0
 
@@ -62,8 +62,8 @@ class TimedPipeline(Pipeline):
         return count
 
 
-class _Pass:
-    """What one pass over the frames gave."""
+class _PassTotals:
+    """Times and totals of one pass over the frames."""
 
     def __init__(self) -> None:
         self.times: list[tuple[int, ...]] = []
@@ -84,12 +84,12 @@ def measure(
     repeats: int,
     peers: Sequence[PeerMaker] = (),
     collect: Collector | None = None,
-) -> ExperimentFigures:
+) -> ExperimentResult:
     """Times of an experiment.
 
     Every frame is run `repeats` times, each time from the start with a fresh pipeline; as its results are the same to
     the bit, its time is the smallest of them, which is the one least disturbed by others on the machine. A peer runs
-    the same frames in turn with the step, a block of 64 after a block, and its times are taken likewise.
+    the same frames, alternating with the step in blocks of 64, and its times are measured likewise.
 
     Parameters
     ----------
@@ -105,19 +105,19 @@ def measure(
     """
     passes = [_run(experiment, config, peers, collect if k == 0 else None) for k in range(repeats)]
     last = passes[-1]
-    times = np.min([np.array(p.times, dtype=np.float64) for p in passes], axis=0)[WARM:]
+    times = np.min([np.array(p.times, dtype=np.float64) for p in passes], axis=0)[WARM_UP_FRAMES:]
     counts = np.array(last.counts, dtype=np.float64)
-    step = figures_of(times[:, last.names.index("step")])
+    step = distribution_of(times[:, last.names.index("step")])
     stages = [
-        Stage(name=name, ns=figures_of(times[:, k]), count=float(np.mean(counts[:, k])))
+        Stage(name=name, ns=distribution_of(times[:, k]), count=float(np.mean(counts[:, k])))
         for k, name in enumerate(last.names)
         if name.startswith("step")
     ]
     if len(experiment.decode_ns):
-        stages.insert(0, Stage(name="decode", ns=figures_of(experiment.decode_ns), count=1.0))
+        stages.insert(0, Stage(name="decode", ns=distribution_of(experiment.decode_ns), count=1.0))
     scene, frames = experiment.world.scene, experiment.frames
     span = (frames[-1].time_ns - frames[0].time_ns) * 1e-9
-    return ExperimentFigures(
+    return ExperimentResult(
         name=experiment.name,
         scene=experiment.world.file.scene.name,
         frames=len(frames),
@@ -132,20 +132,20 @@ def measure(
         result_ns=min(p.result_ns for p in passes),
         contacts=last.contacts / len(frames),
         recorded_m=last.recorded,
-        residual_m=figures_of(np.array(last.residual)),
+        residual_m=distribution_of(np.array(last.residual)),
         peers=tuple(_peer_figures(passes, k, step.median, step.p99) for k in range(len(peers))),
     )
 
 
-def _peer_figures(passes: Sequence[_Pass], k: int, median: float, p99: float) -> PeerFrames:
+def _peer_figures(passes: Sequence[_PassTotals], k: int, median: float, p99: float) -> PeerResult:
     """Figures of the k-th peer's frames beside our median and 99th percentile [ns]."""
-    ns = figures_of(np.min([[f.ns for f in p.peers[k]] for p in passes], axis=0))
+    ns = distribution_of(np.min([[f.ns for f in p.peers[k]] for p in passes], axis=0))
     last = passes[-1]
-    return PeerFrames(
+    return PeerResult(
         engine=last.engines[k],
         ns=ns,
         steps_a_frame=float(np.mean([f.steps for f in last.peers[k]])),
-        residual_m=figures_of(np.array([f.residual for f in last.peers[k]])),
+        residual_m=distribution_of(np.array([f.residual for f in last.peers[k]])),
         warnings=last.warnings[k],
         ratio_median=median / ns.median,
         ratio_p99=p99 / ns.p99,
@@ -153,9 +153,9 @@ def _peer_figures(passes: Sequence[_Pass], k: int, median: float, p99: float) ->
     )
 
 
-def _run(experiment: Experiment, config: Config, makers: Sequence[PeerMaker], collect: Collector | None) -> _Pass:
+def _run(experiment: Experiment, config: Config, makers: Sequence[PeerMaker], collect: Collector | None) -> _PassTotals:
     """One pass over the frames."""
-    done = _Pass()
+    done = _PassTotals()
     peers: list[Peer] = []
     pipeline = TimedPipeline(experiment.world, config)
     for chunk in pipeline.chunks(_batches(experiment.frames)):
@@ -163,13 +163,13 @@ def _run(experiment: Experiment, config: Config, makers: Sequence[PeerMaker], co
         results = [pipeline.result(chunk, row, 0) for row in range(len(chunk.frames))]
         done.result_ns += time.perf_counter_ns() - start
         for result in results:
-            _note(done, result)
+            _record_result(done, result)
             if collect is not None:
                 collect(experiment.world, result)
         if not peers:
             peers = [make(experiment.world, results[0]) for make in makers]
             done.peers = [[] for _ in peers]
-            results = results[WARM:]
+            results = results[WARM_UP_FRAMES:]
         for frames, peer in zip(done.peers, peers, strict=True):
             frames += [peer.frame(result) for result in results]
     done.engines, done.warnings = [peer.name for peer in peers], [peer.warnings for peer in peers]
@@ -178,8 +178,8 @@ def _run(experiment: Experiment, config: Config, makers: Sequence[PeerMaker], co
     return done
 
 
-def _note(done: _Pass, result: FrameResult) -> None:
-    """Add a frame's times and figures to those of its pass."""
+def _record_result(done: _PassTotals, result: FrameResult) -> None:
+    """Add a frame's times and metrics to the totals of its pass."""
     done.names = tuple(name for name, _, _ in result.timing)
     done.times.append(tuple(ns for _, ns, _ in result.timing))
     done.counts.append(tuple(count for _, _, count in result.timing))

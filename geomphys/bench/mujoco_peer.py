@@ -1,4 +1,4 @@
-"""MuJoCo as a peer: the recording's targets go in, a frame's steps are timed, and what overlaps is measured."""
+"""Runs an experiment in MuJoCo: sets the recorded targets, times the steps of a frame and measures the residual overlap."""
 
 from __future__ import annotations
 
@@ -41,17 +41,21 @@ class MujocoPeer:
         roots = trees.body_start[:-1][trees.role == DRIVEN]
         tracked = np.flatnonzero((bodies.role == FIXED) & (trees.moving[bodies.tree] == 1))
         self._targets: Ints = np.concatenate([roots, tracked]).astype(np.int64)
-        self._mocaps = self._rows(self.model.body_mocapid, [mocap_name(int(b)) for b in self._targets])
+        self._mocap_ids = self._ids(self.model.body_mocapid, [mocap_name(int(b)) for b in self._targets])
         links: Ints = np.flatnonzero((bodies.role == DRIVEN) & (bodies.joint != JOINT_FIXED))
-        self._jointed: Ints = links if jointed else links[:0]
-        self._transforms_of: Ints = links[:0] if jointed else links
-        self._parents = bodies.parent[self._transforms_of]
-        self._links = np.array([self.model.body(body_name(int(b))).id for b in self._transforms_of], dtype=np.int64)
-        self._dofs, self._multiplier = bodies.dof[self._jointed], bodies.multiplier[self._jointed]
-        self._offset = bodies.offset[self._jointed]
-        self._servos = np.array([self.model.actuator(body_name(int(b))).id for b in self._jointed], dtype=np.int64)
+        self._jointed_links: Ints = links if jointed else links[:0]
+        self._rigid_links: Ints = links[:0] if jointed else links
+        self._parents = bodies.parent[self._rigid_links]
+        self._rigid_link_ids = np.array(
+            [self.model.body(body_name(int(b))).id for b in self._rigid_links], dtype=np.int64
+        )
+        self._dofs, self._multiplier = bodies.dof[self._jointed_links], bodies.multiplier[self._jointed_links]
+        self._offset = bodies.offset[self._jointed_links]
+        self._servo_ids = np.array(
+            [self.model.actuator(body_name(int(b))).id for b in self._jointed_links], dtype=np.int64
+        )
         self._is_driven = self._geoms_of_driven_bodies(world)
-        self._begin(world, first)
+        self._set_initial_state(world, first)
 
     @classmethod
     def rigid(cls, world: World, first: FrameResult) -> MujocoPeer:
@@ -69,7 +73,7 @@ class MujocoPeer:
         return int(sum(warning.number for warning in self.data.warning))
 
     def frame(self, result: FrameResult) -> PeerFrame:
-        """Go on to the frame's time."""
+        """Step to the frame's time; see `Peer.frame`."""
         self._set_targets(result)
         steps = max(round((result.frame.time_ns - self._start_ns) * 1e-9 / TIMESTEP) - self._steps, 0)
         start = time.perf_counter_ns()
@@ -78,29 +82,29 @@ class MujocoPeer:
         self._steps += steps
         return PeerFrame(float(ns), steps, self._residual())
 
-    def _rows(self, column: Ints, names: list[str]) -> Ints:
+    def _ids(self, column: Ints, names: list[str]) -> Ints:
         return np.array([column[self.model.body(name).id] for name in names], dtype=np.int64)
 
     def _set_targets(self, result: FrameResult) -> None:
-        """Set targets of roots, moving fixed links and joints; put the links of rigid hands in place."""
+        """Set the targets of roots, moving fixed links and joints, and the poses of the links of rigid hands."""
         poses = result.recorded[self._targets]
-        self.data.mocap_pos[self._mocaps] = poses[:, :3]
-        self.data.mocap_quat[self._mocaps] = np.roll(poses[:, 3:], 1, axis=1)
-        experiment_files = pose_from_matrix(
+        self.data.mocap_pos[self._mocap_ids] = poses[:, :3]
+        self.data.mocap_quat[self._mocap_ids] = np.roll(poses[:, 3:], 1, axis=1)
+        relative_poses = pose_from_matrix(
             compose(
                 invert(matrix_from_pose(result.recorded[self._parents])),
-                matrix_from_pose(result.recorded[self._transforms_of]),
+                matrix_from_pose(result.recorded[self._rigid_links]),
             )
         )
-        self.model.body_pos[self._links] = experiment_files[:, :3]
-        self.model.body_quat[self._links] = np.roll(experiment_files[:, 3:], 1, axis=1)
-        self.data.ctrl[self._servos] = self._multiplier * result.frame.angles[self._dofs] + self._offset
+        self.model.body_pos[self._rigid_link_ids] = relative_poses[:, :3]
+        self.model.body_quat[self._rigid_link_ids] = np.roll(relative_poses[:, 3:], 1, axis=1)
+        self.data.ctrl[self._servo_ids] = self._multiplier * result.frame.angles[self._dofs] + self._offset
 
-    def _begin(self, world: World, first: FrameResult) -> None:
-        """Put joints where they were recorded, and simulated bodies in motion."""
+    def _set_initial_state(self, world: World, first: FrameResult) -> None:
+        """Set joints to their recorded values and simulated bodies to their initial velocities."""
         bodies = world.scene.bodies
         self._set_targets(first)
-        for body, angle in zip(self._jointed, self.data.ctrl[self._servos], strict=True):
+        for body, angle in zip(self._jointed_links, self.data.ctrl[self._servo_ids], strict=True):
             self.data.joint(body_name(int(body))).qpos[0] = angle
         for body in np.flatnonzero(bodies.role == SIMULATED):
             address = self.model.body_dofadr[self.model.body(body_name(int(body))).id]
@@ -108,8 +112,8 @@ class MujocoPeer:
             x, y, z, w = first.recorded[body, 3:]
             body_from_world = np.zeros(9)
             self._mujoco.mju_quat2Mat(body_from_world, np.array([w, -x, -y, -z]))
-            arm = body_from_world.reshape(3, 3).T @ bodies.com[body]
-            self.data.qvel[address : address + 3] = speed - np.cross(angular_velocity, arm)
+            lever_arm = body_from_world.reshape(3, 3).T @ bodies.com[body]
+            self.data.qvel[address : address + 3] = speed - np.cross(angular_velocity, lever_arm)
             self.data.qvel[address + 3 : address + 6] = body_from_world.reshape(3, 3) @ angular_velocity
         self._mujoco.mj_forward(self.model, self.data)
 
@@ -118,7 +122,7 @@ class MujocoPeer:
         return np.isin(self.model.geom_bodyid, driven)
 
     def _residual(self) -> float:
-        """Deepest overlap of a driven body on the poses as they are now [m], by MuJoCo's own narrow phase."""
+        """Deepest overlap of a driven body at the current poses [m], by MuJoCo's own narrow phase."""
         self._mujoco.mj_kinematics(self.model, self.data)
         self._mujoco.mj_comPos(self.model, self.data)
         self._mujoco.mj_collision(self.model, self.data)

@@ -1,4 +1,4 @@
-"""The same world as a MuJoCo model: the same pieces, the recorded bodies pulled along by welds and servos."""
+"""Builds a MuJoCo model of a world: the same pieces; welds and position servos follow the recorded bodies."""
 
 from __future__ import annotations
 
@@ -31,10 +31,12 @@ from geomphys.scene.arrays import (
 Floats = NDArray[np.float64]
 
 TIMESTEP = 0.002  # s
-SERVO = 100.0  # rad/s; natural frequency of the critically damped servos that hold the joints at the recorded angles
-LIGHTEST = 1e-3  # of an avatar's mass: the least a link weighs, as MuJoCo takes no massless one
+SERVO_FREQUENCY = (
+    100.0  # rad/s; natural frequency of the critically damped servos that hold the joints at the recorded angles
+)
+MIN_MASS_RATIO = 1e-3  # of an avatar's mass: lower bound of a link's mass, as MuJoCo takes no massless one
 MIN_INERTIA = 1e-8  # kg m²
-ALL = 0x7FFFFFFF
+ALL_BITS = 0x7FFFFFFF
 
 
 def load_mujoco() -> Any:
@@ -52,7 +54,7 @@ def body_name(body: int) -> str:
 
 
 def mocap_name(body: int) -> str:
-    """Name of the target that pulls a tree's root body, or of a moving fixed link."""
+    """Name of the mocap body that a tree's root is welded to, or of a moving fixed link."""
     return f"m{body}"
 
 
@@ -96,7 +98,7 @@ def build_model(world: World, poses: Floats, jointed: bool) -> Any:
 
 
 def _add_tree(
-    mujoco: Any, spec: Any, world: World, poses: Floats, tree: int, jointed: bool, made: dict[int, Any]
+    mujoco: Any, spec: Any, world: World, poses: Floats, tree: int, jointed: bool, made_bodies: dict[int, Any]
 ) -> None:
     """Add a tree's bodies, geoms, joints, servos and welds."""
     scene = world.scene
@@ -121,12 +123,12 @@ def _add_tree(
                 _add_weld(mujoco, spec, body, pose)
         else:
             origin = pose_from_matrix(matrix_from_frame(bodies.origin[body]))
-            parent = made[int(bodies.parent[body])]
+            parent = made_bodies[int(bodies.parent[body])]
             owner = parent.add_body(name=body_name(body), pos=origin[:3], quat=_wxyz(origin[3:]))
             if jointed:
                 _add_joint(mujoco, spec, owner, world, body)
-        made[body] = owner
-        min_mass = LIGHTEST * float(scene.trees.mass[tree]) if role == DRIVEN else 0.0
+        made_bodies[body] = owner
+        min_mass = MIN_MASS_RATIO * float(scene.trees.mass[tree]) if role == DRIVEN else 0.0
         owner.explicitinertial = True
         owner.mass = max(scale * float(bodies.mass[body]), min_mass)
         owner.ipos = bodies.com[body]
@@ -136,7 +138,7 @@ def _add_tree(
 
 
 def _add_weld(mujoco: Any, spec: Any, body: int, pose: Floats) -> None:
-    """Add the mocap body that pulls a root, and the weld between them."""
+    """Add the mocap body that a root follows, and the weld between them."""
     spec.worldbody.add_body(name=mocap_name(body), mocap=True, pos=pose[:3], quat=_wxyz(pose[3:]))
     weld = spec.add_equality(
         type=mujoco.mjtEq.mjEQ_WELD,
@@ -149,7 +151,7 @@ def _add_weld(mujoco: Any, spec: Any, body: int, pose: Floats) -> None:
 
 
 def _add_joint(mujoco: Any, spec: Any, owner: Any, world: World, body: int) -> None:
-    """Add the joint above a body and the servo that turns it."""
+    """Add the joint above a body and the servo that drives it."""
     bodies = world.scene.bodies
     if bodies.joint[body] == JOINT_FIXED:
         return
@@ -164,17 +166,20 @@ def _tune_servos(mujoco: Any, model: Any) -> None:
     """Give the servos the stiffness and damping that suit the inertia they move."""
     for k in range(model.nu):
         inertia = model.dof_M0[model.jnt_dofadr[model.actuator_trnid[k, 0]]]
-        model.actuator_gainprm[k, 0] = SERVO**2 * inertia
-        model.actuator_biasprm[k, 1], model.actuator_biasprm[k, 2] = -(SERVO**2) * inertia, -2.0 * SERVO * inertia
+        model.actuator_gainprm[k, 0] = SERVO_FREQUENCY**2 * inertia
+        model.actuator_biasprm[k, 1], model.actuator_biasprm[k, 2] = (
+            -(SERVO_FREQUENCY**2) * inertia,
+            -2.0 * SERVO_FREQUENCY * inertia,
+        )
 
 
 def _collision_bits(world: World, tree: int) -> tuple[int, int]:
-    """Contype and conaffinity of a tree's geoms: two collide where one's type meets the other's affinity."""
+    """Contype and conaffinity of a tree's geoms: two collide where one's type matches the other's affinity."""
     if tree >= world.avatar_count:
-        return 1, ALL
-    own_bit = 1 << (1 + tree % 30)
+        return 1, ALL_BITS
+    own_type = 1 << (1 + tree % 30)
     collides_with_itself = world.scene.trees.chains[tree] == 1 and world.scene.trees.self_collision[tree] == 1
-    return own_bit, ALL if collides_with_itself else ALL & ~own_bit
+    return own_type, ALL_BITS if collides_with_itself else ALL_BITS & ~own_type
 
 
 def _exclude(spec: Any, world: World) -> None:

@@ -1,4 +1,4 @@
-"""Signed separations of many pairs in one compiled loop: what a penetration depth costs without a crossing per pair."""
+"""Signed separations of many pairs in one compiled loop, without a call from Python for each pair."""
 
 from __future__ import annotations
 

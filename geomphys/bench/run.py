@@ -1,15 +1,15 @@
-"""The benchmark: experiments, penetration depths and curves, one after the other in one process."""
+"""Runs the benchmark in one process: experiments, penetration depths, scaling curves."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from geomphys.bench.depths import EncounteredPairs, compare_depths, random_pairs
+from geomphys.bench.depths import RecordedPairs, compare_depths, random_pairs
 from geomphys.bench.experiments import experiment_files, load_experiment
-from geomphys.bench.figures import Curve, DepthFigures, ExperimentFigures, Report
 from geomphys.bench.machine import compile_seconds, describe_machine, kernels_are_compiled
 from geomphys.bench.measure import PeerMaker, measure
+from geomphys.bench.report import Curve, DepthResult, ExperimentResult, Report
 from geomphys.bench.scaling import HANDS, OBJECTS, PIECES, curves, warm_up
 from geomphys.config import Config
 from geomphys.errors import ConfigError, InputError
@@ -34,11 +34,11 @@ def run_bench(
     Parameters
     ----------
     folder
-        Holds `recordings` and `assets`; None: the checkout the package stands in.
+        Holds `recordings` and `assets`; None: the checkout that holds the package.
     only
         Names of experiments, see `geomphys.bench.experiments.NAMES`; empty: all that are there.
     peers
-        Also through MuJoCo, coal and FCL, in turn with the step.
+        Whether to measure MuJoCo, coal and FCL too, alternating with the step.
     depths, scaling, compiling
         Whether to measure penetration depths of pairs; made-up scenes of growing size; compilation from nothing.
     repeats
@@ -51,7 +51,7 @@ def run_bench(
     Raises
     ------
     ConfigError
-        A name that is none, or a peer that is not installed.
+        An unknown name, or a peer that is not installed.
     InputError
         No experiment is there, or its files are wrong.
     """
@@ -59,12 +59,11 @@ def run_bench(
         raise ConfigError(f"repeats = {repeats}: must be at least 1")
     config = config or Config()
     found = experiment_files(folder, only)
-    present = [source for source in found if source.exists]
-    if not present:
-        wanted = found[0]
-        raise InputError(f"{wanted.log}: no such recording; name the folder that holds recordings/ and assets/")
+    available = [source for source in found if source.exists]
+    if not available:
+        raise InputError(f"{found[0].log}: no such recording; name the folder that holds recordings/ and assets/")
     engines = _mujoco() if peers else ()
-    parts = len(present) + (1 if depths else 0) + (len(OBJECTS) + len(HANDS) + len(PIECES) if scaling else 0)
+    parts = len(available) + (1 if depths else 0) + (len(OBJECTS) + len(HANDS) + len(PIECES) if scaling else 0)
     done = 0
 
     def report() -> None:
@@ -76,19 +75,21 @@ def run_bench(
     machine = describe_machine()
     were_cached = kernels_are_compiled()
     ready = warm_up()
-    experiments: list[ExperimentFigures] = []
-    met = []
-    for source in present:
-        pairs = EncounteredPairs(source.name)
+    experiments: list[ExperimentResult] = []
+    recorded_pairs = []
+    for source in available:
+        pairs = RecordedPairs(source.name)
         experiment = load_experiment(source, config)
-        bends = bool(experiment.world.scene.trees.chains.any())  # nothing of one body could yield as it does
-        fitting = engines[1:] if bends else engines
-        experiments.append(measure(experiment, config, repeats, fitting, pairs if depths else None))
-        met.append(pairs.pairs())
+        has_chains = bool(
+            experiment.world.scene.trees.chains.any()
+        )  # a rigid hand in the other engine would not be comparable
+        applicable = engines[1:] if has_chains else engines
+        experiments.append(measure(experiment, config, repeats, applicable, pairs if depths else None))
+        recorded_pairs.append(pairs.pairs())
         report()
-    compared: list[DepthFigures] = []
+    compared: list[DepthResult] = []
     if depths:
-        sets = [*random_pairs(config.seed), *(pairs for pairs in met if pairs is not None)]
+        sets = [*random_pairs(config.seed), *(pairs for pairs in recorded_pairs if pairs is not None)]
         compared = [compare_depths(pairs, repeats, peers) for pairs in sets]
         report()
     scaling_curves: list[Curve] = list(curves(config, repeats, engines[:1], report)) if scaling else []
@@ -106,7 +107,7 @@ def run_bench(
 
 
 def _mujoco() -> tuple[PeerMaker, PeerMaker]:
-    """The peers of whole frames, with rigid and with jointed hands; raises ConfigError if it is not installed."""
+    """The peers for frame times, with rigid and with jointed hands; raises ConfigError if it is not installed."""
     from geomphys.bench.mujoco_peer import MujocoPeer
     from geomphys.bench.mujoco_scene import load_mujoco
 

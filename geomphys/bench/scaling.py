@@ -1,4 +1,4 @@
-"""Made-up worlds of growing size: how the frame time goes with fixed objects, hands, and pieces of an object."""
+"""Measures how the frame time grows with fixed objects, hands and pieces of an object, in generated worlds."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.bench.experiments import Experiment
-from geomphys.bench.figures import Curve
 from geomphys.bench.measure import PeerMaker, measure
+from geomphys.bench.report import Curve
 from geomphys.config import Config
 from geomphys.engine.state import make_machine
 from geomphys.load import load_world
@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 
 FRAMES = 256
 HERTZ = 60.0
-SINK = 0.01  # m the recorded hand goes into the table
+OVERLAP = 0.01  # m; how deep the recorded hand is in the table
 RADIUS, REVOLUTIONS = 0.05, 2.0  # m; the circle a hand slides on
 SIDE = 0.8  # m of the table before each hand
 EXTENT = (12.0, 12.0, 3.0)  # m
@@ -62,7 +62,7 @@ def curves(config: Config, repeats: int, peers: Sequence[PeerMaker], report: Cal
 
 
 def world_of_objects(folder: Path, count: int, ball: bool = False) -> World:
-    """A table under a hand, and boxes up to `count` objects anywhere in a room but within half a metre of the hand."""
+    """A table under a hand and boxes, `count` objects in all; boxes lie in a volume `EXTENT`, not near the hand."""
     random = np.random.default_rng(0)
     tables = [_box("table", (SIDE, SIDE, 0.1), (0.0, 0.0, -0.05))]
     while len(tables) < count:
@@ -98,7 +98,7 @@ def block_of_pieces(folder: Path, count: int) -> World:
 
 
 def slide(name: str, world: World, count: int) -> Experiment:
-    """Every hand of a world of this module goes in circles, its lowest point `SINK` below the table's top."""
+    """Every hand of a world of this module goes in circles, its lowest point `OVERLAP` below the table's top."""
     machine = make_machine(world.scene)
     owner = world.scene.bodies.tree
     lowest = min(
@@ -113,7 +113,7 @@ def slide(name: str, world: World, count: int) -> Experiment:
         for hand in range(world.avatar_count):
             roots[hand, 0] += RADIUS * math.cos(angle)
             roots[hand, 1] += RADIUS * math.sin(angle) + SIDE * hand
-            roots[hand, 2] -= lowest + SINK
+            roots[hand, 2] -= lowest + OVERLAP
         angles = np.full(len(world.dof_names), 0.1 + 0.05 * math.sin(angle))
         frames.append(Frame(index=k, time_ns=round(k * 1e9 / HERTZ), roots=roots, angles=angles, held=False))
     return Experiment(name=name, world=world, frames=frames, decode_ns=np.zeros(0))

@@ -11,7 +11,7 @@ from geomphys.collision.manifold import manifold
 from geomphys.collision.penetration import Scratch, make_scratch, separation
 from geomphys.jit.kernel import kernel
 from geomphys.scene.arrays import Floats, Pieces
-from geomphys.scene.pieces import PlacedShape, Shape, build_pieces
+from geomphys.scene.pieces import PosedShape, Shape, build_pieces
 
 
 class PairSeparation(NamedTuple):
@@ -49,7 +49,7 @@ def query(
     MeshError
         For a hull without volume.
     """
-    pieces = build_pieces([PlacedShape(shape_a, np.eye(4), 0), PlacedShape(shape_b, np.eye(4), 1)])
+    pieces = build_pieces([PosedShape(shape_a, np.eye(4), 0), PosedShape(shape_b, np.eye(4), 1)])
     frames = np.empty((2, 12))
     for row, pose in zip(frames, (world_from_a, world_from_b), strict=True):
         row[:9] = np.asarray(pose, dtype=np.float64)[:3, :3].reshape(9)

@@ -24,7 +24,7 @@ import llvmlite.binding
 import numba
 
 from geomphys.jit.compiling.entries import Kernel
-from geomphys.storage.cache import Store, sources, user_folder
+from geomphys.storage.cache import Store, sources, user_cache_folder
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -43,7 +43,7 @@ def cache_folder() -> Path:
     digest = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__} {sys.version} {settings} {processor}".encode())
     for name, text in _sources_of_machine_code():
         digest.update(name.encode() + b"\0" + text + b"\0")
-    return user_folder(f"kernels-{digest.hexdigest()[:16]}")
+    return user_cache_folder(f"kernels-{digest.hexdigest()[:16]}")
 
 
 def _sources_of_machine_code() -> list[tuple[str, bytes]]:

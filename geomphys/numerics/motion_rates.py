@@ -1,4 +1,4 @@
-"""Quality of motion: speeds and jerks of bodies from one frame to the next, frame by frame or many at once."""
+"""Speeds and jerks of bodies by divided differences, frame by frame or many frames at once."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-LONGEST_STEP_S = 0.2
-"""s; across longer gaps between frames no speed and no jerk is taken."""
+MAX_STEP_S = 0.2
+"""s; no speed or jerk is computed across longer gaps between frames."""
 
 ORDER = 3  # of the highest derivative
 
@@ -17,7 +17,7 @@ ORDER = 3  # of the highest derivative
 class MotionMeter:
     """Speeds and jerks of points by Newton's divided differences over the last frames.
 
-    A derivative of order n is n! times the divided difference of the n + 1 last places, which need not be evenly spaced
+    A derivative of order n is n! times the divided difference of the last n + 1 positions, which need not be evenly spaced
     in time.
     """
 
@@ -26,39 +26,39 @@ class MotionMeter:
         self._positions = np.zeros((0, 0, 0, 3))
 
     def add(self, times: Ints, positions: Floats) -> tuple[Floats, Floats]:
-        """Take n frames.
+        """Add n frames.
 
         Parameters
         ----------
         times
             (n,) ns.
-        places
-            (n, k, b, 3) m: k kinds of places of b bodies. Another k or b than before begins anew.
+        positions
+            (n, k, b, 3) m: k kinds of positions of b bodies. A change of k or b discards the history.
 
         Returns
         -------
         tuple
-            (speeds (n, k) [m/s], jerks (n, k) [m/s³]) of the body that has the largest; NaN where there are too few frames
-            without a gap (or no body).
+            (speeds (n, k) [m/s], jerks (n, k) [m/s³]), the maximum over the bodies; NaN where there are too few frames
+            without a gap (or no bodies).
         """
         if self._positions.shape[1:] != positions.shape[1:]:
             self._times, self._positions = times[:0], positions[:0]
-        known = len(self._times)
+        history = len(self._times)
         times, positions = np.concatenate([self._times, times]), np.concatenate([self._positions, positions])
         self._times, self._positions = times[-ORDER:], positions[-ORDER:]
         steps = np.diff(times, prepend=times[:1]) * 1e-9
-        fine = (steps > 0.0) & (steps <= LONGEST_STEP_S)
-        speeds, whole = np.full(positions.shape[:2], np.nan), fine
+        valid = (steps > 0.0) & (steps <= MAX_STEP_S)
+        speeds, gap_free = np.full(positions.shape[:2], np.nan), valid
         jerks, differences, factor = speeds.copy(), positions, 1.0
         for order in range(1, ORDER + 1):
             span = (times[order:] - times[:-order]) * 1e-9
-            with np.errstate(divide="ignore", invalid="ignore"):  # frames at one time: no derivative there
+            with np.errstate(divide="ignore", invalid="ignore"):  # equal times: no derivative
                 differences = np.diff(differences, axis=0) / span[:, None, None, None]
             factor *= order
             found = speeds if order == 1 else jerks
             if order in (1, ORDER) and positions.shape[2]:
-                rows = np.flatnonzero(whole[order:])
+                rows = np.flatnonzero(gap_free[order:])
                 vectors = differences[rows]
                 found[rows + order] = factor * np.sqrt(np.einsum("nkbj,nkbj->nkb", vectors, vectors).max(axis=2))
-            whole = whole & np.concatenate([[False] * order, fine[:-order]]) if len(times) > order else whole
-        return speeds[known:], jerks[known:]
+            gap_free = gap_free & np.concatenate([[False] * order, valid[:-order]]) if len(times) > order else gap_free
+        return speeds[history:], jerks[history:]

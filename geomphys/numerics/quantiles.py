@@ -1,4 +1,4 @@
-"""Quantiles of a long series in bounded memory: exact for sixteen thousand values, within 0.25 % beyond."""
+"""Streaming quantiles in bounded memory: exact up to 16,384 values, within 0.25 % beyond."""
 
 from __future__ import annotations
 
@@ -7,27 +7,27 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-EXACT = 1 << 14
-"""Values kept as they are; what comes after them goes into bins."""
+EXACT_CAPACITY = 1 << 14
+"""Number of values stored exactly; with more, all are counted in bins."""
 
-SMALLEST = 1e-12
-"""Values up to this count as zero once values are binned."""
+MIN_VALUE = 1e-12
+"""Smaller values count as zero once values are binned."""
 
-WIDTH = 0.0025
-"""Ratio by which a bin's edges differ: it bounds the relative error."""
+BIN_WIDTH = 0.0025
+"""Relative width of a bin, which bounds the relative error."""
 
-_BINS = math.ceil(math.log(1e24) / math.log1p(WIDTH)) + 1
+_BINS = math.ceil(math.log(1e24) / math.log1p(BIN_WIDTH)) + 1
 
 
 class Quantiles:
-    """A series of finite numbers >= 0, of which quantiles are asked.
+    """Quantiles of a series of finite numbers >= 0.
 
-    The values themselves are kept up to `EXACT` of them (128 KiB, about what the bins take); from then on they are
-    counted in logarithmic bins from 1e-12 to 1e12. A bin that holds a whole number stands for that, so that counts come
-    out exact. The same values in the same order give the same answers.
+    The values themselves are stored up to `EXACT_CAPACITY` of them (128 KiB, about what the bins take); from then on they are
+    counted in logarithmic bins from 1e-12 to 1e12. A bin that contains an integer is represented by it, so that counts
+    are exact. The same values in the same order give the same answers.
     """
 
-    def __init__(self, exact: int = EXACT) -> None:
+    def __init__(self, exact: int = EXACT_CAPACITY) -> None:
         self.count = 0
         self.largest = 0.0
         self.total = 0.0
@@ -36,15 +36,15 @@ class Quantiles:
         self._bins: NDArray[np.uint32] | None = None
 
     def add(self, value: float) -> None:
-        """Count one more value; raises ValueError for a negative or non-finite one."""
+        """Add a value; raises ValueError for a negative or non-finite one."""
         if not (math.isfinite(value) and value >= 0.0):
             raise ValueError(f"a series of quantiles takes finite values that are not negative, not {value}")
         if self._bins is not None:
             self._bins[_bin(value)] += 1
         elif self.count == self._exact:
             self._bins = np.zeros(_BINS, dtype=np.uint32)
-            for kept in self._values[: self.count]:
-                self._bins[_bin(float(kept))] += 1
+            for stored in self._values[: self.count]:
+                self._bins[_bin(float(stored))] += 1
             self._values = np.empty(0)
             self._bins[_bin(value)] += 1
         else:
@@ -73,14 +73,14 @@ class Quantiles:
 
 
 def _value(index: int) -> float:
-    """What stands for the values of a bin: a whole number if one lies in it, else its middle."""
-    middle = SMALLEST * (1.0 + WIDTH) ** (index - 0.5)
-    whole = float(round(middle))
-    return whole if whole > 0.0 and _bin(whole) == index else middle
+    """Representative value of a bin: an integer if it contains one, else its centre."""
+    centre = MIN_VALUE * (1.0 + BIN_WIDTH) ** (index - 0.5)
+    integer = float(round(centre))
+    return integer if integer > 0.0 and _bin(integer) == index else centre
 
 
 def _bin(value: float) -> int:
-    """Bin of a value: 0 up to `SMALLEST`, then one per factor of 1 + `WIDTH`."""
-    if value <= SMALLEST:
+    """Bin of a value: 0 up to `MIN_VALUE`, then one per factor of 1 + `BIN_WIDTH`."""
+    if value <= MIN_VALUE:
         return 0
-    return min(1 + int(math.log(value / SMALLEST) / math.log1p(WIDTH)), _BINS - 1)
+    return min(1 + int(math.log(value / MIN_VALUE) / math.log1p(BIN_WIDTH)), _BINS - 1)

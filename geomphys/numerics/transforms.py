@@ -37,7 +37,7 @@ def quaternion_from_rotation(rotation: ArrayLike) -> Floats:
     """Unit quaternions (..., 4) x y z w, w >= 0, of rotations (..., 3, 3).
 
     The largest of the four components is computed from a square root and the others from it (Shepperd 1978), so that
-    no turn loses digits.
+    no rotation loses digits.
     """
     r = np.asarray(rotation, dtype=np.float64)
     flat = r.reshape(-1, 3, 3)
@@ -67,7 +67,7 @@ def quaternion_from_rpy(degrees: Sequence[float]) -> tuple[float, float, float, 
 
     That is the convention of URDF. Multiples of 90 degrees give components of exactly 0, ±√½, ±½ or ±1.
     """
-    (sr, cr), (sp, cp), (sy, cy) = (_half(angle) for angle in degrees)
+    (sr, cr), (sp, cp), (sy, cy) = (_half_angle(angle) for angle in degrees)
     return (
         sr * cp * cy - cr * sp * sy + 0.0,
         cr * sp * cy + sr * cp * sy + 0.0,
@@ -76,7 +76,7 @@ def quaternion_from_rpy(degrees: Sequence[float]) -> tuple[float, float, float, 
     )
 
 
-def _half(degrees: float) -> tuple[float, float]:
+def _half_angle(degrees: float) -> tuple[float, float]:
     """Sine and cosine of half an angle, exact where it is a multiple of 180 degrees, equal ones at 90."""
     quarters = math.remainder(degrees, 720.0) / 90.0
     if quarters.is_integer():
@@ -151,7 +151,7 @@ def apply(a_from_b: ArrayLike, points: ArrayLike) -> Floats:
 
 
 def quaternion_product(a: ArrayLike, b: ArrayLike) -> Floats:
-    """Quaternions (..., 4) of the turn b followed by the turn a."""
+    """Quaternions (..., 4) of the rotation b followed by the rotation a."""
     ax, ay, az, aw = np.moveaxis(np.asarray(a, dtype=np.float64), -1, 0)
     bx, by, bz, bw = np.moveaxis(np.asarray(b, dtype=np.float64), -1, 0)
     return np.stack(
@@ -166,7 +166,7 @@ def quaternion_product(a: ArrayLike, b: ArrayLike) -> Floats:
 
 
 def angle_between(a: ArrayLike, b: ArrayLike) -> Floats:
-    """Angles (...) [rad, 0 to pi] between the turns of unit quaternions (..., 4); exact for tiny angles too."""
+    """Angles (...) [rad, 0 to pi] between the rotations of unit quaternions (..., 4); exact for tiny angles too."""
     a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
     b = np.where(np.sum(a * b, axis=-1, keepdims=True) < 0, -b, b)
     angle: Floats = 4.0 * np.arctan2(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))

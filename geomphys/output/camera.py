@@ -1,4 +1,4 @@
-"""Where to look from: near what moves, from a side where nothing stands in between."""
+"""Chooses the viewpoint of a scene: close to the motion, from a direction with little occlusion."""
 
 from __future__ import annotations
 
@@ -10,40 +10,40 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-_DISTANCE = 1.9  # of the radius of what is looked at
+_DISTANCE = 1.9  # of the radius of the points in view
 _AZIMUTHS = np.radians(np.arange(-60, 300, 15))
-_ELEVATIONS = np.radians([28.0, 45.0, 15.0, 65.0])  # best liked first
-_RAYS = 4_000_000  # pairs of a ray and a triangle that are tried at most
+_ELEVATIONS = np.radians([28.0, 45.0, 15.0, 65.0])  # in order of preference
+_RAYS = 4_000_000  # most pairs of a ray and a triangle that are tested
 
 
-_IGNORED = 0.15  # of that radius: what is this near to a contact does not count as hiding it
-_CLEARANCE = 0.7  # of that radius: how far the eye likes to stay from what stands still
+_IGNORED = 0.15  # of that radius: geometry this close to a contact does not count as occluding it
+_CLEARANCE = 0.7  # of that radius: preferred distance of the eye from static bodies
 
 
-class Moment(NamedTuple):
-    """A frame in which something touches, world frame, m."""
+class ContactFrame(NamedTuple):
+    """A frame with contacts, world frame, m."""
 
     points: Floats  # (k, 3) contact points
-    triangles: Floats  # (m, 3, 3) of what moves and may hide them
+    triangles: Floats  # (m, 3, 3) of moving bodies that may occlude them
 
 
 class Viewpoint(NamedTuple):
-    """A point of view, world frame, m."""
+    """A camera position and the point it looks at, world frame, m."""
 
     position: Floats  # (3,)
     target: Floats  # (3,)
 
 
-def choose_viewpoint(points: Floats, triangles: Floats, moments: Sequence[Moment] = ()) -> Viewpoint:
-    """The direction from which most of the points are seen, and the contacts of most of the moments.
+def choose_viewpoint(points: Floats, triangles: Floats, contact_frames: Sequence[ContactFrame] = ()) -> Viewpoint:
+    """Choose the direction from which most of the points and contacts are visible.
 
     Parameters
     ----------
     points : (n, 3) m
-        Where things moved; n may be 0.
+        Positions of the motion; n may be 0.
     triangles : (m, 3, 3) m
-        What stands still and may hide them.
-    moments : sequence of Moment
+        Static geometry that may occlude them.
+    contact_frames : sequence of ContactFrame
     """
     if len(points) == 0:
         points = triangles.reshape(-1, 3) if len(triangles) else np.zeros((1, 3))
@@ -61,24 +61,24 @@ def choose_viewpoint(points: Floats, triangles: Floats, moments: Sequence[Moment
     if len(triangles):
         sample = sample[:: max(1, len(sample) * len(triangles) * len(eyes) // _RAYS)]
         triangles = triangles[:: max(1, len(sample) * len(triangles) * len(eyes) // _RAYS)]
-    visible = np.array([_visible_share(eye, sample, triangles) for eye in eyes])
-    if len(triangles):  # not right before a wall
+    visible = np.array([_visible_fraction(eye, sample, triangles) for eye in eyes])
+    if len(triangles):  # keep some clearance from walls
         around = (
             _CLEARANCE * radius * np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]) - _CLEARANCE * radius
         )
-        visible -= [0.5 * (1.0 - _visible_share(eye, eye + around, triangles, 0.0)) for eye in eyes]
-    if moments:
+        visible -= [0.5 * (1.0 - _visible_fraction(eye, eye + around, triangles, 0.0)) for eye in eyes]
+    if contact_frames:
         ignored = _IGNORED * radius
-        shown = [[_visible_share(eye, m.points, m.triangles, ignored) for m in moments] for eye in eyes]
+        shown = [[_visible_fraction(eye, m.points, m.triangles, ignored) for m in contact_frames] for eye in eyes]
         visible = (visible + np.mean(shown, axis=1)) / 2
     best = int(np.argmax(visible - penalty))
     return Viewpoint(eyes[best], target)
 
 
-def _visible_share(eye: Floats, points: Floats, triangles: Floats, ignored: float | None = None) -> float:
-    """Share of points that no triangle hides from the eye (Möller and Trumbore's test for each pair).
+def _visible_fraction(eye: Floats, points: Floats, triangles: Floats, ignored: float | None = None) -> float:
+    """Fraction of points that no triangle occludes from the eye (Möller and Trumbore's test for each pair).
 
-    What is nearer to a point than `ignored` (m; None: a thirtieth of the way) does not hide it.
+    Triangles nearer to a point than `ignored` (m; None: 3 % of its distance) do not occlude it.
     """
     if len(triangles) == 0:
         return 1.0

@@ -1,4 +1,4 @@
-"""The colours of the rerun recording, as red, green, blue, opacity of 0 to 255."""
+"""Colours of the rerun recording and the robot descriptions: red, green, blue, opacity, each 0 to 255."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from geomphys.scene.scene_file import SceneFile
 Colour = tuple[int, int, int, int]
 
 FREE: Colour = (226, 190, 166, 255)
-"""A link where it was recorded."""
+"""A link at its recorded pose."""
 CORRECTED: Colour = (120, 178, 214, 255)
-"""A link moved from where it was recorded."""
-TOUCHING: Colour = (242, 142, 43, 255)
+"""A link whose pose was corrected."""
+IN_CONTACT: Colour = (242, 142, 43, 255)
 """A link in contact."""
 GHOST: Colour = (220, 40, 100, 80)
-"""The recorded pose of a link that was moved."""
+"""The recorded pose of a corrected link, drawn translucent."""
 HIDDEN: Colour = (0, 0, 0, 0)
 CONTACT: Colour = (200, 30, 30, 255)
 DEPTH: Colour = (130, 60, 190, 255)
@@ -40,30 +40,30 @@ _SIMULATED: tuple[Colour, ...] = (
     (140, 104, 168, 255),
     (60, 150, 150, 255),
 )
-"""Things that move by themselves stand out from what stands still."""
+"""Simulated objects are more saturated than fixed ones."""
 _SHADES = (1.0, 0.90, 1.10, 0.95, 1.05)
 
 
-def of_material(name: str) -> Colour:
-    """Colour of that material; one the palette does not know has one of a few, always the same."""
+def colour_of_material(name: str) -> Colour:
+    """Colour of a material; an unknown one gets one of a few colours, chosen by a hash of its name."""
     return _MATERIALS.get(name) or _FALLBACKS[zlib.crc32(name.encode()) % len(_FALLBACKS)]
 
 
-def of_object(name: str, material: str, *, simulated: bool) -> Colour:
+def colour_of_object(name: str, material: str, *, simulated: bool) -> Colour:
     """Colour of an object: a shade of its material, so that neighbours differ; a colour of its own if it is simulated."""
     number = zlib.crc32(name.encode())
     if simulated:
         return _SIMULATED[number % len(_SIMULATED)]
     shade = _SHADES[number % len(_SHADES)]
-    red, green, blue, opacity = of_material(material)
+    red, green, blue, opacity = colour_of_material(material)
     return (min(255, int(red * shade)), min(255, int(green * shade)), min(255, int(blue * shade)), opacity)
 
 
-def of_trees(file: SceneFile) -> dict[str, Colour]:
+def colours_of_trees(file: SceneFile) -> dict[str, Colour]:
     """Colour of every avatar and object of a scene by its name."""
-    avatars = {table.name: of_material(table.material) for table in file.avatar}
+    avatars = {table.name: colour_of_material(table.material) for table in file.avatar}
     objects = {
-        table.name: of_object(table.name, table.material, simulated=table.class_ == "simulated")
+        table.name: colour_of_object(table.name, table.material, simulated=table.class_ == "simulated")
         for table in file.object
     }
     return avatars | objects

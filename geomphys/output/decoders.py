@@ -1,4 +1,4 @@
-"""The messages of an output log, from bytes to numbers: the reverse of `geomphys.output.messages`."""
+"""Decodes the messages of an output log; the inverse of `geomphys.output.encoders`."""
 
 from __future__ import annotations
 
@@ -10,15 +10,13 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from numpy.typing import NDArray
 
-from geomphys.output.message_templates import Template
-from geomphys.output.messages import TransformsMessage
 from geomphys.output.proto.geomphys_pb2 import Contacts, FrameMetrics, PenetrationDepths, Timing
 
 Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 METRICS = tuple(f.name for f in FrameMetrics.DESCRIPTOR.fields if f.name != "timestamp")
-"""Fields of a frame's metrics."""
+"""Names of the fields of a frame's metrics."""
 
 
 class Poses(NamedTuple):
@@ -48,7 +46,7 @@ class ContactRow(NamedTuple):
 
 
 class PenetrationRow(NamedTuple):
-    """A pair that overlapped as recorded; see geomphys.proto."""
+    """A pair of bodies that overlapped at the recorded poses; see geomphys.proto."""
 
     body_a: str
     body_b: str
@@ -73,33 +71,16 @@ class LogRow(NamedTuple):
     text: str
 
 
-class TransformsDecoder:
-    """Reads foxglove.FrameTransforms; messages laid out like one before are read without decoding every field."""
-
-    def __init__(self) -> None:
-        self._layouts: dict[int, tuple[tuple[str, ...], Template]] = {}
-
-    def decode(self, data: bytes, time_ns: int) -> Poses:
-        """Poses of a message; raises google.protobuf's DecodeError if it is none."""
-        known = self._layouts.get(len(data))
-        if known is not None:
-            values = known[1].read(data)
-            if values is not None:
-                return Poses(known[0], values.reshape(-1, 7))
-        message = FrameTransforms.FromString(data)
-        names = tuple(t.child_frame_id for t in message.transforms)
-        rows = [
-            (p.x, p.y, p.z, q.x, q.y, q.z, q.w) for p, q in ((t.translation, t.rotation) for t in message.transforms)
-        ]
-        values = np.array(rows, np.float64).reshape(-1, 7)
-        layout = TransformsMessage(names).layout(time_ns)
-        if layout.read(data) is not None:
-            self._layouts[len(data)] = (names, layout)
-        return Poses(names, values)
+def decode_transforms(data: bytes) -> Poses:
+    """Poses of a foxglove.FrameTransforms; raises google.protobuf's DecodeError if `data` is none."""
+    transforms = FrameTransforms.FromString(data).transforms
+    vectors = [(t.translation, t.rotation) for t in transforms]
+    rows = [(p.x, p.y, p.z, q.x, q.y, q.z, q.w) for p, q in vectors]
+    return Poses(tuple(t.child_frame_id for t in transforms), np.array(rows, np.float64).reshape(-1, 7))
 
 
 class JointStateDecoder:
-    """Reads sensor_msgs/msg/JointState in little-endian CDR; names are decoded where they differ from before."""
+    """Decodes sensor_msgs/msg/JointState in little-endian CDR; the names are parsed only when their bytes change."""
 
     def __init__(self) -> None:
         self._head = b""

@@ -1,4 +1,4 @@
-"""What a batch of frames comes to, column by column: the arrays that the rerun recording is written from."""
+"""Converts a batch of frame results to the arrays (columns) of the rerun recording."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.output.contact_arrows import ARROW_LONGEST, ARROW_SCALE, arrow_lengths
+from geomphys.output.contact_arrows import ARROW_SCALE, MAX_ARROW_LENGTH, arrow_lengths
 from geomphys.results import FrameResult
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-DIFFERENCE = 1e-4
-"""From which difference of a coordinate [m] or of a quaternion's component on a pose counts as moved, for the eye."""
+CORRECTION_THRESHOLD = 1e-4
+"""Difference of a coordinate [m] or quaternion component above which a body is drawn as corrected."""
 
 
-def moved(recorded: Floats, corrected: Floats) -> Flags:
-    """(n, b) whether a body is drawn as moved from where it was recorded; poses are (n, b, 7)."""
-    is_moved: Flags = np.abs(corrected - recorded).max(axis=2) > DIFFERENCE
+def is_corrected(recorded: Floats, corrected: Floats) -> Flags:
+    """(n, b) whether a body is drawn as corrected: its pose differs visibly from the recorded one; poses are (n, b, 7)."""
+    is_moved: Flags = np.abs(corrected - recorded).max(axis=2) > CORRECTION_THRESHOLD
     return is_moved
 
 
-def touching(results: Sequence[FrameResult], bodies: int) -> Flags:
+def in_contact(results: Sequence[FrameResult], bodies: int) -> Flags:
     """(n, b) whether a body has a contact in a frame."""
     touched = np.zeros((len(results), bodies), bool)
     for row, result in enumerate(results):
@@ -33,8 +33,8 @@ def touching(results: Sequence[FrameResult], bodies: int) -> Flags:
     return touched
 
 
-def changes(rows: NDArray[np.generic], before: NDArray[np.generic] | None) -> Flags:
-    """(n,) whether a row of (n, k) differs from the one before; `before` is that of the first, None if there is none."""
+def changed_rows(rows: NDArray[np.generic], before: NDArray[np.generic] | None) -> Flags:
+    """(n,) whether a row of (n, k) differs from its predecessor; `before` is that of the first row, None if it has none."""
     changed = np.ones(len(rows), bool)
     if before is not None:
         changed[0] = bool((rows[0] != before).any())
@@ -42,8 +42,8 @@ def changes(rows: NDArray[np.generic], before: NDArray[np.generic] | None) -> Fl
     return changed
 
 
-def counted(counts_per_frame: Sequence[int], before: int) -> tuple[Ints, Ints]:
-    """Rows that hold anything or end what was held, and how much each holds; `before` is the count before the first."""
+def rows_with_content(counts_per_frame: Sequence[int], before: int) -> tuple[Ints, Ints]:
+    """Rows with content, or directly after one with content, and their counts; `before` is the count before the first."""
     counts = np.array(counts_per_frame)
     previous = np.concatenate([[before], counts[:-1]])
     rows = np.flatnonzero((counts > 0) | (previous > 0))
@@ -61,7 +61,7 @@ def contact_arrows(results: Sequence[FrameResult]) -> tuple[Floats, Floats]:
 def depth_arrows(results: Sequence[FrameResult]) -> tuple[Floats, Floats]:
     """Origins (k, 3) and arrows (k, 3) of the global penetration depths of the frames, m.
 
-    An arrow begins amid the contacts of its pair, or at the recorded origin of the body it moves if there are none.
+    An arrow starts at the mean contact point of its pair, or at the recorded origin of body_a if it has no contact.
     """
     origins: list[Floats] = []
     for result in results:
@@ -71,12 +71,14 @@ def depth_arrows(results: Sequence[FrameResult]) -> tuple[Floats, Floats]:
             origins.append(contacts.point[same].mean(axis=0) if same.any() else result.recorded[a, :3])
     vectors = np.concatenate([result.penetrations.pd for result in results])
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
-    scales = np.minimum(ARROW_SCALE, np.divide(ARROW_LONGEST, lengths, out=np.zeros_like(lengths), where=lengths > 0))
+    scales = np.minimum(
+        ARROW_SCALE, np.divide(MAX_ARROW_LENGTH, lengths, out=np.zeros_like(lengths), where=lengths > 0)
+    )
     return np.array(origins).reshape(-1, 3), scales * vectors
 
 
-def figures(results: Sequence[FrameResult]) -> dict[str, Floats]:
-    """Plot name -> (n,) values, in the units that the names of the plots state."""
+def plot_values(results: Sequence[FrameResult]) -> dict[str, Floats]:
+    """Plot name -> (n,) values, in the units named by the plots."""
     metrics = [result.metrics for result in results]
     deepest = [
         float(np.sqrt(np.einsum("ij,ij->i", r.penetrations.pd, r.penetrations.pd)).max(initial=0.0)) for r in results
@@ -93,9 +95,9 @@ def figures(results: Sequence[FrameResult]) -> dict[str, Floats]:
 
 
 def stage_times(results: Sequence[FrameResult], depth: int) -> dict[str, tuple[Ints, Floats]]:
-    """Stage name -> rows and µs, of ``step`` and what is under it, with at most `depth` parts in their names.
+    """Stage name -> rows and times [µs] of ``step`` and its stages, with at most `depth` parts in their names.
 
-    What decodes and encodes works in batches: its times are spikes that would hide the others.
+    Decoding and encoding are left out: they work in batches, and their spikes would hide the other curves.
     """
     touched: dict[str, tuple[list[int], list[float]]] = {}
     for row, result in enumerate(results):

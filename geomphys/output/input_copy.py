@@ -1,49 +1,49 @@
-"""Copies a log's channels into the output, message by message, beside the frames they led to."""
+"""Copies the channels of the input log into the output, interleaved with the frames by time."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from mcap.writer import Writer
 
-from geomphys.output.mcap_writer import McapWriter
 from geomphys.recording.reader import RawMessage, open_log
+from geomphys.storage.remote_files import AnyPath
 
 PREFIX = "/input"
 
 
 class InputCopy:
-    """Feeds the messages of a log to an output, with their own times, under topics prefixed ``/input``.
+    """Copies the messages of a log with their original times, under topics prefixed ``/input``.
 
-    Messages are taken in the order of the file, chunk by chunk: memory does not grow with the log.
+    Messages are read in file order, chunk by chunk: memory does not grow with the log.
 
     Parameters
     ----------
     path : Path
         An MCAP file, a bag directory of them, or the URL of one.
     recover : bool
-        Whether what can be read of a damaged log is copied; without it DamagedLogError is raised here.
+        Whether to copy the readable part of a damaged log; without it DamagedLogError is raised here.
     """
 
-    def __init__(self, path: Path, recover: bool) -> None:
+    def __init__(self, path: AnyPath, recover: bool) -> None:
         self._reader = open_log(path, recover=recover)
         self._items = self._reader.read(file_order=True)
         self._next = next(self._items, None)
         self._channels: dict[tuple[object, ...], int] = {}
         self._schemas: dict[tuple[str, str, bytes], int] = {}
 
-    def copy_until(self, time: int, file: McapWriter) -> None:
+    def copy_until(self, time: int, file: Writer) -> None:
         """Copy the messages logged up to `time` [ns]."""
         while self._next is not None and self._next.log_time <= time:
             self._copy(self._next, file)
             self._next = next(self._items, None)
 
-    def close(self, file: McapWriter, rest: bool) -> None:
-        """Stop; with `rest` the remaining messages are copied first."""
-        while rest and self._next is not None:
+    def close(self, file: Writer, copy_remaining: bool) -> None:
+        """Close the log, after copying the remaining messages if `copy_remaining`."""
+        while copy_remaining and self._next is not None:
             self._copy(self._next, file)
             self._next = next(self._items, None)
         self._reader.close()
 
-    def _copy(self, message: RawMessage, file: McapWriter) -> None:
+    def _copy(self, message: RawMessage, file: Writer) -> None:
         channel = self._reader.channels[message.key]
         schema = (channel.schema_name, channel.schema_encoding, channel.schema_data)
         key = (channel.topic, channel.encoding, *schema)
@@ -51,8 +51,8 @@ class InputCopy:
         if target is None:
             number = 0
             if channel.schema_name:
-                number = self._schemas.get(schema, 0) or file.add_schema(*schema)
+                number = self._schemas.get(schema, 0) or file.register_schema(*schema)
                 self._schemas[schema] = number
-            target = file.add_channel(PREFIX + channel.topic, channel.encoding, number, dict(channel.metadata))
+            target = file.register_channel(PREFIX + channel.topic, channel.encoding, number, dict(channel.metadata))
             self._channels[key] = target
-        file.add_message(target, message.log_time, message.data, message.sequence, message.publish_time)
+        file.add_message(target, message.log_time, message.data, message.publish_time, message.sequence)

@@ -1,8 +1,7 @@
-"""The output log: every channel of a replay in one MCAP file that Foxglove and the rerun viewer show as it is."""
+"""Writes the output log: an MCAP file with all channels of a replay, which Foxglove and the rerun viewer can open."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
@@ -11,38 +10,36 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.message import Message
+from mcap.writer import Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 from numpy.typing import NDArray
 
 from geomphys import __version__
 from geomphys.config import Config
 from geomphys.errors import LogError, OutputError
-from geomphys.output.finite import check_finite
-from geomphys.output.input_copy import InputCopy
-from geomphys.output.mcap_writer import McapWriter
-from geomphys.output.message_templates import stamp_field
-from geomphys.output.messages import (
+from geomphys.output.encoders import (
     JOINT_STATE_DEFINITION,
     STRING_DEFINITION,
-    ContactArrowsMessage,
-    ContactPointsMessage,
-    ContactsMessage,
-    FrameMessages,
-    JointStateMessage,
-    TransformsMessage,
-    head_of,
-    string_message,
+    ContactArrowsEncoder,
+    ContactPointsEncoder,
+    FrameEncoder,
+    JointStateEncoder,
+    TransformsEncoder,
+    encode_string,
 )
+from geomphys.output.finite_check import check_finite
+from geomphys.output.input_copy import InputCopy
 from geomphys.output.proto.geomphys_pb2 import Contacts, FrameMetrics, PenetrationDepths, Timing
-from geomphys.output.provenance import RECORD, Provenance
+from geomphys.output.provenance import METADATA_RECORD, Provenance
 from geomphys.output.sink import ContextManaged, OutputFile
 from geomphys.output.urdf_description import descriptions
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import DRIVEN, FIXED, World
+from geomphys.storage.remote_files import AnyPath
 
-_LAST_TIME = (1 << 31) * 1_000_000_000  # ns; a ROS 2 stamp counts seconds in 31 bits
+_MAX_TIME_NS = (1 << 31) * 1_000_000_000  # ns; a ROS 2 stamp counts seconds in 31 bits
 
-_PROTOBUF: dict[str, type[Message]] = {
+_PROTOBUF_CHANNELS: dict[str, type[Message]] = {
     "/tf": FrameTransforms,
     "/recorded/tf": FrameTransforms,
     "/contacts": Contacts,
@@ -58,9 +55,9 @@ _PROTOBUF: dict[str, type[Message]] = {
 class McapSink(ContextManaged):
     """Writes the output log.
 
-    A message stands at its frame's time, which is its log time, publish time and stamp; its sequence number is the
-    frame's. ``/contacts``, ``/penetration`` and ``/metrics`` have a message every frame, ``/contacts/points`` and
-    ``/contacts/scene`` one wherever there are contacts and one without any where they end.
+    The time of a frame is the log time, publish time and stamp of its messages; their sequence number is the frame's.
+    ``/contacts``, ``/penetration`` and ``/metrics`` have a message every frame, ``/contacts/points`` and
+    ``/contacts/scene`` one in frames with contacts, and an empty one after the last of them.
 
     Parameters
     ----------
@@ -80,7 +77,9 @@ class McapSink(ContextManaged):
         written (before 0 or after 2038), the disk is full.
     """
 
-    def __init__(self, path: Path, *, timing: bool = True, force: bool = False, copy_input: Path | None = None) -> None:
+    def __init__(
+        self, path: AnyPath, *, timing: bool = True, force: bool = False, copy_input: AnyPath | None = None
+    ) -> None:
         self._path = path
         self._timing = timing
         self._force = force
@@ -100,18 +99,19 @@ class McapSink(ContextManaged):
         except OSError as problem:
             raise output.error(problem) from problem
         self._output = output
-        self._file = McapWriter(self._stream, f"geomphys {__version__}")
+        self._file = Writer(self._stream)
+        self._file.start(library=f"geomphys {__version__}")
         self._declare_channels()
         self._prepare_messages()
         self._started = False
-        self._had_contacts = True  # so that the first frame says that there are none
+        self._had_contacts = True  # so that a first frame without contacts writes empty messages
 
     def write(self, result: FrameResult) -> None:
         """Add a frame; see `Sink.write`."""
         if self._output is None:
             raise OutputError(f"{self._path}: a frame was written before the output was opened")
         time = result.frame.time_ns
-        if not 0 <= time < _LAST_TIME:
+        if not 0 <= time < _MAX_TIME_NS:
             raise OutputError(
                 f"{self._path}: frame {result.frame.index}: the time {time / 1e9} s cannot be written, it must lie "
                 "between 0 (1970) and 2**31 s (2038); shift the log's clock"
@@ -130,76 +130,75 @@ class McapSink(ContextManaged):
             return
         output, stream = self._output, self._stream
         self._output = self._stream = None
-        damage: LogError | None = None
+        log_error: LogError | None = None
         try:
             with stream:
                 if not self._started:
-                    self._begin(0)
+                    self._write_static_messages(0)
                 if self._input is not None:
                     try:
-                        self._input.close(self._file, rest=complete)
+                        self._input.close(self._file, copy_remaining=complete)
                     except LogError as problem:
-                        damage, complete = problem, False
-                self._file.add_metadata(RECORD, self._provenance.record(complete=complete))
-                self._file.finish()
+                        log_error, complete = problem, False
+                self._file.add_metadata(METADATA_RECORD, self._provenance.record(complete=complete))
+                self._file.finish()  # type: ignore[no-untyped-call]
         except OSError as problem:
             output.discard()
             raise output.error(problem) from problem
         output.publish(complete)
-        if damage is not None:
-            raise damage
+        if log_error is not None:
+            raise log_error
 
     def _write(self, result: FrameResult, time: int) -> None:
-        frame, stamp, put = result.frame.index, stamp_field(time), self._put
-        head = head_of(frame, stamp)
+        frame, write_message, encoder = result.frame.index, self._write_message, self._frame_encoder
         if not self._started:
-            self._begin(time)
-            put("/tf", self._all_transforms.encode(result.corrected, stamp), time, frame)
+            self._write_static_messages(time)
+            write_message("/tf", self._first_transforms.encode(result.corrected, time), time, frame)
         else:
-            put("/tf", self._transforms.encode(result.corrected[self._moving], stamp), time, frame)
-        put("/recorded/tf", self._recorded.encode(result.recorded[self._driven], stamp), time, frame)
+            write_message("/tf", self._transforms.encode(result.corrected[self._moving], time), time, frame)
+        write_message("/recorded/tf", self._recorded.encode(result.recorded[self._driven], time), time, frame)
         for topic, message, start, end in self._joints:
-            put(topic, message.encode(result.angles[start:end], time), time, frame)
+            write_message(topic, message.encode(result.angles[start:end], time), time, frame)
         contacts = result.contacts
-        put("/contacts", self._contacts.encode(contacts, head), time, frame)
+        write_message("/contacts", encoder.contacts(contacts, frame, time), time, frame)
         has_contacts = len(contacts.depth) > 0
         if has_contacts or self._had_contacts:
-            put("/contacts/points", self._points.encode(contacts, stamp), time, frame)
-            put("/contacts/scene", self._arrows.encode(contacts, stamp), time, frame)
+            write_message("/contacts/points", self._points.encode(contacts, time), time, frame)
+            write_message("/contacts/scene", self._arrows.encode(contacts, time), time, frame)
         self._had_contacts = has_contacts
-        put("/penetration", self._figures.penetration(result.penetrations, head), time, frame)
-        put("/metrics", self._figures.metrics(result.metrics, head), time, frame)
+        write_message("/penetration", encoder.penetrations(result.penetrations, frame, time), time, frame)
+        write_message("/metrics", encoder.metrics(result.metrics, frame, time), time, frame)
         if self._timing:
-            put("/timing", self._figures.timing(result.timing, head), time, frame)
+            write_message("/timing", encoder.timing(result.timing, frame, time), time, frame)
         for level, text in result.messages:
-            put("/log", self._figures.log(level, text, time), time, frame)
+            write_message("/log", encoder.log(level, text, time), time, frame)
 
-    def _put(self, topic: str, data: bytes, time: int, frame: int) -> None:
-        self._file.add_message(self._channels[topic], time, data, sequence=frame & 0xFFFFFFFF)
+    def _write_message(self, topic: str, data: bytes, time: int, frame: int) -> None:
+        self._file.add_message(self._channels[topic], time, data, time, frame & 0xFFFFFFFF)
 
     def _declare_channels(self) -> None:
         file, schemas = self._file, dict[str, int]()
         self._channels: dict[str, int] = {}
-        string = file.add_schema("std_msgs/msg/String", "ros2msg", STRING_DEFINITION)
+        string = file.register_schema("std_msgs/msg/String", "ros2msg", STRING_DEFINITION)
         for topic in self._descriptions:
-            self._channels[topic] = file.add_channel(topic, "cdr", string)
-        for topic, kind in _PROTOBUF.items():
+            self._channels[topic] = file.register_channel(topic, "cdr", string)
+        for topic, kind in _PROTOBUF_CHANNELS.items():
             if topic == "/timing" and not self._timing:
                 continue
             name = kind.DESCRIPTOR.full_name
             if name not in schemas:
                 data = build_file_descriptor_set(kind).SerializeToString(deterministic=True)
-                schemas[name] = file.add_schema(name, "protobuf", data)
-            self._channels[topic] = file.add_channel(topic, "protobuf", schemas[name])
-        self._joints: list[tuple[str, JointStateMessage, int, int]] = []
-        joint_state = file.add_schema("sensor_msgs/msg/JointState", "ros2msg", JOINT_STATE_DEFINITION)
+                schemas[name] = file.register_schema(name, "protobuf", data)
+            self._channels[topic] = file.register_channel(topic, "protobuf", schemas[name])
+        self._joints: list[tuple[str, JointStateEncoder, int, int]] = []
+        joint_state = file.register_schema("sensor_msgs/msg/JointState", "ros2msg", JOINT_STATE_DEFINITION)
         for tree in range(self._world.avatar_count):
             topic = (
                 "/joint_states" if self._world.avatar_count == 1 else f"/{self._world.tree_names[tree]}/joint_states"
             )
             start, end = (int(column) for column in self._world.scene.trees.dof_start[tree : tree + 2])
-            self._channels[topic] = file.add_channel(topic, "cdr", joint_state)
-            self._joints.append((topic, JointStateMessage(self._world.dof_names[start:end]), start, end))
+            self._channels[topic] = file.register_channel(topic, "cdr", joint_state)
+            self._joints.append((topic, JointStateEncoder(self._world.dof_names[start:end]), start, end))
 
     def _prepare_messages(self) -> None:
         world = self._world
@@ -208,21 +207,20 @@ class McapSink(ContextManaged):
         self._moving: NDArray[np.int64] = np.flatnonzero(moves)
         self._driven: NDArray[np.int64] = np.flatnonzero(bodies.role == DRIVEN)
         names = world.frame_names
-        self._all_transforms = TransformsMessage(names)
-        self._transforms = TransformsMessage([names[b] for b in self._moving])
-        self._recorded = TransformsMessage([f"recorded/{names[b]}" for b in self._driven])
-        self._contacts = ContactsMessage(world.body_names)
-        self._points = ContactPointsMessage()
-        self._arrows = ContactArrowsMessage()
-        self._figures = FrameMessages(world.body_names)
+        self._first_transforms = TransformsEncoder(names)
+        self._transforms = TransformsEncoder([names[b] for b in self._moving])
+        self._recorded = TransformsEncoder([f"recorded/{names[b]}" for b in self._driven])
+        self._points = ContactPointsEncoder()
+        self._arrows = ContactArrowsEncoder()
+        self._frame_encoder = FrameEncoder(world.body_names)
 
-    def _begin(self, time: int) -> None:
-        """What stands once in the file, at the time of the first frame."""
+    def _write_static_messages(self, time: int) -> None:
+        """Write the robot descriptions and attachments at the time of the first frame."""
         self._started = True
         for topic, text in self._descriptions.items():
-            self._put(topic, string_message(text), time, 0)
+            self._write_message(topic, encode_string(text), time, 0)
         for name, media_type, data in self._attachments:
-            self._file.add_attachment(name, media_type, data, time)
+            self._file.add_attachment(0, time, name, media_type, data)  # time of creation is not recorded
 
 
 def _attachments(world: World) -> list[tuple[str, str, bytes]]:

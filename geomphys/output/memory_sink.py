@@ -1,4 +1,4 @@
-"""A sink that keeps every result: for callers with short recordings, and the double of the others in tests."""
+"""A sink that collects all results in memory, for short recordings and for tests."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from geomphys.scene.arrays import World
 
 
 class MemorySink(ContextManaged):
-    """Keeps what it is given.
+    """Collects the results of a replay.
 
     Attributes
     ----------
@@ -30,16 +30,16 @@ class MemorySink(ContextManaged):
         self.complete: bool | None = None
 
     def open(self, world: World, config: Config, provenance: Provenance) -> None:
-        """Begin, forgetting what an earlier run left."""
+        """Begin and clear the results of an earlier run."""
         self.results = []
         self.world, self.config, self.provenance = world, config, provenance
         self.complete = None
 
     def write(self, result: FrameResult) -> None:
-        """Keep a frame."""
+        """Append a frame."""
         self.results.append(result)
 
     def close(self, complete: bool) -> None:
-        """Remember how the run ended."""
+        """Store whether the run was complete."""
         if self.complete is None:
             self.complete = complete

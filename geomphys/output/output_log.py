@@ -1,4 +1,4 @@
-"""Reads an output log back: metadata, frames one at a time, and whole columns of figures."""
+"""Reads an output log: metadata, frames as a stream, and columns of metrics and stage times."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import struct
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 import numpy as np
@@ -26,15 +25,15 @@ from geomphys.output.decoders import (
     PenetrationRow,
     Poses,
     StageRow,
-    TransformsDecoder,
     decode_contacts,
     decode_log,
     decode_metrics,
     decode_penetrations,
     decode_string,
     decode_timing,
+    decode_transforms,
 )
-from geomphys.output.provenance import IDENTITY, RECORD
+from geomphys.output.provenance import METADATA_RECORD, NON_PARAMETER_KEYS
 from geomphys.recording.records import (
     CHUNK_LIMIT,
     HEAD,
@@ -44,13 +43,13 @@ from geomphys.recording.records import (
     unpack_chunk,
     walk,
 )
-from geomphys.storage.remote_files import as_path
+from geomphys.storage.remote_files import AnyPath, as_path
 
 CHANNELS = ("/tf", "/recorded/tf", "joint_states", "/contacts", "/penetration", "/metrics", "/timing", "/log")
 """What `OutputLog.frames` can read; ``joint_states`` stands for those of every avatar."""
 
 RECORD_LIMIT = 256 * 2**20
-"""Bytes; a longer record, an attached file say, is not read."""
+"""Bytes; longer records, such as large attachments, are refused."""
 
 _DAMAGE = (
     BadRecordError, McapError, DecodeError, struct.error, ValueError, EOFError, KeyError, IndexError, RuntimeError,
@@ -60,7 +59,7 @@ _DAMAGE = (
 
 @dataclass(frozen=True, slots=True)
 class OutputFrame:
-    """A frame of an output. What was not asked for, or does not stand in the file, is empty."""
+    """A frame of an output. Channels that were not requested or are not in the file are empty."""
 
     index: int
     """The frame's number in the replay."""
@@ -111,17 +110,17 @@ class OutputLog:
         Log times of the first and last message of ``/tf`` and its like.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: AnyPath) -> None:
         self.path = path
         with self._reading() as (_, reader):
             summary = reader.get_summary()
             if summary is None or summary.statistics is None:
                 raise DamagedLogError(f"{path}: has no summary, so it was not closed; replay the log again")
-            records = [dict(record.metadata) for record in reader.iter_metadata() if record.name == RECORD]
+            records = [dict(record.metadata) for record in reader.iter_metadata() if record.name == METADATA_RECORD]
         statistics = summary.statistics
         if not records:
             raise LogError(
-                f"{path}: is no output of geomphys: it has no metadata record {RECORD!r}; replay a log first"
+                f"{path}: is no output of geomphys: it has no metadata record {METADATA_RECORD!r}; replay a log first"
             )
         self.metadata: dict[str, str] = records[0]
         channels = sorted(summary.channels.items())
@@ -137,7 +136,7 @@ class OutputLog:
 
     @property
     def complete(self) -> bool:
-        """Whether the replay that wrote it came to its end."""
+        """Whether the replay that wrote it ran to its end."""
         return self.metadata.get("complete") == "true"
 
     @property
@@ -148,7 +147,7 @@ class OutputLog:
     @property
     def parameters(self) -> dict[str, str]:
         """The parameters of the replay, `seed` among them, as the metadata has them."""
-        return {key: value for key, value in self.metadata.items() if key not in IDENTITY}
+        return {key: value for key, value in self.metadata.items() if key not in NON_PARAMETER_KEYS}
 
     def attachments(self) -> dict[str, bytes]:
         """Name -> bytes of the attached files: the scene and the URDFs."""
@@ -174,7 +173,7 @@ class OutputLog:
         ValueError
             A channel is none of `CHANNELS`.
         DamagedLogError
-            The file is damaged at that place.
+            The file is damaged there.
         """
         unknown = set(channels) - set(CHANNELS)
         if unknown:
@@ -195,11 +194,10 @@ class OutputLog:
 
     def sample(self, count: int) -> Iterator[Poses]:
         """Corrected poses of up to `count` frames, spread evenly over the time of the recording."""
-        decoder = TransformsDecoder()
         with self._reading() as (stream, reader):
             for time in np.linspace(self.start_ns, self.end_ns, count).astype(np.int64).tolist():
                 for _, message in self._messages(stream, reader, ["/tf"], starting_at=time):
-                    yield decoder.decode(message.data, message.log_time)
+                    yield decode_transforms(message.data)
                     break
 
     def time_of(self, frame: int) -> int:
@@ -267,7 +265,7 @@ class OutputLog:
 
     @contextmanager
     def _reading(self) -> Iterator[tuple[BinaryIO, SeekingReader]]:
-        """The file and a reader of it; what goes wrong in there is a LogError."""
+        """Open the file and a reader; errors in the block are raised as LogError."""
         try:
             with self.path.open("rb") as stream:
                 yield stream, SeekingReader(stream, record_size_limit=RECORD_LIMIT)
@@ -279,19 +277,18 @@ class OutputLog:
             ) from problem
 
 
-def open_output(path: Path | str) -> OutputLog:
+def open_output(path: AnyPath | str) -> OutputLog:
     """Open an output log; raises LogError if it is none, DamagedLogError if it is damaged."""
     return OutputLog(as_path(path))
 
 
 class _FrameDecoder:
-    """Makes frames of the messages between one /tf and the next."""
+    """Assembles a frame from the messages between one /tf and the next."""
 
     def __init__(self, channels: frozenset[str]) -> None:
         self._channels = channels
-        self._transforms = {"/tf": TransformsDecoder(), "/recorded/tf": TransformsDecoder()}
         self._joints: dict[str, JointStateDecoder] = {}
-        self._names: tuple[tuple[str, ...], ...] = ()  # of the poses checked last
+        self._names: tuple[tuple[str, ...], ...] = ()  # names in the frame checked last
 
     def decode(self, messages: list[tuple[str, OutputMessage]]) -> OutputFrame:
         poses = {"/tf": _NO_POSES, "/recorded/tf": _NO_POSES}
@@ -305,7 +302,7 @@ class _FrameDecoder:
             data = message.data
             if topic in poses:
                 if topic in self._channels:
-                    poses[topic] = self._transforms[topic].decode(data, message.log_time)
+                    poses[topic] = decode_transforms(data)
             elif topic == "/metrics":
                 metrics = decode_metrics(data)
             elif topic == "/contacts":
@@ -325,7 +322,9 @@ class _FrameDecoder:
         if self._names != names and all(topic in self._channels for topic in poses):
             unknown = {name.removeprefix("recorded/") for name in names[1]} - set(names[0])
             if unknown:
-                raise BadRecordError(f"the frame at {first.log_time} ns has recorded poses of what has none in /tf")
+                raise BadRecordError(
+                    f"the frame at {first.log_time} ns has recorded poses of bodies that have none in /tf"
+                )
             self._names = names
         return OutputFrame(
             index=int(metrics.get("frame", first.sequence)),

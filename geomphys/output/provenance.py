@@ -1,4 +1,4 @@
-"""What an output was made from: hashes of the inputs, the seed and every parameter, as the output's metadata record.
+"""Provenance of an output: hashes of the inputs, the seed and all parameters, stored as its metadata record.
 
 The record ``geomphys`` holds strings: ``version``, ``input_sha256``, ``scene_sha256``, ``world_sha256``, ``seed``,
 every field of `Config` under its own name (numbers, true/false and null as in JSON) and ``complete``. It holds no
@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -19,23 +18,23 @@ from geomphys import __version__
 from geomphys.config import Config
 from geomphys.errors import LogError, SceneError
 from geomphys.scene.arrays import Scene, World
-from geomphys.storage.remote_files import open_sequential
+from geomphys.storage.remote_files import AnyPath, open_sequential, relative_path
 
-RECORD = "geomphys"
-IDENTITY = ("version", "input_sha256", "scene_sha256", "world_sha256", "complete")
-"""Keys of the record that are no parameters."""
+METADATA_RECORD = "geomphys"
+NON_PARAMETER_KEYS = ("version", "input_sha256", "scene_sha256", "world_sha256", "complete")
+"""Keys of the record that are not parameters."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Provenance:
-    """Where an output comes from. Hashes are SHA-256 in hexadecimal."""
+    """Origin of an output. Hashes are SHA-256 in hexadecimal."""
 
     version: str = __version__
     input_sha256: str
     scene_sha256: str
     """Of the scene file alone."""
     world_sha256: str
-    """Of what the scene file stands for: convex pieces, skeletons, masses, materials. Changes with a mesh or a URDF."""
+    """Of the loaded world: convex pieces, skeletons, masses, materials. Changes with a mesh or a URDF."""
     parameters: dict[str, str] = field(default_factory=dict)
     """Every parameter by name, `seed` among them."""
 
@@ -51,7 +50,7 @@ class Provenance:
         }
 
 
-def provenance_of(log: Path, world: World, config: Config) -> Provenance:
+def provenance_of(log: AnyPath, world: World, config: Config) -> Provenance:
     """Provenance of a replay of `log` in `world`; reads the log once to hash it.
 
     Raises LogError or SceneError if a file cannot be read.
@@ -68,46 +67,46 @@ def provenance_of(log: Path, world: World, config: Config) -> Provenance:
         input_sha256=input_sha256,
         scene_sha256=scene_sha256,
         world_sha256=sha256_of_world(world),
-        parameters={name: _text(value) for name, value in config.as_dict().items()},
+        parameters={name: _parameter_text(value) for name, value in config.as_dict().items()},
     )
 
 
-def sha256_of_file(path: Path) -> str:
+def sha256_of_file(path: AnyPath) -> str:
     """SHA-256 of a file's bytes; OSError if it cannot be read."""
     with open_sequential(path) as stream:
         return hashlib.file_digest(cast(Any, stream), "sha256").hexdigest()
 
 
-def sha256_of_log(path: Path) -> str:
+def sha256_of_log(path: AnyPath) -> str:
     """SHA-256 of a log: of the file's bytes, or of a bag directory as one line ``name NUL sha256`` a file, sorted."""
     if not path.is_dir():
         return sha256_of_file(path)
     digest = hashlib.sha256()
     for file in sorted(p for p in path.rglob("*") if p.is_file()):
-        digest.update(f"{file.relative_to(path).as_posix()}\0{sha256_of_file(file)}\n".encode())
+        digest.update(f"{relative_path(file, path).as_posix()}\0{sha256_of_file(file)}\n".encode())
     return digest.hexdigest()
 
 
 def sha256_of_world(world: World) -> str:
-    """SHA-256 of a world's arrays and names: all that a replay's result depends on beside log and parameters."""
+    """SHA-256 of a world's arrays and names: everything besides log and parameters that the result of a replay depends on."""
     digest = hashlib.sha256()
     for names in (world.tree_names, world.body_names, world.frame_names, world.dof_names):
         digest.update(json.dumps(names).encode())
-    _update(digest, world.scene)
+    _update_digest(digest, world.scene)
     return digest.hexdigest()
 
 
-def _update(digest: hashlib._Hash, file: Scene | tuple[object, ...] | np.ndarray) -> None:
+def _update_digest(digest: hashlib._Hash, file: Scene | tuple[object, ...] | np.ndarray) -> None:
     if isinstance(file, np.ndarray):
         if file.dtype.kind == "i":
-            file = file.astype(np.int64)  # how wide the numbers are kept is no matter
+            file = file.astype(np.int64)  # independent of the width of stored integers
         digest.update(f"{file.dtype.str}{file.shape}".encode())
         digest.update(np.ascontiguousarray(file).tobytes())
         return
     for inner in file:
         if isinstance(inner, (tuple, np.ndarray)):
-            _update(digest, inner)
+            _update_digest(digest, inner)
 
 
-def _text(value: object) -> str:
+def _parameter_text(value: object) -> str:
     return value if isinstance(value, str) else json.dumps(value)

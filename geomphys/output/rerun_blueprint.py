@@ -1,4 +1,4 @@
-"""How the rerun viewer opens a result: the scene at a good view, the plots under it."""
+"""Blueprints (layouts) of the rerun viewer: the scene above, plots and log below."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from rerun.blueprint import Blueprint
 
 SCENE = ("world",)
-SHOWN = ("world", "bodies")
-RECORDED = ("world", "recorded")
+CORRECTED_BODIES = ("world", "bodies")
+RECORDED_BODIES = ("world", "recorded")
 CONTACTS = ("world", "contacts")
 DEPTHS = ("world", "penetration_depths")
 PLOTS = ("plots",)
@@ -31,7 +31,7 @@ LINES = {
     "penetration_mm/remaining": (70, 200, 120, 255),
     "correction/mm": colours.CORRECTED,
     "correction/degrees": (226, 190, 120, 255),
-    "contacts/contacts": colours.TOUCHING,
+    "contacts/contacts": colours.IN_CONTACT,
     "contacts/impacts": (150, 160, 174, 255),
 }
 """Colours of plotted lines; others have the viewer's."""
@@ -45,7 +45,7 @@ _METRIC_COLOURS = {
     "recorded_penetration_m": (*colours.GHOST[:3], 255),
     "residual_penetration_m": (70, 200, 120, 255),
     "correction_m": colours.CORRECTED,
-    "contacts": colours.TOUCHING,
+    "contacts": colours.IN_CONTACT,
 }
 
 
@@ -56,14 +56,14 @@ def blueprint(
 
     Parameters
     ----------
-    eye : Eye
-        Where the scene is seen from.
+    eye : Viewpoint
+        Camera of the scene view.
     rate : float
         Hz; frames a second when played.
     frames : (int, int)
-        First and last frame: what the plots show.
+        First and last frame: the range of the plots.
     stages_us : float
-        Where the axis of the stage times ends; 0 without any.
+        Upper end of the axis of the stage times, µs; 0 for no such plot.
     log : bool
         Whether the log has lines.
     """
@@ -83,7 +83,7 @@ def blueprint(
 
 
 def mcap_blueprint(eye: Viewpoint, joint_topics: Sequence[str]) -> Blueprint:
-    """Layout of an output log as the viewer's own importer reads it."""
+    """Layout for an output log read by the viewer's own MCAP importer."""
     import rerun as rr
     import rerun.blueprint as rrb
     from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
@@ -119,7 +119,7 @@ def _scene(rrb: Any, origin: str, eye: Viewpoint, background: tuple[int, int, in
 
 
 def _solid() -> list[Any]:
-    """Shapes of URDFs are drawn solid: the viewer's own choice is glass with wires."""
+    """Defaults that draw the primitives of URDFs solid instead of as wireframes."""
     import rerun as rr
 
     shapes = (rr.Boxes3D, rr.Capsules3D, rr.Cylinders3D, rr.Ellipsoids3D)
@@ -127,14 +127,14 @@ def _solid() -> list[Any]:
 
 
 def _plot(rrb: Any, span: Any, **options: Any) -> Any:
-    """Curves over the whole recording; recordings begin free as a rule, so the legend hides least at the left."""
+    """A time series view; the legend is at the top left, where recordings mostly have no contact yet."""
     legend = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)
     axis = rrb.TimeAxis(link="LinkToGlobal") if span is None else rrb.TimeAxis(view_range=span)
     return rrb.TimeSeriesView(axis_x=axis, plot_legend=legend, **options)
 
 
 def _range(rrb: Any, name: str, stages_us: float) -> dict[str, Any]:
-    """A few slow frames do not press the curves of the times flat: they run out of the plot."""
+    """Fixed range of the time axis, so that a few slow frames do not compress the other curves."""
     return {"axis_y": rrb.ScalarAxis(range=(0.0, stages_us))} if name == "stages_us" else {}
 
 

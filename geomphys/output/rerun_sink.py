@@ -1,11 +1,10 @@
-"""The rerun recording: the scene, the corrected and the recorded motion, contacts and plots, for the rerun viewer."""
+"""Writes a rerun recording: scene, corrected and recorded motion, contacts and plots."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,30 +13,41 @@ from numpy.typing import NDArray
 from geomphys.config import Config
 from geomphys.errors import OutputError
 from geomphys.output import colours, frame_columns
-from geomphys.output.finite import check_finite
+from geomphys.output.finite_check import check_finite
 from geomphys.output.provenance import Provenance
-from geomphys.output.rerun_blueprint import CONTACTS, DEPTHS, LINES, LOG, PLOTS, RECORDED, SCENE, SHOWN, blueprint
-from geomphys.output.rerun_stream import UNIX_FROM, RerunStream, Times
-from geomphys.output.shading import shaded
+from geomphys.output.rerun_blueprint import (
+    CONTACTS,
+    CORRECTED_BODIES,
+    DEPTHS,
+    LINES,
+    LOG,
+    PLOTS,
+    RECORDED_BODIES,
+    SCENE,
+    blueprint,
+)
+from geomphys.output.rerun_stream import UNIX_TIME_START, RerunStream, Times
 from geomphys.output.sink import ContextManaged, OutputFile
+from geomphys.output.vertex_normals import with_vertex_normals
 from geomphys.output.view_statistics import ViewStatistics
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import DRIVEN, FIXED, World
+from geomphys.storage.remote_files import AnyPath
 
 if TYPE_CHECKING:
     from rerun.blueprint import Blueprint
 
 Floats = NDArray[np.float64]
 
-BATCH = 1000
-"""Frames that are kept before they are sent."""
+BATCH_FRAMES = 1000
+"""Frames that are buffered and sent together."""
 STAGE_DEPTH = 2
-"""Parts of the names of the stages that are plotted."""
+"""Stages are plotted down to this many parts of their names."""
 
-HEADROOM = 1.5
+AXIS_HEADROOM = 1.5
 """The axis of the stage times ends at this much above the 97th percentile of the slowest batch."""
 
-_FREE, _CORRECTED, _TOUCHING = range(3)
+_FREE, _CORRECTED, _IN_CONTACT = range(3)
 _LEVELS = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 
 
@@ -45,7 +55,7 @@ class RerunSink(ContextManaged):
     """Writes a recording for the rerun viewer, with the blueprint it opens with.
 
     Driven bodies are drawn at their corrected poses, in the colour of their state: free, corrected (moved from where
-    they were recorded), touching. The recorded pose of a body stands beside it as a ghost while the two differ. Poses
+    they were recorded), in contact. The recorded pose is drawn as a translucent ghost while it differs. Poses
     and colours are sent where they change.
 
     Parameters
@@ -64,7 +74,7 @@ class RerunSink(ContextManaged):
         file could not be written to its end.
     """
 
-    def __init__(self, path: Path, *, force: bool = False, timing: bool = True) -> None:
+    def __init__(self, path: AnyPath, *, force: bool = False, timing: bool = True) -> None:
         self._path = path
         self._force = force
         self._timing = timing
@@ -83,13 +93,13 @@ class RerunSink(ContextManaged):
         self._drawn_driven = [b for b in np.flatnonzero(bodies.role == DRIVEN) if len(world.triangles[b][1])]
         self._names = [tuple(name.split("/")) for name in world.body_names]
         self._results: list[FrameResult] = []
-        self._last: FrameResult | None = None
+        self._last_result: FrameResult | None = None
         self._last_states: NDArray[np.int64] | None = None
         self._static: Floats | None = None  # (B, 7) poses of the first frame
-        self._unix = True
-        self._sent = self._first_ns = 0
+        self._uses_unix_time = True
+        self._sent_frames = self._first_ns = 0
         self._first_frame = 0
-        self._logged = False
+        self._has_log_lines = False
         self._stages_us = 0.0  # where their axis ends
         self._view_statistics = ViewStatistics(world)
         self._plotted: set[str] = set()
@@ -101,7 +111,7 @@ class RerunSink(ContextManaged):
             raise OutputError(f"{self._path}: a frame was written before the output was opened")
         check_finite(result, self._world.body_names)
         self._results.append(result)
-        if len(self._results) >= BATCH:
+        if len(self._results) >= BATCH_FRAMES:
             self._send_batch()
 
     def close(self, complete: bool) -> None:
@@ -112,7 +122,11 @@ class RerunSink(ContextManaged):
         try:
             self._send_batch()
             self._stream.finish(self._provenance.record(complete=complete), self._view())
-        except (OSError, RuntimeError, OutputError) as problem:  # the SDK's own thread writes: what it met is not told
+        except (
+            OSError,
+            RuntimeError,
+            OutputError,
+        ) as problem:  # the SDK's own thread writes and does not report the error
             output.discard()
             if isinstance(problem, OSError):
                 raise output.error(problem) from problem
@@ -122,31 +136,31 @@ class RerunSink(ContextManaged):
         output.publish(complete)
 
     def _send_shapes(self) -> None:
-        """The shapes of all bodies, and how contacts and vectors look."""
+        """Log the meshes of all bodies, and the colours and sizes of contacts and vectors."""
         import rerun as rr
 
         world = self._world
         self._stream.log_static(SCENE, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-        palette = colours.of_trees(world.file)
+        palette = colours.colours_of_trees(world.file)
         self._own_colours = [palette[world.tree_names[tree]] for tree in world.scene.bodies.tree]
         for body, (vertices, faces) in enumerate(world.triangles):
             if len(faces) == 0:
                 continue
-            points, corners, normals = shaded(vertices, faces)
+            points, corners, normals = with_vertex_normals(vertices, faces)
             mesh = rr.Mesh3D(vertex_positions=points, triangle_indices=corners, vertex_normals=normals)
-            self._stream.log_static(SHOWN + self._names[body], mesh)
+            self._stream.log_static(CORRECTED_BODIES + self._names[body], mesh)
             if world.scene.bodies.role[body] == DRIVEN:  # its colour varies
-                self._stream.log_static(RECORDED + self._names[body], mesh)
+                self._stream.log_static(RECORDED_BODIES + self._names[body], mesh)
             else:
                 colour = rr.Mesh3D.from_fields(albedo_factor=self._own_colours[body])
-                self._stream.log_static(SHOWN + self._names[body], colour)
+                self._stream.log_static(CORRECTED_BODIES + self._names[body], colour)
         points3d = rr.Points3D.from_fields(colors=[colours.CONTACT], radii=[0.002])
         self._stream.log_static((*CONTACTS, "points"), points3d)
         for path, paint in (((*CONTACTS, "normals"), colours.CONTACT), (DEPTHS, colours.DEPTH)):
             self._stream.log_static(path, rr.Arrows3D.from_fields(colors=[paint], radii=[0.001]))
 
     def _send_batch(self) -> None:
-        """Send the frames that were kept."""
+        """Send the buffered frames."""
         results, self._results = self._results, []
         if not results:
             return
@@ -155,57 +169,57 @@ class RerunSink(ContextManaged):
         if self._static is None:
             self._static = corrected[0]
             self._first_ns, self._first_frame = results[0].frame.time_ns, results[0].frame.index
-            self._unix = self._first_ns >= UNIX_FROM
+            self._uses_unix_time = self._first_ns >= UNIX_TIME_START
             self._send_static(corrected[0])
         frames = np.array([r.frame.index for r in results])
-        times = Times(frames, np.array([r.frame.time_ns for r in results]), self._unix)
+        times = Times(frames, np.array([r.frame.time_ns for r in results]), self._uses_unix_time)
         self._send_poses(times, corrected)
-        self._send_states(times, recorded, corrected, frame_columns.touching(results, len(self._names)))
+        self._send_states(times, recorded, corrected, frame_columns.in_contact(results, len(self._names)))
         self._send_contacts(times, results)
         self._send_plots(times, results)
         self._send_log(times, results)
         self._view_statistics.add(results)
-        self._last = results[-1]
-        self._sent += len(results)
+        self._last_result = results[-1]
+        self._sent_frames += len(results)
 
     def _send_static(self, poses: Floats) -> None:
         import rerun as rr
 
         for body in np.flatnonzero(~self._is_moving):
             pose = rr.Transform3D(translation=poses[body, :3], quaternion=rr.Quaternion(xyzw=poses[body, 3:]))
-            self._stream.log_static(SHOWN + self._names[body], pose)
+            self._stream.log_static(CORRECTED_BODIES + self._names[body], pose)
 
     def _send_poses(self, times: Times, corrected: Floats) -> None:
         for body in self._moving:
-            before = None if self._last is None else self._last.corrected[body]
-            rows = np.flatnonzero(frame_columns.changes(corrected[:, body], before))
-            self._stream.send(SHOWN + self._names[body], times, rows, _transforms(corrected[rows, body]))
+            before = None if self._last_result is None else self._last_result.corrected[body]
+            rows = np.flatnonzero(frame_columns.changed_rows(corrected[:, body], before))
+            self._stream.send(CORRECTED_BODIES + self._names[body], times, rows, _transforms(corrected[rows, body]))
 
-    def _send_states(self, times: Times, recorded: Floats, corrected: Floats, touching: NDArray[np.bool_]) -> None:
-        """Colours of the driven bodies where they change, and the poses of their ghosts where these are seen."""
+    def _send_states(self, times: Times, recorded: Floats, corrected: Floats, in_contact: NDArray[np.bool_]) -> None:
+        """Send the colours of driven bodies where they change, and the recorded poses (ghosts) where they are visible."""
         import rerun as rr
 
-        moved = frame_columns.moved(recorded, corrected)
-        states = np.where(touching, _TOUCHING, np.where(moved, _CORRECTED, _FREE)) + 4 * moved
+        is_corrected = frame_columns.is_corrected(recorded, corrected)
+        states = np.where(in_contact, _IN_CONTACT, np.where(is_corrected, _CORRECTED, _FREE)) + 4 * is_corrected
         for body in self._drawn_driven:
             before = None if self._last_states is None else self._last_states[body : body + 1]
-            rows = np.flatnonzero(frame_columns.changes(states[:, body : body + 1], before))
-            palette = np.array([self._own_colours[body], colours.CORRECTED, colours.TOUCHING], np.uint8)
+            rows = np.flatnonzero(frame_columns.changed_rows(states[:, body : body + 1], before))
+            palette = np.array([self._own_colours[body], colours.CORRECTED, colours.IN_CONTACT], np.uint8)
             shown = palette[states[rows, body] % 4]
             ghosts = np.array([colours.HIDDEN, colours.GHOST], np.uint8)[states[rows, body] // 4]
-            shown_path, ghost_path = SHOWN + self._names[body], RECORDED + self._names[body]
+            shown_path, ghost_path = CORRECTED_BODIES + self._names[body], RECORDED_BODIES + self._names[body]
             self._stream.send(shown_path, times, rows, rr.Mesh3D.columns(albedo_factor=shown))
             self._stream.send(ghost_path, times, rows, rr.Mesh3D.columns(albedo_factor=ghosts))
-            rows = np.flatnonzero(moved[:, body])
+            rows = np.flatnonzero(is_corrected[:, body])
             self._stream.send(ghost_path, times, rows, _transforms(recorded[rows, body]))
         self._last_states = states[-1]
 
     def _send_contacts(self, times: Times, results: Sequence[FrameResult]) -> None:
         import rerun as rr
 
-        last = self._last
+        last = self._last_result
         before = 1 if last is None else len(last.contacts.depth)  # the first frame says that there are none
-        rows, counts = frame_columns.counted([len(r.contacts.depth) for r in results], before)
+        rows, counts = frame_columns.rows_with_content([len(r.contacts.depth) for r in results], before)
         if len(rows):
             points, arrows = frame_columns.contact_arrows(results)
             self._stream.send(
@@ -214,7 +228,7 @@ class RerunSink(ContextManaged):
             columns = rr.Arrows3D.columns(origins=points, vectors=arrows).partition(counts)
             self._stream.send((*CONTACTS, "normals"), times, rows, columns)
         before = 1 if last is None else len(last.penetrations.largest)
-        rows, counts = frame_columns.counted([len(r.penetrations.largest) for r in results], before)
+        rows, counts = frame_columns.rows_with_content([len(r.penetrations.largest) for r in results], before)
         if len(rows):
             origins, arrows = frame_columns.depth_arrows(results)
             columns = rr.Arrows3D.columns(origins=origins, vectors=arrows).partition(counts)
@@ -224,12 +238,12 @@ class RerunSink(ContextManaged):
         import rerun as rr
 
         every = np.arange(len(results))
-        plots = {name: (every, values) for name, values in frame_columns.figures(results).items()}
+        plots = {name: (every, values) for name, values in frame_columns.plot_values(results).items()}
         if self._timing:
             stages = frame_columns.stage_times(results, STAGE_DEPTH)
             if "step" in stages:
                 usual = float(np.percentile(stages["step"][1], 97))
-                self._stages_us = max(self._stages_us, HEADROOM * usual)
+                self._stages_us = max(self._stages_us, AXIS_HEADROOM * usual)
             plots |= {f"stages_us/{name}": values for name, values in stages.items()}
         for name, (rows, values) in plots.items():
             path = PLOTS + tuple(name.split("/"))
@@ -245,21 +259,21 @@ class RerunSink(ContextManaged):
 
         lines = [(row, _LEVELS[level], text) for row, r in enumerate(results) for level, text in r.messages]
         if lines:
-            self._logged = True
+            self._has_log_lines = True
             rows, levels, texts = zip(*lines, strict=True)
             self._stream.send(LOG, times, np.array(rows), rr.TextLog.columns(text=texts, level=levels))
 
     def _view(self) -> Blueprint:
-        """The layout, seen from a place that suits the whole recording."""
-        elapsed = self._last.frame.time_ns - self._first_ns if self._last is not None else 0
-        rate = 1e9 * (self._sent - 1) / elapsed if elapsed > 0 else 60.0
-        last = self._last.frame.index if self._last is not None else 0
+        """The blueprint, with a viewpoint chosen for the whole recording."""
+        elapsed = self._last_result.frame.time_ns - self._first_ns if self._last_result is not None else 0
+        rate = 1e9 * (self._sent_frames - 1) / elapsed if elapsed > 0 else 60.0
+        last = self._last_result.frame.index if self._last_result is not None else 0
         return blueprint(
             self._view_statistics.viewpoint(),
             rate=rate,
             frames=(self._first_frame, last),
             stages_us=self._stages_us,
-            log=self._logged,
+            log=self._has_log_lines,
         )
 
 

@@ -1,4 +1,4 @@
-"""The one place that talks to the rerun SDK's stream: strict, to a file, in columns."""
+"""Wraps the rerun SDK's recording stream: writes columns to a file, in strict mode."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 Ints = NDArray[np.int64]
 
 APPLICATION = "geomphys"
-UNIX_FROM = 946_684_800_000_000_000
+UNIX_TIME_START = 946_684_800_000_000_000
 """ns; times from here on (the year 2000) are shown as dates, earlier ones as durations of another clock."""
 
 _FOOTER = b"RRF2FOOT"
@@ -54,7 +54,7 @@ class Times:
 class RerunStream:
     """A rerun recording that goes to a file.
 
-    The SDK reports wrong use as warnings and goes on; here every one is an error.
+    The SDK by default reports misuse as warnings; here it raises.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class RerunStream:
     identity : str
         The recording's id: the viewer takes recordings of one id for the same.
     name : str
-        What the viewer calls it.
+        Name shown in the viewer.
 
     Raises
     ------
@@ -85,7 +85,7 @@ class RerunStream:
             raise OutputError(f"{path}: cannot be written ({problem})") from problem
 
     def log_static(self, path: Sequence[str], archetype: Any) -> None:
-        """Log what holds at all times."""
+        """Log static (timeless) data."""
         with _strict():
             self._stream.log(_entity(path), archetype, static=True)
 
@@ -106,7 +106,7 @@ class RerunStream:
     def finish(self, properties: Mapping[str, str], view: Blueprint) -> None:
         """Write properties (under ``geomphys``) and blueprint, and end the file.
 
-        Raises OutputError if what was sent did not get into the file, with a full disk for example.
+        Raises OutputError if the file is incomplete, for example because the disk is full.
         """
         import rerun as rr
 
@@ -129,7 +129,7 @@ def _entity(path: Sequence[str]) -> str:
 
 @contextmanager
 def _strict() -> Iterator[None]:
-    """Make the SDK raise, and leave the caller's setting as it was."""
+    """Turn on the SDK's strict mode in the block and restore the caller's setting."""
     import rerun as rr
 
     before = rr.strict_mode()

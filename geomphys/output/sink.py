@@ -1,8 +1,7 @@
-"""What takes the frames of a replay: one small protocol, and what all sinks that write files share."""
+"""The protocol of sinks, which receive the frames of a replay, and the shared handling of output files."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from types import TracebackType
 from typing import Protocol
 
@@ -11,12 +10,12 @@ from geomphys.errors import OutputError
 from geomphys.output.provenance import Provenance
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import World
-from geomphys.storage.remote_files import RemotePath, is_remote, move
+from geomphys.storage.remote_files import AnyPath, RemotePath, is_remote, move
 from geomphys.storage.temporary_folders import TemporaryFolder
 
 
 class Sink(Protocol):
-    """Takes frames in order: `open` once, `write` once a frame, `close` once."""
+    """Receives frames in order: `open` once, `write` once a frame, `close` once."""
 
     def open(self, world: World, config: Config, provenance: Provenance) -> None:
         """Begin. Raises OutputError if the output cannot be made."""
@@ -25,7 +24,7 @@ class Sink(Protocol):
         """Take a frame. Raises OutputError if it cannot be written."""
 
     def close(self, complete: bool) -> None:
-        """End; `complete` is false if frames are missing. A sink that is not open stays as it is."""
+        """End; `complete` is false if frames are missing. Does nothing if the sink is not open."""
 
 
 class ContextManaged:
@@ -59,7 +58,7 @@ class OutputFile:
         Whether a file that is there may be replaced; without it OutputError is raised.
     """
 
-    def __init__(self, path: Path, force: bool = False) -> None:
+    def __init__(self, path: AnyPath, force: bool = False) -> None:
         self.path = path
         self.partial = path.with_name(f"{path.stem}.partial{path.suffix}")
         if is_remote(path):
@@ -75,7 +74,7 @@ class OutputFile:
             raise OutputError(f"{path}: the folder {path.parent} does not exist; make it first")
         self.temporary = path.with_name(f".{path.name}.tmp")
 
-    def publish(self, complete: bool) -> Path:
+    def publish(self, complete: bool) -> AnyPath:
         """Give the file its name; returns it. Raises OutputError if the folder refuses."""
         target = self.path if complete else self.partial
         try:
@@ -100,7 +99,7 @@ class OutputFile:
             raise OutputError(f"{path}: cannot be written ({problem.strerror})") from problem
 
     def error(self, problem: OSError) -> OutputError:
-        """What to raise for a foreign error of the file system."""
+        """The OutputError for an error of the file system."""
         return OutputError(
             f"{self.path}: cannot be written ({problem.strerror or problem}); is the disk full or the folder read-only?"
         )

@@ -1,10 +1,9 @@
-"""What a replay came to, in a handful of figures: gathered frame by frame in bounded memory."""
+"""Summary statistics of a replay, accumulated frame by frame in bounded memory."""
 
 from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from geomphys import results
@@ -12,12 +11,13 @@ from geomphys.engine.log_messages import is_of_flag
 from geomphys.numerics.quantiles import Quantiles
 from geomphys.results import FrameResult
 from geomphys.scene.findings import Findings
+from geomphys.storage.remote_files import AnyPath
 
 RESIDUAL_LIMIT_M = 1e-5
 """A driven body that overlaps by no more than this is free (m)."""
 
 MAX_MESSAGES = 100
-"""Different texts kept of the messages of a replay; what is beyond is only counted."""
+"""Number of different messages stored; further ones are only counted."""
 
 FLAG_NAMES = {
     results.FLAG_HELD: "held",
@@ -35,8 +35,8 @@ FLAG_NAMES = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Deepest:
-    """The frame and pair of bodies in which the recording lay deepest inside something."""
+class DeepestPenetration:
+    """The frame and pair of bodies with the deepest recorded penetration."""
 
     frame: int
     body_a: str
@@ -46,7 +46,7 @@ class Deepest:
 
 @dataclass(frozen=True, kw_only=True)
 class Message:
-    """A message of a replay: what it says, how often it came, and the first frame it came in."""
+    """A message of a replay: its text, number of occurrences and first frame."""
 
     level: str  # "info", "warning" or "error"
     text: str
@@ -66,7 +66,7 @@ class StageTime:
 
 @dataclass(frozen=True, kw_only=True)
 class Summary:
-    """A replay in figures, in SI units. Frames are counted from 0; depths are >= 0, 0 being free of overlap."""
+    """Summary of a replay, in SI units. Frames are counted from 0; depths are >= 0, 0 without overlap."""
 
     log: str
     scene: str
@@ -80,7 +80,7 @@ class Summary:
     frames_penetrating: int  # the recording overlapped by more than RESIDUAL_LIMIT_M
     recorded_penetration_max_m: float
     recorded_penetration_median_m: float  # over the frames that penetrate
-    deepest: Deepest | None
+    deepest: DeepestPenetration | None
     residual_penetration_max_m: float
     residual_penetration_frame: int | None  # where it is largest; None if it is 0 everywhere
     frames_with_residual: int  # more than RESIDUAL_LIMIT_M
@@ -93,17 +93,17 @@ class Summary:
     timing: dict[str, StageTime]  # the stages `decode`, `step`, `encode`, as far as they were measured
     elapsed_s: float  # on the wall clock, reading and writing included, compiling the kernels not
     messages: tuple[Message, ...]
-    findings: Findings  # of the scene: what is not shown, cannot touch, is named otherwise, is taken by default
-    messages_dropped: int  # messages beyond the first MESSAGES_KEPT different texts
+    findings: Findings  # of the scene: geometry not shown, bodies without contact, renamed bodies, defaults
+    messages_dropped: int  # messages beyond the first MAX_MESSAGES different texts
 
     @property
     def warnings(self) -> tuple[Message, ...]:
-        """The messages that are not mere information."""
+        """Messages of level warning or error."""
         return tuple(message for message in self.messages if message.level != "info")
 
     @property
     def information(self) -> tuple[Message, ...]:
-        """The messages that are mere information and in no flag: where the recorded poses were brought to."""
+        """Messages of level info that do not repeat a flag, such as the transforms that were applied."""
         return tuple(m for m in self.messages if m.level == "info" and not is_of_flag(m.text))
 
     def as_dict(self) -> dict[str, Any]:
@@ -113,7 +113,7 @@ class Summary:
 
 @dataclass
 class Summarizer:
-    """Gathers a `Summary` from the frames of a replay; memory does not grow with their number.
+    """Accumulates a `Summary` over the frames of a replay; memory does not grow with their number.
 
     `body_names` and `findings` are those of the world that is replayed.
     """
@@ -127,7 +127,7 @@ class Summarizer:
     _contacts: int = 0
     _frames_in_contact: int = 0
     _recorded: Quantiles = field(default_factory=Quantiles)
-    _deepest: Deepest | None = None
+    _deepest: DeepestPenetration | None = None
     _residual: float = 0.0
     _residual_frame: int | None = None
     _frames_with_residual: int = 0
@@ -174,14 +174,14 @@ class Summarizer:
             self.add_message(level, text, frame.index)
 
     def _add_pairs(self, result: FrameResult) -> None:
-        """Look for the deepest pair of bodies."""
+        """Update the deepest pair of bodies."""
         largest = result.penetrations.largest
         if len(largest) == 0:
             return
         row = int(largest.argmax())
         depth = float(largest[row])
         if self._deepest is None or depth > self._deepest.depth_m:
-            self._deepest = Deepest(
+            self._deepest = DeepestPenetration(
                 frame=result.frame.index,
                 body_a=self.body_names[int(result.penetrations.body_a[row])],
                 body_b=self.body_names[int(result.penetrations.body_b[row])],
@@ -200,9 +200,15 @@ class Summarizer:
             self._messages_dropped += 1
 
     def summary(
-        self, *, log: Path, scene: Path, out: Path | None = None, rrd: Path | None = None, elapsed_s: float = 0.0
+        self,
+        *,
+        log: AnyPath,
+        scene: AnyPath,
+        out: AnyPath | None = None,
+        rrd: AnyPath | None = None,
+        elapsed_s: float = 0.0,
     ) -> Summary:
-        """Return the figures so far, with the names of the files they belong to and the time it took (s)."""
+        """Return the summary so far, with the paths of the files and the elapsed time [s]."""
         return Summary(
             log=str(log),
             scene=str(scene),

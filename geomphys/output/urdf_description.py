@@ -1,8 +1,8 @@
-"""URDF texts for viewers: of the avatars, of articulated objects, and of the plain objects of the scene.
+"""Makes the robot descriptions (URDF texts) of the output: avatars, articulated objects, plain objects.
 
-Viewers place a URDF's links by the frame ids of ``/tf``. So links are named here as their frames are (that differs
-from the file where there are several avatars, and for objects), and meshes are referred to by absolute ``file://``
-addresses, the only ones that the rerun viewer opens. The URDFs as they are stand in the output's attachments.
+Viewers pose a URDF's links by the frame ids of ``/tf``. Links are therefore renamed to their frame ids (these differ
+from the file with several avatars, and for objects), and meshes are named by absolute ``file://`` URLs, the only ones
+that the rerun viewer opens. The original URDFs are attachments of the output.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from copy import deepcopy
-from pathlib import Path
 
 import numpy as np
 from defusedxml import ElementTree as SafeTree
@@ -19,12 +18,13 @@ from lxml import etree
 
 from geomphys.errors import MeshError, ModelError
 from geomphys.numerics.transforms import rotation_about
-from geomphys.output.colours import Colour, of_trees
+from geomphys.output.colours import Colour, colours_of_trees
 from geomphys.scene.arrays import World
 from geomphys.scene.free_joints import joint_ends, links_above_free_joint
-from geomphys.scene.packages import MeshFinder
+from geomphys.scene.ros_packages import MeshResolver
 from geomphys.scene.scene_file import ObjectTable
 from geomphys.scene.urdf_elements import SHAPES
+from geomphys.storage.remote_files import AnyPath
 
 WORLD = "world"
 
@@ -32,11 +32,11 @@ WORLD = "world"
 def descriptions(world: World) -> dict[str, str]:
     """Topic -> URDF text: ``/robot_description`` of the only avatar, ``/NAME/robot_description`` of all others.
 
-    Objects without a URDF of their own stand together in ``/objects/robot_description``. Raises ModelError or
+    Objects without a URDF of their own share ``/objects/robot_description``. Raises ModelError or
     MeshError if a URDF cannot be read.
     """
     texts: dict[str, str] = {}
-    palette = of_trees(world.file)
+    palette = colours_of_trees(world.file)
     for tree, name in enumerate(world.tree_names):
         if name in world.urdfs:
             topic = "/robot_description" if tree == 0 and world.avatar_count == 1 else f"/{name}/robot_description"
@@ -50,7 +50,7 @@ def descriptions(world: World) -> dict[str, str]:
     return texts
 
 
-def urdf_for_viewers(path: Path, frames: dict[str, str], colour: Colour) -> str:
+def urdf_for_viewers(path: AnyPath, frames: dict[str, str], colour: Colour) -> str:
     """Text of the URDF at `path` with links named as in `frames` (link name -> frame id) and meshes by ``file://``.
 
     What has no colour of its own gets `colour`. A capsule, which few viewers know, becomes a cylinder and two spheres;
@@ -73,7 +73,7 @@ def urdf_for_viewers(path: Path, frames: dict[str, str], colour: Colour) -> str:
         for end in ("parent", "child"):
             for element in joint.findall(end):
                 _rename(element, "link", frames)
-    finder = MeshFinder(path.absolute().parent)
+    finder = MeshResolver(path.absolute().parent)
     for mesh in tree.iter("mesh"):
         with suppress(MeshError):  # a visual's: no collision mesh is without its file here
             mesh.set("filename", finder.find(mesh.get("filename", "")).resolve().as_uri())
@@ -124,12 +124,12 @@ def _capsule_parts(element: etree._Element, shape: etree._Element) -> list[etree
         parts.append((etree.Element("cylinder", radius=repr(radius), length=repr(length)), middle))
     parts += [(etree.Element("sphere", radius=repr(radius)), cap.tolist()) for cap in caps]
     found = []
-    for primitive, place in parts:
+    for primitive, position in parts:
         copy = deepcopy(element)
         for child in copy.findall("origin"):
             copy.remove(child)
-        xyz, turn = (" ".join(map(repr, values)) for values in (place, rpy))
-        copy.insert(0, etree.Element("origin", xyz=xyz, rpy=turn))
+        xyz, rpy_text = (" ".join(map(repr, values)) for values in (position, rpy))
+        copy.insert(0, etree.Element("origin", xyz=xyz, rpy=rpy_text))
         geometry = copy.find("geometry")
         assert geometry is not None
         geometry[0] = primitive
@@ -151,7 +151,7 @@ def _numbers(text: str | None, count: int = 3) -> list[float]:
     return [float(word) for word in (text or "").replace(",", " ").split()] or [0.0] * count
 
 
-def urdf_of_objects(name: str, tables: Sequence[ObjectTable], folder: Path, palette: dict[str, Colour]) -> str:
+def urdf_of_objects(name: str, tables: Sequence[ObjectTable], folder: AnyPath, palette: dict[str, Colour]) -> str:
     """URDF in which every object is a link of its name that floats in the link ``world``; `folder` is the scene's."""
     robot = etree.Element("robot", name=name)
     etree.SubElement(robot, "link", name=WORLD)
@@ -170,7 +170,7 @@ def urdf_of_objects(name: str, tables: Sequence[ObjectTable], folder: Path, pale
     return text
 
 
-def _geometries(table: ObjectTable, folder: Path) -> list[tuple[etree._Element, float]]:
+def _geometries(table: ObjectTable, folder: AnyPath) -> list[tuple[etree._Element, float]]:
     """Elements and the height each is moved up by; a capsule is a cylinder and two spheres."""
     if table.mesh is not None:
         scale = f"{table.scale!r} {table.scale!r} {table.scale!r}"

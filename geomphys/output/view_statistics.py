@@ -1,4 +1,4 @@
-"""What there is to see in a replay, gathered while it runs in bounded memory: the point of view is chosen from it."""
+"""Samples body poses and contact points during a replay, in bounded memory, to choose the viewpoint."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.numerics.transforms import rotation_from_quaternion
-from geomphys.output.camera import Moment, Viewpoint, choose_viewpoint
+from geomphys.output.camera import ContactFrame, Viewpoint, choose_viewpoint
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import DRIVEN, FIXED, World
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-FRAMES = 600
-"""Frames at most that are kept, of all and of those where something happens."""
-MOMENTS = 8
-"""Frames of a touch whose contact points should be seen past the avatar itself."""
-_SPREAD = 2.0
-"""How many times as large as where things happen the view may become for the rest of the motion."""
+MAX_FRAMES = 600
+"""Maximum number of frames sampled: of all frames, and of frames with contacts or corrections."""
+MAX_CONTACT_FRAMES = 8
+"""Frames with contacts for which occlusion by the avatar itself is checked."""
+_MOTION_MARGIN = 2.0
+"""The view may be this many times as large as the region of contacts and corrections, to show other motion."""
 
 _BOX = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 _BOX_FACES = np.array(
@@ -30,7 +30,7 @@ _BOX_FACES = np.array(
 
 
 class ViewStatistics:
-    """Where bodies were, and where they touched, evenly over a replay.
+    """Samples poses and contact points evenly over a replay.
 
     Parameters
     ----------
@@ -47,8 +47,8 @@ class ViewStatistics:
         self._static_bodies = np.flatnonzero(~moving)
         self._is_driven = bodies.role == DRIVEN
         self._first_poses: Floats | None = None
-        self._all = _Thinned()
-        self._event_frames = _Thinned()
+        self._all = _ThinnedSamples()
+        self._event_frames = _ThinnedSamples()
         shapes = [world.triangles[body][0] for body in self._bodies]
         lows = np.array([s.min(axis=0) if len(s) else np.zeros(3) for s in shapes]).reshape(-1, 3)
         highs = np.array([s.max(axis=0) if len(s) else np.zeros(3) for s in shapes]).reshape(-1, 3)
@@ -69,39 +69,39 @@ class ViewStatistics:
                 self._event_frames.add(entry)
 
     def viewpoint(self) -> Viewpoint:
-        """Where to look from: near where things happen, with the rest of the motion in view if that is not far off."""
+        """The viewpoint: it frames contacts and corrections, and the other motion if that is nearby."""
         motion, event_points = self._boxes(self._all), self._boxes(self._event_frames)
         points = motion
         if len(event_points):
             low, high = np.percentile(event_points, [1, 99], axis=0)
             middle, half = (low + high) / 2, (high - low) / 2
-            reach = np.maximum(half, 0.5 * half.max()) * _SPREAD
+            reach = np.maximum(half, 0.5 * half.max()) * _MOTION_MARGIN
             nearby = np.abs(motion - middle) <= reach
             points = np.concatenate([event_points, motion[nearby.all(axis=1)]])
-        return choose_viewpoint(points, self._static_triangles(), self._moments())
+        return choose_viewpoint(points, self._static_triangles(), self._contact_frames())
 
-    def _boxes(self, sample: _Thinned) -> Floats:
-        """Corners (n, 3) of the boxes of all bodies in the frames that were kept, world frame."""
+    def _boxes(self, sample: _ThinnedSamples) -> Floats:
+        """Corners (n, 3) of the boxes of all bodies in the sampled frames, world frame, m."""
         poses = np.array([pose for pose, _ in sample.entries]).reshape(-1, len(self._bodies), 7)[:, self._solid]
         rotations = rotation_from_quaternion(poses[..., 3:])
         corners = np.einsum("nbij,bkj->nbki", rotations, self._corners[self._solid]) + poses[:, :, None, :3]
         flat: Floats = corners.reshape(-1, 3)
         return flat
 
-    def _moments(self) -> list[Moment]:
-        """Contact points and what of the avatar may hide them, of some frames of a touch."""
-        touching = [entry for entry in self._event_frames.entries if len(entry[1])]
-        moments = []
-        for pose, points in touching[:: max(1, -(-len(touching) // MOMENTS))]:
+    def _contact_frames(self) -> list[ContactFrame]:
+        """Contact points, and the boxes of the avatar that may occlude them, of some frames with contacts."""
+        in_contact = [entry for entry in self._event_frames.entries if len(entry[1])]
+        contact_frames = []
+        for pose, points in in_contact[:: max(1, -(-len(in_contact) // MAX_CONTACT_FRAMES))]:
             rotations = rotation_from_quaternion(pose[:, 3:])
             corners = np.einsum("bij,bkj->bki", rotations, self._corners) + pose[:, None, :3]
-            moments.append(
-                Moment(points[:: max(1, len(points) // 4)], corners[self._solid][:, _BOX_FACES].reshape(-1, 3, 3))
+            contact_frames.append(
+                ContactFrame(points[:: max(1, len(points) // 4)], corners[self._solid][:, _BOX_FACES].reshape(-1, 3, 3))
             )
-        return moments
+        return contact_frames
 
     def _static_triangles(self) -> Floats:
-        """Triangles (n, 3, 3) of what never moves."""
+        """Triangles (n, 3, 3) of static bodies, world frame, m."""
         triangles = [np.zeros((0, 3, 3))]
         if self._first_poses is not None:
             for body in self._static_bodies:
@@ -111,8 +111,8 @@ class ViewStatistics:
         return np.concatenate(triangles)
 
 
-class _Thinned:
-    """Entries of a row of any length, evenly chosen, at most `FRAMES` of them."""
+class _ThinnedSamples:
+    """At most `MAX_FRAMES` entries, evenly sampled from a sequence of unknown length."""
 
     def __init__(self) -> None:
         self.entries: list[tuple[Floats, Floats]] = []
@@ -121,7 +121,7 @@ class _Thinned:
     def add(self, entry: tuple[Floats, Floats]) -> None:
         if self._offered % self._stride == 0:
             self.entries.append(entry)
-            if len(self.entries) > FRAMES:
+            if len(self.entries) > MAX_FRAMES:
                 self.entries = self.entries[::2]
                 self._stride *= 2
         self._offered += 1

@@ -10,7 +10,7 @@ from typing import Any
 from geomphys.errors import DamagedLogError, LogError
 from geomphys.recording.formats import CONVERT_SQLITE
 from geomphys.recording.naming import listed
-from geomphys.storage.remote_files import is_remote
+from geomphys.storage.remote_files import AnyPath, is_remote, lies_within
 
 METADATA = "metadata.yaml"
 METADATA_LIMIT = 4 * 2**20
@@ -22,12 +22,12 @@ TOLD = 4  # files that are told by name
 class LogFiles:
     """The MCAP files of a log, in order, and what is missing of it."""
 
-    files: tuple[Path, ...]
+    files: tuple[AnyPath, ...]
     missing: tuple[str, ...] = ()  # one line each; never empty but with `recover`
     notes: tuple[str, ...] = ()  # one line each: what its user should know of
 
 
-def log_files(path: Path, *, recover: bool = False) -> LogFiles:
+def log_files(path: AnyPath, *, recover: bool = False) -> LogFiles:
     """Say which MCAP files make up the log `path`.
 
     Parameters
@@ -51,7 +51,7 @@ def log_files(path: Path, *, recover: bool = False) -> LogFiles:
         raise LogError(f"{path}: cannot be read ({problem.strerror})") from problem
 
 
-def _log_files(path: Path, recover: bool) -> LogFiles:
+def _log_files(path: AnyPath, recover: bool) -> LogFiles:
     if path.is_file():
         return LogFiles((path,))
     if not path.exists():
@@ -61,7 +61,7 @@ def _log_files(path: Path, recover: bool) -> LogFiles:
     if not (path / METADATA).is_file():
         return _without_metadata(path, recover)
     named = _named_parts(path)
-    files: list[Path] = []
+    files: list[AnyPath] = []
     missing: list[str] = []
     for name in dict.fromkeys(named):
         part = _inside(path, name)
@@ -78,7 +78,7 @@ def _log_files(path: Path, recover: bool) -> LogFiles:
     return _with_others(path, files, missing)
 
 
-def _with_others(path: Path, files: list[Path], missing: list[str]) -> LogFiles:
+def _with_others(path: AnyPath, files: list[AnyPath], missing: list[str]) -> LogFiles:
     """Add the parts that metadata.yaml does not name, and note what other logs are there."""
     if is_remote(path) and not path.lists:
         return LogFiles(tuple(files), tuple(missing))
@@ -109,7 +109,7 @@ def _stem(name: str) -> str | None:
     return match[1] if match else None
 
 
-def _without_metadata(path: Path, recover: bool) -> LogFiles:
+def _without_metadata(path: AnyPath, recover: bool) -> LogFiles:
     """Take the .mcap files of a directory in the order of the numbers in their names."""
     files = sorted((p for p in path.glob("*.mcap") if p.is_file()), key=_natural)
     if not files:
@@ -132,12 +132,12 @@ def _without_metadata(path: Path, recover: bool) -> LogFiles:
     return LogFiles(tuple(files), (f"{METADATA} is missing; the parts are taken in the order of their names",))
 
 
-def _natural(path: Path) -> list[tuple[int, str]]:
+def _natural(path: AnyPath) -> list[tuple[int, str]]:
     """Sort key that puts part 10 behind part 9."""
     return [(int(x), "") if x.isdigit() else (-1, x) for x in re.split(r"([0-9]+)", path.name)]
 
 
-def _named_parts(path: Path) -> list[str]:
+def _named_parts(path: AnyPath) -> list[str]:
     """Names of the parts in metadata.yaml, in order."""
     import yaml
 
@@ -172,13 +172,13 @@ def _named_parts(path: Path) -> list[str]:
     return names
 
 
-def _inside(path: Path, name: str) -> Path:
+def _inside(path: AnyPath, name: str) -> AnyPath:
     """Path of a part; older recorders put the bag's own name before it. Raises LogError if it lies outside."""
     if "\0" in name:
         raise LogError(f"{path / METADATA}: relative_file_paths holds a name that no file can have")
     root = path.resolve()
     for candidate in (path / name, path / Path(name).name):
-        if not candidate.resolve().is_relative_to(root):
+        if not lies_within(candidate.resolve(), root):
             raise LogError(f"{path / METADATA}: names the file {name!r}, which lies outside of the bag")
         if candidate.is_file():
             return candidate

@@ -10,7 +10,6 @@ import dataclasses
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from geomphys.config import Config
@@ -23,8 +22,8 @@ from geomphys.recording.report import RecordingReport
 from geomphys.recording.space import RecordedSpace
 from geomphys.scene.arrays import World
 from geomphys.scene.findings import Findings
-from geomphys.scene.scene_inputs import RecordingTable
-from geomphys.storage.remote_files import as_path
+from geomphys.scene.recording_tables import RecordingTable
+from geomphys.storage.remote_files import AnyPath, as_path
 
 
 @dataclass(frozen=True)
@@ -80,7 +79,7 @@ class CheckReport:
         return {**dataclasses.asdict(self), "diagnostics": as_records(self.errors, self.warnings)}
 
 
-def check_log(log: Path | str, world: World, config: Config | None = None) -> CheckReport:
+def check_log(log: AnyPath | str, world: World, config: Config | None = None) -> CheckReport:
     """Say whether `log` can be replayed in `world`, and what to expect.
 
     Parameters
@@ -134,7 +133,7 @@ def check_log(log: Path | str, world: World, config: Config | None = None) -> Ch
     )
 
 
-def _frames(log: Path, world: World, config: Config) -> tuple[RecordingReport, tuple[JointMapping, ...]]:
+def _frames(log: AnyPath, world: World, config: Config) -> tuple[RecordingReport, tuple[JointMapping, ...]]:
     """Make all frames; the report of them, and which recorded joint feeds which."""
     with FrameSource(log, world, config) as source:
         for _ in source:

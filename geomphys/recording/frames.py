@@ -7,7 +7,6 @@ has come `max_gap` + `max_delay` further than the frame's time. Until then its s
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from types import TracebackType
 
 import numpy as np
@@ -32,6 +31,7 @@ from geomphys.recording.times import MessageTimes, Watermark
 from geomphys.recording.wiring import wire
 from geomphys.results import FLAG_BEFORE_FIRST, FLAG_CLAMPED, FLAG_HELD, FLAG_OUTSIDE_LIMITS, Frame
 from geomphys.scene.arrays import JOINT_PRISMATIC, World
+from geomphys.storage.remote_files import AnyPath
 
 Floats = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ class FrameSource:
         The log is damaged and `config.recover` is off.
     """
 
-    def __init__(self, log: Path, world: World, config: Config) -> None:
+    def __init__(self, log: AnyPath, world: World, config: Config) -> None:
         self.world, self.config = world, config
         self.reader: LogReader = open_log(log, recover=config.recover)
         self.plan: Plan = make_plan(self.reader, world, config)

@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 from geomphys.errors import LogError
@@ -19,6 +18,7 @@ from geomphys.recording.reader import LogChannel, LogReader, RawMessage, open_lo
 from geomphys.recording.recorded_space import Corner, MotionSamples, PoseMotion, SpaceGuess, guess_space
 from geomphys.recording.samples import USES
 from geomphys.recording.streams import VALUE_LIMIT, good_pose
+from geomphys.storage.remote_files import AnyPath
 
 __all__ = ["CheckReport", "LogInfo", "TopicInfo", "check_log", "inspect_log", "log_space"]
 
@@ -75,7 +75,7 @@ class LogInfo:
         return dataclasses.asdict(self)
 
 
-def inspect_log(path: Path | str, *, recover: bool = False) -> LogInfo:
+def inspect_log(path: AnyPath | str, *, recover: bool = False) -> LogInfo:
     """Read a log through and say what it holds.
 
     Parameters

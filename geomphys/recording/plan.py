@@ -15,7 +15,7 @@ from geomphys.recording.naming import listed, similar
 from geomphys.recording.reader import LogChannel, LogReader
 from geomphys.recording.samples import JOINTS, PARTS, POSES, USES, What
 from geomphys.scene.arrays import World
-from geomphys.scene.inputs import JointSource, RootSource
+from geomphys.scene.topic_sources import JointSource, RootSource
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ from collections import deque
 from collections.abc import Container, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, NamedTuple
 
@@ -34,7 +33,7 @@ from geomphys.recording.records import (
 )
 from geomphys.recording.scan import TIME_LIMIT, FileScan, Span, scan_file
 from geomphys.recording.summary import scan_summary
-from geomphys.storage.remote_files import RemotePath, as_path, is_remote
+from geomphys.storage.remote_files import AnyPath, RemotePath, as_path, is_remote
 
 PENDING_LIMIT = 256 * 2**20
 """Bytes of messages that are held to bring them into the order of their times."""
@@ -81,7 +80,7 @@ class Damage:
 class LogReader:
     """A log opened for reading; made by `open_log`. A context manager; holds no local file open between calls."""
 
-    def __init__(self, path: Path, *, recover: bool = False) -> None:
+    def __init__(self, path: AnyPath, *, recover: bool = False) -> None:
         """Scan the log; see `open_log`."""
         self.path = path
         parts = log_files(path, recover=recover)
@@ -200,7 +199,7 @@ class LogReader:
             ) from problem
 
     @contextmanager
-    def _opened(self, file: Path) -> Iterator[BinaryIO]:
+    def _opened(self, file: AnyPath) -> Iterator[BinaryIO]:
         """A file to read from; one behind a URL stays open until the reader is closed."""
         if not is_remote(file):
             with file.open("rb") as stream:
@@ -256,7 +255,7 @@ class LogReader:
                 yield channel, log_time, publish_time, read(length - MESSAGE.size), sequence
             at += 9 + length
 
-    def _scan(self, file: Path) -> FileScan:
+    def _scan(self, file: AnyPath) -> FileScan:
         """Scan one file. Raises LogError if it is no MCAP at all."""
         try:
             with self._opened(file) as stream:
@@ -317,7 +316,7 @@ class LogReader:
         return f"{self.messages} messages over {seconds:.3f} s are intact"
 
 
-def open_log(path: Path | str, *, recover: bool = False) -> LogReader:
+def open_log(path: AnyPath | str, *, recover: bool = False) -> LogReader:
     """Open a log and scan it once.
 
     Parameters

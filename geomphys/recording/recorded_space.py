@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from geomphys.recording.name_words import words
-from geomphys.scene.scene_inputs import RecordingTable
+from geomphys.scene.recording_tables import RecordingTable
 
 Corner = tuple[float, float, float]
 LengthUnit = Literal["m", "cm", "mm"]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from geomphys.recording.poses import IDENTITY, Seven, compose
-from geomphys.scene.scene_inputs import RecordingTable
+from geomphys.scene.recording_tables import RecordingTable
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,12 @@ from __future__ import annotations
 import statistics
 from collections import deque
 from collections.abc import Iterator
-from pathlib import Path
 from typing import NamedTuple
 
 from geomphys.errors import LogError
 from geomphys.recording.naming import plain
 from geomphys.recording.times import NEVER, Watermark
+from geomphys.storage.remote_files import AnyPath
 
 REMEDY = "--time log goes by when the log received the messages"
 STEADY = 5
@@ -141,7 +141,7 @@ class StampTrack:
 class StampWatch:
     """The stamps of all streams that are read."""
 
-    def __init__(self, path: Path, delay: int) -> None:
+    def __init__(self, path: AnyPath, delay: int) -> None:
         """`delay`: ns that a message may come late."""
         self.path, self.delay = path, delay
         self.tracks: dict[tuple[str, str], StampTrack] = {}  # by topic and child frame or first joint

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import heapq
-from pathlib import Path
 
 from geomphys.config import TimeSource
 from geomphys.errors import LogError
 from geomphys.recording.naming import plain
 from geomphys.recording.reader import LogChannel
+from geomphys.storage.remote_files import AnyPath
 
 NEVER = -(2**62)
 EARLY_CLOCK = 60 * 10**9
@@ -27,7 +27,7 @@ class MessageTimes:
     (`zero_counts`). The log time that stands in for it is moved by `offsets`: onto the clock of the channel's other stamps.
     """
 
-    def __init__(self, source: TimeSource, channels: dict[int, LogChannel], path: Path) -> None:
+    def __init__(self, source: TimeSource, channels: dict[int, LogChannel], path: AnyPath) -> None:
         self.source = source
         self.channels = channels
         self.path = path

@@ -1,9 +1,9 @@
-"""The scene as the kernels see it: flat arrays that never change in a run.
+"""Scene data of the kernels: flat arrays that are constant during a replay.
 
-Everything is a *tree*: an avatar is a tree of links with role DRIVEN, an articulated object a tree of links with role
-FIXED, any other object a tree of one link. A link is a *body*; a body is a union of convex *pieces*. Trees, bodies and
-pieces are sorted: avatars first, in the order of the scene file, then objects; the bodies of a tree stand together in
-topological order (parents first), the pieces of a body stand together.
+A scene is a list of kinematic *trees*. An avatar is a tree of links with role DRIVEN, an articulated object a tree of
+links with role FIXED, any other object a tree of one link. A link is a *body*; a body is a union of convex *pieces*.
+Order: avatars first, in the order of the scene file, then objects. The bodies of a tree are contiguous and in
+topological order (parents first); the pieces of a body are contiguous.
 
 Lengths are metres, angles radians, masses kilograms. A *pose* row is ``(px, py, pz, qx, qy, qz, qw)``; a *frame* row
 is the rotation's nine floats row by row and then the position's three. All arrays are C-contiguous float64 or int64.
@@ -12,7 +12,6 @@ is the rotation's nine floats row by row and then the position's three. All arra
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -21,8 +20,9 @@ from numpy.typing import NDArray
 from geomphys.scene.findings import Findings
 
 if TYPE_CHECKING:
-    from geomphys.scene.inputs import JointSource, RootSource
     from geomphys.scene.scene_file import SceneFile
+    from geomphys.scene.topic_sources import JointSource, RootSource
+    from geomphys.storage.remote_files import AnyPath
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -47,21 +47,21 @@ JOINT_PRISMATIC = 2
 
 
 class Pieces(NamedTuple):
-    """P convex pieces. Vertices, planes and loops exist for boxes and hulls; they stand in the piece's own frame."""
+    """P convex pieces. Boxes and hulls have vertices, planes and loops, in the piece's own frame."""
 
     kind: Ints  # (P,) SPHERE … HULL
     size: Floats  # (P, 3) sphere (r, 0, 0); capsule and cylinder (r, half height without caps, 0) along z; box half extents
     body: Ints  # (P,) the body it belongs to
     local: Floats  # (P, 12) body_from_piece as a frame row
-    centre: Floats  # (P, 3) an inner point, piece frame (the hull's volume centroid; 0 for the others)
-    reach: Floats  # (P,) radius of a ball about `centre` that holds the piece
-    thickness: Floats  # (P,) smallest width over all directions
+    centre: Floats  # (P, 3) interior point, piece frame (the hull's volume centroid; 0 for the others)
+    reach: Floats  # (P,) bounding radius about `centre`
+    thickness: Floats  # (P,) smallest width over all directions, m
     vertex_start: Ints  # (P + 1,) rows of `vertices`
     vertices: Floats  # (V, 3)
     neighbour_start: Ints32  # (V + 1,) rows of `neighbours`
     neighbours: Ints32  # (N,) vertices joined by an edge of the hull, as indices local to the piece
-    cell_start: Ints  # (P,) where the piece's CELLS entries of `cells` begin; -1: it has none
-    cells: Ints32  # where climbing to the farthest corner begins, by the direction's cell; indices local to the piece
+    cell_start: Ints  # (P,) first of the piece's CELLS entries of `cells`; -1: it has none
+    cells: Ints32  # start vertex of the hill climb to the support point, by the direction's cell; local to the piece
     face_start: Ints  # (P + 1,) rows of `planes` and of `loop_start`
     planes: Floats  # (F, 4) outward unit normal and offset: n·x <= d; coplanar triangles merged
     loop_start: Ints  # (F + 1,) rows of `loops`
@@ -95,10 +95,8 @@ class Trees(NamedTuple):
     body_start: Ints  # (T + 1,)
     dof_start: Ints  # (T + 1,) columns of the angles
     role: Ints  # (T,)
-    moving: (
-        Ints  # (T,) 1 if its pose or a joint comes from the recording or from physics, 0 if it stands still for ever
-    )
-    rest: Floats  # (T, 7) pose of the root body where no topic says otherwise
+    moving: Ints  # (T,) 1 if its pose or a joint comes from the recording or from physics, 0 if it is static
+    rest: Floats  # (T, 7) root pose of trees without a topic
     mass: Floats  # (T,) m of the coupling (6)
     stiffness: Floats  # (T,) K; infinite for a rigid coupling
     damping: Floats  # (T,) R
@@ -120,7 +118,7 @@ class Chains(NamedTuple):
 
     tree: Ints  # (C,)
     body_start: Ints  # (C + 1,) rows of `bodies`
-    bodies: Ints  # (M,) bodies of the chain from just below its base to its tip
+    bodies: Ints  # (M,) bodies of the chain, from the one below its base to its tip
 
 
 class ReachCones(NamedTuple):
@@ -130,18 +128,18 @@ class ReachCones(NamedTuple):
     joints: Ints  # (J,) bodies whose joints make up the compound joint, root first
     limb: Floats  # (R, 3) limb direction in the last joint's frame at zero angles
     direction_start: Ints  # (R + 1,) rows of `directions`
-    directions: Floats  # (D, 3) unit, the polygon's corners in the frame the first joint sits in
+    directions: Floats  # (D, 3) unit, polygon corners, in the frame of the first joint's parent link
 
 
 class Materials(NamedTuple):
-    """Restitution and friction per pair of materials, symmetric; NaN where no pair is known (it cannot meet)."""
+    """Restitution and friction per pair of materials, symmetric; NaN for pairs that cannot come into contact."""
 
     restitution: Floats  # (K, K)
     friction: Floats  # (K, K)
 
 
 class Scene(NamedTuple):
-    """All of it. `excluded[a, b]` is 1 for bodies of avatars (index < L) of the same tree that may overlap."""
+    """The whole scene. `excluded[a, b]` is 1 for bodies of one avatar (indices < L) that are not tested against each other."""
 
     gravity: Floats  # (3,)
     pieces: Pieces
@@ -159,10 +157,10 @@ class Scene(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class World:
-    """A scene with its names and what shows it: what a replay needs beside a log."""
+    """A scene with its names, input topics and display geometry: all that a replay needs besides a log."""
 
     file: SceneFile
-    path: Path
+    path: AnyPath
     scene: Scene
     tree_names: tuple[str, ...]  # (T,)
     body_names: tuple[str, ...]  # (B,) `object`, `object/link` or `avatar/link`: names of /contacts
@@ -171,12 +169,14 @@ class World:
     avatar_count: int
     roots: tuple[RootSource, ...]
     joints: tuple[JointSource, ...]
-    urdfs: dict[str, Path]  # tree name -> URDF
-    zero_pose_overlaps: tuple[tuple[str, str], ...]  # body names of pairs left out as they overlap in the zero pose
+    urdfs: dict[str, AnyPath]  # tree name -> URDF
+    zero_pose_overlaps: tuple[
+        tuple[str, str], ...
+    ]  # body names of pairs excluded because they overlap in the zero pose
     triangles: tuple[
         tuple[Floats, Ints], ...
-    ]  # (B,) what is shown of each body: vertices (n, 3), faces (m, 3), body frame
+    ]  # (B,) display mesh of each body: vertices (n, 3), faces (m, 3), body frame
     collision_triangles: tuple[
         tuple[Floats, Ints], ...
     ]  # (B,) original collision geometry, tessellated where it is a primitive
-    findings: Findings = field(default_factory=Findings)  # what a user should know of it
+    findings: Findings = field(default_factory=Findings)  # warnings and notes for the user

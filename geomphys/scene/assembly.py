@@ -1,11 +1,10 @@
-"""A scene file's avatars and objects as trees of bodies, in flat arrays."""
+"""Assembles the `World` of a scene file: reads models and meshes, lays all bodies out in the kernels' flat arrays."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,60 +25,64 @@ from geomphys.scene.arrays import (
     Trees,
     World,
 )
-from geomphys.scene.body_geometry import Workshop
+from geomphys.scene.body_geometry import GeometryLoader
 from geomphys.scene.chains import link_index
 from geomphys.scene.decomposition import Progress
 from geomphys.scene.findings import Findings, NotShown
-from geomphys.scene.frame_ids import distinct_frames
-from geomphys.scene.inputs import JointSource, RootSource
+from geomphys.scene.frame_ids import make_frame_ids_unique
 from geomphys.scene.materials import MaterialTable, material_table
-from geomphys.scene.pieces import PlacedShape, build_pieces
+from geomphys.scene.pieces import PosedShape, build_pieces
+from geomphys.scene.recording_tables import JointsTable
 from geomphys.scene.scene_file import AvatarTable, Coupling, ObjectTable, SceneFile
-from geomphys.scene.scene_inputs import JointsTable
-from geomphys.scene.sizes import size_warnings
+from geomphys.scene.topic_sources import JointSource, RootSource
 from geomphys.scene.trees import Tree, TreeBody, read_avatar, read_object
+from geomphys.scene.unit_warnings import unit_warnings
+from geomphys.storage.remote_files import AnyPath
 
 Floats = NDArray[np.float64]
 
-MOST_BODIES = 5000
-"""Of all objects and links."""
-MOST_FREEDOMS = 3000
-"""Three a driven object or avatar, and one a joint of an avatar in chains mode."""
+MAX_BODIES = 5000
+"""Limit on objects and links together."""
+MAX_DRIVEN_DOFS = 3000
+"""Limit on degrees of freedom that yield: 3 for each driven object or avatar, 1 for each joint of an avatar in chains mode."""
 _JOINTS = {"fixed": JOINT_FIXED, "revolute": JOINT_REVOLUTE, "continuous": JOINT_REVOLUTE, "prismatic": JOINT_PRISMATIC}
 
 
 def assemble(
     file: SceneFile,
-    path: Path,
+    path: AnyPath,
     *,
     mode: str | None = None,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> World:
-    """Everything a scene file names, read and laid out; `excluded` holds neighbours and `ignore_pairs` only.
+    """Read everything a scene file names and build its `World`.
+
+    `Scene.excluded` holds links joined directly and `ignore_pairs`; pairs that overlap in the zero pose are added by
+    `exclude_pairs`.
 
     Raises
     ------
     SceneError, ModelError, MeshError
         With the file, the key or element, and the value that is wrong.
     """
-    workshop = Workshop(seed, progress)
-    several = len(file.avatar) > 1
-    trees = [read_avatar(a, path, workshop, several, mode or a.mode) for a in file.avatar]
-    trees += [read_object(o, path, workshop) for o in file.object]
+    loader = GeometryLoader(seed, progress)
+    prefix_frames = len(file.avatar) > 1
+    trees = [read_avatar(a, path, loader, prefix_frames, mode or a.mode) for a in file.avatar]
+    trees += [read_object(o, path, loader) for o in file.object]
     bodies = [body for tree in trees for body in tree.bodies]
-    renamed = distinct_frames(trees)
+    renamed = make_frame_ids_unique(trees)
     _check_size(trees, bodies, path)
-    known = material_table(file.material_pair)
-    known.require_known(path, ((t.material, t.name) for t in trees))
-    table, default_pairs = known.with_defaults(path, _meetings(trees))
-    body_start = _starts(len(t.bodies) for t in trees)
-    dof_start = _starts(0 if t.skeleton is None else len(t.skeleton.dof_names) for t in trees)
+    material_pairs = material_table(file.material_pair)
+    material_pairs.require_known(path, ((t.material, t.name) for t in trees))
+    table, default_pairs = material_pairs.with_defaults(path, _possible_contacts(trees))
+    body_start = _start_offsets(len(t.bodies) for t in trees)
+    dof_start = _start_offsets(0 if t.skeleton is None else len(t.skeleton.dof_names) for t in trees)
     avatar_bodies = int(body_start[len(file.avatar)])
     chains = _chains(trees, body_start)
     scene = Scene(
         gravity=np.array(file.scene.gravity, dtype=np.float64),
-        pieces=build_pieces([PlacedShape(s, local, k) for k, b in enumerate(bodies) for s, local in b.geometry.pieces]),
+        pieces=build_pieces([PosedShape(s, local, k) for k, b in enumerate(bodies) for s, local in b.geometry.pieces]),
         bodies=_bodies(trees, bodies, table, body_start, dof_start),
         trees=_trees(trees, body_start, dof_start),
         dofs=_dofs(trees, chains, body_start, dof_start),
@@ -99,20 +102,23 @@ def assemble(
         dof_names=tuple(n for t in trees if t.skeleton is not None for n in t.skeleton.dof_names),
         avatar_count=len(file.avatar),
         roots=tuple(
-            RootSource(tree=k, topic=t.topic, position=t.place[0], orientation=t.place[1], delay=t.delay)
+            RootSource(tree=k, topic=t.topic, position=t.pose[0], orientation=t.pose[1], delay=t.delay)
             for k, t in enumerate(trees)
             if t.topic is not None
         ),
         joints=tuple(_joint_sources(trees, dof_start, path)),
         urdfs={t.name: t.skeleton.path for t in trees if t.skeleton is not None},
         zero_pose_overlaps=(),
-        triangles=tuple(b.shown for b in bodies),
+        triangles=tuple(b.visual for b in bodies),
         collision_triangles=tuple(b.geometry.triangles for b in bodies),
         findings=Findings(
             not_shown=tuple(
-                NotShown(str(t.skeleton.path), why) for t in trees if t.skeleton is not None for why in t.not_shown
+                NotShown(str(t.skeleton.path), reason)
+                for t in trees
+                if t.skeleton is not None
+                for reason in t.not_shown
             ),
-            sizes=tuple(size_warnings(trees)),
+            sizes=tuple(unit_warnings(trees)),
             without_collision=tuple(_without_collision(trees)),
             renamed_frames=renamed,
             default_pairs=default_pairs,
@@ -120,8 +126,8 @@ def assemble(
     )
 
 
-def exclude(world: World, pairs: Sequence[tuple[int, int]]) -> World:
-    """The world with these pairs of avatar bodies, which overlap in the zero pose, left out of collision and listed."""
+def exclude_pairs(world: World, pairs: Sequence[tuple[int, int]]) -> World:
+    """A copy of the world in which pairs (a, b) of avatar bodies that overlap in the zero pose are excluded from collision."""
     excluded = world.scene.excluded.copy()
     for a, b in pairs:
         excluded[a, b] = excluded[b, a] = 1
@@ -132,34 +138,37 @@ def exclude(world: World, pairs: Sequence[tuple[int, int]]) -> World:
     )
 
 
-def _check_size(trees: Sequence[Tree], bodies: Sequence[TreeBody], path: Path) -> None:
-    """Memory grows with the square of these."""
-    if len(bodies) > MOST_BODIES:
+def _check_size(trees: Sequence[Tree], bodies: Sequence[TreeBody], path: AnyPath) -> None:
+    """Raise SceneError for too many bodies or driven dofs: memory grows with their square."""
+    if len(bodies) > MAX_BODIES:
         raise SceneError(
-            f"{path}: has {len(bodies)} bodies (objects and links), at most {MOST_BODIES} are replayed: "
+            f"{path}: has {len(bodies)} bodies (objects and links), at most {MAX_BODIES} are replayed: "
             "leave out what nothing comes near"
         )
     driven = [t for t in trees if t.role == DRIVEN]
     free = 3 * len(driven) + sum(len(t.skeleton.dof_names) for t in driven if t.skeleton is not None and t.in_chains)
-    if free > MOST_FREEDOMS:
+    if free > MAX_DRIVEN_DOFS:
         raise SceneError(
-            f"{path}: what is driven has {free} degrees of freedom that may yield, at most {MOST_FREEDOMS} are replayed: "
+            f"{path}: what is driven has {free} degrees of freedom that may yield, at most {MAX_DRIVEN_DOFS} are replayed: "
             "use fewer driven objects, or avatars in rigid mode"
         )
 
 
-def _meetings(trees: Sequence[Tree]) -> Iterator[tuple[str, str, str, str]]:
-    """Materials that can meet, and who has them: of trees not both fixed, and within an avatar in chains mode."""
+def _possible_contacts(trees: Sequence[Tree]) -> Iterator[tuple[str, str, str, str]]:
+    """(material, owner, material, owner) of trees that can come into contact.
+
+    Two trees that are not both fixed, or one avatar in chains mode with self-collision.
+    """
     kinds: dict[tuple[str, bool], list[str]] = {}
     for tree in trees:
         if any(b.geometry.pieces for b in tree.bodies):
             kinds.setdefault((tree.material, tree.role == FIXED), []).append(tree.name)
     rows = list(kinds.items())
-    for i, ((first, still), owners) in enumerate(rows):
-        if len(owners) > 1 and not still:
+    for i, ((first, first_fixed), owners) in enumerate(rows):
+        if len(owners) > 1 and not first_fixed:
             yield first, owners[0], first, owners[1]
-        for (second, rests), others in rows[i + 1 :]:
-            if not (still and rests):
+        for (second, second_fixed), others in rows[i + 1 :]:
+            if not (first_fixed and second_fixed):
                 yield first, owners[0], second, others[0]
     for tree in trees:
         if tree.in_chains and isinstance(tree.table, AvatarTable) and tree.table.self_collision:
@@ -167,7 +176,7 @@ def _meetings(trees: Sequence[Tree]) -> Iterator[tuple[str, str, str, str]]:
 
 
 def _without_collision(trees: Sequence[Tree]) -> Iterator[str]:
-    """Links with a visual and nothing that could touch."""
+    """Names of links that have visuals but no collision geometry."""
     for tree in trees:
         if tree.skeleton is not None:
             for link, body in zip(tree.skeleton.links, tree.bodies, strict=True):
@@ -203,7 +212,7 @@ def _bodies(
     return Bodies(
         role=np.array([t.role for t in trees for _ in t.bodies], dtype=np.int64),
         tree=np.repeat(np.arange(len(trees)), np.diff(body_start)),
-        piece_start=_starts(len(b.geometry.pieces) for b in bodies),
+        piece_start=_start_offsets(len(b.geometry.pieces) for b in bodies),
         material=np.array([table.index(t.material) for t in trees for _ in t.bodies], dtype=np.int64),
         mass=np.array([b.mass.mass for b in bodies], dtype=np.float64),
         com=np.array([b.mass.com for b in bodies], dtype=np.float64).reshape(-1, 3),
@@ -222,7 +231,7 @@ def _bodies(
 def _trees(trees: Sequence[Tree], body_start: NDArray[np.int64], dof_start: NDArray[np.int64]) -> Trees:
     rest, stiffness, damping, moving, self_collision = [], [], [], [], []
     for tree in trees:
-        position, orientation = tree.place
+        position, orientation = tree.pose
         rest.append((*position, *orientation) if tree.topic is None else (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
         coupling = tree.table.coupling or Coupling()
         stiffness.append(np.inf if isinstance(coupling, str) else coupling.stiffness)
@@ -247,7 +256,7 @@ def _chains(trees: Sequence[Tree], body_start: NDArray[np.int64]) -> Chains:
     rows = [(t, links) for t, tree in enumerate(trees) for links in tree.chains]
     return Chains(
         tree=np.array([t for t, _ in rows], dtype=np.int64),
-        body_start=_starts(len(links) for _, links in rows),
+        body_start=_start_offsets(len(links) for _, links in rows),
         bodies=np.array([body_start[t] + k for t, links in rows for k in links], dtype=np.int64),
     )
 
@@ -255,30 +264,32 @@ def _chains(trees: Sequence[Tree], body_start: NDArray[np.int64]) -> Chains:
 def _dofs(trees: Sequence[Tree], chains: Chains, body_start: NDArray[np.int64], dof_start: NDArray[np.int64]) -> Dofs:
     lower, upper = np.full(dof_start[-1], -np.inf), np.full(dof_start[-1], np.inf)
     chain = np.full(dof_start[-1], -1, dtype=np.int64)
-    of_body = {int(b): c for c in range(len(chains.tree)) for b in chains.bodies[slice(*chains.body_start[c : c + 2])]}
+    chain_of_body = {
+        int(b): c for c in range(len(chains.tree)) for b in chains.bodies[slice(*chains.body_start[c : c + 2])]
+    }
     for t, tree in enumerate(trees):
         if tree.skeleton is None:
             continue
-        here = slice(dof_start[t], dof_start[t + 1])
-        lower[here], upper[here] = tree.skeleton.lower, tree.skeleton.upper
+        columns = slice(dof_start[t], dof_start[t + 1])
+        lower[columns], upper[columns] = tree.skeleton.lower, tree.skeleton.upper
         for k, joint in enumerate(tree.skeleton.joints):
             if joint is not None and joint.dof >= 0 and joint.mimics is None:
-                chain[dof_start[t] + joint.dof] = of_body.get(int(body_start[t]) + k, -1)
+                chain[dof_start[t] + joint.dof] = chain_of_body.get(int(body_start[t]) + k, -1)
     return Dofs(lower=lower, upper=upper, tree=np.repeat(np.arange(len(trees)), np.diff(dof_start)), chain=chain)
 
 
 def _cones(trees: Sequence[Tree], body_start: NDArray[np.int64]) -> ReachCones:
     rows = [(t, cone) for t, tree in enumerate(trees) for cone in tree.cones]
     return ReachCones(
-        joint_start=_starts(len(cone.links) for _, cone in rows),
+        joint_start=_start_offsets(len(cone.links) for _, cone in rows),
         joints=np.array([body_start[t] + k for t, cone in rows for k in cone.links], dtype=np.int64),
         limb=np.array([cone.limb for _, cone in rows], dtype=np.float64).reshape(-1, 3),
-        direction_start=_starts(len(cone.directions) for _, cone in rows),
+        direction_start=_start_offsets(len(cone.directions) for _, cone in rows),
         directions=np.concatenate([np.zeros((0, 3)), *(cone.directions for _, cone in rows)]),
     )
 
 
-def _excluded(trees: Sequence[Tree], body_start: NDArray[np.int64], count: int, path: Path) -> NDArray[np.int64]:
+def _excluded(trees: Sequence[Tree], body_start: NDArray[np.int64], count: int, path: AnyPath) -> NDArray[np.int64]:
     excluded = np.eye(count, dtype=np.int64)
     for t, tree in enumerate(trees):
         if tree.skeleton is None or not isinstance(tree.table, AvatarTable):
@@ -303,7 +314,7 @@ def _velocities(trees: Sequence[Tree], body_start: NDArray[np.int64]) -> Floats:
     return rows
 
 
-def _joint_sources(trees: Sequence[Tree], dof_start: NDArray[np.int64], path: Path) -> Iterator[JointSource]:
+def _joint_sources(trees: Sequence[Tree], dof_start: NDArray[np.int64], path: AnyPath) -> Iterator[JointSource]:
     for t, tree in enumerate(trees):
         table: JointsTable | None = tree.table.joints
         if table is None or tree.skeleton is None:
@@ -343,14 +354,14 @@ def _joint_sources(trees: Sequence[Tree], dof_start: NDArray[np.int64], path: Pa
         )
 
 
-def _check_joint(joint: str, names: Sequence[str], what: str, tree: Tree, path: Path) -> None:
-    """Raise SceneError if a name is that of no moving joint of a tree."""
+def _check_joint(joint: str, names: Sequence[str], what: str, tree: Tree, path: AnyPath) -> None:
+    """Raise SceneError unless `joint` is a moving joint of the tree."""
     if joint in names or tree.skeleton is None:
         return
-    near = get_close_matches(joint, names, n=1)
-    hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(names[:8])}"
+    close = get_close_matches(joint, names, n=1)
+    hint = f"did you mean {close[0]!r}?" if close else f"it has {', '.join(names[:8])}"
     raise SceneError(f"{path}: {tree.name!r}: {what}: no moving joint of this name in {tree.skeleton.path}, {hint}")
 
 
-def _starts(counts: Iterator[int] | Sequence[int]) -> NDArray[np.int64]:
+def _start_offsets(counts: Iterator[int] | Sequence[int]) -> NDArray[np.int64]:
     return np.concatenate([[0], np.cumsum(np.fromiter(counts, dtype=np.int64))]).astype(np.int64)

@@ -1,17 +1,16 @@
-"""What a body is made of: convex pieces to collide with, mass, triangles to show."""
+"""Geometry of bodies: convex pieces for collision, mass properties, triangles for display."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.errors import MeshError
 from geomphys.numerics.transforms import apply
-from geomphys.scene.decomposition import Pieces, Progress, Uncut, decompose_all
+from geomphys.scene.decomposition import Decomposed, DecompositionTask, Progress, decompose_all
 from geomphys.scene.mass import (
     MassProperties,
     combined,
@@ -21,103 +20,104 @@ from geomphys.scene.mass import (
     of_mesh,
     of_sphere,
 )
-from geomphys.scene.meshes import Mesh, load_mesh, wound_outwards
+from geomphys.scene.meshes import Mesh, load_mesh, oriented_outwards
 from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, Sphere
 from geomphys.scene.pieces import Shape as Convex
 from geomphys.scene.scene_values import Decomposition
-from geomphys.scene.source_files import is_there
+from geomphys.scene.source_files import path_exists
 from geomphys.scene.tessellation import (
-    COARSE,
-    FINE,
+    COLLISION_SEGMENTS,
+    DISPLAY_SEGMENTS,
     Triangles,
     box_triangles,
     capsule_triangles,
     cylinder_triangles,
-    fan,
-    joined,
+    merge_surfaces,
     sphere_triangles,
+    triangulate_faces,
 )
 from geomphys.scene.urdf_file import BoxShape, CapsuleShape, CylinderShape, MeshShape, Shape, SphereShape
+from geomphys.storage.remote_files import AnyPath
 
 Floats = NDArray[np.float64]
-Placed = tuple[Shape, Floats]
+ShapeInBody = tuple[Shape, Floats]
 """A shape and body_from_shape (4, 4)."""
-MeshUse = tuple[Path, tuple[float, float, float], Decomposition]
-"""A mesh file, its scale, and how it becomes convex pieces."""
+MeshUse = tuple[AnyPath, tuple[float, float, float], Decomposition]
+"""Cache key: mesh file, scale, decomposition method."""
 
 
 @dataclass(frozen=True, eq=False)
 class BodyGeometry:
-    """A body of unit density in its own frame."""
+    """Collision geometry and mass properties of a body of unit density, body frame."""
 
     pieces: tuple[tuple[Convex, Floats], ...]  # convex shapes with body_from_piece (4, 4)
-    mass: MassProperties  # at 1 kg/m³; shapes that overlap count twice
-    triangles: Triangles  # of what it collides with, before any decomposition
+    mass: MassProperties  # at 1 kg/m³; overlapping shapes count twice
+    triangles: Triangles  # collision surface before convex decomposition
 
 
 @dataclass(eq=False)
-class Workshop:
-    """Makes the geometry of bodies; reads and cuts each mesh once."""
+class GeometryLoader:
+    """Loads the geometry of bodies; each mesh is read and decomposed once."""
 
     seed: int
     progress: Progress | None = None
-    _meshes: dict[tuple[Path, tuple[float, float, float]], Mesh] = field(default_factory=dict)
-    _pieces: dict[MeshUse, Pieces] = field(default_factory=dict)
-    _cut: dict[MeshUse, tuple[list[Convex], MassProperties, Triangles]] = field(default_factory=dict)
+    _meshes: dict[tuple[AnyPath, tuple[float, float, float]], Mesh] = field(default_factory=dict)
+    _decompositions: dict[MeshUse, Decomposed] = field(default_factory=dict)
+    _solids: dict[MeshUse, tuple[list[Convex], MassProperties, Triangles]] = field(default_factory=dict)
 
-    def body(self, shapes: Sequence[Placed], how: Decomposition, name: str) -> BodyGeometry:
-        """Geometry of a body made of these shapes; `name` is what errors call it.
+    def body_geometry(self, shapes: Sequence[ShapeInBody], method: Decomposition, name: str) -> BodyGeometry:
+        """Collision geometry of a body that consists of these shapes.
 
-        Raises MeshError.
+        `name` stands for the body in error messages. Raises MeshError.
         """
         pieces: list[tuple[Convex, Floats]] = []
         masses: list[MassProperties] = []
         surfaces: list[Triangles] = []
         for shape, matrix in shapes:
-            convex, mass, surface = self._solid(shape, how, name)
-            pieces += [(c, matrix) for c in convex]
-            still = np.array_equal(matrix, np.eye(4))
-            masses.append(mass if still else mass.moved(matrix))
-            surfaces.append(surface if still else (apply(matrix, surface[0]), surface[1]))
+            convex_shapes, mass, surface = self._solid(shape, method, name)
+            pieces += [(c, matrix) for c in convex_shapes]
+            is_identity = np.array_equal(matrix, np.eye(4))
+            masses.append(mass if is_identity else mass.transformed(matrix))
+            surfaces.append(surface if is_identity else (apply(matrix, surface[0]), surface[1]))
         mass = masses[0] if len(masses) == 1 else combined(masses)
-        return BodyGeometry(tuple(pieces), mass, joined(surfaces))
+        return BodyGeometry(tuple(pieces), mass, merge_surfaces(surfaces))
 
-    def shown(self, shapes: Sequence[Placed], name: str) -> Triangles:
-        """Triangles of shapes for the eye; meshes need not be closed."""
+    def visual_triangles(self, shapes: Sequence[ShapeInBody], name: str) -> Triangles:
+        """Display triangles of shapes in the body frame; meshes need not be closed. Raises MeshError."""
         surfaces = []
         for shape, matrix in shapes:
             if isinstance(shape, MeshShape):
                 mesh = self.mesh(shape, name)
                 surface = (mesh.vertices, mesh.faces)
             else:
-                surface = _tessellated(shape, COARSE)
-            still = np.array_equal(matrix, np.eye(4))
-            surfaces.append(surface if still else (apply(matrix, surface[0]), surface[1]))
-        return joined(surfaces)
+                surface = _tessellated(shape, DISPLAY_SEGMENTS)
+            is_identity = np.array_equal(matrix, np.eye(4))
+            surfaces.append(surface if is_identity else (apply(matrix, surface[0]), surface[1]))
+        return merge_surfaces(surfaces)
 
-    def require_closed(self, shapes: Sequence[tuple[Shape, str]], how: Decomposition, model: Path) -> None:
-        """Raise MeshError for the meshes of a model that cannot be read, or have no inside: all of them in one line.
+    def require_closed(self, shapes: Sequence[tuple[Shape, str]], method: Decomposition, model: AnyPath) -> None:
+        """Raise one MeshError for all meshes of a model that are missing or enclose no volume.
 
-        `shapes` are (shape, name of its link).
+        `shapes` are (shape, link name).
         """
-        missing: dict[Path, list[str]] = {}
-        opened: dict[Path, list[str]] = {}
+        missing: dict[AnyPath, list[str]] = {}
+        open_meshes: dict[AnyPath, list[str]] = {}
         count = 0
         for shape, link in shapes:
             if not isinstance(shape, MeshShape):
                 continue
             count += 1
-            if not is_there(shape.path):
+            if not path_exists(shape.path):
                 missing.setdefault(shape.path, []).append(link)
-            elif how != "hull":
+            elif method != "hull":
                 mesh = self.mesh(shape, f"{model}: link {link!r}")
                 if not (mesh.is_convex or mesh.is_closed):
-                    opened.setdefault(shape.path, []).append(link)
+                    open_meshes.setdefault(shape.path, []).append(link)
         for found, what, remedy in (
             (missing, "are not there", "paths are relative to the URDF"),
             (
-                opened,
-                "are neither watertight nor convex, so they have no inside to keep out of",
+                open_meshes,
+                "are neither watertight nor convex, so they enclose no volume",
                 'close their holes, or use decomposition = "hull" (their convex hulls)',
             ),
         ):
@@ -127,57 +127,60 @@ class Workshop:
                 raise MeshError(f"{model}: {total} of {count} collision meshes {what}: {'; '.join(names)}: {remedy}")
 
     def mesh(self, shape: MeshShape, name: str) -> Mesh:
-        """The mesh of a shape."""
+        """Mesh of a shape, read once. Raises MeshError."""
         key = (shape.path, shape.scale)
         if key not in self._meshes:
             self._meshes[key] = load_mesh(shape.path, np.array(shape.scale), name=f"{name}: {shape.path}")
         return self._meshes[key]
 
-    def prepare(self, uses: Sequence[tuple[MeshShape, Decomposition, str]]) -> None:
-        """Cut meshes of bodies that will be asked for, several at once; each with the name that errors call it.
+    def decompose_meshes(self, uses: Sequence[tuple[MeshShape, Decomposition, str]]) -> None:
+        """Decompose several meshes in parallel, ahead of `body_geometry`; each with its name in error messages.
 
         Raises MeshError.
         """
         new: dict[MeshUse, tuple[MeshShape, str]] = {}
-        for shape, how, name in uses:
-            key = (shape.path, shape.scale, how)
-            if key not in self._pieces:
+        for shape, method, name in uses:
+            key = (shape.path, shape.scale, method)
+            if key not in self._decompositions:
                 new.setdefault(key, (shape, name))
-        meshes = [Uncut(self.mesh(shape, name), how) for (_, _, how), (shape, name) in new.items()]
-        cut = decompose_all(meshes, seed=self.seed, progress=self.progress)
-        self._pieces.update(zip(new, cut, strict=True))
+        meshes = [DecompositionTask(self.mesh(shape, name), method) for (_, _, method), (shape, name) in new.items()]
+        decomposition = decompose_all(meshes, seed=self.seed, progress=self.progress)
+        self._decompositions.update(zip(new, decomposition, strict=True))
 
-    def _solid(self, shape: Shape, how: Decomposition, name: str) -> tuple[list[Convex], MassProperties, Triangles]:
+    def _solid(self, shape: Shape, method: Decomposition, name: str) -> tuple[list[Convex], MassProperties, Triangles]:
         if isinstance(shape, MeshShape):
-            key = (shape.path, shape.scale, how)
-            if key not in self._cut:
-                self._cut[key] = self._cut_mesh(shape, how, name)
-            return self._cut[key]
-        convex: Convex
+            key = (shape.path, shape.scale, method)
+            if key not in self._solids:
+                self._solids[key] = self._mesh_solid(shape, method, name)
+            return self._solids[key]
+        convex_shapes: Convex
         if isinstance(shape, BoxShape):
             x, y, z = shape.size
-            convex, mass = Box((0.5 * x, 0.5 * y, 0.5 * z)), of_box(shape.size, 1.0)
+            convex_shapes, mass = Box((0.5 * x, 0.5 * y, 0.5 * z)), of_box(shape.size, 1.0)
         elif isinstance(shape, SphereShape):
-            convex, mass = Sphere(shape.radius), of_sphere(shape.radius, 1.0)
+            convex_shapes, mass = Sphere(shape.radius), of_sphere(shape.radius, 1.0)
         elif isinstance(shape, CapsuleShape):
-            convex, mass = Capsule(shape.radius, 0.5 * shape.length), of_capsule(shape.radius, shape.length, 1.0)
+            convex_shapes, mass = Capsule(shape.radius, 0.5 * shape.length), of_capsule(shape.radius, shape.length, 1.0)
         else:
-            convex, mass = Cylinder(shape.radius, 0.5 * shape.length), of_cylinder(shape.radius, shape.length, 1.0)
-        return [convex], mass, _tessellated(shape, FINE)
+            convex_shapes, mass = (
+                Cylinder(shape.radius, 0.5 * shape.length),
+                of_cylinder(shape.radius, shape.length, 1.0),
+            )
+        return [convex_shapes], mass, _tessellated(shape, COLLISION_SEGMENTS)
 
-    def _cut_mesh(
-        self, shape: MeshShape, how: Decomposition, name: str
+    def _mesh_solid(
+        self, shape: MeshShape, method: Decomposition, name: str
     ) -> tuple[list[Convex], MassProperties, Triangles]:
         mesh = self.mesh(shape, name)
-        self.prepare([(shape, how, name)])
-        cut = self._pieces[shape.path, shape.scale, how]
-        hulls = [Hull(corners) for corners in cut.hulls]
-        if mesh.is_closed and (how != "hull" or mesh.is_convex):
-            solid = wound_outwards(mesh)
+        self.decompose_meshes([(shape, method, name)])
+        decomposition = self._decompositions[shape.path, shape.scale, method]
+        hulls = [Hull(corners) for corners in decomposition.hulls]
+        if mesh.is_closed and (method != "hull" or mesh.is_convex):
+            solid = oriented_outwards(mesh)
             surface = (solid.vertices, solid.faces)
-        else:  # what collides is the hull
+        else:  # the collision geometry is the hull
             hull = hulls[0].polytope
-            surface = fan(hull.vertices, np.split(hull.loops, np.cumsum(hull.loop_count)[:-1]))
+            surface = triangulate_faces(hull.vertices, np.split(hull.loops, np.cumsum(hull.loop_count)[:-1]))
         return list(hulls), of_mesh(*surface, 1.0), surface
 
 

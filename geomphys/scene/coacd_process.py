@@ -1,8 +1,8 @@
-"""CoACD in a process of its own: ``python -m geomphys.scene.coacd_process IN.npz OUT.npz``.
+"""Runs CoACD in a subprocess: ``python -m geomphys.scene.coacd_process IN.npz OUT.npz``.
 
-CoACD is C++ behind ctypes: it writes to the standard output, cannot be interrupted and takes its process with it when
-it fails. Here it can do none of that to a replay. The process ends when its standard input does, so with the one that
-started it, however that ends.
+CoACD is C++ behind ctypes: it writes to the standard output, cannot be interrupted, and a crash ends its process. In a
+subprocess none of this affects a replay. The subprocess exits when its standard input closes, so it never outlives its
+parent.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from geomphys.storage.temporary_folders import TemporaryFolder
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-LONGEST = 900.0
-"""s; a mesh that takes longer is refused"""
-LOOK_EVERY = 0.1
-"""s between two looks at whether it is to stop"""
+TIMEOUT = 900.0
+"""s; a mesh that takes longer is an error"""
+POLL_INTERVAL = 0.1
+"""s between checks of the stop event"""
 ITERATIONS = 60
-"""of the tree search for each cut; CoACD's own 150 take twice as long for pieces that stand out as far"""
+"""Monte Carlo tree search iterations per cut; CoACD's default of 150 takes twice as long for pieces of equal accuracy"""
 
 
 def convex_parts(
@@ -41,19 +41,19 @@ def convex_parts(
     threads: int = 1,
     stop: Event | None = None,
 ) -> list[Floats]:
-    """Parts of a closed mesh as point clouds (k, 3) whose hulls fill it, as CoACD cuts them.
+    """Convex decomposition of a closed mesh by CoACD: vertices (k, 3) of each part's hull, m.
 
-    `threshold` is the concavity (0.01 to 1, of half the longest side) a part may keep; `threads` changes no part. Raises
-    MeshError if CoACD fails, takes longer than `LONGEST`, or gives nothing or NaN, or if `stop` is set meanwhile.
+    `threshold` is the allowed concavity of a part (0.01 to 1, of half the longest side); `threads` does not change the
+    result. Raises MeshError if CoACD fails, takes longer than `TIMEOUT`, returns nothing or NaN, or if `stop` is set.
     """
     hint = 'simplify or repair it, or use decomposition = "hull"'
     with TemporaryFolder() as folder:
         source, target = folder / "mesh.npz", folder / "parts.npz"
         np.savez(source, vertices=vertices, faces=faces, threshold=threshold, seed=seed)
         command = [sys.executable, "-P", "-m", __name__, str(source), str(target)]
-        code = _ended(command, threads, stop or Event())
+        code = _run_until_exit(command, threads, stop or Event())
         if code is None:
-            raise MeshError(f"{name}: convex decomposition took more than {LONGEST:.0f} s: {hint}")
+            raise MeshError(f"{name}: convex decomposition took more than {TIMEOUT:.0f} s: {hint}")
         if code or not target.is_file():
             raise MeshError(f"{name}: convex decomposition failed (CoACD ended with {code}): {hint}")
         with np.load(target, allow_pickle=False) as archive:
@@ -65,17 +65,17 @@ def convex_parts(
     return [points[a:b] for a, b in pairwise(starts)]
 
 
-def _ended(command: list[str], threads: int, stop: Event) -> int | None:
-    """Run a command to its end; its exit code, or None if it took too long. It is killed if `stop` is set."""
+def _run_until_exit(command: list[str], threads: int, stop: Event) -> int | None:
+    """Run a command; returns its exit code, or None after `TIMEOUT`. The process is killed if `stop` is set."""
     environment = os.environ | {"OMP_NUM_THREADS": str(threads), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment
     ) as process:
-        latest = time.monotonic() + LONGEST
+        deadline = time.monotonic() + TIMEOUT
         try:
-            while time.monotonic() < latest and not stop.is_set():
+            while time.monotonic() < deadline and not stop.is_set():
                 try:
-                    return process.wait(LOOK_EVERY)
+                    return process.wait(POLL_INTERVAL)
                 except subprocess.TimeoutExpired:
                     continue
             return -9 if stop.is_set() else None
@@ -100,7 +100,7 @@ def _main(source: str, target: str) -> None:
 
 
 def _end_with_parent() -> None:
-    """End this process when the other end of its standard input is closed: CoACD itself cannot be interrupted."""
+    """Exit this process when its standard input is closed: CoACD itself cannot be interrupted."""
     while os.read(0, 1):
         pass
     os._exit(1)

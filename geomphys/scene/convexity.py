@@ -1,12 +1,14 @@
-"""Whether a closed mesh is so close to its convex hull that it needs no cutting.
+"""Decides whether a closed mesh may be replaced by its convex hull within an allowed concavity.
 
-The measure is that of CoACD (Wei et al. 2022): the volume the hull adds, as 0.3 times the radius of a ball that has it,
-and the distance of the hull from the solid, both against the concavity a piece may keep. Unlike CoACD, which measures
-how deep a hollow is and cuts a narrow one up before it joins the parts again, the distance is taken from the points the
-hull adds: a screw hole of less radius than the concavity is filled, as it is by CoACD's own pieces in the end.
+The measure is that of CoACD (Wei et al. 2022): 0.3 times the radius of a ball of the volume that the hull adds, and the
+distance from the hull to the solid, both against the allowed concavity. CoACD measures the depth of a concavity, which
+splits narrow holes that its merging step closes again; here the distance is measured from the points that the hull
+adds, so a screw hole of a smaller radius than the allowed concavity counts as filled.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,25 +18,37 @@ from geomphys.scene.meshes import Mesh
 
 Floats = NDArray[np.float64]
 
-VOLUME_SHARE = 0.3
-"""Of the radius of the ball whose volume the hull adds, against the distance (CoACD's weight of the two)."""
-SLACK = 0.02
-"""Of the concavity: how far the distance may be missed."""
+VOLUME_WEIGHT = 0.3
+"""Weight of the radius of the ball of the added volume against the distance (as in CoACD)."""
+DISTANCE_TOLERANCE = 0.02
+"""Tolerance of the distance, as a share of the concavity."""
 FLAT = 1e-6
-"""Of the size and the area: a face of the hull is one of the mesh if they differ by less."""
-TOUCHING = 1e-4
-"""Of the radius: a ball that is free but for this touches only where it stands."""
-MOST_LOOKS = 200_000
-"""Distances measured a mesh; where they do not do, CoACD decides."""
+"""Relative tolerance (of size and area) for a face of the hull to count as a face of the mesh."""
+CONTACT_TOLERANCE = 1e-4
+"""Share of the radius: a ball with at least (1 - this) of it free touches only the triangle it rests on."""
+MAX_QUERIES = 200_000
+"""Distance queries per mesh; beyond them CoACD decides."""
+
+
+@dataclass
+class QueryBudget:
+    """Distance queries that may still be made."""
+
+    remaining: int
+
+    def spend(self, count: int) -> bool:
+        """Take `count` queries off; False if there are not that many left."""
+        self.remaining -= count
+        return self.remaining >= 0
 
 
 def is_nearly_convex(mesh: Mesh, concavity: float) -> bool:
-    """Whether the hull of a mesh stands for it.
+    """Whether the convex hull of a mesh may replace it.
 
     True if ``0.3 (3 V / 4 pi)^(1/3) <= concavity``, with V the volume between mesh and hull, and no point of the hull
-    is farther than `concavity` from the solid, within `SLACK` of it. The distance is bounded over whole triangles of
-    the hull, and inside hollows by balls of that radius that touch a triangle of the mesh: one that fits into the hull
-    and holds no other part of the mesh is too much.
+    is farther than `concavity` from the solid, up to `DISTANCE_TOLERANCE`. The distance is bounded over entire
+    triangles of the hull, and in cavities by balls of that radius that rest on a triangle of the mesh: if one fits into
+    the hull without intersecting the rest of the mesh, the mesh is not nearly convex.
 
     Parameters
     ----------
@@ -47,18 +61,18 @@ def is_nearly_convex(mesh: Mesh, concavity: float) -> bool:
 
     hull = ConvexHull(mesh.hull_vertices)
     added = max(float(hull.volume) - mesh.signed_volume, 0.0)
-    if VOLUME_SHARE * np.cbrt(0.75 * added / np.pi) > concavity:
+    if VOLUME_WEIGHT * np.cbrt(0.75 * added / np.pi) > concavity:
         return False
-    surface, looks = Surface(mesh.vertices, mesh.faces), [MOST_LOOKS]
-    lids = hull.points[hull.simplices[~_is_surface(mesh, hull.equations, hull.points[hull.simplices])]]
-    if not _lies_within(surface, mesh.vertices, lids, concavity, looks):
+    surface, budget = Surface(mesh.vertices, mesh.faces), QueryBudget(MAX_QUERIES)
+    bridging_triangles = hull.points[hull.simplices[~_lies_on_mesh(mesh, hull.equations, hull.points[hull.simplices])]]
+    if not _lies_within(surface, mesh.vertices, bridging_triangles, concavity, budget):
         return False
     planes = np.unique(hull.equations, axis=0)
-    return not _holds_a_ball(surface, mesh.vertices[mesh.faces], planes, concavity, looks)
+    return not _fits_ball(surface, mesh.vertices[mesh.faces], planes, concavity, budget)
 
 
-def _is_surface(mesh: Mesh, equations: Floats, triangles: Floats) -> NDArray[np.bool_]:
-    """Which triangles (n, 3, 3) of the hull lie in a face of it that triangles of the mesh fill altogether."""
+def _lies_on_mesh(mesh: Mesh, equations: Floats, triangles: Floats) -> NDArray[np.bool_]:
+    """Which triangles (n, 3, 3) of the hull lie in a face that is completely covered by mesh triangles."""
     from scipy.spatial import cKDTree
 
     scale = np.array([1.0, 1.0, 1.0, 1.0 / mesh.size])
@@ -68,35 +82,34 @@ def _is_surface(mesh: Mesh, equations: Floats, triangles: Floats) -> NDArray[np.
     area = np.linalg.norm(crossed, axis=1)
     corners, normals, area = corners[area > 0], crossed[area > 0] / area[area > 0, None], area[area > 0]
     offsets = -np.einsum("ij,ij->i", normals, corners[:, 0])
-    away, nearest = cKDTree(planes).query(np.column_stack([normals, offsets]) * scale)
-    filled = np.bincount(nearest[away < FLAT], area[away < FLAT], len(planes))
+    distance, nearest = cKDTree(planes).query(np.column_stack([normals, offsets]) * scale)
+    filled = np.bincount(nearest[distance < FLAT], area[distance < FLAT], len(planes))
     sides = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    whole = np.bincount(face.reshape(-1), np.linalg.norm(sides, axis=1), len(planes))
-    found: NDArray[np.bool_] = (filled >= (1.0 - FLAT) * whole)[face.reshape(-1)]
+    face_area = np.bincount(face.reshape(-1), np.linalg.norm(sides, axis=1), len(planes))
+    found: NDArray[np.bool_] = (filled >= (1.0 - FLAT) * face_area)[face.reshape(-1)]
     return found
 
 
-def _lies_within(surface: Surface, corners: Floats, triangles: Floats, limit: float, looks: list[int]) -> bool:
-    """Whether triangles (n, 3, 3) on the hull lie within `limit` of the surface, which has these corners."""
+def _lies_within(surface: Surface, corners: Floats, triangles: Floats, limit: float, budget: QueryBudget) -> bool:
+    """Whether triangles (n, 3, 3) on the hull lie within `limit` of the surface with these vertices."""
     from scipy.spatial import cKDTree
 
     tree = cKDTree(corners)
     while len(triangles):
         middle, reach = _balls(triangles)
-        open_ = tree.query(middle)[0] + reach > limit  # the nearest corner is no nearer than the surface
-        triangles, middle, reach = triangles[open_], middle[open_], reach[open_]
-        looks[0] -= len(middle)
-        if looks[0] < 0:
+        undecided = tree.query(middle)[0] + reach > limit  # a vertex is no nearer than the surface
+        triangles, middle, reach = triangles[undecided], middle[undecided], reach[undecided]
+        if not budget.spend(len(middle)):
             return False
-        away = surface.distance(middle)
-        if np.any(away > limit):
+        distance = surface.distance(middle)
+        if np.any(distance > limit):
             return False
-        triangles = _divided(triangles[(away + reach > limit) & (reach > SLACK * limit)])[0]
+        triangles = _divided(triangles[(distance + reach > limit) & (reach > DISTANCE_TOLERANCE * limit)])[0]
     return True
 
 
-def _holds_a_ball(surface: Surface, triangles: Floats, planes: Floats, radius: float, looks: list[int]) -> bool:
-    """Whether a ball that touches one of the triangles from outside, within the hull, meets no other part of them."""
+def _fits_ball(surface: Surface, triangles: Floats, planes: Floats, radius: float, budget: QueryBudget) -> bool:
+    """Whether a ball that rests on one of the triangles from outside fits into the hull without touching the others."""
     from scipy.spatial import cKDTree
 
     edges = triangles[:, 1:] - triangles[:, :1]
@@ -104,37 +117,38 @@ def _holds_a_ball(surface: Surface, triangles: Floats, planes: Floats, radius: f
     length = np.linalg.norm(normals, axis=1)
     triangles, normals = triangles[length > 0], normals[length > 0] / length[length > 0, None]
     facing = planes[cKDTree(planes[:, :3]).query(normals)[1]]
-    moved = triangles + radius * normals[:, None]
-    out = np.min(np.einsum("tkj,tj->tk", moved, facing[:, :3]) + facing[:, 3:], axis=1) > 0  # nearly all of them
+    offset_triangles = triangles + radius * normals[:, None]
+    out = (
+        np.min(np.einsum("tkj,tj->tk", offset_triangles, facing[:, :3]) + facing[:, 3:], axis=1) > 0
+    )  # nearly all of them
     triangles, normals = triangles[~out], normals[~out]
     while len(triangles):
         inside, out = _against_hull(triangles + radius * normals[:, None], planes)
         triangles, normals, inside = triangles[~out], normals[~out], inside[~out]
-        looks[0] -= len(triangles)
-        if looks[0] < 0:
+        if not budget.spend(len(triangles)):
             return True
         middle, reach = _balls(triangles)
         free = surface.distance(middle + radius * normals)
-        if np.any(inside & (free >= (1.0 - TOUCHING) * radius)):
+        if np.any(inside & (free >= (1.0 - CONTACT_TOLERANCE) * radius)):
             return True
-        open_ = (free + reach >= (1.0 - TOUCHING) * radius) & (reach > SLACK * radius)
-        triangles, whole = _divided(triangles[open_])
-        normals = normals[open_][whole]
+        undecided = (free + reach >= (1.0 - CONTACT_TOLERANCE) * radius) & (reach > DISTANCE_TOLERANCE * radius)
+        triangles, parent = _divided(triangles[undecided])
+        normals = normals[undecided][parent]
     return False
 
 
 def _balls(triangles: Floats) -> tuple[Floats, Floats]:
-    """Centroids (n, 3) of triangles and how far their corners are from them (n,)."""
+    """Bounding balls of triangles: centroids (n, 3) and radii (n,)."""
     middle = triangles.mean(axis=1)
     reach: Floats = np.linalg.norm(triangles - middle[:, None], axis=2).max(axis=1)
     return middle, reach
 
 
 def _divided(triangles: Floats) -> tuple[Floats, NDArray[np.int64]]:
-    """Parts of triangles, and which triangle each is of.
+    """Subdivided triangles, and the index of each one's parent.
 
-    Two halves, cut across the longest edge; of one whose shortest edge is less than half of that, three of half its
-    length, cut across both long edges.
+    Two halves by bisecting the longest edge. A slim triangle (shortest edge less than half the longest) gives three
+    parts by bisecting both long edges.
     """
     lengths = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)  # of ab, bc, ca
     rows = np.arange(len(triangles))
@@ -151,7 +165,7 @@ def _divided(triangles: Floats) -> tuple[Floats, NDArray[np.int64]]:
 
 
 def _against_hull(triangles: Floats, planes: Floats) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Of triangles (n, 3, 3): whose centroid lies in the hull n·x + d <= 0, and which lie beyond one of its planes."""
+    """Of triangles (n, 3, 3): whose centroid is inside the hull n·x + d <= 0, and which are entirely outside a plane."""
     inside, out = np.empty(len(triangles), dtype=bool), np.empty(len(triangles), dtype=bool)
     rows = max(1, 1_000_000 // len(planes))
     for start in range(0, len(triangles), rows):

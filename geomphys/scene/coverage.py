@@ -1,8 +1,8 @@
-"""How much of a mesh's surface its convex pieces leave bare, how to cover it, and how far they stand out of it.
+"""Grows convex pieces until they cover a mesh's surface, and measures both one-sided distances between them.
 
-CoACD rounds the corners of its parts, to about 1e-4 of the mesh's size, so its hulls fall short of the surface here and
-there. Here each piece takes in the surface that runs within that reach of it; what sticks out afterwards is found
-exactly, by clipping each triangle against the pieces until nothing of it is left or a polygon that lies in none.
+CoACD rounds vertices to about 1e-4 of the mesh's size, so its hulls do not reach the surface everywhere. Each piece is
+extended by the surface within that distance of it. What stays uncovered is computed exactly, by clipping every triangle
+against the pieces.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-ROUNDING = 1.5e-4
-"""Of the mesh's size: how far a piece reaches for the surface at first; twice as far where something stays bare."""
+REACH = 1.5e-4
+"""First distance, as a share of the mesh's size, within which a piece takes in surface; doubled while any is uncovered."""
 DOUBLINGS = 6
-SLACK = 1e-9
-"""Of the mesh's size: less than that is not bare."""
+TOLERANCE = 1e-9
+"""Share of the mesh's size below which surface outside the pieces counts as covered."""
 
 
 class Surface:
-    """Triangles that distances are measured to, (n, 3) m and (m, 3)."""
+    """Distance queries to a triangle mesh, vertices (n, 3) m and faces (m, 3)."""
 
     def __init__(self, vertices: Floats, faces: Ints) -> None:
         import fcl
@@ -35,16 +35,16 @@ class Surface:
         self._solid = fcl.CollisionObject(model)
 
     def distance(self, points: Floats) -> Floats:
-        """Distances (n,) of points (n, 3) from the nearest triangle, on either side of it."""
+        """Unsigned distances (n,) of points (n, 3) to the nearest triangle, m."""
         import fcl
 
         point = fcl.Sphere(1e-9)
-        away = [fcl.distance(self._solid, fcl.CollisionObject(point, fcl.Transform(p))) for p in points]
-        return np.array(away, dtype=np.float64)
+        distances = [fcl.distance(self._solid, fcl.CollisionObject(point, fcl.Transform(p))) for p in points]
+        return np.array(distances, dtype=np.float64)
 
 
-def covering(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> list[Floats]:
-    """Grow convex pieces until together they hold every point of a surface.
+def grow_to_cover(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> list[Floats]:
+    """Grow convex pieces until their union contains every point of a surface.
 
     Parameters
     ----------
@@ -56,45 +56,46 @@ def covering(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> list[Fl
     Returns
     -------
     list of ndarray
-        The corners of the grown pieces. If after `DOUBLINGS` something is still bare, it stays so: `uncovered` tells.
+        Vertices (k, 3) of the grown pieces. After `DOUBLINGS` some surface may still be uncovered: see
+        `uncovered_distance`.
     """
     size = float(np.ptp(vertices, axis=0).max())
-    grown, reach = list(pieces), ROUNDING * size
+    grown, reach = list(pieces), REACH * size
     for _ in range(DOUBLINGS):
         grown = [_with_surface(vertices, faces, piece, reach) for piece in grown]
-        if not _bare_polygons(vertices, faces, [_hull(piece)[1] for piece in grown], SLACK * size):
+        if not _uncovered_polygons(vertices, faces, [_hull(piece)[1] for piece in grown], TOLERANCE * size):
             break
         reach *= 2.0
     return grown
 
 
-def uncovered(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> float:
-    """How far a surface sticks out of pieces, m: corners and middles of its bare polygons beyond the nearest piece."""
-    slack = SLACK * float(np.ptp(vertices, axis=0).max())
+def uncovered_distance(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> float:
+    """Largest distance of a surface outside the pieces, m, over vertices and centroids of its uncovered polygons."""
+    slack = TOLERANCE * float(np.ptp(vertices, axis=0).max())
     planes = [_hull(piece)[1] for piece in pieces]
-    bare = _bare_polygons(vertices, faces, planes, slack)
-    if not bare:
+    polygons = _uncovered_polygons(vertices, faces, planes, slack)
+    if not polygons:
         return 0.0
-    points = np.concatenate([np.vstack([polygon, polygon.mean(axis=0)]) for polygon in bare])
+    points = np.concatenate([np.vstack([polygon, polygon.mean(axis=0)]) for polygon in polygons])
     return float(np.max(np.min([_outside(points, p) for p in planes], axis=0), initial=0.0))
 
 
-def stands_out(vertices: Floats, faces: Ints, pieces: Sequence[Floats], samples: int = 2000) -> float:
-    """How far convex pieces stick out of a closed surface, m: the largest distance outside it of points of theirs.
+def piece_protrusion(vertices: Floats, faces: Ints, pieces: Sequence[Floats], samples: int = 2000) -> float:
+    """Largest distance of convex pieces outside a closed surface, m, over sampled points.
 
-    The points are `samples` spread over the pieces by area, the same ones each time, and as many of their corners.
+    The points are `samples` drawn by area over the pieces with a fixed seed, and as many of their vertices.
     """
     corners = np.concatenate(pieces)
     points = np.concatenate([_surface_points(pieces, samples), corners[:: -(-len(corners) // samples)]])
-    away = Surface(vertices, faces).distance(points)
-    far = away > 1e-6 * float(np.ptp(vertices, axis=0).max())
+    distances = Surface(vertices, faces).distance(points)
+    far = distances > 1e-6 * float(np.ptp(vertices, axis=0).max())
     outside = np.zeros(len(points), dtype=bool)
     outside[far] = _winding(vertices, faces, points[far]) < 0.5
-    return float(np.max(away[outside], initial=0.0))
+    return float(np.max(distances[outside], initial=0.0))
 
 
 def _with_surface(vertices: Floats, faces: Ints, piece: Floats, reach: float) -> Floats:
-    """Corners of a piece that took in the surface which runs within `reach` beyond its planes."""
+    """Vertices of a piece extended by the surface within `reach` beyond its planes."""
     planes = _hull(piece)[1]
     height = vertices @ planes[:, :3].T - planes[:, 3]
     out = np.max(height, axis=1)
@@ -114,7 +115,7 @@ def _with_surface(vertices: Floats, faces: Ints, piece: Floats, reach: float) ->
 
 
 def _hull(points: Floats) -> tuple[Floats, Floats]:
-    """Corners (k, 3) and planes (f, 4), n·x <= d, of the convex hull of points."""
+    """Vertices (k, 3) and planes (f, 4), n·x <= d, of the convex hull of points."""
     from scipy.spatial import ConvexHull
 
     hull = ConvexHull(points)
@@ -128,50 +129,50 @@ def _outside(points: Floats, planes: Floats) -> Floats:
     return found
 
 
-def _bare_polygons(vertices: Floats, faces: Ints, planes: Sequence[Floats], slack: float) -> list[Floats]:
+def _uncovered_polygons(vertices: Floats, faces: Ints, planes: Sequence[Floats], slack: float) -> list[Floats]:
     """Parts of triangles that lie in no piece, as convex polygons (k, 3)."""
     inside = np.stack([_outside(vertices, p) <= slack for p in planes], axis=1)  # (n, pieces)
     covered = np.any(inside[faces].all(axis=1), axis=1)
-    left: list[Floats] = []
+    uncovered_parts: list[Floats] = []
     for face in faces[~covered]:
         polygons = [vertices[face]]
-        near = np.argsort(-inside[face].sum(axis=0), kind="stable")  # pieces that hold corners of it first
-        for k in near:
-            polygons = [rest for polygon in polygons for rest in _without(polygon, planes[k], slack)]
+        order = np.argsort(-inside[face].sum(axis=0), kind="stable")  # pieces that contain most of its vertices first
+        for k in order:
+            polygons = [remainder for polygon in polygons for remainder in _subtract(polygon, planes[k], slack)]
             if not polygons:
                 break
-        left += polygons
-    return left
+        uncovered_parts += polygons
+    return uncovered_parts
 
 
-def _without(polygon: Floats, planes: Floats, slack: float) -> list[Floats]:
-    """A convex polygon less a convex piece, as convex polygons; what lies within the slack of the piece is dropped."""
+def _subtract(polygon: Floats, planes: Floats, slack: float) -> list[Floats]:
+    """A convex polygon minus a convex piece, as convex polygons; parts within `slack` of the piece are dropped."""
     height = polygon @ planes[:, :3].T - planes[:, 3]  # (corners, planes)
     if np.any(np.min(height, axis=0) > slack):
         return [polygon]
-    rest: list[Floats] = []
+    remainder: list[Floats] = []
     for plane in planes[np.max(height, axis=0) > slack]:
         side = polygon @ plane[:3] - plane[3] - slack
         if np.max(side) <= 0:
             continue
         if np.min(side) >= 0:
-            return [*rest, polygon]
-        rest.append(_clipped(polygon, side))
+            return [*remainder, polygon]
+        remainder.append(_clipped(polygon, side))
         polygon = _clipped(polygon, -side)
-    return rest
+    return remainder
 
 
 def _clipped(polygon: Floats, side: Floats) -> Floats:
     """The part of a convex polygon where `side` >= 0 (Sutherland and Hodgman 1974, one plane)."""
-    kept = []
+    clipped = []
     for k in range(len(polygon)):
         j = (k + 1) % len(polygon)
         if side[k] >= 0:
-            kept.append(polygon[k])
+            clipped.append(polygon[k])
         if (side[k] > 0 > side[j]) or (side[k] < 0 < side[j]):
-            share = side[k] / (side[k] - side[j])
-            kept.append(polygon[k] + share * (polygon[j] - polygon[k]))
-    return np.array(kept).reshape(-1, 3)
+            fraction = side[k] / (side[k] - side[j])
+            clipped.append(polygon[k] + fraction * (polygon[j] - polygon[k]))
+    return np.array(clipped).reshape(-1, 3)
 
 
 def _surface_points(pieces: Sequence[Floats], count: int) -> Floats:
@@ -191,11 +192,13 @@ def _surface_points(pieces: Sequence[Floats], count: int) -> Floats:
 def _winding(vertices: Floats, faces: Ints, points: Floats) -> Floats:
     """Winding number of a closed surface about points (n, 3): 1 inside, 0 outside (van Oosterom and Strackee 1983)."""
     corners = vertices[faces]
-    turns = np.zeros(len(points))
+    solid_angles = np.zeros(len(points))
     for start in range(0, len(points), 64):
         a, b, c = np.moveaxis(corners[None] - points[start : start + 64, None, None], 2, 0)
         la, lb, lc = (np.linalg.norm(x, axis=-1) for x in (a, b, c))
         top = np.einsum("...i,...i", a, np.cross(b, c))
         dots = [np.einsum("...i,...i", x, y) for x, y in ((a, b), (b, c), (c, a))]
-        turns[start : start + 64] = np.arctan2(top, la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb).sum(-1)
-    return turns / (2 * np.pi)
+        solid_angles[start : start + 64] = np.arctan2(
+            top, la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb
+        ).sum(-1)
+    return solid_angles / (2 * np.pi)

@@ -1,9 +1,9 @@
-"""Meshes as unions of convex pieces: their hull where that is near enough, else CoACD, kept on disk.
+"""Convex decomposition of meshes: the convex hull where that is close enough, else CoACD; results are cached on disk.
 
-A mesh of several closed parts is cut part by part, so that a table of boxes becomes exactly its boxes. A part whose hull
-stands for it within the concavity a piece may keep is not cut (`geomphys.scene.convexity`). Pieces of CoACD are grown
-until they hold the whole surface of the mesh (`geomphys.scene.coverage`): what stays out of the pieces stays out of the
-mesh. Several meshes are cut at once, each in a process of its own; how many at a time changes no piece.
+A mesh of several closed shells is decomposed shell by shell, so a table made of boxes becomes exactly those boxes. A
+shell that is nearly convex is replaced by its hull (`geomphys.scene.convexity`). CoACD's pieces are grown until they
+cover the whole surface (`geomphys.scene.coverage`), so a body outside the pieces is outside the mesh. Several meshes
+are decomposed in parallel, each in its own process; the number of processes does not change the result.
 """
 
 from __future__ import annotations
@@ -23,46 +23,46 @@ from numpy.typing import NDArray
 from geomphys.errors import ConfigError, MeshError
 from geomphys.scene.coacd_process import convex_parts
 from geomphys.scene.convexity import is_nearly_convex
-from geomphys.scene.coverage import covering, uncovered
+from geomphys.scene.coverage import grow_to_cover, uncovered_distance
 from geomphys.scene.hulls import polytope
-from geomphys.scene.meshes import Mesh, require_closed, wound_outwards
-from geomphys.scene.piece_cache import CutMesh, archive_name, read_pieces, write_pieces
+from geomphys.scene.meshes import Mesh, oriented_outwards, require_closed
+from geomphys.scene.piece_cache import ConvexPieces, archive_name, read_pieces, write_pieces
 from geomphys.scene.scene_values import Decomposition
-from geomphys.storage.cache import user_folder
+from geomphys.storage.cache import user_cache_folder
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Progress = Callable[[str, float], None]
-"""Called with what is being done and the share of it that is done, 0 to 1."""
+"""Progress callback: description of the current work, fraction done (0 to 1)."""
 
-SHARE = 0.02
-"""Concavity a piece may keep where nothing else is asked for, of half the mesh's longest side ..."""
-LEAST, MOST = 1e-3, 5e-3
-"""... but at least and at most these, m. Less: more pieces that stand out less."""
-FINEST = 0.01
-"""CoACD goes no finer, of half the longest side of what it cuts"""
-MOST_PARTS = 1000
-"""shells of a mesh that are cut one by one; a mesh of more is cut as a whole"""
-LOOK_EVERY = 0.2
-"""s between two reports of progress"""
+RELATIVE_CONCAVITY = 0.02
+"""Default allowed concavity, as a share of half the mesh's longest side ..."""
+MIN_CONCAVITY, MAX_CONCAVITY = 1e-3, 5e-3
+"""... clipped to these, m. Smaller values give more pieces that fit the mesh more closely."""
+MIN_THRESHOLD = 0.01
+"""Smallest threshold that CoACD accepts, of half the longest side of its input."""
+MAX_SHELLS = 1000
+"""A mesh of more shells is decomposed as a whole."""
+PROGRESS_INTERVAL = 0.2
+"""s between progress reports"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Pieces:
-    """A mesh as convex pieces."""
+class Decomposed:
+    """The convex decomposition of a mesh."""
 
     name: str
     hulls: tuple[Floats, ...]  # corners (k, 3) of each piece, m, frame of the mesh
     method: str  # "hull", "parts" (the hulls of its closed parts) or "coacd"
-    threshold: float  # concavity a piece may keep, of half the mesh's longest side
+    threshold: float  # allowed concavity, of half the mesh's longest side
     seed: int
-    uncovered: float  # m, how far the mesh's surface sticks out of the pieces
-    seconds: float  # spent on it, now
+    uncovered_m: float  # m, largest distance of the mesh's surface outside the pieces
+    seconds: float  # of this call; near 0 for a cached result
     cached: bool
 
 
-class Uncut(NamedTuple):
-    """A mesh, and how it is to become convex pieces."""
+class DecompositionTask(NamedTuple):
+    """A mesh and the decomposition method requested for it."""
 
     mesh: Mesh
     how: Decomposition
@@ -75,7 +75,7 @@ def decompose(
     threshold: float | None = None,
     seed: int = 0,
     progress: Progress | None = None,
-) -> Pieces:
+) -> Decomposed:
     """Convex pieces of a mesh.
 
     Parameters
@@ -86,7 +86,7 @@ def decompose(
         ``hull``: its convex hull. ``auto`` and ``coacd``: its hull if it is convex or nearly so
         (`geomphys.scene.convexity`, within the threshold), else CoACD.
     threshold
-        Concavity a piece may keep, 0.01 to 1 of half the mesh's longest side; None: `default_threshold`.
+        Allowed concavity of a piece, 0.01 to 1 of half the mesh's longest side; None: `default_threshold`.
     seed
         Of CoACD's search.
     progress
@@ -95,98 +95,98 @@ def decompose(
     Raises
     ------
     MeshError
-        A mesh that is flat, or neither watertight nor convex; a decomposition that fails or leaves surface bare.
+        A mesh that is flat, or neither watertight nor convex; a decomposition that fails or leaves surface uncovered.
     ConfigError
         A threshold out of its range.
     """
-    return decompose_all([Uncut(mesh, how)], threshold=threshold, seed=seed, progress=progress)[0]
+    return decompose_all([DecompositionTask(mesh, how)], threshold=threshold, seed=seed, progress=progress)[0]
 
 
 def decompose_all(
-    meshes: Sequence[Uncut],
+    meshes: Sequence[DecompositionTask],
     *,
     threshold: float | None = None,
     seed: int = 0,
     progress: Progress | None = None,
     processes: int | None = None,
-) -> tuple[Pieces, ...]:
+) -> tuple[Decomposed, ...]:
     """Convex pieces of several meshes, in their order; see `decompose`.
 
-    A mesh that is done is kept in the cache at once, whatever becomes of the others.
+    Each result is written to the cache as soon as it is done, even if another mesh fails later.
 
     Parameters
     ----------
     progress
-        Called while meshes are cut that are not in the cache, five times a second, with the name of one that is being
-        cut and which of how many it is, and the share of them that is done. What it raises ends the work.
+        Called five times a second while meshes that are not in the cache are decomposed. An exception from it ends the
+        work.
     processes
-        How many are cut at a time; None: as many as there are cores.
+        Number of meshes decomposed at a time; None: the number of cores.
 
     Raises
     ------
     MeshError, ConfigError
-        As `decompose`, of a mesh that fails; those that are not done by then are not finished.
+        As `decompose`, for the first mesh that fails; unfinished ones are stopped.
     """
-    found: dict[int, Pieces] = {}
+    found: dict[int, Decomposed] = {}
     jobs: dict[Path, _Job] = {}
-    waiting: dict[int, Path] = {}
+    pending: dict[int, Path] = {}
     for number, (mesh, how) in enumerate(meshes):
         start = time.perf_counter()
-        share = _checked(mesh, threshold)
+        part_threshold = _valid_threshold(mesh, threshold)
         if how != "hull":
             require_closed(mesh)
         if how == "hull" or mesh.is_convex:
-            cut = CutMesh((mesh.hull_vertices,), "hull", 0.0)
-            found[number] = _pieces(mesh, share, seed, cut, time.perf_counter() - start, cached=False)
+            cut = ConvexPieces((mesh.hull_vertices,), "hull", 0.0)
+            found[number] = _pieces(mesh, part_threshold, seed, cut, time.perf_counter() - start, cached=False)
             continue
-        solid = wound_outwards(mesh)
-        archive = user_folder("pieces") / archive_name(solid, share, seed)
-        kept = read_pieces(archive)
-        if kept is not None:
-            found[number] = _pieces(mesh, share, seed, kept, time.perf_counter() - start, cached=True)
+        solid = oriented_outwards(mesh)
+        archive = user_cache_folder("pieces") / archive_name(solid, part_threshold, seed)
+        cached_pieces = read_pieces(archive)
+        if cached_pieces is not None:
+            found[number] = _pieces(mesh, part_threshold, seed, cached_pieces, time.perf_counter() - start, cached=True)
             continue
-        jobs.setdefault(archive, _Job(solid, share, seed, archive))
-        waiting[number] = archive
-    made = dict(zip(jobs, _run(list(jobs.values()), progress, processes or cores()), strict=True))
-    for number, archive in waiting.items():
+        jobs.setdefault(archive, _Job(solid, part_threshold, seed, archive))
+        pending[number] = archive
+    made = dict(zip(jobs, _run(list(jobs.values()), progress, processes or available_cores()), strict=True))
+    for number, archive in pending.items():
         cut, seconds = made[archive]
         found[number] = _pieces(meshes[number].mesh, jobs[archive].threshold, seed, cut, seconds, cached=False)
     return tuple(found[number] for number in range(len(meshes)))
 
 
-def cores() -> int:
-    """How many processes may run at once here."""
+def available_cores() -> int:
+    """Number of processor cores available to this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _checked(mesh: Mesh, threshold: float | None) -> float:
-    share = default_threshold(mesh) if threshold is None else threshold
-    if not FINEST <= share <= 1.0:
-        raise ConfigError(f"threshold = {share}: must lie between {FINEST} and 1")
-    return share
+def _valid_threshold(mesh: Mesh, threshold: float | None) -> float:
+    part_threshold = default_threshold(mesh) if threshold is None else threshold
+    if not MIN_THRESHOLD <= part_threshold <= 1.0:
+        raise ConfigError(f"threshold = {part_threshold}: must lie between {MIN_THRESHOLD} and 1")
+    return part_threshold
 
 
-def _pieces(mesh: Mesh, threshold: float, seed: int, cut: CutMesh, seconds: float, *, cached: bool) -> Pieces:
-    return Pieces(
+def _pieces(mesh: Mesh, threshold: float, seed: int, cut: ConvexPieces, seconds: float, *, cached: bool) -> Decomposed:
+    return Decomposed(
         name=mesh.name,
         hulls=cut.hulls,
         method=cut.method,
         threshold=threshold,
         seed=seed,
-        uncovered=cut.uncovered,
+        uncovered_m=cut.uncovered_m,
         seconds=seconds,
         cached=cached,
     )
 
 
 def default_threshold(mesh: Mesh) -> float:
-    """Concavity a piece may keep, of half the mesh's longest side: `SHARE`, kept between `LEAST` and `MOST`."""
+    """Allowed concavity as a share of half the mesh's longest side: `RELATIVE_CONCAVITY`, clipped to the absolute limits."""
     half = 0.5 * mesh.size
-    return min(max(min(max(SHARE * half, LEAST), MOST) / half, FINEST), 1.0)
+    return min(max(min(max(RELATIVE_CONCAVITY * half, MIN_CONCAVITY), MAX_CONCAVITY) / half, MIN_THRESHOLD), 1.0)
 
 
 class _Job(NamedTuple):
-    """A closed mesh wound outwards that is to be cut and kept."""
+    """A closed, outward-oriented mesh to decompose, and the archive for the result."""
 
     mesh: Mesh
     threshold: float
@@ -194,8 +194,8 @@ class _Job(NamedTuple):
     archive: Path
 
 
-def _run(jobs: list[_Job], progress: Progress | None, processes: int) -> list[tuple[CutMesh, float]]:
-    """Cut meshes, so many at a time; the pieces and the seconds of each, in the order of the jobs."""
+def _run(jobs: list[_Job], progress: Progress | None, processes: int) -> list[tuple[ConvexPieces, float]]:
+    """Decompose meshes in parallel; the pieces and the seconds of each, in the order of the jobs."""
     if not jobs:
         return []
     at_once = min(processes, len(jobs))
@@ -204,18 +204,18 @@ def _run(jobs: list[_Job], progress: Progress | None, processes: int) -> list[tu
     largest_first = sorted(range(len(jobs)), key=lambda k: (-len(jobs[k].mesh.faces), k))
     with ThreadPoolExecutor(at_once) as pool:
         try:
-            futures = {k: pool.submit(_timed, jobs[k], threads, stop) for k in largest_first}
-            _watch([(jobs[k], futures[k]) for k in largest_first], progress)
+            futures = {k: pool.submit(_decompose_timed, jobs[k], threads, stop) for k in largest_first}
+            _report_progress([(jobs[k], futures[k]) for k in largest_first], progress)
             failed = (f for f in futures.values() if f.done() and f.exception() is not None)
             next(failed, futures[0]).result()
             return [futures[k].result() for k in range(len(jobs))]
-        finally:  # nothing is left running, however this ends
+        finally:  # no subprocess survives, however this ends
             stop.set()
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _watch(work: list[tuple[_Job, Future[tuple[CutMesh, float]]]], progress: Progress | None) -> None:
-    """Report until all is done or something failed."""
+def _report_progress(work: list[tuple[_Job, Future[tuple[ConvexPieces, float]]]], progress: Progress | None) -> None:
+    """Report progress until all is done or one failed."""
     count = len(work)
     while True:
         done = sum(future.done() for _, future in work)
@@ -227,47 +227,47 @@ def _watch(work: list[tuple[_Job, Future[tuple[CutMesh, float]]]], progress: Pro
             progress(f"convex decomposition of {Path(name).name} ({number} of {count})", done / count)
         if done == count or any(future.done() and future.exception() is not None for _, future in work):
             return
-        wait([future for _, future in work if not future.done()], LOOK_EVERY, FIRST_COMPLETED)
+        wait([future for _, future in work if not future.done()], PROGRESS_INTERVAL, FIRST_COMPLETED)
 
 
-def _timed(job: _Job, threads: int, stop: Event) -> tuple[CutMesh, float]:
+def _decompose_timed(job: _Job, threads: int, stop: Event) -> tuple[ConvexPieces, float]:
     start = time.perf_counter()
-    cut = _cut(job, threads, stop)
+    cut = _decompose_job(job, threads, stop)
     write_pieces(job.archive, cut)
     return cut, time.perf_counter() - start
 
 
-def _cut(job: _Job, threads: int, stop: Event) -> CutMesh:
+def _decompose_job(job: _Job, threads: int, stop: Event) -> ConvexPieces:
     solid, parts = job.mesh, _closed_parts(job.mesh)
     concavity = 0.5 * job.threshold * solid.size
-    whole = [part.is_convex or is_nearly_convex(part, min(concavity, 0.5 * part.size)) for part in parts]
-    if all(whole):
-        return CutMesh(tuple(part.hull_vertices for part in parts), "hull" if len(parts) == 1 else "parts", 0.0)
+    is_near_convex = [part.is_convex or is_nearly_convex(part, min(concavity, 0.5 * part.size)) for part in parts]
+    if all(is_near_convex):
+        return ConvexPieces(tuple(part.hull_vertices for part in parts), "hull" if len(parts) == 1 else "parts", 0.0)
     hulls: list[Floats] = []
-    for part, is_whole in zip(parts, whole, strict=True):
-        if is_whole:
+    for part, near_convex in zip(parts, is_near_convex, strict=True):
+        if near_convex:
             hulls.append(part.hull_vertices)
             continue
-        share = min(max(job.threshold * solid.size / part.size, FINEST), 1.0)
-        made = convex_parts(solid.name, part.vertices, part.faces, share, job.seed, threads=threads, stop=stop)
-        hulls += covering(part.vertices, part.faces, [points for points in made if _has_volume(points)])
-    bare = uncovered(solid.vertices, solid.faces, hulls)
-    if bare > 1e-4 * solid.size:
+        part_threshold = min(max(job.threshold * solid.size / part.size, MIN_THRESHOLD), 1.0)
+        made = convex_parts(solid.name, part.vertices, part.faces, part_threshold, job.seed, threads=threads, stop=stop)
+        hulls += grow_to_cover(part.vertices, part.faces, [points for points in made if _has_volume(points)])
+    uncovered_m = uncovered_distance(solid.vertices, solid.faces, hulls)
+    if uncovered_m > 1e-4 * solid.size:
         raise MeshError(
-            f"{solid.name}: its convex pieces leave {bare * 1e3:.3g} mm of it bare: repair the mesh (does it cut "
+            f"{solid.name}: its convex pieces leave {uncovered_m * 1e3:.3g} mm of it uncovered: repair the mesh (does it cut "
             'through itself?) or use decomposition = "hull"'
         )
-    return CutMesh(tuple(hulls), "coacd", bare)
+    return ConvexPieces(tuple(hulls), "coacd", uncovered_m)
 
 
 def _closed_parts(mesh: Mesh) -> list[Mesh]:
-    """The closed shells of a mesh wound outwards, also of those that touch; the mesh as it is if one is a cavity."""
+    """The closed shells of an outward-oriented mesh, also where they touch; the mesh itself if one is a cavity."""
     parts = mesh.shells()
-    return parts if len(parts) <= MOST_PARTS and all(part.signed_volume > 0 for part in parts) else [mesh]
+    return parts if len(parts) <= MAX_SHELLS and all(part.signed_volume > 0 for part in parts) else [mesh]
 
 
 def _has_volume(points: Floats) -> bool:
-    """Whether a part of CoACD has a hull; flat leftovers of a cut have none, and what they covered others take in."""
+    """Whether a part from CoACD has a volume; flat parts are dropped, and `grow_to_cover` covers their surface."""
     try:
         polytope(points)
     except MeshError:

@@ -1,25 +1,25 @@
-"""What a user should know of a world that can be replayed: what is not shown, cannot touch, is named otherwise."""
+"""Findings about a valid scene: skipped visuals, links without collision geometry, renamed frames, default materials."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-TOLD = 3
-"""faults of a model's visuals that its warning tells in full"""
+MAX_REASONS = 3
+"""Skipped visuals of one model that its warning lists."""
 
 
 @dataclass(frozen=True)
 class NotShown:
-    """A visual of a URDF that is left out."""
+    """A visual of a URDF that cannot be read and is skipped."""
 
     urdf: str
-    reason: str  # link, what is wrong
+    reason: str  # link name and problem
 
 
 @dataclass(frozen=True)
 class RenamedFrame:
-    """A link whose own name is another frame id of the output."""
+    """A link whose name is already the id of another frame of the output."""
 
     body: str  # avatar/link
     link: str
@@ -28,32 +28,32 @@ class RenamedFrame:
 
 @dataclass(frozen=True)
 class DefaultPair:
-    """Two materials that can meet and have no pair, and what is taken for it."""
+    """Two materials that can come into contact and have no pair, and the values derived for it."""
 
     materials: tuple[str, str]
-    owners: tuple[str, str]  # trees that can meet
+    owners: tuple[str, str]  # names of an object or avatar of each material
     restitution: float
     friction: float
 
 
 @dataclass(frozen=True, kw_only=True)
 class Findings:
-    """All of it."""
+    """Warnings and notes from reading a scene."""
 
     not_shown: tuple[NotShown, ...] = ()
-    sizes: tuple[str, ...] = ()  # lengths that look as if they were in another unit
-    without_collision: tuple[str, ...] = ()  # bodies with a visual that have no collision geometry
+    sizes: tuple[str, ...] = ()  # warnings of lengths that are probably not in metres
+    without_collision: tuple[str, ...] = ()  # names of bodies with visuals but no collision geometry
     renamed_frames: tuple[RenamedFrame, ...] = ()
     default_pairs: tuple[DefaultPair, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is probably not as meant, a line each."""
+        """Probable mistakes in the scene, one line each."""
         return (*self._not_shown(), *self.sizes)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is as it should be, and differs from what one might expect."""
+        """Facts that may surprise but are no mistakes, one line each."""
         return tuple(
             f"link {renamed.link!r} of {renamed.body.partition('/')[0]!r} has the frame id {renamed.frame!r} in the "
             f"output: {renamed.link!r} is another frame there"
@@ -66,5 +66,5 @@ class Findings:
             by_urdf.setdefault(entry.urdf, []).append(entry.reason)
         for urdf, reasons in by_urdf.items():
             what = "a visual is" if len(reasons) == 1 else f"{len(reasons)} visuals are"
-            more = f"; and {len(reasons) - TOLD} more" if len(reasons) > TOLD else ""
-            yield f"{urdf}: {what} not shown: {'; '.join(reasons[:TOLD])}{more}"
+            rest = f"; and {len(reasons) - MAX_REASONS} more" if len(reasons) > MAX_REASONS else ""
+            yield f"{urdf}: {what} not shown: {'; '.join(reasons[:MAX_REASONS])}{rest}"

@@ -1,4 +1,4 @@
-"""Frame ids of the output: one for each body, none of them the world's or a recorded ghost's."""
+"""Makes the frame ids of the output's ``/tf`` unique."""
 
 from __future__ import annotations
 
@@ -9,29 +9,30 @@ from geomphys.scene.findings import RenamedFrame
 from geomphys.scene.trees import Tree
 
 WORLD = "world"
-GHOSTS = "recorded/"
+RECORDED_PREFIX = "recorded/"
 
 
-def distinct_frames(trees: Sequence[Tree]) -> tuple[RenamedFrame, ...]:
-    """Give links whose frame id is another frame's too the id AVATAR/LINK; returns which.
+def make_frame_ids_unique(trees: Sequence[Tree]) -> tuple[RenamedFrame, ...]:
+    """Rename links whose frame id is ambiguous to AVATAR/LINK, in place; returns the renamed ones.
 
-    Names of objects and avatars differ and hold no slash, so the ids that this gives differ from each other; where one
-    of them is the plain name of another link, that link gets a longer one too.
+    An id is ambiguous if another body has it, or if it is the world's or that of a recorded (uncorrected) frame. Names
+    of objects and avatars are unique and contain no slash, so the new ids differ from each other; if one equals the
+    plain name of another link, that link is renamed too.
     """
     bodies = [(tree, body) for tree in trees for body in tree.bodies]
     renamed: list[RenamedFrame] = []
     while True:
-        # Viewers take a leading slash for none.
-        count = Counter(body.frame.lstrip("/") for _, body in bodies)
-        taken = [
+        # viewers ignore a leading slash
+        counts = Counter(body.frame.lstrip("/") for _, body in bodies)
+        ambiguous = [
             (tree, body)
             for tree, body in bodies
             if tree.skeleton is not None
             and body.frame != body.name
-            and (count[plain := body.frame.lstrip("/")] > 1 or plain == WORLD or plain.startswith(GHOSTS))
+            and (counts[plain := body.frame.lstrip("/")] > 1 or plain == WORLD or plain.startswith(RECORDED_PREFIX))
         ]
-        if not taken:
+        if not ambiguous:
             return tuple(renamed)
-        for _, body in taken:
+        for _, body in ambiguous:
             link, body.frame = body.frame, body.name
             renamed.append(RenamedFrame(body.name, link, body.frame))

@@ -1,4 +1,4 @@
-"""Floating and planar joints above a model's root link: the pose of what hangs on them is the root's pose."""
+"""Floating and planar joints above a model's root link: they stand for the root's pose."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class JointEnds(NamedTuple):
 
 
 def joint_ends(robot: Any) -> Iterator[JointEnds]:
-    """Of the joints of a robot's XML tree, as far as they name both ends."""
+    """Ends of the joints in a ``<robot>`` element; joints without both ends are skipped."""
     for joint in robot.findall("joint"):
         parent, child = joint.find("parent"), joint.find("child")
         if parent is not None and child is not None:
@@ -25,22 +25,22 @@ def joint_ends(robot: Any) -> Iterator[JointEnds]:
 
 
 def links_above_free_joint(joints: Iterable[JointEnds]) -> list[str]:
-    """Links from the root down to the one that carries the free joint; none where there is no such joint.
+    """Links from the root down to the parent of the free joint; empty if there is no such joint.
 
-    Only a joint that all else hangs on counts: between it and the root lie fixed joints alone, and none of the links up
-    there carries anything else.
+    The free joint must support the whole model: only fixed joints lie between it and the root, and the links above it
+    have no other children.
     """
-    below: dict[str, list[JointEnds]] = {}
+    joints_below: dict[str, list[JointEnds]] = {}
     for joint in joints:
-        below.setdefault(joint.parent, []).append(joint)
-    children = {joint.child for row in below.values() for joint in row}
-    roots = [link for link in below if link not in children]
-    above: list[str] = []
+        joints_below.setdefault(joint.parent, []).append(joint)
+    children = {joint.child for row in joints_below.values() for joint in row}
+    roots = [link for link in joints_below if link not in children]
+    ancestors: list[str] = []
     link = roots[0] if len(roots) == 1 else None
-    while link is not None and link not in above and len(below.get(link, ())) == 1:
-        above.append(link)
-        joint = below[link][0]
+    while link is not None and link not in ancestors and len(joints_below.get(link, ())) == 1:
+        ancestors.append(link)
+        joint = joints_below[link][0]
         if joint.type in FREE_TYPES:
-            return above
+            return ancestors
         link = joint.child if joint.type == "fixed" else None
     return []

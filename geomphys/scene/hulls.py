@@ -1,4 +1,4 @@
-"""Corners, edges, faces and the smallest width of the convex hull of points."""
+"""Convex hulls: vertices, edges, maximal faces, volume centroid and smallest width."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ from numpy.typing import NDArray
 from geomphys.errors import MeshError
 from geomphys.scene.arrays import Floats, Ints
 
-FLAT = 1e-9
-"""A hull thinner than this share of its size has no volume that could be trusted."""
-COPLANAR = 2e-6
-"""Corners within this share of the size off a face's plane belong to the face (single precision meshes scatter so)."""
-COPLANAR_THIN = 1e-3
-"""... and within this share of the thickness, so that the two sides of a plate stay apart."""
+MIN_THICKNESS_SHARE = 1e-9
+"""Share of the size below which a hull counts as flat."""
+COPLANAR_SHARE = 2e-6
+"""Vertices within this share of the size of a face's plane belong to the face (rounding of single-precision meshes)."""
+COPLANAR_THICKNESS_SHARE = 1e-3
+"""... and within this share of the thickness, so that the two sides of a thin plate stay separate faces."""
 
 WIDTH_ROUNDING = 1e-12
-"""Of the size: edges are paired even if their widths are at least as large as the faces', by this much."""
+"""Share of the size by which the lower bound of an edge's width may exceed the smallest face width (rounding)."""
 
-MANY_EDGES = 1_000
-"""Hulls of fewer edges have all pairs looked at, which costs nothing there."""
+MAX_EDGES_ALL_PAIRS = 1_000
+"""Up to this many edges all pairs are tested; beyond, only those with a small enough lower bound."""
 
 
 class Polytope(NamedTuple):
-    """A convex polytope; V corners, F faces; indices count from its first corner."""
+    """A convex polytope of V vertices and F faces."""
 
     vertices: Floats  # (V, 3) m
     neighbour_count: Ints  # (V,)
-    neighbours: Ints  # corners joined by an edge of a triangulation of the surface, corner by corner
+    neighbours: Ints  # vertices adjacent in a triangulation of the surface, vertex by vertex
     planes: Floats  # (F, 4) outward unit normal n and offset d of each maximal face: n·x <= d for every corner
     loop_count: Ints  # (F,)
-    loops: Ints  # corners of the faces, counter-clockwise seen from outside
-    centre: Floats  # (3,) centre of volume
+    loops: Ints  # vertices of the faces, counter-clockwise seen from outside
+    centre: Floats  # (3,) volume centroid
     thickness: float  # m, smallest width over all directions
 
 
@@ -53,51 +53,51 @@ def polytope(points: NDArray[np.float64]) -> Polytope:
         raise MeshError(f"hull of an array of shape {points.shape}: needs at least four points (n, 3)")
     if not np.all(np.isfinite(points)):
         raise MeshError("hull: a corner is NaN or infinite")
-    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    origin = 0.5 * (points.min(axis=0) + points.max(axis=0))
     size = float(np.ptp(points, axis=0).max())
     if size == 0.0:
         raise MeshError("hull: all corners are one point; needs a solid")
     try:
-        hull = ConvexHull((points - middle) / size, qhull_options="Qt")
+        hull = ConvexHull((points - origin) / size, qhull_options="Qt")
     except QhullError:
         raise MeshError(f"hull of {len(points)} points is flat: needs a solid, or give the plate a thickness") from None
     corners, normals = np.sort(hull.vertices), hull.equations[:, :3]
     renumber = np.full(len(points), -1)
     renumber[corners] = np.arange(len(corners))
     vertices = np.ascontiguousarray(points[corners])
-    triangles = _outward(renumber[hull.simplices], (vertices - middle) / size, normals)
+    triangles = _oriented_outwards(renumber[hull.simplices], (vertices - origin) / size, normals)
     edges, sides = _edges(triangles)
-    thickness = _smallest_width(vertices - middle, normals, edges, sides)
-    if thickness < FLAT * size:
+    thickness = _smallest_width(vertices - origin, normals, edges, sides)
+    if thickness < MIN_THICKNESS_SHARE * size:
         raise MeshError(
             f"hull of {len(points)} points is flat ({thickness:.3g} m thick): needs a solid, so give it a thickness"
         )
-    tolerance = min(COPLANAR * size, COPLANAR_THIN * thickness)
+    tolerance = min(COPLANAR_SHARE * size, COPLANAR_THICKNESS_SHARE * thickness)
     loops = _faces(vertices, triangles, normals, sides, tolerance)
     order = np.lexsort((np.concatenate([edges[:, 1], edges[:, 0]]), np.concatenate([edges[:, 0], edges[:, 1]])))
     return Polytope(
         vertices=vertices,
         neighbour_count=np.bincount(edges.reshape(-1), minlength=len(vertices)),
         neighbours=np.concatenate([edges[:, 1], edges[:, 0]])[order],
-        planes=_planes(vertices, loops, middle),
+        planes=_planes(vertices, loops, origin),
         loop_count=np.array([len(loop) for loop in loops]),
         loops=np.concatenate(loops),
-        centre=_centroid(vertices, triangles, middle),
+        centre=_centroid(vertices, triangles, origin),
         thickness=thickness,
     )
 
 
-def _outward(triangles: Ints, vertices: Floats, normals: Floats) -> Ints:
-    """Triangles turned counter-clockwise seen from outside."""
+def _oriented_outwards(triangles: Ints, vertices: Floats, normals: Floats) -> Ints:
+    """Triangles (F, 3) reordered counter-clockwise seen from outside."""
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), normals) < 0.0
     triangles = triangles.astype(np.int64)
     triangles[inward] = triangles[inward][:, [0, 2, 1]]
-    return _consistent(triangles)
+    return _consistently_oriented(triangles)
 
 
-def _consistent(triangles: Ints) -> Ints:
-    """The same triangles with slivers, whose own normals are noise, turned the way their neighbours are."""
+def _consistently_oriented(triangles: Ints) -> Ints:
+    """The same triangles with consistent orientation: slivers, whose normals are noise, follow their neighbours."""
     directed = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
     count = int(triangles.max()) + 1
     keys = directed[:, 0] * count + directed[:, 1]
@@ -108,24 +108,24 @@ def _consistent(triangles: Ints) -> Ints:
         for k in range(3):
             u, v = int(corners[k]), int(corners[(k + 1) % 3])
             owner.setdefault((min(u, v), max(u, v)), []).append(t)
-    turned, queue, seen = triangles.copy(), [0], {0}
+    oriented, queue, seen = triangles.copy(), [0], {0}
     while queue:
         t = queue.pop()
         for k in range(3):
-            u, v = int(turned[t, k]), int(turned[t, (k + 1) % 3])
+            u, v = int(oriented[t, k]), int(oriented[t, (k + 1) % 3])
             for other in owner[(min(u, v), max(u, v))]:
                 if other in seen:
                     continue
                 seen.add(other)
                 queue.append(other)
-                row = turned[other]
+                row = oriented[other]
                 if any(row[j] == u and row[(j + 1) % 3] == v for j in range(3)):
-                    turned[other] = row[[0, 2, 1]]
-    return turned
+                    oriented[other] = row[[0, 2, 1]]
+    return oriented
 
 
 def _edges(triangles: Ints) -> tuple[Ints, Ints]:
-    """Edges (E, 2), each once with the smaller corner first, and the two triangles (E, 2) on their sides.
+    """Edges (E, 2), each once with the smaller vertex first, and the two triangles (E, 2) adjacent to each.
 
     Raises MeshError if the triangles do not close.
     """
@@ -144,22 +144,22 @@ def _smallest_width(vertices: Floats, normals: Floats, edges: Ints, sides: Ints)
     """Smallest extent over all directions: it lies at a face's normal or at a normal common to two antipodal edges.
 
     Two edges are antipodal if the arc of the normals of one crosses the mirrored arc of the other. Of many edges only
-    those are paired whose arc may hold a smaller width than the faces: see `_least_over_arcs`. The partner of such an
+    those are paired whose arc may contain a smaller width than the faces: see `_width_lower_bounds`. The partner of such an
     edge has the same width where the arcs cross, so it is among them too.
     """
     across, opposite = _extents(vertices, normals)
     width = float(np.min(across))
-    bent = np.einsum("ij,ij->i", normals[sides[:, 0]], normals[sides[:, 1]]) < 1.0 - 1e-12
-    edges, sides = edges[bent], sides[bent]
-    if len(edges) > MANY_EDGES:
-        least = _least_over_arcs(vertices, normals, edges, sides, across, opposite)
-        thin = least <= width + WIDTH_ROUNDING * float(np.ptp(vertices, axis=0).max())
-        edges, sides = edges[thin], sides[thin]
+    is_crease = np.einsum("ij,ij->i", normals[sides[:, 0]], normals[sides[:, 1]]) < 1.0 - 1e-12
+    edges, sides = edges[is_crease], sides[is_crease]
+    if len(edges) > MAX_EDGES_ALL_PAIRS:
+        lower_bounds = _width_lower_bounds(vertices, normals, edges, sides, across, opposite)
+        may_be_thinner = lower_bounds <= width + WIDTH_ROUNDING * float(np.ptp(vertices, axis=0).max())
+        edges, sides = edges[may_be_thinner], sides[may_be_thinner]
     return _smallest_between_edges(vertices, normals, edges, sides, width)
 
 
 def _extents(vertices: Floats, normals: Floats) -> tuple[Floats, Ints]:
-    """Extent (F,) of the corners along each normal, and the corner (F,) farthest against it."""
+    """Extent (F,) of the vertices along each normal, and the vertex (F,) farthest in the opposite direction."""
     extents, opposite = np.empty(len(normals)), np.empty(len(normals), dtype=np.int64)
     rows = max(1, 4_000_000 // len(vertices))
     for start in range(0, len(normals), rows):
@@ -170,14 +170,14 @@ def _extents(vertices: Floats, normals: Floats) -> tuple[Floats, Ints]:
     return extents, opposite
 
 
-def _least_over_arcs(
+def _width_lower_bounds(
     vertices: Floats, normals: Floats, edges: Ints, sides: Ints, across: Floats, opposite: Ints
 ) -> Floats:
     """Lower bounds (E,) of the width over all directions of the arc of each edge, from one side's normal to the other's.
 
-    An edge through p bounds the hull in every direction u of its arc, so the width there is at least (p - x)·u for any
-    corner x. Along the arc that is A cos t + B sin t, concave where it is positive, so it runs above the chord between
-    its values at the arc's ends. Here x are the corners opposite to both ends; the bound is the lowest point of the
+    An edge through p supports the hull in every direction u of its arc, so the width there is at least (p - x)·u for
+    any vertex x. Along the arc that is A cos t + B sin t, concave where it is positive, so it runs above the chord between
+    its values at the arc's ends. Here x are the vertices opposite to both ends; the bound is the lowest point of the
     higher of the two chords.
     """
     first, last = sides[:, 0], sides[:, 1]
@@ -185,12 +185,12 @@ def _least_over_arcs(
     end = np.einsum("ij,ij->i", p - vertices[opposite[first]], normals[last])  # of the chord that starts at across
     start = np.einsum("ij,ij->i", p - vertices[opposite[last]], normals[first])  # of the one that ends at across
     falls, rises = across[first] - end, across[last] - start
-    least: Floats = np.maximum(np.minimum(across[first], end), np.minimum(across[last], start))
+    lower_bounds: Floats = np.maximum(np.minimum(across[first], end), np.minimum(across[last], start))
     crossing = (falls > 0.0) & (rises > 0.0) & (across[first] > start) & (across[last] > end)
-    share = (across[first] - start)[crossing] / (falls + rises)[crossing]
-    least[crossing] = across[first][crossing] - share * falls[crossing]
-    least[np.minimum(end, start) < 0.0] = 0.0  # a sinusoid that goes below zero may run below its chord there
-    return least
+    fraction = (across[first] - start)[crossing] / (falls + rises)[crossing]
+    lower_bounds[crossing] = across[first][crossing] - fraction * falls[crossing]
+    lower_bounds[np.minimum(end, start) < 0.0] = 0.0  # a sinusoid that goes below zero may run below its chord there
+    return lower_bounds
 
 
 def _smallest_between_edges(vertices: Floats, normals: Floats, edges: Ints, sides: Ints, width: float) -> float:
@@ -200,15 +200,15 @@ def _smallest_between_edges(vertices: Floats, normals: Floats, edges: Ints, side
     rows = max(1, 2_000_000 // max(1, len(edges)))
     for start in range(0, len(edges), rows):
         part = slice(start, start + rows)
-        mine = direction[part] @ normals.T
-        across = mine[:, sides[:, 0]] * mine[:, sides[:, 1]] <= 1e-12
-        theirs = direction @ normals[sides[part]].reshape(-1, 3).T
-        across &= (theirs[:, 0::2] * theirs[:, 1::2] <= 1e-12).T
+        height = direction[part] @ normals.T
+        across = height[:, sides[:, 0]] * height[:, sides[:, 1]] <= 1e-12
+        height = direction @ normals[sides[part]].reshape(-1, 3).T
+        across &= (height[:, 0::2] * height[:, 1::2] <= 1e-12).T
         i, j = np.nonzero(across)
         i, j = i[i + start < j] + start, j[i + start < j]
         n = np.cross(direction[i], direction[j])
         length = np.linalg.norm(n, axis=1)
-        # arcs that cross on the same side have normals alike, not opposite: their edges are as good as touching
+        # arcs that cross on the same side have normals alike, not opposite: their edges are not antipodal
         mirrored = np.einsum("ij,ij->i", normals[sides[i]].sum(axis=1), normals[sides[j]].sum(axis=1)) < 0.5
         good = (length > 1e-12) & mirrored
         n = n[good] / length[good, None]
@@ -229,7 +229,7 @@ def _faces(vertices: Floats, triangles: Ints, normals: Floats, sides: Ints, tole
         adjacent[s].append(t)
         adjacent[t].append(s)
     corners: list[list[int]] = triangles.tolist()
-    has_flat_neighbour = _beside_a_flat_one(vertices, triangles, normals, sides, tolerance).tolist()
+    has_flat_neighbour = _has_coplanar_neighbour(vertices, triangles, normals, sides, tolerance).tolist()
     face = [-1] * len(triangles)
     groups: list[list[int]] = []
     for seed in np.argsort(-area, kind="stable").tolist():
@@ -252,44 +252,44 @@ def _faces(vertices: Floats, triangles: Ints, normals: Floats, sides: Ints, tole
     return [_loop([corners[t] for t in group]) for group in groups]
 
 
-def _beside_a_flat_one(
+def _has_coplanar_neighbour(
     vertices: Floats, triangles: Ints, normals: Floats, sides: Ints, tolerance: float
 ) -> NDArray[np.bool_]:
-    """Whether a triangle (F,) has a neighbour that lies, to rounding, within the tolerance of its plane."""
+    """Whether each triangle (F,) has a neighbour within the tolerance of its plane (up to rounding)."""
     found = np.zeros(len(triangles), dtype=bool)
     top = np.max(np.einsum("tkj,tj->tk", vertices[triangles], normals), axis=1)
-    slack = 1.001 * tolerance + 1e-12 * float(np.abs(vertices).max())
-    for mine, other in (sides.T, sides.T[::-1]):
-        level = np.einsum("tkj,tj->tk", vertices[triangles[other]], normals[mine]) - top[mine, None]
-        found[mine[np.max(np.abs(level), axis=1) <= slack]] = True
+    margin = 1.001 * tolerance + 1e-12 * float(np.abs(vertices).max())
+    for face, other in (sides.T, sides.T[::-1]):
+        level = np.einsum("tkj,tj->tk", vertices[triangles[other]], normals[face]) - top[face, None]
+        found[face[np.max(np.abs(level), axis=1) <= margin]] = True
     return found
 
 
 def _loop(triangles: list[list[int]]) -> list[int]:
-    """Outline of triangles that share edges."""
-    follows: dict[int, int] = {}
+    """Boundary loop of connected triangles; MeshError if it is not a single loop."""
+    next_vertex: dict[int, int] = {}
     directed = {edge for a, b, c in triangles for edge in ((a, b), (b, c), (c, a))}
     for u, v in sorted(directed):
         if (v, u) not in directed:
-            if u in follows:
+            if u in next_vertex:
                 raise MeshError("hull: a face touches itself; the points are too close to each other")
-            follows[u] = v
-    start = min(follows)
-    loop, at = [start], follows[start]
-    while at != start:
-        loop.append(at)
-        at = follows[at]
-    if len(loop) != len(follows):
+            next_vertex[u] = v
+    start = min(next_vertex)
+    loop, vertex = [start], next_vertex[start]
+    while vertex != start:
+        loop.append(vertex)
+        vertex = next_vertex[vertex]
+    if len(loop) != len(next_vertex):
         raise MeshError("hull: a face has a hole; the points are too close to each other")
     return loop
 
 
-def _planes(vertices: Floats, loops: list[list[int]], middle: Floats) -> Floats:
-    """Planes (F, 4) of faces: the area-weighted normals of their outlines, the offsets of the corners farthest out."""
+def _planes(vertices: Floats, loops: list[list[int]], origin: Floats) -> Floats:
+    """Planes (F, 4) of faces: the area-weighted normals of their outlines, the offsets of the farthest vertices."""
     planes = np.empty((len(loops), 4))
     for length in {len(loop) for loop in loops}:
         rows = [row for row, loop in enumerate(loops) if len(loop) == length]
-        corners = vertices[[loops[row] for row in rows]] - middle
+        corners = vertices[[loops[row] for row in rows]] - origin
         spokes = corners - corners[:, :1]
         for row, n in zip(rows, np.cross(spokes[:, 1:-1], spokes[:, 2:]).sum(axis=1), strict=True):
             n /= math.sqrt(n.dot(n))
@@ -297,8 +297,8 @@ def _planes(vertices: Floats, loops: list[list[int]], middle: Floats) -> Floats:
     return planes
 
 
-def _centroid(vertices: Floats, triangles: Ints, middle: Floats) -> Floats:
-    a, b, c = (vertices[triangles[:, k]] - middle for k in range(3))
+def _centroid(vertices: Floats, triangles: Ints, origin: Floats) -> Floats:
+    a, b, c = (vertices[triangles[:, k]] - origin for k in range(3))
     volume = np.einsum("ij,ij->i", a, np.cross(b, c))
-    centre: Floats = middle + (volume[:, None] * (a + b + c)).sum(axis=0) / (4.0 * volume.sum())
+    centre: Floats = origin + (volume[:, None] * (a + b + c)).sum(axis=0) / (4.0 * volume.sum())
     return centre

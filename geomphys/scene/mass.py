@@ -1,4 +1,4 @@
-"""Mass, centre of mass and inertia tensor of solids of even density."""
+"""Mass, centre of mass and inertia tensor of solids of uniform density."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from geomphys.numerics.transforms import quaternion_from_rotation
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-DIAGONAL = 1e-12
-"""Of the largest moment: smaller products of inertia are rounding, the axes are then the frame's own."""
+DIAGONAL_TOLERANCE = 1e-12
+"""Share of the largest moment below which products of inertia are rounding: the frame's axes are principal then."""
 
 
 @dataclass(frozen=True, eq=False)
 class MassProperties:
-    """Of a solid in some frame. Without volume: mass, inertia and centre are zero."""
+    """Mass properties of a solid in some frame; all zero without volume."""
 
     mass: float  # kg
     com: Floats  # (3,) m
@@ -34,10 +34,10 @@ class MassProperties:
         """The same solid with its density chosen so that it has this mass."""
         return MassProperties(mass, self.com, self.inertia * (mass / self.mass))
 
-    def moved(self, a_from_b: Floats) -> MassProperties:
+    def transformed(self, a_from_b: Floats) -> MassProperties:
         """In frame a, of properties in frame b; `a_from_b` (4, 4)."""
-        turn = a_from_b[:3, :3]
-        return MassProperties(self.mass, turn @ self.com + a_from_b[:3, 3], turn @ self.inertia @ turn.T)
+        rotation = a_from_b[:3, :3]
+        return MassProperties(self.mass, rotation @ self.com + a_from_b[:3, 3], rotation @ self.inertia @ rotation.T)
 
     def principal(self) -> tuple[Floats, Floats]:
         """Principal moments (3,) and body_from_principal quaternion (4,) x y z w.
@@ -47,7 +47,7 @@ class MassProperties:
         """
         tensor = 0.5 * (self.inertia + self.inertia.T)
         off = np.abs(tensor - np.diag(np.diag(tensor))).max()
-        if off <= DIAGONAL * np.abs(np.diag(tensor)).max():
+        if off <= DIAGONAL_TOLERANCE * np.abs(np.diag(tensor)).max():
             return np.diag(tensor).copy(), np.array([0.0, 0.0, 0.0, 1.0])
         moments, axes = np.linalg.eigh(tensor)
         for k in range(2):
@@ -57,44 +57,44 @@ class MassProperties:
         return moments, quaternion_from_rotation(axes)
 
 
-NOTHING = MassProperties(0.0, np.zeros(3), np.zeros((3, 3)))
+ZERO_MASS = MassProperties(0.0, np.zeros(3), np.zeros((3, 3)))
 
 
 def combined(parts: Sequence[MassProperties]) -> MassProperties:
     """Several solids as one body (parallel axes theorem). Where they overlap the mass counts twice."""
     mass = math.fsum(p.mass for p in parts)
     if mass == 0.0:
-        return NOTHING
+        return ZERO_MASS
     com = sum((p.mass * p.com for p in parts), np.zeros(3)) / mass
     inertia = np.zeros((3, 3))
     for p in parts:
-        away = p.com - com
-        inertia += p.inertia + p.mass * ((away @ away) * np.eye(3) - np.outer(away, away))
+        offset = p.com - com
+        inertia += p.inertia + p.mass * ((offset @ offset) * np.eye(3) - np.outer(offset, offset))
     return MassProperties(mass, com, inertia)
 
 
-def _centred(mass: float, x: float, y: float, z: float) -> MassProperties:
+def _about_origin(mass: float, x: float, y: float, z: float) -> MassProperties:
     return MassProperties(mass, np.zeros(3), np.diag([x, y, z]))
 
 
 def of_sphere(radius: float, density: float) -> MassProperties:
     """Ball about the origin: I = 2/5 m r²."""
     mass = density * 4.0 / 3.0 * math.pi * radius**3
-    return _centred(mass, *[0.4 * mass * radius**2] * 3)
+    return _about_origin(mass, *[0.4 * mass * radius**2] * 3)
 
 
 def of_box(size: tuple[float, float, float], density: float) -> MassProperties:
     """Box of full edge lengths about the origin: I_x = m (y² + z²) / 12."""
     x, y, z = size
     mass = density * x * y * z
-    return _centred(mass, mass * (y * y + z * z) / 12, mass * (x * x + z * z) / 12, mass * (x * x + y * y) / 12)
+    return _about_origin(mass, mass * (y * y + z * z) / 12, mass * (x * x + z * z) / 12, mass * (x * x + y * y) / 12)
 
 
 def of_cylinder(radius: float, height: float, density: float) -> MassProperties:
     """Cylinder of full height along z about the origin: I_z = m r² / 2, I_x = m (3 r² + h²) / 12."""
     mass = density * math.pi * radius**2 * height
     side = mass * (3 * radius**2 + height**2) / 12
-    return _centred(mass, side, side, 0.5 * mass * radius**2)
+    return _about_origin(mass, side, side, 0.5 * mass * radius**2)
 
 
 def of_capsule(radius: float, height: float, density: float) -> MassProperties:
@@ -102,11 +102,11 @@ def of_capsule(radius: float, height: float, density: float) -> MassProperties:
 
     A half ball's centre of mass lies 3/8 r above its flat side; its moment about a diameter of that side is 2/5 m r².
     """
-    tube = density * math.pi * radius**2 * height
-    ball = density * 4.0 / 3.0 * math.pi * radius**3  # both caps together
-    side = tube * (3 * radius**2 + height**2) / 12
-    side += ball * (0.4 * radius**2 + 0.25 * height**2 + 0.375 * radius * height)
-    return _centred(tube + ball, side, side, 0.5 * tube * radius**2 + 0.4 * ball * radius**2)
+    cylinder = density * math.pi * radius**2 * height
+    caps = density * 4.0 / 3.0 * math.pi * radius**3  # both caps together
+    side = cylinder * (3 * radius**2 + height**2) / 12
+    side += caps * (0.4 * radius**2 + 0.25 * height**2 + 0.375 * radius * height)
+    return _about_origin(cylinder + caps, side, side, 0.5 * cylinder * radius**2 + 0.4 * caps * radius**2)
 
 
 def of_mesh(vertices: Floats, faces: Ints, density: float) -> MassProperties:
@@ -116,15 +116,15 @@ def of_mesh(vertices: Floats, faces: Ints, density: float) -> MassProperties:
     """
     shift = vertices.mean(axis=0)
     a, b, c = (vertices[faces[:, k]] - shift for k in range(3))
-    sixfold = np.einsum("ij,ij->i", a, np.cross(b, c))
-    volume = math.fsum(sixfold) / 6.0
+    volumes6 = np.einsum("ij,ij->i", a, np.cross(b, c))
+    volume = math.fsum(volumes6) / 6.0
     if volume == 0.0:
-        return NOTHING
-    com = np.einsum("i,ij->j", sixfold, a + b + c) / (24.0 * volume)
+        return ZERO_MASS
+    com = np.einsum("i,ij->j", volumes6, a + b + c) / (24.0 * volume)
     total = a + b + c
-    second = np.einsum("i,ij,ik->jk", sixfold, total, total)
+    second = np.einsum("i,ij,ik->jk", volumes6, total, total)
     for corner in (a, b, c):
-        second += np.einsum("i,ij,ik->jk", sixfold, corner, corner)
+        second += np.einsum("i,ij,ik->jk", volumes6, corner, corner)
     second = second / 120.0 - volume * np.outer(com, com)
     inertia = np.trace(second) * np.eye(3) - second
     sign = math.copysign(density, volume)

@@ -1,4 +1,4 @@
-"""Restitution and friction of pairs of materials."""
+"""Table of restitution and friction per pair of materials; defaults for pairs that are not given."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
-from pathlib import Path
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from geomphys.errors import SceneError
 from geomphys.scene.arrays import Materials
 from geomphys.scene.findings import DefaultPair
 from geomphys.scene.scene_file import MaterialPair
+from geomphys.storage.remote_files import AnyPath
 
 BUILT_IN = ("wood", "human", "metal")
 _PAIRS = {
@@ -38,41 +38,42 @@ class MaterialTable:
         """Row of a material."""
         return self.names.index(name)
 
-    def require_known(self, path: Path, used: Iterable[tuple[str, str]]) -> None:
-        """Raise SceneError for the first material that no pair defines; `used` are (material, who has it)."""
-        for name, owner in used:
+    def require_known(self, path: AnyPath, used_by: Iterable[tuple[str, str]]) -> None:
+        """Raise SceneError for the first undefined material; `used_by` are (material, object or avatar)."""
+        for name, owner in used_by:
             if name not in self.names:
-                near = get_close_matches(name, self.names, n=1)
-                hint = f"did you mean {near[0]!r}? " if near else ""
+                close = get_close_matches(name, self.names, n=1)
+                hint = f"did you mean {close[0]!r}? " if close else ""
                 raise SceneError(
                     f"{path}: material {name!r} of {owner!r} is not known: {hint}Known are {', '.join(self.names)}; add "
                     f"a [[material_pair]] with materials = [{_quoted(name)}, {_quoted(name)}] for another"
                 )
 
     def with_defaults(
-        self, path: Path, meetings: Iterable[tuple[str, str, str, str]]
+        self, path: AnyPath, contacts: Iterable[tuple[str, str, str, str]]
     ) -> tuple[MaterialTable, tuple[DefaultPair, ...]]:
-        """The table with every pair that can meet, and the pairs that were missing.
+        """The table completed for every pair that can come into contact, and the pairs that were missing.
 
         A missing pair takes the geometric mean of the friction and the smaller restitution of each material with itself.
-        `meetings` are (material, who has it, material, who has it). Raises SceneError for a missing pair of which a
+        `contacts` are (material, who has it, material, who has it). Raises SceneError for a missing pair of which a
         material has no pair with itself.
         """
         restitution, friction = self.pairs.restitution.copy(), self.pairs.friction.copy()
         found: dict[tuple[int, int], DefaultPair] = {}
-        for first, owner, second, other in meetings:
+        for first, owner, second, other in contacts:
             i, j = self.index(first), self.index(second)
             if not np.isnan(restitution[i, j]):
                 continue
             for name, row in ((first, i), (second, j)):
                 if np.isnan(self.pairs.restitution[row, row]):
-                    both = f"[{_quoted(first)}, {_quoted(second)}]"
-                    own = (
+                    pair_text = f"[{_quoted(first)}, {_quoted(second)}]"
+                    alternative = (
                         "" if first == second else f", or one with [{_quoted(name)}, {_quoted(name)}] to derive it from"
                     )
                     raise SceneError(
-                        f"{path}: materials {first!r} (of {owner!r}) and {second!r} (of {other!r}) can meet and have no "
-                        f"pair, and {name!r} has none with itself: add a [[material_pair]] with materials = {both}{own}"
+                        f"{path}: materials {first!r} (of {owner!r}) and {second!r} (of {other!r}) can come into "
+                        f"contact and have no pair, and {name!r} has none with itself: add a [[material_pair]] with "
+                        f"materials = {pair_text}{alternative}"
                     )
             e = float(min(self.pairs.restitution[i, i], self.pairs.restitution[j, j]))
             mu = float(np.sqrt(self.pairs.friction[i, i] * self.pairs.friction[j, j]))
@@ -83,7 +84,7 @@ class MaterialTable:
 
 
 def _quoted(name: str) -> str:
-    """A name as TOML has it."""
+    """A name as a TOML string."""
     return json.dumps(name, ensure_ascii=False)
 
 
@@ -94,8 +95,8 @@ def material_table(pairs: Iterable[MaterialPair]) -> MaterialTable:
     restitution, friction = (np.full((len(names), len(names)), np.nan) for _ in range(2))
     rows = [(a, b, e, mu) for (a, b), (e, mu) in _PAIRS.items()]
     rows += [(*p.materials, p.restitution, p.friction) for p in pairs]
-    for first, second, bounce, rub in rows:
+    for first, second, restitution_coefficient, friction_coefficient in rows:
         i, j = names.index(first), names.index(second)
-        restitution[i, j] = restitution[j, i] = bounce
-        friction[i, j] = friction[j, i] = rub
+        restitution[i, j] = restitution[j, i] = restitution_coefficient
+        friction[i, j] = friction[j, i] = friction_coefficient
     return MaterialTable(tuple(names), Materials(restitution, friction))

@@ -1,8 +1,7 @@
-"""Triangle meshes from files, and whether they can serve for collision.
+"""Loads triangle meshes and checks whether they can be used for collision.
 
-trimesh parses them. It never gets a path: the bytes are read here, from a regular local file of an allowed kind and
-size, and what a mesh refers to (materials, textures, other folders) is not followed. Errors name the mesh, never what
-is in the file.
+trimesh parses the bytes and never gets a path: files are read here, of an allowed format and size, and references
+(materials, textures, other folders) are not followed. Errors name the mesh and never quote its content.
 """
 
 from __future__ import annotations
@@ -11,41 +10,41 @@ import struct
 from dataclasses import dataclass
 from functools import cached_property
 from io import BytesIO
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.errors import MeshError
-from geomphys.scene.gltf_file import Neighbours, gltf_claims
-from geomphys.scene.mesh_claims import (
+from geomphys.scene.gltf_file import BufferResolver, gltf_problem
+from geomphys.scene.mesh_header import (
     announced_faces,
     collada_unit,
     is_ascii_stl,
-    mesh_fault,
+    mesh_problem,
     stl_count,
     without_trailer,
 )
-from geomphys.scene.shells import have_volume, outward_shells, shell_labels, shell_volumes
-from geomphys.scene.source_files import is_there, note_contents
+from geomphys.scene.shells import all_enclose_volume, outward_shells, shell_labels, shell_volumes
+from geomphys.scene.source_files import path_exists, track_contents
+from geomphys.storage.remote_files import AnyPath
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 SUFFIXES = ("stl", "obj", "dae", "glb", "gltf", "ply", "off")
-LARGEST_FILE = 128 * 2**20
+MAX_FILE_BYTES = 128 * 2**20
 """bytes"""
-LARGEST_MESH = 500_000
+MAX_TRIANGLES = 500_000
 """triangles"""
-LARGEST_HULL = 10_000
-"""corners of a convex hull that collides"""
-CONVEX_SLACK = 1e-6
-"""Of the mesh's size: a mesh whose vertices all lie this close to planes of its hull is convex."""
-FLAT = 1e-9
-"""Of the mesh's size: a thinner one has no volume to collide with."""
+MAX_HULL_VERTICES = 10_000
+"""vertices of the convex hull of a collision mesh"""
+CONVEX_TOLERANCE = 1e-6
+"""Share of the mesh's size: a mesh within this distance of its hull is convex."""
+FLAT_TOLERANCE = 1e-9
+"""Share of the mesh's size: a thinner mesh counts as flat."""
 
-# What a parser raises on a file that is not what its name says.
+# exceptions of the parsers on malformed files
 _PARSER_ERRORS = (
     ArithmeticError,
     AssertionError,
@@ -75,7 +74,7 @@ class _Hull(NamedTuple):
 class Mesh:
     """A triangle mesh in the frame of its body, vertices merged. Arrays are read-only."""
 
-    name: str  # what errors call it
+    name: str  # name in error messages
     vertices: Floats  # (n, 3) m
     faces: Ints  # (m, 3)
 
@@ -86,7 +85,7 @@ class Mesh:
 
     @cached_property
     def hull_vertices(self) -> Floats:
-        """Corners (k, 3) of the convex hull, in the order of `vertices`; MeshError where the mesh is flat."""
+        """Vertices (k, 3) of the convex hull, in the order of `vertices`; MeshError if the mesh is flat."""
         return self.vertices[self._hull.corners]
 
     @cached_property
@@ -95,40 +94,39 @@ class Mesh:
 
         flat = f"{self.name}: the mesh is flat, it has no volume to collide with: use a box of some thickness"
         centred = self.vertices - self.vertices.mean(axis=0)
-        if np.linalg.svd(centred, compute_uv=False)[-1] <= FLAT * self.size * np.sqrt(len(centred)):
+        if np.linalg.svd(centred, compute_uv=False)[-1] <= FLAT_TOLERANCE * self.size * np.sqrt(len(centred)):
             raise MeshError(flat)
         try:
             hull = ConvexHull(self.vertices)
         except QhullError:
             raise MeshError(flat) from None
-        if len(hull.vertices) > LARGEST_HULL:
+        if len(hull.vertices) > MAX_HULL_VERTICES:
             raise MeshError(
-                f"{self.name}: its convex hull has {len(hull.vertices)} corners, at most {LARGEST_HULL} can collide: "
+                f"{self.name}: its convex hull has {len(hull.vertices)} corners, at most {MAX_HULL_VERTICES} can collide: "
                 "simplify the mesh"
             )
         return _Hull(np.sort(hull.vertices).astype(np.int64), np.asarray(hull.equations), hull.volume, hull.area)
 
     @cached_property
     def is_convex(self) -> bool:
-        """Whether all of the mesh lies on its convex hull, within `CONVEX_SLACK` of the size.
+        """Whether the whole mesh lies on its convex hull, within `CONVEX_TOLERANCE` of the size.
 
-        Its corners alone do not tell: those of an L lie on its hull, the faces of its notch do not. So a closed mesh
-        must also have the volume of its hull, and of an open one the middles of the faces are looked at. A closed
-        convex mesh is its hull; an open one is taken for it.
+        Vertices alone do not decide: those of an L-shape all lie on its hull. So a closed mesh must also have the
+        volume of its hull, and an open one must have all face centroids on it. A convex mesh is replaced by its hull.
         """
-        inner = np.ones(len(self.vertices), dtype=bool)
-        inner[self._hull.corners] = False
-        if not self._lies_on_hull(self.vertices[inner]):
+        is_interior = np.ones(len(self.vertices), dtype=bool)
+        is_interior[self._hull.corners] = False
+        if not self._lies_on_hull(self.vertices[is_interior]):
             return False
         if self.is_closed:
-            return abs(self._hull.volume - abs(self.signed_volume)) <= CONVEX_SLACK * self.size * self._hull.area
+            return abs(self._hull.volume - abs(self.signed_volume)) <= CONVEX_TOLERANCE * self.size * self._hull.area
         return self._lies_on_hull(self.vertices[self.faces].mean(axis=1))
 
     def _lies_on_hull(self, points: Floats) -> bool:
-        planes, slack = self._hull.planes, CONVEX_SLACK * self.size
-        start, length, most = 0, 64, max(1, 4_000_000 // len(planes))
+        planes, slack = self._hull.planes, CONVEX_TOLERANCE * self.size
+        start, length, max_block = 0, 64, max(1, 4_000_000 // len(planes))
         while start < len(points):
-            block = points[start : start + min(length, most)]
+            block = points[start : start + min(length, max_block)]
             if np.min(np.max(block @ planes[:, :3].T + planes[:, 3], axis=1)) <= -slack:
                 return False
             start, length = start + len(block), 2 * length
@@ -143,22 +141,22 @@ class Mesh:
 
     @cached_property
     def is_closed(self) -> bool:
-        """Whether it is watertight, or made of watertight shells with an inside each that touch (`shell_labels`)."""
+        """Whether it is watertight, or consists of touching watertight shells that enclose volume (`shell_labels`)."""
         if self.is_watertight:
             return True
         label = shell_labels(self.vertices, self.faces)
-        return label is not None and have_volume(self.vertices, self.faces, label)
+        return label is not None and all_enclose_volume(self.vertices, self.faces, label)
 
     def shells(self) -> list[Mesh]:
-        """The closed shells of a closed mesh, in the order of their first vertices; itself where it is one."""
+        """The closed shells of a closed mesh, in the order of their first vertices; itself if it is a single shell."""
         label = shell_labels(self.vertices, self.faces)
         if label is None or label.max() == 0:
             return [self]
-        return [merged(self.name, self.vertices, self.faces[label == k]) for k in range(int(label.max()) + 1)]
+        return [merge_vertices(self.name, self.vertices, self.faces[label == k]) for k in range(int(label.max()) + 1)]
 
     @cached_property
-    def is_wound_alike(self) -> bool:
-        """Whether neighbouring triangles turn the same way: no directed edge is there twice."""
+    def has_consistent_winding(self) -> bool:
+        """Whether adjacent triangles have the same orientation: no directed edge occurs twice."""
         edges = self._edges()
         return len(np.unique(edges[:, 0] * len(self.vertices) + edges[:, 1])) == len(edges)
 
@@ -167,17 +165,17 @@ class Mesh:
 
     @cached_property
     def signed_volume(self) -> float:
-        """m³ inside a closed mesh: positive if its triangles are counter-clockwise seen from outside."""
+        """Enclosed volume of a closed mesh, m³: positive if triangles are counter-clockwise seen from outside."""
         shift = self.vertices.mean(axis=0)
         a, b, c = (self.vertices[self.faces[:, k]] - shift for k in range(3))
         return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
 
 
-def load_mesh(path: Path, scale: float | Floats = 1.0, name: str | None = None) -> Mesh:
+def load_mesh(path: AnyPath, scale: float | Floats = 1.0, name: str | None = None) -> Mesh:
     """Read a mesh file: all its parts in one mesh, scaled, equal vertices merged, degenerate triangles dropped.
 
-    A COLLADA file's own unit counts, glTF is in metres, the other kinds have none: they are taken for metres too.
-    Coordinates count as they stand, whatever axis a file calls up.
+    The unit of a COLLADA file is applied; glTF is in metres; other formats have no unit and are taken as metres. The
+    up axis that a file names is ignored.
 
     Parameters
     ----------
@@ -186,7 +184,7 @@ def load_mesh(path: Path, scale: float | Floats = 1.0, name: str | None = None) 
     scale
         One factor or three, applied to the coordinates in m.
     name
-        What errors call the mesh; default: the path.
+        Name of the mesh in error messages; default: the path.
 
     Raises
     ------
@@ -194,13 +192,13 @@ def load_mesh(path: Path, scale: float | Floats = 1.0, name: str | None = None) 
         Missing, too large, unreadable, cut off, empty, without area, NaN or infinite vertices, too many triangles.
     """
     name = name or str(path)
-    vertices, faces = _parsed(_bytes(path, name), path, name)
+    vertices, faces = _parse(_read_mesh_file(path, name), path, name)
     if len(faces) == 0 or len(vertices) == 0:
         points = f", only {len(vertices)} points" if len(vertices) else ""
         raise MeshError(f"{name}: holds no triangles{points}: save it as a triangle mesh")
-    if len(faces) > LARGEST_MESH:
+    if len(faces) > MAX_TRIANGLES:
         raise MeshError(
-            f"{name}: has {len(faces)} triangles, at most {LARGEST_MESH} are read: "
+            f"{name}: has {len(faces)} triangles, at most {MAX_TRIANGLES} are read: "
             'simplify it, or replace it by its hull first (decomposition = "hull" then gives the same)'
         )
     if not np.isfinite(vertices).all():
@@ -209,13 +207,13 @@ def load_mesh(path: Path, scale: float | Floats = 1.0, name: str | None = None) 
         vertices = vertices * np.asarray(scale, dtype=np.float64)
     if np.abs(vertices).max() > 1e6:
         raise MeshError(f"{name}: reaches further than 1000 km from its origin: check scale and units")
-    return merged(name, vertices, faces)
+    return merge_vertices(name, vertices, faces)
 
 
-def merged(name: str, vertices: Floats, faces: Ints) -> Mesh:
-    """A mesh with vertices equal to 1e-8 m taken together, triangles without area left out, and repeated ones but once.
+def merge_vertices(name: str, vertices: Floats, faces: Ints) -> Mesh:
+    """A mesh with vertices equal within 1e-8 m merged, and degenerate and duplicate triangles removed.
 
-    Raises MeshError where no triangle has an area.
+    Raises MeshError if no triangle has an area.
     """
     first, inverse = _unique_rows(np.round(vertices * 1e8))
     order = np.argsort(first, kind="stable")
@@ -226,15 +224,15 @@ def merged(name: str, vertices: Floats, faces: Ints) -> Mesh:
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
     if len(faces) == 0 or not np.any(_doubled_areas(vertices, faces) > 0):
         raise MeshError(f"{name}: all its triangles have zero area: check scale and units")
-    faces = _each_once(faces, len(vertices))
+    faces = _without_duplicates(faces, len(vertices))
     used, index = np.unique(faces, return_inverse=True)
     mesh = Mesh(name, np.ascontiguousarray(vertices[used]), np.ascontiguousarray(index.reshape(faces.shape), np.int64))
     mesh.vertices.flags.writeable = mesh.faces.flags.writeable = False
     return mesh
 
 
-def _each_once(faces: Ints, count: int) -> Ints:
-    """Triangles (m, 3) without those that are there already, wound the same way; `count` vertices."""
+def _without_duplicates(faces: Ints, count: int) -> Ints:
+    """Triangles (m, 3) without duplicates of the same orientation; `count` is the number of vertices."""
     lead = faces.argmin(axis=1)
     a, b, c = (faces[np.arange(len(faces)), (lead + k) % 3] for k in range(3))
     _, first = np.unique((a * count + b) * count + c, return_index=True)
@@ -242,7 +240,7 @@ def _each_once(faces: Ints, count: int) -> Ints:
 
 
 def _unique_rows(rows: Floats) -> tuple[Ints, Ints]:
-    """First row (u,) of each kind of equal rows (n, 3), and which kind each row (n,) is of."""
+    """Index (u,) of the first of each group of equal rows (n, 3), and the group (n,) of each row."""
     kind = np.zeros(len(rows), dtype=np.int64)
     first = np.zeros(1, dtype=np.int64)
     for column in rows.T:
@@ -257,23 +255,23 @@ def _doubled_areas(vertices: Floats, faces: Ints) -> Floats:
     return areas
 
 
-def _bytes(path: Path, name: str) -> bytes:
+def _read_mesh_file(path: AnyPath, name: str) -> bytes:
     suffix = path.suffix.lower().removeprefix(".")
     if suffix not in SUFFIXES:
         kinds = ", ".join(SUFFIXES)
         raise MeshError(f"{name}: not a mesh file that is read here, expected a name that ends in one of {kinds}")
     try:
         if not path.is_file():
-            is_there(path)
+            path_exists(path)
             missing = (
                 "no such file; paths are relative to the file that names the mesh"
                 if not path.exists()
                 else "is not a file"
             )
             raise MeshError(f"{name}: {missing}")
-        if path.stat().st_size > LARGEST_FILE:
-            raise MeshError(f"{name}: is larger than {LARGEST_FILE // 2**20} MiB: simplify the mesh")
-        data = note_contents(path, path.read_bytes())
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise MeshError(f"{name}: is larger than {MAX_FILE_BYTES // 2**20} MiB: simplify the mesh")
+        data = track_contents(path, path.read_bytes())
     except OSError as error:
         raise MeshError(f"{name}: cannot be read: {error.strerror}") from error
     except ValueError:
@@ -281,34 +279,34 @@ def _bytes(path: Path, name: str) -> bytes:
     return data
 
 
-def _parsed(data: bytes, path: Path, name: str) -> tuple[Floats, Ints]:
+def _parse(data: bytes, path: AnyPath, name: str) -> tuple[Floats, Ints]:
     import trimesh
 
     suffix = path.suffix.lower().removeprefix(".")
-    fault, unit = mesh_fault(data, suffix), 1.0
-    if fault:
-        raise MeshError(f"{name}: {fault}")
+    problem, unit = mesh_problem(data, suffix), 1.0
+    if problem:
+        raise MeshError(f"{name}: {problem}")
     if suffix == "stl" and not is_ascii_stl(data):
-        if (count := stl_count(data)) > LARGEST_MESH:
-            raise MeshError(f"{name}: has {count} triangles, at most {LARGEST_MESH} are read: simplify it")
+        if (count := stl_count(data)) > MAX_TRIANGLES:
+            raise MeshError(f"{name}: has {count} triangles, at most {MAX_TRIANGLES} are read: simplify it")
         data = without_trailer(data)
     if suffix == "dae":
-        unit = _unit_of(data, name)
+        unit = _collada_unit(data, name)
     if suffix in ("gltf", "glb"):
         try:
-            wrong = gltf_claims(data, suffix, 3 * LARGEST_MESH)
+            problem = gltf_problem(data, suffix, 3 * MAX_TRIANGLES)
         except (*_PARSER_ERRORS, RecursionError) as error:
             raise MeshError(f"{name}: {_unreadable(suffix, error)}") from None
-        if wrong:
-            raise MeshError(f"{name}: {wrong}")
-    faults: tuple[type[Exception], ...] = _PARSER_ERRORS
+        if problem:
+            raise MeshError(f"{name}: {problem}")
+    parser_errors: tuple[type[Exception], ...] = _PARSER_ERRORS
     if suffix == "dae":
         try:
             from collada.common import DaeError  # type: ignore[import-untyped]
         except ImportError:
             raise MeshError(f"{name}: a .dae mesh needs the package pycollada: install it, or convert to glb") from None
-        faults = (*faults, DaeError)
-    resolver: Any = Neighbours(path.parent, LARGEST_FILE)
+        parser_errors = (*parser_errors, DaeError)
+    resolver: Any = BufferResolver(path.parent, MAX_FILE_BYTES)
     try:
         with np.errstate(all="ignore"):
             loaded: Any = trimesh.load(
@@ -325,7 +323,7 @@ def _parsed(data: bytes, path: Path, name: str) -> tuple[Floats, Ints]:
         raise MeshError(
             f"{name}: names a buffer that is no .bin file beside it; nothing else is read: save it as .glb"
         ) from None
-    except faults as error:
+    except parser_errors as error:
         raise MeshError(f"{name}: {_unreadable(suffix, error)}") from None
     if len(faces) < (announced := announced_faces(data, suffix)):
         raise MeshError(f"{name}: is cut off: {announced} faces announced, {len(faces)} there: fetch or save it again")
@@ -335,12 +333,12 @@ def _parsed(data: bytes, path: Path, name: str) -> tuple[Floats, Ints]:
 
 
 def _unreadable(suffix: str, error: Exception) -> str:
-    """What is said of a file that a parser stumbled over."""
+    """Error text for a file that a parser rejected."""
     return f"is not a readable .{suffix} mesh ({type(error).__name__}): it may be cut off or of another kind; save it again"
 
 
-def _unit_of(data: bytes, name: str) -> float:
-    """The unit of a COLLADA file, m; MeshError where it holds entities, no XML, or a unit that is none."""
+def _collada_unit(data: bytes, name: str) -> float:
+    """Length unit of a COLLADA file, m; MeshError for entities, malformed XML or an invalid unit."""
     from xml.etree.ElementTree import ParseError
 
     try:
@@ -350,21 +348,21 @@ def _unit_of(data: bytes, name: str) -> float:
 
 
 def require_closed(mesh: Mesh) -> None:
-    """Raise MeshError unless the mesh is convex or closed: watertight, or of watertight shells that touch."""
+    """Raise MeshError unless the mesh is convex or closed (`Mesh.is_closed`)."""
     if not (mesh.is_convex or mesh.is_closed):
         raise MeshError(
-            f"{mesh.name}: is neither watertight nor convex, so it has no inside to keep out of: "
+            f"{mesh.name}: is neither watertight nor convex, so it encloses no volume: "
             'close its holes, or use decomposition = "hull" (its convex hull)'
         )
 
 
-def wound_outwards(mesh: Mesh) -> Mesh:
-    """A closed mesh with its triangles counter-clockwise seen from outside; the same object where they are already.
+def oriented_outwards(mesh: Mesh) -> Mesh:
+    """A closed mesh with triangles counter-clockwise seen from outside; the same object if they are already.
 
-    Triangles that do not turn as their neighbours do are turned; a mesh that is inside out is turned as a whole; so is a
-    shell of it, but one inside another shell: that is a cavity.
+    Inconsistently oriented triangles are flipped, then the whole mesh if it is inside out, then each inside-out shell
+    that is not inside another shell (a cavity).
     """
-    if not mesh.is_wound_alike and mesh.is_watertight:
+    if not mesh.has_consistent_winding and mesh.is_watertight:
         import trimesh
 
         solid = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)

@@ -1,4 +1,4 @@
-"""Convex pieces kept in the user's cache, found again by the bytes of the mesh and what it was cut with."""
+"""Disk cache of convex decompositions, keyed by the mesh's arrays and the parameters."""
 
 from __future__ import annotations
 
@@ -17,52 +17,58 @@ from numpy.typing import NDArray
 from geomphys.scene.coacd_process import ITERATIONS
 from geomphys.scene.meshes import Mesh
 
-_RECIPE = 3
-"""Raised when the same mesh and parameters give other pieces than before."""
+_FORMAT_VERSION = 3
+"""Increment when the same mesh and parameters give different pieces than before."""
 _METHODS = ("hull", "parts", "coacd")
 
 
-class CutMesh(NamedTuple):
-    """What a mesh was cut into."""
+class ConvexPieces(NamedTuple):
+    """Convex pieces of a mesh."""
 
     hulls: tuple[NDArray[np.float64], ...]  # corners (k, 3), m
     method: str  # one of `_METHODS`
-    uncovered: float  # m
+    uncovered_m: float  # largest distance of the surface outside the hulls
 
 
 def archive_name(mesh: Mesh, threshold: float, seed: int) -> str:
-    """Name of the file that keeps the pieces of a mesh."""
+    """File name of a mesh's pieces in the cache."""
     from importlib.metadata import version
 
-    text = f"{_RECIPE} {version('coacd')} {threshold!r} {seed} {ITERATIONS} {mesh.vertices.shape} {mesh.faces.shape} "
+    text = f"{_FORMAT_VERSION} {version('coacd')} {threshold!r} {seed} {ITERATIONS} {mesh.vertices.shape} {mesh.faces.shape} "
     digest = hashlib.sha256(text.encode())
     digest.update(np.ascontiguousarray(mesh.vertices, dtype="<f8").tobytes())
     digest.update(np.ascontiguousarray(mesh.faces, dtype="<i8").tobytes())
     return f"{digest.hexdigest()}.npz"
 
 
-def read_pieces(archive: Path) -> CutMesh | None:
-    """Pieces of the cache; None where there are none or the file is damaged, which computing them again repairs."""
+def read_pieces(archive: Path) -> ConvexPieces | None:
+    """Pieces from the cache; None if there are none or the file is damaged (they are then recomputed)."""
     try:
         with archive.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
-            points, starts, bare = data["points"], data["starts"], float(data["bare"])
+            points, starts, uncovered_m = data["points"], data["starts"], float(data["uncovered_m"])
             method = _METHODS[int(data["method"])]
     except (OSError, ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile):
         return None
     if points.ndim != 2 or points.dtype != np.float64 or not np.isfinite(points).all() or len(starts) < 2:
         return None
-    return CutMesh(tuple(points[a:b] for a, b in pairwise(starts)), method, bare)
+    return ConvexPieces(tuple(points[a:b] for a, b in pairwise(starts)), method, uncovered_m)
 
 
-def write_pieces(archive: Path, cut: CutMesh) -> None:
-    """Keep pieces; a full disk costs the next run the time, not this one its result."""
-    starts = starts_of(cut.hulls)
-    method = _METHODS.index(cut.method)
+def write_pieces(archive: Path, pieces: ConvexPieces) -> None:
+    """Write pieces to the cache, atomically; a failure is ignored: the next run recomputes them."""
+    starts = start_offsets(pieces.hulls)
+    method = _METHODS.index(pieces.method)
     try:
         handle, name = tempfile.mkstemp(dir=archive.parent, suffix=".npz")
         try:
             with os.fdopen(handle, "wb") as stream:
-                np.savez(stream, points=np.concatenate(cut.hulls), starts=starts, bare=cut.uncovered, method=method)
+                np.savez(
+                    stream,
+                    points=np.concatenate(pieces.hulls),
+                    starts=starts,
+                    uncovered_m=pieces.uncovered_m,
+                    method=method,
+                )
             os.replace(name, archive)
         except OSError:
             Path(name).unlink(missing_ok=True)
@@ -70,6 +76,6 @@ def write_pieces(archive: Path, cut: CutMesh) -> None:
         return
 
 
-def starts_of(parts: Sequence[NDArray[np.float64]]) -> NDArray[np.int64]:
-    """Where each part begins among the points of all, and their number."""
+def start_offsets(parts: Sequence[NDArray[np.float64]]) -> NDArray[np.int64]:
+    """Start index of each part in the concatenated points, and the total: (n + 1,)."""
     return np.concatenate([[0], np.cumsum([len(part) for part in parts])]).astype(np.int64)

@@ -1,7 +1,7 @@
-"""Convex shapes, and the flat arrays the collision kernels read them from.
+"""Convex shapes, and their conversion to the flat arrays of the collision kernels.
 
-A shape stands in its own frame: spheres, boxes, capsules and cylinders about its origin, the last two along z. Hulls
-are computed once: their corners, edges and faces, an inner point and the smallest width.
+Shapes are defined in their own frame: spheres, boxes, capsules and cylinders are centred at the origin, the last two
+along z. Vertices, edges, faces, interior point and smallest width of a hull are computed once.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from geomphys.scene.direction_cells import CELLS, farthest_in_cells
 from geomphys.scene.hulls import Polytope, polytope
 
 
-def _check(what: str, **lengths: float) -> None:
+def _require_positive(shape_name: str, **lengths: float) -> None:
     for name, value in lengths.items():
         if not (math.isfinite(value) and value > 0.0):
-            raise MeshError(f"{what}: {name} = {value} is not a length above zero")
+            raise MeshError(f"{shape_name}: {name} = {value} is not a length above zero")
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Sphere:
 
     def __post_init__(self) -> None:
         """Raise MeshError if the radius is not a length above zero."""
-        _check("sphere", radius=self.radius)
+        _require_positive("sphere", radius=self.radius)
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,9 @@ class Capsule:
 
     def __post_init__(self) -> None:
         """Raise MeshError if a length is out of its range."""
-        _check("capsule", radius=self.radius)
+        _require_positive("capsule", radius=self.radius)
         if self.half_height != 0.0:
-            _check("capsule", half_height=self.half_height)
+            _require_positive("capsule", half_height=self.half_height)
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Box:
     def __post_init__(self) -> None:
         """Raise MeshError if a length is out of its range."""
         x, y, z = self.half_extents
-        _check("box", x=x, y=y, z=z)
+        _require_positive("box", x=x, y=y, z=z)
 
 
 @dataclass(frozen=True)
@@ -73,18 +73,18 @@ class Cylinder:
 
     def __post_init__(self) -> None:
         """Raise MeshError if a length is out of its range."""
-        _check("cylinder", radius=self.radius, half_height=self.half_height)
+        _require_positive("cylinder", radius=self.radius, half_height=self.half_height)
 
 
 @dataclass(frozen=True, eq=False)
 class Hull:
-    """The convex hull of points (n, 3) in m; points inside it do no harm."""
+    """The convex hull of points (n, 3) in m; interior points are allowed."""
 
     vertices: NDArray[np.float64]
 
     @cached_property
     def polytope(self) -> Polytope:
-        """Its corners, edges and faces; MeshError where it is flat."""
+        """Its vertices, edges and faces; MeshError if it is flat."""
         return polytope(np.ascontiguousarray(self.vertices, dtype=np.float64))
 
 
@@ -92,7 +92,7 @@ Shape: TypeAlias = Sphere | Capsule | Box | Cylinder | Hull
 
 
 @dataclass(frozen=True, eq=False)
-class PlacedShape:
+class PosedShape:
     """A shape as a piece of a body: `local` (4, 4) is body_from_piece, `body` the body's index."""
 
     shape: Shape
@@ -100,12 +100,12 @@ class PlacedShape:
     body: int
 
 
-CLIMB = 24
-"""Hulls of more corners are climbed over their edges, smaller ones searched from end to end (measured cut-over)."""
+HILL_CLIMB_MIN_VERTICES = 24
+"""Support points of hulls with more vertices are found by hill climbing, of smaller ones by linear search (measured)."""
 
 
 class _Row(NamedTuple):
-    """What one piece adds to the arrays."""
+    """Entries of one piece in the arrays."""
 
     kind: int
     size: tuple[float, float, float]
@@ -140,8 +140,8 @@ def _box_polytope() -> Polytope:
     )
 
 
-_CUBE = _box_polytope()
-_NOTHING = Polytope(
+_UNIT_CUBE = _box_polytope()
+_NO_POLYTOPE = Polytope(
     vertices=np.zeros((0, 3)),
     neighbour_count=np.zeros(0, dtype=np.int64),
     neighbours=np.zeros(0, dtype=np.int64),
@@ -154,35 +154,37 @@ _NOTHING = Polytope(
 _ORIGIN = (0.0, 0.0, 0.0)
 
 
-def _row(shape: Shape, known: dict[bytes, _Row]) -> _Row:
+def _row(shape: Shape, cache: dict[bytes, _Row]) -> _Row:
     if isinstance(shape, Sphere):
         r = float(shape.radius)
-        return _Row(SPHERE, (r, 0.0, 0.0), _ORIGIN, r, 2.0 * r, _NOTHING)
+        return _Row(SPHERE, (r, 0.0, 0.0), _ORIGIN, r, 2.0 * r, _NO_POLYTOPE)
     if isinstance(shape, Capsule):
         r, h = float(shape.radius), float(shape.half_height)
-        return _Row(CAPSULE, (r, h, 0.0), _ORIGIN, r + h, 2.0 * r, _NOTHING)
+        return _Row(CAPSULE, (r, h, 0.0), _ORIGIN, r + h, 2.0 * r, _NO_POLYTOPE)
     if isinstance(shape, Cylinder):
         r, h = float(shape.radius), float(shape.half_height)
-        return _Row(CYLINDER, (r, h, 0.0), _ORIGIN, math.hypot(r, h), 2.0 * min(r, h), _NOTHING)
+        return _Row(CYLINDER, (r, h, 0.0), _ORIGIN, math.hypot(r, h), 2.0 * min(r, h), _NO_POLYTOPE)
     if isinstance(shape, Box):
         x, y, z = (float(v) for v in shape.half_extents)
         half = np.array((x, y, z))
-        planes = _CUBE.planes.copy()
+        planes = _UNIT_CUBE.planes.copy()
         planes[:, 3] = np.repeat(half, 2)
-        solid = _CUBE._replace(vertices=_CUBE.vertices * half, planes=planes)
+        solid = _UNIT_CUBE._replace(vertices=_UNIT_CUBE.vertices * half, planes=planes)
         return _Row(BOX, (x, y, z), _ORIGIN, math.sqrt(x * x + y * y + z * z), 2.0 * min(x, y, z), solid)
     points = np.ascontiguousarray(shape.vertices, dtype=np.float64)
     key = points.tobytes()
-    if key not in known:
+    if key not in cache:
         solid = shape.polytope
         reach = float(np.max(np.linalg.norm(solid.vertices - solid.centre, axis=1)))
         centre = (float(solid.centre[0]), float(solid.centre[1]), float(solid.centre[2]))
-        cells = farthest_in_cells(solid.vertices - solid.centre) if len(solid.vertices) > CLIMB else None
-        known[key] = _Row(HULL, _ORIGIN, centre, reach, solid.thickness, solid, cells)
-    return known[key]
+        cells = (
+            farthest_in_cells(solid.vertices - solid.centre) if len(solid.vertices) > HILL_CLIMB_MIN_VERTICES else None
+        )
+        cache[key] = _Row(HULL, _ORIGIN, centre, reach, solid.thickness, solid, cells)
+    return cache[key]
 
 
-def _starts(counts: Sequence[int] | Ints) -> Ints:
+def _start_offsets(counts: Sequence[int] | Ints) -> Ints:
     return np.concatenate(([0], np.cumsum(np.asarray(counts, dtype=np.int64)))).astype(np.int64)
 
 
@@ -194,42 +196,41 @@ def _joined(parts: Sequence[NDArray[np.int64]]) -> Ints:
     return np.concatenate([np.zeros(0, dtype=np.int64), *parts]).astype(np.int64)
 
 
-def build_pieces(placed: Sequence[PlacedShape]) -> Pieces:
+def build_pieces(shapes: Sequence[PosedShape]) -> Pieces:
     """Arrays of the pieces, in the order given.
 
-    Hulls of the same points are computed once. The neighbours of a hull's corner are those of a triangulation of its
-    surface, so that climbing over them ends at the farthest corner in any direction; the faces are maximal: triangles
-    that lie in one plane are one face.
+    Hulls of the same points are computed once. The neighbours of a hull's vertex are those of a triangulation of its
+    surface, so hill climbing ends at the support point in any direction; coplanar triangles form one face.
 
     Raises
     ------
     MeshError
         For a hull that is flat, has fewer than four corners or holds NaN; for lengths that are not above zero.
     """
-    known: dict[bytes, _Row] = {}
-    rows = [_row(p.shape, known) for p in placed]
+    cache: dict[bytes, _Row] = {}
+    rows = [_row(p.shape, cache) for p in shapes]
     solids = [r.polytope for r in rows]
     has_cells = np.array([r.cells is not None for r in rows], dtype=bool)
-    local = np.empty((len(placed), 12))
-    for k, p in enumerate(placed):
+    local = np.empty((len(shapes), 12))
+    for k, p in enumerate(shapes):
         local[k, :9] = p.local[:3, :3].reshape(9)
         local[k, 9:] = p.local[:3, 3]
     return Pieces(
         kind=np.array([r.kind for r in rows], dtype=np.int64),
         size=np.array([r.size for r in rows], dtype=np.float64).reshape(-1, 3),
-        body=np.array([p.body for p in placed], dtype=np.int64),
+        body=np.array([p.body for p in shapes], dtype=np.int64),
         local=local,
         centre=np.array([r.centre for r in rows], dtype=np.float64).reshape(-1, 3),
         reach=np.array([r.reach for r in rows], dtype=np.float64),
         thickness=np.array([r.thickness for r in rows], dtype=np.float64),
-        vertex_start=_starts([len(s.vertices) for s in solids]),
+        vertex_start=_start_offsets([len(s.vertices) for s in solids]),
         vertices=_stacked([s.vertices for s in solids], 3),
-        neighbour_start=_starts(_joined([s.neighbour_count for s in solids])).astype(np.int32),
+        neighbour_start=_start_offsets(_joined([s.neighbour_count for s in solids])).astype(np.int32),
         neighbours=_joined([s.neighbours for s in solids]).astype(np.int32),
         cell_start=np.where(has_cells, CELLS * (np.cumsum(has_cells) - 1), -1).astype(np.int64),
         cells=_joined([r.cells for r in rows if r.cells is not None]).astype(np.int32),
-        face_start=_starts([len(s.planes) for s in solids]),
+        face_start=_start_offsets([len(s.planes) for s in solids]),
         planes=_stacked([s.planes for s in solids], 4),
-        loop_start=_starts(_joined([s.loop_count for s in solids])),
+        loop_start=_start_offsets(_joined([s.loop_count for s in solids])),
         loops=_joined([s.loops for s in solids]),
     )

@@ -1,11 +1,10 @@
-"""Reach cones: polygons on the unit sphere that the direction of a compound joint's limb must stay in."""
+"""Reach cones (Wilhelms and Van Gelder 2001): spherical polygons that bound the limb direction of a compound joint."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,29 +12,31 @@ from numpy.typing import NDArray
 from geomphys.errors import SceneError
 from geomphys.scene.scene_file import ReachConeTable
 from geomphys.scene.skeleton import Skeleton
+from geomphys.storage.remote_files import AnyPath
 
 Floats = NDArray[np.float64]
 
-SAME_CENTRE = 1e-3
-"""m; how far apart the axes of a compound joint may pass."""
+CENTRE_TOLERANCE = 1e-3
+"""m; largest distance between the axes of a compound joint."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReachCone:
-    """A checked cone; joints are given by the links below them, root first."""
+    """A validated reach cone; joints are given by their child links, root first."""
 
     links: tuple[int, ...]
     limb: Floats  # (3,) unit, last joint's frame at zero angles
-    directions: Floats  # (n, 3) unit, corners in the frame the first joint sits in, counter-clockwise seen from outside
+    directions: (
+        Floats  # (n, 3) unit, vertices in the frame of the first joint's origin, counter-clockwise seen from outside
+    )
 
 
-def reach_cone(table: ReachConeTable, skeleton: Skeleton, where: str, path: Path) -> ReachCone:
-    """Check a reach cone against its skeleton.
+def reach_cone(table: ReachConeTable, skeleton: Skeleton, where: str, path: AnyPath) -> ReachCone:
+    """Validate a reach cone against its skeleton.
 
-    The joints must turn (no prismatic, no mimic joints), each must hang on the one before it, links with fixed joints
-    in between not counting, and their axes must pass through one centre. The polygon's sides must not cross or touch
-    each other, nor be half circles. Its inside is the smaller part of the sphere, whichever way round its corners are
-    given.
+    The joints must be revolute or continuous and no mimic joints, each the descendant of the one before it with only
+    fixed joints in between, and their axes must intersect in one centre. The polygon's sides must not cross or touch
+    each other, nor be half circles. Its inside is the smaller part of the sphere, for either orientation.
 
     Raises SceneError that names the file, the cone and the joint or direction.
     """
@@ -47,10 +48,10 @@ def reach_cone(table: ReachConeTable, skeleton: Skeleton, where: str, path: Path
         joint = skeleton.joints[by_name[name]]
         if joint is None or joint.type not in ("revolute", "continuous") or joint.mimics is not None:
             raise SceneError(
-                f"{path}: {where}: joint {name!r} does not turn on its own, a reach cone needs joints that do"
+                f"{path}: {where}: joint {name!r} is no independent revolute joint, which a reach cone needs"
             )
         links.append(by_name[name])
-    _check_row(links, skeleton, where, path)
+    _check_compound_joint(links, skeleton, where, path)
     limb = _unit(np.array([table.limb], dtype=np.float64))[0]
     directions = _unit(np.array(table.directions, dtype=np.float64))
     _check_polygon(directions, where, path)
@@ -59,53 +60,53 @@ def reach_cone(table: ReachConeTable, skeleton: Skeleton, where: str, path: Path
     return ReachCone(tuple(links), limb, directions)
 
 
-def _check_row(links: Sequence[int], skeleton: Skeleton, where: str, path: Path) -> None:
-    """Each joint hangs on the one before it, and all turn about one centre."""
-    zero = skeleton.forward()
-    centre = zero[links[0], :3, 3]
+def _check_compound_joint(links: Sequence[int], skeleton: Skeleton, where: str, path: AnyPath) -> None:
+    """Raise SceneError unless each joint is below the one before it and all rotate about one centre."""
+    zero_pose = skeleton.forward()
+    centre = zero_pose[links[0], :3, 3]
     for above, link in pairwise(links):
         joint = skeleton.joints[link]
         name = "" if joint is None else joint.name
-        here = link
-        while here != above:
-            entry = skeleton.joints[here]
-            if entry is None or (here != link and entry.dof >= 0):
-                raise SceneError(f"{path}: {where}: joint {name!r} does not hang on the joint before it in the list")
-            here = entry.parent
-        away = float(np.linalg.norm(zero[link, :3, 3] - centre))
-        if away > SAME_CENTRE:
+        ancestor = link
+        while ancestor != above:
+            entry = skeleton.joints[ancestor]
+            if entry is None or (ancestor != link and entry.dof >= 0):
+                raise SceneError(f"{path}: {where}: joint {name!r} is not below the joint before it in the list")
+            ancestor = entry.parent
+        distance = float(np.linalg.norm(zero_pose[link, :3, 3] - centre))
+        if distance > CENTRE_TOLERANCE:
             raise SceneError(
-                f"{path}: {where}: joint {name!r} sits {away:.4g} m off the first one, expected one centre"
+                f"{path}: {where}: joint {name!r} sits {distance:.4g} m off the first one, expected one centre"
             )
 
 
-def _check_polygon(directions: Floats, where: str, path: Path) -> None:
-    """Neighbouring corners differ and are not opposite; sides that are no neighbours do not meet."""
+def _check_polygon(directions: Floats, where: str, path: AnyPath) -> None:
+    """Raise SceneError if adjacent vertices coincide or are opposite, or if sides that are not adjacent intersect."""
     count = len(directions)
-    after = np.roll(directions, -1, axis=0)
+    following = np.roll(directions, -1, axis=0)
     for k in range(count):
-        away = np.linalg.norm(directions[k] - after[k])
-        if away < 1e-6 or away > 2.0 - 1e-9:
-            fault = "equals" if away < 1e-6 else "is opposite to"
-            raise SceneError(f"{path}: {where}: directions[{k}] {fault} the next one, they span no side of a polygon")
+        distance = np.linalg.norm(directions[k] - following[k])
+        if distance < 1e-6 or distance > 2.0 - 1e-9:
+            problem = "equals" if distance < 1e-6 else "is opposite to"
+            raise SceneError(f"{path}: {where}: directions[{k}] {problem} the next one, they span no side of a polygon")
     for i in range(count):
         for j in range(i + 2, count - (i == 0)):
-            if _arcs_meet(directions[i], after[i], directions[j], after[j]):
+            if _arcs_intersect(directions[i], following[i], directions[j], following[j]):
                 raise SceneError(f"{path}: {where}: the sides after directions[{i}] and directions[{j}] cross")
 
 
 def area_left_of(directions: Floats) -> float:
-    """Area [sr] on the left of the polygon's sides: the sum of its angles there less that of a flat polygon."""
-    before, after = np.roll(directions, 1, axis=0), np.roll(directions, -1, axis=0)
-    towards = np.cross(directions, after)
-    back = np.cross(directions, before)
+    """Area [sr] to the left of the polygon's sides: angle sum minus that of a planar polygon (Girard)."""
+    previous, following = np.roll(directions, 1, axis=0), np.roll(directions, -1, axis=0)
+    to_next = np.cross(directions, following)
+    to_previous = np.cross(directions, previous)
     angles = np.arctan2(
-        np.einsum("ij,ij->i", np.cross(towards, back), directions), np.einsum("ij,ij->i", towards, back)
+        np.einsum("ij,ij->i", np.cross(to_next, to_previous), directions), np.einsum("ij,ij->i", to_next, to_previous)
     )
     return float(np.sum(angles % (2.0 * np.pi)) - (len(directions) - 2) * np.pi)
 
 
-def _arcs_meet(a: Floats, b: Floats, c: Floats, d: Floats) -> bool:
+def _arcs_intersect(a: Floats, b: Floats, c: Floats, d: Floats) -> bool:
     """Whether two great-circle arcs, each shorter than a half circle, share a point."""
     first, second = np.cross(a, b), np.cross(c, d)
     point = np.cross(first, second)
@@ -119,8 +120,8 @@ def _on_arc(point: Floats, a: Floats, b: Floats) -> bool:
     normal = np.cross(a, b)
     if abs(float(normal @ point)) > 1e-9 * float(np.linalg.norm(normal) * np.linalg.norm(point)):
         return False
-    slack = -1e-12 * float(np.linalg.norm(point))
-    return bool(np.cross(a, point) @ normal >= slack and np.cross(point, b) @ normal >= slack)
+    tolerance = -1e-12 * float(np.linalg.norm(point))
+    return bool(np.cross(a, point) @ normal >= tolerance and np.cross(point, b) @ normal >= tolerance)
 
 
 def _unit(vectors: Floats) -> Floats:

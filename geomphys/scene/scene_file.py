@@ -1,19 +1,17 @@
-"""The scene file: a strict model of its TOML, and errors that name file, key and value."""
+"""Reads and validates scene files (TOML, pydantic models); errors name file, key and value."""
 
 from __future__ import annotations
 
 import math
 import re
 import tomllib
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError, model_validator
 
 from geomphys.errors import SceneError
 from geomphys.scene.git_lfs import IS_POINTER, is_lfs_pointer
-from geomphys.scene.scene_file_errors import explain, fault, one_line
-from geomphys.scene.scene_inputs import (
+from geomphys.scene.recording_tables import (
     NO_DELAY,
     JointsTable,
     RecordingTable,
@@ -24,6 +22,7 @@ from geomphys.scene.scene_inputs import (
     check_unique,
     rotation_of,
 )
+from geomphys.scene.scene_file_errors import explain, fault, one_line
 from geomphys.scene.scene_values import (
     Angles,
     Axis,
@@ -43,20 +42,21 @@ from geomphys.scene.scene_values import (
     Velocity,
     sequence,
 )
-from geomphys.scene.source_files import note_contents
+from geomphys.scene.source_files import track_contents
+from geomphys.storage.remote_files import AnyPath
 
-LARGEST_FILE = 4 * 2**20
+MAX_FILE_BYTES = 4 * 2**20
 """bytes; a larger scene file is refused."""
-MOST_PARTS = 32
-"""parts of a dotted key; the parser needs memory by their square"""
-_PART = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
-_LONG_KEY = re.compile(rf"(?:^|[\[{{,])[ \t]*(?:{_PART}\.[ \t]*){{{MOST_PARTS},}}", re.MULTILINE)
+MAX_KEY_PARTS = 32
+"""parts of a dotted key; tomllib needs memory quadratic in them"""
+_KEY_PART = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
+_LONG_KEY = re.compile(rf"(?:^|[\[{{,])[ \t]*(?:{_KEY_PART}\.[ \t]*){{{MAX_KEY_PARTS},}}", re.MULTILINE)
 
 _SHAPES = ("mesh", "box", "sphere", "cylinder", "capsule", "urdf")
 
 
 class SceneTable(Table):
-    """`[scene]`: what holds everywhere."""
+    """`[scene]`: global settings."""
 
     name: Text = "scene"
     gravity: Annotated[
@@ -70,7 +70,7 @@ class SceneTable(Table):
 
 
 class MaterialPair(Table):
-    """`[[material_pair]]`: restitution and friction of two materials that meet; overrides a built-in pair."""
+    """`[[material_pair]]`: restitution and friction of two materials in contact; overrides a built-in pair."""
 
     materials: Pair
     restitution: Annotated[float, Field(ge=0.0, le=1.0)]
@@ -85,7 +85,7 @@ class Coupling(Table):
 
 
 class ObjectTable(Table):
-    """`[[object]]`: a thing of the scene."""
+    """`[[object]]`: a fixed, simulated or driven body."""
 
     name: Name
     class_: Literal["fixed", "simulated", "driven"] = Field(alias="class")
@@ -113,12 +113,12 @@ class ObjectTable(Table):
 
     @property
     def rotation(self) -> Quaternion:
-        """The rotation x y z w, however it is written."""
+        """Rotation x y z w from `orientation`, `rpy` or `up`."""
         return rotation_of(self.orientation, self.rpy, self.up)
 
     @property
     def shape(self) -> str:
-        """Which of mesh, box, sphere, cylinder, capsule, urdf it is."""
+        """The shape key that is set: mesh, box, sphere, cylinder, capsule or urdf."""
         return next(key for key in _SHAPES if getattr(self, key) is not None)
 
     @model_validator(mode="after")
@@ -164,7 +164,7 @@ class ChainTable(Table):
 
 
 class ReachConeTable(Table):
-    """`[[avatar.reach_cone]]`: the polygon of directions a compound joint may point its limb in."""
+    """`[[avatar.reach_cone]]`: polygon of allowed limb directions of a compound joint."""
 
     joints: Annotated[tuple[Text, ...], BeforeValidator(sequence), Field(min_length=1, max_length=16)]
     limb: Direction
@@ -205,7 +205,7 @@ class AvatarTable(Table):
 
 
 class SceneFile(Table):
-    """A whole scene file."""
+    """A scene file."""
 
     scene: SceneTable = SceneTable()
     recording: RecordingTable = RecordingTable()
@@ -241,29 +241,29 @@ _TABLES: dict[str, type[BaseModel]] = {
 }
 
 
-def load_scene_file(path: Path) -> SceneFile:
+def load_scene_file(path: AnyPath) -> SceneFile:
     """Read and check a scene file.
 
     Raises
     ------
     SceneError
-        One line with the file, the key, its value and what is expected instead. Files it names are not opened here.
+        One line with the file, the key, its value and what is expected instead. Files it names are not opened.
     """
     return parse_scene(_read(path), path)
 
 
-def parse_scene(text: str, path: Path) -> SceneFile:
-    """Check the text of a scene file; `path` is what errors call it."""
+def parse_scene(text: str, path: AnyPath) -> SceneFile:
+    """Validate the text of a scene file; `path` names it in errors."""
     if found := _LONG_KEY.search(text):
         line = text[: found.start() + 1].count("\n") + 1
-        raise SceneError(f"{path}: line {line}: a key of more than {MOST_PARTS} parts, which no scene file has")
+        raise SceneError(f"{path}: line {line}: a key of more than {MAX_KEY_PARTS} parts, which no scene file has")
     try:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise SceneError(f"{path}: not valid TOML: {one_line(str(error))}") from error
     except RecursionError:
         raise SceneError(f"{path}: not valid TOML: tables or arrays are nested too deep") from None
-    except ValueError as error:  # a number of more digits than Python converts
+    except ValueError as error:  # an integer with more digits than Python converts
         raise SceneError(f"{path}: not valid TOML: {one_line(str(error))}") from error
     try:
         return SceneFile.model_validate(table)
@@ -279,18 +279,18 @@ def scene_json_schema() -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": "geomphys scene file"}
 
 
-def _read(path: Path) -> str:
+def _read(path: AnyPath) -> str:
     try:
         if path.is_dir():
             raise SceneError(f"{path}: is a folder, expected a scene file (TOML)")
         if not path.is_file():
             raise SceneError(f"{path}: no such scene file")
         with path.open("rb") as stream:
-            data = note_contents(path, stream.read(LARGEST_FILE + 1))
+            data = track_contents(path, stream.read(MAX_FILE_BYTES + 1))
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror}") from error
-    if len(data) > LARGEST_FILE:
-        raise SceneError(f"{path}: is larger than {LARGEST_FILE // 2**20} MiB, too large for a scene file")
+    if len(data) > MAX_FILE_BYTES:
+        raise SceneError(f"{path}: is larger than {MAX_FILE_BYTES // 2**20} MiB, too large for a scene file")
     if is_lfs_pointer(data):
         raise SceneError(f"{path}: {IS_POINTER}")
     if data.startswith(b"\x89MCAP"):

@@ -1,4 +1,4 @@
-"""What is wrong with a scene file, on one line: key, value, what is expected instead."""
+"""One-line error messages for scene files: key, value, what is expected."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother, _SHORT.maxlist = 3, 80, 80, 
 
 
 def fault(text: str) -> PydanticCustomError:
-    """What a validator of the model raises; the text tells what is wrong."""
+    """Validation error with this text, for the model's validators to raise."""
     return PydanticCustomError("scene", "{text}", {"text": text})
 
 
 def explain(error: ValidationError, table: dict[str, Any], models: Mapping[str, type[BaseModel]]) -> str:
-    """The first fault of a table, and how many more there are.
+    """The first validation error of a table, and the number of further ones.
 
-    `models` are the tables of the file by the key they stand under, the whole file under "".
+    `models` are the file's models by key, that of the whole file under "".
     """
     faults = error.errors(include_url=False)
     first = faults[0]
@@ -33,22 +33,22 @@ def explain(error: ValidationError, table: dict[str, Any], models: Mapping[str, 
     if kind == "missing" and isinstance(location[-1], int):  # an array that is too short
         location, kind = location[:-1], "too_short"
     if kind == "extra_forbidden":
-        text = f"= {shown(value)}: unknown key{_did_you_mean(location, models)}"
+        text = f"= {shortened(value)}: unknown key{_did_you_mean(location, models)}"
     elif kind == "missing":
         text = "is missing"
     elif kind == "tuple_type" and location[-1] in models:
-        text = f"= {shown(value)}: expected tables [[{'.'.join(str(p) for p in location if isinstance(p, str))}]]"
+        text = f"= {shortened(value)}: expected tables [[{'.'.join(str(p) for p in location if isinstance(p, str))}]]"
     elif kind == "scene" and isinstance(value, dict | BaseModel):
         text = str(first["msg"])
     else:
-        text = f"= {shown(value)}: {_expected(kind, first.get('ctx', {}), str(first['msg']))}"
+        text = f"= {shortened(value)}: {_expected(kind, first.get('ctx', {}), str(first['msg']))}"
     key = _key_path(location, table)
-    more = len({f["loc"][:2] for f in faults}) - 1
-    return one_line(f"{key} {text}" if key else text) + (f" (and {more} more)" if more else "")
+    others = len({f["loc"][:2] for f in faults}) - 1
+    return one_line(f"{key} {text}" if key else text) + (f" (and {others} more)" if others else "")
 
 
-def shown(value: object) -> str:
-    """A value as it may stand in an error: short, on one line."""
+def shortened(value: object) -> str:
+    """A value for an error message: one line, at most 80 characters."""
     if isinstance(value, tuple):
         value = list(value)
     text = one_line(_SHORT.repr(value))
@@ -56,13 +56,13 @@ def shown(value: object) -> str:
 
 
 def one_line(text: str) -> str:
-    """Without line breaks and control characters, which a terminal would obey."""
+    """Text without line breaks and control characters."""
     return "".join(c if c.isprintable() else " " for c in text)
 
 
 def _expected(kind: str, context: Mapping[str, Any], otherwise: str) -> str:
-    """What pydantic says, in the words of a scene file."""
-    plain = {
+    """The message of pydantic in terms of a scene file."""
+    messages = {
         "float_type": "expected a number",
         "finite_number": "expected a finite number",
         "string_type": "expected text in quotes",
@@ -72,8 +72,8 @@ def _expected(kind: str, context: Mapping[str, Any], otherwise: str) -> str:
         "model_type": "expected a table {...}",
         "model_attributes_type": "expected a table {...}",
     }
-    if kind in plain:
-        return plain[kind]
+    if kind in messages:
+        return messages[kind]
     if kind == "greater_than_equal":
         return f"expected at least {context['ge']:g}"
     if kind == "less_than_equal":
@@ -90,25 +90,25 @@ def _expected(kind: str, context: Mapping[str, Any], otherwise: str) -> str:
 
 
 def _is_branch(part: object) -> bool:
-    """Whether a part of a location names no key: a branch of a union, or that a name of a table is meant itself."""
+    """Whether a part of a location is no key of the file: a branch of a union, or pydantic's ``[key]``."""
     return isinstance(part, str) and (part in ("Coupling", "[key]") or part.startswith("literal["))
 
 
 def _key_path(location: Location, table: dict[str, Any]) -> str:
-    """`object[0] ('table').box[2]`: where in the file; `class_` and the like never show."""
+    """`object[0] ('table').box[2]`: position in the file, with the names of named tables."""
     text = ""
-    here: Any = table
+    node: Any = table
     for part in location:
         if isinstance(part, int):
             text += f"[{part}]"
         else:
             text += f".{part}" if text else part
         try:
-            here = here[part]
+            node = node[part]
         except (KeyError, IndexError, TypeError):
-            here = None
-        if isinstance(part, int) and isinstance(here, dict) and isinstance(here.get("name"), str):
-            text += f" ({shown(here['name'])})"
+            node = None
+        if isinstance(part, int) and isinstance(node, dict) and isinstance(node.get("name"), str):
+            text += f" ({shortened(node['name'])})"
     return text
 
 
@@ -118,5 +118,5 @@ def _did_you_mean(location: Location, models: Mapping[str, type[BaseModel]]) -> 
     if model is None:
         return ""
     keys = [field.alias or name for name, field in model.model_fields.items()]
-    near = get_close_matches(str(location[-1]), keys, n=1)
-    return f", did you mean {near[0]!r}?" if near else f", expected one of {', '.join(keys)}"
+    close = get_close_matches(str(location[-1]), keys, n=1)
+    return f", did you mean {close[0]!r}?" if close else f", expected one of {', '.join(keys)}"

@@ -1,4 +1,4 @@
-"""The values a scene file is written in: names, lengths, rotations, with the bounds they must keep."""
+"""Annotated types of the values in a scene file: names, lengths, rotations, with their bounds."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from geomphys.numerics.transforms import quaternion_from_rpy
 from geomphys.scene.scene_file_errors import fault
 
 UNIT_TOLERANCE = 1e-2
-"""How far the norm of a quaternion may be from 1; within that it is normalised."""
-LONGEST_DELAY = 600.0
-"""s by which the times of a topic may be shifted"""
+"""Allowed deviation of a quaternion's norm from 1; within it, it is normalised."""
+MAX_DELAY_S = 600.0
+"""s; largest shift of the times of a topic"""
 
 _RESERVED = ("world", "recorded")
-_UPRIGHT = {"z": (0.0, 0.0, 0.0), "y": (90.0, 0.0, 0.0)}  # rpy that takes this axis to z
+_RPY_TO_Z_UP = {"z": (0.0, 0.0, 0.0), "y": (90.0, 0.0, 0.0)}  # rpy that takes this axis to z
 
 
 def sequence(value: object) -> object:
-    """TOML arrays come as lists, the model holds tuples."""
+    """Convert a TOML array (list) to the tuple of the model."""
     return tuple(value) if isinstance(value, list) else value
 
 
-def _printable(value: object) -> object:
-    """Names and topics go to terminals and channels: no control characters, no blanks around."""
+def _printable_text(value: object) -> object:
+    """Require printable text of at most 512 characters without surrounding blanks."""
     if isinstance(value, str):
         if not value or value != value.strip():
             raise fault("must not be empty or have blanks around it")
@@ -36,9 +36,9 @@ def _printable(value: object) -> object:
     return value
 
 
-def _plain_name(value: object) -> object:
-    """Names of objects, avatars and chains are parts of frame ids and topics."""
-    if isinstance(_printable(value), str) and isinstance(value, str):
+def _name_without_separators(value: object) -> object:
+    """Require a name usable in frame ids and topics: no '/', no '#', not reserved."""
+    if isinstance(_printable_text(value), str) and isinstance(value, str):
         if "/" in value or "#" in value:
             raise fault("must not hold '/' or '#'")
         if value in _RESERVED:
@@ -46,8 +46,8 @@ def _plain_name(value: object) -> object:
     return value
 
 
-def _unit(value: object) -> object:
-    """Quaternions within `UNIT_TOLERANCE` of norm 1; exactly unit ones stay as they are, bit for bit."""
+def _unit_quaternion(value: object) -> object:
+    """Normalise a quaternion within `UNIT_TOLERANCE` of norm 1; exact ones stay bit for bit."""
     if isinstance(value, tuple) and len(value) == 4 and all(isinstance(v, int | float) for v in value):
         norm = math.hypot(*value)
         if math.isfinite(norm):
@@ -58,20 +58,20 @@ def _unit(value: object) -> object:
     return value
 
 
-def _one_or_more(value: object) -> object:
-    """A text alone is as good as a list of one."""
+def _as_tuple(value: object) -> object:
+    """Convert a single string to a tuple of one."""
     return (value,) if isinstance(value, str) else sequence(value)
 
 
-def _whole(value: object) -> object:
-    """1.0 is as good as 1; true is not."""
+def _as_integer(value: object) -> object:
+    """Convert 1.0 to 1; booleans are errors."""
     if isinstance(value, bool):
         raise fault("expected 1 or -1")
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def _factor(value: object) -> object:
-    """A factor of zero would make a joint stand still without a word."""
+    """Refuse zero, which would fix a joint silently."""
     if isinstance(value, int | float) and value == 0:
         raise fault("would make the joint stand still: leave the joint out by `ignore` instead")
     return value
@@ -83,21 +83,23 @@ Rate: TypeAlias = Annotated[float, Field(ge=-1e6, le=1e6)]
 Direction: TypeAlias = Annotated[tuple[Coordinate, Coordinate, Coordinate], BeforeValidator(sequence)]
 Position: TypeAlias = Annotated[tuple[Coordinate, Coordinate, Coordinate], BeforeValidator(sequence)]
 Velocity: TypeAlias = Annotated[tuple[Rate, Rate, Rate], BeforeValidator(sequence)]
-Quaternion: TypeAlias = Annotated[tuple[float, float, float, float], BeforeValidator(_unit), BeforeValidator(sequence)]
+Quaternion: TypeAlias = Annotated[
+    tuple[float, float, float, float], BeforeValidator(_unit_quaternion), BeforeValidator(sequence)
+]
 Degrees: TypeAlias = Annotated[float, Field(ge=-3600.0, le=3600.0)]
 Angles: TypeAlias = Annotated[tuple[Degrees, Degrees, Degrees], BeforeValidator(sequence)]
 Axis: TypeAlias = Literal["y", "z"]
-Seconds: TypeAlias = Annotated[float, Field(ge=-LONGEST_DELAY, le=LONGEST_DELAY)]
-Sign: TypeAlias = Annotated[Literal[1, -1], BeforeValidator(_whole)]
+Seconds: TypeAlias = Annotated[float, Field(ge=-MAX_DELAY_S, le=MAX_DELAY_S)]
+Sign: TypeAlias = Annotated[Literal[1, -1], BeforeValidator(_as_integer)]
 Factor: TypeAlias = Annotated[float, Field(ge=-1e6, le=1e6), BeforeValidator(_factor)]
 Lengths2: TypeAlias = Annotated[tuple[Length, Length], BeforeValidator(sequence)]
 Lengths3: TypeAlias = Annotated[tuple[Length, Length, Length], BeforeValidator(sequence)]
-Name: TypeAlias = Annotated[str, BeforeValidator(_plain_name)]
-Text: TypeAlias = Annotated[str, BeforeValidator(_printable)]
+Name: TypeAlias = Annotated[str, BeforeValidator(_name_without_separators)]
+Text: TypeAlias = Annotated[str, BeforeValidator(_printable_text)]
 FrameIds: TypeAlias = Annotated[
     tuple[Text, ...],
     Field(min_length=1),
-    BeforeValidator(_one_or_more),
+    BeforeValidator(_as_tuple),
     WithJsonSchema(
         {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}], "default": []}
     ),
@@ -108,6 +110,6 @@ Density: TypeAlias = Annotated[float, Field(ge=1e-6, le=1e6)]
 Decomposition: TypeAlias = Literal["auto", "hull", "coacd"]
 
 
-def upright(axis: Axis) -> tuple[float, float, float, float]:
-    """Rotation x y z w that takes an axis to z: none for z, +90 degrees about x for y (so that z goes to -y)."""
-    return quaternion_from_rpy(_UPRIGHT[axis])
+def rotation_to_z_up(axis: Axis) -> tuple[float, float, float, float]:
+    """Rotation x y z w that takes `axis` to z: identity for z, +90 degrees about x for y (z goes to -y)."""
+    return quaternion_from_rpy(_RPY_TO_Z_UP[axis])

@@ -1,8 +1,8 @@
-"""The closed shells that a triangle mesh is made of, also where they touch each other.
+"""Splits a triangle mesh into closed shells, also where shells touch each other.
 
-A surface encloses a volume if every edge is run through as often one way as the other: its boundary is nothing. Where
-more than two triangles meet at an edge, those are neighbours that have the inside between them; so shells that touch in
-a face, an edge or a corner come apart, and each of them is closed.
+A surface is closed if every edge is traversed equally often in both directions (zero boundary). At an edge with more
+than two triangles, two triangles are adjacent if the inside lies between them; so shells that touch in a face, an edge
+or a vertex are separated, and each is closed.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-THIN = 1e-9
-"""Of area times size: a shell of less volume is a sheet, which has no inside."""
-SAME = 1e-7
-"""rad; triangles at an edge with less between them lie on each other."""
+MIN_RELATIVE_VOLUME = 1e-9
+"""Share of area times size: a shell of less volume is a sheet without an inside."""
+COINCIDENT_ANGLE = 1e-7
+"""rad; triangles at an edge with a smaller angle between them coincide."""
 
 
 def shell_labels(vertices: Floats, faces: Ints) -> Ints | None:
-    """Which shell each triangle belongs to.
+    """Shell index of each triangle.
 
     Parameters
     ----------
@@ -30,8 +30,8 @@ def shell_labels(vertices: Floats, faces: Ints) -> Ints | None:
     Returns
     -------
     ndarray or None
-        (m,) numbers from 0, in the order of the shells' first vertices; None where the surface has a border, or an edge
-        where more than two triangles meet is not run through as often one way as the other.
+        (m,) numbers from 0, in the order of the shells' first vertices; None if the surface has a boundary, or an edge
+        of more than two triangles is not traversed equally often in both directions.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -43,83 +43,82 @@ def shell_labels(vertices: Floats, faces: Ints) -> Ints | None:
     if np.any(count % 2):
         return None
     pairs = [np.stack([order[first[count == 2]], order[first[count == 2] + 1]], axis=1)]
-    for at, many in zip(first[count > 2].tolist(), count[count > 2].tolist(), strict=True):
-        around = _around_edge(vertices, faces, start, end, order[at : at + many])
-        if around is None:
+    for edge_first, edge_count in zip(first[count > 2].tolist(), count[count > 2].tolist(), strict=True):
+        edge_pairs = _pairs_around_edge(vertices, faces, start, end, order[edge_first : edge_first + edge_count])
+        if edge_pairs is None:
             return None
-        pairs.append(around)
+        pairs.append(edge_pairs)
     joined = np.concatenate(pairs) // 3
     graph = coo_array((np.ones(len(joined), dtype=np.int8), (joined[:, 0], joined[:, 1])), shape=(len(faces),) * 2)
-    total, label = connected_components(graph, directed=False)
-    lowest = np.full(total, len(vertices))
-    np.minimum.at(lowest, label, faces.min(axis=1))
-    rank = np.empty(total, dtype=np.int64)
-    rank[np.argsort(lowest, kind="stable")] = np.arange(total)
+    shell_count, label = connected_components(graph, directed=False)
+    first_vertex = np.full(shell_count, len(vertices))
+    np.minimum.at(first_vertex, label, faces.min(axis=1))
+    rank = np.empty(shell_count, dtype=np.int64)
+    rank[np.argsort(first_vertex, kind="stable")] = np.arange(shell_count)
     labels: Ints = rank[label]
     return labels
 
 
-def _around_edge(vertices: Floats, faces: Ints, start: Ints, end: Ints, edges: Ints) -> Ints | None:
-    """Pairs (k / 2, 2) of the half-edges `edges` (k,) of one edge whose triangles have the inside between them."""
+def _pairs_around_edge(vertices: Floats, faces: Ints, start: Ints, end: Ints, edges: Ints) -> Ints | None:
+    """Pairs (k / 2, 2) of the half-edges `edges` (k,) of one edge: adjacent triangles with the inside between them."""
     forward = start[edges] < end[edges]
     if 2 * int(forward.sum()) != len(edges):
         return None
     low, high = vertices[min(start[edges[0]], end[edges[0]])], vertices[max(start[edges[0]], end[edges[0]])]
     axis = (high - low) / np.linalg.norm(high - low)
-    arms = vertices[faces[edges // 3, (edges + 2) % 3]] - low
-    arms = arms - np.outer(arms @ axis, axis)
-    along = arms[0] / max(float(np.linalg.norm(arms[0])), 1e-300)
-    angle = np.arctan2(arms @ np.cross(axis, along), arms @ along) % (2.0 * np.pi)
-    # Seen along the axis the inside lies behind a triangle that runs forward, before one that runs back. So a wedge
-    # opens at one that runs back and closes at the next that runs forward; of two that lie on each other the one that
-    # closes comes first.
-    step = np.round(angle / SAME).astype(np.int64) % round(2.0 * np.pi / SAME)
+    spokes = vertices[faces[edges // 3, (edges + 2) % 3]] - low
+    spokes = spokes - np.outer(spokes @ axis, axis)
+    reference = spokes[0] / max(float(np.linalg.norm(spokes[0])), 1e-300)
+    angle = np.arctan2(spokes @ np.cross(axis, reference), spokes @ reference) % (2.0 * np.pi)
+    # Around the axis, the inside begins at a backward half-edge and ends at the next forward one. Of two coincident
+    # triangles the one that ends comes first.
+    step = np.round(angle / COINCIDENT_ANGLE).astype(np.int64) % round(2.0 * np.pi / COINCIDENT_ANGLE)
     order = np.lexsort((~forward, step))
     depth = np.cumsum(np.where(forward[order], -1, 1))
     order = np.roll(order, -(int(np.argmin(depth)) + 1))
-    opened: list[int] = []
+    open_edges: list[int] = []
     found = []
     for k in order.tolist():
         if forward[k]:
-            found.append((edges[opened.pop()], edges[k]))
+            found.append((edges[open_edges.pop()], edges[k]))
         else:
-            opened.append(k)
+            open_edges.append(k)
     return np.array(found, dtype=np.int64)
 
 
 def shell_volumes(vertices: Floats, faces: Ints, label: Ints) -> Floats:
-    """m³ inside each shell (s,): negative where its triangles are clockwise seen from outside."""
+    """Signed volume of each shell (s,), m³: negative if its triangles are clockwise seen from outside."""
     shift = vertices.mean(axis=0)
     a, b, c = (vertices[faces[:, k]] - shift for k in range(3))
     volumes: Floats = np.bincount(label, np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0).astype(np.float64)
     return volumes
 
 
-def have_volume(vertices: Floats, faces: Ints, label: Ints) -> bool:
-    """Whether every shell has an inside; a sheet with two sides has none."""
+def all_enclose_volume(vertices: Floats, faces: Ints, label: Ints) -> bool:
+    """Whether every shell encloses a volume; a two-sided sheet does not."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     area = np.bincount(label, 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
     size = float(np.ptp(vertices, axis=0).max())
-    return bool(np.all(np.abs(shell_volumes(vertices, faces, label)) > THIN * area * size))
+    return bool(np.all(np.abs(shell_volumes(vertices, faces, label)) > MIN_RELATIVE_VOLUME * area * size))
 
 
 def outward_shells(vertices: Floats, faces: Ints, label: Ints) -> Ints:
-    """The triangles (m, 3) with those shells turned over that are inside out and lie in no other: they are no cavities."""
+    """The triangles (m, 3) with inside-out shells flipped, except those inside another shell (cavities)."""
     volume = shell_volumes(vertices, faces, label)
     negative = np.flatnonzero(volume < 0)
     solid = np.flatnonzero(volume > 0)
-    turned = faces.copy()
+    flipped = faces.copy()
     for shell in negative.tolist():
         point = vertices[faces[np.flatnonzero(label == shell)[0]]].mean(axis=0)
         if not any(_is_inside(point, vertices[faces[label == other]]) for other in solid.tolist()):
-            turned[label == shell] = turned[label == shell][:, ::-1]
-    return turned
+            flipped[label == shell] = flipped[label == shell][:, ::-1]
+    return flipped
 
 
 def _is_inside(point: Floats, triangles: Floats) -> bool:
-    """Whether a point (3,) lies in a closed surface of triangles (n, 3, 3): its winding number is not 0.
+    """Whether a point (3,) is inside a closed surface of triangles (n, 3, 3): its winding number is not 0.
 
-    The solid angles of the triangles as seen from the point add up to 4 pi times that number (van Oosterom and Strackee
+    The solid angles of the triangles seen from the point sum to 4 pi times that number (van Oosterom and Strackee
     1983).
     """
     a, b, c = (triangles[:, k] - point for k in range(3))

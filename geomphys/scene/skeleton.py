@@ -1,15 +1,14 @@
-"""A URDF as a tree of links: joints, limits, mimic joints, the geometry of each link, forward kinematics in numpy.
+"""The kinematic tree of a URDF: links, joints, limits, mimic joints, and forward kinematics in numpy.
 
-The file is first read by defusedxml (entities and DTDs refused) and checked for what URDF demands, so that errors can
-name the element; yourdfpy then turns it into objects. yourdfpy loads no mesh and nothing is fetched: mesh names are
-turned into local paths by `geomphys.scene.urdf_file`.
+The file is parsed by defusedxml (entities and DTDs refused) and validated, so that errors name the element; yourdfpy
+then builds the objects. yourdfpy loads no meshes and nothing is fetched: `geomphys.scene.urdf_file` resolves mesh names
+to local paths.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,10 +18,11 @@ from geomphys.errors import ModelError
 from geomphys.numerics.transforms import rotation_about
 from geomphys.scene.free_joints import FREE_TYPES, JointEnds, links_above_free_joint
 from geomphys.scene.urdf_file import MeshShape, Shape, Urdf, read_urdf
+from geomphys.storage.remote_files import AnyPath
 
 Floats = NDArray[np.float64]
 
-MOVING = ("revolute", "continuous", "prismatic")
+MOVING_TYPES = ("revolute", "continuous", "prismatic")
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class Link:
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """The joint above a link."""
+    """The joint between a link and its parent."""
 
     name: str
     type: str  # fixed, revolute, continuous or prismatic
@@ -64,14 +64,14 @@ class Joint:
 class Skeleton:
     """A tree of links, parents first (breadth-first, children as the file lists their joints)."""
 
-    path: Path
+    path: AnyPath
     name: str
     links: tuple[Link, ...]
     joints: tuple[Joint | None, ...]  # of each link; None for the root, which is link 0
-    dof_names: tuple[str, ...]  # joints that move on their own, in the order of the links
-    lower: Floats  # (Q,) limits of the dofs, also those their mimic joints impose
+    dof_names: tuple[str, ...]  # independent moving joints, in the order of the links
+    lower: Floats  # (Q,) limits of the dofs, including those of their mimic joints
     upper: Floats  # (Q,)
-    not_shown: tuple[str, ...] = ()  # what is wrong with visuals, which are left out
+    not_shown: tuple[str, ...] = ()  # problems of visuals that are skipped
 
     def index(self, link: str) -> int | None:
         """Index of a link by name."""
@@ -91,18 +91,18 @@ class Skeleton:
         return found
 
     def neighbours(self) -> set[tuple[int, int]]:
-        """Pairs (a, b), a < b, of links with collision geometry and no other such link on the way between them."""
-        near: list[list[int]] = self.children()
+        """Pairs (a, b), a < b, of links with collision geometry and no other such link on the path between them."""
+        adjacent: list[list[int]] = self.children()
         for child, joint in enumerate(self.joints):
             if joint is not None:
-                near[child].append(joint.parent)
+                adjacent[child].append(joint.parent)
         pairs = set()
         for start, link in enumerate(self.links):
             if not link.collisions:
                 continue
             todo, seen = [start], {start}
             while todo:
-                for other in near[todo.pop()]:
+                for other in adjacent[todo.pop()]:
                     if other in seen:
                         continue
                     seen.add(other)
@@ -145,56 +145,56 @@ class Skeleton:
             pose = poses[..., joint.parent, :, :] @ joint.parent_from_joint
             if joint.dof >= 0:
                 value = joint.multiplier * table[..., joint.dof] + joint.offset
-                move = np.zeros((*value.shape, 4, 4))
-                move[..., :, :] = np.eye(4)
+                joint_motion = np.zeros((*value.shape, 4, 4))
+                joint_motion[..., :, :] = np.eye(4)
                 if joint.type == "prismatic":
-                    move[..., :3, 3] = value[..., None] * joint.axis
+                    joint_motion[..., :3, 3] = value[..., None] * joint.axis
                 else:
-                    move[..., :3, :3] = rotation_about(joint.axis, value)
-                pose = pose @ move
+                    joint_motion[..., :3, :3] = rotation_about(joint.axis, value)
+                pose = pose @ joint_motion
             poses[..., link, :, :] = pose
         return poses
 
 
-def load_skeleton(path: Path) -> Skeleton:
-    """Read a URDF. Where all hangs on a floating or planar joint, the link below that is the root.
+def load_skeleton(path: AnyPath) -> Skeleton:
+    """Read a URDF. If the whole model is below a floating or planar joint, that joint's child is the root.
 
     Raises
     ------
     ModelError
         A missing or unreadable file, entities, absent attributes, unknown joint types, values that are no finite
-        numbers, several roots, cycles, joints whose links are missing, mimic joints that follow nothing or each other.
+        numbers, several roots, cycles, joints whose links are missing, mimic joints without a moving joint to follow.
     MeshError
         A mesh name that is no path to a local mesh file. The meshes themselves are not read here.
     """
     robot = read_urdf(path)
     order, robot = _below_free_joint(path, _ordered(path, robot), robot)
-    place = {name: i for i, name in enumerate(order)}
-    above = {joint.child: joint for joint in robot.joints}
-    moving = [above[name] for name in order[1:] if above[name].type in MOVING]
+    link_index = {name: i for i, name in enumerate(order)}
+    joint_above = {joint.child: joint for joint in robot.joints}
+    moving = [joint_above[name] for name in order[1:] if joint_above[name].type in MOVING_TYPES]
     names = {joint.name for joint in moving}
-    free = [joint.name for joint in moving if joint.mimic is None]
-    columns = {name: i for i, name in enumerate(free)}
-    followed = {j.name: _master(path, j, {m.name: m for m in moving}) for j in moving}
+    independent = [joint.name for joint in moving if joint.mimic is None]
+    columns = {name: i for i, name in enumerate(independent)}
+    mimic_sources = {j.name: _mimic_source(path, j, {m.name: m for m in moving}) for j in moving}
 
     joints: list[Joint | None] = [None]
     for name in order[1:]:
-        source = above[name]
+        source = joint_above[name]
         if source.mimic is not None and source.mimic.joint not in names:
             raise ModelError(
                 f"{path}: joint {source.name!r} mimics {source.mimic.joint!r}, which is no moving joint of it"
             )
         dof, multiplier, offset = -1, 1.0, 0.0
         if source.name in names:
-            master, multiplier, offset = followed[source.name]
+            master, multiplier, offset = mimic_sources[source.name]
             dof = columns[master]
         lower, upper = _limits(path, source)
         joints.append(
             Joint(
                 name=source.name,
                 type=source.type,
-                parent=place[source.parent],
-                child=place[name],
+                parent=link_index[source.parent],
+                child=link_index[name],
                 parent_from_joint=np.eye(4) if source.origin is None else source.origin + 0.0,
                 axis=_axis(path, source),
                 lower=lower,
@@ -214,53 +214,55 @@ def load_skeleton(path: Path) -> Skeleton:
         )
         for name in order
     )
-    lower_limits, upper_limits = _dof_limits(joints, len(free))
-    return Skeleton(path, robot.name, links, tuple(joints), tuple(free), lower_limits, upper_limits, robot.not_shown)
+    lower_limits, upper_limits = _dof_limits(joints, len(independent))
+    return Skeleton(
+        path, robot.name, links, tuple(joints), tuple(independent), lower_limits, upper_limits, robot.not_shown
+    )
 
 
 def require_solid(skeleton: Skeleton) -> None:
-    """Raise ModelError for a model of which nothing can touch."""
+    """Raise ModelError for a model without collision geometry."""
     if not any(link.collisions for link in skeleton.links):
-        seen = any(link.visuals for link in skeleton.links) or skeleton.not_shown
-        what = "copy the <geometry> of its visuals into" if seen else "give its links"
+        has_visuals = any(link.visuals for link in skeleton.links) or skeleton.not_shown
+        advice = "copy the <geometry> of its visuals into" if has_visuals else "give its links"
         raise ModelError(
-            f"{skeleton.path}: has no collision geometry, so nothing of it can touch anything: {what} <collision> elements"
+            f"{skeleton.path}: has no collision geometry, so nothing of it can touch anything: {advice} <collision> elements"
         )
 
 
-def meshes_of(skeleton: Skeleton) -> list[Path]:
+def meshes_of(skeleton: Skeleton) -> list[AnyPath]:
     """Mesh files of a skeleton's collision geometry, each once, in order."""
     found = [g.shape.path for link in skeleton.links for g in link.collisions if isinstance(g.shape, MeshShape)]
     return list(dict.fromkeys(found))
 
 
-def _below_free_joint(path: Path, order: list[str], robot: Urdf) -> tuple[list[str], Urdf]:
-    """Links, parents first, and the model, both without what is above a floating or planar joint that all hangs on."""
-    above = set(links_above_free_joint(JointEnds(j.type, j.parent, j.child) for j in robot.joints))
-    joints = [joint for joint in robot.joints if joint.parent not in above]
+def _below_free_joint(path: AnyPath, order: list[str], robot: Urdf) -> tuple[list[str], Urdf]:
+    """Link names (parents first) and the model without what is above a floating or planar joint of the whole model."""
+    joint_above = set(links_above_free_joint(JointEnds(j.type, j.parent, j.child) for j in robot.joints))
+    joints = [joint for joint in robot.joints if joint.parent not in joint_above]
     for joint in joints:
         if joint.type in FREE_TYPES:
-            instead = "two prismatic joints and a revolute one" if joint.type == "planar" else "objects of their own"
+            advice = "two prismatic joints and a revolute one" if joint.type == "planar" else "objects of their own"
             raise ModelError(
                 f"{path}: joint {joint.name!r} is {joint.type}, which is read only where the whole model hangs on it: "
-                f"use {instead} instead"
+                f"use {advice} instead"
             )
-    lost = []
+    dropped_visuals = []
     for link in robot.links:
-        if link.name in above and link.collisions:
+        if link.name in joint_above and link.collisions:
             raise ModelError(
                 f"{path}: link {link.name!r} has collision geometry and stands above the free joint that the model "
                 "hangs on, so it has no pose: make it an object of its own"
             )
-        if link.name in above and link.visuals:
-            lost.append(f"{path}: link {link.name!r} stands above the free joint that the model hangs on")
-    links = [link for link in robot.links if link.name not in above]
-    kept = robot._replace(links=links, joints=joints, not_shown=(*robot.not_shown, *lost))
-    return [name for name in order if name not in above], kept
+        if link.name in joint_above and link.visuals:
+            dropped_visuals.append(f"{path}: link {link.name!r} stands above the free joint that the model hangs on")
+    links = [link for link in robot.links if link.name not in joint_above]
+    remaining = robot._replace(links=links, joints=joints, not_shown=(*robot.not_shown, *dropped_visuals))
+    return [name for name in order if name not in joint_above], remaining
 
 
-def _ordered(path: Path, robot: Any) -> list[str]:
-    """Link names, parents first; refuses anything but one tree."""
+def _ordered(path: AnyPath, robot: Any) -> list[str]:
+    """Link names, parents first; ModelError unless the joints form one tree."""
     names = [link.name for link in robot.links]
     children: dict[str, list[str]] = {}
     parent: dict[str, Any] = {}
@@ -282,15 +284,15 @@ def _ordered(path: Path, robot: Any) -> list[str]:
     for name in order:
         order += children.get(name, [])
     if len(order) < len(names):
-        lost = sorted(set(names) - set(order))
+        dropped_visuals = sorted(set(names) - set(order))
         raise ModelError(
-            f"{path}: the joints of link {lost[0]!r} form a ring that does not reach the root {roots[0]!r}"
+            f"{path}: the joints of link {dropped_visuals[0]!r} form a ring that does not reach the root {roots[0]!r}"
         )
     return order
 
 
-def _master(path: Path, joint: Any, moving: dict[str, Any]) -> tuple[str, float, float]:
-    """The joint that moves on its own behind a row of mimic joints, and angle = multiplier * its angle + offset."""
+def _mimic_source(path: AnyPath, joint: Any, moving: dict[str, Any]) -> tuple[str, float, float]:
+    """The independent joint at the end of a series of mimic joints, and angle = multiplier * its angle + offset."""
     multiplier, offset, seen = 1.0, 0.0, {joint.name}
     while joint.mimic is not None:
         offset += multiplier * joint.mimic.offset
@@ -307,10 +309,10 @@ def _master(path: Path, joint: Any, moving: dict[str, Any]) -> tuple[str, float,
     return joint.name, multiplier, offset
 
 
-def _axis(path: Path, joint: Any) -> Floats:
+def _axis(path: AnyPath, joint: Any) -> Floats:
     axis = np.asarray(joint.axis, dtype=np.float64)
     length = float(np.linalg.norm(axis))
-    if joint.type not in MOVING:
+    if joint.type not in MOVING_TYPES:
         return np.array([1.0, 0.0, 0.0])
     if not length > 1e-9:
         raise ModelError(f"{path}: joint {joint.name!r} has the axis 0 0 0, expected a direction")
@@ -318,7 +320,7 @@ def _axis(path: Path, joint: Any) -> Floats:
     return unit
 
 
-def _limits(path: Path, joint: Any) -> tuple[float, float]:
+def _limits(path: AnyPath, joint: Any) -> tuple[float, float]:
     if joint.type not in ("revolute", "prismatic") or joint.limit is None:
         return -np.inf, np.inf
     lower = -np.inf if joint.limit.lower is None else joint.limit.lower
@@ -329,12 +331,12 @@ def _limits(path: Path, joint: Any) -> tuple[float, float]:
 
 
 def _dof_limits(joints: list[Joint | None], count: int) -> tuple[Floats, Floats]:
-    """Limits of the dofs: their own joint's, narrowed so that no mimic joint leaves its own.
+    """Limits of the dofs: those of their joint, intersected with those of its mimic joints.
 
-    Where that leaves no angle at all (files are careless about the limits of mimic joints) only its own limits count.
+    If the intersection is empty (limits of mimic joints are often careless), only the joint's own limits are used.
     """
     lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
-    own = [(j.lower, j.upper) for j in joints if j is not None and j.dof >= 0 and j.mimics is None]
+    own_limits = [(j.lower, j.upper) for j in joints if j is not None and j.dof >= 0 and j.mimics is None]
     for joint in joints:
         if joint is None or joint.dof < 0 or joint.multiplier == 0.0:
             continue
@@ -343,5 +345,5 @@ def _dof_limits(joints: list[Joint | None], count: int) -> tuple[Floats, Floats]
             low, high = sorted(((low - joint.offset) / joint.multiplier, (high - joint.offset) / joint.multiplier))
         lower[joint.dof], upper[joint.dof] = max(lower[joint.dof], low), min(upper[joint.dof], high)
     for dof in np.flatnonzero(lower > upper):
-        lower[dof], upper[dof] = own[dof]
+        lower[dof], upper[dof] = own_limits[dof]
     return lower, upper

@@ -1,4 +1,4 @@
-"""The files a world is made of: who reads one says so here, and a world that was kept is good as long as they are the same."""
+"""Tracks the files a world is loaded from, so that a cached world can be checked for changes."""
 
 from __future__ import annotations
 
@@ -7,59 +7,60 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from pathlib import Path
+
+from geomphys.storage.remote_files import AnyPath
 
 
 @dataclass
 class Sources:
-    """What was found in the file system."""
+    """Files read and paths probed while a world was loaded."""
 
-    contents: dict[Path, str] = field(default_factory=dict)
-    """SHA-256 of what was read of each file, by its absolute path."""
-    there: dict[Path, bool] = field(default_factory=dict)
-    """Where something was looked for, and whether it was there."""
+    contents: dict[AnyPath, str] = field(default_factory=dict)
+    """Absolute path of each file read -> SHA-256 of its content."""
+    existing: dict[AnyPath, bool] = field(default_factory=dict)
+    """Absolute path of each file probed -> whether it existed."""
 
     def are_unchanged(self) -> bool:
-        """Whether all would be found the same now."""
+        """Whether all files and probes give the same result now."""
         try:
-            return all(path.exists() == found for path, found in self.there.items()) and all(
+            return all(path.exists() == found for path, found in self.existing.items()) and all(
                 _digest(path.read_bytes()) == digest for path, digest in self.contents.items()
             )
         except OSError:
             return False
 
 
-_noting: ContextVar[Sources | None] = ContextVar("_noting", default=None)
+_active_sources: ContextVar[Sources | None] = ContextVar("_active_sources", default=None)
 
 
 @contextmanager
-def noted_sources() -> Iterator[Sources]:
-    """Note what is read within the block."""
+def tracked_sources() -> Iterator[Sources]:
+    """Record what is read within the block."""
     sources = Sources()
-    token = _noting.set(sources)
+    token = _active_sources.set(sources)
     try:
         yield sources
     finally:
-        _noting.reset(token)
+        _active_sources.reset(token)
 
 
-def note_contents(path: Path, data: bytes) -> bytes:
-    """Note what was read of a file; returns it."""
-    sources = _noting.get()
+def track_contents(path: AnyPath, data: bytes) -> bytes:
+    """Record the content read from a file; returns `data`."""
+    sources = _active_sources.get()
     if sources is not None:
         sources.contents[path.absolute()] = _digest(data)
     return data
 
 
-def is_there(path: Path) -> bool:
-    """Look for something, and note whether it is there; what cannot be a path is not."""
+def path_exists(path: AnyPath) -> bool:
+    """Whether a path exists, recorded; False for names that cannot be paths."""
     try:
         found = path.exists()
     except (OSError, ValueError):
         return False
-    sources = _noting.get()
+    sources = _active_sources.get()
     if sources is not None:
-        sources.there[path.absolute()] = found
+        sources.existing[path.absolute()] = found
     return found
 
 

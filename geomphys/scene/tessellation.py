@@ -1,6 +1,6 @@
-"""Triangles of primitives, for the eye and for triangle engines; nothing here feeds the physics.
+"""Triangle meshes of primitives, for display and for triangle-based checks; the physics uses the exact shapes.
 
-Corners lie on the surface, triangles are counter-clockwise seen from outside.
+Vertices lie on the surface; triangles are counter-clockwise seen from outside.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Triangles = tuple[Floats, Ints]
 
-COARSE = 24
-"""Segments around a round shape that is shown: it falls short of the circle by 0.9 % of the radius."""
-FINE = 96
-"""Segments where triangles stand for the shape: short by 0.05 % of the radius."""
+DISPLAY_SEGMENTS = 24
+"""Segments of round shapes for display: at most 0.9 % of the radius inside the circle."""
+COLLISION_SEGMENTS = 96
+"""Segments of round shapes for triangle-based checks: at most 0.05 % of the radius inside the circle."""
 
 
 @lru_cache(maxsize=4096)
@@ -26,21 +26,21 @@ def box_triangles(size: tuple[float, float, float]) -> Triangles:
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]) * np.array(size)
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     faces = [f for a, b, c, d in quads for f in ((a, b, c), (a, c, d))]
-    return _frozen(corners, np.array(faces, dtype=np.int64))
+    return _read_only(corners, np.array(faces, dtype=np.int64))
 
 
 @lru_cache(maxsize=4096)
 def sphere_triangles(radius: float, segments: int) -> Triangles:
     """Ball about the origin with its poles on z."""
     polar = np.linspace(-0.5 * np.pi, 0.5 * np.pi, segments // 2 + 1)
-    return _revolved(radius * np.cos(polar), radius * np.sin(polar), segments)
+    return _surface_of_revolution(radius * np.cos(polar), radius * np.sin(polar), segments)
 
 
 @lru_cache(maxsize=4096)
 def cylinder_triangles(radius: float, height: float, segments: int) -> Triangles:
     """Cylinder of full height along z about the origin."""
     half = 0.5 * height
-    return _revolved(np.array([0.0, radius, radius, 0.0]), np.array([-half, -half, half, half]), segments)
+    return _surface_of_revolution(np.array([0.0, radius, radius, 0.0]), np.array([-half, -half, half, half]), segments)
 
 
 @lru_cache(maxsize=4096)
@@ -48,46 +48,46 @@ def capsule_triangles(radius: float, height: float, segments: int) -> Triangles:
     """Capsule along z about the origin, `height` without its caps."""
     cap = np.linspace(0.0, 0.5 * np.pi, segments // 4 + 1)
     around, up = radius * np.cos(cap), radius * np.sin(cap) + 0.5 * height
-    return _revolved(np.concatenate([around[::-1], around]), np.concatenate([-up[::-1], up]), segments)
+    return _surface_of_revolution(np.concatenate([around[::-1], around]), np.concatenate([-up[::-1], up]), segments)
 
 
-def fan(vertices: Floats, loops: list[Ints]) -> Triangles:
-    """Triangles of convex faces, each a loop of corners."""
+def triangulate_faces(vertices: Floats, loops: list[Ints]) -> Triangles:
+    """Triangulate convex faces, each given as a loop of vertices."""
     faces = [(loop[0], loop[k], loop[k + 1]) for loop in loops for k in range(1, len(loop) - 1)]
-    return _frozen(vertices, np.array(faces, dtype=np.int64))
+    return _read_only(vertices, np.array(faces, dtype=np.int64))
 
 
-def joined(parts: list[Triangles]) -> Triangles:
+def merge_surfaces(parts: list[Triangles]) -> Triangles:
     """Several surfaces as one."""
     if not parts:
-        return _frozen(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
+        return _read_only(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
     if len(parts) == 1:
         return parts[0]
     starts = np.concatenate([[0], np.cumsum([len(v) for v, _ in parts])])
     faces = [f + start for (_, f), start in zip(parts, starts[:-1], strict=True)]
-    return _frozen(np.concatenate([v for v, _ in parts]), np.concatenate(faces))
+    return _read_only(np.concatenate([v for v, _ in parts]), np.concatenate(faces))
 
 
-def _revolved(radii: Floats, heights: Floats, segments: int) -> Triangles:
-    """A profile from pole to pole turned about z; its first and last radius are poles."""
+def _surface_of_revolution(radii: Floats, heights: Floats, segments: int) -> Triangles:
+    """Surface of revolution about z of a profile; its first and last points are poles on the axis."""
     angles = np.arange(segments) * (2 * np.pi / segments)
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     rings = [
         np.column_stack([r * circle, np.full(segments, z)]) for r, z in zip(radii[1:-1], heights[1:-1], strict=True)
     ]
     corners = np.concatenate([[[0.0, 0.0, heights[0]]], *rings, [[0.0, 0.0, heights[-1]]]])
-    here, after = np.arange(segments), np.roll(np.arange(segments), -1)
+    index, next_index = np.arange(segments), np.roll(np.arange(segments), -1)
     first, last, top = 1, 1 + segments * (len(rings) - 1), len(corners) - 1
-    faces = [np.column_stack([np.zeros_like(here), first + after, first + here])]
+    faces = [np.column_stack([np.zeros_like(index), first + next_index, first + index])]
     for k in range(len(rings) - 1):
         low, high = 1 + segments * k, 1 + segments * (k + 1)
-        faces.append(np.column_stack([low + here, low + after, high + after]))
-        faces.append(np.column_stack([low + here, high + after, high + here]))
-    faces.append(np.column_stack([np.full_like(here, top), last + here, last + after]))
-    return _frozen(corners, np.concatenate(faces).astype(np.int64))
+        faces.append(np.column_stack([low + index, low + next_index, high + next_index]))
+        faces.append(np.column_stack([low + index, high + next_index, high + index]))
+    faces.append(np.column_stack([np.full_like(index, top), last + index, last + next_index]))
+    return _read_only(corners, np.concatenate(faces).astype(np.int64))
 
 
-def _frozen(vertices: Floats, faces: Ints) -> Triangles:
-    """Read-only: surfaces are shared between bodies."""
+def _read_only(vertices: Floats, faces: Ints) -> Triangles:
+    """Make the arrays read-only: surfaces are shared between bodies."""
     vertices.flags.writeable = faces.flags.writeable = False
     return vertices, faces

@@ -1,31 +1,31 @@
-"""The elements of a URDF, checked one by one, so that an error can name the one that is wrong.
+"""Validates the elements of a URDF, so that errors name the element.
 
-What is wrong with a *visual* is no error: that element is left out, and reported.
+An invalid *visual* is no error: it is skipped and reported.
 """
 
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element, SubElement
 
 from geomphys.errors import InputError, MeshError, ModelError
 from geomphys.scene.free_joints import FREE_TYPES
-from geomphys.scene.packages import MeshFinder
-from geomphys.scene.urdf_kinds import expand_xacro, other_model, xacro_remnant
+from geomphys.scene.model_formats import other_model, xacro_advice, xacro_remnant
+from geomphys.scene.ros_packages import MeshResolver
+from geomphys.storage.remote_files import AnyPath
 
-DEEPEST = 32
+MAX_DEPTH = 32
 """levels of elements"""
-MOST_LINKS = 2000
-LONGEST_TEXT = 65_536
+MAX_LINKS = 2000
+MAX_ATTRIBUTE_LENGTH = 65_536
 """characters of an attribute"""
 JOINT_TYPES = ("fixed", "revolute", "continuous", "prismatic")
 SHAPES = ("box", "cylinder", "sphere", "capsule", "mesh")
-LARGEST = 1e6
-"""m or rad; a larger number in a model is taken for a mistake"""
-SMALLEST = 1e-6
-"""m; a smaller length of a shape is taken for a mistake"""
+MAX_VALUE = 1e6
+"""m or rad; larger numbers are errors"""
+MIN_LENGTH = 1e-6
+"""m; smaller lengths of shapes are errors"""
 
 # element -> attribute -> how many numbers (None: one or three)
 _NUMBERS: dict[str, dict[str, int | None]] = {
@@ -40,73 +40,75 @@ _NUMBERS: dict[str, dict[str, int | None]] = {
     "mesh": {"scale": None},
 }
 _REQUIRED = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}
-_READ = {"link": ("visual", "collision"), "joint": ("origin", "parent", "child", "axis", "limit", "mimic")}
+_USED_ELEMENTS = {"link": ("visual", "collision"), "joint": ("origin", "parent", "child", "axis", "limit", "mimic")}
 
 
 class CheckedRobot(NamedTuple):
-    """What is read of a robot's tree: its links and joints without anything else."""
+    """The validated part of a ``<robot>`` element: links and joints only."""
 
     root: Element
-    capsules: set[tuple[str, str, int]]  # link, "visual" or "collision", which of them: given as a cylinder
-    not_shown: list[str]  # visuals that were left out, and why
-    finder: MeshFinder
+    capsules: set[
+        tuple[str, str, int]
+    ]  # (link, "visual" or "collision", index) of capsules, which `root` has as cylinders
+    not_shown: list[str]  # problems of skipped visuals
+    resolver: MeshResolver
 
 
-def checked_robot(path: Path, root: Any) -> CheckedRobot:
-    """Check the elements of a URDF's tree.
+def checked_robot(path: AnyPath, root: Any) -> CheckedRobot:
+    """Validate the elements of a URDF.
 
-    Raises ModelError (file, element, what is wrong) and MeshError (names of collision meshes that are no local path).
+    Raises ModelError (file, element, what is wrong) and MeshError (mesh names that cannot be resolved).
     """
     _check_bounds(path, root)
     if root.tag != "robot":
         what = other_model(str(root.tag))
         raise ModelError(
-            f"{path}: the outermost element is <{shown(str(root.tag))}>, expected <robot>{': it ' + what if what else ''}"
+            f"{path}: the outermost element is <{quoted(str(root.tag))}>, expected <robot>{': it ' + what if what else ''}"
         )
     if remnant := xacro_remnant(root):
-        raise ModelError(f"{path}: {expand_xacro(path, remnant)}")
+        raise ModelError(f"{path}: {xacro_advice(path, remnant)}")
     if root.get("name") is None:
         raise ModelError(f"{path}: <robot> has no name")
     count = len(root.findall("link"))
     if count == 0 and (root.find("group") is not None or root.find("disable_collisions") is not None):
         raise ModelError(f"{path}: is an SRDF, which has no links: name the URDF it belongs to")
-    if not 1 <= count <= MOST_LINKS:
-        raise ModelError(f"{path}: has {count or 'no'} links, expected 1 to {MOST_LINKS}")
-    checked = CheckedRobot(Element("robot", {"name": root.get("name")}), set(), [], MeshFinder(path.parent))
+    if not 1 <= count <= MAX_LINKS:
+        raise ModelError(f"{path}: has {count or 'no'} links, expected 1 to {MAX_LINKS}")
+    checked = CheckedRobot(Element("robot", {"name": root.get("name")}), set(), [], MeshResolver(path.parent))
     for kind in ("link", "joint"):
         seen: set[str] = set()
         for position, element in enumerate(root.findall(kind)):
             name = element.get("name")
             if not name or not name.isprintable() or name != name.strip():
-                raise ModelError(f"{path}: {kind} number {position + 1} has no usable name ({shown(str(name))})")
+                raise ModelError(f"{path}: {kind} number {position + 1} has no usable name ({quoted(str(name))})")
             if name in seen:
                 raise ModelError(f"{path}: two {kind}s are named {name!r}")
             seen.add(name)
             target = SubElement(checked.root, kind, dict(element.attrib))
             if kind == "joint":
                 _check_joint(path, name, element)
-                target.extend(part for part in element if part.tag in _READ["joint"])
+                target.extend(part for part in element if part.tag in _USED_ELEMENTS["joint"])
             else:
-                _add_shapes(path, name, element, target, checked)
+                _copy_shapes(path, name, element, target, checked)
     return checked
 
 
-def _check_bounds(path: Path, root: Any) -> None:
+def _check_bounds(path: AnyPath, root: Any) -> None:
     level, depth = [root], 0
     while level:
         depth += 1
-        if depth > DEEPEST:
-            raise ModelError(f"{path}: elements are nested deeper than {DEEPEST} levels, expected a URDF")
-        if any(len(value) > LONGEST_TEXT for element in level for value in element.attrib.values()):
-            raise ModelError(f"{path}: an attribute is longer than {LONGEST_TEXT} characters, expected a URDF")
+        if depth > MAX_DEPTH:
+            raise ModelError(f"{path}: elements are nested deeper than {MAX_DEPTH} levels, expected a URDF")
+        if any(len(value) > MAX_ATTRIBUTE_LENGTH for element in level for value in element.attrib.values()):
+            raise ModelError(f"{path}: an attribute is longer than {MAX_ATTRIBUTE_LENGTH} characters, expected a URDF")
         level = [child for element in level for child in element]
 
 
-def _check_joint(path: Path, name: str, element: Any) -> None:
+def _check_joint(path: AnyPath, name: str, element: Any) -> None:
     kind = element.get("type")
     if kind not in (*JOINT_TYPES, *FREE_TYPES):
         raise ModelError(
-            f"{path}: joint {name!r} has the type {shown(str(kind))}, only {', '.join(JOINT_TYPES)} are supported, "
+            f"{path}: joint {name!r} has the type {quoted(str(kind))}, only {', '.join(JOINT_TYPES)} are supported, "
             f"and {' or '.join(FREE_TYPES)} above the root link"
         )
     for end in ("parent", "child"):
@@ -119,13 +121,13 @@ def _check_joint(path: Path, name: str, element: Any) -> None:
     _check_numbers(path, f"joint {name!r}", element)
 
 
-def _add_shapes(path: Path, name: str, element: Any, target: Element, checked: CheckedRobot) -> None:
-    """Take over the sound visuals and the collisions of a link."""
-    for kind in _READ["link"]:
+def _copy_shapes(path: AnyPath, name: str, element: Any, target: Element, checked: CheckedRobot) -> None:
+    """Copy the valid visuals and all collisions of a link to `target`."""
+    for kind in _USED_ELEMENTS["link"]:
         number = 0
         for entry in element.findall(kind):
             try:
-                _check_shape(path, name, kind, entry, checked.finder)
+                _check_shape(path, name, kind, entry, checked.resolver)
             except InputError as fault:
                 if kind == "collision":
                     raise
@@ -136,20 +138,20 @@ def _add_shapes(path: Path, name: str, element: Any, target: Element, checked: C
             if (origin := entry.find("origin")) is not None:
                 copy.append(origin)
             tag = shape.tag
-            if tag == "capsule":  # yourdfpy has none
+            if tag == "capsule":  # not supported by yourdfpy
                 checked.capsules.add((name, kind, number))
                 tag = "cylinder"
             SubElement(SubElement(copy, "geometry"), tag, dict(shape.attrib))
             number += 1
 
 
-def _check_shape(path: Path, name: str, kind: str, entry: Any, finder: MeshFinder) -> None:
-    """A visual or collision element: one known shape with numbers that can be."""
+def _check_shape(path: AnyPath, name: str, kind: str, entry: Any, resolver: MeshResolver) -> None:
+    """Validate a visual or collision element: one known shape with valid numbers."""
     where = f"{path}: link {name!r}"
     geometry = entry.find("geometry")
     shapes = [] if geometry is None else list(geometry)
     if len(shapes) != 1 or shapes[0].tag not in SHAPES:
-        found = ", ".join(shown(str(s.tag)) for s in shapes) or "nothing"
+        found = ", ".join(quoted(str(s.tag)) for s in shapes) or "nothing"
         raise ModelError(f"{where} has a <{kind}> of {found}, expected one of {', '.join(SHAPES)}")
     shape = shapes[0]
     if shape.tag == "mesh" and not shape.get("filename"):
@@ -159,18 +161,18 @@ def _check_shape(path: Path, name: str, kind: str, entry: Any, finder: MeshFinde
         if 0.0 in _floats(shape.get("scale", "1")):
             raise ModelError(f"{where}: a mesh has a scale of 0")
         try:
-            finder.find(shape.get("filename"))
+            resolver.find(shape.get("filename"))
         except MeshError as error:
             raise MeshError(f"{where}: {error}") from None
         return
     lengths = [n for key in _REQUIRED[shape.tag] for n in _floats(shape.get(key))]
     if shape.tag == "capsule" and lengths[1] == 0.0:
         lengths.pop()  # a sphere
-    if min(lengths) < SMALLEST:
-        raise ModelError(f"{where}: a {shape.tag} of {lengths} m, expected at least {SMALLEST:g}")
+    if min(lengths) < MIN_LENGTH:
+        raise ModelError(f"{where}: a {shape.tag} of {lengths} m, expected at least {MIN_LENGTH:g}")
 
 
-def _check_numbers(path: Path, where: str, element: Any) -> None:
+def _check_numbers(path: AnyPath, where: str, element: Any) -> None:
     for entry in element.iter():
         for key in _REQUIRED.get(entry.tag, ()):
             if entry.get(key) is None:
@@ -179,22 +181,22 @@ def _check_numbers(path: Path, where: str, element: Any) -> None:
             text = entry.get(key)
             if text is None:
                 continue
-            found = f"{path}: {where}: <{entry.tag} {key}={shown(text)}>"
+            found = f"{path}: {where}: <{entry.tag} {key}={quoted(text)}>"
             try:
                 numbers = _floats(text)
             except ValueError:
                 raise ModelError(f"{found}, expected numbers") from None
             if len(numbers) not in ((1, 3) if count is None else (count,)):
                 raise ModelError(f"{found}, expected {count or '1 or 3'} numbers")
-            if any(math.isnan(n) or (abs(n) > LARGEST and entry.tag != "limit") for n in numbers):
-                raise ModelError(f"{found}, expected finite numbers of at most {LARGEST:g}")
+            if any(math.isnan(n) or (abs(n) > MAX_VALUE and entry.tag != "limit") for n in numbers):
+                raise ModelError(f"{found}, expected finite numbers of at most {MAX_VALUE:g}")
 
 
 def _floats(text: str) -> list[float]:
     return [float(word) for word in text.replace(",", " ").split()]
 
 
-def shown(text: str) -> str:
-    """Text of a file as a message may show it: quoted, printable, not long."""
+def quoted(text: str) -> str:
+    """Text from a file for an error message: quoted, printable, at most 60 characters."""
     plain = "".join(c if c.isprintable() else " " for c in text)
     return repr(plain if len(plain) <= 60 else plain[:57] + "...")

@@ -1,10 +1,9 @@
-"""The text of a URDF: refused where hostile or wrong, read by yourdfpy, its mesh names turned into local paths."""
+"""Reads URDF files: XML validated (no entities, no DTDs), parsed by yourdfpy, mesh names resolved to local paths."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from io import BytesIO
-from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element, ParseError, tostring
 
@@ -12,14 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.errors import ModelError
-from geomphys.scene.packages import MeshFinder
-from geomphys.scene.source_files import note_contents
+from geomphys.scene.model_formats import XACRO_USE, other_format, xacro_advice
+from geomphys.scene.ros_packages import MeshResolver
+from geomphys.scene.source_files import track_contents
 from geomphys.scene.urdf_elements import checked_robot
-from geomphys.scene.urdf_kinds import XACRO_USE, expand_xacro, other_kind
+from geomphys.storage.remote_files import AnyPath
 
 Floats = NDArray[np.float64]
 
-LARGEST_FILE = 64 * 2**20
+MAX_FILE_BYTES = 64 * 2**20
 """bytes"""
 
 
@@ -55,9 +55,9 @@ class CapsuleShape:
 
 @dataclass(frozen=True)
 class MeshShape:
-    """A mesh file and what its coordinates are multiplied by."""
+    """A mesh file and its scale."""
 
-    path: Path
+    path: AnyPath
     scale: tuple[float, float, float]
 
 
@@ -78,17 +78,17 @@ class Urdf(NamedTuple):
     name: str
     links: list[UrdfLink]
     joints: list[Any]
-    not_shown: tuple[str, ...]  # what is wrong with visuals, which are left out
+    not_shown: tuple[str, ...]  # problems of skipped visuals
 
 
-def read_urdf(path: Path) -> Urdf:
-    """Read and check a URDF's elements one by one; how they hang together is checked by `load_skeleton`.
+def read_urdf(path: AnyPath) -> Urdf:
+    """Read and validate the elements of a URDF; the tree structure is checked by `load_skeleton`.
 
-    Only what is used is read: whatever else is wrong in the file does no harm. A capsule's length is without its caps.
+    Elements that are not used are not validated. A capsule's length is without its caps.
 
-    Raises ModelError (file, element, what is wrong) and MeshError (names of collision meshes that are no local path).
+    Raises ModelError (file, element, what is wrong) and MeshError (names of collision meshes that cannot be resolved).
     """
-    checked = checked_robot(path, _tree(path, _bytes(path)))
+    checked = checked_robot(path, _parsed_xml(path, _read(path)))
     import yourdfpy
 
     try:
@@ -97,14 +97,18 @@ def read_urdf(path: Path) -> Urdf:
         raise ModelError(f"{path}: not a URDF that can be read ({type(error).__name__})") from None
     robot = urdf.robot
 
-    def placed(link: str, kind: str, elements: list[Any]) -> list[tuple[Shape, Floats]]:
+    def posed_shapes(link: str, kind: str, elements: list[Any]) -> list[tuple[Shape, Floats]]:
         return [
-            (_shape(e.geometry, (link, kind, k) in checked.capsules, checked.finder), _origin(e.origin))
+            (_shape(e.geometry, (link, kind, k) in checked.capsules, checked.resolver), _origin(e.origin))
             for k, e in enumerate(elements)
         ]
 
     links = [
-        UrdfLink(link.name, placed(link.name, "visual", link.visuals), placed(link.name, "collision", link.collisions))
+        UrdfLink(
+            link.name,
+            posed_shapes(link.name, "visual", link.visuals),
+            posed_shapes(link.name, "collision", link.collisions),
+        )
         for link in robot.links
     ]
     return Urdf(robot.name, links, robot.joints, tuple(checked.not_shown))
@@ -114,33 +118,33 @@ def _origin(matrix: Any) -> Floats:
     return np.eye(4) if matrix is None else np.asarray(matrix, dtype=np.float64) + 0.0
 
 
-def _bytes(path: Path) -> bytes:
+def _read(path: AnyPath) -> bytes:
     try:
         if not path.is_file():
             raise ModelError(f"{path}: is not a file, expected a URDF" if path.exists() else f"{path}: no such URDF")
-        if path.stat().st_size > LARGEST_FILE:
-            raise ModelError(f"{path}: is larger than {LARGEST_FILE // 2**20} MiB, too large for a URDF")
-        return note_contents(path, path.read_bytes())
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise ModelError(f"{path}: is larger than {MAX_FILE_BYTES // 2**20} MiB, too large for a URDF")
+        return track_contents(path, path.read_bytes())
     except OSError as error:
         raise ModelError(f"{path}: cannot be read: {error.strerror}") from error
     except ValueError:
         raise ModelError(f"{path}: is not a path") from None
 
 
-def _tree(path: Path, data: bytes) -> Element:
-    """The XML tree; ModelError where it is none, or declares entities or a DTD."""
+def _parsed_xml(path: AnyPath, data: bytes) -> Element:
+    """Parse the XML; ModelError if it is malformed or declares entities or a DTD."""
     from defusedxml import DefusedXmlException
     from defusedxml.ElementTree import fromstring
 
-    if other := other_kind(data):
-        raise ModelError(f"{path}: {other}")
+    if format_problem := other_format(data):
+        raise ModelError(f"{path}: {format_problem}")
     try:
         tree: Element = fromstring(data, forbid_dtd=True)
     except DefusedXmlException as error:
         raise ModelError(f"{path}: declares entities or a DTD ({type(error).__name__}), which is refused") from None
     except ParseError as error:
         if XACRO_USE.search(data):
-            raise ModelError(f"{path}: {expand_xacro(path, 'it has xacro elements')}") from None
+            raise ModelError(f"{path}: {xacro_advice(path, 'it has xacro elements')}") from None
         line = f"line {error.position[0]}" if error.position else "somewhere"
         raise ModelError(f"{path}: not well-formed XML at {line}, expected a URDF") from None
     except (ValueError, LookupError):
@@ -148,7 +152,7 @@ def _tree(path: Path, data: bytes) -> Element:
     return tree
 
 
-def _shape(geometry: Any, is_capsule: bool, finder: MeshFinder) -> Shape:
+def _shape(geometry: Any, is_capsule: bool, resolver: MeshResolver) -> Shape:
     if geometry.box is not None:
         x, y, z = (float(v) for v in geometry.box.size)
         return BoxShape((x, y, z))
@@ -160,4 +164,4 @@ def _shape(geometry: Any, is_capsule: bool, finder: MeshFinder) -> Shape:
             return CapsuleShape(radius, length) if length > 0.0 else SphereShape(radius)
         return CylinderShape(radius, length)
     scale = np.broadcast_to(np.float64(1.0) if geometry.mesh.scale is None else geometry.mesh.scale, 3)
-    return MeshShape(finder.find(geometry.mesh.filename), (float(scale[0]), float(scale[1]), float(scale[2])))
+    return MeshShape(resolver.find(geometry.mesh.filename), (float(scale[0]), float(scale[1]), float(scale[2])))

@@ -1,4 +1,4 @@
-"""Where things that are costly to compute are kept between runs: compiled kernels, convex decompositions, worlds."""
+"""Disk caches in the user's cache folder: compiled kernels, convex decompositions, loaded worlds."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ DIGEST_SIZE = hashlib.sha256().digest_size
 
 
 @lru_cache(maxsize=16)
-def user_folder(name: str) -> Path:
-    """A folder of this name in the user's cache, made on first use.
+def user_cache_folder(name: str) -> Path:
+    """A folder of this name in the user's cache, created on first use.
 
     ``$XDG_CACHE_HOME/geomphys`` (default ``~/.cache/geomphys``); the system's temporary folder where that is not
     writable, and a new temporary folder where even that belongs to someone else.
@@ -39,14 +39,14 @@ def user_folder(name: str) -> Path:
 
 
 def _is_own(folder: Path) -> bool:
-    """Whether nobody else can have put something into a folder that stands where everybody may make one."""
+    """Whether a folder in a shared place belongs to this user and nobody else can write to it."""
     about = folder.lstat()
     return stat.S_ISDIR(about.st_mode) and about.st_uid == os.getuid() and not about.st_mode & 0o022
 
 
 @lru_cache(maxsize=1)
 def sources() -> dict[str, bytes]:
-    """Text of every module of the package, by the module's name."""
+    """Text of every module of the package, by the module's name (``geomphys.scene.arrays``)."""
     package = Path(__file__).parents[1]
     texts = {}
     for path in sorted(package.rglob("*.py")):
@@ -56,20 +56,20 @@ def sources() -> dict[str, bytes]:
 
 
 class Store:
-    """A folder of products that any process may write to at any time: none is ever seen half written.
+    """Pickled objects by name in a folder; writes are atomic, so concurrent processes never read a partial file.
 
-    It holds code that is run, so it must be the user's own: see `user_folder`.
+    Unpickling runs code, so the folder must belong to the user: see `user_cache_folder`.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     def has(self, name: str) -> bool:
-        """Whether there is a product of this name."""
+        """Whether an object of this name is stored."""
         return (self.folder / name).is_file()
 
     def load(self, name: str) -> Any:
-        """Return a product; None if there is none, or only one that is damaged."""
+        """Return an object; None if it is missing or damaged."""
         try:
             data = (self.folder / name).read_bytes()
         except OSError:
@@ -78,7 +78,7 @@ class Store:
         return pickle.loads(product) if hashlib.sha256(product).digest() == digest else None
 
     def save(self, name: str, product: Any) -> None:
-        """Write a product. Where that is not possible it will be made again by whoever needs it next."""
+        """Store an object. A failure to write is ignored: it will be computed again."""
         draft = self.folder / f"{name}.{os.getpid()}"
         try:
             data = pickle.dumps(product, protocol=pickle.HIGHEST_PROTOCOL)
@@ -89,13 +89,13 @@ class Store:
 
     @contextmanager
     def alone(self) -> Iterator[None]:
-        """Within the block no other process is in such a block: those that come wait, and find what was made."""
+        """Hold the folder's lock within the block: other processes wait."""
         try:
             lock = (self.folder / "lock").open("w")
-        except OSError:  # nothing can be written, so nothing would be found
+        except OSError:  # read-only: nothing to protect
             yield
             return
         with lock:
-            with suppress(OSError):  # a file system without locks: the work is done twice
+            with suppress(OSError):  # a file system without locks: work may be done twice
                 fcntl.flock(lock, fcntl.LOCK_EX)
             yield

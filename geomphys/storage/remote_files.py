@@ -1,8 +1,13 @@
-"""Files behind URLs (``s3://``, ``https://``, whatever fsspec knows), read by range, with the part of `Path` used here.
+"""Paths that may be URLs (``s3://``, ``https://``, any protocol of fsspec): range reads with a block cache.
 
-Only what the user names is opened: `as_path` makes a place of a URL on the command line or in a call, and a name that
-stands in a file is taken as a path below the folder of the file that the user named, never as a URL. fsspec is in the
-extra ``remote``; it is imported where the first URL is met, and what it and its libraries raise becomes OSError here.
+`AnyPath` is a local `Path` or a `RemotePath`, which has the methods of `Path` that the package uses. Only URLs given by
+the user are opened: `as_path` converts command line and call arguments. Names inside a file are relative paths in or
+below the folder of the file that the user named; they are never taken as URLs. fsspec is in the extra ``remote`` and is
+imported for the first URL; its errors and those of its libraries become OSErrors here.
+
+Why no `universal_pathlib`: of the 30 members of `RemotePath`, a `ProxyUPath` (the supported way to extend it) would
+provide eight (names and comparison). The others must differ: joins there accept ``..`` and whole URLs, `exists` reports a
+refusal as a missing file, `HTTPPath.resolve` asks the server, and errors of the libraries pass through.
 """
 
 from __future__ import annotations
@@ -14,35 +19,38 @@ import re
 import stat
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple, TypeGuard, cast
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, TypeAlias, cast
 
 from geomphys.errors import InputError
-from geomphys.storage.remote_stream import NO_PARTS, RangeStream, as_os_errors
+from geomphys.storage.remote_stream import NO_RANGES, RangeStream, as_os_errors
 
-BLOCK = 2**20
-"""Bytes that are asked for at once."""
-BLOCKS = 64
-"""Blocks of an open file that are kept, so that what is read again soon is not asked for again."""
-STREAMED = 8 * 2**20
-"""Bytes that are asked for at once of a file that is read from its beginning to its end."""
+if TYPE_CHECKING:
+    from typing_extensions import TypeIs
+
+BLOCK_BYTES = 2**20
+"""Bytes per range request."""
+MAX_CACHED_BLOCKS = 64
+"""Blocks of an open file in its cache."""
+SEQUENTIAL_BYTES = 8 * 2**20
+"""Bytes per request of a sequential read."""
 
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*(::[A-Za-z][A-Za-z0-9+.-]*)*://")
-_UNUSABLE = re.compile(r"[\x00-\x1f\x7f%?#\\]|://")
-_WEB = ("http", "https")
+_INVALID_CHARACTERS = re.compile(r"[\x00-\x1f\x7f%?#\\]|://")
+_WEB_PROTOCOLS = ("http", "https")
 
 
 class Status(NamedTuple):
-    """What is known of a file before it is read."""
+    """Size and kind of a file, as `os.stat` names them."""
 
     st_size: int
     st_mode: int
-    st_ino: int = -1  # no local file has these two
+    st_ino: int = -1  # differ from those of every local file
     st_dev: int = -1
     st_mtime_ns: int = 0
 
 
-def as_path(name: str | os.PathLike[str]) -> Path:
-    """The place a user named: a local path, or a file or folder behind a URL.
+def as_path(name: AnyPath | str) -> AnyPath:
+    """Convert a user's path or URL.
 
     Parameters
     ----------
@@ -51,8 +59,8 @@ def as_path(name: str | os.PathLike[str]) -> Path:
 
     Returns
     -------
-    Path
-        For a URL a `RemotePath`, which does what is asked of a path here.
+    Path or RemotePath
+        A `RemotePath` for a URL other than ``file://``.
 
     Raises
     ------
@@ -60,7 +68,7 @@ def as_path(name: str | os.PathLike[str]) -> Path:
         The extra ``remote`` is not installed, or what serves that kind of URL.
     """
     if is_remote(name):
-        return cast(Path, name)
+        return name
     text = os.fspath(name)
     if not is_url(text):
         return Path(text)
@@ -68,7 +76,32 @@ def as_path(name: str | os.PathLike[str]) -> Path:
         from urllib.parse import unquote
 
         return Path(unquote(text[7:]))
-    return cast(Path, RemotePath(text))
+    return RemotePath(text)
+
+
+def relative_path(path: AnyPath, folder: AnyPath) -> Path:
+    """The path from a folder to a file in or below it; raises ValueError if it is not."""
+    if is_remote(path):
+        if not lies_within(path, folder):
+            raise ValueError(f"{path} is not below {folder}")
+        return Path(path.url.removeprefix(f"{folder}/"))
+    if is_remote(folder):
+        raise ValueError(f"{path} is not below {folder}")
+    return path.relative_to(folder)
+
+
+def lies_within(path: AnyPath, folder: AnyPath) -> bool:
+    """Whether a path is a folder or lies below it, compared by name."""
+    if is_remote(path) or is_remote(folder):
+        return is_remote(path) and is_remote(folder) and f"{path.url}/".startswith(f"{folder.url}/")
+    return path.is_relative_to(folder)
+
+
+def is_same_file(path: AnyPath, other: AnyPath) -> bool:
+    """Whether two paths are the same file; raises OSError for local files that do not exist."""
+    if is_remote(path) or is_remote(other):
+        return path == other
+    return path.samefile(other)
 
 
 def is_url(text: str) -> bool:
@@ -76,20 +109,20 @@ def is_url(text: str) -> bool:
     return _SCHEME.match(text) is not None
 
 
-def is_remote(path: object) -> TypeGuard[RemotePath]:
-    """Whether a place lies behind a URL."""
+def is_remote(path: object) -> TypeIs[RemotePath]:
+    """Whether a path is a URL."""
     return isinstance(path, RemotePath)
 
 
-def open_sequential(path: Path) -> BinaryIO:
-    """Open a place to read it from its beginning to its end; raises OSError."""
+def open_sequential(path: AnyPath) -> BinaryIO:
+    """Open a file to read it from start to end; raises OSError."""
     if is_remote(path):
         return path.open("rb", sequential=True)
     return path.open("rb")
 
 
-def move(source: Path, target: Path) -> None:
-    """Give a finished local file its name, at once, or send it behind a URL and remove it; raises OSError."""
+def move(source: Path, target: AnyPath) -> None:
+    """Move a complete local file to its final path, atomically: rename, or upload and remove. Raises OSError."""
     if is_remote(target):
         target.put(source)
         source.unlink()
@@ -104,16 +137,16 @@ class RemotePath:
     ----------
     url : str
     top : str, optional
-        Folder in which all that is reached from here lies; by default that of the file itself.
+        URL of the folder that confines all paths derived from this one; default: the file's own folder.
     """
 
-    __slots__ = ("_fs", "_inside", "top", "url")
+    __slots__ = ("_fs", "_path_in_system", "top", "url")
 
     def __init__(self, url: str, top: str | None = None) -> None:
         self.url = url if url.endswith("://") else url.rstrip("/")
         self.top = top if top is not None else self.url.rpartition("/")[0]
         self._fs: Any = None
-        self._inside = ""
+        self._path_in_system = ""
 
     def __reduce__(self) -> tuple[type[RemotePath], tuple[str, str]]:
         return RemotePath, (self.url, self.top)
@@ -147,13 +180,13 @@ class RemotePath:
 
     @property
     def parent(self) -> RemotePath:
-        """The folder; that of a server or bucket is itself."""
+        """The folder; a server or bucket is its own parent."""
         above = self.url.rpartition("/")[0]
         return self if above.endswith(("/", ":")) else RemotePath(above, self.top)
 
     @property
     def parents(self) -> tuple[RemotePath, ...]:
-        """The folders above, up to the top."""
+        """The folders above, up to `top`."""
         found: list[RemotePath] = []
         folder = self.parent
         while folder.url.startswith(self.top) and folder not in found:
@@ -162,7 +195,7 @@ class RemotePath:
         return tuple(found)
 
     def with_name(self, name: str) -> RemotePath:
-        """Another name in the same folder."""
+        """The path with another name in the same folder."""
         return RemotePath(f"{self.parent.url}/{name}", self.top)
 
     def __truediv__(self, name: str | os.PathLike[str]) -> RemotePath:
@@ -171,7 +204,12 @@ class RemotePath:
         scheme, sign, rest = self.url.partition("://")
         joined = posixpath.normpath(posixpath.join(rest, text))
         below = f"{scheme}{sign}{joined}"
-        if not text or text.startswith("/") or _UNUSABLE.search(text) or not f"{below}/".startswith(f"{self.top}/"):
+        if (
+            not text
+            or text.startswith("/")
+            or _INVALID_CHARACTERS.search(text)
+            or not f"{below}/".startswith(f"{self.top}/")
+        ):
             shown = "".join(c if c.isprintable() else "?" for c in text[:200])
             raise InputError(
                 f"{self.url}: names the file {shown!r}; a file behind a URL may only name others in or below {self.top}, "
@@ -180,43 +218,31 @@ class RemotePath:
         return RemotePath(below, self.top)
 
     def resolve(self) -> RemotePath:
-        """Itself: a URL has no links."""
+        """The path itself: URLs have no symbolic links."""
         return self
 
     def absolute(self) -> RemotePath:
-        """Itself: a URL is absolute."""
+        """The path itself: URLs are absolute."""
         return self
-
-    def is_relative_to(self, other: Path | RemotePath) -> bool:
-        """Whether it is `other` or lies below it."""
-        return isinstance(other, RemotePath) and f"{self.url}/".startswith(f"{other.url}/")
-
-    def relative_to(self, other: RemotePath) -> Path:
-        """The path from `other` to it."""
-        return Path(self.url.removeprefix(f"{other.url}/"))
 
     def as_uri(self) -> str:
         """The URL."""
         return self.url
 
-    def samefile(self, other: Path | RemotePath) -> bool:
-        """Whether the other is the same URL."""
-        return self == other
-
     @property
     def lists(self) -> bool:
-        """Whether folders can be listed there; a web server's cannot."""
-        return not self.url.lower().startswith(_WEB)
+        """Whether folders can be listed: not on web servers."""
+        return not self.url.lower().startswith(_WEB_PROTOCOLS)
 
     def stat(self) -> Status:
         """Size and kind; raises OSError."""
         with as_os_errors(self.url):
-            found = self._system().info(self._inside)
+            found = self._system().info(self._path_in_system)
         kind = stat.S_IFDIR if found.get("type") == "directory" else stat.S_IFREG
         return Status(int(found.get("size") or 0), kind)
 
     def exists(self) -> bool:
-        """Whether there is something; raises OSError if that cannot be found out."""
+        """Whether the path exists; raises OSError if the server does not say."""
         try:
             self.stat()
         except FileNotFoundError:
@@ -231,7 +257,7 @@ class RemotePath:
             return False
 
     def is_dir(self) -> bool:
-        """Whether it is a folder, where there are folders."""
+        """Whether it is a folder; False on web servers."""
         try:
             return self.lists and stat.S_ISDIR(self.stat().st_mode)
         except FileNotFoundError:
@@ -240,8 +266,8 @@ class RemotePath:
     def files(self) -> list[RemotePath]:
         """All files in and below a folder, sorted; raises OSError."""
         with as_os_errors(self.url):
-            found = self._system().find(self._inside)
-        within = self._inside.rstrip("/") + "/"
+            found = self._system().find(self._path_in_system)
+        within = self._path_in_system.rstrip("/") + "/"
         return sorted(RemotePath(f"{self.url}/{name.removeprefix(within)}", self.top) for name in found)
 
     def rglob(self, pattern: str) -> Iterator[RemotePath]:
@@ -256,24 +282,28 @@ class RemotePath:
         """Open for reading, by range; `sequential`: it will be read from its beginning to its end. Raises OSError."""
         if mode != "rb":
             raise OSError(errno.EROFS, "can only be written as a whole", self.url)
-        options: dict[str, Any] = {"block_size": STREAMED, "cache_type": "readahead"}
+        options: dict[str, Any] = {"block_size": SEQUENTIAL_BYTES, "cache_type": "readahead"}
         if not sequential:
-            options = {"block_size": BLOCK, "cache_type": "blockcache", "cache_options": {"maxblocks": BLOCKS}}
+            options = {
+                "block_size": BLOCK_BYTES,
+                "cache_type": "blockcache",
+                "cache_options": {"maxblocks": MAX_CACHED_BLOCKS},
+            }
         with as_os_errors(self.url):
-            file = self._system().open(self._inside, "rb", **options)
+            file = self._system().open(self._path_in_system, "rb", **options)
             if not sequential and not file.seekable():
                 file.close()
-                raise OSError(errno.ESPIPE, NO_PARTS, self.url)
+                raise OSError(errno.ESPIPE, NO_RANGES, self.url)
         return cast(BinaryIO, RangeStream(file, self.url))
 
     def ranges(self, parts: Sequence[tuple[int, int]]) -> list[bytes]:
-        """Parts of the file, each from a first byte to before a last one, asked for at once; raises OSError."""
+        """Read byte ranges [start, end) in one request batch; raises OSError."""
         starts, ends = [start for start, _ in parts], [end for _, end in parts]
         with as_os_errors(self.url):
-            found = self._system().cat_ranges([self._inside] * len(parts), starts, ends)
+            found = self._system().cat_ranges([self._path_in_system] * len(parts), starts, ends)
         for (start, end), data in zip(parts, found, strict=True):
             if len(data) != end - start:
-                raise OSError(errno.ESPIPE, NO_PARTS, self.url)
+                raise OSError(errno.ESPIPE, NO_RANGES, self.url)
         return list(found)
 
     def read_bytes(self) -> bytes:
@@ -286,49 +316,53 @@ class RemotePath:
         return self.read_bytes().decode(encoding)
 
     def put(self, source: Path) -> None:
-        """Make a local file the content, at once; raises OSError."""
+        """Upload a local file, atomically; raises OSError."""
         with as_os_errors(self.url):
-            self._system().put_file(os.fspath(source), self._inside)
+            self._system().put_file(os.fspath(source), self._path_in_system)
 
     def write_bytes(self, data: bytes) -> None:
-        """Make bytes the content, at once; raises OSError."""
+        """Write the content, atomically; raises OSError."""
         with as_os_errors(self.url):
-            self._system().pipe_file(self._inside, data)
+            self._system().pipe_file(self._path_in_system, data)
 
     def create(self, data: bytes) -> None:
-        """Make bytes the content of a file that is not there yet; FileExistsError if it is, other OSErrors.
+        """Write a new file; FileExistsError if it exists, other OSErrors.
 
-        Of two that do so at once one has the error, if the store knows conditional writes (S3 does).
+        Of two concurrent writers one gets the error, if the store has conditional writes (S3 does).
         """
         with as_os_errors(self.url):
-            self._system().pipe_file(self._inside, data, mode="create")
+            self._system().pipe_file(self._path_in_system, data, mode="create")
 
     def touch(self) -> None:
-        """Make an empty file; raises OSError."""
+        """Write an empty file; raises OSError."""
         self.write_bytes(b"")
 
     def unlink(self, missing_ok: bool = False) -> None:
         """Remove the file; raises OSError."""
         try:
             with as_os_errors(self.url):
-                self._system().rm_file(self._inside)
+                self._system().rm_file(self._path_in_system)
         except FileNotFoundError:
             if not missing_ok:
                 raise
 
     def mkdir(self, mode: int = 0o777, parents: bool = False, exist_ok: bool = False) -> None:
-        """Nothing: a folder behind a URL is there as soon as a file is in it."""
+        """Does nothing: a folder behind a URL exists as soon as it contains a file."""
 
     def _system(self) -> Any:
-        """The file system of the URL."""
+        """The fsspec file system of the URL."""
         if self._fs is None:
             try:
                 import fsspec.core
             except ImportError:
                 raise InputError(f"{self.url}: is a URL; install geomphys[remote] to use URLs") from None
             try:
-                self._fs, self._inside = fsspec.core.url_to_fs(self.url, use_listings_cache=False)
+                self._fs, self._path_in_system = fsspec.core.url_to_fs(self.url, use_listings_cache=False)
             except (ImportError, ValueError, TypeError) as problem:
                 reason = " ".join(str(problem).split())
                 raise InputError(f"{self.url}: such a URL cannot be opened here ({reason})") from None
         return self._fs
+
+
+AnyPath: TypeAlias = Path | RemotePath
+"""A local path, or a file or folder behind a URL."""

@@ -1,4 +1,4 @@
-"""Open files behind URLs, and what fsspec and the libraries below it raise, as OSErrors of one line."""
+"""Streams of files behind URLs; errors of fsspec and the libraries below it become OSErrors of one line."""
 
 from __future__ import annotations
 
@@ -11,35 +11,35 @@ from typing import Any
 
 from geomphys.errors import InputError
 
-NO_PARTS = "the server gives no parts of files; fetch the file first"
-"""What is told of a server that ignores what part of a file it is asked for."""
+NO_RANGES = "the server gives no parts of files; fetch the file first"
+"""Error text for a server that ignores range requests."""
 
 
 class RangeStream(io.BufferedIOBase):
-    """A file of fsspec whose troubles are OSErrors."""
+    """A binary stream over a file of fsspec; its errors are OSErrors."""
 
     def __init__(self, file: Any, url: str) -> None:
         self._file, self._url = file, url
 
     def readable(self) -> bool:
-        """Yes."""
+        """True."""
         return True
 
     def seekable(self) -> bool:
-        """Whether any part can be read."""
+        """Whether range requests work."""
         return bool(self._file.seekable())
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Go to a place in the file; raises OSError."""
+        """Move to an offset; raises OSError."""
         with as_os_errors(self._url):
             return int(self._file.seek(offset, whence))
 
     def tell(self) -> int:
-        """Where in the file it stands."""
+        """Current offset."""
         return int(self._file.tell())
 
     def read(self, size: int | None = -1) -> bytes:
-        """Read from there on; raises OSError."""
+        """Read from the current offset; raises OSError."""
         with as_os_errors(self._url):
             return bytes(self._file.read(-1 if size is None else size))
 
@@ -50,7 +50,7 @@ class RangeStream(io.BufferedIOBase):
         return len(data)
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         if not self.closed:
             self._file.close()
         super().close()
@@ -58,16 +58,18 @@ class RangeStream(io.BufferedIOBase):
 
 @contextmanager
 def as_os_errors(url: str) -> Iterator[None]:
-    """Whatever goes wrong with a URL is an OSError with a text of one line and the URL as its file."""
+    """Convert errors within the block to OSErrors of one line with the URL as file name."""
     try:
         yield
     except InputError:
         raise
     except FileNotFoundError as problem:
         cause = problem.__cause__
-        if _status(cause) not in (None, 404, 410):  # fsspec takes every refusal for a missing file
+        if _status(cause) not in (None, 404, 410):  # fsspec reports every refusal as a missing file
             raise _refused(cause, url) from problem
-        if isinstance(cause, OSError) and not isinstance(cause, FileNotFoundError):  # fsspec takes it for the same
+        if isinstance(cause, OSError) and not isinstance(
+            cause, FileNotFoundError
+        ):  # fsspec reports it as a missing file
             raise OSError(cause.errno or errno.EIO, " ".join(str(cause).split()), url) from problem
         raise FileNotFoundError(errno.ENOENT, "there is no such file", url) from None
     except PermissionError:
@@ -83,19 +85,19 @@ def as_os_errors(url: str) -> Iterator[None]:
         if _status(problem) is not None:
             raise _refused(problem, url) from problem
         if "range requests" in str(problem):
-            raise OSError(errno.ESPIPE, NO_PARTS, url) from problem
+            raise OSError(errno.ESPIPE, NO_RANGES, url) from problem
         text = " ".join(str(problem).split()) or type(problem).__name__
         raise OSError(errno.EIO, text, url) from problem
 
 
 def _status(problem: BaseException | None) -> int | None:
-    """HTTP status of a refusal; None where an error is none."""
+    """HTTP status of an error response; None for other errors."""
     status = getattr(problem, "status", None)
     return status if isinstance(status, int) and status >= 400 else None
 
 
 def _refused(problem: BaseException | None, url: str) -> OSError:
-    """What a web server's refusal means, and what to do."""
+    """OSError for an HTTP error response."""
     status = _status(problem)
     if status in (401, 403, 407):
         return PermissionError(errno.EACCES, f"access is refused (HTTP {status}); are the credentials set?", url)
@@ -107,7 +109,7 @@ def _refused(problem: BaseException | None, url: str) -> OSError:
 
 
 def _foreign_errors() -> tuple[type[Exception], ...]:
-    """What fsspec and the libraries below it raise beside OSError; asked for only when something was raised."""
+    """Exceptions of fsspec and the libraries below it besides OSError; imported only after an error."""
     found: list[type[Exception]] = [ValueError, NotImplementedError, RuntimeError, TypeError]
     try:
         from aiohttp import ClientError

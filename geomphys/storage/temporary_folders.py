@@ -1,7 +1,7 @@
-"""Temporary folders that do not pile up: what a killed process left is removed when the next one needs such a folder.
+"""Temporary folders that are removed even after a crash: the next process removes those of killed ones.
 
-Each folder holds a file that its process keeps locked (``flock``); the kernel lets go of the lock however the process
-ends. Only a folder with such a file, of this user, whose lock is free, is removed: nothing else is ever touched.
+Each folder contains a file that its process keeps locked (``flock``); the kernel releases the lock when the process
+ends. Only folders of this user with such a file and a free lock are removed.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from types import TracebackType
 
 PREFIX = "geomphys-"
 LOCK = ".in-use"
-"""Name of the locked file. It is locked under another name first, so that nobody finds it unlocked."""
+"""Name of the locked file. It is locked before it gets this name, so it is never seen unlocked."""
 
 
 class TemporaryFolder:
     """A new temporary folder, removed by `close`, at the end of a ``with`` block, of this object or of the process.
 
-    The first one of a process removes what killed processes left. Raises OSError if none can be made.
+    The first one in a process removes those of killed processes. Raises OSError if none can be created.
     """
 
     def __init__(self) -> None:
@@ -49,15 +49,15 @@ class TemporaryFolder:
         self.close()
 
 
-def sweep(folder: Path) -> None:
-    """Remove the temporary folders in `folder` that processes of this user left which are gone."""
+def remove_stale(folder: Path) -> None:
+    """Remove the temporary folders in `folder` left by processes of this user that have ended."""
     for found in folder.glob(f"{PREFIX}*"):
         try:
             status = found.lstat()
             if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid():
                 continue
             lock = os.open(found / LOCK, os.O_RDWR | os.O_NOFOLLOW)
-        except OSError:  # somebody else's, without the file, or just removed
+        except OSError:  # another user's, without the lock file, or just removed
             continue
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -69,7 +69,7 @@ def sweep(folder: Path) -> None:
 
 @lru_cache(maxsize=4)
 def _remove_stale_once(folder: str) -> None:
-    sweep(Path(folder))
+    remove_stale(Path(folder))
 
 
 def _remove(folder: Path, lock: int) -> None:

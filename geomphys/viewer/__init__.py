@@ -1,1 +1,1 @@
-"""Results on a screen and as pictures."""
+"""Shows results in the rerun viewer and takes pictures of frames."""

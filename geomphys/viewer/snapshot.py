@@ -1,4 +1,4 @@
-"""A picture of one frame of a result, taken by the rerun viewer without a screen."""
+"""Takes a picture of one frame of a result with the rerun viewer, without a screen."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,23 +17,24 @@ import numpy as np
 from geomphys.errors import InputError, ViewerError
 from geomphys.output.output_log import open_output
 from geomphys.output.sink import OutputFile
-from geomphys.viewer.view import ADDRESS, counts_from_1970, offline_environment, viewer_command, viewer_file
+from geomphys.storage.remote_files import AnyPath
+from geomphys.viewer.view import ADDRESS, as_recording, offline_environment, uses_unix_time, viewer_command
 
 if TYPE_CHECKING:
     from rerun.experimental import ViewerClient
 
-SETTLED = 3
-"""Equal pictures in a row that show that the viewer has loaded and drawn everything."""
-PAUSE = 0.2
-"""s; between two pictures."""
-PATIENCE = 60.0
-"""s; after which a viewer that has not settled is given up."""
-WINDOW_PATIENCE = 15.0
-"""s; how long the window around a scene that has settled may go on changing."""
+EQUAL_PICTURES = 3
+"""Number of consecutive equal pictures after which rendering counts as complete."""
+POLL_S = 0.2
+"""s; interval between pictures."""
+TIMEOUT_S = 60.0
+"""s; time limit for the scene to be rendered completely."""
+WINDOW_TIMEOUT_S = 15.0
+"""s; time limit for the rest of the window to stop changing."""
 
 
 def take_snapshot(
-    result: Path, out: Path, *, frame: int = 0, size: tuple[int, int] = (1280, 960), whole: bool = False
+    result: AnyPath, out: AnyPath, *, frame: int = 0, size: tuple[int, int] = (1280, 960), whole_window: bool = False
 ) -> None:
     """Write a picture of a frame as PNG.
 
@@ -48,8 +48,8 @@ def take_snapshot(
         The frame's number.
     size : (int, int)
         Width and height of the viewer's window in points.
-    whole : bool
-        Whether the picture shows the whole window, plots and all; otherwise it shows the scene.
+    whole_window : bool
+        Whether the picture shows the whole window with its plots; otherwise only the scene.
 
     Raises
     ------
@@ -63,16 +63,16 @@ def take_snapshot(
     output = OutputFile(out, force=True)
     log = open_output(result) if result.suffix == ".mcap" else None
     time_ns = log.time_of(frame) if log is not None else 0
-    with viewer_file(result) as recording, _running(recording, size) as client:
+    with as_recording(result) as recording, _headless_viewer(recording, size) as client:
         _wait_for_load(client, result)
         if log is None:
             _check_frame(client, result, frame)
             client.set_time("frame", sequence=frame, play_state="paused")
-        elif counts_from_1970(log):
+        elif uses_unix_time(log):
             client.set_time("message_log_time", timestamp=np.datetime64(time_ns, "ns"), play_state="paused")
         else:
             client.set_time("message_log_time", duration=np.timedelta64(time_ns, "ns"), play_state="paused")
-        picture = _settled_picture(client, result, whole)
+        picture = _settled_picture(client, result, whole_window)
     try:
         output.temporary.write_bytes(picture)
     except OSError as problem:
@@ -81,8 +81,8 @@ def take_snapshot(
 
 
 @contextlib.contextmanager
-def _running(recording: Path, size: tuple[int, int]) -> Iterator[ViewerClient]:
-    """A viewer without a window, and a client of it."""
+def _headless_viewer(recording: AnyPath, size: tuple[int, int]) -> Iterator[ViewerClient]:
+    """Start a viewer without a window; yields a client connected to it."""
     from rerun.experimental import ViewerClient
 
     with socket.socket() as probe:
@@ -91,10 +91,10 @@ def _running(recording: Path, size: tuple[int, int]) -> Iterator[ViewerClient]:
     options = ["--headless", "--hide-welcome-screen", "--bind", ADDRESS, "--port", str(port)]
     command = [*viewer_command(), *options, "--window-size", f"{size[0]}x{size[1]}", str(recording)]
     with tempfile.TemporaryFile() as messages:
-        environment = {**offline_environment(), "RUST_LOG": "error"}  # what it logs it also shows, over the scene
+        environment = {**offline_environment(), "RUST_LOG": "error"}  # log lines would be drawn over the scene
         process = subprocess.Popen(command, env=environment, stdout=messages, stderr=messages, start_new_session=True)
         try:
-            yield _connected(ViewerClient, f"rerun+http://{ADDRESS}:{port}/proxy", process, messages)
+            yield _connect(ViewerClient, f"rerun+http://{ADDRESS}:{port}/proxy", process, messages)
         finally:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGTERM)
@@ -105,8 +105,8 @@ def _running(recording: Path, size: tuple[int, int]) -> Iterator[ViewerClient]:
                 process.wait()
 
 
-def _connected(client: Any, address: str, process: subprocess.Popen[bytes], messages: Any) -> ViewerClient:
-    end = time.monotonic() + PATIENCE
+def _connect(client: Any, address: str, process: subprocess.Popen[bytes], messages: Any) -> ViewerClient:
+    end = time.monotonic() + TIMEOUT_S
     while True:
         try:
             connected: ViewerClient = client.connect(address)
@@ -120,7 +120,7 @@ def _connected(client: Any, address: str, process: subprocess.Popen[bytes], mess
 
 
 def _failure_reason(process: subprocess.Popen[bytes], messages: Any) -> str:
-    """Why the viewer does not answer, from what it printed."""
+    """Reason why the viewer does not answer, from its output."""
     messages.seek(0)
     text = messages.read().decode(errors="replace")
     if "adapter" in text.lower() or "vulkan" in text.lower():
@@ -133,17 +133,17 @@ def _failure_reason(process: subprocess.Popen[bytes], messages: Any) -> str:
     return f"the rerun viewer did not start (exit code {process.poll()}): {said}"
 
 
-def _wait_for_load(client: ViewerClient, result: Path) -> None:
-    end = time.monotonic() + PATIENCE
+def _wait_for_load(client: ViewerClient, result: AnyPath) -> None:
+    end = time.monotonic() + TIMEOUT_S
     while time.monotonic() < end:
         state = client.get_state()
         if not state.loading and state.recordings and state.recordings[0].timelines and state.views:
             return
         time.sleep(0.05)
-    raise ViewerError(f"{result}: the rerun viewer did not load it in {PATIENCE:.0f} s")
+    raise ViewerError(f"{result}: the rerun viewer did not load it in {TIMEOUT_S:.0f} s")
 
 
-def _check_frame(client: ViewerClient, result: Path, frame: int) -> None:
+def _check_frame(client: ViewerClient, result: AnyPath, frame: int) -> None:
     for timeline in client.get_state().recordings[0].timelines:
         if timeline.name == "frame" and timeline.start is not None and timeline.end is not None:
             if timeline.start <= frame <= timeline.end:
@@ -152,33 +152,33 @@ def _check_frame(client: ViewerClient, result: Path, frame: int) -> None:
     raise InputError(f"{result}: has no timeline 'frame': it is no recording that geomphys replay wrote")
 
 
-def _settled_picture(client: ViewerClient, result: Path, whole: bool) -> bytes:
-    """The picture once the scene is drawn; raises ViewerError if it is not, or not whole.
+def _settled_picture(client: ViewerClient, result: AnyPath, whole_window: bool) -> bytes:
+    """The picture once the scene is rendered; raises ViewerError if it is not, or only in part.
 
-    The window around it may go on refining: of a long recording the viewer does so for minutes.
+    The rest of the window may go on changing for minutes with a long recording.
     """
     scenes = [view for view in client.get_state().views if view.view_class == "3D"]
     if not scenes:
         raise ViewerError(f"{result}: the rerun viewer shows no scene of it")
-    picture, settled = _settled(client, scenes[0].view_id, PATIENCE)
+    picture, settled = _settled(client, scenes[0].view_id, TIMEOUT_S)
     if not settled:
-        raise ViewerError(f"{result}: the rerun viewer's picture did not settle in {PATIENCE:.0f} s")
+        raise ViewerError(f"{result}: the rerun viewer's picture did not settle in {TIMEOUT_S:.0f} s")
     shown = [view for view in client.get_state().views if view.view_class == "3D"]
     errors = [report.summary for view in shown[:1] for report in view.reports if report.severity == "error"]
     if errors:
         raise ViewerError(f"{result}: the rerun viewer cannot draw all of the scene: {errors[0]}")
-    return _settled(client, None, WINDOW_PATIENCE)[0] if whole else picture
+    return _settled(client, None, WINDOW_TIMEOUT_S)[0] if whole_window else picture
 
 
-def _settled(client: ViewerClient, view: Any, patience: float) -> tuple[bytes, bool]:
-    """The last picture of a view (None: the window), and whether it was the last of `SETTLED` equal ones in a row."""
-    end = time.monotonic() + patience
+def _settled(client: ViewerClient, view: Any, timeout_s: float) -> tuple[bytes, bool]:
+    """The last picture of a view (None: the window), and whether it was the last of `EQUAL_PICTURES` equal ones in a row."""
+    end = time.monotonic() + timeout_s
     last, equal = b"", 0
-    while equal < SETTLED:
+    while equal < EQUAL_PICTURES:
         if time.monotonic() > end:
             return last, False
         picture = client.take_screenshot(view, max_size=None)
         equal = equal + 1 if picture == last else 1
         last = picture
-        time.sleep(PAUSE)
+        time.sleep(POLL_S)
     return last, True

@@ -17,17 +17,18 @@ from geomphys.numerics.transforms import rotation_from_quaternion
 from geomphys.output.camera import choose_viewpoint
 from geomphys.output.decoders import Poses
 from geomphys.output.output_log import OutputLog, open_output
-from geomphys.output.output_scene import world_of_output
+from geomphys.output.output_world import world_of_output
 from geomphys.output.rerun_blueprint import mcap_blueprint
-from geomphys.output.rerun_stream import UNIX_FROM, RerunStream
+from geomphys.output.rerun_stream import UNIX_TIME_START, RerunStream
 from geomphys.scene.arrays import FIXED
+from geomphys.storage.remote_files import AnyPath, RemotePath
 from geomphys.storage.temporary_folders import TemporaryFolder
 
 ADDRESS = "127.0.0.1"
 """Where the viewer listens: to this machine only."""
 
 
-def view_result(path: Path, *, web: bool = False) -> None:
+def view_result(path: AnyPath, *, web: bool = False) -> None:
     """Open a result in the viewer and wait until it is closed.
 
     Parameters
@@ -35,7 +36,7 @@ def view_result(path: Path, *, web: bool = False) -> None:
     path : Path
         A rerun recording (``.rrd``) or an output log (``.mcap``).
     web : bool
-        In the browser, served on 127.0.0.1 until interrupted.
+        Whether to show it in the browser, served on 127.0.0.1 until interrupted.
 
     Raises
     ------
@@ -47,7 +48,7 @@ def view_result(path: Path, *, web: bool = False) -> None:
     _check_result(path)
     if not web and sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise ViewerError("there is no screen here; use --web, or geomphys snapshot for a picture of a frame")
-    with viewer_file(path) as recording:
+    with as_recording(path) as recording:
         options = ["--port", "auto", "--bind", ADDRESS, "--server-memory-limit", "75%"]
         if web:
             options += ["--web-viewer"]
@@ -70,13 +71,13 @@ def viewer_command() -> list[str]:
 
 
 def offline_environment() -> dict[str, str]:
-    """The environment with the viewer's usage statistics off: it sends none where ``CI`` is set."""
+    """Environment variables of the viewer with its usage statistics off (it sends none if ``CI`` is set)."""
     return {**os.environ, "CI": "1"}
 
 
 @contextmanager
-def viewer_file(path: Path) -> Iterator[Path]:
-    """What the viewer is given to show a result: a rerun recording, made of an output log where it is one.
+def as_recording(path: AnyPath) -> Iterator[AnyPath]:
+    """Yield the rerun recording of a result; an output log is converted to a temporary one.
 
     Raises InputError if the file is no result.
     """
@@ -86,11 +87,21 @@ def viewer_file(path: Path) -> Iterator[Path]:
     else:
         with TemporaryFolder() as folder:
             recording = folder / f"{path.stem}.rrd"
-            _convert(path, recording)
+            _write_recording(_local_copy(path, folder) if is_remote(path) else path, recording)
             yield recording
 
 
-def _check_result(path: Path) -> None:
+def _local_copy(path: RemotePath, folder: Path) -> Path:
+    """Download a result for the viewer's importer, which reads local files only. Raises InputError."""
+    copy = folder / path.name
+    try:
+        copy.write_bytes(path.read_bytes())
+    except OSError as problem:
+        raise InputError(f"{path}: cannot be read ({problem.strerror})") from problem
+    return copy
+
+
+def _check_result(path: AnyPath) -> None:
     if not path.is_file():
         raise InputError(f"{path}: there is no such file; name a .rrd or .mcap that geomphys replay wrote")
     if path.suffix == ".mcap":
@@ -99,34 +110,34 @@ def _check_result(path: Path) -> None:
         raise InputError(f"{path}: is neither a rerun recording (.rrd) nor an output log (.mcap)")
 
 
-def counts_from_1970(output: OutputLog) -> bool:
-    """Whether an output's times are dates in the viewer; otherwise they are durations of a clock of its own."""
-    return output.start_ns >= UNIX_FROM
+def uses_unix_time(output: OutputLog) -> bool:
+    """Whether an output's times count from 1970 (dates in the viewer); otherwise they are durations."""
+    return output.start_ns >= UNIX_TIME_START
 
 
-def _convert(path: Path, recording: Path) -> None:
+def _write_recording(path: Path, recording: Path) -> None:
     """Write an output log as a rerun recording, with a layout made for it."""
     output = open_output(path)
-    things = _objects(output.descriptions())
+    free_objects = _frames_of_objects(output.descriptions())
     positions: list[np.ndarray] = []
     static_triangles = np.zeros((0, 3, 3))
     for number, poses in enumerate(output.sample(64)):
         if number == 0:
             static_triangles = _static_triangles(output, poses)
-        follows_tf = [name not in things for name in poses.names]
+        follows_tf = [name not in free_objects for name in poses.names]
         if number > 0:  # the first frame has the fixed objects too
             positions.append(poses.values[follows_tf if any(follows_tf) else slice(None), :3])
     points = np.concatenate(positions) if positions else np.zeros((0, 3))
-    if len(points):  # what hangs on the origins of links reaches further than these
+    if len(points):  # shapes extend beyond the origins of their links
         margin = 0.04 + 0.1 * float(np.linalg.norm(np.ptp(points, axis=0)))
         points = np.concatenate([points - margin, points + margin])
     stream = RerunStream(recording, path.stem, path.stem)
-    stream.send_output_log(path, counts_from_1970(output))
+    stream.send_output_log(path, uses_unix_time(output))
     stream.finish(output.metadata, mcap_blueprint(choose_viewpoint(points, static_triangles), output.joint_topics))
 
 
 def _static_triangles(output: OutputLog, first: Poses) -> np.ndarray:
-    """Triangles (n, 3, 3) of what never moves, which may hide the motion; none where the scene's files are gone."""
+    """Triangles (n, 3, 3) of static bodies, which may occlude the motion; none if the scene's files are missing."""
     found = [np.zeros((0, 3, 3))]
     try:
         world = world_of_output(output)
@@ -141,7 +152,7 @@ def _static_triangles(output: OutputLog, first: Poses) -> np.ndarray:
     return np.concatenate(found)
 
 
-def _objects(descriptions: dict[str, str]) -> set[str]:
-    """Frames of the objects without a URDF of their own, which may roll far away."""
+def _frames_of_objects(descriptions: dict[str, str]) -> set[str]:
+    """Frame ids of the objects without a URDF; these may move far away."""
     texts = [text for topic, text in descriptions.items() if topic.strip("/").startswith("objects")]
     return {link.get("name", "") for text in texts for link in ElementTree.fromstring(text).iter("link")}

@@ -15,7 +15,7 @@ from mcap.writer import Writer
 
 import geomphys
 from geomphys.analysis import audit
-from geomphys.analysis.audit import _Pair, _Shape, _shape, pairs_to_test
+from geomphys.analysis.audit import _PosedPair, _Shape, _shape, pairs_to_test
 from geomphys.output.output_log import open_output
 from geomphys.scene.arrays import World
 from tests.cli.press import DEEPEST_M, SCENE
@@ -27,25 +27,25 @@ def shape(mesh: trimesh.Trimesh) -> _Shape:
     return _shape(np.array(mesh.vertices, float), np.array(mesh.faces, np.int64))
 
 
-def pair(place: tuple[float, float, float], turn: np.ndarray | None = None) -> _Pair:
+def pair(position: tuple[float, float, float], rotation: np.ndarray | None = None) -> _PosedPair:
     """A ball of 0.1 m at a place, and a cube of 1 m about the origin, both turned and moved together."""
-    turn, shift = np.eye(3) if turn is None else turn, np.array([3.0, -2.0, 1.0])
+    rotation, shift = np.eye(3) if rotation is None else rotation, np.array([3.0, -2.0, 1.0])
     ball, cube = shape(trimesh.creation.icosphere(2, 0.1)), shape(trimesh.creation.box((1, 1, 1)))
-    return _Pair(ball, cube, turn, turn, turn @ np.array(place) + shift, shift)
+    return _PosedPair(ball, cube, rotation, rotation, rotation @ np.array(position) + shift, shift)
 
 
 @pytest.mark.parametrize("seed", [None, 1, 2])
 @pytest.mark.parametrize(
-    ("place", "depth"),
+    ("position", "depth"),
     [((0, 0, 0.61), 0.0), ((0, 0, 0.59), 0.01), ((0.45, 0, 0), 0.15), ((0, 0, 0), 0.6), ((0.1, 0.2, -0.3), 0.3)],
 )
-def test_a_ball_in_a_cube(place: tuple[float, float, float], depth: float, seed: int | None) -> None:
-    turn = (
+def test_a_ball_in_a_cube(position: tuple[float, float, float], depth: float, seed: int | None) -> None:
+    rotation = (
         None
         if seed is None
         else trimesh.transformations.random_rotation_matrix(np.random.default_rng(seed).random(3))[:3, :3]
     )
-    found = pair(place, turn)
+    found = pair(position, rotation)
     assert found.overlaps(np.zeros(3)) == (depth > 0)
     if depth:
         bound = found.depth()
@@ -57,9 +57,9 @@ def test_a_part_inside_is_found_beside_one_outside() -> None:
     two = trimesh.util.concatenate(
         [trimesh.creation.icosphere(1, 0.1).apply_translation([5, 0, 0]), trimesh.creation.icosphere(1, 0.1)]
     )
-    cube, place = shape(trimesh.creation.box((1, 1, 1))), np.zeros(3)
-    assert _Pair(shape(two), cube, np.eye(3), np.eye(3), place, place).overlaps(np.zeros(3))
-    assert not _Pair(shape(two), cube, np.eye(3), np.eye(3), place, np.array([0, 3.0, 0])).overlaps(np.zeros(3))
+    cube, position = shape(trimesh.creation.box((1, 1, 1))), np.zeros(3)
+    assert _PosedPair(shape(two), cube, np.eye(3), np.eye(3), position, position).overlaps(np.zeros(3))
+    assert not _PosedPair(shape(two), cube, np.eye(3), np.eye(3), position, np.array([0, 3.0, 0])).overlaps(np.zeros(3))
 
 
 @pytest.mark.parametrize("made", ["pressed", "landed"])
@@ -123,7 +123,7 @@ def test_nothing_of_the_engine_is_used_once_the_scene_is_read(
             "errors",
             "numerics.transforms",
             "output.output_log",
-            "output.output_scene",
+            "output.output_world",
             "output.provenance",
             "scene.arrays",
             "storage.remote_files",

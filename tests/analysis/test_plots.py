@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -10,7 +11,7 @@ import pytest
 from PIL import Image
 
 import geomphys
-from geomphys.analysis.plots import COLUMNS, Binned
+from geomphys.analysis.plots import MAX_BINS, BinnedCurve
 from tests.made import Results
 
 
@@ -70,13 +71,22 @@ def test_a_picture_is_not_overwritten(pressed: Results, tmp_path: Path) -> None:
     geomphys.plot_output(pressed.out, tmp_path / "a.png", force=True)
 
 
-@pytest.mark.parametrize("length", [1, 2 * COLUMNS, 2 * COLUMNS + 1, 5 * COLUMNS + 3])
+@pytest.mark.parametrize("length", [1, 2 * MAX_BINS, 2 * MAX_BINS + 1, 5 * MAX_BINS + 3])
 def test_bins_keep_means_and_largest_of_equal_stretches(length: int) -> None:
     series = np.random.default_rng(length).random(length)
-    bins = Binned()
+    bins = BinnedCurve()
     for value in series:
         bins.add(value)
-    assert len(bins.top()) <= 2 * COLUMNS
+    assert len(bins.maximum()) <= 2 * MAX_BINS
     starts = range(0, length, bins.stride)
-    assert bins.top().tolist() == [series[k : k + bins.stride].max() for k in starts]
+    assert bins.maximum().tolist() == [series[k : k + bins.stride].max() for k in starts]
     assert bins.mean() == pytest.approx([series[k : k + bins.stride].mean() for k in starts])
+
+
+def test_without_matplotlib_the_extra_is_named(
+    landed: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(geomphys.ConfigError, match=r"pip install 'geomphys\[plots\]'"):
+        geomphys.plot_output(landed.out, tmp_path / "a.png")
+    assert list(tmp_path.iterdir()) == []

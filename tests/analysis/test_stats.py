@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import geomphys
-from geomphys.analysis.stats import _Motion
+from geomphys.analysis.stats import _MotionRates
 from geomphys.output.decoders import Poses
 from geomphys.output.output_log import OutputFrame, open_output
 from tests.made import Results
@@ -46,7 +46,7 @@ def test_several_outputs_add_up(pressed: Results, landed: Results) -> None:
 
 def motion(times: np.ndarray, recorded: np.ndarray, corrected: np.ndarray) -> list[dict[str, float]]:
     """What is found frame by frame in the motion of one body along x; one that stands still beside it."""
-    gathered, derive = [], _Motion()
+    gathered, derive = [], _MotionRates()
     for time, r, c in zip(times, recorded, corrected, strict=True):
         poses = [np.array([[x, 0, 0, 0, 0, 0, 1], [0, 0, 0, 0, 0, 0, 1]], float) for x in (r, c)]
         tf = Poses(("body", "other"), poses[1])

@@ -87,6 +87,6 @@ def wait_for(there: Callable[[], bool]) -> None:
 
 
 def test_no_scheduler_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("geomphys.batch.executors.CONNECT_S", 1)
+    monkeypatch.setattr("geomphys.batch.executors.CONNECT_TIMEOUT_S", 1)
     with pytest.raises(geomphys.ClusterError, match="no Dask scheduler"):
         Case(tmp_path, a=60).run(jobs=None, scheduler="tcp://127.0.0.1:9")

@@ -43,9 +43,11 @@ class Case:
     def check(self, *names: str, config: geomphys.Config | None = None) -> None:
         """Compare outputs with those of single replays; nothing else lies in the folder."""
         for name in names:
-            alone = self.scene.parent / f"{name}_alone.mcap"
-            geomphys.run(self.logs / f"{name}.mcap", self.scene, out=alone, timing=False, config=config, force=True)
-            assert (self.out / f"{name}.mcap").read_bytes() == alone.read_bytes(), name
+            single_run = self.scene.parent / f"{name}_alone.mcap"
+            geomphys.run(
+                self.logs / f"{name}.mcap", self.scene, out=single_run, timing=False, config=config, force=True
+            )
+            assert (self.out / f"{name}.mcap").read_bytes() == single_run.read_bytes(), name
         assert {path.name for path in self.out.iterdir()} == {*(f"{name}.mcap" for name in names), "manifest.json"}
 
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geomphys.bench.experiments import NAMES, places
-from geomphys.bench.figures import figures_of
-from geomphys.bench.measure import WARM, PeerFrame, measure
+from geomphys.bench.experiments import NAMES, experiment_files
+from geomphys.bench.measure import WARM_UP_FRAMES, PeerFrame, measure
+from geomphys.bench.report import distribution_of
 from geomphys.bench.run import run_bench
-from geomphys.bench.scaling import SINK, Curve, block_of_pieces, curves, slide, table_of_hands, world_of_objects
+from geomphys.bench.scaling import OVERLAP, Curve, block_of_pieces, curves, slide, table_of_hands, world_of_objects
 from geomphys.config import Config
 from geomphys.errors import ConfigError, InputError
 from geomphys.results import FrameResult
@@ -41,7 +41,7 @@ def hand(tmp_path_factory: pytest.TempPathFactory) -> World:
 
 
 def test_figures_of_a_known_series() -> None:
-    figures = figures_of(np.arange(101.0))
+    figures = distribution_of(np.arange(101.0))
     assert (figures.count, figures.mean, figures.median, figures.p95, figures.p99, figures.max) == (
         101,
         50,
@@ -50,7 +50,7 @@ def test_figures_of_a_known_series() -> None:
         99,
         100,
     )
-    assert figures_of(np.zeros(0)).count == 0
+    assert distribution_of(np.zeros(0)).count == 0
 
 
 def test_peers_run_every_frame_in_turn_and_the_smallest_time_counts(hand: World) -> None:
@@ -61,7 +61,7 @@ def test_peers_run_every_frame_in_turn_and_the_smallest_time_counts(hand: World)
     assert seen == list(range(FRAMES))
     assert [peer.seen for peer in FakePeer.lives] == [list(range(FRAMES))] * 2
     (peer,) = figures.peers
-    assert peer.ns == figures_of(1e6 * np.arange(1.0, FRAMES))
+    assert peer.ns == distribution_of(1e6 * np.arange(1.0, FRAMES))
     assert (peer.engine, peer.steps_a_frame, peer.residual_m.max) == ("fake 1.0", 3.0, 1e-3)
     assert peer.ratio_median == figures.step.median / peer.ns.median
     assert peer.ratio_call == figures.call_ns / peer.ns.mean
@@ -72,7 +72,7 @@ def test_stages_add_up_to_the_step(hand: World) -> None:
     figures = measure(slide("hand", hand, FRAMES), Config(), 1)
     stages = {stage.name: stage.ns for stage in figures.stages}
     assert figures.frames == FRAMES
-    assert figures.step.count == FRAMES - WARM
+    assert figures.step.count == FRAMES - WARM_UP_FRAMES
     assert stages.pop("step") == figures.step
     assert sum(ns.mean for ns in stages.values()) == pytest.approx(figures.step.mean, rel=0.01, abs=100.0)
     assert figures.call_ns > 0.0
@@ -83,7 +83,7 @@ def test_the_made_up_hands_are_as_deep_as_said_and_end_up_free(tmp_path: Path) -
     one = measure(slide("hand", table_of_hands(tmp_path, 1), 8), Config(), 1)
     three = measure(slide("hands", table_of_hands(tmp_path, 3), 8), Config(), 1)
     for figures in (one, three):
-        assert figures.recorded_m >= SINK
+        assert figures.recorded_m >= OVERLAP
         assert figures.residual_m.max <= 1e-5
         assert figures.contacts > 0
     assert three.contacts == 3 * one.contacts
@@ -110,9 +110,9 @@ def test_a_curve_tells_of_every_point(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_names_that_are_none_and_folders_without_recordings(tmp_path: Path) -> None:
-    assert [place.name for place in places(None, ())] == list(NAMES)
+    assert [files.name for files in experiment_files(None, ())] == list(NAMES)
     with pytest.raises(ConfigError, match="galery"):
-        places(None, ["galery"])
+        experiment_files(None, ["galery"])
     with pytest.raises(InputError, match=r"recordings/gallery_hand\.mcap"):
         run_bench(tmp_path, only=["gallery"])
     with pytest.raises(ConfigError, match="repeats = 0"):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from geomphys.analysis.diff.channels import Tolerance
-from geomphys.analysis.diff.motion import JointChannel
+from geomphys.analysis.diff.motion_channels import JointChannel
 from geomphys.config import Config
 from geomphys.load import load_world
 from geomphys.recording.frames import FrameSource

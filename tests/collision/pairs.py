@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from geomphys.collision.manifold import manifold
 from geomphys.collision.penetration import make_scratch, separation
-from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PlacedShape, Shape, Sphere, build_pieces
+from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PosedShape, Shape, Sphere, build_pieces
 
 Array = NDArray[np.float64]
 SCRATCH = make_scratch()
@@ -38,7 +38,7 @@ class Pair:
 
     def __init__(self, a: Shape, at_a: Array, b: Shape, at_b: Array) -> None:
         self.shapes, self.poses = (a, b), (at_a, at_b)
-        self.pieces = build_pieces([PlacedShape(a, np.eye(4), 0), PlacedShape(b, np.eye(4), 1)])
+        self.pieces = build_pieces([PosedShape(a, np.eye(4), 0), PosedShape(b, np.eye(4), 1)])
         self.frames = np.array([[*t[:3, :3].reshape(9), *t[:3, 3]] for t in (at_a, at_b)])
         self.size = float(self.pieces.reach.sum() + np.linalg.norm(at_a[:3, 3] - at_b[:3, 3]))
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from geomphys.collision.support import core_of, place_pieces, shapes_of, support
 from geomphys.jit.kernel import kernel
 from geomphys.scene.arrays import Floats, Pieces
-from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PlacedShape, Shape, Sphere, build_pieces
+from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PosedShape, Shape, Sphere, build_pieces
 from tests.collision.pairs import extent, pose, random_hull
 
 RNG = np.random.default_rng(3)
@@ -37,7 +37,7 @@ def supports(pieces: Pieces, frames: Floats, directions: Floats, points: Floats)
 
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda s: type(s).__name__)
 def test_no_point_lies_farther(shape: Shape) -> None:
-    pieces = build_pieces([PlacedShape(shape, np.eye(4), 0)])
+    pieces = build_pieces([PosedShape(shape, np.eye(4), 0)])
     directions = np.random.default_rng(0).normal(size=(2000, 3))
     directions = np.vstack([directions, np.eye(3), -np.eye(3), pieces.planes[:, :3]])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -50,16 +50,16 @@ def test_no_point_lies_farther(shape: Shape) -> None:
 def test_balls_and_capsules_are_seen_as_their_cores() -> None:
     directions = np.array([[0.6, 0.0, 0.8], [0.6, 0.0, -0.8]])
     points = np.zeros((2, 3))
-    supports(build_pieces([PlacedShape(Sphere(2.0), np.eye(4), 0)]), np.zeros((1, 12)), directions, points)
+    supports(build_pieces([PosedShape(Sphere(2.0), np.eye(4), 0)]), np.zeros((1, 12)), directions, points)
     assert np.array_equal(points, np.zeros((2, 3)))
-    supports(build_pieces([PlacedShape(Capsule(2.0, 3.0), np.eye(4), 0)]), np.zeros((1, 12)), directions, points)
+    supports(build_pieces([PosedShape(Capsule(2.0, 3.0), np.eye(4), 0)]), np.zeros((1, 12)), directions, points)
     assert np.array_equal(points, [[0, 0, 3], [0, 0, -3]])
 
 
 def test_pieces_stand_where_their_bodies_put_them() -> None:
     rng = np.random.default_rng(1)
     locals_ = [pose(rng.normal(size=3), Rotation.from_quat(rng.normal(size=4))) for _ in range(4)]
-    pieces = build_pieces([PlacedShape(Sphere(1.0), t, k // 2) for k, t in enumerate(locals_)])
+    pieces = build_pieces([PosedShape(Sphere(1.0), t, k // 2) for k, t in enumerate(locals_)])
     turns = [Rotation.from_quat(rng.normal(size=4)) for _ in range(2)]
     places = rng.normal(size=(2, 3))
     poses = np.hstack([places, [r.as_quat() for r in turns]])

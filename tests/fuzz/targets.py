@@ -16,7 +16,7 @@ from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.frames import FrameSource
 from geomphys.recording.inspect import inspect_log
 from geomphys.recording.reader import LogChannel
-from geomphys.scene.meshes import SUFFIXES, load_mesh, require_closed, wound_outwards
+from geomphys.scene.meshes import SUFFIXES, load_mesh, oriented_outwards, require_closed
 from geomphys.scene.skeleton import load_skeleton
 from tests.recording.log_files import Tree, make_world
 from tests.recording.made_messages import make, pairs
@@ -134,7 +134,7 @@ def _mesh(suffix: str) -> Callable[[bytes, Path], None]:
         try:
             loaded = load_mesh(path)
             require_closed(loaded)
-            assert abs(wound_outwards(loaded).signed_volume) < 1e20
+            assert abs(oriented_outwards(loaded).signed_volume) < 1e20
             assert len(loaded.hull_vertices) >= 4
         except GeomphysError as error:
             said(error)

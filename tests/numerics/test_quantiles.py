@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geomphys.numerics.quantiles import SMALLEST, WIDTH, Quantiles
+from geomphys.numerics.quantiles import BIN_WIDTH, MIN_VALUE, Quantiles
 
 VALUES = st.lists(st.floats(0.0, 1e9), min_size=1, max_size=60)
 
@@ -37,7 +37,7 @@ def test_exact_while_few(values: list[float], fraction: float) -> None:
 @given(VALUES, st.floats(0.0, 1.0))
 def test_binned_within_a_bin_of_exact(values: list[float], fraction: float) -> None:
     exact, binned = filled(values, exact=60), filled(values, exact=3)
-    assert binned.quantile(fraction) == pytest.approx(exact.quantile(fraction), rel=1.01 * WIDTH, abs=SMALLEST)
+    assert binned.quantile(fraction) == pytest.approx(exact.quantile(fraction), rel=1.01 * BIN_WIDTH, abs=MIN_VALUE)
     assert binned.largest == exact.largest
     assert binned.total == exact.total
 
@@ -51,7 +51,7 @@ def test_counts_stay_exact_when_binned(values: list[int], fraction: float) -> No
 def test_memory_does_not_grow() -> None:
     series = filled([float(k) for k in range(2000)], exact=1000)
     assert len(series._values) == 0
-    assert series.median() == pytest.approx(999.5, rel=WIDTH)
+    assert series.median() == pytest.approx(999.5, rel=BIN_WIDTH)
 
 
 @pytest.mark.parametrize("value", [-1.0, math.nan, math.inf])

@@ -8,11 +8,11 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from geomphys.output.camera import Moment, choose_viewpoint
-from geomphys.output.colours import of_material
-from geomphys.output.contact_arrows import ARROW_BASE, ARROW_LONGEST, arrow_lengths
-from geomphys.output.frame_columns import changes, counted
-from geomphys.output.shading import shaded
+from geomphys.output.camera import ContactFrame, choose_viewpoint
+from geomphys.output.colours import colour_of_material
+from geomphys.output.contact_arrows import MAX_ARROW_LENGTH, MIN_ARROW_LENGTH, arrow_lengths
+from geomphys.output.frame_columns import changed_rows, rows_with_content
+from geomphys.output.vertex_normals import with_vertex_normals
 from tests.output.made_world import box
 
 
@@ -22,7 +22,7 @@ def corners(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 def test_a_box_has_the_normals_of_its_faces() -> None:
     vertices, faces = box((1.0, 2.0, 3.0))
-    points, indices, normals = shaded(vertices, faces)
+    points, indices, normals = with_vertex_normals(vertices, faces)
     assert np.array_equal(corners(points, indices), corners(vertices, faces)), "the triangles stay"
     assert len(points) == 24, "three copies of each corner"
     a, b, c = (points[indices[:, i]] for i in range(3))
@@ -33,7 +33,7 @@ def test_a_box_has_the_normals_of_its_faces() -> None:
 
 def test_a_sphere_has_the_normals_of_its_points() -> None:
     sphere = trimesh.creation.icosphere(subdivisions=3)
-    points, indices, normals = shaded(np.asarray(sphere.vertices), np.asarray(sphere.faces))
+    points, indices, normals = with_vertex_normals(np.asarray(sphere.vertices), np.asarray(sphere.faces))
     assert len(points) == len(sphere.vertices), "no edge is sharp"
     assert np.einsum("ij,ij->i", normals, points).min() > 0.999
     assert np.array_equal(corners(points, indices), corners(sphere.vertices, sphere.faces))
@@ -42,13 +42,13 @@ def test_a_sphere_has_the_normals_of_its_points() -> None:
 def test_vertices_that_are_not_shared_are_smoothed_too() -> None:
     sphere = trimesh.creation.icosphere(subdivisions=2)
     soup = corners(sphere.vertices, sphere.faces)
-    points, _, _ = shaded(soup, np.arange(len(soup)).reshape(-1, 3))
+    points, _, _ = with_vertex_normals(soup, np.arange(len(soup)).reshape(-1, 3))
     assert len(points) == len(sphere.vertices)
 
 
 def test_empty_and_flat_triangles_have_finite_normals() -> None:
-    assert [len(part) for part in shaded(np.zeros((0, 3)), np.zeros((0, 3), np.int64))] == [0, 0, 0]
-    _, _, normals = shaded(np.zeros((3, 3)), np.array([[0, 1, 2]]))
+    assert [len(part) for part in with_vertex_normals(np.zeros((0, 3)), np.zeros((0, 3), np.int64))] == [0, 0, 0]
+    _, _, normals = with_vertex_normals(np.zeros((3, 3)), np.array([[0, 1, 2]]))
     assert np.isfinite(normals).all()
 
 
@@ -78,7 +78,7 @@ def test_the_eye_sees_a_touch_past_the_body_that_touches(side: tuple[int, int, i
     across = np.array([-outwards[1], outwards[0], 0.0])
     up = np.array([0.0, 0.0, 3.0])
     a, b, c, d = (0.4 * outwards + s * 3.0 * across + t * up for s, t in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
-    moment = Moment(np.zeros((1, 3)), np.array([[a, b, c], [a, c, d]]))
+    moment = ContactFrame(np.zeros((1, 3)), np.array([[a, b, c], [a, c, d]]))
     points = np.array([[-1.0, -1.0, -0.2], [1.0, 1.0, 0.2]])
     assert choose_viewpoint(points, np.zeros((0, 3, 3)), [moment]).position @ outwards < 0.4
 
@@ -109,7 +109,7 @@ def test_what_is_sent_shows_what_is(values: list[int], before: int, size: int) -
     shown, kept, sent = before, before, []
     for start in range(0, len(values), size):
         batch = np.array(values[start : start + size]).reshape(-1, 1)
-        rows = set(np.flatnonzero(changes(batch, np.array([kept]))).tolist())
+        rows = set(np.flatnonzero(changed_rows(batch, np.array([kept]))).tolist())
         for row, value in enumerate(batch[:, 0].tolist()):
             if row in rows:
                 assert value != shown, "a change"
@@ -117,12 +117,12 @@ def test_what_is_sent_shows_what_is(values: list[int], before: int, size: int) -
                 sent.append(value)
             assert shown == value
         kept = int(batch[-1, 0])
-    assert changes(np.array(values).reshape(-1, 1), None)[0], "the first row of all is sent"
+    assert changed_rows(np.array(values).reshape(-1, 1), None)[0], "the first row of all is sent"
 
 
 @given(st.lists(st.integers(0, 3), min_size=1, max_size=12), st.integers(0, 3))
 def test_rows_that_hold_or_end_something(held: list[int], before: int) -> None:
-    rows, counts = counted(held, before)
+    rows, counts = rows_with_content(held, before)
     found = dict(zip(rows.tolist(), counts.tolist(), strict=True))
     shown = before
     for row, count in enumerate(held):
@@ -133,12 +133,12 @@ def test_rows_that_hold_or_end_something(held: list[int], before: int) -> None:
 
 def test_arrows_grow_with_depth_and_end() -> None:
     lengths = arrow_lengths(np.array([0.0, 1e-3, 2e-3, 10.0]))
-    assert lengths[0] == ARROW_BASE
-    assert lengths[3] == ARROW_LONGEST
+    assert lengths[0] == MIN_ARROW_LENGTH
+    assert lengths[3] == MAX_ARROW_LENGTH
     assert np.diff(lengths[:3]) == pytest.approx(np.diff(lengths[:3])[0] * np.ones(2))
     assert (np.diff(lengths) > 0).all()
 
 
 def test_materials_that_are_not_known_keep_their_colour() -> None:
-    assert of_material("rubber") == of_material("rubber")
-    assert len({of_material(name) for name in ("wood", "human", "metal")}) == 3
+    assert colour_of_material("rubber") == colour_of_material("rubber")
+    assert len({colour_of_material(name) for name in ("wood", "human", "metal")}) == 3

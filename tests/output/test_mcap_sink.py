@@ -305,7 +305,7 @@ def with_nan(result: FrameResult, name: str) -> FrameResult:
         ("contacts.point", "contact point"),
         ("contacts.normal_impulse", "contact normal_impulse"),
         ("penetrations.pd", "penetration pd"),
-        ("metrics", "figure"),
+        ("metrics", "metric"),
     ],
 )
 def test_no_number_that_is_not_finite_gets_in(

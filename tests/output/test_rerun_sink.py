@@ -30,7 +30,7 @@ COUNT = 60
 
 @pytest.fixture(autouse=True)
 def small_batches(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rerun_sink, "BATCH", 25)
+    monkeypatch.setattr(rerun_sink, "BATCH_FRAMES", 25)
 
 
 def write(
@@ -107,12 +107,12 @@ def test_colours_tell_the_state_and_ghosts_stand_where_bodies_were_moved(
         ghost = latest(out, f"/world/recorded/{name}", "Mesh3D:albedo_factor")
         place = latest(out, f"/world/recorded/{name}", "Transform3D:translation")
         for i, result in enumerate(results):
-            moved = not np.array_equal(result.recorded[body], result.corrected[body])
+            is_corrected = not np.array_equal(result.recorded[body], result.corrected[body])
             touches = body in result.contacts.body_a
-            state = colours.TOUCHING if touches else colours.CORRECTED if moved else colours.FREE
+            state = colours.IN_CONTACT if touches else colours.CORRECTED if is_corrected else colours.FREE
             assert rgba(shown[i]) == state
-            assert rgba(ghost[i]) == (colours.GHOST if moved else colours.HIDDEN)
-            if moved:
+            assert rgba(ghost[i]) == (colours.GHOST if is_corrected else colours.HIDDEN)
+            if is_corrected:
                 assert place[i][0] == result.recorded[body, :3].astype(np.float32).tolist()
 
 

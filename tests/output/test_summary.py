@@ -108,7 +108,7 @@ def test_messages_are_kept_once_and_bounded() -> None:
 
 def test_as_dict_is_json() -> None:
     summary = summarized([result(0, recorded=0.01), result(1)])
-    figures = json.loads(json.dumps(summary.as_dict(), allow_nan=False))
-    assert figures["deepest"] == {"frame": 0, "body_a": "table", "body_b": "table", "depth_m": 0.01}
-    assert figures["out"] == "o.mcap"
-    assert figures["rrd"] is None
+    values_by_name = json.loads(json.dumps(summary.as_dict(), allow_nan=False))
+    assert values_by_name["deepest"] == {"frame": 0, "body_a": "table", "body_b": "table", "depth_m": 0.01}
+    assert values_by_name["out"] == "o.mcap"
+    assert values_by_name["rrd"] is None

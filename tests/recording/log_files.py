@@ -34,9 +34,9 @@ from geomphys.scene.arrays import (
     Trees,
     World,
 )
-from geomphys.scene.inputs import JointSource, RootSource
+from geomphys.scene.recording_tables import RecordingTable
 from geomphys.scene.scene_file import SceneFile
-from geomphys.scene.scene_inputs import RecordingTable
+from geomphys.scene.topic_sources import JointSource, RootSource
 
 S = 10**9
 IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)

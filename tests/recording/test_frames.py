@@ -15,7 +15,18 @@ from geomphys.errors import LogError
 from geomphys.recording.frames import FrameSource
 from geomphys.results import FLAG_BEFORE_FIRST, FLAG_CLAMPED, FLAG_HELD, FLAG_OUTSIDE_LIMITS, Frame
 from geomphys.scene.arrays import JOINT_PRISMATIC, World
-from tests.recording.log_files import IDENTITY, Item, S, Tree, joints, make_world, pose, transforms, turned, write_log
+from tests.recording.log_files import (
+    IDENTITY,
+    Item,
+    S,
+    Tree,
+    joints,
+    make_world,
+    pose,
+    transforms,
+    turned,
+    write_log,
+)
 
 HAND = Tree(root="/wrist", topic="/glove", joints=("a", "b"))
 

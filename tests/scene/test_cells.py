@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from geomphys.scene.direction_cells import ALONG, CELLS, cell_centres, cell_of, farthest_in_cells
+from geomphys.scene.direction_cells import CELLS, CELLS_PER_EDGE, cell_centres, cell_of, farthest_in_cells
 
 
 def test_the_middle_of_a_cell_lies_in_it() -> None:
@@ -20,7 +20,7 @@ def test_every_direction_has_the_cell_of_the_nearest_middle_on_its_side() -> Non
     for x, y, z in directions:
         k = cell_of((float(x), float(y), float(z)))
         on_cube = np.array([x, y, z]) / max(abs(x), abs(y), abs(z))
-        assert np.abs(on_cube - centres[k]).max() <= 1.0 / ALONG + 1e-12
+        assert np.abs(on_cube - centres[k]).max() <= 1.0 / CELLS_PER_EDGE + 1e-12
 
 
 def test_a_cell_names_the_corner_that_lies_farthest_in_its_middle() -> None:

@@ -46,8 +46,8 @@ def test_a_chain_runs_from_below_its_base_to_its_tip(tmp_path: Path) -> None:
     [
         ([("c", "torso", "arm9")], "no link 'arm9' in"),
         ([("c", "torse", "arm2")], "did you mean 'torso'?"),
-        ([("c", "leg0", "arm2")], "the tip 'arm2' does not hang on the base 'leg0'"),
-        ([("c", "arm2", "arm0")], "the tip 'arm0' does not hang on the base 'arm2'"),
+        ([("c", "leg0", "arm2")], "the tip 'arm2' is no descendant of the base 'leg0'"),
+        ([("c", "arm2", "arm0")], "the tip 'arm0' is no descendant of the base 'arm2'"),
         ([("c", "torso", "torso")], "no joint moves between 'torso' and 'torso'"),
         ([("c", "torso", "box0")], "no joint moves between 'torso' and 'box0'"),
         ([("c", "torso", "arm2"), ("d", "arm0", "arm1")], "the link 'arm1' belongs to chain 'c' already"),

@@ -10,18 +10,18 @@ from scipy.spatial import ConvexHull
 
 from geomphys.errors import ConfigError, MeshError
 from geomphys.scene import coacd_process, decomposition
-from geomphys.scene.coverage import covering, stands_out, uncovered
-from geomphys.scene.decomposition import Pieces, Uncut, decompose, decompose_all, default_threshold
+from geomphys.scene.coverage import grow_to_cover, piece_protrusion, uncovered_distance
+from geomphys.scene.decomposition import Decomposed, DecompositionTask, decompose, decompose_all, default_threshold
 from geomphys.scene.mass import of_mesh
 from geomphys.scene.meshes import Mesh, load_mesh
-from geomphys.scene.tessellation import joined, sphere_triangles
+from geomphys.scene.tessellation import merge_surfaces, sphere_triangles
 from tests.scene.models import cube, ell
 
 
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A cache of the test's own."""
-    monkeypatch.setattr(decomposition, "user_folder", lambda name: tmp_path)
+    monkeypatch.setattr(decomposition, "user_cache_folder", lambda name: tmp_path)
     return tmp_path
 
 
@@ -45,13 +45,13 @@ def table_of_boxes() -> Mesh:
         (np.array([0.05, 0.05, 0.5]), [-0.4, 0, 0.225]),
         (np.array([0.05, 0.05, 0.5]), [0.4, 0, 0.225]),
     ))  # fmt: skip
-    return Mesh("table", *joined([board, left, right]))
+    return Mesh("table", *merge_surfaces([board, left, right]))
 
 
 def test_a_convex_mesh_is_its_hull() -> None:
     mesh = Mesh("ball", *sphere_triangles(0.1, 16))
     pieces = decompose(mesh)
-    assert (pieces.method, len(pieces.hulls), pieces.uncovered) == ("hull", 1, 0.0)
+    assert (pieces.method, len(pieces.hulls), pieces.uncovered_m) == ("hull", 1, 0.0)
     assert np.array_equal(pieces.hulls[0], mesh.vertices)
     assert decompose(mesh, "coacd").method == "hull"
 
@@ -67,7 +67,7 @@ def test_boxes_stuck_together_become_exactly_these_boxes() -> None:
 
 def test_a_hollow_is_not_filled_by_a_part_of_its_own() -> None:
     corners, faces = cube(0.1)
-    shell = Mesh("shell", *joined([(corners, faces), (0.5 * corners, faces[:, ::-1])]))
+    shell = Mesh("shell", *merge_surfaces([(corners, faces), (0.5 * corners, faces[:, ::-1])]))
     assert shell.signed_volume == pytest.approx(0.008 * (1 - 0.5**3))
     assert decomposition._closed_parts(shell) == [shell]
 
@@ -80,7 +80,7 @@ def test_an_l_is_held_by_its_pieces_and_fills_no_notch(own_cache: Path) -> None:
     assert not pieces.cached
     assert 2 <= len(pieces.hulls) <= 4
     assert beyond(spread(mesh.vertices, mesh.faces), pieces.hulls) < 1e-9
-    assert stands_out(mesh.vertices, mesh.faces, pieces.hulls) < 1e-3
+    assert piece_protrusion(mesh.vertices, mesh.faces, pieces.hulls) < 1e-3
     assert sum(ConvexHull(h).volume for h in pieces.hulls) == pytest.approx(0.003, rel=0.01)
     assert said[0] == ("convex decomposition of ell (1 of 1)", 0.0)
     assert said[-1][1] == 1.0
@@ -97,15 +97,15 @@ def test_an_l_is_held_by_its_pieces_and_fills_no_notch(own_cache: Path) -> None:
     assert decompose(mesh, threshold=0.3).cached is False
 
 
-def same(a: Pieces, b: Pieces) -> None:
+def same(a: Decomposed, b: Decomposed) -> None:
     assert len(a.hulls) == len(b.hulls)
     assert all(np.array_equal(x, y) for x, y in zip(a.hulls, b.hulls, strict=True))
 
 
-def ells(count: int) -> list[Uncut]:
+def ells(count: int) -> list[DecompositionTask]:
     """L shapes of different sizes."""
     corners, faces = ell()
-    return [Uncut(Mesh(f"ell {k}", corners * (1 + 0.2 * k), faces), "auto") for k in range(count)]
+    return [DecompositionTask(Mesh(f"ell {k}", corners * (1 + 0.2 * k), faces), "auto") for k in range(count)]
 
 
 def test_how_many_processes_cut_changes_no_piece(own_cache: Path) -> None:
@@ -147,21 +147,23 @@ def test_meshes_of_the_cache_start_nothing_and_say_nothing(monkeypatch: pytest.M
 
 def test_the_same_mesh_twice_is_cut_once(monkeypatch: pytest.MonkeyPatch) -> None:
     runs: list[str] = []
-    cut = decomposition._cut
-    monkeypatch.setattr(decomposition, "_cut", lambda job, *more: runs.append(job.mesh.name) or cut(job, *more))
+    cut = decomposition._decompose_job
+    monkeypatch.setattr(
+        decomposition, "_decompose_job", lambda job, *more: runs.append(job.mesh.name) or cut(job, *more)
+    )
     first, second = decompose_all(ells(1) * 2)
     assert runs == ["ell 0"]
     same(first, second)
 
 
 def test_a_mesh_that_fails_ends_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(coacd_process, "_ended", lambda *_: -11)
+    monkeypatch.setattr(coacd_process, "_run_until_exit", lambda *_: -11)
     with pytest.raises(MeshError, match="ell 0: convex decomposition failed"):
         decompose_all(ells(3), processes=1)
 
 
 def test_a_ball_with_a_shallow_dent_is_its_hull_without_coacd(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(coacd_process, "_ended", lambda *_: pytest.fail("CoACD was started"))
+    monkeypatch.setattr(coacd_process, "_run_until_exit", lambda *_: pytest.fail("CoACD was started"))
     corners, faces = sphere_triangles(0.1, 32)
     corners = corners.copy()
     corners[-1, 2] -= (
@@ -209,14 +211,14 @@ def test_what_coacd_fails_at_is_told(monkeypatch: pytest.MonkeyPatch, parts: lis
         np.savez(command[-1], points=np.concatenate([np.zeros((0, 3)), *parts]), starts=starts)
         return 0
 
-    monkeypatch.setattr(coacd_process, "_ended", broken)
+    monkeypatch.setattr(coacd_process, "_run_until_exit", broken)
     with pytest.raises(MeshError, match=says) as caught:
         decompose(Mesh("ell", *ell()))
     assert 'decomposition = "hull"' in str(caught.value)
 
 
 def test_a_crash_of_coacd_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(coacd_process, "_ended", lambda *_: -11)
+    monkeypatch.setattr(coacd_process, "_run_until_exit", lambda *_: -11)
     with pytest.raises(MeshError, match="CoACD ended with -11"):
         decompose(Mesh("ell", *ell()))
 
@@ -231,10 +233,10 @@ def two_halves(gap: float) -> list[np.ndarray]:
 def test_bare_surface_is_found_and_covered() -> None:
     corners, faces = cube()
     pieces = two_halves(1e-3)
-    bare = uncovered(corners, faces, pieces)
+    bare = uncovered_distance(corners, faces, pieces)
     assert bare == pytest.approx(0.5e-3, rel=0.05)
-    grown = covering(corners, faces, pieces)
-    assert uncovered(corners, faces, grown) == 0.0
+    grown = grow_to_cover(corners, faces, pieces)
+    assert uncovered_distance(corners, faces, grown) == 0.0
     assert beyond(spread(corners, faces), tuple(grown)) < 1e-9
     assert sum(ConvexHull(g).volume for g in grown) == pytest.approx(1.0, rel=5e-3)
 
@@ -242,17 +244,17 @@ def test_bare_surface_is_found_and_covered() -> None:
 def test_pieces_that_hold_the_surface_are_left_alone() -> None:
     corners, faces = cube()
     pieces = [np.array(p) for p in two_halves(0.0)]
-    for grown, piece in zip(covering(corners, faces, pieces), pieces, strict=True):
+    for grown, piece in zip(grow_to_cover(corners, faces, pieces), pieces, strict=True):
         np.testing.assert_allclose(np.ptp(grown, axis=0), np.ptp(piece, axis=0), atol=4e-4)
-    assert uncovered(corners, faces, pieces) == 0.0
+    assert uncovered_distance(corners, faces, pieces) == 0.0
 
 
 def test_how_far_pieces_stand_out() -> None:
     corners, faces = ell()
     hull = [corners]  # stands over the notch, the middle of its slope 0.05 m off both walls
-    assert stands_out(corners, faces, hull) == pytest.approx(0.05, rel=0.02)
-    assert stands_out(*cube(), [cube()[0] * 1.1]) == pytest.approx(0.05 * np.sqrt(3), rel=0.1)
-    assert stands_out(*cube(), [cube()[0]]) == 0.0
+    assert piece_protrusion(corners, faces, hull) == pytest.approx(0.05, rel=0.02)
+    assert piece_protrusion(*cube(), [cube()[0] * 1.1]) == pytest.approx(0.05 * np.sqrt(3), rel=0.1)
+    assert piece_protrusion(*cube(), [cube()[0]]) == 0.0
 
 
 @pytest.mark.slow
@@ -261,8 +263,8 @@ def test_the_pillow(shared_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = load_mesh(shared_dir / "models" / "dfki_pillow" / "pillow_small.stl")
     pieces = decompose(mesh)
     assert len(pieces.hulls) <= 30
-    assert pieces.uncovered == 0.0
+    assert pieces.uncovered_m == 0.0
     assert beyond(spread(mesh.vertices, mesh.faces, 5_000), pieces.hulls) < 1e-8
-    assert stands_out(mesh.vertices, mesh.faces, pieces.hulls, samples=600) < 4e-3
+    assert piece_protrusion(mesh.vertices, mesh.faces, pieces.hulls, samples=600) < 4e-3
     volume = of_mesh(mesh.vertices, mesh.faces, 1.0).mass
     assert sum(ConvexHull(h).volume for h in pieces.hulls) == pytest.approx(volume, rel=0.03)

@@ -452,7 +452,7 @@ def test_overlaps_of_the_zero_pose_are_those_coal_finds(shared_dir: Path, tmp_pa
     assert listed
 
 
-@pytest.mark.parametrize(("limit", "says"), [("MOST_BODIES", "bodies"), ("MOST_FREEDOMS", "degrees of freedom")])
+@pytest.mark.parametrize(("limit", "says"), [("MAX_BODIES", "bodies"), ("MAX_DRIVEN_DOFS", "degrees of freedom")])
 def test_a_scene_of_more_than_there_is_memory_for_is_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str, says: str
 ) -> None:

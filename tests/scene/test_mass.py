@@ -97,20 +97,20 @@ def test_far_from_the_origin_nothing_is_lost() -> None:
 
 
 def test_halves_make_the_whole() -> None:
-    left = mass.of_box((0.2, 0.3, 0.4), 800.0).moved(pose([0, 0, 0], [-0.1, 0, 0]))
-    right = mass.of_box((0.2, 0.3, 0.4), 800.0).moved(pose([math.pi, 0, 0], [0.1, 0, 0]))
+    left = mass.of_box((0.2, 0.3, 0.4), 800.0).transformed(pose([0, 0, 0], [-0.1, 0, 0]))
+    right = mass.of_box((0.2, 0.3, 0.4), 800.0).transformed(pose([math.pi, 0, 0], [0.1, 0, 0]))
     close(mass.combined([left, right]), mass.of_box((0.4, 0.3, 0.4), 800.0), 1e-14)
 
 
 def test_a_moved_solid_is_the_moved_mesh() -> None:
     corners, faces = box_triangles((0.1, 0.2, 0.5))
     matrix = pose([0.3, -1.0, 0.5], [1.0, 2.0, 3.0])
-    moved = mass.of_box((0.1, 0.2, 0.5), 500.0).moved(matrix)
-    close(moved, mass.of_mesh(corners @ matrix[:3, :3].T + matrix[:3, 3], faces, 500.0), 1e-12)
+    transformed = mass.of_box((0.1, 0.2, 0.5), 500.0).transformed(matrix)
+    close(transformed, mass.of_mesh(corners @ matrix[:3, :3].T + matrix[:3, 3], faces, 500.0), 1e-12)
 
 
 def test_principal_axes_rebuild_the_tensor() -> None:
-    solid = mass.of_box((0.1, 0.2, 0.5), 500.0).moved(pose([0.3, -1.0, 0.5], [0, 0, 0]))
+    solid = mass.of_box((0.1, 0.2, 0.5), 500.0).transformed(pose([0.3, -1.0, 0.5], [0, 0, 0]))
     moments, q = solid.principal()
     axes = rotation_from_quaternion(q)
     np.testing.assert_allclose(axes @ np.diag(moments) @ axes.T, solid.inertia, atol=1e-13)

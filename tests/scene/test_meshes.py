@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from geomphys.errors import MeshError
 from geomphys.scene import meshes
-from geomphys.scene.meshes import Mesh, load_mesh, require_closed, wound_outwards
+from geomphys.scene.meshes import Mesh, load_mesh, oriented_outwards, require_closed
 from geomphys.scene.tessellation import sphere_triangles
 from tests.scene.models import cube, ell, stl
 
@@ -61,13 +61,13 @@ def test_each_axis_may_have_its_scale(tmp_path: Path) -> None:
     mesh = load_mesh(stl(tmp_path / "cube.stl", *cube()), scale=np.array([1.0, 2.0, -3.0]))
     assert np.ptp(mesh.vertices, axis=0).tolist() == [1.0, 2.0, 3.0]
     assert mesh.signed_volume == pytest.approx(-6.0)
-    assert wound_outwards(mesh).signed_volume == pytest.approx(6.0)
+    assert oriented_outwards(mesh).signed_volume == pytest.approx(6.0)
 
 
 def test_an_l_is_watertight_but_not_convex() -> None:
     mesh = Mesh("ell", *ell())
     assert mesh.is_watertight
-    assert mesh.is_wound_alike
+    assert mesh.has_consistent_winding
     assert not mesh.is_convex
     assert mesh.signed_volume == pytest.approx(0.003)
     assert len(mesh.hull_vertices) == 10
@@ -89,8 +89,8 @@ def test_triangles_wound_both_ways_are_set_right() -> None:
     mixed = faces.copy()
     mixed[::3] = mixed[::3, ::-1]
     mesh = Mesh("mixed", corners, mixed)
-    assert not mesh.is_wound_alike
-    assert wound_outwards(mesh).signed_volume == pytest.approx(0.003)
+    assert not mesh.has_consistent_winding
+    assert oriented_outwards(mesh).signed_volume == pytest.approx(0.003)
 
 
 def test_an_open_mesh_is_refused_with_the_way_out() -> None:
@@ -148,7 +148,7 @@ def test_missing_files_and_folders(tmp_path: Path) -> None:
 
 
 def test_too_many_triangles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(meshes, "LARGEST_MESH", 10)
+    monkeypatch.setattr(meshes, "MAX_TRIANGLES", 10)
     with pytest.raises(MeshError, match="has 12 triangles, at most 10"):
         load_mesh(stl(tmp_path / "cube.stl", *cube()))
     with pytest.raises(MeshError, match="has 12 triangles, at most 10"):
@@ -156,7 +156,7 @@ def test_too_many_triangles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_large_files_are_not_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(meshes, "LARGEST_FILE", 100)
+    monkeypatch.setattr(meshes, "MAX_FILE_BYTES", 100)
     with pytest.raises(MeshError, match="is larger than"):
         load_mesh(stl(tmp_path / "cube.stl", *cube()))
 
@@ -224,6 +224,6 @@ def test_a_large_ball_is_checked_fast_and_one_too_large_is_refused(monkeypatch: 
     start = time.perf_counter()
     assert mesh.is_convex
     assert time.perf_counter() - start < 2.0
-    monkeypatch.setattr(meshes, "LARGEST_HULL", 1000)
+    monkeypatch.setattr(meshes, "MAX_HULL_VERTICES", 1000)
     with pytest.raises(MeshError, match="ball: its convex hull has 8066 corners, at most 1000"):
         _ = Mesh("ball", *sphere_triangles(1.0, 128)).hull_vertices

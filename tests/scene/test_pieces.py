@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from geomphys.errors import MeshError
 from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, HULL, SPHERE, Pieces
-from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PlacedShape, Shape, Sphere, build_pieces
+from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PosedShape, Shape, Sphere, build_pieces
 
 CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 TETRAHEDRON = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
@@ -18,7 +18,7 @@ GRID = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, 6)] * 3), axis=-1).reshape(-
 
 
 def alone(shape: Shape) -> Pieces:
-    return build_pieces([PlacedShape(shape, np.eye(4), 0)])
+    return build_pieces([PosedShape(shape, np.eye(4), 0)])
 
 
 def ball(count: int, seed: int = 0) -> np.ndarray:
@@ -142,7 +142,7 @@ def test_layout_of_many() -> None:
     local[:3, 3] = (1, 2, 3)
     local[:3, :3] = TURN.as_matrix()
     shapes = [Sphere(0.1), Capsule(0.2, 0.3), Box((1, 2, 3)), Cylinder(0.4, 0.5), Hull(TETRAHEDRON), Hull(TETRAHEDRON)]
-    p = build_pieces([PlacedShape(s, local, k // 2) for k, s in enumerate(shapes)])
+    p = build_pieces([PosedShape(s, local, k // 2) for k, s in enumerate(shapes)])
     assert p.kind.tolist() == [SPHERE, CAPSULE, BOX, CYLINDER, HULL, HULL]
     assert p.body.tolist() == [0, 0, 1, 1, 2, 2]
     assert p.size.tolist() == [[0.1, 0, 0], [0.2, 0.3, 0], [1, 2, 3], [0.4, 0.5, 0], [0, 0, 0], [0, 0, 0]]

@@ -24,7 +24,7 @@ SCENE = '[[object]]\nname = "drawer"\nclass = "fixed"\nurdf = "drawer.urdf"\n'
 def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A scene of a mesh in a package, beside an empty cache."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    cache.user_folder.cache_clear()
+    cache.user_cache_folder.cache_clear()
     (tmp_path / "a" / "things").mkdir(parents=True)
     (tmp_path / "a" / "scene.toml").write_text(SCENE)
     mesh = '<geometry><mesh filename="package://things/cube.stl" scale="0.1 0.1 0.1"/></geometry>'
@@ -32,7 +32,7 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (tmp_path / "things").mkdir()
     stl(tmp_path / "things" / "cube.stl", *cube())
     yield tmp_path / "a" / "scene.toml"
-    cache.user_folder.cache_clear()
+    cache.user_cache_folder.cache_clear()
 
 
 def read(scene: Path, monkeypatch: pytest.MonkeyPatch, seed: int = 0) -> tuple[World, bool]:
@@ -113,7 +113,7 @@ def test_another_version_of_the_package_makes_its_own(scene: Path, monkeypatch: 
 
 
 def test_few_are_kept_and_none_of_a_scene_alone(scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scene_cache, "MOST", 2)
+    monkeypatch.setattr(scene_cache, "MAX_WORLDS", 2)
     for seed in range(4):
         load.load_world(scene, seed=seed)
     folder = scene.parent.parent / "cache" / "geomphys" / "worlds"

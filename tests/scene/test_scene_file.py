@@ -341,7 +341,7 @@ def test_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         load_scene_file(path)
     path.write_bytes(b"\xef\xbb\xbf" + BALL.replace("\n", "\r\n").encode())  # as Windows editors write it
     assert load_scene_file(path).object[0].name == "ball"
-    monkeypatch.setattr(scene_file, "LARGEST_FILE", 10)
+    monkeypatch.setattr(scene_file, "MAX_FILE_BYTES", 10)
     with pytest.raises(SceneError, match="is larger than"):
         load_scene_file(path)
 

@@ -7,7 +7,7 @@ import pytest
 
 from geomphys.errors import MeshError
 from geomphys.scene.decomposition import decompose
-from geomphys.scene.meshes import Mesh, merged, require_closed, wound_outwards
+from geomphys.scene.meshes import Mesh, merge_vertices, oriented_outwards, require_closed
 from geomphys.scene.shells import shell_labels
 from tests.scene.models import cube, ell
 
@@ -16,7 +16,7 @@ def together(*parts: tuple[np.ndarray, np.ndarray]) -> Mesh:
     """One mesh of several, equal vertices merged."""
     starts = np.cumsum([0, *(len(v) for v, _ in parts)])
     vertices = np.concatenate([v for v, _ in parts])
-    return merged("thing", vertices, np.concatenate([f + s for (_, f), s in zip(parts, starts, strict=False)]))
+    return merge_vertices("thing", vertices, np.concatenate([f + s for (_, f), s in zip(parts, starts, strict=False)]))
 
 
 def at(shift: tuple[float, float, float], half: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
@@ -97,7 +97,7 @@ def test_three_sheets_at_an_edge_are_no_solid() -> None:
 
 def test_a_shell_inside_out_beside_another_is_turned() -> None:
     mesh = together(at((0, 0, 0)), inside_out(at((3, 0, 0), half=0.4)))
-    assert wound_outwards(mesh).signed_volume == pytest.approx(1.0 + 0.8**3)
+    assert oriented_outwards(mesh).signed_volume == pytest.approx(1.0 + 0.8**3)
     pieces = decompose(mesh)
     assert pieces.method == "parts"
     assert len(pieces.hulls) == 2
@@ -105,9 +105,9 @@ def test_a_shell_inside_out_beside_another_is_turned() -> None:
 
 def test_a_cavity_stays_one() -> None:
     mesh = together(at((0, 0, 0)), inside_out(at((0, 0, 0), half=0.4)))
-    assert wound_outwards(mesh).signed_volume == pytest.approx(1.0 - 0.8**3)
+    assert oriented_outwards(mesh).signed_volume == pytest.approx(1.0 - 0.8**3)
     turned = Mesh("turned", mesh.vertices, mesh.faces[:, ::-1])
-    assert wound_outwards(turned).signed_volume == pytest.approx(1.0 - 0.8**3)
+    assert oriented_outwards(turned).signed_volume == pytest.approx(1.0 - 0.8**3)
 
 
 def test_triangles_that_are_there_twice_count_once() -> None:

@@ -10,9 +10,9 @@ from geomphys.scene.tessellation import (
     box_triangles,
     capsule_triangles,
     cylinder_triangles,
-    fan,
-    joined,
+    merge_surfaces,
     sphere_triangles,
+    triangulate_faces,
 )
 
 SHAPES = {
@@ -27,7 +27,7 @@ SHAPES = {
 def test_closed_convex_and_wound_outwards(name: str) -> None:
     mesh = Mesh(name, *SHAPES[name])
     assert mesh.is_watertight
-    assert mesh.is_wound_alike
+    assert mesh.has_consistent_winding
     assert mesh.signed_volume > 0
     assert mesh.is_convex
 
@@ -42,12 +42,12 @@ def test_corners_lie_on_the_surface() -> None:
 
 
 def test_joined_surfaces_keep_their_triangles() -> None:
-    vertices, faces = joined([SHAPES["box"], SHAPES["sphere"]])
+    vertices, faces = merge_surfaces([SHAPES["box"], SHAPES["sphere"]])
     assert len(vertices) == 8 + len(SHAPES["sphere"][0])
     assert np.array_equal(vertices[faces[12:]], SHAPES["sphere"][0][SHAPES["sphere"][1]])
-    assert joined([])[1].shape == (0, 3)
+    assert merge_surfaces([])[1].shape == (0, 3)
 
 
 def test_faces_are_cut_into_fans() -> None:
     square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
-    assert fan(square, [np.array([0, 1, 2, 3])])[1].tolist() == [[0, 1, 2], [0, 2, 3]]
+    assert triangulate_faces(square, [np.array([0, 1, 2, 3])])[1].tolist() == [[0, 1, 2], [0, 2, 3]]

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from geomphys.errors import InputError, MeshError, ModelError
 from geomphys.scene import urdf_file
-from geomphys.scene.packages import mesh_file
+from geomphys.scene.ros_packages import resolve_mesh
 from geomphys.scene.skeleton import load_skeleton
 from geomphys.scene.urdf_file import BoxShape, CylinderShape, MeshShape, SphereShape, read_urdf
 from tests.scene.models import ball, joint, link, urdf
@@ -48,24 +48,24 @@ def test_meshes_by_every_kind_of_name(tmp_path: Path, monkeypatch: pytest.Monkey
     mesh.parent.mkdir()
     mesh.touch()
     spaced = tmp_path / "a b.stl"
-    assert mesh_file("../meshes/a.stl", folder) == folder / "../meshes/a.stl"
-    assert mesh_file(f"file://{mesh}", folder) == mesh
-    assert mesh_file(f"file://localhost{mesh}", folder) == mesh
-    assert mesh_file(f"file://{tmp_path}/a%20b.stl", folder) == spaced
-    assert mesh_file("package://my_hand/meshes/a.stl", folder) == mesh
+    assert resolve_mesh("../meshes/a.stl", folder) == folder / "../meshes/a.stl"
+    assert resolve_mesh(f"file://{mesh}", folder) == mesh
+    assert resolve_mesh(f"file://localhost{mesh}", folder) == mesh
+    assert resolve_mesh(f"file://{tmp_path}/a%20b.stl", folder) == spaced
+    assert resolve_mesh("package://my_hand/meshes/a.stl", folder) == mesh
     elsewhere = tmp_path / "other.urdf"
     with pytest.raises(MeshError, match="package 'my_hand' was not found"):
-        mesh_file("package://my_hand/meshes/a.stl", elsewhere.parent)
+        resolve_mesh("package://my_hand/meshes/a.stl", elsewhere.parent)
     monkeypatch.setenv("ROS_PACKAGE_PATH", f"/nowhere:{tmp_path / 'robots'}")
-    assert mesh_file("package://my_hand/meshes/a.stl", elsewhere.parent) == mesh
+    assert resolve_mesh("package://my_hand/meshes/a.stl", elsewhere.parent) == mesh
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(mesh.parent.parent))
-    assert mesh_file("package://my_hand/meshes/a.stl", elsewhere.parent) == mesh
+    assert resolve_mesh("package://my_hand/meshes/a.stl", elsewhere.parent) == mesh
     monkeypatch.delenv("ROS_PACKAGE_PATH")
     installed = tmp_path / "install" / "share" / "my_hand" / "b.stl"
     installed.parent.mkdir(parents=True)
     installed.touch()
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "install"))
-    assert mesh_file("package://my_hand/b.stl", elsewhere.parent) == installed
+    assert resolve_mesh("package://my_hand/b.stl", elsewhere.parent) == installed
 
 
 @pytest.mark.parametrize(
@@ -185,7 +185,7 @@ def test_missing_and_large_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         read_urdf(tmp_path / "none.urdf")
     with pytest.raises(ModelError, match="is not a file"):
         read_urdf(tmp_path)
-    monkeypatch.setattr(urdf_file, "LARGEST_FILE", 10)
+    monkeypatch.setattr(urdf_file, "MAX_FILE_BYTES", 10)
     with pytest.raises(ModelError, match="is larger than"):
         read_urdf(urdf(tmp_path / "a.urdf", ball("a")))
 

@@ -35,10 +35,10 @@ def cloud(random: np.random.Generator, kind: str) -> np.ndarray:
     return points
 
 
-@pytest.mark.parametrize("many", [0, hulls.MANY_EDGES], ids=["some pairs", "all pairs"])
+@pytest.mark.parametrize("many", [0, hulls.MAX_EDGES_ALL_PAIRS], ids=["some pairs", "all pairs"])
 @pytest.mark.parametrize("kind", ["normal", "ball", "flat", "needle", "grid", "prism"])
 def test_the_width_is_that_of_the_difference_body(kind: str, many: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hulls, "MANY_EDGES", many)
+    monkeypatch.setattr(hulls, "MAX_EDGES_ALL_PAIRS", many)
     random = np.random.default_rng(7)
     for _ in range(40):
         turn = np.linalg.qr(random.normal(size=(3, 3)))[0]

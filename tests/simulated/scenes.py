@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from geomphys.collision.penetration import make_scratch, separation
 from geomphys.collision.support import place_pieces
 from geomphys.scene import arrays as s
-from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PlacedShape, Shape, Sphere, build_pieces
+from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PosedShape, Shape, Sphere, build_pieces
 from geomphys.simulated.allocation import make_simulated_state
 from geomphys.simulated.update import simulate
 
@@ -102,7 +102,7 @@ def make_scene(things: Sequence[Thing], gravity: Sequence[float] = (0.0, 0.0, -G
         for shape, offset in parts:
             local = np.eye(4)
             local[:3, 3] = offset
-            placed.append(PlacedShape(shape, local, b))
+            placed.append(PosedShape(shape, local, b))
         starts.append(len(placed))
     frame = np.tile(np.concatenate([np.eye(3).ravel(), np.zeros(3)]), (n, 1))
     role = np.array([t.role for t in things])

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from geomphys.storage import temporary_folders
-from geomphys.storage.temporary_folders import LOCK, PREFIX, TemporaryFolder, sweep
+from geomphys.storage.temporary_folders import LOCK, PREFIX, TemporaryFolder, remove_stale
 
 HOLD = "from geomphys.storage.temporary_folders import TemporaryFolder; t = TemporaryFolder(); print(t.path, flush=True); input()"
 
@@ -20,7 +20,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The temporary folder of this process and its children."""
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
-    temporary_folders._sweep_once.cache_clear()
+    temporary_folders._remove_stale_once.cache_clear()
     return tmp_path
 
 
@@ -57,13 +57,13 @@ def test_what_a_killed_process_left_goes_at_the_next_start_and_nothing_else(fold
         with TemporaryFolder() as own:
             assert not paths[0].exists()
             assert (paths[1] / "result.mcap").is_file()
-            sweep(folder)
+            remove_stale(folder)
             assert own.is_dir()
     finally:
         for process in held:
             process.kill()
             process.communicate()
-    sweep(folder)
+    remove_stale(folder)
     assert {path.name for path in folder.iterdir()} == before
     assert all((folder / name / "precious").is_file() for name in others)
     assert PREFIX in paths[1].name

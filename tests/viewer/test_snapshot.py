@@ -18,7 +18,7 @@ from geomphys.output.provenance import provenance_of
 from geomphys.output.rerun_sink import RerunSink
 from geomphys.viewer import snapshot, view
 from geomphys.viewer.snapshot import take_snapshot
-from geomphys.viewer.view import viewer_file
+from geomphys.viewer.view import as_recording
 from tests.made import Results
 from tests.output.made_world import frames, make_world
 
@@ -71,7 +71,7 @@ def test_the_picture_of_a_recording_is_of_that_frame(folder: Path) -> None:
 def test_the_picture_of_an_output_log_shows_its_scene(folder: Path) -> None:
     one, other = folder / "one.png", folder / "other.png"
     take_snapshot(folder / "out.mcap", one, frame=1, size=(800, 600))
-    take_snapshot(folder / "out.mcap", other, frame=6, size=(800, 600), whole=True)
+    take_snapshot(folder / "out.mcap", other, frame=6, size=(800, 600), whole_window=True)
     assert pixels(other).shape[:2] == (600, 800)
     scene = pixels(one)
     assert len(np.unique(scene.reshape(-1, 3), axis=0)) > 20, "something is drawn"
@@ -93,7 +93,7 @@ def test_without_a_driver_the_remedy_is_told(folder: Path, monkeypatch: pytest.M
     monkeypatch.setenv("VK_ICD_FILENAMES", "/nowhere.json")
     monkeypatch.setenv("VK_DRIVER_FILES", "/nowhere.json")
     monkeypatch.setenv("WGPU_BACKEND", "vulkan")
-    monkeypatch.setattr(snapshot, "PATIENCE", 20.0)
+    monkeypatch.setattr(snapshot, "TIMEOUT_S", 20.0)
     with pytest.raises(ViewerError, match=r"no graphics adapter; install a Vulkan driver"):
         take_snapshot(folder / "out.rrd", folder / "x.png", frame=1)
 
@@ -115,7 +115,7 @@ def test_a_file_of_another_kind_is_told(folder: Path) -> None:
 def test_an_output_log_becomes_a_recording_for_the_viewer(folder: Path) -> None:
     from rerun.chunk import RrdReader
 
-    with viewer_file(folder / "out.mcap") as recording:
+    with as_recording(folder / "out.mcap") as recording:
         entities = {str(chunk.entity_path) for chunk in RrdReader(recording).stream()}
         assert len(RrdReader(recording).blueprints()) == 1
     assert entities >= {"/tf", "/metrics", "/contacts/points", "/joint_states"}
@@ -132,8 +132,8 @@ def test_the_view_of_an_output_log_minds_what_stands_in_the_way(
         standing.append(triangles.reshape(-1, 3))
         return choose_viewpoint(points, triangles)
 
-    monkeypatch.setattr(view, "choose_eye", kept)
-    with viewer_file(landed.out):
+    monkeypatch.setattr(view, "choose_viewpoint", kept)
+    with as_recording(landed.out):
         pass
     (corners,) = standing
     wall = np.abs(corners[:, 0]) < 1e-9  # of the gallery's west wall the side to the room

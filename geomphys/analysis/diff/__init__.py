@@ -1,1 +1,1 @@
-"""Two outputs compared: frames matched by time, every channel measured, shown as a page or as an overlay."""
+"""Compares two outputs channel by channel; reports as a record, an HTML page or a rerun overlay."""

@@ -1,4 +1,4 @@
-"""What a comparison of a channel takes and gives."""
+"""The protocol of channel comparers, the tolerance they take and the record they return."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from geomphys.output.output_log import OutputFrame
 
 @dataclass(frozen=True, kw_only=True)
 class Tolerance:
-    """Up to where a difference counts as none.
+    """Differences up to these bounds count as equal.
 
-    With both at zero everything has to be equal. With one above zero only lengths, angles, and whether frames, bodies
-    and joints are there at all are judged: pairs gained and lost, counts, flags, impulses and texts are reported and do
-    not decide. (Which of two frames is the first to touch is a matter of the last bit.)
+    With both 0 everything has to be equal. With one above 0 only lengths, angles and the presence of frames, bodies and
+    joints decide; pairs gained and lost, counts, flags, impulses and texts are reported but do not decide, as the frame
+    of a first contact may depend on rounding.
     """
 
     m: float = 0.0
@@ -28,8 +28,8 @@ class Tolerance:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sets:
-    """What is in one output and not in the other: counts over all frames."""
+class SetDifference:
+    """Elements present in only one output: counts over all frames."""
 
     gained: int = 0  # in b alone
     lost: int = 0  # in a alone
@@ -38,9 +38,9 @@ class Sets:
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelDifference:
-    """What became of a channel. `parts` are its bodies, joints, pairs of bodies, or figures.
+    """Result of comparing a channel. Its `parts` are bodies, joints, pairs of bodies or fields.
 
-    `metres`, `radians` and `others` (other units) have the same parts, as far as they have that unit.
+    `metres`, `radians` and `others` (other units) hold the parts that have differences in that unit.
     """
 
     channel: str
@@ -52,7 +52,7 @@ class ChannelDifference:
     others: dict[str, Measure] = field(default_factory=dict)
     overall_m: Measure | None = None
     overall_rad: Measure | None = None
-    sets: dict[str, Sets] = field(default_factory=dict)
+    sets: dict[str, SetDifference] = field(default_factory=dict)
     only_a: tuple[str, ...] = ()
     only_b: tuple[str, ...] = ()
 
@@ -61,8 +61,8 @@ class ChannelDifference:
         return tuple(dict.fromkeys([*self.metres, *self.radians, *self.others, *self.sets]))
 
     def largest_differences(self) -> tuple[str, ...]:
-        """Names of the parts that differ: first the largest difference of each unit and the most gained and lost, then the
-        second ones, and so on.
+        """Names of the parts that differ, by their best rank among the differences of each unit and the numbers of gained
+        and lost elements.
         """
         measures = (self.metres, self.radians, self.others)
         scales = [{name: measure.max for name, measure in group.items() if measure.max > 0.0} for group in measures]
@@ -83,9 +83,9 @@ class Channel(Protocol):
         """Take two frames of the same time; returns the largest difference of a length, m."""
 
     def result(self) -> ChannelDifference:
-        """What it came to."""
+        """The result over all frames added."""
 
 
 def earliest(*frames: int | None) -> int | None:
-    """The first of some frames, None standing for no frame."""
+    """The smallest frame number, ignoring None; None if there is none."""
     return min((frame for frame in frames if frame is not None), default=None)

@@ -1,4 +1,4 @@
-"""Compares two outputs: both are read side by side, a frame at a time, so that memory does not grow with their length."""
+"""Compares two outputs, read in parallel frame by frame, so that memory does not grow with their length."""
 
 from __future__ import annotations
 
@@ -6,40 +6,40 @@ import dataclasses
 import hashlib
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
 from defusedxml import ElementTree
 
 from geomphys.analysis.diff.channels import Channel, Tolerance
-from geomphys.analysis.diff.derived import ContactChannel, LogChannel, MetricsChannel, PenetrationChannel
+from geomphys.analysis.diff.difference import Curves, Matching, OutputDifference
 from geomphys.analysis.diff.measures import Envelope, Peak, Peaks
-from geomphys.analysis.diff.motion import JointChannel, PoseChannel
-from geomphys.analysis.diff.report import Curves, Matching, OutputDifference
+from geomphys.analysis.diff.motion_channels import JointChannel, PoseChannel
+from geomphys.analysis.diff.result_channels import ContactChannel, LogChannel, MetricsChannel, PenetrationChannel
 from geomphys.errors import ConfigError, LogError
 from geomphys.output.decoders import Poses
 from geomphys.output.output_log import OutputFrame, OutputLog, open_output
+from geomphys.storage.remote_files import AnyPath
 
 CHANNELS = ("/tf", "/recorded/tf", "joint_states", "/contacts", "/penetration", "/metrics", "/log")
 """What can be compared; ``joint_states`` stands for the joint values of every avatar."""
 
 PEAKS = 4
-"""Frames that are kept to be shown."""
-APART_NS = 500_000_000
-"""ns; they lie at least this far apart."""
+"""Number of frames with the largest differences that are shown."""
+MIN_PEAK_DISTANCE_NS = 500_000_000
+"""ns; minimum time between two of them."""
 
 
 class PeakPoses(NamedTuple):
-    """What is kept of a frame that stands out."""
+    """Poses of both outputs in a frame of large difference."""
 
-    body: str  # frame id of the one that is furthest off
+    body: str  # frame id of the body with the largest difference
     a: Poses
     b: Poses
 
 
 def compare_outputs(
-    a: Path | str,
-    b: Path | str,
+    a: AnyPath | str,
+    b: AnyPath | str,
     *,
     tolerance_m: float = 0.0,
     tolerance_rad: float = 0.0,
@@ -73,17 +73,17 @@ def compare_outputs(
     unknown = set(channels) - set(CHANNELS)
     if unknown or not channels:
         raise ConfigError(f"channel = {', '.join(sorted(unknown))}: choose among {', '.join(CHANNELS)}")
-    one, other = open_output(a), open_output(b)
+    output_a, output_b = open_output(a), open_output(b)
     requested = [name for name in CHANNELS if name in channels]
-    first_a, first_b = _first(one, requested), _first(other, requested)
+    first_a, first_b = _first(output_a, requested), _first(output_b, requested)
     compared: dict[str, Channel] = {}
     for name in requested:
-        compared |= _comparers(name, tolerance, one, other, first_a, first_b)
-    trace = _Trace(compared)
+        compared |= _comparers(name, tolerance, output_a, output_b, first_a, first_b)
+    trace = _FrameComparison(compared)
     counts = dict.fromkeys(("compared", "only_a", "only_b"), 0)
     first_frames: dict[str, int | None] = {"only_a": None, "only_b": None}
-    total = max(one.frame_count, other.frame_count)
-    for frame_a, frame_b in matched(one.frames(requested), other.frames(requested)):
+    total = max(output_a.frame_count, output_b.frame_count)
+    for frame_a, frame_b in match_frames(output_a.frames(requested), output_b.frames(requested)):
         if frame_a is not None and frame_b is not None:
             counts["compared"] += 1
             trace.add(frame_a, frame_b)
@@ -98,15 +98,15 @@ def compare_outputs(
     results = {name: comparer.result() for name, comparer in compared.items()}
     if not counts["compared"]:
         results = {name: dataclasses.replace(result, equal=False) for name, result in results.items()}
-    files_a, files_b = _digests(one), _digests(other)
+    files_a, files_b = _digests(output_a), _digests(output_b)
     return OutputDifference(
         a=str(a),
         b=str(b),
         equal=all(channel.equal for channel in results.values()) and not counts["only_a"] and not counts["only_b"],
         tolerance=tolerance,
         frames=Matching(
-            a=one.frame_count,
-            b=other.frame_count,
+            a=output_a.frame_count,
+            b=output_b.frame_count,
             **counts,
             first_only_a=first_frames["only_a"],
             first_only_b=first_frames["only_b"],
@@ -114,15 +114,15 @@ def compare_outputs(
         ),
         channels=results,
         parameters={
-            name: (one.metadata.get(name), other.metadata.get(name))
-            for name in dict.fromkeys([*one.metadata, *other.metadata])
-            if one.metadata.get(name) != other.metadata.get(name)
+            name: (output_a.metadata.get(name), output_b.metadata.get(name))
+            for name in dict.fromkeys([*output_a.metadata, *output_b.metadata])
+            if output_a.metadata.get(name) != output_b.metadata.get(name)
         },
         attachments=tuple(
             name for name in sorted(files_a.keys() | files_b.keys()) if files_a.get(name) != files_b.get(name)
         ),
         curves=trace.curves(),
-        peaks=tuple(trace.peaks.largest_first()),
+        peaks=tuple(trace.peaks.sorted_peaks()),
     )
 
 
@@ -135,14 +135,14 @@ def _first(output: OutputLog, channels: Collection[str]) -> OutputFrame:
 def _comparers(
     name: str, tolerance: Tolerance, a: OutputLog, b: OutputLog, first_a: OutputFrame, first_b: OutputFrame
 ) -> dict[str, Channel]:
-    """Topic -> what compares it."""
+    """Topic -> its comparer."""
     if name in ("/tf", "/recorded/tf"):
         return {name: PoseChannel(name, tolerance, first_a, first_b)}
     if name == "joint_states":
         sliding = joints_of_type(a, "prismatic") | joints_of_type(b, "prismatic")
-        overall = joints_of_type(a, "continuous") & joints_of_type(b, "continuous")
+        continuous = joints_of_type(a, "continuous") & joints_of_type(b, "continuous")
         topics = dict.fromkeys([*a.joint_topics, *b.joint_topics])
-        return {topic: JointChannel(topic, tolerance, sliding, overall) for topic in topics}
+        return {topic: JointChannel(topic, tolerance, sliding, continuous) for topic in topics}
     kinds: dict[str, Callable[[Tolerance], Channel]] = {
         "/contacts": ContactChannel,
         "/penetration": PenetrationChannel,
@@ -162,21 +162,21 @@ def joints_of_type(output: OutputLog, kind: str) -> frozenset[str]:
     return frozenset(names)
 
 
-def matched(
+def match_frames(
     a: Iterator[OutputFrame], b: Iterator[OutputFrame]
 ) -> Iterator[tuple[OutputFrame | None, OutputFrame | None]]:
     """Frames of the same time together, others alone, in the order of their times."""
-    one, other = next(a, None), next(b, None)
-    while one is not None or other is not None:
-        if other is None or (one is not None and one.time_ns < other.time_ns):
-            yield one, None
-            one = next(a, None)
-        elif one is None or other.time_ns < one.time_ns:
-            yield None, other
-            other = next(b, None)
+    frame_a, frame_b = next(a, None), next(b, None)
+    while frame_a is not None or frame_b is not None:
+        if frame_b is None or (frame_a is not None and frame_a.time_ns < frame_b.time_ns):
+            yield frame_a, None
+            frame_a = next(a, None)
+        elif frame_a is None or frame_b.time_ns < frame_a.time_ns:
+            yield None, frame_b
+            frame_b = next(b, None)
         else:
-            yield one, other
-            one, other = next(a, None), next(b, None)
+            yield frame_a, frame_b
+            frame_a, frame_b = next(a, None), next(b, None)
 
 
 def _digests(output: OutputLog) -> dict[str, str]:
@@ -184,13 +184,13 @@ def _digests(output: OutputLog) -> dict[str, str]:
 
 
 @dataclass
-class _Trace:
-    """Hands frames to the comparers and keeps what is drawn."""
+class _FrameComparison:
+    """Passes frames to the comparers and collects curves and peaks."""
 
     channels: dict[str, Channel]
 
     def __post_init__(self) -> None:
-        self.peaks = Peaks(PEAKS, APART_NS)
+        self.peaks = Peaks(PEAKS, MIN_PEAK_DISTANCE_NS)
         self._position, self._angle, self._joints, self._contacts, self._depth = (Envelope() for _ in range(5))
 
     def add(self, a: OutputFrame, b: OutputFrame) -> None:
@@ -200,7 +200,7 @@ class _Trace:
             if isinstance(channel, PoseChannel) and name == "/tf":
                 self._position.add(a.index, largest)
                 self._angle.add(a.index, channel.angle)
-                if self.peaks.accepts(largest, a.time_ns):
+                if self.peaks.would_keep(largest, a.time_ns):
                     body = channel.compared[int(channel.differences.argmax())]
                     self.peaks.add(Peak(largest, a.index, a.time_ns, PeakPoses(body, a.tf, b.tf)))
             elif isinstance(channel, JointChannel):

@@ -1,6 +1,6 @@
-"""What is gathered of a difference while two outputs go by: largest, root mean square, first and worst frame.
+"""Accumulates differences over frames: largest, root mean square, first and worst frame, curves and peaks.
 
-Memory depends on the number of things that are measured, not on the number of frames.
+Memory grows with the number of measured parts, not with the number of frames.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ NONE = -1
 
 @dataclass(frozen=True, kw_only=True)
 class Measure:
-    """The difference of one thing over the frames in which it stands in both outputs; unit by the place it stands in."""
+    """The difference of one part over the frames in which both outputs have it, in the unit of the containing field."""
 
     max: float
     rms: float
@@ -34,7 +34,7 @@ class Measure:
 
 
 class DifferenceTable:
-    """Differences >= 0 of named things, gathered frame by frame."""
+    """Accumulates differences >= 0 of named parts, frame by frame."""
 
     def __init__(self, tolerance: float) -> None:
         self.tolerance = tolerance
@@ -47,7 +47,7 @@ class DifferenceTable:
         self._squares: Floats = np.zeros(0)
 
     def rows(self, names: Sequence[str]) -> Ints:
-        """Rows of things to hand to `add`; new names get new ones."""
+        """Rows of named parts, to pass to `add`; new names get new rows."""
         new = [name for name in names if name not in self._rows]
         if not new:
             return np.array([self._rows[name] for name in names], np.int64)
@@ -77,7 +77,7 @@ class DifferenceTable:
         return len(over) > 0
 
     def has(self, name: str) -> bool:
-        """Whether anything was taken of that name."""
+        """Whether a difference of that name was added."""
         return name in self._rows and bool(self._counts[self._rows[name]])
 
     def each(self) -> dict[str, Measure]:
@@ -85,7 +85,7 @@ class DifferenceTable:
         return {name: self._measure(np.array([row])) for name, row in self._rows.items()}
 
     def overall(self) -> Measure:
-        """All things together; `frames` is that of the thing that differs in most."""
+        """All parts together; `frames` is the largest over the parts."""
         return self._measure(np.arange(len(self._rows)))
 
     def _measure(self, rows: Ints) -> Measure:
@@ -104,7 +104,7 @@ class DifferenceTable:
 
 
 class Envelope:
-    """A curve over the frames in at most `capacity` points, each the largest of as many frames as it stands for."""
+    """A curve over the frames with at most `capacity` points, each the maximum over equally many frames."""
 
     def __init__(self, capacity: int = 1200) -> None:
         self._capacity = 2 * (capacity // 2)
@@ -134,7 +134,7 @@ class Envelope:
 
 
 class Peak(NamedTuple):
-    """A frame that stands out, and what was kept of it."""
+    """A frame with a large difference, and its stored payload."""
 
     value: float
     frame: int
@@ -143,22 +143,22 @@ class Peak(NamedTuple):
 
 
 class Peaks:
-    """The few frames of the largest values that lie apart in time."""
+    """The frames of the largest values, separated in time."""
 
-    def __init__(self, count: int, apart_ns: int) -> None:
+    def __init__(self, count: int, min_distance_ns: int) -> None:
         self._count = count
-        self._apart_ns = apart_ns
+        self._min_distance_ns = min_distance_ns
         self._peaks: list[Peak] = []
 
-    def accepts(self, value: float, time_ns: int) -> bool:
-        """Whether a frame would be kept, so that what is to be kept need not be made in vain."""
+    def would_keep(self, value: float, time_ns: int) -> bool:
+        """Whether a frame would be kept; check before making an expensive payload."""
         neighbour = self._close_to(time_ns)
         if neighbour is not None:
             return value > self._peaks[neighbour].value
         return value > 0.0 and (len(self._peaks) < self._count or value > min(self._peaks).value)
 
     def add(self, peak: Peak) -> None:
-        """Keep a frame that `accepts` approved, in place of a smaller one where there is no room."""
+        """Keep a frame that `would_keep` approved, replacing a smaller one if the table is full."""
         neighbour = self._close_to(peak.time_ns)
         if neighbour is not None:
             self._peaks[neighbour] = peak
@@ -168,12 +168,12 @@ class Peaks:
             smallest = min(range(self._count), key=lambda k: self._peaks[k].value)
             self._peaks[smallest] = peak
 
-    def largest_first(self) -> list[Peak]:
-        """The frames kept."""
+    def sorted_peaks(self) -> list[Peak]:
+        """The frames kept, largest value first."""
         return sorted(self._peaks, key=lambda peak: (-peak.value, peak.frame))
 
     def _close_to(self, time_ns: int) -> int | None:
         for k, peak in enumerate(self._peaks):
-            if abs(peak.time_ns - time_ns) < self._apart_ns:
+            if abs(peak.time_ns - time_ns) < self._min_distance_ns:
                 return k
         return None

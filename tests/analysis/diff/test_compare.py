@@ -15,9 +15,9 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 import geomphys
-from geomphys.analysis.diff.channels import ChannelDifference, Sets
+from geomphys.analysis.diff.channels import ChannelDifference, SetDifference
+from geomphys.analysis.diff.html_report import write_page
 from geomphys.analysis.diff.measures import Measure
-from geomphys.analysis.diff.page import write_page
 from geomphys.output.mcap_sink import McapSink
 from geomphys.output.output_log import open_output
 from geomphys.output.provenance import provenance_of
@@ -203,7 +203,7 @@ def test_the_part_that_differs_most_comes_first() -> None:
     channel = ChannelDifference(
         channel="/penetration", kind="pairs", equal=False, first_frame=0,
         metres={"often": measure(1e-3), "far": measure(2e-2), "less": measure(2e-3), "same": measure(0.0)},
-        sets={"often": Sets(gained=100), "gone": Sets(lost=3)},
+        sets={"often": SetDifference(gained=100), "gone": SetDifference(lost=3)},
     )  # fmt: skip
     assert channel.largest_differences() == ("often", "far", "less", "gone")
 

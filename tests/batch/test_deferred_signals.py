@@ -12,7 +12,7 @@ from types import FrameType
 
 import pytest
 
-from geomphys.batch.deferred_signals import STOPPING, blocked_in_children, signals_deferred
+from geomphys.batch.deferred_signals import STOP_SIGNALS, blocked_in_children, signals_deferred
 
 
 class Came(BaseException):
@@ -26,13 +26,13 @@ def handlers() -> Iterator[None]:
     def raise_it(number: int, _: FrameType | None) -> None:
         raise Came(number)
 
-    before = {number: signal.signal(number, raise_it) for number in STOPPING}
+    before = {number: signal.signal(number, raise_it) for number in STOP_SIGNALS}
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
 
 
-@pytest.mark.parametrize("number", STOPPING)
+@pytest.mark.parametrize("number", STOP_SIGNALS)
 def test_a_signal_comes_at_the_end_whichever_thread_the_system_gives_it_to(number: int) -> None:
     steps, begun = [], threading.Event()
 
@@ -89,10 +89,10 @@ def test_what_the_block_raises_is_not_lost_for_a_signal() -> None:
 def test_a_child_starts_with_the_signals_blocked_and_takes_them_when_it_says_so() -> None:
     code = (
         "import os, signal\n"
-        "from geomphys.batch.deferred_signals import STOPPING, take_signals\n"
+        "from geomphys.batch.deferred_signals import STOP_SIGNALS, restore_signals\n"
         "os.kill(os.getpid(), signal.SIGINT)\n"
         "print('still here', flush=True)\n"
-        "take_signals()\n"
+        "restore_signals()\n"
         "print('and still', flush=True)\n"
         "os.kill(os.getpid(), signal.SIGTERM)\n"
     )

@@ -1,4 +1,4 @@
-"""The last guard of every output: no number that is not finite gets into a file."""
+"""Checks that every number of a frame is finite before it is written."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from geomphys.results import FrameResult
 
 
 def check_finite(result: FrameResult, body_names: Sequence[str]) -> None:
-    """Raise OutputError that names frame and place if a number of the result is NaN or infinite."""
+    """Raise OutputError that names frame and body or field if a number of the result is NaN or infinite."""
     metrics, contacts, pairs = result.metrics, result.contacts, result.penetrations
     total = float(
         metrics.recorded_penetration_m
@@ -47,7 +47,7 @@ def _first_non_finite(result: FrameResult, body_names: Sequence[str]) -> str:
     for name, values in columns.items():
         if not np.isfinite(values).all():
             return f"{name} is not finite: {values[~np.isfinite(values)][0]}"
-    return f"a figure is not finite: {result.metrics}"
+    return f"a metric is not finite: {result.metrics}"
 
 
 def _columns(kind: str, columns: tuple[np.ndarray, ...]) -> dict[str, np.ndarray]:

@@ -1,4 +1,4 @@
-"""What two outputs differ in, as a record and as JSON."""
+"""The record of a comparison of two outputs, and its JSON form."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, kw_only=True)
 class Matching:
-    """How the frames of two outputs were brought together by their times."""
+    """How the frames of two outputs were matched by their times."""
 
     a: int
     b: int
@@ -32,7 +32,7 @@ class Matching:
 
 @dataclass(frozen=True, kw_only=True)
 class Curves:
-    """Differences over the compared frames, for the eye: at most some thousand points, each the largest of its stretch."""
+    """Curves of differences over the compared frames: at most some thousand points, each the maximum of an interval."""
 
     position_m: tuple[Ints, Floats]  # frames, largest of /tf
     angle_rad: tuple[Ints, Floats]
@@ -45,9 +45,8 @@ class Curves:
 class OutputDifference:
     """The comparison of two outputs. Frames are counted as `a` counts them.
 
-    `equal` says that all frames of one have a twin in the other and that no channel differs by more than the
-    tolerance; where no two frames have the same time no channel counts as equal. Parameters, input and scene may
-    differ: they are causes, not results.
+    `equal`: every frame has a counterpart of the same time in the other output, and no channel differs by more than the
+    tolerance. If no frames match, no channel counts as equal. Parameters, input and scene are reported but do not decide.
     """
 
     a: str
@@ -78,7 +77,7 @@ class OutputDifference:
 
 
 def _channel(channel: ChannelDifference) -> dict[str, Any]:
-    """A channel: its own figures, then those of its parts under the name of what they are."""
+    """A channel: overall measures, then those of its parts under the name of their kind."""
     overall: dict[str, Any] = {"equal": channel.equal}
     overall |= _figures(channel.overall_m, "_m") | _figures(channel.overall_rad, "_rad")
     overall["first_frame"] = channel.first_frame

@@ -1,4 +1,4 @@
-"""What a mesh file says of itself, before a parser believes it: how long it is, of what kind, in which unit."""
+"""Checks mesh files before they are parsed: format, announced size, truncation, COLLADA unit."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import struct
 
 from geomphys.scene.git_lfs import IS_POINTER, is_lfs_pointer
 
-HEAD = 84
-"""bytes before the triangles of a binary STL; the last four count them"""
-RECORD = 50
+STL_HEADER_BYTES = 84
+"""bytes before the triangles of a binary STL; the last four are their count"""
+STL_TRIANGLE_BYTES = 50
 """bytes of a triangle in a binary STL"""
 
 _FACET = re.compile(rb"\bfacet\s+normal\b", re.IGNORECASE)
@@ -19,19 +19,19 @@ _END_SOLID = re.compile(rb"\bendsolid\b", re.IGNORECASE)
 _PLY_FACES = re.compile(rb"^element\s+face\s+(\d+)", re.MULTILINE)
 _OFF_FACES = re.compile(rb"\s*[A-Z0-9]*OFF\s+\d+\s+(\d+)")
 _COMMENT = re.compile(rb"#[^\n]*")
-_PAGE = (b"<!doctype html", b"<html")
+_HTML = (b"<!doctype html", b"<html")
 
 
-def mesh_fault(data: bytes, suffix: str) -> str:
-    """What is wrong with the bytes of a mesh file as a whole; "" where nothing is that can be told without parsing it.
+def mesh_problem(data: bytes, suffix: str) -> str:
+    """Problem of a mesh file that shows without parsing it; "" if none.
 
-    A file without a byte, a Git LFS pointer, a web page in the file's place, an STL or GLB that is cut off.
+    An empty file, a Git LFS pointer, a web page, a truncated STL or GLB.
     """
     if not data:
         return "is empty (0 bytes): fetch or save it again"
     if is_lfs_pointer(data):
         return IS_POINTER
-    if data[:200].lstrip()[:14].lower().startswith(_PAGE):
+    if data[:200].lstrip()[:14].lower().startswith(_HTML):
         return "is a web page, not a mesh: download the file itself"
     if suffix == "stl":
         return _ascii_stl_fault(data) if is_ascii_stl(data) else _binary_stl_fault(data)
@@ -43,47 +43,49 @@ def mesh_fault(data: bytes, suffix: str) -> str:
 
 
 def is_ascii_stl(data: bytes) -> bool:
-    """Whether an STL is text. Binary ones may begin with "solid" too; their length gives them away."""
-    if len(data) >= HEAD and len(data) == HEAD + RECORD * stl_count(data):
+    """Whether an STL is text. Binary files may begin with "solid" too and are recognised by their length."""
+    if len(data) >= STL_HEADER_BYTES and len(data) == STL_HEADER_BYTES + STL_TRIANGLE_BYTES * stl_count(data):
         return False
     start = data[:2048].lstrip().lower()
     return start.startswith(b"solid") and (b"facet" in start or b"endsolid" in start)
 
 
 def stl_count(data: bytes) -> int:
-    """Triangles that the head of a binary STL announces."""
-    return int.from_bytes(data[HEAD - 4 : HEAD], "little")
+    """Number of triangles in the header of a binary STL."""
+    return int.from_bytes(data[STL_HEADER_BYTES - 4 : STL_HEADER_BYTES], "little")
 
 
 def without_trailer(data: bytes) -> bytes:
-    """A binary STL without what some programs write behind its last triangle."""
-    if is_ascii_stl(data) or len(data) < HEAD:
+    """A binary STL without the bytes that some programs append after the last triangle."""
+    if is_ascii_stl(data) or len(data) < STL_HEADER_BYTES:
         return data
-    return data[: HEAD + RECORD * stl_count(data)]
+    return data[: STL_HEADER_BYTES + STL_TRIANGLE_BYTES * stl_count(data)]
 
 
 def _binary_stl_fault(data: bytes) -> str:
-    if len(data) < HEAD:
-        return f"is not a readable .stl mesh: it is cut off after {len(data)} bytes, its head alone has {HEAD}"
-    count, there = stl_count(data), (len(data) - HEAD) // RECORD
-    if count > there:
-        return f"is cut off: {count} triangles announced, {there} there: fetch or save it again"
-    if count == 0 and there:
-        return f"announces no triangles, though it has room for {there}: save it again"
+    if len(data) < STL_HEADER_BYTES:
+        return (
+            f"is not a readable .stl mesh: it is cut off after {len(data)} bytes, its head alone has {STL_HEADER_BYTES}"
+        )
+    count, present = stl_count(data), (len(data) - STL_HEADER_BYTES) // STL_TRIANGLE_BYTES
+    if count > present:
+        return f"is cut off: {count} triangles announced, {present} there: fetch or save it again"
+    if count == 0 and present:
+        return f"announces no triangles, though the file has room for {present}: save it again"
     return ""
 
 
 def _ascii_stl_fault(data: bytes) -> str:
-    begun, ended = len(_FACET.findall(data)), len(_END_FACET.findall(data))
-    if begun > ended:
-        return f"is cut off: {begun} triangles begun, {ended} there: fetch or save it again"
+    started, ended = len(_FACET.findall(data)), len(_END_FACET.findall(data))
+    if started > ended:
+        return f"is cut off: {started} triangles begun, {ended} there: fetch or save it again"
     if not _END_SOLID.search(data):
         return f"is cut off: no `endsolid` after its {ended} triangles: fetch or save it again"
     return ""
 
 
 def announced_faces(data: bytes, suffix: str) -> int:
-    """Faces that the head of a PLY or OFF file announces; 0 where it announces none, or the kind has no head."""
+    """Number of faces in the header of a PLY or OFF file; 0 if there is none, and for other formats."""
     found = None
     if suffix == "ply":
         found = _PLY_FACES.search(data[: data.find(b"end_header")])
@@ -93,9 +95,9 @@ def announced_faces(data: bytes, suffix: str) -> int:
 
 
 def collada_unit(data: bytes) -> float:
-    """Metres of a unit of a COLLADA file (``<unit meter=...>`` of its asset; 1 where it names none).
+    """Length unit of a COLLADA file in metres (``<unit meter=...>`` of its asset; default 1).
 
-    Its ``<up_axis>`` is not looked at, as RViz does not: the coordinates count as they stand. Raises ValueError,
+    ``<up_axis>`` is ignored, as in RViz: coordinates are taken as they are. Raises ValueError,
     LookupError or ParseError for what is no XML, an entity or a DTD, or a unit that is none.
     """
     from defusedxml.ElementTree import fromstring

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 import geomphys
-from geomphys.analysis.diff.overlay import write_overlay
+from geomphys.analysis.diff.rerun_overlay import write_overlay
 from geomphys.output.output_log import open_output
 from tests.made import Results
 

@@ -1,29 +1,29 @@
-"""Both motions of a comparison in one rerun recording: a solid, b over it, and the distance between them as a curve."""
+"""Writes both motions of a comparison as a rerun recording: a solid, b translucent, and their distance as a curve."""
 
 from __future__ import annotations
 
 import hashlib
 from itertools import islice
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.analysis.diff.channels import Tolerance
-from geomphys.analysis.diff.compare import matched
-from geomphys.analysis.diff.motion import PoseChannel
-from geomphys.analysis.diff.pictures import COLOUR_A, COLOUR_B, COLOUR_STATIC
-from geomphys.analysis.diff.report import OutputDifference
+from geomphys.analysis.diff.compare import match_frames
+from geomphys.analysis.diff.difference import OutputDifference
+from geomphys.analysis.diff.motion_channels import PoseChannel
+from geomphys.analysis.diff.peak_pictures import COLOUR_A, COLOUR_B, COLOUR_STATIC
 from geomphys.numerics.transforms import rotation_from_quaternion
 from geomphys.output.camera import choose_viewpoint
 from geomphys.output.decoders import Poses
 from geomphys.output.output_log import OutputLog, open_output
-from geomphys.output.output_scene import world_of_output
-from geomphys.output.rerun_stream import UNIX_FROM, RerunStream, Times
-from geomphys.output.shading import shaded
+from geomphys.output.output_world import world_of_output
+from geomphys.output.rerun_stream import UNIX_TIME_START, RerunStream, Times
 from geomphys.output.sink import OutputFile
+from geomphys.output.vertex_normals import with_vertex_normals
 from geomphys.scene.arrays import World
+from geomphys.storage.remote_files import AnyPath
 
 if TYPE_CHECKING:
     from rerun.blueprint import Blueprint
@@ -37,11 +37,11 @@ CURVE = ("plots", "distance_mm")
 BATCH = 1000
 """Frames sent at once."""
 EYE_FRAMES = 200
-"""Frames that the point of view is chosen from."""
+"""Number of frames from which the viewpoint is chosen."""
 OPACITY = {"a": 255, "b": 130}
 
 
-def write_overlay(difference: OutputDifference, out: Path, *, scene: Path | None = None) -> None:
+def write_overlay(difference: OutputDifference, out: AnyPath, *, scene: AnyPath | None = None) -> None:
     """Write both motions as a rerun recording: timelines ``frame`` (as a counts) and ``time``.
 
     Parameters
@@ -69,9 +69,9 @@ def write_overlay(difference: OutputDifference, out: Path, *, scene: Path | None
     stream = RerunStream(output.temporary, identity[:32], f"{a.path.stem} against {b.path.stem}")
     stream.log_static(SCENE, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
     stream.log_static(CURVE, rr.SeriesLines(names="largest distance [mm]", widths=1.5, colors=[217, 118, 27]))
-    sides = [_Side(stream, name, world, log) for name, log in (("a", a), ("b", b))]
-    distance = PoseChannel("/tf", Tolerance(), sides[0].first, sides[1].first)
-    unix, index = a.start_ns >= UNIX_FROM, 0
+    motions = [_OverlayMotion(stream, name, world, log) for name, log in (("a", a), ("b", b))]
+    distance = PoseChannel("/tf", Tolerance(), motions[0].first, motions[1].first)
+    unix, index = a.start_ns >= UNIX_TIME_START, 0
     frames: list[int] = []
     times_ns: list[int] = []
     rows: list[int] = []
@@ -80,13 +80,13 @@ def write_overlay(difference: OutputDifference, out: Path, *, scene: Path | None
 
     def send() -> None:
         times = Times(np.array(frames, np.int64), np.array(times_ns, np.int64), unix)
-        for side in sides:
+        for side in motions:
             side.send(times)
         stream.send(CURVE, times, np.array(rows, np.int64), rr.Scalars.columns(scalars=values))
         for column in (frames, times_ns, rows, values):
             column.clear()
 
-    for one, other in matched(a.frames(["/tf"]), b.frames(["/tf"])):
+    for one, other in match_frames(a.frames(["/tf"]), b.frames(["/tf"])):
         present = one or other
         assert present is not None
         index = one.index if one is not None else index
@@ -94,7 +94,7 @@ def write_overlay(difference: OutputDifference, out: Path, *, scene: Path | None
             rows.append(len(frames))
             values.append(1e3 * distance.add(one, other))
             largest = max(largest, values[-1])
-        for side, frame in zip(sides, (one, other), strict=True):
+        for side, frame in zip(motions, (one, other), strict=True):
             if frame is not None:
                 side.take(len(frames), frame.tf)
         frames.append(index)
@@ -103,15 +103,15 @@ def write_overlay(difference: OutputDifference, out: Path, *, scene: Path | None
             send()
     send()
     try:
-        view = _view(world, (a, b), sides[0].first.tf, sides[0].moving, largest)
+        view = _view(world, (a, b), motions[0].first.tf, motions[0].moving, largest)
         stream.finish({"a": difference.a, "b": difference.b}, view)
     except OSError as problem:
         raise output.error(problem) from problem
     output.publish(complete=True)
 
 
-class _Side:
-    """One of the two motions: its shapes, and its poses until they are sent."""
+class _OverlayMotion:
+    """One of the two motions: logs its shapes and buffers its poses."""
 
     def __init__(self, stream: RerunStream, name: str, world: World, log: OutputLog) -> None:
         two = list(islice(log.frames(["/tf"]), 2))
@@ -125,14 +125,14 @@ class _Side:
         self._send_shapes(world)
 
     def take(self, row: int, poses: Poses) -> None:
-        """Keep the poses of the frame that stands in that row of the batch."""
+        """Buffer the poses of the frame at a row of the batch."""
         if poses.names != self._layout[0]:
             self._layout = (poses.names, np.array([poses.names.index(n) for n in self.moving], np.int64))
         self._rows.append(row)
         self._values.append(poses.values[self._layout[1]])
 
     def send(self, times: Times) -> None:
-        """Send what was kept."""
+        """Send the buffered poses."""
         import rerun as rr
 
         if not self._rows:
@@ -146,14 +146,14 @@ class _Side:
         self._rows, self._values = [], []
 
     def _send_shapes(self, world: World) -> None:
-        """Shapes, those of b translucent, and the places of what stands still; b's only where they differ from a's."""
+        """Log the shapes, those of b translucent, and the poses of static bodies."""
         import rerun as rr
 
         poses_by_name = dict(zip(self.first.tf.names, self.first.tf.values, strict=True))
         for body, frame in enumerate(world.frame_names):
             if frame not in self._drawn or frame not in poses_by_name:
                 continue
-            points, corners, normals = shaded(*world.triangles[body])
+            points, corners, normals = with_vertex_normals(*world.triangles[body])
             paint = COLOUR_STATIC if frame not in self.moving else COLOUR_A if self._name == "a" else COLOUR_B
             colour = (*(round(255 * part) for part in paint), OPACITY[self._name])
             path = (*SCENE, self._name, frame)
@@ -165,14 +165,14 @@ class _Side:
             )
             if frame not in self.moving:
                 pose = poses_by_name[frame]
-                place = rr.Transform3D(translation=pose[:3], quaternion=rr.Quaternion(xyzw=pose[3:]))
-                self._stream.log_static(path, place)
+                static_pose = rr.Transform3D(translation=pose[:3], quaternion=rr.Quaternion(xyzw=pose[3:]))
+                self._stream.log_static(path, static_pose)
 
 
 def _view(
     world: World, logs: tuple[OutputLog, OutputLog], static_poses: Poses, moving: tuple[str, ...], largest_mm: float
 ) -> Blueprint:
-    """The scene above, the curve below, seen from where most of the motion is not hidden."""
+    """Blueprint: the scene above, the curve below; the viewpoint minimizes occlusion of the motion."""
     import rerun.blueprint as rrb
 
     poses_by_name = dict(zip(static_poses.names, static_poses.values, strict=True))

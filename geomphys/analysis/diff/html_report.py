@@ -1,4 +1,4 @@
-"""A comparison as one page that needs nothing but itself: no network, no scripts."""
+"""Writes a comparison as a self-contained HTML page, without scripts or network access."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ import numpy as np
 
 from geomphys import __version__
 from geomphys.analysis.diff.channels import ChannelDifference
-from geomphys.analysis.diff.curves import curve
+from geomphys.analysis.diff.difference import OutputDifference
 from geomphys.analysis.diff.measures import Measure
-from geomphys.analysis.diff.pictures import Picture, first_poses, pictures_of
-from geomphys.analysis.diff.report import OutputDifference
+from geomphys.analysis.diff.peak_pictures import Picture, first_poses, pictures_of
+from geomphys.analysis.diff.svg_curves import curve
 from geomphys.errors import InputError
 from geomphys.output.output_log import open_output
-from geomphys.output.output_scene import world_of_output
+from geomphys.output.output_world import world_of_output
 from geomphys.output.sink import OutputFile
+from geomphys.storage.remote_files import AnyPath
 
 _STYLE = """
 :root { color-scheme: light dark; --ink: #1d2126; --soft: #5d6570; --line: #d9dce0; --paper: #ffffff; --panel: #f6f7f8;
@@ -47,10 +48,10 @@ details > summary { cursor: pointer; color: var(--soft); margin: 6px 0; }
 """
 
 _SHOWN = 12
-"""Parts of a channel that stand in the open; the others unfold."""
+"""Parts of a channel shown at once; the others are in a collapsed table."""
 
 
-def write_page(difference: OutputDifference, out: Path, *, scene: Path | None = None) -> None:
+def write_page(difference: OutputDifference, out: AnyPath, *, scene: AnyPath | None = None) -> None:
     """Write a comparison as an HTML page with curves, pictures of the worst frames and all figures.
 
     Parameters
@@ -78,7 +79,7 @@ def write_page(difference: OutputDifference, out: Path, *, scene: Path | None = 
     output.publish(complete=True)
 
 
-def _page(difference: OutputDifference, scene: Path | None) -> Iterator[str]:
+def _page(difference: OutputDifference, scene: AnyPath | None) -> Iterator[str]:
     a, b = Path(difference.a).name, Path(difference.b).name
     yield '<!doctype html><html lang="en"><head><meta charset="utf-8">'
     yield '<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">'
@@ -88,7 +89,7 @@ def _page(difference: OutputDifference, scene: Path | None) -> Iterator[str]:
     if not difference.equal and difference.frames.compared:
         yield from _curves(difference)
         yield from _pictures(difference, scene)
-    yield from _causes(difference)
+    yield from _inputs(difference)
     for channel in difference.channels.values():
         yield from _channel(channel)
     yield f'<p class="soft">geomphys {escape(__version__)}. Frames are counted as in {escape(a)}.</p>'
@@ -121,10 +122,15 @@ def _verdict(difference: OutputDifference) -> Iterator[str]:
         verdict = '<span class="same">equal</span>' if channel.equal else '<span class="other">differs</span>'
         verdict = verdict if frames.compared else '<span class="soft">not compared</span>'
         first = "" if channel.equal or channel.first_frame is None else f"{channel.first_frame:,}"
-        texts = [_of(channel.overall_m, "max", _length), _of(channel.overall_m, "rms", _length)]
-        texts += [_of(channel.overall_rad, "max", _angle), _of(channel.overall_rad, "rms", _angle), changed, first]
+        texts = [_formatted(channel.overall_m, "max", _length), _formatted(channel.overall_m, "rms", _length)]
+        texts += [
+            _formatted(channel.overall_rad, "max", _angle),
+            _formatted(channel.overall_rad, "rms", _angle),
+            changed,
+            first,
+        ]
         rows.append([escape(channel.channel), verdict, *texts])
-    yield _table(["channel", "", "largest", "RMS", "turned", "RMS turn", "gained / lost", "first frame"], rows, 2)
+    yield _table(["channel", "", "largest", "RMS", "rotation", "RMS rotation", "gained / lost", "first frame"], rows, 2)
 
 
 def _curves(difference: OutputDifference) -> Iterator[str]:
@@ -143,7 +149,7 @@ def _curves(difference: OutputDifference) -> Iterator[str]:
         yield curve(title, unit, frames, values, steps=steps)
 
 
-def _pictures(difference: OutputDifference, scene: Path | None) -> Iterator[str]:
+def _pictures(difference: OutputDifference, scene: AnyPath | None) -> Iterator[str]:
     if not difference.peaks:
         return
     yield "<h2>Where they differ most</h2>"
@@ -155,10 +161,10 @@ def _pictures(difference: OutputDifference, scene: Path | None) -> Iterator[str]
             raise
         yield f'<p class="soft">No pictures: {escape(str(problem))}</p>'
         return
-    first_frames_poses = (first_poses(log), first_poses(open_output(difference.b)))
+    static_poses = (first_poses(log), first_poses(open_output(difference.b)))
     yield '<p class="soft"><span class="key" style="background:#4a87c7;margin-left:0"></span>a'
     yield '<span class="key" style="background:#ed8229"></span>b, where it differs</p><div class="pictures">'
-    for picture in pictures_of(world, difference.peaks, *first_frames_poses):
+    for picture in pictures_of(world, difference.peaks, *static_poses):
         yield _figure(picture, log.start_ns)
     yield "</div>"
 
@@ -173,7 +179,7 @@ def _figure(picture: Picture, start_ns: int) -> str:
     )
 
 
-def _causes(difference: OutputDifference) -> Iterator[str]:
+def _inputs(difference: OutputDifference) -> Iterator[str]:
     rows = [
         [escape(name), escape(str(a if a is not None else "none")), escape(str(b if b is not None else "none"))]
         for name, (a, b) in difference.parameters.items()
@@ -191,7 +197,17 @@ def _channel(channel: ChannelDifference) -> Iterator[str]:
     for side, names in (("a", channel.only_a), ("b", channel.only_b)):
         if names:
             yield f"<p>Only in {side}: {escape(', '.join(names))}</p>"
-    titles = [channel.kind, "largest", "RMS", "turned", "RMS turn", "gained", "lost", "first frame", "worst frame"]
+    titles = [
+        channel.kind,
+        "largest",
+        "RMS",
+        "rotation",
+        "RMS rotation",
+        "gained",
+        "lost",
+        "first frame",
+        "worst frame",
+    ]
     rows = [_row(channel, part) for part in parts]
     if rows:
         yield _table(titles, rows[:_SHOWN], 1)
@@ -202,8 +218,8 @@ def _channel(channel: ChannelDifference) -> Iterator[str]:
 def _row(channel: ChannelDifference, part: str) -> list[str]:
     metres, radians, others = (group.get(part) for group in (channel.metres, channel.radians, channel.others))
     plain = others if channel.kind == "fields" else None
-    largest = f"{plain.max:.4g}" if plain is not None else _of(metres, "max", _length)
-    rms = f"{plain.rms:.3g}" if plain is not None else _of(metres, "rms", _length)
+    largest = f"{plain.max:.4g}" if plain is not None else _formatted(metres, "max", _length)
+    rms = f"{plain.rms:.3g}" if plain is not None else _formatted(metres, "rms", _length)
     sets = channel.sets.get(part)
     measures = [m for m in (metres, radians, others) if m is not None and m.max]
     first_frames = [m.first_frame for m in measures if m.first_frame is not None]
@@ -213,8 +229,8 @@ def _row(channel: ChannelDifference, part: str) -> list[str]:
         escape(part),
         largest,
         rms,
-        _of(radians, "max", _angle),
-        _of(radians, "rms", _angle),
+        _formatted(radians, "max", _angle),
+        _formatted(radians, "rms", _angle),
         f"{sets.gained:,}" if sets else "",
         f"{sets.lost:,}" if sets else "",
         f"{min(first_frames):,}" if first_frames else "",
@@ -232,7 +248,7 @@ def _table(titles: list[str], rows: Iterable[list[str]], texts: int) -> str:
     return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
-def _of(measure: Measure | None, name: str, unit: object) -> str:
+def _formatted(measure: Measure | None, name: str, unit: object) -> str:
     if measure is None or measure.max == 0.0:
         return ""
     assert callable(unit)

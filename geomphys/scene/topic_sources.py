@@ -1,4 +1,4 @@
-"""What a world takes from a recording: topics of poses and joint values, and what becomes of the recorded numbers."""
+"""Input topics of a world: where root poses and joint values come from, and how recorded values are converted."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from fnmatch import fnmatchcase
 
 @dataclass(frozen=True, kw_only=True)
 class RootSource:
-    """Where the pose of a tree's root comes from."""
+    """Topic of the pose of a tree's root."""
 
     tree: int
     topic: str  # `topic` or `topic#child_frame`
@@ -20,7 +20,7 @@ class RootSource:
 
 @dataclass(frozen=True, kw_only=True)
 class JointSource:
-    """Where the values of a tree's joints come from: q = factor · (recorded value in rad or m) + offset."""
+    """Topic of the values of a tree's joints: q = factor · (recorded value in rad or m) + offset."""
 
     tree: int
     topic: str
@@ -32,12 +32,12 @@ class JointSource:
     factors: Mapping[str, float] = field(default_factory=dict)  # joint name -> sign times scale, where that is not 1
     offsets: Mapping[str, float] = field(default_factory=dict)  # joint name -> rad or m, where there is one
     delay: float = 0.0  # s, added to the times of its samples
-    continuous: tuple[str, ...] = ()  # names of those in `dofs` that go all the way round: q and q + 2 pi are the same
+    continuous: tuple[str, ...] = ()  # joints in `dofs` without limits: q and q + 2 pi are equivalent
 
     def ignores(self, name: str) -> bool:
-        """Whether a recorded name is left out: a pattern matches it, and `rename` does not speak of it."""
+        """Whether a recorded name is ignored: a pattern matches it and `rename` does not contain it."""
         return name not in self.rename and self.covers(name)
 
     def covers(self, name: str) -> bool:
-        """Whether a pattern matches a name: that a joint of this name is not recorded is meant so."""
+        """Whether an `ignore` pattern matches a name: a joint of this name is then expected to be missing."""
         return any(fnmatchcase(name, pattern) for pattern in self.ignore)

@@ -1,4 +1,4 @@
-"""The frames of the largest differences as pictures: what a has solid, what b has over it like glass."""
+"""Renders the frames of the largest differences: a solid, b translucent over it."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.analysis.diff.compare import PeakPoses
-from geomphys.analysis.diff.drawing import Surface, View, png, render
 from geomphys.analysis.diff.measures import Peak
+from geomphys.analysis.diff.rasterizer import Surface, View, png, render
 from geomphys.numerics.transforms import rotation_from_quaternion
 from geomphys.output.camera import choose_viewpoint
 from geomphys.output.decoders import Poses
@@ -24,9 +24,9 @@ COLOUR_B = (0.93, 0.51, 0.16)
 COLOUR_STATIC = (0.80, 0.79, 0.77)
 
 SMALLEST_VIEW_M = 0.02
-"""m; radius of the closest look."""
+"""m; smallest radius of a close-up."""
 DIFFERENCES_ACROSS = 12.0
-"""A close look shows at most this many times the difference on either side."""
+"""Radius of a close-up as a multiple of the difference."""
 
 
 class Picture(NamedTuple):
@@ -41,9 +41,9 @@ class Picture(NamedTuple):
 
 
 def pictures_of(world: World, peaks: Sequence[Peak], static_a: Poses, static_b: Poses) -> Iterator[Picture]:
-    """Two pictures of each frame: the surroundings of the body that is furthest off, and a close look at it.
+    """Two pictures of each frame: the surroundings of the body with the largest difference, and a close-up.
 
-    `static_a` and `static_b` are the poses of the first frame of each: those of the bodies that do not move, too.
+    `static_a` and `static_b` are the poses of the first frame of each: these include static bodies.
     """
     for peak in peaks:
         payload: PeakPoses = peak.payload
@@ -61,17 +61,19 @@ def pictures_of(world: World, peaks: Sequence[Peak], static_a: Poses, static_b: 
         for radius in dict.fromkeys([around, min(close, around)]):
             view = View(target, direction, radius, near=near)
             solid = [Surface(t, _colour(world, k)) for k, t in a.items()]
-            glass = [Surface(t, COLOUR_B) for k, t in b.items() if k not in a or not np.array_equal(a[k], t)]
-            yield Picture(peak.frame, peak.time_ns, payload.body, peak.value, radius, png(render(view, solid, glass)))
+            translucent = [Surface(t, COLOUR_B) for k, t in b.items() if k not in a or not np.array_equal(a[k], t)]
+            yield Picture(
+                peak.frame, peak.time_ns, payload.body, peak.value, radius, png(render(view, solid, translucent))
+            )
 
 
 def first_poses(output: OutputLog) -> Poses:
-    """Poses of the first frame of an output, where those of the bodies that do not move stand."""
+    """Poses of the first frame of an output, which include static bodies."""
     return next(iter(output.frames(["/tf"]))).tf
 
 
 def _posed(world: World, poses: Poses, first_poses: Poses) -> dict[int, Floats]:
-    """Body -> its triangles (n, 3, 3) in the world, of bodies that are shown and have a pose."""
+    """Body -> its triangles (n, 3, 3) in the world, of bodies that have a shape and a pose."""
     poses_by_name = dict(zip(first_poses.names, first_poses.values, strict=True)) | dict(
         zip(poses.names, poses.values, strict=True)
     )
@@ -91,7 +93,7 @@ def _colour(world: World, body: int) -> tuple[float, float, float]:
 
 
 def _middle(triangles: Floats | None, payload: PeakPoses) -> Floats:
-    """The middle of a body's box in a; of a body without a shape its origin."""
+    """Centre of a body's bounding box in a; its origin if it has no shape."""
     if triangles is None:
         return np.array(payload.a.values[payload.a.names.index(payload.body), :3])
     points = triangles.reshape(-1, 3)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from geomphys.analysis.diff.drawing import Surface, View, png, render
+from geomphys.analysis.diff.rasterizer import Surface, View, png, render
 
 RED, BLUE = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
@@ -55,8 +55,8 @@ def test_what_is_behind_the_eye_is_not_drawn(view: View) -> None:
 
 @pytest.mark.parametrize(("glass_at", "seen"), [(0.2, True), (-0.2, False)])
 def test_glass_is_laid_over_what_is_behind_it(view: View, glass_at: float, seen: bool) -> None:
-    solid, glass = [Surface(square(0.0), BLUE)], [Surface(square(glass_at), RED)]
-    colour = middle(render(view, solid, glass))
+    solid, translucent = [Surface(square(0.0), BLUE)], [Surface(square(glass_at), RED)]
+    colour = middle(render(view, solid, translucent))
     assert (colour[0] > 0.1) == seen
     assert colour[2] > 0.1
 

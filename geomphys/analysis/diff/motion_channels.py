@@ -1,4 +1,4 @@
-"""Motion compared: poses of bodies and values of joints."""
+"""Compares the motion channels: poses of bodies and values of joints."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Ints = NDArray[np.int64]
 
 
 class PoseChannel:
-    """``/tf`` or ``/recorded/tf``: distance of the origins, and angle of the turn between them."""
+    """``/tf`` or ``/recorded/tf``: distance of the origins [m] and angle between the orientations [rad]."""
 
     def __init__(self, channel: str, tolerance: Tolerance, first_a: OutputFrame, first_b: OutputFrame) -> None:
         self._channel, self._first = channel, (first_a, first_b)
@@ -36,12 +36,12 @@ class PoseChannel:
     def result(self) -> ChannelDifference:
         """See `Channel.result`. Bodies that only the first frames have are compared between these."""
         a, b = (self._poses(frame) for frame in self._first)
-        seen = (self._names[0] | set(a.names), self._names[1] | set(b.names))
-        rest = [name for name in a.names if name in b.names and not self._metres.has(name)]
-        if rest:
-            self._add(_chosen(a, rest), _chosen(b, rest), self._first[0].index)
+        all_names = (self._names[0] | set(a.names), self._names[1] | set(b.names))
+        remaining = [name for name in a.names if name in b.names and not self._metres.has(name)]
+        if remaining:
+            self._add(_subset(a, remaining), _subset(b, remaining), self._first[0].index)
         metres, radians = self._metres.overall(), self._radians.overall()
-        only_a, only_b = tuple(sorted(seen[0] - seen[1])), tuple(sorted(seen[1] - seen[0]))
+        only_a, only_b = tuple(sorted(all_names[0] - all_names[1])), tuple(sorted(all_names[1] - all_names[0]))
         first = earliest(metres.first_frame, radians.first_frame)
         if only_a or only_b:
             first = self._first[0].index
@@ -66,12 +66,12 @@ class PoseChannel:
         if layout is None or layout[0] != a.names or layout[1] != b.names:
             layout = self._layout = self._match(a.names, b.names)
         _, _, rows_a, rows_b, rows = layout
-        one, other = a.values[rows_a], b.values[rows_b]
-        if np.array_equal(one, other):
+        values_a, values_b = a.values[rows_a], b.values[rows_b]
+        if np.array_equal(values_a, values_b):
             self.differences = radians = np.zeros(len(rows))
         else:
-            self.differences = np.linalg.norm(one[:, :3] - other[:, :3], axis=1)
-            radians = angle_between(one[:, 3:], other[:, 3:])
+            self.differences = np.linalg.norm(values_a[:, :3] - values_b[:, :3], axis=1)
+            radians = angle_between(values_a[:, 3:], values_b[:, 3:])
         self.angle = float(radians.max(initial=0.0))
         self._metres.add(rows, self.differences, frame)
         self._radians.add(rows, radians, frame)
@@ -91,47 +91,47 @@ class PoseChannel:
 
 
 class JointChannel:
-    """Joint values of one topic; `sliding` names the joints whose values are lengths, `overall` those that go all round.
+    """Joint values of one topic; `sliding` names the joints whose values are lengths, `continuous` those without limits.
 
-    Values of the latter that are a whole turn apart are the same angle, unless everything has to be equal bit for bit.
+    Values of the latter are compared modulo 2 pi, unless everything has to be equal bit for bit.
     """
 
     def __init__(
-        self, topic: str, tolerance: Tolerance, sliding: frozenset[str], overall: frozenset[str] = frozenset()
+        self, topic: str, tolerance: Tolerance, sliding: frozenset[str], continuous: frozenset[str] = frozenset()
     ) -> None:
         self._topic, self._sliding = topic, sliding
-        self._whole = frozenset[str]() if tolerance.exact else overall
+        self._continuous = frozenset[str]() if tolerance.exact else continuous
         self._metres, self._radians = DifferenceTable(tolerance.m), DifferenceTable(tolerance.rad)
         self._only: tuple[set[str], set[str]] = (set(), set())
         self._first_only: int | None = None
         self._layout: tuple[tuple[str, ...], tuple[str, ...]] | None = None
         self.angle = 0.0  # largest difference of an angle in the last frame, rad
         self._rows: tuple[Ints, Ints, NDArray[np.bool_], Ints, Ints]
-        self._turns: NDArray[np.bool_]
+        self._is_continuous: NDArray[np.bool_]
 
     def add(self, a: OutputFrame, b: OutputFrame) -> float:
         """See `Channel.add`."""
         self.angle = 0.0
-        one, other = a.joints.get(self._topic), b.joints.get(self._topic)
-        if one is None or other is None:
-            if one is not other:
+        values_a, values_b = a.joints.get(self._topic), b.joints.get(self._topic)
+        if values_a is None or values_b is None:
+            if values_a is not values_b:
                 self._first_only = self._first_only if self._first_only is not None else a.index
-                present = one or other
+                present = values_a or values_b
                 assert present is not None
-                self._only[0 if other is None else 1].update(present.names)
+                self._only[0 if values_b is None else 1].update(present.names)
             return 0.0
-        if self._layout != (one.names, other.names):
-            self._layout = (one.names, other.names)
-            self._match(one.names, other.names, a.index)
-        rows_a, rows_b, slides, metres, radians = self._rows
-        difference = np.abs(one.values[rows_a] - other.values[rows_b])
-        if self._turns.any():
-            rest = np.remainder(difference, 2 * np.pi)
-            difference = np.where(self._turns, np.minimum(rest, 2 * np.pi - rest), difference)
-        self._metres.add(metres, difference[slides], a.index)
-        self._radians.add(radians, difference[~slides], a.index)
-        self.angle = float(difference[~slides].max(initial=0.0))
-        return float(difference[slides].max(initial=0.0))
+        if self._layout != (values_a.names, values_b.names):
+            self._layout = (values_a.names, values_b.names)
+            self._match(values_a.names, values_b.names, a.index)
+        rows_a, rows_b, is_sliding, metres, radians = self._rows
+        difference = np.abs(values_a.values[rows_a] - values_b.values[rows_b])
+        if self._is_continuous.any():
+            remaining = np.remainder(difference, 2 * np.pi)
+            difference = np.where(self._is_continuous, np.minimum(remaining, 2 * np.pi - remaining), difference)
+        self._metres.add(metres, difference[is_sliding], a.index)
+        self._radians.add(radians, difference[~is_sliding], a.index)
+        self.angle = float(difference[~is_sliding].max(initial=0.0))
+        return float(difference[is_sliding].max(initial=0.0))
 
     def result(self) -> ChannelDifference:
         """See `Channel.result`."""
@@ -157,7 +157,7 @@ class JointChannel:
         self._only[1].update(set(b) - set(a))
         if set(a) != set(b) and self._first_only is None:
             self._first_only = frame
-        self._turns = np.array([name in self._whole for name in common], bool)
+        self._is_continuous = np.array([name in self._continuous for name in common], bool)
         self._rows = (
             np.array([row for row, name in enumerate(a) if name in row_of], np.int64),
             np.array([row_of[name] for name in common], np.int64),
@@ -167,6 +167,6 @@ class JointChannel:
         )
 
 
-def _chosen(poses: Poses, names: Sequence[str]) -> Poses:
+def _subset(poses: Poses, names: Sequence[str]) -> Poses:
     rows = [poses.names.index(name) for name in names]
     return Poses(tuple(names), poses.values[rows])

@@ -6,35 +6,35 @@ from dataclasses import replace
 
 import numpy as np
 
-from geomphys.output.view_statistics import FRAMES, ViewStatistics
+from geomphys.output.view_statistics import MAX_FRAMES, ViewStatistics
 from geomphys.scene.arrays import World
 from tests.output.made_world import frames
 
 
 def test_the_eye_looks_where_things_touch_wherever_else_they_go(world: World) -> None:
-    sightings = ViewStatistics(world)
+    statistics = ViewStatistics(world)
     results = frames(world, 240)
     away = np.array([30.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     idle = [r for r in results if not len(r.contacts.depth)]
     for k in range(1, 4):
-        sightings.add([replace(r, corrected=r.corrected + k * away) for r in idle])
-    sightings.add(results)
+        statistics.add([replace(r, corrected=r.corrected + k * away) for r in idle])
+    statistics.add(results)
     touched = np.concatenate([r.contacts.point for r in results])
-    assert np.linalg.norm(sightings.eye().target - touched.mean(axis=0)) < 0.3
+    assert np.linalg.norm(statistics.viewpoint().target - touched.mean(axis=0)) < 0.3
 
 
 def test_without_a_touch_all_motion_is_in_view(world: World) -> None:
-    sightings = ViewStatistics(world)
+    statistics = ViewStatistics(world)
     quiet = [r for r in frames(world, 240) if not len(r.contacts.depth)]
-    sightings.add(
+    statistics.add(
         [replace(r, corrected=r.corrected + np.array([0.01 * k, 0, 0, 0, 0, 0, 0])) for k, r in enumerate(quiet)]
     )
-    assert abs(sightings.eye().target[0] - 0.005 * len(quiet)) < 0.3
+    assert abs(statistics.viewpoint().target[0] - 0.005 * len(quiet)) < 0.3
 
 
 def test_memory_is_bounded(world: World) -> None:
-    sightings = ViewStatistics(world)
+    statistics = ViewStatistics(world)
     results = frames(world, 60)
-    for _ in range(3 * FRAMES // len(results)):
-        sightings.add(results)
-    assert FRAMES // 3 < len(sightings._all.entries) <= FRAMES
+    for _ in range(3 * MAX_FRAMES // len(results)):
+        statistics.add(results)
+    assert MAX_FRAMES // 3 < len(statistics._all.entries) <= MAX_FRAMES

@@ -1,4 +1,4 @@
-"""Pictures of triangles without a graphics driver: a depth buffer, flat shading, PNG."""
+"""A software rasterizer for triangles: depth buffer, flat shading, PNG output."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Surface(NamedTuple):
 
 @dataclass(frozen=True)
 class View:
-    """A parallel projection: what lies within `radius` of `target`, seen from `direction` (towards the eye)."""
+    """An orthographic projection of a region of `radius` [m] about `target`, from `direction` (towards the eye)."""
 
     target: Floats
     direction: Floats
@@ -35,7 +35,7 @@ class View:
     width: int = 480
     height: int = 360
     near: float = np.inf
-    """m; what is further than this from `target` towards the eye is left out: it would be behind the eye."""
+    """m; near plane: distance from `target` towards the eye beyond which geometry is clipped."""
 
     def axes(self) -> Floats:
         """Rows: right, up, towards the eye."""
@@ -45,13 +45,13 @@ class View:
         return np.array([right, np.cross(towards, right), towards])
 
 
-def render(view: View, solid: list[Surface], glass: list[Surface], opacity: float = 0.55) -> NDArray[np.uint8]:
-    """Pixels (height, width, 3); `glass` is laid over what is behind it and hidden by what is in front of it."""
+def render(view: View, solid: list[Surface], translucent: list[Surface], opacity: float = 0.55) -> NDArray[np.uint8]:
+    """Pixels (height, width, 3); `translucent` surfaces are blended over solid ones behind them."""
     colours, depths = _buffer(view)
     for surface in solid:
         _rasterise(view, surface, colours, depths)
     over, over_depths = _buffer(view)
-    for surface in glass:
+    for surface in translucent:
         _rasterise(view, surface, over, over_depths)
     shown = (over_depths >= depths - 1e-9) & np.isfinite(over_depths)
     colours[shown] = (1.0 - opacity) * colours[shown] + opacity * over[shown]

@@ -1,9 +1,8 @@
-"""The world an output was made in, from the scene file and the URDFs attached to it."""
+"""Rebuilds the world of an output from the scene file and URDFs attached to it."""
 
 from __future__ import annotations
 
 import tomllib
-from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 from xml.etree.ElementTree import ParseError
@@ -15,30 +14,31 @@ from geomphys.load import load_world, zero_pose_overlaps
 from geomphys.output.output_log import OutputLog
 from geomphys.output.provenance import sha256_of_world
 from geomphys.scene.arrays import World
-from geomphys.scene.assembly import assemble, exclude
+from geomphys.scene.assembly import assemble, exclude_pairs
 from geomphys.scene.free_joints import joint_ends, links_above_free_joint
 from geomphys.scene.scene_file import SceneFile, parse_scene
+from geomphys.storage.remote_files import AnyPath
 from geomphys.storage.temporary_folders import TemporaryFolder
 
 
-def world_of_output(output: OutputLog, scene: Path | None = None) -> World:
+def world_of_output(output: OutputLog, scene: AnyPath | None = None) -> World:
     """Load the world of an output.
 
-    Without `scene`, the scene file and the URDFs are those attached to the output; the meshes they name are looked up
-    where the output's robot descriptions say they were.
+    Without `scene`, the scene file and the URDFs are those attached to the output, and meshes are read from the paths
+    in the output's robot descriptions.
 
     Raises
     ------
     SceneError
-        The output has no scene attached, or it does not stand for the world the output was made in: a mesh or a URDF
-        has changed. With `scene`: that file is wrong.
+        The output has no scene attached, or its hash differs from that of the replay because a mesh or a URDF has
+        changed. With `scene`: that file is wrong.
     ModelError, MeshError
-        A URDF or a mesh cannot be read, because it was moved for example; `scene` names where all is now.
+        A URDF or a mesh cannot be read, for example because it was moved; pass `scene` then.
     """
     mode = {"rigid": "rigid", "chains": "chains"}.get(output.metadata.get("mode", ""))
     number = output.metadata.get("seed", "0")
     if not (number.isdecimal() and len(number) < 20):
-        raise LogError(f"{output.path}: its metadata has no seed that can be; replay the log again")
+        raise LogError(f"{output.path}: its metadata has no valid seed; replay the log again")
     seed = int(number)
     if scene is not None:
         return load_world(scene, mode=mode, seed=seed)
@@ -51,21 +51,21 @@ def world_of_output(output: OutputLog, scene: Path | None = None) -> World:
             world = _attached(output, folder, names[0], files, mode, seed)
     except (DefusedXmlException, LookupError, ParseError, TypeError, ValueError) as problem:
         raise SceneError(
-            f"{output.path}: its scene cannot be made of what is attached to it ({type(problem).__name__}); "
+            f"{output.path}: its scene cannot be rebuilt from its attachments ({type(problem).__name__}); "
             "name the scene with --scene"
         ) from problem
     except InputError as problem:
-        problem.add_note(f"that is of the scene attached to {output.path}; --scene names one whose files are there")
+        problem.add_note(f"this is the scene attached to {output.path}; name one whose files exist with --scene")
         raise
     if sha256_of_world(world) != output.metadata.get("world_sha256"):
         raise SceneError(
-            f"{output.path}: a mesh or URDF of its scene is not what it was at the replay; name the scene with --scene"
+            f"{output.path}: a mesh or URDF of its scene has changed since the replay; name the scene with --scene"
         )
     return world
 
 
 def _attached(
-    output: OutputLog, folder: Path, name: str, files: dict[str, bytes], mode: str | None, seed: int
+    output: OutputLog, folder: AnyPath, name: str, files: dict[str, bytes], mode: str | None, seed: int
 ) -> World:
     """The world of the attached files, their paths made absolute."""
     path = folder / name
@@ -83,7 +83,7 @@ def _attached(
             entry["mesh"] = meshes.get(entry["name"], entry["mesh"])
     file: Any = SceneFile.model_validate(table)
     world = assemble(file, path, mode=mode, seed=seed)
-    return exclude(world, zero_pose_overlaps(world))
+    return exclude_pairs(world, zero_pose_overlaps(world))
 
 
 def _meshes_of_objects(texts: dict[str, str]) -> dict[str, str]:
@@ -106,8 +106,8 @@ def _with_meshes(urdf: bytes, description: str) -> bytes:
     root = ElementTree.fromstring(urdf)
     above = links_above_free_joint(joint_ends(root))  # which the description leaves out
     named = [m for part in root if not (part.tag == "link" and part.get("name") in above) for m in part.iter("mesh")]
-    for mesh, placed in zip(named, ElementTree.fromstring(description).iter("mesh"), strict=True):
-        mesh.set("filename", _path(placed.get("filename", "")))
+    for mesh, described in zip(named, ElementTree.fromstring(description).iter("mesh"), strict=True):
+        mesh.set("filename", _path(described.get("filename", "")))
     return ElementTree.tostring(root)  # type: ignore[no-any-return]
 
 

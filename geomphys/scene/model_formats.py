@@ -1,18 +1,18 @@
-"""Files that are named as a URDF and are none: what they are instead, and what to do."""
+"""Recognises files that are no URDF (xacro, SDF, MJCF, USD, …), for errors that say what to do."""
 
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import Any
 
 from geomphys.scene.git_lfs import IS_POINTER, is_lfs_pointer
+from geomphys.storage.remote_files import AnyPath
 
 EXPRESSION = re.compile(r"\$[({]")
-"""How an expression begins that only xacro fills in."""
+"""Start of a xacro expression."""
 XACRO_USE = re.compile(rb"<\s*/?\s*xacro:")
 
-_OTHERS = {
+_OTHER_MODELS = {
     "sdf": "is an SDF model: name the URDF it was made from, or convert it to one",
     "gazebo": "is an SDF model: name the URDF it was made from, or convert it to one",
     "mujoco": "is a MuJoCo model (MJCF): name the URDF of the same robot, or convert it to one",
@@ -20,12 +20,22 @@ _OTHERS = {
     "COLLADA": "is a COLLADA mesh: name the URDF that uses it",
     "html": "is a web page: download the file itself",
 }
-_UNREAD = {"gazebo", "transmission", "ros2_control", "material", "visual", "sensor", "plugin", "mujoco", "drake"}
-"""Elements from which nothing is needed, so that an expression left in them does no harm."""
+_IGNORED_ELEMENTS = {
+    "gazebo",
+    "transmission",
+    "ros2_control",
+    "material",
+    "visual",
+    "sensor",
+    "plugin",
+    "mujoco",
+    "drake",
+}
+"""Elements that are not used, in which unexpanded expressions are allowed."""
 
 
-def other_kind(data: bytes) -> str:
-    """What a file is whose first bytes tell that it is no XML of a URDF; "" where they do not."""
+def other_format(data: bytes) -> str:
+    """Format of a file that is recognisably no URDF by its first bytes, as error text; "" otherwise."""
     if not data.strip():
         return "is empty: fetch or export it again"
     if is_lfs_pointer(data):
@@ -37,36 +47,36 @@ def other_kind(data: bytes) -> str:
     if data.startswith(b"\x89MCAP"):
         return "is an MCAP log, expected a URDF"
     if data[:200].lstrip()[:14].lower().startswith((b"<!doctype html", b"<html")):
-        return _OTHERS["html"]
+        return _OTHER_MODELS["html"]
     return ""
 
 
 def other_model(tag: str) -> str:
-    """What a model file is by the name of its outermost element; "" where that is not known."""
-    return _OTHERS.get(tag.rpartition("}")[2], "")
+    """Format of a model file by the tag of its root element, as error text; "" if unknown."""
+    return _OTHER_MODELS.get(tag.rpartition("}")[2], "")
 
 
-def expand_xacro(path: Path, why: str) -> str:
-    """What to say of a xacro file; `why` tells by what it was recognised."""
+def xacro_advice(path: AnyPath, evidence: str) -> str:
+    """Error text for a xacro file; `evidence` says how it was recognised."""
     name = path.name.removesuffix(".xacro")
-    plain = f"{name.removesuffix('.urdf')}.urdf"
-    target = plain if plain != path.name else f"{path.stem}_expanded.urdf"
-    return f"is a xacro file ({why}), not a URDF: run `xacro {path.name} > {target}` and name {target}"
+    expanded = f"{name.removesuffix('.urdf')}.urdf"
+    target = expanded if expanded != path.name else f"{path.stem}_expanded.urdf"
+    return f"is a xacro file ({evidence}), not a URDF: run `xacro {path.name} > {target}` and name {target}"
 
 
 def xacro_remnant(root: Any) -> str:
-    """An element or expression of xacro in what is read of a robot's tree, as it stands there; "" without."""
-    todo = [root]
-    while todo:
-        element = todo.pop()
+    """First unexpanded xacro element or expression in the used part of a ``<robot>`` element; "" if none."""
+    stack = [root]
+    while stack:
+        element = stack.pop()
         tag = str(element.tag)
         if "xacro" in tag:
             return f"it has <xacro:{tag.rpartition('}')[2]}>"
-        if tag in _UNREAD:
+        if tag in _IGNORED_ELEMENTS:
             continue
         for key, value in element.attrib.items():
             if EXPRESSION.search(value):
-                shown = "".join(c if c.isprintable() else " " for c in value)
-                return f"it has {key}={(shown if len(shown) <= 60 else shown[:57] + '...')!r}"
-        todo += reversed(list(element))
+                shortened = "".join(c if c.isprintable() else " " for c in value)
+                return f"it has {key}={(shortened if len(shortened) <= 60 else shortened[:57] + '...')!r}"
+        stack += reversed(list(element))
     return ""

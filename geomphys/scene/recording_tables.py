@@ -1,4 +1,4 @@
-"""The tables of a scene file that speak of a recording: its space, the pose of a root, the values of joints."""
+"""Scene file tables about the recording: recorded space, root pose topic, joint value topic."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from geomphys.scene.scene_values import (
     Seconds,
     Sign,
     Text,
+    rotation_to_z_up,
     sequence,
-    upright,
 )
 
 NO_DELAY: Any = Field(default=0.0, description="s, added to the times of the topic: positive makes it later")
 
 
 class Table(BaseModel):
-    """A table of a scene file: unknown keys, other types and numbers that are not finite are faults."""
+    """Base of the tables of a scene file: unknown keys, other types and non-finite numbers are errors."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, populate_by_name=False)
 
 
 class RecordingTable(Table):
-    """`[recording]`: the space a log was recorded in, and where it is in the world.
+    """`[recording]`: coordinate system of the log and its pose in the world.
 
     A recorded position p is at  position + R(rotation) R(up) (unit p)  in the world, and a recorded rotation q becomes
     rotation up q, where `up` = "y" is the rotation by +90 degrees about x, which takes y to z and z to -y.
@@ -52,10 +52,10 @@ class RecordingTable(Table):
     @property
     def rotation(self) -> Quaternion:
         """Rotation x y z w from recorded axes to those of the world, `up` included."""
-        placed = self.orientation if self.rpy is None else quaternion_from_rpy(self.rpy)
+        world_from_z_up = self.orientation if self.rpy is None else quaternion_from_rpy(self.rpy)
         if self.up == "z":
-            return placed
-        x, y, z, w = (float(v) for v in quaternion_product(placed, upright(self.up)))
+            return world_from_z_up
+        x, y, z, w = (float(v) for v in quaternion_product(world_from_z_up, rotation_to_z_up(self.up)))
         return (x, y, z, w)
 
     @model_validator(mode="after")
@@ -76,7 +76,7 @@ class RootTable(Table):
 
     @property
     def rotation(self) -> Quaternion:
-        """The rotation x y z w, however it is written."""
+        """Rotation x y z w from `orientation`, `rpy` or `up`."""
         return rotation_of(self.orientation, self.rpy, self.up)
 
     @model_validator(mode="after")
@@ -87,7 +87,7 @@ class RootTable(Table):
 
 
 class JointsTable(Table):
-    """Where joint values come from: q = sign · scale · (recorded value in rad or m) + offset."""
+    """Topic of joint values: q = sign · scale · (recorded value in rad or m) + offset."""
 
     topic: Text
     delay: Seconds = NO_DELAY
@@ -109,20 +109,20 @@ class JointsTable(Table):
 
 
 def rotation_of(orientation: Quaternion, rpy: Angles | None, up: Axis | None) -> Quaternion:
-    """Rotation x y z w that is written in one of three ways."""
+    """Rotation x y z w given in one of three forms."""
     if rpy is not None:
         return quaternion_from_rpy(rpy)
-    return orientation if up is None else upright(up)
+    return orientation if up is None else rotation_to_z_up(up)
 
 
 def check_delay(table: Table, topic: str | None) -> None:
-    """Raise a fault if a table without a topic has a delay."""
+    """Raise an error if a table has a delay and no topic."""
     if topic is None and "delay" in table.model_fields_set:
         raise fault("delay: shifts the times of a topic, and there is none: leave delay out")
 
 
 def check_unique(values: Iterable[str], text: str) -> None:
-    """Raise a fault with the first value that comes twice."""
+    """Raise an error with the first duplicate value."""
     seen: set[str] = set()
     for value in values:
         if value in seen:
@@ -131,7 +131,7 @@ def check_unique(values: Iterable[str], text: str) -> None:
 
 
 def check_one_rotation(table: Table, *keys: str) -> None:
-    """Raise a fault that names both if a table has its rotation written in two of these ways."""
+    """Raise an error if a table gives its rotation by more than one of these keys."""
     given = [key for key in keys if key in table.model_fields_set]
     if len(given) > 1:
         raise fault(f"has both {' and '.join(given)}, each of which is its rotation: keep one of them")

@@ -1,4 +1,4 @@
-"""Curves over frames as inline SVG, drawn in the colours of the page they stand in."""
+"""Draws curves over frames as inline SVG in the colours of the surrounding page."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LEFT, RIGHT, TOP, BOTTOM = 62, 12, 26, 24
 
 def curve(title: str, unit: str, frames: Ints, values: Floats, *, steps: bool = False) -> str:
     """An SVG of values >= 0 over frames; `steps` for counts. The axis begins at 0 and ends at a round number."""
-    top, ticks = _ticks(float(values.max(initial=0.0)), overall=steps)
+    top, ticks = _ticks(float(values.max(initial=0.0)), integers=steps)
     first, last = int(frames[0]), max(int(frames[-1]), int(frames[0]) + 1)
     plot_width, plot_height = WIDTH - LEFT - RIGHT, HEIGHT - TOP - BOTTOM
 
@@ -45,7 +45,7 @@ def curve(title: str, unit: str, frames: Ints, values: Floats, *, steps: bool = 
 
 
 def _stairs(frames: Ints, values: Floats) -> list[tuple[float, float]]:
-    """Points of a curve that keeps each value until the next frame."""
+    """Points of a step curve that holds each value until the next frame."""
     points: list[tuple[float, float]] = []
     for k, (frame, value) in enumerate(zip(frames.tolist(), values.tolist(), strict=True)):
         points.append((frame, value))
@@ -54,14 +54,14 @@ def _stairs(frames: Ints, values: Floats) -> list[tuple[float, float]]:
     return points
 
 
-def _ticks(largest: float, *, overall: bool) -> tuple[float, list[float]]:
+def _ticks(maximum: float, *, integers: bool) -> tuple[float, list[float]]:
     """The top of an axis and its three or four ticks at round numbers."""
-    if largest <= 0.0:
+    if maximum <= 0.0:
         return 1.0, [0.0]
-    step = _round_step(largest / 3.0)
-    if overall:
+    step = _round_step(maximum / 3.0)
+    if integers:
         step = max(1.0, math.ceil(step))
-    count = math.ceil(largest / step - 1e-9)
+    count = math.ceil(maximum / step - 1e-9)
     return count * step, [k * step for k in range(count + 1)]
 
 

@@ -16,7 +16,7 @@ from geomphys_cli.main import run
 
 from geomphys.batch.remote_lock import LOCK, remote_lock_held
 from geomphys.errors import OutputError
-from geomphys.storage.cache import user_folder
+from geomphys.storage.cache import user_cache_folder
 from geomphys.storage.remote_files import RemotePath, as_path
 from tests.cli.press import SCENE, write_log
 from tests.servers import s3_server
@@ -25,9 +25,9 @@ pytestmark = pytest.mark.filterwarnings("ignore:datetime.datetime.utc:Deprecatio
 
 HOLD = """
 import sys
-from geomphys.batch.remote_lock import own_far
+from geomphys.batch.remote_lock import remote_lock_held
 from geomphys.storage.remote_files import RemotePath
-with own_far(RemotePath(sys.argv[1])):
+with remote_lock_held(RemotePath(sys.argv[1])):
     print("held", flush=True)
     input()
 """
@@ -36,7 +36,7 @@ with own_far(RemotePath(sys.argv[1])):
 def use_cache(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Be a user, or a machine, with this cache."""
     folder.mkdir()
-    monkeypatch.setattr("geomphys.batch.remote_lock.user_folder", lambda name: folder)
+    monkeypatch.setattr("geomphys.batch.remote_lock.user_cache_folder", lambda name: folder)
 
 
 @pytest.fixture
@@ -83,11 +83,11 @@ def test_only_what_this_machine_left_is_taken_over(
     lock: RemotePath, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with remote_lock_held(lock):
-        left = lock.read_bytes()
-    lock.write_bytes(left)
+        existing = lock.read_bytes()
+    lock.write_bytes(existing)
     with remote_lock_held(lock):  # the batch that made it is gone: it does not hold the local file
-        assert lock.read_bytes() != left
-    lock.write_bytes(left)
+        assert lock.read_bytes() != existing
+    lock.write_bytes(existing)
     use_cache(tmp_path / "another", monkeypatch)
     with pytest.raises(OutputError, match="another batch"), remote_lock_held(lock):
         pass
@@ -109,7 +109,7 @@ def test_a_store_without_conditional_writes_lets_one_win(lock: RemotePath, monke
 def test_on_s3_one_of_two_is_refused_and_a_killed_one_is_taken_over(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    user_folder.cache_clear()  # which tests before may have set elsewhere
+    user_cache_folder.cache_clear()  # which tests before may have set elsewhere
     write_log(tmp_path / "a.mcap")
     (tmp_path / "scene.toml").write_text(SCENE)
     with s3_server(monkeypatch) as bucket:

@@ -1,4 +1,4 @@
-"""Figures of a benchmark: times as percentiles, and what is reported of an experiment, a pair depth and a curve."""
+"""Records of a benchmark's results: distributions, experiments, penetration depths and scaling curves."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Figures:
-    """A series in figures, in the unit of its name; all 0 for an empty one."""
+class Distribution:
+    """Distribution of a series, in the unit of the field that holds it; all 0 for an empty series."""
 
     count: int
     mean: float
@@ -26,12 +26,12 @@ class Figures:
     max: float
 
 
-def figures_of(values: Floats) -> Figures:
-    """Figures of a series (n,)."""
+def distribution_of(values: Floats) -> Distribution:
+    """Distribution of a series (n,)."""
     if len(values) == 0:
-        return Figures(count=0, mean=0.0, median=0.0, p95=0.0, p99=0.0, max=0.0)
+        return Distribution(count=0, mean=0.0, median=0.0, p95=0.0, p99=0.0, max=0.0)
     median, p95, p99 = (float(v) for v in np.percentile(values, [50, 95, 99]))
-    return Figures(
+    return Distribution(
         count=len(values), mean=float(np.mean(values)), median=median, p95=p95, p99=p99, max=float(np.max(values))
     )
 
@@ -41,28 +41,28 @@ class Stage:
     """A stage of the frames of an experiment."""
 
     name: str  # dotted call path
-    ns: Figures  # a frame
+    ns: Distribution  # a frame
     count: float  # of what the stage counts (bodies, overlapping pairs, rounds, impacts, contacts), mean a frame
 
 
 @dataclass(frozen=True, kw_only=True)
-class PeerFrames:
-    """What another engine did with the same frames."""
+class PeerResult:
+    """The same frames by another engine."""
 
     engine: str
-    ns: Figures  # a frame
+    ns: Distribution  # a frame
     steps_a_frame: float
     residual_m: (
-        Figures  # deepest overlap of a driven body that it left in a frame, by its own contacts on its final poses
+        Distribution  # deepest overlap of a driven body that it left in a frame, by its own contacts on its final poses
     )
-    warnings: int  # that the engine gave: unstable, out of memory
+    warnings: int  # of the engine: unstable, out of memory
     ratio_median: float  # ours over its
     ratio_p99: float
-    ratio_call: float  # our mean processor time, trials of foresight included, over its mean
+    ratio_call: float  # our mean processor time, look-ahead included, over its mean
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExperimentFigures:
+class ExperimentResult:
     """One experiment: `step` is the sum of the stages below it, without decoding and sinks."""
 
     name: str
@@ -73,14 +73,14 @@ class ExperimentFigures:
     pieces: int
     vertices: int
     driven_pieces: int
-    step: Figures  # ns a frame, by the clock inside the step
+    step: Distribution  # ns a frame, by the clock inside the step
     stages: tuple[Stage, ...]
-    call_ns: float  # processor time of the calls that step, trials of foresight included, mean a frame
-    result_ns: float  # wall time of taking the results apart, mean a frame
+    call_ns: float  # processor time of the calls that step, look-ahead included, mean a frame
+    result_ns: float  # wall time of making the result objects, mean a frame
     contacts: float  # mean a frame
     recorded_m: float  # deepest overlap as recorded
-    residual_m: Figures  # left, a frame
-    peers: tuple[PeerFrames, ...]
+    residual_m: Distribution  # left, a frame
+    peers: tuple[PeerResult, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,16 +88,16 @@ class DepthEngine:
     """Penetration depths by one engine."""
 
     engine: str
-    ns: Figures  # a pair, means over blocks of pairs
+    ns: Distribution  # a pair, means over blocks of pairs
     ratio: float  # the compiled loop's median over this one's; 1 for itself
     missed: int  # overlapping pairs it reports no contact for
-    deviation: Figures  # of its depth, relative to the exact one
-    residual_m: Figures  # overlap left once A is moved along its normal by its depth; by `judge`
+    deviation: Distribution  # of its depth, relative to the exact one
+    residual_m: Distribution  # overlap left once A is moved along its normal by its depth; by `judge`
     judge: str
 
 
 @dataclass(frozen=True, kw_only=True)
-class DepthFigures:
+class DepthResult:
     """Penetration depths of a set of overlapping pairs."""
 
     name: str
@@ -112,24 +112,24 @@ class Curve:
     name: str
     variable: str
     sizes: tuple[int, ...]
-    points: tuple[ExperimentFigures, ...]
+    points: tuple[ExperimentResult, ...]
     growth: float  # median step of the largest over that of the smallest
 
 
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """All of a benchmark. SI units but for times, which are ns where the name says so."""
+    """All results of a benchmark, in SI units except for times whose names say ns."""
 
     machine: Machine
     kernels_were_cached: bool
     ready_s: float  # until the first frame was done: loading the kernels, or compiling them if they were not cached
     compile_s: float | None  # with an empty cache, in a process of its own; None: not measured
     repeats: int
-    experiments: tuple[ExperimentFigures, ...]
+    experiments: tuple[ExperimentResult, ...]
     missing: tuple[str, ...]  # experiments whose files are not there
-    depths: tuple[DepthFigures, ...]
+    depths: tuple[DepthResult, ...]
     curves: tuple[Curve, ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """All figures by name."""
+        """All fields by name, of plain Python types: fit for JSON."""
         return dataclasses.asdict(self)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from geomphys.errors import MeshError
-from geomphys.scene.mesh_claims import collada_unit, is_ascii_stl, mesh_fault
+from geomphys.scene.mesh_header import collada_unit, is_ascii_stl, mesh_problem
 from geomphys.scene.meshes import load_mesh
 from tests.scene.models import cube, ell, stl
 
@@ -28,10 +28,10 @@ def ascii_stl(vertices: np.ndarray, faces: np.ndarray) -> bytes:
 def test_a_binary_stl_that_is_cut_off_tells_how_far(tmp_path: Path, there: int) -> None:
     data = stl(tmp_path / "a.stl", *cube()).read_bytes()
     for extra in (0, 17):
-        fault = mesh_fault(data[: 84 + 50 * there + extra], "stl")
+        fault = mesh_problem(data[: 84 + 50 * there + extra], "stl")
         assert fault.startswith(f"is cut off: 12 triangles announced, {there} there"), fault
-    assert "its head alone has 84" in mesh_fault(data[:50], "stl")
-    assert mesh_fault(data, "stl") == ""
+    assert "its head alone has 84" in mesh_problem(data[:50], "stl")
+    assert mesh_problem(data, "stl") == ""
 
 
 def test_a_binary_stl_may_begin_as_a_text_and_have_a_trailer(tmp_path: Path) -> None:
@@ -41,24 +41,24 @@ def test_a_binary_stl_may_begin_as_a_text_and_have_a_trailer(tmp_path: Path) -> 
     for written in (named, named + b"written behind"):
         path.write_bytes(written)
         assert load_mesh(path).signed_volume == pytest.approx(1.0)
-    assert "12 triangles announced, 5 there" in mesh_fault(named[: 84 + 50 * 5], "stl")
+    assert "12 triangles announced, 5 there" in mesh_problem(named[: 84 + 50 * 5], "stl")
 
 
 def test_an_ascii_stl_that_is_cut_off() -> None:
     data = ascii_stl(*cube())
     assert is_ascii_stl(data)
-    assert mesh_fault(data, "stl") == ""
-    assert mesh_fault(data.upper(), "stl") == ""
-    assert "is cut off" in mesh_fault(data[: len(data) // 2], "stl")
+    assert mesh_problem(data, "stl") == ""
+    assert mesh_problem(data.upper(), "stl") == ""
+    assert "is cut off" in mesh_problem(data[: len(data) // 2], "stl")
     between = data[: data.rindex(b"endsolid")]
-    assert "is cut off: no `endsolid` after its 12 triangles" in mesh_fault(between, "stl")
+    assert "is cut off: no `endsolid` after its 12 triangles" in mesh_problem(between, "stl")
 
 
 def test_no_cut_of_an_ascii_stl_passes() -> None:
     data = ascii_stl(*cube())
     end = data.index(b"endsolid") + len(b"endsolid")
     for length in range(1, end, 7):
-        assert mesh_fault(data[:length], "stl"), length
+        assert mesh_problem(data[:length], "stl"), length
 
 
 @pytest.mark.parametrize("suffix", ["stl", "obj", "dae", "glb", "gltf", "ply", "off"])
@@ -86,7 +86,7 @@ def test_points_without_faces_are_told_as_such(tmp_path: Path) -> None:
 
 def test_a_glb_that_is_cut_off() -> None:
     data = b"glTF" + struct.pack("<II", 2, 4000) + b"\0" * 88
-    assert mesh_fault(data, "glb").startswith("is cut off: 4000 bytes announced, 100 there")
+    assert mesh_problem(data, "glb").startswith("is cut off: 4000 bytes announced, 100 there")
 
 
 COLLADA = '<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">{}</COLLADA>'

@@ -1,4 +1,4 @@
-"""What is derived of a motion compared: contacts and penetrations as sets of pairs, figures, and lines of the log."""
+"""Compares the channels of results: contacts and penetrations as sets of pairs, metrics, and log lines."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.analysis.diff.channels import ChannelDifference, Sets, Tolerance, earliest
+from geomphys.analysis.diff.channels import ChannelDifference, SetDifference, Tolerance, earliest
 from geomphys.analysis.diff.measures import DifferenceTable
 from geomphys.output.decoders import METRICS, ContactRow, PenetrationRow
 from geomphys.output.output_log import OutputFrame
@@ -17,7 +17,7 @@ Pair = tuple[str, str]
 
 
 class ContactChannel:
-    """``/contacts`` as a set of pairs of bodies; of pairs in both, how far points and depths are apart.
+    """``/contacts`` as a set of pairs of bodies; of common pairs, the distances of points and depths.
 
     The distance of two sets of points is the largest distance of a point to the nearest of the other set.
     """
@@ -44,12 +44,12 @@ class ContactChannel:
                 self._sets.add(pair, gained=in_a is None, frame=a.index)
                 self.changed += 1
                 continue
-            apart = max(apart_points(in_a, in_b), abs(max(r.depth for r in in_a) - max(r.depth for r in in_b)))
+            distance = max(point_set_distance(in_a, in_b), abs(max(r.depth for r in in_a) - max(r.depth for r in in_b)))
             name = _name(*pair)
-            self._metres.add(self._metres.rows([name]), np.array([apart]), a.index)
+            self._metres.add(self._metres.rows([name]), np.array([distance]), a.index)
             impulse = abs(sum(r.normal_impulse for r in in_a) - sum(r.normal_impulse for r in in_b))
             self._impulses.add(self._impulses.rows([name]), np.array([impulse]), a.index)
-            largest = max(largest, apart)
+            largest = max(largest, distance)
         return largest
 
     def result(self) -> ChannelDifference:
@@ -91,9 +91,9 @@ class PenetrationChannel:
             if in_a is None or in_b is None:
                 self._sets.add(pair, gained=in_a is None, frame=a.index)
                 continue
-            apart = max(float(np.linalg.norm(in_a[0] - in_b[0])), abs(in_a[1] - in_b[1]))
-            self._metres.add(self._metres.rows([_name(*pair)]), np.array([apart]), a.index)
-            largest = max(largest, apart)
+            distance = max(float(np.linalg.norm(in_a[0] - in_b[0])), abs(in_a[1] - in_b[1]))
+            self._metres.add(self._metres.rows([_name(*pair)]), np.array([distance]), a.index)
+            largest = max(largest, distance)
         return largest
 
     def result(self) -> ChannelDifference:
@@ -112,7 +112,7 @@ class PenetrationChannel:
 
 
 class MetricsChannel:
-    """``/metrics``: every figure of a frame."""
+    """``/metrics``: every field of a frame."""
 
     def __init__(self, tolerance: Tolerance) -> None:
         self._tolerance = tolerance
@@ -125,7 +125,7 @@ class MetricsChannel:
         self._rows = tuple(table.rows(part) for table, part in zip(self._tables, names, strict=True))
 
     def add(self, a: OutputFrame, b: OutputFrame) -> float:
-        """See `Channel.add`; metres are not handed on, they only repeat those of other channels."""
+        """See `Channel.add`; returns 0, as its lengths repeat those of other channels."""
         for table, names, rows in zip(self._tables, self._names, self._rows, strict=True):
             values = np.array([abs(float(a.metrics.get(n, 0)) - float(b.metrics.get(n, 0))) for n in names])
             table.add(rows, values, a.index)
@@ -170,7 +170,7 @@ class LogChannel:
 
     def result(self) -> ChannelDifference:
         """See `Channel.result`."""
-        sets = Sets(gained=self._gained, lost=self._lost, first_frame=self._first)
+        sets = SetDifference(gained=self._gained, lost=self._lost, first_frame=self._first)
         return ChannelDifference(
             channel="/log",
             kind="lines",
@@ -184,17 +184,19 @@ class PairSets:
     """Pairs gained and lost, counted by pair."""
 
     def __init__(self) -> None:
-        self._pairs: dict[Pair, Sets] = {}
+        self._pairs: dict[Pair, SetDifference] = {}
         self.first: int | None = None
         """First frame of any."""
 
     def add(self, pair: Pair, *, gained: bool, frame: int) -> None:
-        """Count a pair that stands in one output alone."""
-        old = self._pairs.get(pair, Sets(first_frame=frame))
-        self._pairs[pair] = Sets(gained=old.gained + gained, lost=old.lost + (not gained), first_frame=old.first_frame)
+        """Count a pair that only one output has."""
+        old = self._pairs.get(pair, SetDifference(first_frame=frame))
+        self._pairs[pair] = SetDifference(
+            gained=old.gained + gained, lost=old.lost + (not gained), first_frame=old.first_frame
+        )
         self.first = frame if self.first is None else self.first
 
-    def each(self) -> dict[str, Sets]:
+    def each(self) -> dict[str, SetDifference]:
         """Name of a pair -> its counts."""
         return {_name(*pair): self._pairs[pair] for pair in sorted(self._pairs)}
 
@@ -208,7 +210,7 @@ def by_pair(rows: Sequence[ContactRow]) -> dict[Pair, list[ContactRow]]:
     return found
 
 
-def apart_points(a: Sequence[ContactRow], b: Sequence[ContactRow]) -> float:
+def point_set_distance(a: Sequence[ContactRow], b: Sequence[ContactRow]) -> float:
     """Hausdorff distance of two sets of contact points, m."""
     one, other = np.array([row.point for row in a]), np.array([row.point for row in b])
     distances = np.linalg.norm(one[:, None] - other[None], axis=2)

@@ -1,4 +1,4 @@
-"""Normals for drawing: smooth over curved surfaces, sharp at edges."""
+"""Vertex normals for rendering: smooth over curved surfaces, split at sharp edges."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-SHARP = 40.0
+SHARP_ANGLE_DEG = 40.0
 """Degrees between two faces above which the edge between them stays sharp."""
 
 
-def shaded(vertices: Floats, faces: Ints, sharp: float = SHARP) -> tuple[Floats, Ints, Floats]:
+def with_vertex_normals(vertices: Floats, faces: Ints, sharp: float = SHARP_ANGLE_DEG) -> tuple[Floats, Ints, Floats]:
     """Vertices, faces and unit vertex normals of a mesh to draw.
 
     A vertex that lies on a sharp edge is split, one copy for each normal there.
@@ -36,7 +36,7 @@ def shaded(vertices: Floats, faces: Ints, sharp: float = SHARP) -> tuple[Floats,
     areas = np.cross(b - a, c - a)
     lengths = np.linalg.norm(areas, axis=1, keepdims=True)
     units = np.divide(areas, lengths, out=np.zeros_like(areas), where=lengths > 0)
-    # every pair of corners that share a place: a face takes the normals of its neighbours there that differ little
+    # all pairs of corners at one position: the normal there averages over neighbouring faces of similar normal
     order = np.argsort(corner_position, kind="stable")
     counts = np.bincount(corner_position, minlength=len(positions))
     starts = np.concatenate([[0], np.cumsum(counts)])

@@ -1,0 +1,79 @@
+"""What pyproject.toml declares is imported, and what is imported is declared."""
+
+from __future__ import annotations
+
+import re
+import sys
+import tomllib
+from importlib.metadata import packages_distributions
+
+import pytest
+
+from tests.house.sources import ROOT, imports, modules
+
+BROUGHT_BY_OTHERS = {
+    "aiohttp": "errors of fsspec[http]",
+    "botocore": "errors of s3fs",
+    "llvmlite": "numba names the one version it works with",
+    "pydantic-core": "pydantic names the one version it works with",
+    "typing-extensions": "pydantic requires it; for type checkers only",
+}
+"""Distributions that are imported and not declared, and why."""
+
+NOT_IMPORTED = {
+    "networkx": "trimesh.repair needs it and does not require it",
+    "s3fs": "fsspec imports it for s3:// URLs",
+}
+"""Distributions that are declared for users and not imported, and why."""
+
+TOOLS = {"mypy", "pytest", "ruff", "moto"}
+"""Distributions of the extra `test` that run as programs."""
+
+
+def normalised(requirement: str) -> str:
+    """Name of the distribution in a requirement, as PyPI spells it."""
+    return re.sub(r"[-_.]+", "-", re.split(r"[^\w.-]", requirement, maxsplit=1)[0]).lower()
+
+
+def declared() -> dict[str, set[str]]:
+    """Distributions of the dependencies (under "") and of each extra."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    groups = {"": project["dependencies"], **project["optional-dependencies"]}
+    return {extra: {normalised(entry) for entry in entries} for extra, entries in groups.items()}
+
+
+def imported(*folders: str) -> dict[str, set[str]]:
+    """Third-party top-level modules that the sources in these folders import -> distributions that have them."""
+    names = {
+        name.split(".")[0]
+        for folder in folders
+        for path in modules(folder).values()
+        for name in imports(path, only_types=True)
+    }
+    foreign = names - sys.stdlib_module_names - {"geomphys", "geomphys_cli", "tests"}
+    installed = packages_distributions()
+    return {name: {normalised(found) for found in installed.get(name, [name])} for name in foreign}
+
+
+def test_what_is_imported_is_declared() -> None:
+    known = set().union(*declared().values()) | set(BROUGHT_BY_OTHERS)
+    missing = {name: found for name, found in imported("geomphys", "cli").items() if not found & known}
+    assert not missing
+
+
+@pytest.mark.parametrize("extra", sorted(declared()))
+def test_what_is_declared_is_imported(extra: str) -> None:
+    if extra == "test":
+        used, exempt = imported("geomphys", "cli", "tests"), TOOLS | set(NOT_IMPORTED)
+    elif extra == "fuzz":
+        used, exempt = imported("tests"), set()
+    else:
+        used, exempt = imported("geomphys", "cli"), set(NOT_IMPORTED)
+    unused = declared()[extra] - set().union(*used.values()) - exempt
+    assert not unused
+
+
+def test_exceptions_are_needed() -> None:
+    everything, used = set().union(*declared().values()), set().union(*imported("geomphys", "cli").values())
+    assert set(NOT_IMPORTED) <= everything - used
+    assert set(BROUGHT_BY_OTHERS) <= used - everything
