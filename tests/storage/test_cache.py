@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-import geomphys
 from geomphys.jit.kernel import _sources_of_machine_code
 from geomphys.storage import cache
 from tests.house.sources import modules
@@ -21,13 +20,6 @@ def forgotten() -> Iterator[None]:
     cache.user_cache_folder.cache_clear()
     yield
     cache.user_cache_folder.cache_clear()
-
-
-def test_sources_are_those_of_the_whole_package() -> None:
-    package = Path(geomphys.__file__).parent
-    assert cache.sources()["geomphys"] == (package / "__init__.py").read_bytes()
-    assert cache.sources()["geomphys.storage.cache"] == Path(cache.__file__).read_bytes()
-    assert len(cache.sources()) == len(list(package.rglob("*.py")))
 
 
 def test_machine_code_is_named_after_every_module_with_a_kernel() -> None:
