@@ -41,7 +41,7 @@ class Config:
     gap: float = 2e-6
     """m; clearance kept between surfaces in contact. More: rounder arithmetic, a correction larger by as much."""
     max_iterations: int = 30
-    """Rounds of the driven loop in a frame. Fewer: faster, but a worse correction where many things meet."""
+    """Passes of a search for a posture. Fewer: faster, but a worse correction where many things meet."""
     max_impacts: int = 500
     """Impacts of the simulated loop in a frame; what is beyond is reported."""
 

@@ -58,7 +58,7 @@ class PeerFrames:
     warnings: int  # that the engine gave: unstable, out of memory
     ratio_median: float  # ours over its
     ratio_p99: float
-    ratio_call: float  # our mean processor time, trials of foresight included, over its mean
+    ratio_call: float  # our mean processor time over its mean
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +75,7 @@ class ExperimentFigures:
     driven_pieces: int
     step: Figures  # ns a frame, by the clock inside the step
     stages: tuple[Stage, ...]
-    call_ns: float  # processor time of the calls that step, trials of foresight included, mean a frame
+    call_ns: float  # processor time of the calls that step, mean a frame
     result_ns: float  # wall time of taking the results apart, mean a frame
     contacts: float  # mean a frame
     recorded_m: float  # deepest overlap as recorded

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.scene.coverage import Surface
+from geomphys.scene.coverage import Surface, divided
 from geomphys.scene.meshes import Mesh
 
 Floats = NDArray[np.float64]
@@ -91,7 +91,7 @@ def _lies_within(surface: Surface, corners: Floats, triangles: Floats, limit: fl
         away = surface.distance(middle)
         if np.any(away > limit):
             return False
-        triangles = _divided(triangles[(away + reach > limit) & (reach > SLACK * limit)])[0]
+        triangles = divided(triangles[(away + reach > limit) & (reach > SLACK * limit)])[0]
     return True
 
 
@@ -118,7 +118,7 @@ def _holds_a_ball(surface: Surface, triangles: Floats, planes: Floats, radius: f
         if np.any(inside & (free >= (1.0 - TOUCHING) * radius)):
             return True
         open_ = (free + reach >= (1.0 - TOUCHING) * radius) & (reach > SLACK * radius)
-        triangles, whole = _divided(triangles[open_])
+        triangles, whole = divided(triangles[open_])
         normals = normals[open_][whole]
     return False
 
@@ -128,26 +128,6 @@ def _balls(triangles: Floats) -> tuple[Floats, Floats]:
     middle = triangles.mean(axis=1)
     reach: Floats = np.linalg.norm(triangles - middle[:, None], axis=2).max(axis=1)
     return middle, reach
-
-
-def _divided(triangles: Floats) -> tuple[Floats, NDArray[np.int64]]:
-    """Parts of triangles, and which triangle each is of.
-
-    Two halves, cut across the longest edge; of one whose shortest edge is less than half of that, three of half its
-    length, cut across both long edges.
-    """
-    lengths = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)  # of ab, bc, ca
-    rows = np.arange(len(triangles))
-    slim = lengths.min(axis=1) < 0.5 * lengths.max(axis=1)
-    first = np.where(slim, np.argmin(lengths, axis=1), np.argmax(lengths, axis=1))
-    a, b, c = (triangles[rows, (first + k) % 3] for k in range(3))  # ab is the shortest of the slim, else the longest
-    ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
-    fat = ~slim
-    parts = [
-        *(np.stack(part, axis=1)[fat] for part in ((a, ab, c), (ab, b, c))),
-        *(np.stack(part, axis=1)[slim] for part in ((a, b, bc), (a, bc, ca), (ca, bc, c))),
-    ]
-    return np.concatenate(parts), np.concatenate([rows[fat], rows[fat], rows[slim], rows[slim], rows[slim]])
 
 
 def _against_hull(triangles: Floats, planes: Floats) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:

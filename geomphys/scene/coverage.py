@@ -1,8 +1,9 @@
 """How much of a mesh's surface its convex pieces leave bare, how to cover it, and how far they stand out of it.
 
-CoACD rounds the corners of its parts, to about 1e-4 of the mesh's size, so its hulls fall short of the surface here and
-there. Here each piece takes in the surface that runs within that reach of it; what sticks out afterwards is found
-exactly, by clipping each triangle against the pieces until nothing of it is left or a polygon that lies in none.
+CoACD rounds the corners of its parts, to about 1e-4 of the mesh's size, and is given a mesh with fewer triangles, so its
+hulls fall short of the surface here and there. Here each triangle goes to the piece that reaches all of it with the
+least growth, halves of it where none does. What sticks out afterwards is found exactly, by clipping what lies in no
+single piece until nothing of it is left or a polygon that lies in none.
 """
 
 from __future__ import annotations
@@ -18,6 +19,12 @@ Ints = NDArray[np.int64]
 ROUNDING = 1.5e-4
 """Of the mesh's size: how far a piece reaches for the surface at first; twice as far where something stays bare."""
 DOUBLINGS = 6
+GRAIN = 2e-3
+"""Of the mesh's size: smaller parts of triangles are clipped rather than divided to see whether they are bare."""
+MOST_PARTS = 50_000
+"""Parts of triangles that are held against the pieces at once; if there are more, they are clipped."""
+BLOCK = 1 << 16
+"""Distances from planes that are taken at once: as many as a processor keeps near it"""
 SLACK = 1e-9
 """Of the mesh's size: less than that is not bare."""
 
@@ -43,7 +50,7 @@ class Surface:
         return np.array(away, dtype=np.float64)
 
 
-def covering(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> list[Floats]:
+def covering(vertices: Floats, faces: Ints, pieces: Sequence[Floats], reach: float | None = None) -> list[Floats]:
     """Grow convex pieces until together they hold every point of a surface.
 
     Parameters
@@ -52,6 +59,8 @@ def covering(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> list[Fl
         The surface, (n, 3) m and (m, 3).
     pieces
         Points (k, 3) whose hulls are the pieces.
+    reach
+        How far pieces grow at first, m; twice as far where something stays bare. None: `ROUNDING` of the size.
 
     Returns
     -------
@@ -59,10 +68,30 @@ def covering(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> list[Fl
         The corners of the grown pieces. If after `DOUBLINGS` something is still bare, it stays so: `uncovered` tells.
     """
     size = float(np.ptp(vertices, axis=0).max())
-    grown, reach = list(pieces), ROUNDING * size
-    for _ in range(DOUBLINGS):
-        grown = [_with_surface(vertices, faces, piece, reach) for piece in grown]
-        if not _bare_polygons(vertices, faces, [_hull(piece)[1] for piece in grown], SLACK * size):
+    grown = [_hull(piece)[0] for piece in pieces]
+    reach = ROUNDING * size if reach is None else reach
+    triangles = vertices[faces]
+    surface: tuple[Floats, Ints] | None = (vertices, faces)
+    for _ in range(DOUBLINGS if pieces else 0):
+        starts, planes = list(grown), [_hull(piece)[1] for piece in grown]
+        left = []
+        while len(triangles):
+            away = _away(*(surface or _apart(triangles)), planes, starts, reach)
+            nearest = np.argmin(away, axis=1)
+            out = away[np.arange(len(away)), nearest]
+            surface, taken = None, (out > SLACK * size) & (out <= reach)
+            for k in np.unique(nearest[taken]):
+                grown[k] = np.concatenate([grown[k], triangles[taken & (nearest == k)].reshape(-1, 3)])
+            triangles = triangles[out > reach]
+            small = np.ptp(triangles, axis=1).max(axis=1) < 0.5 * reach
+            left.append(triangles[small])
+            triangles = divided(triangles[~small])[0]
+            if len(triangles) > MOST_PARTS:
+                left.append(triangles)
+                break
+        grown = [_hull(piece)[0] for piece in grown]
+        triangles = np.concatenate([*left, np.zeros((0, 3, 3))])
+        if len(triangles) == 0:
             break
         reach *= 2.0
     return grown
@@ -70,9 +99,20 @@ def covering(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> list[Fl
 
 def uncovered(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> float:
     """How far a surface sticks out of pieces, m: corners and middles of its bare polygons beyond the nearest piece."""
-    slack = SLACK * float(np.ptp(vertices, axis=0).max())
+    size = float(np.ptp(vertices, axis=0).max())
     planes = [_hull(piece)[1] for piece in pieces]
-    bare = _bare_polygons(vertices, faces, planes, slack)
+    triangles = vertices[faces]
+    away = _away(vertices, faces, planes, pieces, SLACK * size)
+    small: list[Floats] = []
+    while True:
+        triangles = triangles[np.min(away, axis=1) > SLACK * size]
+        fine = np.ptp(triangles, axis=1).max(axis=1) < GRAIN * size
+        small.append(triangles[fine])
+        triangles = divided(triangles[~fine])[0]
+        if len(triangles) == 0 or len(triangles) > MOST_PARTS:
+            break
+        away = _away(*_apart(triangles), planes, pieces, SLACK * size)
+    bare = _bare_polygons(np.concatenate([*small, triangles]), planes, SLACK * size)
     if not bare:
         return 0.0
     points = np.concatenate([np.vstack([polygon, polygon.mean(axis=0)]) for polygon in bare])
@@ -89,28 +129,25 @@ def stands_out(vertices: Floats, faces: Ints, pieces: Sequence[Floats], samples:
     away = Surface(vertices, faces).distance(points)
     far = away > 1e-6 * float(np.ptp(vertices, axis=0).max())
     outside = np.zeros(len(points), dtype=bool)
-    outside[far] = _winding(vertices, faces, points[far]) < 0.5
+    outside[far] = winding(vertices, faces, points[far]) < 0.5
     return float(np.max(away[outside], initial=0.0))
 
 
-def _with_surface(vertices: Floats, faces: Ints, piece: Floats, reach: float) -> Floats:
-    """Corners of a piece that took in the surface which runs within `reach` beyond its planes."""
-    planes = _hull(piece)[1]
-    height = vertices @ planes[:, :3].T - planes[:, 3]
-    out = np.max(height, axis=1)
-    planes[:, 3] += reach
-    added = [vertices[(out > 0) & (out <= reach)]]
-    height -= reach
-    corners = height[faces]  # (m, 3, planes)
-    crossing = ~np.any(np.min(corners, axis=1) > 0, axis=1) & np.any(out[faces] > reach, axis=1)
-    for face in faces[crossing]:
-        polygon = vertices[face]
-        for plane in planes[np.max(height[face], axis=0) > 0]:
-            polygon = _clipped(polygon, plane[3] - polygon @ plane[:3])
-            if len(polygon) == 0:
-                break
-        added.append(polygon)
-    return _hull(np.concatenate([piece, *added]))[0]
+def _away(vertices: Floats, faces: Ints, planes: Sequence[Floats], pieces: Sequence[Floats], reach: float) -> Floats:
+    """How far (m, pieces) each triangle sticks out of each piece, negative inside; inf where farther than `reach`."""
+    away = np.full((len(faces), len(pieces)), np.inf)
+    for k, (piece, sides) in enumerate(zip(pieces, planes, strict=True)):
+        low, high = piece.min(axis=0) - reach, piece.max(axis=0) + reach
+        near = np.flatnonzero(np.all((vertices >= low) & (vertices <= high), axis=1))
+        out = np.full(len(vertices), np.inf)
+        out[near] = _outside(vertices[near], sides)
+        away[:, k] = out[faces].max(axis=1)
+    return away
+
+
+def _apart(triangles: Floats) -> tuple[Floats, Ints]:
+    """Triangles (n, 3, 3) as vertices and faces."""
+    return triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)
 
 
 def _hull(points: Floats) -> tuple[Floats, Floats]:
@@ -124,19 +161,24 @@ def _hull(points: Floats) -> tuple[Floats, Floats]:
 
 def _outside(points: Floats, planes: Floats) -> Floats:
     """Distance of points (n, 3) beyond the farthest plane (n·x <= d); negative inside."""
-    found: Floats = np.max(points @ planes[:, :3].T - planes[:, 3], axis=1)
+    found, step = np.empty(len(points)), max(1, BLOCK // len(planes))
+    for start in range(0, len(points), step):
+        height = planes[:, :3] @ points[start : start + step].T
+        height -= planes[:, 3:]
+        found[start : start + step] = height.max(axis=0)
     return found
 
 
-def _bare_polygons(vertices: Floats, faces: Ints, planes: Sequence[Floats], slack: float) -> list[Floats]:
-    """Parts of triangles that lie in no piece, as convex polygons (k, 3)."""
-    inside = np.stack([_outside(vertices, p) <= slack for p in planes], axis=1)  # (n, pieces)
-    covered = np.any(inside[faces].all(axis=1), axis=1)
+def _bare_polygons(triangles: Floats, planes: Sequence[Floats], slack: float) -> list[Floats]:
+    """Parts of triangles (n, 3, 3) that lie in no piece, as convex polygons (k, 3)."""
+    if len(triangles) == 0:
+        return []
     left: list[Floats] = []
-    for face in faces[~covered]:
-        polygons = [vertices[face]]
-        near = np.argsort(-inside[face].sum(axis=0), kind="stable")  # pieces that hold corners of it first
-        for k in near:
+    points, faces = _apart(triangles)
+    beyond = np.stack([_outside(points, p)[faces].max(axis=1) for p in planes], axis=1)
+    for triangle, away in zip(triangles, beyond, strict=True):
+        polygons = [triangle]
+        for k in np.argsort(away, kind="stable"):  # pieces that hold most of it first
             polygons = [rest for polygon in polygons for rest in _without(polygon, planes[k], slack)]
             if not polygons:
                 break
@@ -174,6 +216,26 @@ def _clipped(polygon: Floats, side: Floats) -> Floats:
     return np.array(kept).reshape(-1, 3)
 
 
+def divided(triangles: Floats) -> tuple[Floats, NDArray[np.int64]]:
+    """Parts of triangles, and which triangle each is of.
+
+    Two halves, cut across the longest edge; of one whose shortest edge is less than half of that, three of half its
+    length, cut across both long edges.
+    """
+    lengths = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)  # of ab, bc, ca
+    rows = np.arange(len(triangles))
+    slim = lengths.min(axis=1) < 0.5 * lengths.max(axis=1)
+    first = np.where(slim, np.argmin(lengths, axis=1), np.argmax(lengths, axis=1))
+    a, b, c = (triangles[rows, (first + k) % 3] for k in range(3))  # ab is the shortest of the slim, else the longest
+    ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
+    fat = ~slim
+    parts = [
+        *(np.stack(part, axis=1)[fat] for part in ((a, ab, c), (ab, b, c))),
+        *(np.stack(part, axis=1)[slim] for part in ((a, b, bc), (a, bc, ca), (ca, bc, c))),
+    ]
+    return np.concatenate(parts), np.concatenate([rows[fat], rows[fat], rows[slim], rows[slim], rows[slim]])
+
+
 def _surface_points(pieces: Sequence[Floats], count: int) -> Floats:
     """Points spread by area over the surfaces of hulls."""
     from scipy.spatial import ConvexHull
@@ -188,7 +250,7 @@ def _surface_points(pieces: Sequence[Floats], count: int) -> Floats:
     return points
 
 
-def _winding(vertices: Floats, faces: Ints, points: Floats) -> Floats:
+def winding(vertices: Floats, faces: Ints, points: Floats) -> Floats:
     """Winding number of a closed surface about points (n, 3): 1 inside, 0 outside (van Oosterom and Strackee 1983)."""
     corners = vertices[faces]
     turns = np.zeros(len(points))

@@ -23,11 +23,12 @@ from numpy.typing import NDArray
 from geomphys.errors import ConfigError, MeshError
 from geomphys.scene.coacd_process import convex_parts
 from geomphys.scene.convexity import is_nearly_convex
-from geomphys.scene.coverage import covering, uncovered
+from geomphys.scene.coverage import ROUNDING, covering, uncovered
 from geomphys.scene.hulls import polytope
 from geomphys.scene.meshes import Mesh, require_closed, wound_outwards
 from geomphys.scene.piece_cache import CutMesh, archive_name, read_pieces, write_pieces
 from geomphys.scene.scene_values import Decomposition
+from geomphys.scene.screw_holes import hole_radius, simplified, without_screw_holes
 from geomphys.storage.cache import user_folder
 
 Floats = NDArray[np.float64]
@@ -41,6 +42,10 @@ LEAST, MOST = 1e-3, 5e-3
 """... but at least and at most these, m. Less: more pieces that stand out less."""
 FINEST = 0.01
 """CoACD goes no finer, of half the longest side of what it cuts"""
+SIMPLER = 0.1
+"""Of the concavity: how far the surface that CoACD cuts may lie from the mesh's"""
+MANY_TRIANGLES = 10_000
+"""Meshes of more, or with screw holes, are made simpler first, and searched for cuts quickly."""
 MOST_PARTS = 1000
 """shells of a mesh that are cut one by one; a mesh of more is cut as a whole"""
 LOOK_EVERY = 0.2
@@ -239,18 +244,27 @@ def _timed(job: _Job, threads: int, stop: Event) -> tuple[CutMesh, float]:
 
 def _cut(job: _Job, threads: int, stop: Event) -> CutMesh:
     solid, parts = job.mesh, _closed_parts(job.mesh)
-    concavity = 0.5 * job.threshold * solid.size
-    whole = [part.is_convex or is_nearly_convex(part, min(concavity, 0.5 * part.size)) for part in parts]
+    concavity = [min(0.5 * job.threshold * solid.size, 0.5 * part.size) for part in parts]
+    filled = [
+        part if part.is_convex else without_screw_holes(part, hole_radius(limit))
+        for part, limit in zip(parts, concavity, strict=True)
+    ]
+    whole = [mesh.is_convex or is_nearly_convex(mesh, limit) for mesh, limit in zip(filled, concavity, strict=True)]
     if all(whole):
         return CutMesh(tuple(part.hull_vertices for part in parts), "hull" if len(parts) == 1 else "parts", 0.0)
     hulls: list[Floats] = []
-    for part, is_whole in zip(parts, whole, strict=True):
+    for part, mesh, limit, is_whole in zip(parts, filled, concavity, whole, strict=True):
         if is_whole:
             hulls.append(part.hull_vertices)
             continue
         share = min(max(job.threshold * solid.size / part.size, FINEST), 1.0)
-        made = convex_parts(solid.name, part.vertices, part.faces, share, job.seed, threads=threads, stop=stop)
-        hulls += covering(part.vertices, part.faces, [points for points in made if _has_volume(points)])
+        costly = mesh is not part or len(mesh.faces) > MANY_TRIANGLES
+        plain = simplified(mesh, SIMPLER * limit) if costly else mesh
+        reach = ROUNDING * part.size + (SIMPLER * limit if costly else 0.0)
+        search = "quick" if costly else "thorough"
+        corners, faces = plain.vertices, plain.faces
+        made = convex_parts(solid.name, corners, faces, share, job.seed, search=search, threads=threads, stop=stop)
+        hulls += covering(part.vertices, part.faces, [points for points in made if _has_volume(points)], reach)
     bare = uncovered(solid.vertices, solid.faces, hulls)
     if bare > 1e-4 * solid.size:
         raise MeshError(

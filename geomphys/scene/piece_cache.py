@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.scene.coacd_process import ITERATIONS
+from geomphys.scene.coacd_process import SEARCHES
 from geomphys.scene.meshes import Mesh
 
-_RECIPE = 3
+_RECIPE = 4
 """Raised when the same mesh and parameters give other pieces than before."""
 _METHODS = ("hull", "parts", "coacd")
 
@@ -34,7 +34,8 @@ def archive_name(mesh: Mesh, threshold: float, seed: int) -> str:
     """Name of the file that keeps the pieces of a mesh."""
     from importlib.metadata import version
 
-    text = f"{_RECIPE} {version('coacd')} {threshold!r} {seed} {ITERATIONS} {mesh.vertices.shape} {mesh.faces.shape} "
+    makers = [version("coacd"), version("manifold3d"), SEARCHES]
+    text = f"{_RECIPE} {makers} {threshold!r} {seed} {mesh.vertices.shape} {mesh.faces.shape} "
     digest = hashlib.sha256(text.encode())
     digest.update(np.ascontiguousarray(mesh.vertices, dtype="<f8").tobytes())
     digest.update(np.ascontiguousarray(mesh.faces, dtype="<i8").tobytes())
