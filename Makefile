@@ -1,5 +1,6 @@
 # make demo    a recorded hand, put on the table it sank into: out/gallery_hand.mcap and .rrd
 # make test    the tests but the slow ones; make test-all: all of them
+# make test-numba   the tests that compile, with the oldest numba allowed
 # make check   format, lint, types, documents
 # make fuzz    hostile bytes through every loader, for FUZZ_SECONDS of processor time (default 600): out/fuzz/
 # make bench   frame times per stage
@@ -16,7 +17,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 MESHES := $(shell find assets -type f 2>/dev/null)
 
 .DELETE_ON_ERROR:
-.PHONY: demo test test-all check fuzz bench figures format clean
+.PHONY: demo test test-all test-numba check fuzz bench figures format clean
 
 demo: $(VENV)/.runtime out/gallery_hand.mcap
 	@echo
@@ -33,6 +34,12 @@ test: $(VENV)/.test
 
 test-all: $(VENV)/.test
 	$(BIN)/python -m pytest -m ""
+
+OLDEST_NUMBA := 0.67
+test-numba: $(VENV)/.test
+	$(PYTHON) -m venv --clear $(VENV)-numba
+	$(VENV)-numba/bin/python -m pip --disable-pip-version-check --quiet install --editable '.[test]' 'numba==$(OLDEST_NUMBA).*'
+	$(VENV)-numba/bin/python -m pytest tests/jit tests/collision tests/simulated tests/driven tests/test_pipeline.py
 
 check: $(VENV)/.test
 	$(BIN)/ruff format --check .
@@ -57,7 +64,7 @@ format: $(VENV)/.test
 	$(BIN)/python tests/house/reference.py
 
 clean:
-	rm -rf $(VENV) out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(VENV)-numba out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # The environment and what is installed in it. A stamp file says which part is there.

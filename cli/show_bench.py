@@ -106,7 +106,7 @@ def _frames(experiments: Sequence[ExperimentResult]) -> Sheet:
     return Sheet(
         "Frames",
         "`step`: everything between a decoded frame and its result, µs. `call`: mean processor time of the compiled calls, "
-        "foresight included. `take`: making a frame's result object.",
+        "`take`: making a frame's result object.",
         FRAME_COLUMNS,
         tuple(rows),
     )
@@ -136,7 +136,7 @@ def _peers(experiments: Sequence[ExperimentResult]) -> Sheet:
         "Frames beside a physics engine",
         "The same pieces, recording and frame rate, in turn in one process; µs. There the hand is welded to the tracked "
         "pose, in one piece (rigid) or with servos in its joints (jointed), and steps are 2 ms. Left: deepest overlap of "
-        "the hand on the final poses of a frame. Ratio of call: mean processor time, foresight included, over its mean.",
+        "the hand on the final poses of a frame. Ratio of call: mean processor time over its mean.",
         PEER_COLUMNS,
         tuple(rows),
     )

@@ -41,7 +41,7 @@ class Config:
     gap: float = 2e-6
     """m; clearance kept between surfaces in contact. More: less sensitive to rounding, corrections larger by as much."""
     max_iterations: int = 30
-    """Iterations of the driven loop in a frame. Fewer: faster, but worse corrections where many bodies are in contact."""
+    """Passes of a search for a posture. Fewer: faster, but worse corrections where many bodies are in contact."""
     max_impacts: int = 500
     """Limit on the impacts of the simulated loop in a frame; reaching it is reported."""
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from geomphys.collision.penetration import make_scratch, separation
 from geomphys.errors import ConfigError
+from geomphys.jit.packed_records import pack
 from geomphys.numerics.transforms import compose, frame_from_matrix, matrix_from_frame
 from geomphys.scene.arrays import Floats, World
 from geomphys.scene.assembly import assemble, exclude_pairs
@@ -69,13 +70,13 @@ def zero_pose_overlaps(world: World) -> list[tuple[int, int]]:
     pieces = world.scene.pieces
     poses = _zero_poses(world)
     frames = np.ascontiguousarray(frame_from_matrix(compose(poses[pieces.body], matrix_from_frame(pieces.local))))
-    scratch, no_axis = make_scratch(), (0.0, 0.0, 0.0)
+    packed, scratch, no_axis = pack(pieces), pack(make_scratch()), (0.0, 0.0, 0.0)
     found: dict[tuple[int, int], bool] = {}
     for i, j in _candidates(world, frames):
         pair = (int(pieces.body[i]), int(pieces.body[j]))
         if not found.get(pair, False):
             found[pair] = (
-                separation(pieces, frames, i, j, ZERO_POSE_CLEARANCE, no_axis, scratch)[0] < ZERO_POSE_CLEARANCE
+                separation(packed, frames, i, j, ZERO_POSE_CLEARANCE, no_axis, scratch)[0] < ZERO_POSE_CLEARANCE
             )
     return sorted(pair for pair, close in found.items() if close)
 

@@ -11,8 +11,8 @@ from geomphys.engine.frame_buffer import FRAMES
 from geomphys.engine.log_messages import Message
 from geomphys.engine.pipeline import Pipeline
 from geomphys.errors import LogError, OutputError
-from geomphys.jit.compiling.crew import telling
 from geomphys.jit.kernel import are_compiled
+from geomphys.jit.work import telling
 from geomphys.load import load_world
 from geomphys.output.file_sinks import FILE_SINKS, FileSinkOptions, make_file_sink
 from geomphys.output.provenance import provenance_of

@@ -141,23 +141,23 @@ class PairLoop:
 
     def __init__(self, pairs: Pairs) -> None:
         self.count = len(pairs.frames) // 2
-        self._pieces, self._scratch = pack(pairs.pieces), make_scratch()
+        self._pieces, self._scratch = pack(pairs.pieces), pack(make_scratch())
         self._frames = pairs.frames
         self._out = np.zeros((self.count, 4))
 
     def run(self, first: int, last: int) -> None:
         """Measure some pairs in one call."""
-        measure_pairs(self._pieces, self._frames, first, last, self._out, *self._scratch)
+        measure_pairs(self._pieces, self._frames, first, last, self._out, self._scratch)
 
     def run_singly(self, first: int, last: int) -> None:
         """Measure some pairs, one a call."""
         for k in range(first, last):
-            measure_pairs(self._pieces, self._frames, k, k + 1, self._out, *self._scratch)
+            measure_pairs(self._pieces, self._frames, k, k + 1, self._out, self._scratch)
 
     def all(self, frames: Floats) -> Floats:
         """Normals and signed separations (N, 4) with the pieces at `frames` (2 N, 12)."""
         out = np.zeros((self.count, 4))
-        measure_pairs(self._pieces, frames, 0, self.count, out, *self._scratch)
+        measure_pairs(self._pieces, frames, 0, self.count, out, self._scratch)
         return out
 
 

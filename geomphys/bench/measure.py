@@ -13,7 +13,6 @@ from geomphys.bench.experiments import Experiment
 from geomphys.bench.report import ExperimentResult, PeerResult, Stage, distribution_of
 from geomphys.config import Config
 from geomphys.engine.frame_buffer import FRAMES, Block
-from geomphys.engine.look_ahead import Track
 from geomphys.engine.pipeline import Pipeline
 from geomphys.results import Frame, FrameResult
 from geomphys.scene.arrays import DRIVEN, World
@@ -54,10 +53,10 @@ class TimedPipeline(Pipeline):
 
     busy_ns = 0
 
-    def run(self, track: Track, first: int, last: int, block: Block, hasty: bool = False) -> int:
+    def run(self, roots: Floats, angles: Floats, dts: Floats, block: Block) -> int:
         """Step as `Pipeline` does."""
         start = time.thread_time_ns()
-        count = super().run(track, first, last, block, hasty)
+        count = super().run(roots, angles, dts, block)
         self.busy_ns += time.thread_time_ns() - start
         return count
 

@@ -58,7 +58,7 @@ class PeerResult:
     warnings: int  # of the engine: unstable, out of memory
     ratio_median: float  # ours over its
     ratio_p99: float
-    ratio_call: float  # our mean processor time, look-ahead included, over its mean
+    ratio_call: float  # our mean processor time, over its mean
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +75,7 @@ class ExperimentResult:
     driven_pieces: int
     step: Distribution  # ns a frame, by the clock inside the step
     stages: tuple[Stage, ...]
-    call_ns: float  # processor time of the calls that step, look-ahead included, mean a frame
+    call_ns: float  # processor time of the calls that step, mean a frame
     result_ns: float  # wall time of making the result objects, mean a frame
     contacts: float  # mean a frame
     recorded_m: float  # deepest overlap as recorded

@@ -12,106 +12,101 @@ import math
 
 import numpy as np
 
-from geomphys.collision.gjk import difference, set_pair
-from geomphys.collision.scratch import MAX_CORNERS, MAX_FACES, Room
-from geomphys.collision.support import Core, vec_at
-from geomphys.jit.addresses import float_at, int_at, set_float, set_int
+from geomphys.collision.gjk import difference, set_corner
+from geomphys.collision.scratch import MAX_CORNERS, MAX_FACES, Scratch
+from geomphys.collision.support import Core
 from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import set_vec, vec_of
 from geomphys.numerics.vec3 import Rot, Vec, add_scaled, cross, dot, norm, perpendicular, scale, sub
 from geomphys.scene.arrays import CYLINDER
 
 GONE = 0
 SURFACE = 1
 FLAT = 2  # of the surface, but without area: its plane says nothing, its points lie on the edges of others
-STATE = 6
 FEW = 24
 """Corners from which on each new one is compared with all others."""
 
 
 @kernel
-def push(room: Room, count: int, face: int, key: float) -> None:
+def push(scratch: Scratch, count: int, face: int, key: float) -> None:
     """Add a face at distance `key` to the heap of `count` faces."""
     at = count
     while at > 0:
         up = (at - 1) >> 1
-        other = int_at(room.queue, up)
-        if float_at(room.planes, 4 * other + 3) <= key:
+        other = scratch.queue[up]
+        if scratch.faces[other].distance <= key:
             break
-        set_int(room.queue, at, other)
+        scratch.queue[at] = other
         at = up
-    set_int(room.queue, at, face)
+    scratch.queue[at] = face
 
 
 @kernel
-def pop(room: Room, count: int) -> int:
+def pop(scratch: Scratch, count: int) -> int:
     """Take the nearest face out of the heap of `count` faces."""
-    top = int_at(room.queue, 0)
-    last = int_at(room.queue, count - 1)
-    key = float_at(room.planes, 4 * last + 3)
+    top = scratch.queue[0]
+    last = scratch.queue[count - 1]
+    key = scratch.faces[last].distance
     at = 0
     while True:
         down = 2 * at + 1
         if down >= count - 1:
             break
-        other = int_at(room.queue, down)
-        near = float_at(room.planes, 4 * other + 3)
+        other = scratch.queue[down]
+        near = scratch.faces[other].distance
         if down + 1 < count - 1:
-            right = int_at(room.queue, down + 1)
-            if float_at(room.planes, 4 * right + 3) < near:
+            right = scratch.queue[down + 1]
+            if scratch.faces[right].distance < near:
                 down += 1
                 other = right
-                near = float_at(room.planes, 4 * right + 3)
+                near = scratch.faces[right].distance
         if near >= key:
             break
-        set_int(room.queue, at, other)
+        scratch.queue[at] = other
         at = down
-    set_int(room.queue, at, last)
+    scratch.queue[at] = last
     return top
 
 
 @kernel
-def set_face(room: Room, face: int, i: int, j: int, k: int) -> float:
+def set_face(scratch: Scratch, face: int, i: int, j: int, k: int) -> float:
     """Store a face of three corners; returns its plane's distance, infinite for a face without area."""
-    p = vec_at(room.points, 6 * i)
-    u = sub(vec_at(room.points, 6 * j), p)
-    v = sub(vec_at(room.points, 6 * k), p)
+    p = vec_of(scratch.corners[i].difference)
+    u = sub(vec_of(scratch.corners[j].difference), p)
+    v = sub(vec_of(scratch.corners[k].difference), p)
     n = cross(u, v)
     area = dot(n, n)
-    row = 8 * face
-    set_int(room.faces, row, i)
-    set_int(room.faces, row + 1, j)
-    set_int(room.faces, row + 2, k)
+    record = scratch.faces[face]
+    record.corner[0], record.corner[1], record.corner[2] = i, j, k
     state, distance = FLAT, np.inf
     if area > 1e-26 * dot(u, u) * dot(v, v):
         n = scale(n, 1.0 / math.sqrt(area))
         state, distance = SURFACE, dot(n, p)
-    set_int(room.faces, row + STATE, state)
-    set_float(room.planes, 4 * face, n[0])
-    set_float(room.planes, 4 * face + 1, n[1])
-    set_float(room.planes, 4 * face + 2, n[2])
-    set_float(room.planes, 4 * face + 3, distance)
+    record.state = state
+    set_vec(record.normal, n)
+    record.distance = distance
     return distance
 
 
 @kernel
-def join(room: Room, f: int, i: int, g: int, j: int) -> None:
+def join(scratch: Scratch, f: int, i: int, g: int, j: int) -> None:
     """Edge i of face f and edge j of face g are the same; edge k goes from corner k to the next."""
-    set_int(room.faces, 8 * f + 3 + i, 3 * g + j)
-    set_int(room.faces, 8 * g + 3 + j, 3 * f + i)
+    scratch.faces[f].across[i] = 3 * g + j
+    scratch.faces[g].across[j] = 3 * f + i
 
 
 @kernel
-def first_tetrahedron(a: Core, b: Core, rot: Rot, t: Vec, count: int, room: Room) -> bool:
+def first_tetrahedron(a: Core, b: Core, rot: Rot, t: Vec, count: int, scratch: Scratch) -> bool:
     """Complete the simplex of `count` points to a tetrahedron of M, the first four corners, positively oriented.
 
     Each new point is the farthest of six from the span of those there are. Returns False if M has no volume.
     """
-    for i in range(24):
-        set_float(room.points, i, float_at(room.simplex, i))
+    for i in range(4):
+        scratch.corners[i] = scratch.simplex[i]
     while count < 4:
-        o = vec_at(room.points, 0)
-        e = sub(vec_at(room.points, 6), o)
-        n = cross(e, sub(vec_at(room.points, 12), o))
+        o = vec_of(scratch.corners[0].difference)
+        e = sub(vec_of(scratch.corners[1].difference), o)
+        n = cross(e, sub(vec_of(scratch.corners[2].difference), o))
         if count == 2:
             n = perpendicular(e)
         m = cross(e, n)
@@ -133,51 +128,55 @@ def first_tetrahedron(a: Core, b: Core, rot: Rot, t: Vec, count: int, room: Room
             size = dot(side, side) if count < 3 else abs(dot(n, off))
             if size > best:
                 best = size
-                set_pair(room.points, count, w, p)
+                set_corner(scratch.corners, count, w, p)
         if best == 0.0:
             return False
         count += 1
-    o, x, y = vec_at(room.points, 0), vec_at(room.points, 6), vec_at(room.points, 12)
-    volume = dot(cross(sub(x, o), sub(y, o)), sub(vec_at(room.points, 18), o))
+    o, x, y = (
+        vec_of(scratch.corners[0].difference),
+        vec_of(scratch.corners[1].difference),
+        vec_of(scratch.corners[2].difference),
+    )
+    volume = dot(cross(sub(x, o), sub(y, o)), sub(vec_of(scratch.corners[3].difference), o))
     if volume < 0.0:
-        p, q = vec_at(room.points, 3), vec_at(room.points, 9)
-        set_pair(room.points, 0, x, q)
-        set_pair(room.points, 1, o, p)
+        p, q = vec_of(scratch.corners[0].on_a), vec_of(scratch.corners[1].on_a)
+        set_corner(scratch.corners, 0, x, q)
+        set_corner(scratch.corners, 1, o, p)
     return volume != 0.0
 
 
 @kernel
-def outline(room: Room, face: int, new: int, faces: int, eps: float) -> int:
+def outline(scratch: Scratch, face: int, new: int, faces: int, eps: float) -> int:
     """Take away the faces that see corner `new`, from `face` on, and join their outline to it.
 
     A face sees the corner if that lies more than `eps` [m] above its plane. The outline is met counter-clockwise, so
     each new face stands beside the one before. Returns the number of faces,
     -1 if the outline does not close or there is no more room.
     """
-    w = vec_at(room.points, 6 * new)
-    set_int(room.faces, 8 * face + STATE, GONE)
+    w = vec_of(scratch.corners[new].difference)
+    scratch.faces[face].state = GONE
     for k in range(3):
-        set_int(room.stack, k, int_at(room.faces, 8 * face + 5 - k))
+        scratch.stack[k] = scratch.faces[face].across[2 - k]
     depth = 3
     start = faces
     first, end = -1, -1
     while depth > 0:
         depth -= 1
-        edge = int_at(room.stack, depth)
+        edge = scratch.stack[depth]
         g = edge // 3
         e = edge - 3 * g
-        row = 8 * g
-        state = int_at(room.faces, row + STATE)
+        record = scratch.faces[g]
+        state = record.state
         if state == GONE:
             continue
         next_edge = 0 if e == 2 else e + 1
-        if state == FLAT or dot(vec_at(room.planes, 4 * g), w) - float_at(room.planes, 4 * g + 3) > eps:
-            set_int(room.faces, row + STATE, GONE)
-            set_int(room.stack, depth, int_at(room.faces, row + 3 + (2 if e == 0 else e - 1)))
-            set_int(room.stack, depth + 1, int_at(room.faces, row + 3 + next_edge))
+        if state == FLAT or dot(vec_of(scratch.faces[g].normal), w) - scratch.faces[g].distance > eps:
+            record.state = GONE
+            scratch.stack[depth] = record.across[2 if e == 0 else e - 1]
+            scratch.stack[depth + 1] = record.across[next_edge]
             depth += 2
             continue
-        i, j = int_at(room.faces, row + next_edge), int_at(room.faces, row + e)
+        i, j = record.corner[next_edge], record.corner[e]
         if faces == start:
             first = i
         elif end != i:
@@ -185,19 +184,19 @@ def outline(room: Room, face: int, new: int, faces: int, eps: float) -> int:
         if faces == MAX_FACES:
             return -1
         end = j
-        set_face(room, faces, i, j, new)
-        join(room, faces, 0, g, e)
+        set_face(scratch, faces, i, j, new)
+        join(scratch, faces, 0, g, e)
         if faces > start:
-            join(room, faces - 1, 1, faces, 2)
+            join(scratch, faces - 1, 1, faces, 2)
         faces += 1
     if faces - start < 3 or end != first:
         return -1
-    join(room, faces - 1, 1, start, 2)
+    join(scratch, faces - 1, 1, start, 2)
     return faces
 
 
 @kernel
-def foot(room: Room, n: Vec, face: int, faces: int) -> Vec:
+def foot(scratch: Scratch, n: Vec, face: int, faces: int) -> Vec:
     """Point of A that belongs to where the ray from the origin along n leaves the polytope.
 
     From `face` on the walk goes across the edge the ray passes by; where slivers bar the way, all faces are looked at
@@ -207,11 +206,15 @@ def foot(room: Room, n: Vec, face: int, faces: int) -> Vec:
     found = face
     for step in range(16 + faces):
         f = face if step < 16 else step - 16
-        row = 8 * f
-        if int_at(room.faces, row + STATE) != SURFACE or dot(n, vec_at(room.planes, 4 * f)) < 0.5:
+        record = scratch.faces[f]
+        if record.state != SURFACE or dot(n, vec_of(scratch.faces[f].normal)) < 0.5:
             continue
-        i, j, k = int_at(room.faces, row), int_at(room.faces, row + 1), int_at(room.faces, row + 2)
-        p, q, r = vec_at(room.points, 6 * i), vec_at(room.points, 6 * j), vec_at(room.points, 6 * k)
+        i, j, k = record.corner[0], record.corner[1], record.corner[2]
+        p, q, r = (
+            vec_of(scratch.corners[i].difference),
+            vec_of(scratch.corners[j].difference),
+            vec_of(scratch.corners[k].difference),
+        )
         x, y, z = dot(n, cross(q, r)), dot(n, cross(r, p)), dot(n, cross(p, q))
         total = x + y + z
         worst = min(x, y, z)
@@ -221,28 +224,32 @@ def foot(room: Room, n: Vec, face: int, faces: int) -> Vec:
         if best >= -1e-10:
             break
         edge = 1 if worst == x else (2 if worst == y else 0)
-        face = int_at(room.faces, row + 3 + edge) // 3
-    row = 8 * found
-    i, j, k = int_at(room.faces, row), int_at(room.faces, row + 1), int_at(room.faces, row + 2)
-    p, q, r = vec_at(room.points, 6 * i), vec_at(room.points, 6 * j), vec_at(room.points, 6 * k)
+        face = record.across[edge] // 3
+    record = scratch.faces[found]
+    i, j, k = record.corner[0], record.corner[1], record.corner[2]
+    p, q, r = (
+        vec_of(scratch.corners[i].difference),
+        vec_of(scratch.corners[j].difference),
+        vec_of(scratch.corners[k].difference),
+    )
     x, y, z = max(dot(n, cross(q, r)), 0.0), max(dot(n, cross(r, p)), 0.0), max(dot(n, cross(p, q)), 0.0)
     total = x + y + z
     if total == 0.0:
-        return vec_at(room.points, 6 * i + 3)
-    return blend(room, i, j, k, x / total, y / total, z / total)
+        return vec_of(scratch.corners[i].on_a)
+    return blend(scratch, i, j, k, x / total, y / total, z / total)
 
 
 @kernel
-def blend(room: Room, i: int, j: int, k: int, x: float, y: float, z: float) -> Vec:
+def blend(scratch: Scratch, i: int, j: int, k: int, x: float, y: float, z: float) -> Vec:
     """Weighted mean of the points of A that corners i, j, k come from."""
-    point = scale(vec_at(room.points, 6 * i + 3), x)
-    point = add_scaled(point, vec_at(room.points, 6 * j + 3), y)
-    return add_scaled(point, vec_at(room.points, 6 * k + 3), z)
+    point = scale(vec_of(scratch.corners[i].on_a), x)
+    point = add_scaled(point, vec_of(scratch.corners[j].on_a), y)
+    return add_scaled(point, vec_of(scratch.corners[k].on_a), z)
 
 
 @outlined
 def expand(
-    a: Core, b: Core, rot: Rot, t: Vec, size: float, eps: float, count: int, room: Room
+    a: Core, b: Core, rot: Rot, t: Vec, size: float, eps: float, count: int, scratch: Scratch
 ) -> tuple[bool, float, Vec, Vec]:
     """Penetration depth of the cores A and B in A's frame, from the simplex of `count` points that `closest` left.
 
@@ -264,8 +271,8 @@ def expand(
     floor = size * (1e-11 if curved else 2e-15)
     loose, loosest = 1e-6, 1e-11 * size
     best, outward = np.inf, (0.0, 0.0, 1.0)
-    if not first_tetrahedron(a, b, rot, t, count, room):
-        return False, best, outward, vec_at(room.points, 3)
+    if not first_tetrahedron(a, b, rot, t, count, scratch):
+        return False, best, outward, vec_of(scratch.corners[0].on_a)
     waiting = 0
     for f in range(4):
         i, j, k = 0, 2, 1
@@ -275,60 +282,60 @@ def expand(
             i, j, k = 0, 3, 2
         elif f == 3:
             i, j, k = 1, 2, 3
-        distance = set_face(room, f, i, j, k)
+        distance = set_face(scratch, f, i, j, k)
         if distance < np.inf:
-            push(room, waiting, f, distance)
+            push(scratch, waiting, f, distance)
             waiting += 1
-    join(room, 0, 0, 2, 2)
-    join(room, 0, 1, 3, 0)
-    join(room, 0, 2, 1, 0)
-    join(room, 1, 1, 3, 2)
-    join(room, 1, 2, 2, 0)
-    join(room, 2, 1, 3, 1)
+    join(scratch, 0, 0, 2, 2)
+    join(scratch, 0, 1, 3, 0)
+    join(scratch, 0, 2, 1, 0)
+    join(scratch, 1, 1, 3, 2)
+    join(scratch, 1, 2, 2, 0)
+    join(scratch, 2, 1, 3, 1)
     faces, used = 4, 4
-    nearest, lowest, deepest = 0, np.inf, vec_at(room.points, 3)
+    nearest, lowest, deepest = 0, np.inf, vec_of(scratch.corners[0].on_a)
     while waiting > 0:
-        f = pop(room, waiting)
+        f = pop(scratch, waiting)
         waiting -= 1
-        if int_at(room.faces, 8 * f + STATE) != SURFACE:
+        if scratch.faces[f].state != SURFACE:
             continue
-        low = float_at(room.planes, 4 * f + 3)
-        n = vec_at(room.planes, 4 * f)
+        low = scratch.faces[f].distance
+        n = vec_of(scratch.faces[f].normal)
         w, p = difference(a, b, rot, t, n)
         high = dot(n, w)
         known = False
         for k in range(3):
-            known |= w == vec_at(room.points, 6 * int_at(room.faces, 8 * f + k))
+            known |= w == vec_of(scratch.corners[scratch.faces[f].corner[k]].difference)
         slack = tight * abs(min(high, best)) + floor
         if (known or high - low <= slack) and high <= best + slack:
-            return high - lowest <= loose * abs(high) + loosest, high, n, foot(room, n, f, faces)
+            return high - lowest <= loose * abs(high) + loosest, high, n, foot(scratch, n, f, faces)
         if known or low >= best - slack:
-            return best - lowest <= loose * abs(best) + loosest, best, outward, foot(room, outward, f, faces)
+            return best - lowest <= loose * abs(best) + loosest, best, outward, foot(scratch, outward, f, faces)
         if high < best:
             best, outward, nearest, deepest = high, n, f, p
         if curved and used >= FEW:
             for i in range(used):
-                known |= w == vec_at(room.points, 6 * i)
+                known |= w == vec_of(scratch.corners[i].difference)
             if known:
                 # a corner that is there already: rounding has bent the surface, and this face is as good as it gets
                 lowest = min(lowest, low)
                 continue
         if used == MAX_CORNERS:
             break
-        set_pair(room.points, used, w, p)
+        set_corner(scratch.corners, used, w, p)
         start = faces
-        faces = outline(room, f, used, faces, eps)
+        faces = outline(scratch, f, used, faces, eps)
         used += 1
         if faces < 0:
             return False, best, outward, deepest
         for g in range(start, faces):
-            distance = float_at(room.planes, 4 * g + 3)
+            distance = scratch.faces[g].distance
             if distance <= best and waiting < MAX_FACES:
-                push(room, waiting, g, distance)
+                push(scratch, waiting, g, distance)
                 waiting += 1
     return (
         waiting == 0 and best - lowest <= loose * abs(best) + loosest,
         best,
         outward,
-        foot(room, outward, nearest, faces),
+        foot(scratch, outward, nearest, faces),
     )

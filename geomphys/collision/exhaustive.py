@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from geomphys.collision.epa import blend
-from geomphys.collision.gjk import difference, on_triangle, set_pair
-from geomphys.collision.scratch import Room
-from geomphys.collision.support import Core, vec_at
-from geomphys.jit.addresses import int32_at
+from geomphys.collision.gjk import difference, on_triangle, set_corner
+from geomphys.collision.scratch import Scratch
+from geomphys.collision.support import Core
 from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import vec_at, vec_of
 from geomphys.numerics.vec3 import Rot, Vec, add, cross, dot, norm, rotate, scale, sub
 from geomphys.scene.arrays import BOX, CAPSULE
 
@@ -31,7 +31,7 @@ def corners_of(core: Core) -> int:
 def corner_of(core: Core, i: int) -> Vec:
     """Corner i, piece frame."""
     if core.kind > CAPSULE:
-        return vec_at(core.vertices, 3 * i)
+        return vec_at(core.pieces.vertices, core.first + i)
     return (0.0, 0.0, core.z if i == 0 else -core.z)
 
 
@@ -39,7 +39,8 @@ def corner_of(core: Core, i: int) -> Vec:
 def degree(core: Core, i: int) -> int:
     """Number of edges at corner i."""
     if core.kind > CAPSULE:
-        return int32_at(core.neighbour_start, i + 1) - int32_at(core.neighbour_start, i)
+        start = core.pieces.neighbour_start
+        return int(np.int64(start[core.first + i + 1]) - np.int64(start[core.first + i]))
     return 1 if core.z > 0.0 else 0
 
 
@@ -47,7 +48,7 @@ def degree(core: Core, i: int) -> int:
 def neighbour(core: Core, i: int, k: int) -> int:
     """The corner at the other end of edge k of corner i."""
     if core.kind > CAPSULE:
-        return int32_at(core.neighbours, int32_at(core.neighbour_start, i) + k)
+        return int(np.int64(core.pieces.neighbours[core.pieces.neighbour_start[core.first + i] + k]))
     return 1 - i
 
 
@@ -62,13 +63,14 @@ def joined(core: Core, i: int, j: int) -> bool:
 
 @kernel
 def try_direction(
-    a: Core, b: Core, rot: Rot, t: Vec, n: Vec, level: float, size: float, best: float, outward: Vec
+    a: Core, b: Core, rot: Rot, t: Vec, n: Vec, level: float, size: float, found: tuple[float, Vec]
 ) -> tuple[float, Vec]:
     """The better of what is known and M's extent along n or -n; n need not be a unit vector.
 
     `level` is where the feature lies whose normal n is: M reaches at least so far, so a feature that lies beyond the
     best extent, or behind the origin, needs no measuring. 0 if it is not known.
     """
+    best, outward = found
     length = norm(n)
     if length == 0.0:
         return best, outward
@@ -85,7 +87,7 @@ def try_direction(
 
 
 @outlined
-def exhaustive(a: Core, b: Core, rot: Rot, t: Vec, size: float, room: Room) -> tuple[float, Vec, Vec]:
+def exhaustive(a: Core, b: Core, rot: Rot, t: Vec, size: float, scratch: Scratch) -> tuple[float, Vec, Vec]:
     """Depth, outward normal and point of A of two cores, as `expand` has them; none of them a cylinder."""
     best, outward = np.inf, (0.0, 0.0, 1.0)
     for side in range(2):
@@ -101,7 +103,7 @@ def exhaustive(a: Core, b: Core, rot: Rot, t: Vec, size: float, room: Room) -> t
                         n = cross(sub(corner_of(core, j), o), sub(corner_of(core, h), o))
                         if side == 1:
                             n = rotate(rot, n)
-                        best, outward = try_direction(a, b, rot, t, n, 0.0, size, best, outward)
+                        best, outward = try_direction(a, b, rot, t, n, 0.0, size, (best, outward))
     for i in range(corners_of(a)):
         p = corner_of(a, i)
         for k in range(degree(a, i)):
@@ -114,12 +116,12 @@ def exhaustive(a: Core, b: Core, rot: Rot, t: Vec, size: float, room: Room) -> t
                     if neighbour(b, j, m) < j:
                         continue
                     n = cross(e, rotate(rot, sub(corner_of(b, neighbour(b, j, m)), corner_of(b, j))))
-                    best, outward = try_direction(a, b, rot, t, n, dot(n, sub(p, q)), size, best, outward)
-    return best, outward, deepest_point(a, b, rot, t, outward, size, room)
+                    best, outward = try_direction(a, b, rot, t, n, dot(n, sub(p, q)), size, (best, outward))
+    return best, outward, deepest_point(a, b, rot, t, outward, size, scratch)
 
 
 @kernel
-def deepest_point(a: Core, b: Core, rot: Rot, t: Vec, n: Vec, size: float, room: Room) -> Vec:
+def deepest_point(a: Core, b: Core, rot: Rot, t: Vec, n: Vec, size: float, scratch: Scratch) -> Vec:
     """Point of A at the foot of the origin on M's face along n, from the corners of A and B that lie in it."""
     w, _ = difference(a, b, rot, t, n)
     level, used = dot(n, w), 0
@@ -129,17 +131,19 @@ def deepest_point(a: Core, b: Core, rot: Rot, t: Vec, n: Vec, size: float, room:
         for j in range(corners_of(b)):
             u = sub(p, add(t, rotate(rot, corner_of(b, j))))
             if dot(n, u) >= level - 1e-12 * size and used < 64:
-                set_pair(room.points, used, sub(u, ground), p)
+                set_corner(scratch.corners, used, sub(u, ground), p)
                 used += 1
     best = np.inf
-    point = vec_at(room.points, 3)
+    point = vec_of(scratch.corners[0].on_a)
     for i in range(used):
         for j in range(i, used):
             for k in range(j, used):
                 x, y, z, off = on_triangle(
-                    vec_at(room.points, 6 * i), vec_at(room.points, 6 * j), vec_at(room.points, 6 * k)
+                    vec_of(scratch.corners[i].difference),
+                    vec_of(scratch.corners[j].difference),
+                    vec_of(scratch.corners[k].difference),
                 )
                 if dot(off, off) < best:
                     best = dot(off, off)
-                    point = blend(room, i, j, k, x, y, z)
+                    point = blend(scratch, i, j, k, x, y, z)
     return point

@@ -13,9 +13,10 @@ from typing import TypeAlias
 
 import numpy as np
 
+from geomphys.collision.scratch import Corners
 from geomphys.collision.support import Core, support
-from geomphys.jit.addresses import set_float
 from geomphys.jit.kernel import kernel
+from geomphys.numerics.row_vectors import set_vec
 from geomphys.numerics.vec3 import Rot, Vec, add_scaled, cross, dot, neg, rotate, rotate_back, scale, sub
 
 Weights: TypeAlias = tuple[float, float, float, float]
@@ -127,19 +128,15 @@ def on_tetrahedron(p: Vec, q: Vec, r: Vec, s: Vec, size: float) -> tuple[Weights
 
 
 @kernel
-def set_pair(rows: int, i: int, w: Vec, p: Vec) -> None:
-    """Store a point of M and the point of A it comes from in row i of six numbers."""
-    set_float(rows, 6 * i, w[0])
-    set_float(rows, 6 * i + 1, w[1])
-    set_float(rows, 6 * i + 2, w[2])
-    set_float(rows, 6 * i + 3, p[0])
-    set_float(rows, 6 * i + 4, p[1])
-    set_float(rows, 6 * i + 5, p[2])
+def set_corner(corners: Corners, i: int, w: Vec, p: Vec) -> None:
+    """Store a point of M and the point of A it comes from in a record of `corners`."""
+    set_vec(corners[i].difference, w)
+    set_vec(corners[i].on_a, p)
 
 
 @kernel
 def closest(
-    a: Core, b: Core, rot: Rot, t: Vec, size: float, limit: float, start: Vec, simplex: int
+    a: Core, b: Core, rot: Rot, t: Vec, size: float, limit: float, start: Vec, simplex: Corners
 ) -> tuple[int, float, Vec, Vec, int]:
     """Distance of the cores A and B in A's frame; `rot`, `t` are the pose of B, `size` the length of M's coordinates.
 
@@ -232,10 +229,10 @@ def closest(
             inside = True
             break
     if inside or gap <= 0.0:
-        set_pair(simplex, 0, w0, a0)
-        set_pair(simplex, 1, w1, a1)
-        set_pair(simplex, 2, w2, a2)
-        set_pair(simplex, 3, w3, a3)
+        set_corner(simplex, 0, w0, a0)
+        set_corner(simplex, 1, w1, a1)
+        set_corner(simplex, 2, w2, a2)
+        set_corner(simplex, 3, w3, a3)
         return OVERLAP, gap, normal, a0, count
     point = scale(a0, l0)
     if count > 1:

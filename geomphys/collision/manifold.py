@@ -8,14 +8,14 @@ other that lie behind them along the normal.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from geomphys.collision.scratch import MAX_POLYGON, Room, Scratch, room_of
-from geomphys.collision.support import Shapes, position_of, rotation_of, shapes_of, vec_at
-from geomphys.jit.addresses import address, float_at, int_at, set_float
+from geomphys.collision.penetration import Separation
+from geomphys.collision.scratch import MAX_POLYGON, Scratch
+from geomphys.collision.support import Shapes, position_of, rotation_of
 from geomphys.jit.kernel import inlined, kernel, outlined
+from geomphys.numerics.row_vectors import set_vec_at, vec_at
 from geomphys.numerics.vec3 import Vec, add, add_scaled, cross, dot, neg, norm, rotate, rotate_back, scale, sub
 from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, SPHERE, Floats, Pieces
 
@@ -31,15 +31,6 @@ SKEW = 0.005
 """Sine of the angle from which on two lines cross at a point instead of lying along each other."""
 TILT = 0.01
 """... and from which on a capsule stands on its end instead of lying on its side."""
-
-
-class Faces(NamedTuple):
-    """Faces of boxes and hulls by address; see `Pieces`."""
-
-    face_start: int
-    planes: int
-    loop_start: int
-    loops: int
 
 
 @inlined
@@ -73,26 +64,15 @@ def manifold(
     count
         1 to 4.
     """
-    faces = Faces(address(pieces.face_start), address(pieces.planes), address(pieces.loop_start), address(pieces.loops))
-    return touching(
-        shapes_of(pieces, frames), faces, a, b, s, n, pa, pb, address(points_a), address(points_b), room_of(scratch)
-    )
+    return touching(Shapes(pieces, frames), a, b, (s, n, pa, pb), points_a, points_b, scratch)
 
 
 @kernel
-def set_vec(row: int, i: int, v: Vec) -> None:
-    """Store a vector as the i-th of an array at address `row`."""
-    set_float(row, 3 * i, v[0])
-    set_float(row, 3 * i + 1, v[1])
-    set_float(row, 3 * i + 2, v[2])
-
-
-@kernel
-def face_towards(faces: Faces, p: int, d: Vec) -> int:
+def face_towards(pieces: Pieces, p: int, d: Vec) -> int:
     """Face of a hull whose normal is nearest to `d`, piece frame."""
     best, found = -np.inf, 0
-    for f in range(int_at(faces.face_start, p), int_at(faces.face_start, p + 1)):
-        x = dot(vec_at(faces.planes, 4 * f), d)
+    for f in range(pieces.face_start[p], pieces.face_start[p + 1]):
+        x = dot(vec_at(pieces.planes, f), d)
         if x > best:
             best = x
             found = f
@@ -100,85 +80,82 @@ def face_towards(faces: Faces, p: int, d: Vec) -> int:
 
 
 @kernel
-def feature(shapes: Shapes, faces: Faces, p: int, d: Vec, out: int) -> tuple[int, Vec]:
+def feature(shapes: Shapes, p: int, d: Vec, out: Floats) -> tuple[int, Vec]:
     """What piece `p` turns towards direction `d` (unit, world): writes its corners in the world to `out`.
 
     Returns their number (2 a line, more a face, counter-clockwise seen from outside; 1 a point, which is not written)
     and a face's normal.
     """
-    kind = int_at(shapes.kind, p)
+    pieces = shapes.pieces
+    kind = pieces.kind[p]
     rot, at = rotation_of(shapes, p), position_of(shapes, p)
     axis = (rot[2], rot[5], rot[8])
-    x, y, _ = vec_at(shapes.size, 3 * p)
+    x, y, _ = vec_at(pieces.size, p)
     if kind == SPHERE:
         return 1, d
     if kind == CAPSULE:
         low = add_scaled(at, d, x)
         if abs(dot(axis, d)) > TILT:
             return 1, d
-        set_vec(out, 0, add_scaled(low, axis, y))
-        set_vec(out, 1, add_scaled(low, axis, -y))
+        set_vec_at(out, 0, add_scaled(low, axis, y))
+        set_vec_at(out, 1, add_scaled(low, axis, -y))
         return 2, d
     local = rotate_back(rot, d)
     if kind == CYLINDER:
         if abs(local[2]) < math.sqrt(0.5):
             k = x / math.sqrt(local[0] * local[0] + local[1] * local[1])
-            set_vec(out, 0, add(at, rotate(rot, (k * local[0], k * local[1], y))))
-            set_vec(out, 1, add(at, rotate(rot, (k * local[0], k * local[1], -y))))
+            set_vec_at(out, 0, add(at, rotate(rot, (k * local[0], k * local[1], y))))
+            set_vec_at(out, 1, add(at, rotate(rot, (k * local[0], k * local[1], -y))))
             return 2, d
         up = 1.0 if local[2] > 0.0 else -1.0
         for k in range(RIM):
             angle = up * k * (2.0 * math.pi / RIM)
-            set_vec(out, k, add(at, rotate(rot, (x * math.cos(angle), x * math.sin(angle), up * y))))
+            set_vec_at(out, k, add(at, rotate(rot, (x * math.cos(angle), x * math.sin(angle), up * y))))
         return RIM, scale(axis, up)
     if kind == BOX:
         i, j, k = abs(local[0]), abs(local[1]), abs(local[2])
         across = 0 if i >= j and i >= k else (1 if j >= k else 2)
-        f = int_at(faces.face_start, p) + 2 * across + (1 if local[across] > 0.0 else 0)
+        f = pieces.face_start[p] + 2 * across + (1 if local[across] > 0.0 else 0)
     else:
-        f = face_towards(faces, p, local)
-    first, last = int_at(faces.loop_start, f), int_at(faces.loop_start, f + 1)
+        f = face_towards(pieces, p, local)
+    first, last = pieces.loop_start[f], pieces.loop_start[f + 1]
     step = 1 + 4 * (last - first - 1) // MAX_POLYGON
-    vertices = shapes.vertices + 24 * int_at(shapes.vertex_start, p)
     count = 0
     for k in range(first, last, step):
-        set_vec(out, count, add(at, rotate(rot, vec_at(vertices, 3 * int_at(faces.loops, k)))))
+        set_vec_at(out, count, add(at, rotate(rot, vec_at(pieces.vertices, pieces.vertex_start[p] + pieces.loops[k]))))
         count += 1
-    return count, rotate(rot, vec_at(faces.planes, 4 * f))
+    return count, rotate(rot, vec_at(pieces.planes, f))
 
 
 @kernel
-def clip(points: int, count: int, out: int, origin: Vec, inward: Vec) -> int:
+def clip(points: Floats, count: int, out: Floats, origin: Vec, inward: Vec) -> int:
     """Part of a polygon, or of a line of two points, on the inner side of a plane; returns its number of corners."""
     kept = 0
     last = count - 1
-    previous = vec_at(points, 3 * last)
+    previous = vec_at(points, last)
     before = dot(inward, sub(previous, origin))
     for i in range(count):
-        here = vec_at(points, 3 * i)
+        here = vec_at(points, i)
         now = dot(inward, sub(here, origin))
         if (before >= 0.0) != (now >= 0.0) and (count > 2 or i == 1):
-            set_vec(out, kept, add_scaled(previous, sub(here, previous), before / (before - now)))
+            set_vec_at(out, kept, add_scaled(previous, sub(here, previous), before / (before - now)))
             kept += 1
         if now >= 0.0:
-            set_vec(out, kept, here)
+            set_vec_at(out, kept, here)
             kept += 1
         previous, before = here, now
     return kept
 
 
 @outlined
-def touching(
-    shapes: Shapes, faces: Faces, a: int, b: int, s: float, n: Vec, pa: Vec, pb: Vec, out_a: int, out_b: int, room: Room
-) -> int:
-    """`manifold`, on addresses."""
-    block = 24 * MAX_POLYGON
-    mine, theirs = room.polygons, room.polygons + block
-    from_a, from_b = room.polygons + 2 * block, room.polygons + 3 * block
-    set_vec(out_a, 0, pa)
-    set_vec(out_b, 0, pb)
-    count, face = feature(shapes, faces, a, neg(n), mine)
-    others, other_face = feature(shapes, faces, b, n, theirs)
+def touching(shapes: Shapes, a: int, b: int, found: Separation, out_a: Floats, out_b: Floats, scratch: Scratch) -> int:
+    """`manifold` of pieces where they are, for what was `found`."""
+    s, n, pa, pb = found
+    mine, theirs, from_a, from_b = scratch.polygons[0], scratch.polygons[1], scratch.polygons[2], scratch.polygons[3]
+    set_vec_at(out_a, 0, pa)
+    set_vec_at(out_b, 0, pb)
+    count, face = feature(shapes, a, neg(n), mine)
+    others, other_face = feature(shapes, b, n, theirs)
     if count == 1 or others == 1:
         return 1
     # the feature that is clipped is A's, unless B's is a line and A's is not
@@ -187,31 +164,31 @@ def touching(
     if swapped:
         mine, theirs, count, others, other_face, d = theirs, mine, others, count, face, neg(n)
     if others == 2:
-        first, second = vec_at(theirs, 0), vec_at(theirs, 3)
+        first, second = vec_at(theirs, 0), vec_at(theirs, 1)
         count = shared_part(mine, first, second, n, from_b)
     else:
         if abs(dot(other_face, n)) < STEEP:
             return 1
-        count = inside(mine, count, theirs, others, d, room.polygons + 4 * block)
+        count = inside(mine, count, theirs, others, d, scratch.polygons[4])
         level = dot(other_face, vec_at(theirs, 0))
         for i in range(count):
-            p = vec_at(mine, 3 * i)
-            set_vec(from_b, i, add_scaled(p, n, (level - dot(other_face, p)) / dot(other_face, n)))
+            p = vec_at(mine, i)
+            set_vec_at(from_b, i, add_scaled(p, n, (level - dot(other_face, p)) / dot(other_face, n)))
     for i in range(count):
-        set_vec(from_a, i, vec_at(mine, 3 * i))
+        set_vec_at(from_a, i, vec_at(mine, i))
     if swapped:
         from_a, from_b = from_b, from_a
-    slop = min(SLOP, SLOP_PART * min(float_at(shapes.reach, a), float_at(shapes.reach, b)))
+    slop = min(SLOP, SLOP_PART * min(shapes.pieces.reach[a], shapes.pieces.reach[b]))
     return chosen(from_a, from_b, count, s, n, slop, out_a, out_b)
 
 
 @kernel
-def shared_part(mine: int, first: Vec, second: Vec, n: Vec, out: int) -> int:
+def shared_part(mine: Floats, first: Vec, second: Vec, n: Vec, out: Floats) -> int:
     """Two lines seen along n: cuts the line `mine` to what lies beside the other; 0 points if they cross.
 
     Writes the points of the other line behind those of `mine`, along n, to `out`.
     """
-    p, q = vec_at(mine, 0), vec_at(mine, 3)
+    p, q = vec_at(mine, 0), vec_at(mine, 1)
     e, f = sub(second, first), sub(q, p)
     length, other = norm(e), norm(f)
     if length == 0.0 or other == 0.0 or abs(dot(n, cross(e, f))) > SKEW * length * other:
@@ -227,30 +204,32 @@ def shared_part(mine: int, first: Vec, second: Vec, n: Vec, out: int) -> int:
         along = low if i == 0 else high
         point = add_scaled(p, f, (along - x) / (y - x))
         there = add_scaled(first, e, along)
-        set_vec(mine, i, point)
-        set_vec(out, i, add_scaled(point, n, dot(n, sub(there, point))))
+        set_vec_at(mine, i, point)
+        set_vec_at(out, i, add_scaled(point, n, dot(n, sub(there, point))))
     return 2
 
 
 @kernel
-def inside(mine: int, count: int, theirs: int, others: int, d: Vec, spare: int) -> int:
+def inside(mine: Floats, count: int, theirs: Floats, others: int, d: Vec, spare: Floats) -> int:
     """Clip a polygon or line by the outline of a face, both seen along the face's outward direction `d`; in place."""
     source, target = mine, spare
     for k in range(others):
-        origin = vec_at(theirs, 3 * k)
-        edge = sub(vec_at(theirs, 3 * (k + 1 if k + 1 < others else 0)), origin)
+        origin = vec_at(theirs, k)
+        edge = sub(vec_at(theirs, k + 1 if k + 1 < others else 0), origin)
         count = clip(source, count, target, origin, cross(d, edge))
         source, target = target, source
         if count == 0:
             return 0
-    if source != mine:
+    if others % 2 == 1:  # it ended up in `spare`
         for i in range(count):
-            set_vec(mine, i, vec_at(source, 3 * i))
+            set_vec_at(mine, i, vec_at(source, i))
     return count
 
 
 @kernel
-def chosen(from_a: int, from_b: int, count: int, s: float, n: Vec, slop: float, out_a: int, out_b: int) -> int:
+def chosen(
+    from_a: Floats, from_b: Floats, count: int, s: float, n: Vec, slop: float, out_a: Floats, out_b: Floats
+) -> int:
     """Keep at most four of the pairs: a deepest one, the farthest from it, and the farthest beside their line.
 
     Where none is as deep as `s`, the pair that stands in the first row of the output is the deepest.
@@ -258,41 +237,41 @@ def chosen(from_a: int, from_b: int, count: int, s: float, n: Vec, slop: float, 
     kept = 0
     deepest = np.inf
     for i in range(count):
-        p, q = vec_at(from_a, 3 * i), vec_at(from_b, 3 * i)
+        p, q = vec_at(from_a, i), vec_at(from_b, i)
         gap = dot(n, sub(p, q))
         if gap <= s + slop:
             deepest = min(deepest, gap)
-            set_vec(from_a, kept, p)
-            set_vec(from_b, kept, q)
+            set_vec_at(from_a, kept, p)
+            set_vec_at(from_b, kept, q)
             kept += 1
     near = 1e-3 * slop
     if deepest > s + near:
-        set_vec(from_a, kept, vec_at(out_a, 0))
-        set_vec(from_b, kept, vec_at(out_b, 0))
+        set_vec_at(from_a, kept, vec_at(out_a, 0))
+        set_vec_at(from_b, kept, vec_at(out_b, 0))
         kept += 1
         deepest = s
     first = 0
     for i in range(kept - 1, -1, -1):
-        if dot(n, sub(vec_at(from_a, 3 * i), vec_at(from_b, 3 * i))) <= deepest + near:
+        if dot(n, sub(vec_at(from_a, i), vec_at(from_b, i))) <= deepest + near:
             first = i
-    o = vec_at(from_a, 3 * first)
+    o = vec_at(from_a, first)
     far, second = 0.0, first
     for i in range(kept):
-        e = sub(vec_at(from_a, 3 * i), o)
+        e = sub(vec_at(from_a, i), o)
         if dot(e, e) > far:
             far = dot(e, e)
             second = i
-    set_vec(out_a, 0, o)
-    set_vec(out_b, 0, vec_at(from_b, 3 * first))
+    set_vec_at(out_a, 0, o)
+    set_vec_at(out_b, 0, vec_at(from_b, first))
     if far <= slop * slop * 1e-6:
         return 1
-    edge = sub(vec_at(from_a, 3 * second), o)
-    set_vec(out_a, 1, add(o, edge))
-    set_vec(out_b, 1, vec_at(from_b, 3 * second))
+    edge = sub(vec_at(from_a, second), o)
+    set_vec_at(out_a, 1, add(o, edge))
+    set_vec_at(out_b, 1, vec_at(from_b, second))
     left, right = 0.0, 0.0
     third, fourth = -1, -1
     for i in range(kept):
-        side = dot(n, cross(edge, sub(vec_at(from_a, 3 * i), o)))
+        side = dot(n, cross(edge, sub(vec_at(from_a, i), o)))
         if side > left:
             left = side
             third = i
@@ -302,11 +281,11 @@ def chosen(from_a: int, from_b: int, count: int, s: float, n: Vec, slop: float, 
     total = 2
     flat = 1e-3 * far
     if left > flat:
-        set_vec(out_a, total, vec_at(from_a, 3 * third))
-        set_vec(out_b, total, vec_at(from_b, 3 * third))
+        set_vec_at(out_a, total, vec_at(from_a, third))
+        set_vec_at(out_b, total, vec_at(from_b, third))
         total += 1
     if -right > flat:
-        set_vec(out_a, total, vec_at(from_a, 3 * fourth))
-        set_vec(out_b, total, vec_at(from_b, 3 * fourth))
+        set_vec_at(out_a, total, vec_at(from_a, fourth))
+        set_vec_at(out_b, total, vec_at(from_b, fourth))
         total += 1
     return total

@@ -9,10 +9,10 @@ from geomphys.collision.closed_forms import Answer, ball_box, ball_cylinder, seg
 from geomphys.collision.epa import expand
 from geomphys.collision.exhaustive import exhaustive
 from geomphys.collision.gjk import OVERLAP, closest, difference
-from geomphys.collision.scratch import Room, Scratch, make_scratch, room_of
-from geomphys.collision.support import Shapes, core_of, position_of, radius_of, rotation_of, shapes_of, vec_at
-from geomphys.jit.addresses import float_at, int_at
+from geomphys.collision.scratch import Scratch, make_scratch
+from geomphys.collision.support import Shapes, core_of, position_of, radius_of, rotation_of
 from geomphys.jit.kernel import inlined, kernel, outlined
+from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import (
     Vec,
     add,
@@ -55,38 +55,38 @@ def separation(pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axi
     pa, pb
         Points on the surfaces of A and B, world frame, pa - pb = s n; void beyond `limit`.
     """
-    return separate(shapes_of(pieces, frames), a, b, limit, axis, True, room_of(scratch))
+    return separate(Shapes(pieces, frames), a, b, limit, axis, True, scratch)
 
 
 @inlined
 def clearance(pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axis: Vec, scratch: Scratch) -> Separation:
     """`separation` for whom an overlap's depth is of no interest: s is something not above 0 then, the rest void."""
-    return separate(shapes_of(pieces, frames), a, b, limit, axis, False, room_of(scratch))
+    return separate(Shapes(pieces, frames), a, b, limit, axis, False, scratch)
 
 
 @outlined
-def separate(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, depths: bool, room: Room) -> Separation:
-    """`separation` or, without `depths`, `clearance`, on addresses.
+def separate(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, depths: bool, scratch: Scratch) -> Separation:
+    """`separation` or, without `depths`, `clearance`.
 
     The kind of A does not stand above that of B in what it calls.
     """
-    kind_a, kind_b = int_at(shapes.kind, a), int_at(shapes.kind, b)
+    kind_a, kind_b = shapes.pieces.kind[a], shapes.pieces.kind[b]
     if kind_a > kind_b or (kind_a == kind_b and a > b):
-        s, n, pa = ordered(shapes, b, a, limit, neg(axis), depths, room)
+        s, n, pa = ordered(shapes, b, a, limit, neg(axis), depths, scratch)
         return s, neg(n), add_scaled(pa, n, -s), pa
-    s, n, pa = ordered(shapes, a, b, limit, axis, depths, room)
+    s, n, pa = ordered(shapes, a, b, limit, axis, depths, scratch)
     return s, n, pa, add_scaled(pa, n, -s)
 
 
 @kernel
-def ordered(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, depths: bool, room: Room) -> Answer:
+def ordered(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, depths: bool, scratch: Scratch) -> Answer:
     """Separation, normal and point of A, by formula where there is one."""
-    kind_a, kind_b = int_at(shapes.kind, a), int_at(shapes.kind, b)
+    kind_a, kind_b = shapes.pieces.kind[a], shapes.pieces.kind[b]
     if kind_b > CYLINDER or (kind_a > SPHERE and kind_b > CAPSULE):
-        return general(shapes, a, b, limit, axis, depths, room)
+        return general(shapes, a, b, limit, axis, depths, scratch)
     pa, pb = position_of(shapes, a), position_of(shapes, b)
-    r, h, _ = vec_at(shapes.size, 3 * a)
-    size = vec_at(shapes.size, 3 * b)
+    r, h, _ = vec_at(shapes.pieces.size, a)
+    size = vec_at(shapes.pieces.size, b)
     rot = rotation_of(shapes, b)
     if kind_b <= CAPSULE:
         turned = rotation_of(shapes, a)
@@ -101,7 +101,7 @@ def ordered(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, depths: boo
 
 
 @kernel
-def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, depths: bool, room: Room) -> Answer:
+def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, depths: bool, scratch: Scratch) -> Answer:
     """`ordered` by descent over the Minkowski difference of the cores, in A's frame."""
     core_a, core_b = core_of(shapes, a), core_of(shapes, b)
     radius_a = radius_of(shapes, a)
@@ -116,12 +116,12 @@ def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, depths: boo
         s = dot(w, d) - radius
         if s > limit:
             return s, axis, add(origin, rotate(world, p))
-    centre_a, centre_b = vec_at(shapes.centre, 3 * a), vec_at(shapes.centre, 3 * b)
+    centre_a, centre_b = vec_at(shapes.pieces.centre, a), vec_at(shapes.pieces.centre, b)
     start = sub(sub(centre_a, t), rotate(rot, centre_b))
     if dot(start, start) == 0.0:
         start = (0.0, 0.0, 1.0)
-    size = float_at(shapes.reach, a) + float_at(shapes.reach, b) + norm(centre_a) + norm(centre_b) + norm(t)
-    state, s, n, p, count = closest(core_a, core_b, rot, t, size, limit + radius, start, room.simplex)
+    size = shapes.pieces.reach[a] + shapes.pieces.reach[b] + norm(centre_a) + norm(centre_b) + norm(t)
+    state, s, n, p, count = closest(core_a, core_b, rot, t, size, limit + radius, start, scratch.simplex)
     if state == OVERLAP:
         if not depths:
             return -math.inf, axis, origin
@@ -129,11 +129,11 @@ def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, depths: boo
         for attempt in range(3):
             # faces that see a corner by less than rounding count as seen in one attempt and not in another
             eps = size * (1e-15 if attempt == 0 else (-1e-14 if attempt == 1 else 1e-12))
-            exact, depth, outward, p = expand(core_a, core_b, rot, t, size, eps, count, room)
+            exact, depth, outward, p = expand(core_a, core_b, rot, t, size, eps, count, scratch)
             if exact:
                 break
         if not exact and core_a.kind != CYLINDER and core_b.kind != CYLINDER:
-            depth, outward, p = exhaustive(core_a, core_b, rot, t, size, room)
+            depth, outward, p = exhaustive(core_a, core_b, rot, t, size, scratch)
         s, n = -depth, neg(outward)
     p = add_scaled(p, n, -radius_a)
     return s - radius, rotate(world, n), add(origin, rotate(world, p))

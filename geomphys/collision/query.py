@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from geomphys.collision.manifold import manifold
 from geomphys.collision.penetration import Scratch, make_scratch, separation
 from geomphys.jit.kernel import kernel
+from geomphys.jit.packed_records import pack
 from geomphys.scene.arrays import Floats, Pieces
 from geomphys.scene.pieces import PosedShape, Shape, build_pieces
 
@@ -26,9 +27,8 @@ class PairSeparation(NamedTuple):
 
 
 @kernel
-def _measure(pieces: Pieces, frames: Floats, floats: Floats, ints: NDArray[np.int64], out: Floats) -> int:
+def _measure(pieces: Pieces, frames: Floats, scratch: Scratch, out: Floats) -> int:
     """Write separation, normal and points of the first two pieces to `out`; contact points from row 4 on."""
-    scratch = Scratch(floats, ints)
     s, n, pa, pb = separation(pieces, frames, 0, 1, np.inf, (0.0, 0.0, 0.0), scratch)
     for k in range(3):
         out[0, k], out[1, k], out[2, k] = n[k], pa[k], pb[k]
@@ -55,5 +55,5 @@ def query(
         row[:9] = np.asarray(pose, dtype=np.float64)[:3, :3].reshape(9)
         row[9:] = np.asarray(pose, dtype=np.float64)[:3, 3]
     out = np.zeros((12, 3))
-    count = _measure(pieces, frames, *make_scratch(), out)
+    count = _measure(pack(pieces), frames, pack(make_scratch()), out)
     return PairSeparation(float(out[3, 0]), out[0], out[1], out[2], out[4 : 4 + count], out[8 : 8 + count])

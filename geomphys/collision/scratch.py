@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from geomphys.jit.addresses import address
-from geomphys.jit.kernel import kernel
 from geomphys.scene.arrays import Floats, Ints
 
 MAX_CORNERS = 2048
@@ -16,44 +15,48 @@ MAX_FACES = 8192
 MAX_POLYGON = 256
 """Corners of a clipped face."""
 
+CORNER = np.dtype([("difference", np.float64, 3), ("on_a", np.float64, 3)])
+"""A point of the Minkowski difference, and the point of A it comes from [m]."""
+
+FACE = np.dtype(
+    [
+        ("corner", np.int64, 3),  # counter-clockwise seen from outside
+        ("across", np.int64, 3),  # 3 f + e for edge e of face f: what lies across edges 0, 1, 2
+        ("state", np.int64),
+        ("normal", np.float64, 3),  # unit, outward
+        ("distance", np.float64),  # m, of its plane from the origin
+    ]
+)
+"""A face of the expanding polytope."""
+
+Corners = NDArray[np.void]
+"""Records of `CORNER`."""
+FaceRecords = NDArray[np.void]
+"""Records of `FACE`."""
+
 
 class Scratch(NamedTuple):
     """Memory for `separation` and `manifold`; holds nothing between two calls. One per thread."""
 
-    floats: Floats
-    ints: Ints
-
-
-class Room(NamedTuple):
-    """Where things are in it, by address."""
-
-    simplex: int  # floats (4, 6): points of M and the points of A they come from
-    points: int  # floats (MAX_CORNERS, 6): the same for the polytope's corners
-    planes: int  # floats (MAX_FACES, 4): unit normal and distance of the polytope's faces
-    polygons: int  # floats (6, MAX_POLYGON, 3)
-    faces: int  # ints (MAX_FACES, 8): three corners, counter-clockwise; what is across edges 0, 1, 2; state; unused
-    queue: int  # ints (MAX_FACES,): heap of faces, the nearest first
-    stack: int  # ints (3 MAX_FACES,): edges still to visit
+    simplex: Corners  # (4,)
+    corners: Corners  # (MAX_CORNERS,) of the polytope
+    faces: FaceRecords  # (MAX_FACES,) of the polytope
+    queue: Ints  # (MAX_FACES,) heap of faces, the nearest first
+    stack: Ints  # (3 MAX_FACES,) edges still to visit
+    polygons: Floats  # (6, MAX_POLYGON, 3) m
+    on_a: Floats  # (4, 3) m, points of a contact manifold
+    on_b: Floats  # (4, 3) m
 
 
 def make_scratch() -> Scratch:
     """Memory for `separation` and `manifold`."""
-    floats = 24 + 6 * MAX_CORNERS + 4 * MAX_FACES + 18 * MAX_POLYGON
-    return Scratch(floats=np.zeros(floats), ints=np.zeros(12 * MAX_FACES, dtype=np.int64))
-
-
-@kernel
-def room_of(scratch: Scratch) -> Room:
-    """Addresses inside the scratch memory; valid for as long as it is."""
-    floats, ints = address(scratch.floats), address(scratch.ints)
-    points = floats + 8 * 24
-    planes = points + 8 * 6 * MAX_CORNERS
-    return Room(
-        floats,
-        points,
-        planes,
-        planes + 8 * 4 * MAX_FACES,
-        ints,
-        ints + 8 * 8 * MAX_FACES,
-        ints + 8 * 9 * MAX_FACES,
+    return Scratch(
+        simplex=np.zeros(4, CORNER),
+        corners=np.zeros(MAX_CORNERS, CORNER),
+        faces=np.zeros(MAX_FACES, FACE),
+        queue=np.zeros(MAX_FACES, np.int64),
+        stack=np.zeros(3 * MAX_FACES, np.int64),
+        polygons=np.zeros((6, MAX_POLYGON, 3)),
+        on_a=np.zeros((4, 3)),
+        on_b=np.zeros((4, 3)),
     )

@@ -6,42 +6,32 @@ Spheres and capsules are a *core*, a point or a segment, grown by their radius: 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from geomphys.jit.addresses import address, float_at, int32_at, int_at
-from geomphys.jit.kernel import inlined, kernel
+from geomphys.jit.kernel import kernel
+from geomphys.numerics.row_vectors import rot_of, vec_at, vec_from
 from geomphys.numerics.vec3 import Quat, Rot, Vec, dot, quat_unit, rot_from_quat, rot_mul, rotate
 from geomphys.scene.arrays import CAPSULE, CYLINDER, HULL, Floats, Pieces
 from geomphys.scene.direction_cells import cell_of
 
 
 class Shapes(NamedTuple):
-    """What the narrow phase reads of `Pieces` and their frames, by address: valid for as long as the arrays are."""
+    """Pieces, and where they are: what the narrow phase reads."""
 
-    kind: int
-    size: int
-    centre: int
-    reach: int
-    vertex_start: int
-    vertices: int
-    neighbour_start: int
-    neighbours: int
-    cell_start: int
-    cells: int
-    frames: int
+    pieces: Pieces
+    frames: Floats  # (P, 12) world_from_piece
 
 
 class Core(NamedTuple):
-    """What the farthest point of a piece depends on; arrays by address."""
+    """What the farthest point of a piece depends on."""
 
+    pieces: Pieces
     kind: int
+    first: int  # corner of it in `Pieces.vertices`
     corners: int  # how many
-    vertices: int
-    neighbour_start: int  # per corner, into `neighbours`
-    neighbours: int
-    cells: int  # 0: it is small, and searched from end to end
+    cells: int  # its first in `Pieces.cells`; -1: it is small, and searched from end to end
     x: float  # m: box half extents; cylinder radius and half height; capsule half height as the third
     y: float
     z: float
@@ -84,75 +74,45 @@ def place_piece(pieces: Pieces, poses: Floats, frames: Floats, p: int) -> None:
 
 
 @kernel
-def vec_at(row: int, i: int) -> Vec:
-    """Three consecutive numbers from element i on of an array at address `row`."""
-    return (float_at(row, i), float_at(row, i + 1), float_at(row, i + 2))
-
-
-@inlined
 def shapes_of(pieces: Pieces, frames: Floats) -> Shapes:
-    """Addresses of the arrays of `pieces` and of `frames` (P, 12), world_from_piece."""
-    return Shapes(
-        address(pieces.kind),
-        address(pieces.size),
-        address(pieces.centre),
-        address(pieces.reach),
-        address(pieces.vertex_start),
-        address(pieces.vertices),
-        address(pieces.neighbour_start),
-        address(pieces.neighbours),
-        address(pieces.cell_start),
-        address(pieces.cells),
-        address(frames),
-    )
+    """Pieces and their `frames` (P, 12), world_from_piece."""
+    return Shapes(pieces, frames)
 
 
 @kernel
 def rotation_of(shapes: Shapes, p: int) -> Rot:
     """Rotation world_from_piece."""
-    f, i = shapes.frames, 12 * p
-    x, y, z = vec_at(f, i), vec_at(f, i + 3), vec_at(f, i + 6)
-    return (x[0], x[1], x[2], y[0], y[1], y[2], z[0], z[1], z[2])
+    return rot_of(shapes.frames[p])
 
 
 @kernel
 def position_of(shapes: Shapes, p: int) -> Vec:
     """Position of a piece's frame in the world [m]."""
-    return vec_at(shapes.frames, 12 * p + 9)
+    return vec_from(shapes.frames[p], 9)
 
 
 @kernel
 def core_of(shapes: Shapes, p: int) -> Core:
     """Core of a piece."""
-    kind, first = int_at(shapes.kind, p), int_at(shapes.vertex_start, p)
-    cells = int_at(shapes.cell_start, p)
-    x, y, z = vec_at(shapes.size, 3 * p)
+    pieces = shapes.pieces
+    kind, first = pieces.kind[p], pieces.vertex_start[p]
+    x, y, z = vec_at(pieces.size, p)
     if kind <= CAPSULE:
         x, y, z = 0.0, 0.0, y
-    return Core(
-        kind,
-        int_at(shapes.vertex_start, p + 1) - first,
-        shapes.vertices + 24 * first,
-        shapes.neighbour_start + 4 * first,
-        shapes.neighbours,
-        shapes.cells + 4 * cells if cells >= 0 else 0,
-        x,
-        y,
-        z,
-    )
+    return Core(pieces, kind, first, pieces.vertex_start[p + 1] - first, pieces.cell_start[p], x, y, z)
 
 
 @kernel
 def radius_of(shapes: Shapes, p: int) -> float:
     """By how much the core of a piece is grown [m]."""
-    return float_at(shapes.size, 3 * p) if int_at(shapes.kind, p) <= CAPSULE else 0.0
+    return shapes.pieces.size[p, 0] if shapes.pieces.kind[p] <= CAPSULE else 0.0
 
 
 @kernel
 def support(core: Core, d: Vec) -> Vec:
     """A point of the core farthest in direction `d` (not zero), piece frame."""
     if core.kind == HULL:
-        return vec_at(core.vertices, 3 * farthest_corner(core, d))
+        return vec_at(core.pieces.vertices, core.first + farthest_corner(core, d))
     if core.kind == CYLINDER:
         z = core.y if d[2] >= 0.0 else -core.y
         length = math.sqrt(d[0] * d[0] + d[1] * d[1])
@@ -173,24 +133,28 @@ def farthest_corner(core: Core, d: Vec) -> int:
     Climbing begins where the direction's cell says, and ends at a corner none of whose neighbours is farther, which on a
     convex surface is the farthest of all.
     """
-    if core.cells == 0:
-        best = 0
+    # unsigned: numba need not look whether an index counts from the end
+    pieces, vertices = core.pieces, core.pieces.vertices
+    first: Any = np.uintp(core.first)
+    best: Any = np.uintp(0)
+    if core.cells < 0:
         reach = -np.inf
-        for i in range(core.corners):
-            x = dot(vec_at(core.vertices, 3 * i), d)
+        for i in range(np.uintp(core.corners)):
+            x = dot(vec_at(vertices, first + i), d)
             if x > reach:
                 reach = x
                 best = i
-        return best
-    best = int32_at(core.cells, cell_of(d))
-    reach = dot(vec_at(core.vertices, 3 * best), d)
+        return int(np.int64(best))
+    best = np.uintp(pieces.cells[np.uintp(core.cells + cell_of(d))])
+    reach = dot(vec_at(vertices, first + best), d)
     while True:
         at = best
-        for k in range(int32_at(core.neighbour_start, at), int32_at(core.neighbour_start, at + 1)):
-            i = int32_at(core.neighbours, k)
-            x = dot(vec_at(core.vertices, 3 * i), d)
+        start = first + at
+        for k in range(np.uintp(pieces.neighbour_start[start]), np.uintp(pieces.neighbour_start[start + np.uintp(1)])):
+            other: Any = np.uintp(pieces.neighbours[k])
+            x = dot(vec_at(vertices, first + other), d)
             if x > reach:
                 reach = x
-                best = i
+                best = other
         if best == at:
-            return best
+            return int(np.int64(best))

@@ -151,30 +151,19 @@ def _drop(p: LeastDistance, n: int, count: int, place: int) -> int:
     return count
 
 
-@outlined
-def solve_least_distance(p: LeastDistance, n: int, m: int, tolerance: float) -> tuple[int, int]:
-    """Solve with the first `n` unknowns and `m` rows of `p`; rows should have unit length.
-
-    Parameters
-    ----------
-    p
-        `rows`, `bounds` and the goal in `x`; the solution replaces the goal.
-    n, m
-        Unknowns and rows in use.
-    tolerance
-        How far a row may stay violated, in the unit of `bounds`.
-
-    Returns
-    -------
-    tuple
-        (SOLVED or INFEASIBLE, number of active rows; `p.active` and `p.multiplier` hold them).
-    """
+@kernel
+def begin_least_distance(p: LeastDistance, n: int, m: int) -> None:
+    """Nothing is active."""
     for i in range(n):
         for j in range(n):
             p.basis[i, j] = 1.0 if i == j else 0.0
     for i in range(m):
         p.is_active[i] = 0
-    count = 0
+
+
+@outlined
+def meet_rows(p: LeastDistance, n: int, m: int, tolerance: float, count: int) -> tuple[int, int]:
+    """Go on from a solution with `count` active rows to one for the first `m` rows: as `solve_least_distance`."""
     for _ in range(10 * (n + m) + 20):
         row = _most_violated(p, n, m, tolerance)
         if row < 0:
@@ -208,3 +197,25 @@ def solve_least_distance(p: LeastDistance, n: int, m: int, tolerance: float) -> 
                 break
             count = _drop(p, n, count, leaving)
     return INFEASIBLE, count
+
+
+@outlined
+def solve_least_distance(p: LeastDistance, n: int, m: int, tolerance: float) -> tuple[int, int]:
+    """Solve with the first `n` unknowns and `m` rows of `p`; rows should have unit length.
+
+    Parameters
+    ----------
+    p
+        `rows`, `bounds` and the goal in `x`; the solution replaces the goal.
+    n, m
+        Unknowns and rows in use.
+    tolerance
+        How far a row may stay violated, in the unit of `bounds`.
+
+    Returns
+    -------
+    tuple
+        (SOLVED or INFEASIBLE, number of active rows; `p.active` and `p.multiplier` hold them).
+    """
+    begin_least_distance(p, n, m)
+    return meet_rows(p, n, m, tolerance, 0)

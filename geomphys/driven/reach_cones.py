@@ -17,7 +17,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.driven.posture import lower_bend, upper_bend
+from geomphys.driven.postures import lower_bend, upper_bend
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import Vec, add, add_scaled, cross, dot, norm, perpendicular, rotate, scale, sub, unit
 from geomphys.scene.arrays import JOINT_FIXED, Scene

@@ -7,66 +7,164 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import Near
-from geomphys.driven.ccd import CcdRoom
-from geomphys.driven.chain_room import ChainRoom
-from geomphys.driven.escape import Rescue
-from geomphys.driven.hold import Carried, Lag, Wanted, make_lag
-from geomphys.driven.least_distance import LeastDistance
-from geomphys.driven.places import Places
-from geomphys.driven.posture import Joints, PostureState
-from geomphys.driven.steps import Stir
-from geomphys.scene.arrays import Scene
+from geomphys.collision.detect import Axes, Near
+from geomphys.collision.penetration import Scratch
+from geomphys.collision.sweep import Boxes
+from geomphys.driven.links import Links, make_links
+from geomphys.driven.postures import Posture, make_posture
+from geomphys.driven.qp import Quadratic, make_quadratic
+from geomphys.scene.arrays import DRIVEN, Scene
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+PAIRS = 1 << 14  # most pairs of pieces that can be near at once
+ROWS = 1024  # most rows of a quadratic problem
+SPOTS = 512  # contact spots remembered in a search
+CARRIERS = 3  # bodies with which a tree may be taken along
+TOUCHES = 64  # recorded contacts of a frame
+
+# rows of near pairs (DrivenRoom.rowed)
+NO_ROW, WANTED, HAS_ROW = 0, 1, 2
+
+# how a tree may yield (Workspace.kind)
+STAYS, SHIFTS, BENDS = 0, 1, 2
 
 
 class DrivenState(NamedTuple):
     """What the driven loop carries from frame to frame."""
 
     started: Ints  # (1,) 0 before the first frame
-    steps: Ints  # (1,) made so far: chains are dealt with in an order drawn anew for each
-    offset: Floats  # (T, 3) m, of each tree from its recorded pose
-    speed: Floats  # (T, 3) m/s, of the offset
-    roots: Floats  # (T, 7) recorded root poses of the last step, but for the turn of trees that are behind
-    angles: Floats  # (Q,) angles of the last step, likewise
-    frames: Floats  # (P, 12) pieces at the end of the last step
-    posture: PostureState
-    drift: Floats  # (T, 3) direction in which a tree is to step aside, its length the pace; 0: none
-    lag: Lag
+    offset: Floats  # (T, 3) m, of each tree's root from its recorded place
+    speed: Floats  # (T, 3) m/s, of the pivot's offset; impulses change it
+    kept_speed: Floats  # (T, 3) m/s, what it was at the end of the last step
+    last: Posture  # everything at the end of the last step, corrected
+    recorded: Posture  # the recording of the last step
+    shift: Floats  # (B, 6) offset of each link: of its centre [m] and its turn [rad, rotation vector in the world]
+    rate: Floats  # (B, 6) and their rates
+    bent: Ints  # (T,) 1: the offsets are more than a translation of the tree
+    used_low: Floats  # (Q,) the least angle recorded so far
+    used_high: Floats  # (Q,) and the largest
+
+
+class Places(NamedTuple):
+    """Frames of all pieces."""
+
+    base: Floats  # (P, 12) world_from_piece as recorded
+    frames: Floats  # (P, 12) as they are
+    moved: Floats  # (P, 12) scratch
+    reach: Floats  # (T, 2) m: how far the pieces of each tree may move before the near pairs are used, and by bending
+    found: Ints  # (T,) scratch
+
+
+class Workspace(NamedTuple):
+    """Scratch of the search for a posture."""
+
+    before: Posture  # where the step begins, what is round included
+    now: Posture  # the iterate
+    trial: Posture  # where it would go
+    best: Posture  # the best free iterate
+    start: Posture  # a free start
+    goal: Posture  # what the coupling asks for
+    target: Floats  # (B, 7) where each link is to go: its centre, its orientation
+    wish: Floats  # (B, 7) `target`, kept
+    anchor: Floats  # (B, 3) m, where each link's centre would be with the offset of the last frame
+    pace: Floats  # (T,) m: how far the links of a tree may get from there
+    kind: Ints  # (T,) how it may yield: STAYS, SHIFTS, BENDS
+    wanted: Ints  # (T,) `kind`, kept
+    group: Ints  # (T,) the trees that are solved together have one number; -1: none
+    first: Ints  # (T,) first column of a tree
+    column: Ints  # (Q,) of a joint, -1: none
+    carried: Floats  # (Q,) angles of the last step and what was recorded since
+    low: Floats  # (Q,) limits, which leave room for what was recorded and where joints were
+    high: Floats  # (Q,)
+    used_low: Floats  # (Q,) range in which a joint is natural
+    used_high: Floats  # (Q,)
+    inertia: Floats  # (B, 10) composite mass, first moment, second moments about the pivot
+    force: Floats  # (B, 6) composite force and torque about the pivot
+    motion: Floats  # (P,) m, how far each piece goes from the iterate to the trial
+    drift: Floats  # (P,) m, how far pieces that the recording moves have gone since the step began
+    depth: Floats  # (T,) m, how deep a tree was recorded in something
+    hit: Ints  # (T,) 1: what the coupling asks for is not free, or cannot be reached
+    spot: Ints  # (n, 2) pieces of spots where pairs touched in passes before
+    spot_at: Floats  # (n, 9) normal in the world, points in the links' frames
+    spot_next: Ints  # (1,) where the next goes
+    touch: Ints  # (k, 2) tip link and body that touch in the recording
+    touch_gap: Floats  # (k,) m, how far apart they were recorded
+    touches: Ints  # (1,)
+    unit: Floats  # (Q,) ones
+    passes: Ints  # (1,) bound on the passes of a search
+    carriers: Ints  # (n,) bodies that move by the recording and are near
 
 
 class DrivenRoom(NamedTuple):
     """Fixed facts and scratch of the driven loop."""
 
     origins: Floats  # (B, 7) joint origins
-    joints: Joints
-    nothing: Ints  # (B,) zeros: no body is ignored
+    links: Links
     places: Places
-    chains: ChainRoom
-    ccd: CcdRoom
     near: Near
-    problem: LeastDistance
-    rescue: Rescue
-    stir: Stir
-    before: Floats  # (Q,) angles at the end of the last step
-    after: Floats  # (Q,) angles the coupling asks for
-    roots: Floats  # (T, 7) recorded root poses of a step
-    angles: Floats  # (Q,)
-    poses: Floats  # (B, 7) recorded poses of a step
-    ahead: Floats  # (T, 3) where trees would be that are to slow down
-    share: Floats  # (1,) of the frame that the step is
-    seed: Ints  # (1,) of the order in which chains are dealt with
-    wanted: Wanted
-    carried: Carried
+    rowed: Ints  # (n,) of the near pairs: NO_ROW, WANTED or HAS_ROW
+    work: Workspace
+    problem: Quadratic
+    boxes: Boxes
+    axes: Axes
+    scratch: Scratch
 
 
-def make_driven_state(scene: Scene) -> DrivenState:
-    """The state before the first frame."""
-    trees, pieces, dofs = len(scene.trees.role), len(scene.pieces.kind), len(scene.dofs.lower)
+def make_driven_state(scene: Scene, poses: Floats) -> DrivenState:
+    """The state before the first frame; `poses` (B, 7) are those at rest."""
+    trees, bodies, dofs = len(scene.trees.role), len(scene.bodies.role), len(scene.dofs.lower)
+    offset, speed, kept = (np.zeros((trees, 3)) for _ in range(3))
     return DrivenState(
-        np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros((trees, 3)), np.zeros((trees, 3)), np.zeros((trees, 7)),
-        np.zeros(dofs), np.zeros((pieces, 12)), PostureState(np.zeros(dofs), np.zeros(dofs)), np.zeros((trees, 3)),
-        make_lag(trees, dofs),
+        np.zeros(1, np.int64), offset, speed, kept, make_posture(scene, poses), make_posture(scene, poses),
+        np.zeros((bodies, 6)), np.zeros((bodies, 6)), np.zeros(trees, np.int64), np.full(dofs, np.inf), np.full(dofs, -np.inf),
+    )  # fmt: skip
+
+
+def make_places(scene: Scene) -> Places:
+    """Room for the frames of all pieces."""
+    trees, pieces = len(scene.trees.role), len(scene.pieces.kind)
+    base, frames, moved = (np.zeros((pieces, 12)) for _ in range(3))
+    return Places(base, frames, moved, np.zeros((trees, 2)), np.zeros(trees, np.int64))
+
+
+def make_workspace(scene: Scene, poses: Floats, passes: int) -> Workspace:
+    """Room for a search of up to `passes` passes in a scene."""
+    trees, bodies = len(scene.trees.role), len(scene.bodies.role)
+    dofs, pieces = len(scene.dofs.lower), len(scene.pieces.kind)
+    before, now, trial, best, start, goal = (make_posture(scene, poses) for _ in range(6))
+    kind, wanted, group, first, hit = (np.zeros(trees, np.int64) for _ in range(5))
+    carried, low, high, used_low, used_high = (np.zeros(dofs) for _ in range(5))
+    return Workspace(
+        before, now, trial, best, start, goal, np.zeros((bodies, 7)), np.zeros((bodies, 7)), np.zeros((bodies, 3)),
+        np.zeros(trees), kind, wanted, group, first, np.full(dofs, -1), carried, low, high, used_low, used_high,
+        np.zeros((bodies, 10)), np.zeros((bodies, 6)), np.zeros(pieces), np.zeros(pieces), np.zeros(trees), hit,
+        np.full((SPOTS, 2), -1), np.zeros((SPOTS, 9)), np.zeros(1, np.int64), np.zeros((TOUCHES, 2), np.int64),
+        np.zeros(TOUCHES), np.zeros(1, np.int64), np.ones(dofs), np.array([passes]), np.full(CARRIERS, -1),
+    )  # fmt: skip
+
+
+def make_driven_room(
+    scene: Scene,
+    poses: Floats,
+    origins: Floats,
+    places: Places,
+    near: Near,
+    boxes: Boxes,
+    axes: Axes,
+    scratch: Scratch,
+    passes: int,
+) -> DrivenRoom:
+    """Room for a scene, round what the machine shares with the other loops."""
+    unknowns = 6 * int((scene.trees.role == DRIVEN).sum()) + int(
+        sum(
+            scene.trees.dof_start[t + 1] - scene.trees.dof_start[t]
+            for t in range(len(scene.trees.role))
+            if scene.trees.role[t] == DRIVEN
+        )
+    )
+    return DrivenRoom(
+        origins, make_links(scene), places, near, np.zeros(len(near.a), np.int64), make_workspace(scene, poses, passes),
+        make_quadratic(max(unknowns, 1), ROWS), boxes, axes, scratch,
     )  # fmt: skip

@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 from geomphys.collision.detect import find_near, near_pairs_of_trees
 from geomphys.collision.sweep import apart, update_boxes
 from geomphys.driven.coupling import relax_offset
-from geomphys.driven.places import place_at
-from geomphys.driven.posture import pose_avatars
-from geomphys.driven.steps import is_recorded
+from geomphys.driven.postures import is_recorded
 from geomphys.driven.update import give_way
 from geomphys.engine.state import Knobs, Machine
 from geomphys.jit.kernel import kernel, outlined
@@ -28,6 +26,7 @@ from geomphys.numerics.vec3 import (
     quat_unit,
     rotation_vector,
     scale,
+    slerp,
     sub,
 )
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
@@ -47,26 +46,44 @@ LEAST_MOTION = 1e-9  # m: of both in a frame together; slower, one turn a frame 
 
 @outlined
 def shift_driven(scene: Scene, m: Machine) -> None:
-    """Corrected poses: the recorded ones, driven trees translated by their offset (none: bit for bit the same).
-
-    Trees that are behind are as the last step left them, translated.
-    """
+    """Corrected poses: of driven trees those of the final posture, of others the recorded ones."""
     for tree in range(len(scene.trees.role)):
         if not is_recorded(scene, tree):
             continue
-        behind = m.driven.lag.behind[tree] == 1
-        if behind:
-            pose_tree(scene, m.room.origins, tree, m.driven.roots, m.driven.angles, m.corrected)
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
             for k in range(7):
-                if not behind:
-                    m.corrected[body, k] = m.recorded[body, k]
-            if scene.trees.role[tree] == DRIVEN:
-                for k in range(3):
-                    if m.driven.offset[tree, k] != 0.0:  # -0.0 + 0.0 would be 0.0
-                        m.corrected[body, k] += m.driven.offset[tree, k]
-    if m.room.joints.any[0] == 1:
-        pose_avatars(scene, m.room.origins, m.driven.roots, m.room.chains.angles, m.driven.offset, m.corrected)
+                m.corrected[body, k] = m.recorded[body, k]
+                if scene.trees.role[tree] == DRIVEN:
+                    m.corrected[body, k] = m.driven.last.poses[body, k]
+
+
+@outlined
+def note_simulated(scene: Scene, m: Machine) -> None:
+    """Tell the driven loop where simulated bodies are before its step, and where they are to be after it."""
+    for tree in range(len(scene.trees.role)):
+        if scene.trees.role[tree] == SIMULATED:
+            body = scene.trees.body_start[tree]
+            for k in range(7):
+                m.driven.last.poses[body, k] = m.corrected[body, k]
+
+
+@outlined
+def recording_between(
+    scene: Scene, origins: Floats, roots0: Floats, angles0: Floats, roots1: Floats, angles1: Floats, w: float,
+    roots: Floats, angles: Floats, poses: Floats,
+) -> None:  # fmt: skip
+    """The recording a share `w` of the way from one moment to another: into `roots` (T, 7), `angles` (Q,) and, by forward
+    kinematics, `poses` (B, 7).
+    """
+    for i in range(len(angles)):
+        angles[i] = angles0[i] + w * (angles1[i] - angles0[i])
+    for tree in range(len(scene.trees.role)):
+        if not is_recorded(scene, tree):
+            continue
+        q = slerp(orientation_of(roots0, tree), orientation_of(roots1, tree), w)
+        p0, p1 = position_of(roots0, tree), position_of(roots1, tree)
+        set_pose(roots, tree, add_scaled(p0, sub(p1, p0), w), q)
+        pose_tree(scene, origins, tree, roots, angles, poses)
 
 
 @outlined
@@ -146,9 +163,8 @@ def want_velocities(scene: Scene, m: Machine, dt: float) -> None:
 def place_simulated(scene: Scene, m: Machine, tree: int, poses: Floats) -> None:
     """Pieces and boxes of a simulated tree at its row of `poses` (B, 7)."""
     p = m.room.places
-    place_tree(scene, tree, poses, p.base)
-    place_at(scene, p.base, m.still_offset, tree, p.frames)
-    place_at(scene, p.base, m.still_offset, tree, p.moved)
+    for frames in (p.base, p.frames, p.moved):
+        place_tree(scene, tree, poses, frames)
     update_boxes(scene, p.base, m.boxes, tree)
 
 
@@ -181,6 +197,8 @@ def predict_simulated(scene: Scene, m: Machine, dt: float) -> None:
         if scene.trees.role[tree] != SIMULATED:
             continue
         body = scene.trees.body_start[tree]
+        for k in range(7):
+            m.recorded[body, k] = m.corrected[body, k]
         speed = (m.velocity[body, 0], m.velocity[body, 1], m.velocity[body, 2])
         spin = (m.velocity[body, 3], m.velocity[body, 4], m.velocity[body, 5])
         if dot(speed, speed) + dot(spin, spin) == 0.0:
@@ -193,6 +211,9 @@ def predict_simulated(scene: Scene, m: Machine, dt: float) -> None:
         place_simulated(scene, m, tree, m.predicted)
         if _meets_driven(scene, m, tree):
             place_simulated(scene, m, tree, m.corrected)
+        else:
+            for k in range(7):
+                m.recorded[body, k] = m.predicted[body, k]
 
 
 @kernel
@@ -267,10 +288,7 @@ def simulate_bodies(scene: Scene, m: Machine, dt: float, knobs: Knobs, done: int
     for tree in range(len(m.impulse)):
         for i in range(3):
             m.impulse[tree, i] = 0.0
-    impacts, flags = simulate(
-        scene.pieces, m.simulated, m.start, m.corrected, m.velocity, m.impulse, m.room.places.moved, dt,
-        knobs.max_impacts - done, knobs.gap, goes_on, m.scratch,
-    )  # fmt: skip
+    impacts, flags = simulate(m.simulated, dt, knobs.max_impacts - done, knobs.gap, goes_on)
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
             push_back(scene, m, tree)
@@ -292,7 +310,8 @@ def yield_to_simulated(scene: Scene, m: Machine, knobs: Knobs) -> int:
     find_near(scene, p.frames, m.boxes, m.still, 0.0, math.inf, near, p.found, m.axes, m.scratch)
     for k in range(near.filled[0]):
         if near.separation[k] < 0.0 and scene.trees.role[near.tree_b[k]] == SIMULATED:
-            rounds = give_way(scene, m.driven, m.room, m.boxes, knobs.gap, knobs.rounds, m.axes, m.scratch)
+            note_simulated(scene, m)
+            rounds = give_way(scene, m.driven, m.room, m.recorded, knobs.gap)
             shift_driven(scene, m)
             return rounds
     return 0

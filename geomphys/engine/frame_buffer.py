@@ -87,9 +87,8 @@ def write_depths(block: Block, frame: int, depths: GlobalDepths, method: int) ->
 
 @outlined
 def write_contacts(
-    scene: Scene, frames: Floats, near: Near, offsets: Floats, points_a: Floats, points_b: Floats, block: Block, frame: int,
-    scratch: Scratch,
-) -> float:  # fmt: skip
+    scene: Scene, frames: Floats, near: Near, offsets: Floats, block: Block, frame: int, scratch: Scratch
+) -> float:
     """Append the contact manifolds of the near pairs of a frame.
 
     Parameters
@@ -100,8 +99,6 @@ def write_contacts(
         The pairs in contact; those with simulated bodies are left to the simulated loop.
     offsets
         (T, 3) m; how far each tree was moved out. A contact's depth is how far it parted the two surfaces.
-    points_a, points_b
-        (4, 3) scratch.
     block, frame
         Where they go.
     scratch
@@ -112,7 +109,7 @@ def write_contacts(
     float
         The deepest overlap that is left, m.
     """
-    row, deepest = block.contact_end[frame], 0.0
+    row, deepest, points_a, points_b = block.contact_end[frame], 0.0, scratch.on_a, scratch.on_b
     for k in range(near.filled[0]):
         s = near.separation[k]
         deepest = max(deepest, -s)

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from geomphys.config import Config
 from geomphys.engine.frame_buffer import Block, contacts_of, make_block, metrics_of, penetrations_of, poses_of
 from geomphys.engine.log_messages import FrameReporter, Message
-from geomphys.engine.look_ahead import Track, step_aside
 from geomphys.engine.state import NEAR_PAIRS, Knobs, make_machine
-from geomphys.engine.step import WHOLE, run_block
+from geomphys.engine.step import WHOLE, Recording, run_block
 from geomphys.errors import GeomphysError
 from geomphys.jit.packed_records import pack
-from geomphys.jit.stage_clock import FORESIGHT, STAGES, ns_per_cycle
+from geomphys.jit.stage_clock import STAGES, ns_per_cycle
 from geomphys.numerics.motion_rates import MotionMeter
 from geomphys.results import Frame, FrameResult
 from geomphys.scene.arrays import DRIVEN, Scene, World
@@ -30,23 +29,23 @@ class Chunk:
     """Some frames in a row and their results."""
 
     frames: list[Frame]
-    track: Track
+    block: Block
     decode_ns: int  # a frame
-    motion: Floats  # (n, 4) speeds and jerks, as in `Metrics`; taken when the results are final
+    motion: Floats  # (n, 4) speeds and jerks, as in `Metrics`
     is_last: bool = False
 
 
 class Pipeline:
     """A scene ready to run: takes frames, gives results, remembers what lies between.
 
-    Results come one chunk late, so that foresight can still change them.
+    Results come one chunk late, so that the last one can be told.
     """
 
     def __init__(self, world: World, config: Config) -> None:
         self.world = world
-        self.machine = make_machine(world.scene, config.seed)
-        self.knobs = Knobs(config.gap, config.max_iterations, config.max_impacts)
-        self.blocks = [self._make_block() for _ in range(3)]
+        self.machine = make_machine(world.scene, config.max_iterations)
+        self.knobs = Knobs(config.gap, config.max_impacts)
+        self.blocks = [self._make_block() for _ in range(2)]
         self._packed = pack(world.scene), pack(self.machine)
         self._packed_blocks = {id(block): pack(block) for block in self.blocks}
         self._last_ns: int | None = None
@@ -58,17 +57,10 @@ class Pipeline:
         moving = np.flatnonzero(scene.trees.moving[scene.bodies.tree]).astype(np.int64)
         return make_block(moving, self.machine.recorded.copy(), len(scene.dofs.lower))
 
-    def run(self, track: Track, first: int, last: int, block: Block, hasty: bool = False) -> int:
-        """Step through rows `first` to `last` of a track into `block`; returns how many were done.
-
-        A hasty run is a trial, that stops at the first frame in which a tree is wedged.
-        """
-        rows = slice(first, last)
-        count: int = run_block(
-            *self._packed, track.roots[rows], track.angles[rows], track.dts[rows], track.drifts[rows], self.knobs, hasty,
-            self._packed_blocks[id(block)],
-        )  # fmt: skip
-        if (count == 0 and not hasty) or self.machine.room.near.lost[0]:
+    def run(self, roots: Floats, angles: Floats, dts: Floats, block: Block) -> int:
+        """Step through frames (n, T, 7), (n, Q), (n,) into `block`; returns how many were done."""
+        count: int = run_block(*self._packed, Recording(roots, angles, dts), self.knobs, self._packed_blocks[id(block)])
+        if count == 0 or self.machine.room.near.lost[0]:
             raise GeomphysError(
                 f"more than {NEAR_PAIRS} pairs of convex pieces are near each other at once; decompose the meshes into fewer"
             )
@@ -79,35 +71,24 @@ class Pipeline:
         before: Chunk | None = None
         for frames, decode_ns in batches:
             while frames:
-                block = (
-                    self.blocks[1] if before is not None and before.track.block is self.blocks[0] else self.blocks[0]
-                )
-                track = self._track(frames, block)
-                count = self.run(track, 0, len(frames), block)
-                chunk = Chunk(frames[:count], track.cut(count), decode_ns, np.zeros((count, 4)))
+                block = self.blocks[1] if before is not None and before.block is self.blocks[0] else self.blocks[0]
+                times = [
+                    frames[0].time_ns if self._last_ns is None else self._last_ns,
+                    *(frame.time_ns for frame in frames),
+                ]
+                dts = np.diff(np.array(times, dtype=np.int64)).astype(np.float64) * 1e-9
+                roots, angles = np.stack([f.roots for f in frames]), np.stack([f.angles for f in frames])
+                count = self.run(roots, angles, dts, block)
+                chunk = Chunk(frames[:count], block, decode_ns, np.zeros((count, 4)))
                 frames = frames[count:]
                 self._last_ns = chunk.frames[-1].time_ns
-                step_aside(self, None if before is None else before.track, chunk.track, self.blocks[2])
+                self._measure_motion(chunk)
                 if before is not None:
-                    self._measure_motion(before)
                     yield before
                 before = chunk
         if before is not None:
-            self._measure_motion(before)
             before.is_last = True
             yield before
-
-    def _track(self, frames: list[Frame], block: Block) -> Track:
-        times = [frames[0].time_ns if self._last_ns is None else self._last_ns, *(frame.time_ns for frame in frames)]
-        return Track(
-            roots=np.stack([frame.roots for frame in frames]),
-            angles=np.stack([frame.angles for frame in frames]),
-            dts=np.diff(np.array(times, dtype=np.int64)).astype(np.float64) * 1e-9,
-            drifts=np.zeros((len(frames), len(self.world.scene.trees.role), 3)),
-            block=block,
-            before=self.machine.state(),
-            foresight=np.zeros((len(frames), 2), np.int64),
-        )
 
     @property
     def scene(self) -> Scene:
@@ -115,7 +96,7 @@ class Pipeline:
         return self.world.scene
 
     def _measure_motion(self, chunk: Chunk) -> None:
-        block, count = chunk.track.block, len(chunk.frames)
+        block, count = chunk.block, len(chunk.frames)
         driven = self.world.scene.bodies.role[block.moving] == DRIVEN
         recorded, corrected = (poses[:count, driven, :3] for poses in (block.recorded, block.corrected))
         times = np.array([frame.time_ns for frame in chunk.frames], dtype=np.int64)
@@ -124,13 +105,11 @@ class Pipeline:
 
     def result(self, chunk: Chunk, row: int, encode_ns: int, messages: tuple[Message, ...] = ()) -> FrameResult:
         """The result of a frame of a chunk; `encode_ns` is what the sinks took for the frame before."""
-        block, frame, scale = chunk.track.block, chunk.frames[row], ns_per_cycle()
-        ahead, trials = chunk.track.foresight[row]
-        stages = [("decode", chunk.decode_ns, 1), ("step", int((block.cycles[row, WHOLE] + ahead) * scale), 1)]
+        block, frame, scale = chunk.block, chunk.frames[row], ns_per_cycle()
+        stages = [("decode", chunk.decode_ns, 1), ("step", int(block.cycles[row, WHOLE] * scale), 1)]
         stages += [
             (name, int(block.cycles[row, k] * scale), int(block.counts[row, k])) for k, name in enumerate(STAGES)
         ]
-        stages.append((FORESIGHT, int(ahead * scale), int(trials)))
         metrics = metrics_of(block, row, frame.held, frame.flags, chunk.motion[row])
         return FrameResult(
             frame=frame,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.sweep import update_boxes
-from geomphys.driven.hold import drop_lag
+from geomphys.driven.targets import note_tree
 from geomphys.engine.state import Machine
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.results import FLAG_QUARANTINED
@@ -38,8 +38,11 @@ def _is_sound(scene: Scene, m: Machine, tree: int) -> bool:
         for k in range(7):
             if not _is_good(m.corrected[body, k]):
                 return False
-    for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
-        if not (_is_good(m.driven.posture.bend[q]) and _is_good(m.driven.posture.speed[q])):
+        for i in range(6):
+            if not (_is_good(m.driven.shift[body, i]) and _is_good(m.driven.rate[body, i])):
+                return False
+    for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):  # noqa: SIM110 - no generators in kernels
+        if not _is_good(m.driven.last.angles[q]):
             return False
     return True
 
@@ -48,7 +51,7 @@ def _is_sound(scene: Scene, m: Machine, tree: int) -> bool:
 def keep_posture(m: Machine) -> None:
     """Keep the angles of the end of the last frame: what `contain_driven` goes back to."""
     for q in range(len(m.posture)):
-        angle = m.driven.angles[q] + m.driven.posture.bend[q]
+        angle = m.driven.last.angles[q]
         if _is_good(angle):
             m.posture[q] = angle
 
@@ -56,31 +59,26 @@ def keep_posture(m: Machine) -> None:
 @outlined
 def _put_back(scene: Scene, m: Machine, tree: int, roots: Floats, angles: Floats, first: bool) -> None:
     """A tree goes back to where it was at the frame's start, at rest; in the first frame to where it was recorded."""
-    p, posture = m.room.places, m.driven.posture
-    root = scene.trees.body_start[tree]
-    for body in range(root, scene.trees.body_start[tree + 1]):
+    p, state = m.room.places, m.driven
+    root, last = scene.trees.body_start[tree], scene.trees.body_start[tree + 1]
+    for k in range(7):
+        state.last.roots[tree, k] = roots[tree, k] if first else m.start[root, k]
+        state.recorded.roots[tree, k] = roots[tree, k]
+    for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+        state.last.angles[q] = angles[q] if first else m.posture[q]
+        state.recorded.angles[q] = angles[q]
+    for body in range(root, last):
         for k in range(7):
             m.corrected[body, k] = m.recorded[body, k] if first else m.start[body, k]
+            state.last.poses[body, k], state.recorded.poses[body, k] = m.corrected[body, k], m.recorded[body, k]
+        for k in range(6):
+            state.shift[body, k] = state.rate[body, k] = 0.0
     for i in range(3):
-        m.driven.offset[tree, i] = p.current[tree, i] = p.goal[tree, i] = m.corrected[root, i] - roots[tree, i]
-        m.driven.speed[tree, i] = 0.0
-    drop_lag(scene, m.driven.lag, tree)
-    for k in range(7):
-        m.driven.roots[tree, k] = roots[tree, k]
-    for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
-        posture.bend[q], posture.speed[q], m.driven.angles[q] = 0.0, 0.0, angles[q]
-        m.room.chains.angles[q] = angles[q]
-        if m.room.joints.held[q] == 1 and not first:
-            posture.bend[q] = m.posture[q] - angles[q]
-            m.room.chains.angles[q] = m.posture[q]
+        state.offset[tree, i] = state.speed[tree, i] = state.kept_speed[tree, i] = 0.0
+    note_tree(scene, state, m.room, tree, m.recorded, not first)
     place_tree(scene, tree, m.corrected, p.frames)
     place_tree(scene, tree, m.corrected, p.moved)
     update_boxes(scene, p.frames, m.boxes, tree)
-    begin = scene.bodies.piece_start[root]
-    end = scene.bodies.piece_start[scene.trees.body_start[tree + 1]]
-    for i in range(begin, end):
-        for k in range(12):
-            m.driven.frames[i, k] = p.frames[i, k]
 
 
 @outlined

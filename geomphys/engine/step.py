@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,14 +11,17 @@ from numpy.typing import NDArray
 from geomphys.collision.detect import find_near
 from geomphys.collision.global_depth import global_depths
 from geomphys.collision.sweep import update_boxes
-from geomphys.driven.escape import LOOSE
-from geomphys.driven.steps import is_recorded, recording_between
-from geomphys.driven.update import Outcome, update_driven
+from geomphys.driven.contacts_kept import RECORDED_ON, note_touches
+from geomphys.driven.groups import Outcome
+from geomphys.driven.postures import is_recorded
+from geomphys.driven.update import update_driven
 from geomphys.engine.coupled_step import (
     bend_way,
     note_courses,
+    note_simulated,
     predict_simulated,
     pull_freely,
+    recording_between,
     shift_driven,
     simulate_bodies,
     turns_of,
@@ -56,6 +60,14 @@ BLOCKED_FROM = 1e-4  # m: what touches something this far from its recorded plac
 KINEMATICS, RECORDED_DEPTH, OVERLAP, IMPULSES, CONTACTS, WHOLE = range(6)
 
 
+class Recording(NamedTuple):
+    """N frames of what was recorded."""
+
+    roots: Floats  # (N, T, 7) poses of the trees' roots
+    angles: Floats  # (N, Q)
+    dts: Floats  # (N,) s since the frame before
+
+
 @outlined
 def place_recording(scene: Scene, m: Machine, roots: Floats, angles: Floats) -> None:
     """Forward kinematics of all trees the recording moves; their pieces and boxes as recorded."""
@@ -72,13 +84,24 @@ def measure_recorded(scene: Scene, m: Machine) -> float:
     """Overlaps of the recorded poses: fills `near` and `depths`; returns the deepest [m] of driven bodies with fixed and
     other driven ones.
     """
-    near = m.room.near
-    find_near(scene, m.room.places.base, m.boxes, m.still, 0.0, math.inf, near, m.room.places.found, m.axes, m.scratch)
+    near, depth, touching = m.room.near, m.room.work.depth, 0.0
+    for tree in range(len(scene.trees.role)):
+        depth[tree] = 0.0
+        if scene.trees.role[tree] == DRIVEN and scene.trees.chains[tree] == 1:
+            touching = RECORDED_ON
+    find_near(
+        scene, m.room.places.base, m.boxes, m.still, touching, math.inf, near, m.room.places.found, m.axes, m.scratch
+    )
     global_depths(scene.pieces, near, m.depths)
+    if touching > 0.0:
+        note_touches(scene, m.room, near)
     deepest = 0.0
     for k in range(near.filled[0]):
+        deep = -near.separation[k]
+        depth[near.tree_a[k]] = max(depth[near.tree_a[k]], deep)
+        depth[near.tree_b[k]] = max(depth[near.tree_b[k]], deep)
         if scene.trees.role[near.tree_b[k]] != SIMULATED:
-            deepest = max(deepest, -near.separation[k])
+            deepest = max(deepest, deep)
     return deepest
 
 
@@ -93,15 +116,14 @@ def find_contacts(scene: Scene, m: Machine, gap: float, first: bool, block: Bloc
             update_boxes(scene, places.frames, m.boxes, tree)
     room = CONTACT_GAPS * gap
     find_near(scene, places.frames, m.boxes, m.still, room, math.inf, near, places.found, m.axes, m.scratch)
-    of_driven = write_contacts(
-        scene, places.frames, near, m.driven.offset, m.points_a, m.points_b, block, frame, m.scratch
-    )
+    of_driven = write_contacts(scene, places.frames, near, m.driven.offset, block, frame, m.scratch)
     deepest = of_driven
     if len(m.simulated.free) > 0:
-        if first:
-            left = deepest_overlap_at_start(scene.pieces, m.simulated, places.frames, m.scratch)
-        else:
-            left = deepest_overlap(scene.pieces, m.simulated, places.frames, m.scratch)
+        left = (
+            deepest_overlap_at_start(m.simulated, places.frames)
+            if first
+            else deepest_overlap(m.simulated, places.frames)
+        )
         deepest = max(deepest, left)
         block.contact_end[frame + 1] = write_touches(
             m.simulated, m.corrected, block.contact_bodies, block.contact_values, block.contact_end[frame + 1]
@@ -143,9 +165,8 @@ def drive(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float, fi
         predict_simulated(scene, m, dt)
     if len(m.simulated.free) > 0:
         pull_freely(scene, m, dt)
-    done = update_driven(
-        scene, m.driven, m.room, m.boxes, roots, angles, m.recorded, dt, knobs.gap, knobs.rounds, m.axes, m.scratch
-    )
+    note_simulated(scene, m)
+    done = update_driven(scene, m.driven, m.room, roots, angles, m.recorded, dt, knobs.gap)
     shift_driven(scene, m)
     return done
 
@@ -170,7 +191,7 @@ def step(
         note_courses(scene, m, roots, dt, first)
     parts = 1 if first else turns_of(scene, m, dt)
     impacts, flags, simulating = 0, 0, 0
-    done = Outcome(0, 0, 0, True)
+    done = Outcome(0, 0, 0, True, False)
     for part in range(parts):
         last = part == parts - 1
         if part > 0:
@@ -181,7 +202,7 @@ def step(
             more = drive(scene, m, roots, angles, dt / parts, first, knobs)
         else:
             recording_between(
-                scene, m.room.origins, m.driven.lag.roots, m.driven.lag.angles, roots, angles, 1.0 / (parts - part),
+                scene, m.room.origins, m.driven.recorded.roots, m.driven.recorded.angles, roots, angles, 1.0 / (parts - part),
                 m.roots, m.angles, m.recorded,
             )  # fmt: skip
             bend_way(scene, m, dt, part, parts)
@@ -191,6 +212,7 @@ def step(
             max(done.method, more.method),
             done.rescues + more.rescues,
             done.converged and more.converged,
+            done.yielded or more.yielded,
         )
         now_at, bent = (roots, angles) if last else (m.roots, m.angles)
         flags |= contain_driven(scene, m, now_at, bent, first)
@@ -211,11 +233,8 @@ def step(
             block.recorded[frame, k, i] = m.recorded[block.moving[k], i]
             block.corrected[frame, k, i] = m.corrected[block.moving[k], i]
     for k in range(len(angles)):
-        block.angles[frame, k] = angles[k]
-        if m.room.joints.held[k] == 1:
-            block.angles[frame, k] = m.room.chains.angles[k]
-        elif m.driven.lag.behind[scene.dofs.tree[k]] == 1:
-            block.angles[frame, k] = m.driven.angles[k]
+        driven = scene.trees.role[scene.dofs.tree[k]] == DRIVEN
+        block.angles[frame, k] = m.driven.last.angles[k] if driven else angles[k]
     numbers[ITERATIONS], numbers[IMPACTS], numbers[FALLBACKS], numbers[FLAGS] = (
         done.rounds,
         impacts,
@@ -224,9 +243,8 @@ def step(
     )
     if not done.converged or (left if first else lengths[RESIDUAL]) > LEFT:
         numbers[FLAGS] |= FLAG_NOT_CONVERGED
-    for tree in range(len(scene.trees.role)):
-        if m.room.places.held[tree] != LOOSE and m.room.places.escapes[0] == 0:
-            numbers[FLAGS] |= FLAG_WEDGED
+    if done.yielded:
+        numbers[FLAGS] |= FLAG_WEDGED
     touches = block.contact_end[frame + 1] > block.contact_end[frame]
     if lengths[RECORDED] == 0.0 and touches and lengths[CORRECTION] > BLOCKED_FROM:
         numbers[FLAGS] |= FLAG_BLOCKED
@@ -244,12 +262,8 @@ def step(
 def run_block(
     scene: Scene,
     m: Machine,
-    roots: Floats,
-    angles: Floats,
-    dts: Floats,
-    drifts: Floats,
+    recording: Recording,
     knobs: Knobs,
-    hasty: bool,
     block: Block,
 ) -> int:
     """Step through frames.
@@ -258,11 +272,8 @@ def run_block(
     ----------
     scene, m, knobs
         The scene, the machine, which is brought up to date, and the configuration.
-    roots, angles, dts, drifts
-        (N, T, 7), (N, Q), (N,) and (N, T, 3): the recording, the times between frames [s], and where trees are to step
-        aside.
-    hasty
-        Stop at the first frame in which a tree is wedged.
+    recording
+        N frames.
     block
         Takes the results.
 
@@ -271,17 +282,11 @@ def run_block(
     int
         How many frames were done before `block` had no more room: at least one.
     """
-    m.room.places.hasty[0] = 1 if hasty else 0
     block.contact_end[0] = block.depth_end[0] = 0
-    for frame in range(len(dts)):
+    for frame in range(len(recording.dts)):
         if not has_room(block, frame):
             return frame
-        for tree in range(drifts.shape[1]):
-            for i in range(3):
-                m.driven.drift[tree, i] = drifts[frame, tree, i]
-        step(scene, m, roots[frame], angles[frame], dts[frame], knobs, block, frame)
+        step(scene, m, recording.roots[frame], recording.angles[frame], recording.dts[frame], knobs, block, frame)
         if m.room.near.lost[0] > 0:  # more than there is room for: the caller ends the replay
             return frame
-        if hasty and block.numbers[frame, FALLBACKS] > 0:
-            return frame
-    return len(dts)
+    return len(recording.dts)

@@ -20,10 +20,7 @@ STAGES = (
     "step.impulses",
     "step.contacts",
 )
-"""Dotted call paths of the stages inside a frame's step; `step` itself is their whole, with `FORESIGHT`."""
-
-FORESIGHT = "step.foresight"
-"""What a frame in which a hand was wedged cost beside: frames run again; its count: the drifts tried."""
+"""Dotted call paths of the stages inside a frame's step; `step` itself is their whole."""
 
 
 def _read_counter(typing_context: Any) -> Any:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.scene.coverage import Surface
+from geomphys.scene.coverage import Surface, divided
 from geomphys.scene.meshes import Mesh
 
 Floats = NDArray[np.float64]
@@ -104,7 +104,7 @@ def _lies_within(surface: Surface, corners: Floats, triangles: Floats, limit: fl
         distance = surface.distance(middle)
         if np.any(distance > limit):
             return False
-        triangles = _divided(triangles[(distance + reach > limit) & (reach > DISTANCE_TOLERANCE * limit)])[0]
+        triangles = divided(triangles[(distance + reach > limit) & (reach > DISTANCE_TOLERANCE * limit)])[0]
     return True
 
 
@@ -132,7 +132,7 @@ def _fits_ball(surface: Surface, triangles: Floats, planes: Floats, radius: floa
         if np.any(inside & (free >= (1.0 - CONTACT_TOLERANCE) * radius)):
             return True
         undecided = (free + reach >= (1.0 - CONTACT_TOLERANCE) * radius) & (reach > DISTANCE_TOLERANCE * radius)
-        triangles, parent = _divided(triangles[undecided])
+        triangles, parent = divided(triangles[undecided])
         normals = normals[undecided][parent]
     return False
 
@@ -142,26 +142,6 @@ def _balls(triangles: Floats) -> tuple[Floats, Floats]:
     middle = triangles.mean(axis=1)
     reach: Floats = np.linalg.norm(triangles - middle[:, None], axis=2).max(axis=1)
     return middle, reach
-
-
-def _divided(triangles: Floats) -> tuple[Floats, NDArray[np.int64]]:
-    """Subdivided triangles, and the index of each one's parent.
-
-    Two halves by bisecting the longest edge. A slim triangle (shortest edge less than half the longest) gives three
-    parts by bisecting both long edges.
-    """
-    lengths = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)  # of ab, bc, ca
-    rows = np.arange(len(triangles))
-    slim = lengths.min(axis=1) < 0.5 * lengths.max(axis=1)
-    first = np.where(slim, np.argmin(lengths, axis=1), np.argmax(lengths, axis=1))
-    a, b, c = (triangles[rows, (first + k) % 3] for k in range(3))  # ab is the shortest of the slim, else the longest
-    ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
-    fat = ~slim
-    parts = [
-        *(np.stack(part, axis=1)[fat] for part in ((a, ab, c), (ab, b, c))),
-        *(np.stack(part, axis=1)[slim] for part in ((a, b, bc), (a, bc, ca), (ca, bc, c))),
-    ]
-    return np.concatenate(parts), np.concatenate([rows[fat], rows[fat], rows[slim], rows[slim], rows[slim]])
 
 
 def _against_hull(triangles: Floats, planes: Floats) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:

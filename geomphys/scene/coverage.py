@@ -1,8 +1,9 @@
-"""Grows convex pieces until they cover a mesh's surface, and measures both one-sided distances between them.
+"""How much of a mesh's surface its convex pieces leave bare, how to cover it, and how far they stand out of it.
 
-CoACD rounds vertices to about 1e-4 of the mesh's size, so its hulls do not reach the surface everywhere. Each piece is
-extended by the surface within that distance of it. What stays uncovered is computed exactly, by clipping every triangle
-against the pieces.
+CoACD rounds the corners of its parts, to about 1e-4 of the mesh's size, and is given a mesh with fewer triangles, so its
+hulls fall short of the surface here and there. Here each triangle goes to the piece that reaches all of it with the
+least growth, halves of it where none does. What sticks out afterwards is found exactly, by clipping what lies in no
+single piece until nothing of it is left or a polygon that lies in none.
 """
 
 from __future__ import annotations
@@ -16,14 +17,20 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 REACH = 1.5e-4
-"""First distance, as a share of the mesh's size, within which a piece takes in surface; doubled while any is uncovered."""
+"""Of the mesh's size: how far a piece reaches for the surface at first; twice as far where something stays bare."""
 DOUBLINGS = 6
+GRAIN = 2e-3
+"""Of the mesh's size: smaller parts of triangles are clipped rather than divided to see whether they are bare."""
+MAX_PARTS = 50_000
+"""Parts of triangles that are held against the pieces at once; if there are more, they are clipped."""
+BLOCK = 1 << 16
+"""Distances from planes that are taken at once: as many as a processor keeps near it"""
 TOLERANCE = 1e-9
-"""Share of the mesh's size below which surface outside the pieces counts as covered."""
+"""Of the mesh's size: less than that is not bare."""
 
 
 class Surface:
-    """Distance queries to a triangle mesh, vertices (n, 3) m and faces (m, 3)."""
+    """Triangles that distances are measured to, (n, 3) m and (m, 3)."""
 
     def __init__(self, vertices: Floats, faces: Ints) -> None:
         import fcl
@@ -35,16 +42,16 @@ class Surface:
         self._solid = fcl.CollisionObject(model)
 
     def distance(self, points: Floats) -> Floats:
-        """Unsigned distances (n,) of points (n, 3) to the nearest triangle, m."""
+        """Distances (n,) of points (n, 3) from the nearest triangle, on either side of it."""
         import fcl
 
         point = fcl.Sphere(1e-9)
-        distances = [fcl.distance(self._solid, fcl.CollisionObject(point, fcl.Transform(p))) for p in points]
-        return np.array(distances, dtype=np.float64)
+        away = [fcl.distance(self._solid, fcl.CollisionObject(point, fcl.Transform(p))) for p in points]
+        return np.array(away, dtype=np.float64)
 
 
-def grow_to_cover(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> list[Floats]:
-    """Grow convex pieces until their union contains every point of a surface.
+def grow_to_cover(vertices: Floats, faces: Ints, pieces: Sequence[Floats], reach: float | None = None) -> list[Floats]:
+    """Grow convex pieces until together they hold every point of a surface.
 
     Parameters
     ----------
@@ -52,70 +59,99 @@ def grow_to_cover(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> li
         The surface, (n, 3) m and (m, 3).
     pieces
         Points (k, 3) whose hulls are the pieces.
+    reach
+        How far pieces grow at first, m; twice as far where something stays bare. None: `REACH` of the size.
 
     Returns
     -------
     list of ndarray
-        Vertices (k, 3) of the grown pieces. After `DOUBLINGS` some surface may still be uncovered: see
-        `uncovered_distance`.
+        The corners of the grown pieces. If after `DOUBLINGS` something is still bare, it stays so: `uncovered_distance` tells.
     """
     size = float(np.ptp(vertices, axis=0).max())
-    grown, reach = list(pieces), REACH * size
-    for _ in range(DOUBLINGS):
-        grown = [_with_surface(vertices, faces, piece, reach) for piece in grown]
-        if not _uncovered_polygons(vertices, faces, [_hull(piece)[1] for piece in grown], TOLERANCE * size):
+    grown = [_hull(piece)[0] for piece in pieces]
+    reach = REACH * size if reach is None else reach
+    triangles = vertices[faces]
+    surface: tuple[Floats, Ints] | None = (vertices, faces)
+    for _ in range(DOUBLINGS if pieces else 0):
+        starts, planes = list(grown), [_hull(piece)[1] for piece in grown]
+        left = []
+        while len(triangles):
+            away = _away(*(surface or _apart(triangles)), planes, starts, reach)
+            nearest = np.argmin(away, axis=1)
+            out = away[np.arange(len(away)), nearest]
+            surface, taken = None, (out > TOLERANCE * size) & (out <= reach)
+            for k in np.unique(nearest[taken]):
+                grown[k] = np.concatenate([grown[k], triangles[taken & (nearest == k)].reshape(-1, 3)])
+            triangles = triangles[out > reach]
+            small = np.ptp(triangles, axis=1).max(axis=1) < 0.5 * reach
+            left.append(triangles[small])
+            triangles = divided(triangles[~small])[0]
+            if len(triangles) > MAX_PARTS:
+                left.append(triangles)
+                break
+        grown = [_hull(piece)[0] for piece in grown]
+        triangles = np.concatenate([*left, np.zeros((0, 3, 3))])
+        if len(triangles) == 0:
             break
         reach *= 2.0
     return grown
 
 
 def uncovered_distance(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> float:
-    """Largest distance of a surface outside the pieces, m, over vertices and centroids of its uncovered polygons."""
-    slack = TOLERANCE * float(np.ptp(vertices, axis=0).max())
+    """How far a surface sticks out of pieces, m: corners and middles of its bare polygons beyond the nearest piece."""
+    size = float(np.ptp(vertices, axis=0).max())
     planes = [_hull(piece)[1] for piece in pieces]
-    polygons = _uncovered_polygons(vertices, faces, planes, slack)
-    if not polygons:
+    triangles = vertices[faces]
+    away = _away(vertices, faces, planes, pieces, TOLERANCE * size)
+    small: list[Floats] = []
+    while True:
+        triangles = triangles[np.min(away, axis=1) > TOLERANCE * size]
+        fine = np.ptp(triangles, axis=1).max(axis=1) < GRAIN * size
+        small.append(triangles[fine])
+        triangles = divided(triangles[~fine])[0]
+        if len(triangles) == 0 or len(triangles) > MAX_PARTS:
+            break
+        away = _away(*_apart(triangles), planes, pieces, TOLERANCE * size)
+    bare = _uncovered_polygons(np.concatenate([*small, triangles]), planes, TOLERANCE * size)
+    if not bare:
         return 0.0
-    points = np.concatenate([np.vstack([polygon, polygon.mean(axis=0)]) for polygon in polygons])
+    points = np.concatenate([np.vstack([polygon, polygon.mean(axis=0)]) for polygon in bare])
     return float(np.max(np.min([_outside(points, p) for p in planes], axis=0), initial=0.0))
 
 
 def piece_protrusion(vertices: Floats, faces: Ints, pieces: Sequence[Floats], samples: int = 2000) -> float:
-    """Largest distance of convex pieces outside a closed surface, m, over sampled points.
+    """How far convex pieces stick out of a closed surface, m: the largest distance outside it of points of theirs.
 
-    The points are `samples` drawn by area over the pieces with a fixed seed, and as many of their vertices.
+    The points are `samples` spread over the pieces by area, the same ones each time, and as many of their corners.
     """
     corners = np.concatenate(pieces)
     points = np.concatenate([_surface_points(pieces, samples), corners[:: -(-len(corners) // samples)]])
-    distances = Surface(vertices, faces).distance(points)
-    far = distances > 1e-6 * float(np.ptp(vertices, axis=0).max())
+    away = Surface(vertices, faces).distance(points)
+    far = away > 1e-6 * float(np.ptp(vertices, axis=0).max())
     outside = np.zeros(len(points), dtype=bool)
-    outside[far] = _winding(vertices, faces, points[far]) < 0.5
-    return float(np.max(distances[outside], initial=0.0))
+    outside[far] = winding(vertices, faces, points[far]) < 0.5
+    return float(np.max(away[outside], initial=0.0))
 
 
-def _with_surface(vertices: Floats, faces: Ints, piece: Floats, reach: float) -> Floats:
-    """Vertices of a piece extended by the surface within `reach` beyond its planes."""
-    planes = _hull(piece)[1]
-    height = vertices @ planes[:, :3].T - planes[:, 3]
-    out = np.max(height, axis=1)
-    planes[:, 3] += reach
-    added = [vertices[(out > 0) & (out <= reach)]]
-    height -= reach
-    corners = height[faces]  # (m, 3, planes)
-    crossing = ~np.any(np.min(corners, axis=1) > 0, axis=1) & np.any(out[faces] > reach, axis=1)
-    for face in faces[crossing]:
-        polygon = vertices[face]
-        for plane in planes[np.max(height[face], axis=0) > 0]:
-            polygon = _clipped(polygon, plane[3] - polygon @ plane[:3])
-            if len(polygon) == 0:
-                break
-        added.append(polygon)
-    return _hull(np.concatenate([piece, *added]))[0]
+def _away(vertices: Floats, faces: Ints, planes: Sequence[Floats], pieces: Sequence[Floats], reach: float) -> Floats:
+    """How far (m, pieces) each triangle sticks out of each piece, negative inside; inf where farther than `reach`."""
+    away = np.full((len(faces), len(pieces)), np.inf)
+    for k, (piece, sides) in enumerate(zip(pieces, planes, strict=True)):
+        low, high = piece.min(axis=0) - reach, piece.max(axis=0) + reach
+        near = np.flatnonzero(np.all((vertices >= low) & (vertices <= high), axis=1))
+        out = np.full(len(vertices), np.inf)
+        out[near] = _outside(vertices[near], sides)
+        away[:, k] = out[faces].max(axis=1)
+    return away
+
+
+def _apart(triangles: Floats) -> tuple[Floats, Ints]:
+    """Triangles (n, 3, 3) as vertices and faces."""
+    return triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)
 
 
 def _hull(points: Floats) -> tuple[Floats, Floats]:
-    """Vertices (k, 3) and planes (f, 4), n·x <= d, of the convex hull of points."""
+    """Corners (k, 3) and planes (f, 4), n·x <= d, of the convex hull of points."""
     from scipy.spatial import ConvexHull
 
     hull = ConvexHull(points)
@@ -125,54 +161,79 @@ def _hull(points: Floats) -> tuple[Floats, Floats]:
 
 def _outside(points: Floats, planes: Floats) -> Floats:
     """Distance of points (n, 3) beyond the farthest plane (n·x <= d); negative inside."""
-    found: Floats = np.max(points @ planes[:, :3].T - planes[:, 3], axis=1)
+    found, step = np.empty(len(points)), max(1, BLOCK // len(planes))
+    for start in range(0, len(points), step):
+        height = planes[:, :3] @ points[start : start + step].T
+        height -= planes[:, 3:]
+        found[start : start + step] = height.max(axis=0)
     return found
 
 
-def _uncovered_polygons(vertices: Floats, faces: Ints, planes: Sequence[Floats], slack: float) -> list[Floats]:
-    """Parts of triangles that lie in no piece, as convex polygons (k, 3)."""
-    inside = np.stack([_outside(vertices, p) <= slack for p in planes], axis=1)  # (n, pieces)
-    covered = np.any(inside[faces].all(axis=1), axis=1)
-    uncovered_parts: list[Floats] = []
-    for face in faces[~covered]:
-        polygons = [vertices[face]]
-        order = np.argsort(-inside[face].sum(axis=0), kind="stable")  # pieces that contain most of its vertices first
-        for k in order:
-            polygons = [remainder for polygon in polygons for remainder in _subtract(polygon, planes[k], slack)]
+def _uncovered_polygons(triangles: Floats, planes: Sequence[Floats], slack: float) -> list[Floats]:
+    """Parts of triangles (n, 3, 3) that lie in no piece, as convex polygons (k, 3)."""
+    if len(triangles) == 0:
+        return []
+    left: list[Floats] = []
+    points, faces = _apart(triangles)
+    beyond = np.stack([_outside(points, p)[faces].max(axis=1) for p in planes], axis=1)
+    for triangle, away in zip(triangles, beyond, strict=True):
+        polygons = [triangle]
+        for k in np.argsort(away, kind="stable"):  # pieces that hold most of it first
+            polygons = [rest for polygon in polygons for rest in _subtract(polygon, planes[k], slack)]
             if not polygons:
                 break
-        uncovered_parts += polygons
-    return uncovered_parts
+        left += polygons
+    return left
 
 
 def _subtract(polygon: Floats, planes: Floats, slack: float) -> list[Floats]:
-    """A convex polygon minus a convex piece, as convex polygons; parts within `slack` of the piece are dropped."""
+    """A convex polygon less a convex piece, as convex polygons; what lies within the slack of the piece is dropped."""
     height = polygon @ planes[:, :3].T - planes[:, 3]  # (corners, planes)
     if np.any(np.min(height, axis=0) > slack):
         return [polygon]
-    remainder: list[Floats] = []
+    rest: list[Floats] = []
     for plane in planes[np.max(height, axis=0) > slack]:
         side = polygon @ plane[:3] - plane[3] - slack
         if np.max(side) <= 0:
             continue
         if np.min(side) >= 0:
-            return [*remainder, polygon]
-        remainder.append(_clipped(polygon, side))
+            return [*rest, polygon]
+        rest.append(_clipped(polygon, side))
         polygon = _clipped(polygon, -side)
-    return remainder
+    return rest
 
 
 def _clipped(polygon: Floats, side: Floats) -> Floats:
     """The part of a convex polygon where `side` >= 0 (Sutherland and Hodgman 1974, one plane)."""
-    clipped = []
+    kept = []
     for k in range(len(polygon)):
         j = (k + 1) % len(polygon)
         if side[k] >= 0:
-            clipped.append(polygon[k])
+            kept.append(polygon[k])
         if (side[k] > 0 > side[j]) or (side[k] < 0 < side[j]):
-            fraction = side[k] / (side[k] - side[j])
-            clipped.append(polygon[k] + fraction * (polygon[j] - polygon[k]))
-    return np.array(clipped).reshape(-1, 3)
+            share = side[k] / (side[k] - side[j])
+            kept.append(polygon[k] + share * (polygon[j] - polygon[k]))
+    return np.array(kept).reshape(-1, 3)
+
+
+def divided(triangles: Floats) -> tuple[Floats, NDArray[np.int64]]:
+    """Parts of triangles, and which triangle each is of.
+
+    Two halves, cut across the longest edge; of one whose shortest edge is less than half of that, three of half its
+    length, cut across both long edges.
+    """
+    lengths = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)  # of ab, bc, ca
+    rows = np.arange(len(triangles))
+    slim = lengths.min(axis=1) < 0.5 * lengths.max(axis=1)
+    first = np.where(slim, np.argmin(lengths, axis=1), np.argmax(lengths, axis=1))
+    a, b, c = (triangles[rows, (first + k) % 3] for k in range(3))  # ab is the shortest of the slim, else the longest
+    ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
+    fat = ~slim
+    parts = [
+        *(np.stack(part, axis=1)[fat] for part in ((a, ab, c), (ab, b, c))),
+        *(np.stack(part, axis=1)[slim] for part in ((a, b, bc), (a, bc, ca), (ca, bc, c))),
+    ]
+    return np.concatenate(parts), np.concatenate([rows[fat], rows[fat], rows[slim], rows[slim], rows[slim]])
 
 
 def _surface_points(pieces: Sequence[Floats], count: int) -> Floats:
@@ -189,16 +250,14 @@ def _surface_points(pieces: Sequence[Floats], count: int) -> Floats:
     return points
 
 
-def _winding(vertices: Floats, faces: Ints, points: Floats) -> Floats:
+def winding(vertices: Floats, faces: Ints, points: Floats) -> Floats:
     """Winding number of a closed surface about points (n, 3): 1 inside, 0 outside (van Oosterom and Strackee 1983)."""
     corners = vertices[faces]
-    solid_angles = np.zeros(len(points))
+    turns = np.zeros(len(points))
     for start in range(0, len(points), 64):
         a, b, c = np.moveaxis(corners[None] - points[start : start + 64, None, None], 2, 0)
         la, lb, lc = (np.linalg.norm(x, axis=-1) for x in (a, b, c))
         top = np.einsum("...i,...i", a, np.cross(b, c))
         dots = [np.einsum("...i,...i", x, y) for x, y in ((a, b), (b, c), (c, a))]
-        solid_angles[start : start + 64] = np.arctan2(
-            top, la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb
-        ).sum(-1)
-    return solid_angles / (2 * np.pi)
+        turns[start : start + 64] = np.arctan2(top, la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb).sum(-1)
+    return turns / (2 * np.pi)

@@ -23,11 +23,12 @@ from numpy.typing import NDArray
 from geomphys.errors import ConfigError, MeshError
 from geomphys.scene.coacd_process import convex_parts
 from geomphys.scene.convexity import is_nearly_convex
-from geomphys.scene.coverage import grow_to_cover, uncovered_distance
+from geomphys.scene.coverage import REACH, grow_to_cover, uncovered_distance
 from geomphys.scene.hulls import polytope
 from geomphys.scene.meshes import Mesh, oriented_outwards, require_closed
 from geomphys.scene.piece_cache import ConvexPieces, archive_name, read_pieces, write_pieces
 from geomphys.scene.scene_values import Decomposition
+from geomphys.scene.screw_holes import hole_radius, simplified, without_screw_holes
 from geomphys.storage.cache import user_cache_folder
 
 Floats = NDArray[np.float64]
@@ -36,15 +37,19 @@ Progress = Callable[[str, float], None]
 """Progress callback: description of the current work, fraction done (0 to 1)."""
 
 RELATIVE_CONCAVITY = 0.02
-"""Default allowed concavity, as a share of half the mesh's longest side ..."""
+"""Concavity a piece may keep where nothing else is asked for, of half the mesh's longest side ..."""
 MIN_CONCAVITY, MAX_CONCAVITY = 1e-3, 5e-3
-"""... clipped to these, m. Smaller values give more pieces that fit the mesh more closely."""
+"""... but at least and at most these, m. Less: more pieces that stand out less."""
 MIN_THRESHOLD = 0.01
-"""Smallest threshold that CoACD accepts, of half the longest side of its input."""
+"""CoACD goes no finer, of half the longest side of what it cuts"""
+SIMPLER = 0.1
+"""Of the concavity: how far the surface that CoACD cuts may lie from the mesh's"""
+MANY_TRIANGLES = 10_000
+"""Meshes of more, or with screw holes, are made simpler first, and searched for cuts quickly."""
 MAX_SHELLS = 1000
-"""A mesh of more shells is decomposed as a whole."""
+"""shells of a mesh that are cut one by one; a mesh of more is cut as a whole"""
 PROGRESS_INTERVAL = 0.2
-"""s between progress reports"""
+"""s between two reports of progress"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -239,18 +244,27 @@ def _decompose_timed(job: _Job, threads: int, stop: Event) -> tuple[ConvexPieces
 
 def _decompose_job(job: _Job, threads: int, stop: Event) -> ConvexPieces:
     solid, parts = job.mesh, _closed_parts(job.mesh)
-    concavity = 0.5 * job.threshold * solid.size
-    is_near_convex = [part.is_convex or is_nearly_convex(part, min(concavity, 0.5 * part.size)) for part in parts]
-    if all(is_near_convex):
+    concavity = [min(0.5 * job.threshold * solid.size, 0.5 * part.size) for part in parts]
+    filled = [
+        part if part.is_convex else without_screw_holes(part, hole_radius(limit))
+        for part, limit in zip(parts, concavity, strict=True)
+    ]
+    whole = [mesh.is_convex or is_nearly_convex(mesh, limit) for mesh, limit in zip(filled, concavity, strict=True)]
+    if all(whole):
         return ConvexPieces(tuple(part.hull_vertices for part in parts), "hull" if len(parts) == 1 else "parts", 0.0)
     hulls: list[Floats] = []
-    for part, near_convex in zip(parts, is_near_convex, strict=True):
-        if near_convex:
+    for part, mesh, limit, is_whole in zip(parts, filled, concavity, whole, strict=True):
+        if is_whole:
             hulls.append(part.hull_vertices)
             continue
-        part_threshold = min(max(job.threshold * solid.size / part.size, MIN_THRESHOLD), 1.0)
-        made = convex_parts(solid.name, part.vertices, part.faces, part_threshold, job.seed, threads=threads, stop=stop)
-        hulls += grow_to_cover(part.vertices, part.faces, [points for points in made if _has_volume(points)])
+        share = min(max(job.threshold * solid.size / part.size, MIN_THRESHOLD), 1.0)
+        costly = mesh is not part or len(mesh.faces) > MANY_TRIANGLES
+        plain = simplified(mesh, SIMPLER * limit) if costly else mesh
+        reach = REACH * part.size + (SIMPLER * limit if costly else 0.0)
+        search = "quick" if costly else "thorough"
+        corners, faces = plain.vertices, plain.faces
+        made = convex_parts(solid.name, corners, faces, share, job.seed, search=search, threads=threads, stop=stop)
+        hulls += grow_to_cover(part.vertices, part.faces, [points for points in made if _has_volume(points)], reach)
     uncovered_m = uncovered_distance(solid.vertices, solid.faces, hulls)
     if uncovered_m > 1e-4 * solid.size:
         raise MeshError(

@@ -19,7 +19,7 @@ CELLS = 6 * CELLS_PER_EDGE * CELLS_PER_EDGE
 
 @kernel
 def cell_of(d: Vec) -> int:
-    """Cell index of a direction (not zero), 0 to `CELLS` - 1."""
+    """Cell index of a direction, 0 to `CELLS` - 1; an arbitrary cell for zeros."""
     x, y, z = abs(d[0]), abs(d[1]), abs(d[2])
     if x >= y and x >= z:
         axis, top, sign, u, v = 0, x, d[0], d[1], d[2]
@@ -27,8 +27,11 @@ def cell_of(d: Vec) -> int:
         axis, top, sign, u, v = 1, y, d[1], d[2], d[0]
     else:
         axis, top, sign, u, v = 2, z, d[2], d[0], d[1]
+    if not top > 0.0:
+        return 2 * axis * CELLS_PER_EDGE * CELLS_PER_EDGE
     scale = 0.5 * CELLS_PER_EDGE / top
-    i, j = min(int((u + top) * scale), CELLS_PER_EDGE - 1), min(int((v + top) * scale), CELLS_PER_EDGE - 1)
+    i = max(0, min(int((u + top) * scale), CELLS_PER_EDGE - 1))
+    j = max(0, min(int((v + top) * scale), CELLS_PER_EDGE - 1))
     return ((2 * axis + (1 if sign < 0.0 else 0)) * CELLS_PER_EDGE + i) * CELLS_PER_EDGE + j
 
 

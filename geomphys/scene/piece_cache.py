@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.scene.coacd_process import ITERATIONS
+from geomphys.scene.coacd_process import SEARCHES
 from geomphys.scene.meshes import Mesh
 
-_FORMAT_VERSION = 3
-"""Increment when the same mesh and parameters give different pieces than before."""
+_FORMAT_VERSION = 4
+"""Raised when the same mesh and parameters give other pieces than before."""
 _METHODS = ("hull", "parts", "coacd")
 
 
@@ -34,7 +34,8 @@ def archive_name(mesh: Mesh, threshold: float, seed: int) -> str:
     """File name of a mesh's pieces in the cache."""
     from importlib.metadata import version
 
-    text = f"{_FORMAT_VERSION} {version('coacd')} {threshold!r} {seed} {ITERATIONS} {mesh.vertices.shape} {mesh.faces.shape} "
+    makers = [version("coacd"), version("manifold3d"), SEARCHES]
+    text = f"{_FORMAT_VERSION} {makers} {threshold!r} {seed} {mesh.vertices.shape} {mesh.faces.shape} "
     digest = hashlib.sha256(text.encode())
     digest.update(np.ascontiguousarray(mesh.vertices, dtype="<f8").tobytes())
     digest.update(np.ascontiguousarray(mesh.faces, dtype="<i8").tobytes())

@@ -1,4 +1,4 @@
-"""Memory for the simulated loop of a scene."""
+"""The simulated loop of a scene: what never changes filled in, memory for the rest."""
 
 from __future__ import annotations
 
@@ -6,50 +6,25 @@ import itertools
 
 import numpy as np
 
+from geomphys.collision.scratch import Scratch
 from geomphys.collision.support import place_pieces
 from geomphys.collision.sweep import local_boxes
-from geomphys.scene.arrays import DRIVEN, HULL, SIMULATED, SPHERE, Floats, Ints, Scene
-from geomphys.simulated.state import (
-    ARM,
-    FIRST,
-    HEADER,
-    INERTIA,
-    KEPT_COLUMNS,
-    KIND_COLUMNS,
-    LAST,
-    LIGHTNESS,
-    MASS,
-    MATERIAL,
-    MOTION_COLUMNS,
-    MOVES,
-    OFFSET,
-    PAIR_COLUMNS,
-    POINT,
-    PRINCIPAL,
-    ROLE,
-    ROW_COLUMNS,
-    ROW_INTS,
-    SLOT_SIZE,
-    TOLD,
-    TREE,
-    TURN,
-    WISH_ARM,
-    SimulatedState,
-)
+from geomphys.scene.arrays import DRIVEN, HULL, SIMULATED, SPHERE, Floats, Scene
+from geomphys.simulated.state import BODY, COUNTS, ENERGY, FRAME, MOTION, PAIR, ROW, SLOT, Records, Simulation
 
 WIDE = 4.0  # a still body wider along x than this many median widths is looked at each time
 MOST_PAIRS = 4096
 MOST_POINTS = 4096
 
 
-def piece_arms(scene: Scene, motion: Floats) -> Floats:
+def piece_arms(scene: Scene, motion: Records) -> Floats:
     """(P,) m: how far from its body's reference point a piece's surface reaches; of a ball, its centre only."""
     pieces = scene.pieces
     arms = np.zeros(len(pieces.kind))
     for i in range(len(arms)):
         local = pieces.local[i]
         centre = local[:9].reshape(3, 3) @ pieces.centre[i] + local[9:]
-        arms[i] = np.linalg.norm(centre - motion[pieces.body[i], OFFSET : OFFSET + 3])
+        arms[i] = np.linalg.norm(centre - motion["centre"][pieces.body[i]])
         if pieces.kind[i] != SPHERE:
             arms[i] += pieces.reach[i]
     return arms
@@ -101,29 +76,38 @@ def body_boxes(scene: Scene, boxes: Floats) -> Floats:
     return out
 
 
-def body_rows(scene: Scene) -> tuple[Floats, Ints]:
-    """`motion` and `kinds` with what never changes filled in."""
-    bodies, count = scene.bodies, len(scene.bodies.role)
-    motion, kinds = np.zeros((count, MOTION_COLUMNS)), np.zeros((count, KIND_COLUMNS), np.int64)
-    free, driven = bodies.role == SIMULATED, bodies.role == DRIVEN
-    motion[free, OFFSET : OFFSET + 3] = bodies.com[free]
-    motion[free, LIGHTNESS] = 1.0 / bodies.mass[free]
-    motion[free, MASS] = bodies.mass[free]
-    motion[driven, MASS] = scene.trees.mass[bodies.tree[driven]]
-    motion[:, INERTIA : INERTIA + 3] = bodies.inertia
-    motion[:, PRINCIPAL : PRINCIPAL + 4] = bodies.principal
-    motion[:, WISH_ARM : WISH_ARM + 3] = bodies.com
-    motion[:, TOLD] = np.nan
-    kinds[:, ROLE], kinds[:, TREE], kinds[:, MATERIAL] = bodies.role, bodies.tree, bodies.material
-    kinds[:, FIRST], kinds[:, LAST] = bodies.piece_start[:-1], bodies.piece_start[1:]
-    kinds[:, MOVES] = scene.trees.moving[bodies.tree]
-    return motion, kinds
+def body_records(scene: Scene) -> tuple[Records, Records]:
+    """(B,) `MOTION` and (B,) `BODY` with what never changes filled in."""
+    source, count = scene.bodies, len(scene.bodies.role)
+    motion, bodies = np.zeros(count, MOTION), np.zeros(count, BODY)
+    free, driven = source.role == SIMULATED, source.role == DRIVEN
+    motion["centre"][free] = source.com[free]
+    motion["inverse_mass"][free] = 1.0 / source.mass[free]
+    motion["mass"][free] = source.mass[free]
+    motion["mass"][driven] = scene.trees.mass[source.tree[driven]]
+    motion["inertia"], motion["principal"] = source.inertia, source.principal
+    motion["coupling_arm"] = source.com
+    motion["reported_spin"] = np.nan
+    bodies["role"], bodies["tree"], bodies["material"] = source.role, source.tree, source.material
+    bodies["first_piece"], bodies["end_piece"] = source.piece_start[:-1], source.piece_start[1:]
+    bodies["moves"] = scene.trees.moving[source.tree]
+    return motion, bodies
 
 
-def make_simulated_state(
-    scene: Scene, poses: Floats, max_pairs: int = MOST_PAIRS, max_points: int = MOST_POINTS
-) -> SimulatedState:
-    """Memory for the simulated loop of a scene.
+def make_simulation(
+    scene: Scene,
+    poses: Floats,
+    *,
+    start: Floats,
+    end: Floats,
+    reported: Floats,
+    driven_impulse: Floats,
+    frames: Floats,
+    scratch: Scratch,
+    max_pairs: int = MOST_PAIRS,
+    max_points: int = MOST_POINTS,
+) -> Simulation:
+    """The simulated loop of a scene.
 
     Parameters
     ----------
@@ -131,26 +115,31 @@ def make_simulated_state(
         The scene.
     poses
         (B, 7) world poses of all bodies at the start; those of what never moves stay.
+    start, end, reported, driven_impulse, frames, scratch
+        Arrays of the caller, as in `Simulation`: each frame is simulated from and to what stands there.
     max_pairs, max_points
-        Room for pairs of pieces that may meet in a frame, and for contact points. Where it is too small for a frame,
-        simulated bodies stay where they are for that frame, and it is reported.
+        Capacity for pairs of pieces that may meet in a frame, and for contact points. Where it is too small for a
+        frame, simulated bodies stay where they are for that frame, and it is reported.
     """
-    motion, kinds = body_rows(scene)
-    motion[:, POINT : POINT + 3], motion[:, TURN : TURN + 4] = poses[:, :3], poses[:, 3:]
+    motion, kinds = body_records(scene)
+    motion["position"], motion["orientation"] = poses[:, :3], poses[:, 3:]
     bodies, trees = len(kinds), len(scene.trees.role)
     local = piece_local_boxes(scene)
     arms, boxes = piece_arms(scene, motion), piece_boxes(scene, poses, local)
-    np.maximum.at(motion[:, ARM], scene.pieces.body, arms)
+    np.maximum.at(motion["reach"], scene.pieces.body, arms)
     hulls = body_boxes(scene, boxes)
     free = np.flatnonzero(scene.bodies.role == SIMULATED)
-    moves = kinds[:, MOVES] == 1
+    moves = kinds["moves"] == 1
     still = np.flatnonzero(~moves & np.isfinite(hulls[:, 0]))
     width = hulls[still, 3] - hulls[still, 0]
     narrow = width <= WIDE * np.median(width) if len(still) else np.zeros(0, bool)
     ordered = still[narrow][np.argsort(hulls[still[narrow], 0], kind="stable")]
     possible = len(boxes) * int(np.isin(scene.pieces.body, free).sum())
     pairs, points = max(1, min(max_pairs, possible)), max(4, min(max_points, 4 * possible))
-    return SimulatedState(
+    return Simulation(
+        pieces=scene.pieces,
+        gravity=scene.gravity,
+        materials=np.ascontiguousarray(np.stack([scene.materials.restitution, scene.materials.friction])),
         free=free,
         paths=np.flatnonzero(moves & (scene.bodies.role != SIMULATED)),
         still=ordered,
@@ -158,29 +147,31 @@ def make_simulated_state(
         widest=float(width[narrow].max(initial=0.0)),
         others=np.concatenate([np.flatnonzero(moves), still[~narrow]]),
         arm=arms,
-        boxes=boxes,
         local_boxes=local,
         balls=body_balls(scene, local),
-        body_boxes=hulls,
-        materials=np.ascontiguousarray(np.stack([scene.materials.restitution, scene.materials.friction])),
-        gravity=scene.gravity.copy(),
         motion=motion,
-        kinds=kinds,
-        pairs=np.zeros((pairs, PAIR_COLUMNS), np.int64),
-        kept=np.zeros((pairs, KEPT_COLUMNS)),
-        old_pairs=np.zeros((pairs + 1, PAIR_COLUMNS), np.int64),
-        old_kept=np.zeros((pairs + 1, KEPT_COLUMNS)),
-        counts=np.zeros(8, np.int64),
-        rows=np.zeros((points, ROW_COLUMNS)),
-        row_of=np.zeros((points, ROW_INTS), np.int64),
+        bodies=kinds,
+        pairs=np.zeros(pairs, PAIR),
+        slots=np.zeros((pairs, 4), SLOT),
+        start=start,
+        end=end,
+        reported=reported,
+        driven_impulse=driven_impulse,
+        frames=frames,
+        scratch=scratch,
+        counts=np.zeros(1, COUNTS),
+        frame=np.zeros(1, FRAME),
+        boxes=boxes,
+        body_boxes=hulls,
+        old_pairs=np.zeros(pairs + 1, PAIR),
+        old_pair_slots=np.zeros((pairs + 1, 4), SLOT),
+        rows=np.zeros(points, ROW),
         velocity=np.zeros((bodies, 6)),
-        shove=np.zeros((bodies, 6)),
-        heft=np.zeros(bodies),
-        energy=np.zeros((bodies, 4)),
+        displacement=np.zeros((bodies, 6)),
+        island_mass=np.zeros(bodies),
+        energy=np.zeros(bodies, ENERGY),
         recoil=np.zeros((trees, 3)),
-        heap=np.zeros(pairs, np.int64),
+        queue=np.zeros(pairs, np.int64),
         found=np.zeros(bodies, np.int64),
-        points=np.zeros((2, 4, 3)),
-        old_slots=np.zeros((4, SLOT_SIZE)),
-        header=np.zeros(HEADER, np.int64),
+        old_slots=np.zeros(4, SLOT),
     )

@@ -8,77 +8,23 @@ from __future__ import annotations
 import math
 
 from geomphys.collision.manifold import touching
-from geomphys.jit.addresses import float_at, int_at, set_float, set_int
-from geomphys.jit.kernel import kernel
-from geomphys.numerics.vec3 import Vec, add, cross, dot, perpendicular, quat_conjugate, quat_rotate, rotate, scale, sub
-from geomphys.simulated.cells import add_vec, quat_at, rot_at, set_vec, vec_at
-from geomphys.simulated.motion import point_at
-from geomphys.simulated.state import (
-    ARM_A,
-    ARM_B,
-    AT_OLD_SLOTS,
-    AT_POINTS,
-    AT_ROW_ROOM,
-    BINORMAL,
-    BODY_A,
-    BODY_B,
-    CLEARANCE,
-    DEPTH,
-    FORCE,
-    FRICTION,
-    GOAL,
-    GRIP,
-    INVERSE,
-    INVERSE_T,
-    LIGHTNESS,
-    LIMIT,
-    LOCAL,
-    MASS_MOST,
-    MASS_N,
-    MASS_T,
-    N_LOST,
-    N_ROWS,
-    NORMAL,
-    PAIR_FRICTION,
-    PAIR_RESTITUTION,
-    PIECE_A,
-    PIECE_B,
-    POINT,
-    POINTS,
-    PUSH,
-    RESTITUTION,
-    ROW_A,
-    ROW_B,
-    ROW_ON,
-    ROW_PAIR,
-    ROW_SLOT,
-    SINCE,
-    SLOT_SIZE,
-    STAMP,
-    SUM_N,
-    SUM_T,
-    SUM_V,
-    TANGENT,
-    TOUCHED,
-    TURN,
-    TURN_A,
-    TURN_B,
-    entry,
-    faces_at,
-    has_yielded,
-    how_many,
-    kept_at,
-    kind_of,
-    motion_of,
-    owner,
-    pair_at,
-    room_at,
-    row,
-    set_how_many,
-    shapes_at,
-    slot_at,
-    velocity_of,
+from geomphys.collision.support import Shapes
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import (
+    add_vec,
+    add_vec_from,
+    quat_of,
+    rot_of,
+    set_vec,
+    set_vec_at,
+    vec_at,
+    vec_from,
+    vec_of,
 )
+from geomphys.numerics.vec3 import Vec, add, cross, dot, perpendicular, quat_conjugate, quat_rotate, rotate, scale, sub
+from geomphys.scene.arrays import Floats
+from geomphys.simulated.motion import point_at
+from geomphys.simulated.state import Motion, Row, Simulation, Slot, has_yielded
 from geomphys.simulated.time_of_impact import look
 
 NEAR = 4e-4  # m: contact points with no more clearance take part in the solving
@@ -86,171 +32,190 @@ SAME = 4e-6  # m²: squared distance within which a point continues one of the s
 
 
 @kernel
-def fill_masses(a: int, b: int, r: int) -> None:
+def direction_of(r: Row, axis: int) -> Vec:
+    """Normal (axis 0), tangent (1) or binormal (2) of a row."""
+    if axis == 0:
+        return vec_of(r.normal)
+    return vec_of(r.tangent) if axis == 1 else vec_of(r.binormal)
+
+
+@kernel
+def clear_impulse(r: Row) -> None:
+    """Take the impulses out of a row."""
+    r.normal_impulse = r.tangent_impulse[0] = r.tangent_impulse[1] = 0.0
+
+
+@kernel
+def fill_masses(a: Motion, b: Motion, r: Row) -> None:
     """What unit impulses along normal and tangents of row `r` do: turns of both bodies, velocities at the point.
 
-    `a`, `b` are the bodies' rows of `motion`.
+    `a`, `b` are the bodies' records of `motion`.
     """
-    ia, ib = rot_at(a, INVERSE), rot_at(b, INVERSE)
-    ra, rb = vec_at(r, ARM_A), vec_at(r, ARM_B)
-    light = float_at(a, LIGHTNESS) + float_at(b, LIGHTNESS)
-    n, t, u = vec_at(r, NORMAL), vec_at(r, TANGENT), vec_at(r, BINORMAL)
+    ia, ib = rot_of(a.inverse_inertia), rot_of(b.inverse_inertia)
+    ra, rb = vec_of(r.arm_a), vec_of(r.arm_b)
+    light = a.inverse_mass + b.inverse_mass
+    n, t, u = vec_of(r.normal), vec_of(r.tangent), vec_of(r.binormal)
     xa, ya, za = rotate(ia, cross(ra, n)), rotate(ia, cross(ra, t)), rotate(ia, cross(ra, u))
     xb, yb, zb = rotate(ib, cross(rb, n)), rotate(ib, cross(rb, t)), rotate(ib, cross(rb, u))
-    set_vec(r, TURN_A, xa)
-    set_vec(r, TURN_A + 3, ya)
-    set_vec(r, TURN_A + 6, za)
-    set_vec(r, TURN_B, xb)
-    set_vec(r, TURN_B + 3, yb)
-    set_vec(r, TURN_B + 6, zb)
+    set_vec_at(r.response_a, 0, xa)
+    set_vec_at(r.response_a, 1, ya)
+    set_vec_at(r.response_a, 2, za)
+    set_vec_at(r.response_b, 0, xb)
+    set_vec_at(r.response_b, 1, yb)
+    set_vec_at(r.response_b, 2, zb)
     along_t = add(cross(ya, ra), cross(yb, rb))
     along_u = add(cross(za, ra), cross(zb, rb))
-    set_float(r, MASS_N, light + dot(n, add(cross(xa, ra), cross(xb, rb))))
-    set_float(r, MASS_T, light + dot(t, along_t))
-    set_float(r, MASS_T + 1, dot(t, along_u))
-    set_float(r, MASS_T + 2, light + dot(u, along_u))
+    r.inverse_mass_n = light + dot(n, add(cross(xa, ra), cross(xb, rb)))
+    r.inverse_mass_t[0] = light + dot(t, along_t)
+    r.inverse_mass_t[1] = dot(t, along_u)
+    r.inverse_mass_t[2] = light + dot(u, along_u)
     invert_mass(r)
 
 
 @kernel
-def invert_mass(r: int) -> None:
-    """Note what follows from `MASS_T` of row `r`."""
-    k_tt, k_tb, k_bb = vec_at(r, MASS_T)
+def invert_mass(r: Row) -> None:
+    """Note what follows from `inverse_mass_t` of row `r`."""
+    k_tt, k_tb, k_bb = vec_of(r.inverse_mass_t)
     inverse, half = 1.0 / (k_tt * k_bb - k_tb * k_tb), 0.5 * (k_tt - k_bb)
-    set_vec(r, INVERSE_T, (inverse * k_bb, -inverse * k_tb, inverse * k_tt))
-    set_float(r, MASS_MOST, 0.5 * (k_tt + k_bb) + math.sqrt(half * half + k_tb * k_tb))
+    set_vec(r.mass_t, (inverse * k_bb, -inverse * k_tb, inverse * k_tt))
+    r.inverse_mass_most = 0.5 * (k_tt + k_bb) + math.sqrt(half * half + k_tb * k_tb)
 
 
 @kernel
-def keep_old_slots(sim: int, pair: int) -> None:
+def clear_impulses(slot: Slot) -> None:
+    """Begin the sums of a frame."""
+    slot.normal_impulse = 0.0
+    set_vec(slot.friction_impulse, (0.0, 0.0, 0.0))
+    set_vec(slot.normal_impulses, (0.0, 0.0, 0.0))
+
+
+@kernel
+def clear_slot(slot: Slot) -> None:
+    """Make a slot one that holds no point, and never did."""
+    clear_impulses(slot)
+    set_vec(slot.local, (0.0, 0.0, 0.0))
+    set_vec(slot.friction_force, (0.0, 0.0, 0.0))
+    slot.normal_force = slot.depth = slot.grasp_impulse = 0.0
+    slot.used = 0
+
+
+@kernel
+def keep_old_slots(sim: Simulation, pair: int) -> None:
     """Copy the contact points of a pair aside."""
-    first = slot_at(sim, pair, 0)
-    for i in range(4 * SLOT_SIZE):
-        set_float(entry(sim, AT_OLD_SLOTS), i, float_at(first, i))
+    for m in range(4):
+        sim.old_slots[m] = sim.slots[pair, m]
 
 
 @kernel
-def continued(sim: int, x: Vec) -> int:
+def continued(sim: Simulation, x: Vec) -> int:
     """Which of the old contact points the point x (relative to a, a's frame) continues; -1: none. It is then taken."""
     best, slot = SAME, -1
     for m in range(4):
-        if float_at(entry(sim, AT_OLD_SLOTS), m * SLOT_SIZE + STAMP) == 0.0:
+        if sim.old_slots[m].used == 0:
             continue
-        e = sub(x, vec_at(entry(sim, AT_OLD_SLOTS), m * SLOT_SIZE + LOCAL))
+        e = sub(x, vec_of(sim.old_slots[m].local))
         if dot(e, e) < best:
             best, slot = dot(e, e), m
     if slot >= 0:
-        set_float(entry(sim, AT_OLD_SLOTS), slot * SLOT_SIZE + STAMP, 0.0)
+        sim.old_slots[slot].used = 0
     return slot
 
 
 @kernel
-def open_slot(sim: int, slot: int, old: int, x: Vec, clearance: float) -> None:
-    """Begin a slot at the point x (relative to a, a's frame), with what the old point `old`, if any, has gathered."""
-    for i in range(SLOT_SIZE):
-        set_float(slot, i, float_at(entry(sim, AT_OLD_SLOTS), old * SLOT_SIZE + i) if old >= 0 else 0.0)
+def open_slot(sim: Simulation, pair: int, m: int, old: int, x: Vec, clearance: float) -> None:
+    """Begin slot m of a pair at the point x (relative to a, a's frame), with what the old point `old`, if any, gathered."""
+    slot = sim.slots[pair, m]
     if old >= 0:
-        for i in range(7):
-            set_float(entry(sim, AT_OLD_SLOTS), old * SLOT_SIZE + SUM_N + i, 0.0)
-    set_vec(slot, LOCAL, x)
-    set_float(slot, STAMP, 1.0)
-    set_float(slot, DEPTH, -clearance)
+        sim.slots[pair, m] = sim.old_slots[old]
+        clear_impulses(sim.old_slots[old])
+    else:
+        clear_slot(slot)
+    set_vec(slot.local, x)
+    slot.used = 1
+    slot.depth = -clearance
 
 
 @kernel
-def hand_over_sums(sim: int, pair: int, count: int) -> None:
+def hand_over_sums(sim: Simulation, pair: int, count: int) -> None:
     """Give the impulses of old points that nothing continues to the first of the pair's `count` slots: none is lost."""
     for m in range(count, 4):
-        for i in range(7):
-            set_float(slot_at(sim, pair, m), SUM_N + i, 0.0)
-    first = slot_at(sim, pair, 0)
+        clear_impulses(sim.slots[pair, m])
+    first = sim.slots[pair, 0]
     for m in range(4):
-        set_float(first, SUM_N, float_at(first, SUM_N) + float_at(entry(sim, AT_OLD_SLOTS), m * SLOT_SIZE + SUM_N))
-        add_vec(first, SUM_T, vec_at(entry(sim, AT_OLD_SLOTS), m * SLOT_SIZE + SUM_T), 1.0)
-        add_vec(first, SUM_V, vec_at(entry(sim, AT_OLD_SLOTS), m * SLOT_SIZE + SUM_V), 1.0)
+        first.normal_impulse += sim.old_slots[m].normal_impulse
+        add_vec(first.friction_impulse, vec_of(sim.old_slots[m].friction_impulse), 1.0)
+        add_vec(first.normal_impulses, vec_of(sim.old_slots[m].normal_impulses), 1.0)
 
 
 @kernel
-def close_slots(sim: int, pair: int, count: int) -> None:
+def close_slots(sim: Simulation, pair: int, count: int) -> None:
     """Mark the slots from `count` on as holding no point; what they gathered stays until it is handed over."""
     for m in range(count, 4):
-        slot = slot_at(sim, pair, m)
-        set_float(slot, STAMP, 0.0)
-        for i in range(4):
-            set_float(slot, FORCE + i, 0.0)
-    set_int(pair_at(sim, pair), POINTS, count)
+        slot = sim.slots[pair, m]
+        slot.used = 0
+        slot.normal_force = 0.0
+        set_vec(slot.friction_force, (0.0, 0.0, 0.0))
+    sim.pairs[pair].point_count = count
 
 
-@kernel
-def add_row(sim: int, pair: int, count: int, t: float, n: Vec, x: Vec, clearance: float) -> None:
+@outlined
+def add_row(sim: Simulation, pair: int, count: int, t: float, n: Vec, x: Vec, clearance: float) -> None:
     """Append the row of contact point number `count` of a pair: at x, normal n, both world."""
-    p, kept = pair_at(sim, pair), kept_at(sim, pair)
-    a, b = motion_of(sim, int_at(p, BODY_A)), motion_of(sim, int_at(p, BODY_B))
-    k = how_many(sim, N_ROWS)
-    set_how_many(sim, N_ROWS, k + 1)
-    r, o = row(sim, k), owner(sim, k)
+    p = sim.pairs[pair]
+    a, b = sim.motion[p.body[0]], sim.motion[p.body[1]]
+    k = sim.counts[0].rows
+    sim.counts[0].rows = k + 1
+    r = sim.rows[k]
     tangent = perpendicular(n)
-    set_vec(r, NORMAL, n)
-    set_vec(r, TANGENT, tangent)
-    set_vec(r, BINORMAL, cross(n, tangent))
-    set_vec(r, ARM_A, sub(x, vec_at(a, POINT)))
-    set_vec(r, ARM_B, sub(x, point_at(b, t)))
-    set_float(r, CLEARANCE, clearance)
-    set_vec(r, PUSH, (0.0, 0.0, 0.0))
-    set_float(r, GOAL, 0.0)
-    set_float(r, FRICTION, float_at(kept, PAIR_FRICTION))
-    set_float(r, RESTITUTION, float_at(kept, PAIR_RESTITUTION))
-    set_float(r, SINCE, t)
-    set_float(r, LIMIT, math.inf)
-    set_float(r, GRIP, 0.0)
+    set_vec(r.normal, n)
+    set_vec(r.tangent, tangent)
+    set_vec(r.binormal, cross(n, tangent))
+    set_vec(r.arm_a, sub(x, vec_of(a.position)))
+    set_vec(r.arm_b, sub(x, point_at(b, t)))
+    r.clearance = clearance
+    clear_impulse(r)
+    r.target_speed = 0.0
+    r.friction = p.friction
+    r.restitution = p.restitution
+    r.since = t
+    r.impulse_limit = math.inf
+    r.grip_impulse = 0.0
     fill_masses(a, b, r)
-    set_int(kind_of(sim, int_at(p, BODY_A)), TOUCHED, 1)
-    set_int(kind_of(sim, int_at(p, BODY_B)), TOUCHED, 1)
-    set_int(o, ROW_PAIR, pair)
-    set_int(o, ROW_A, int_at(p, BODY_A))
-    set_int(o, ROW_B, int_at(p, BODY_B))
-    set_int(o, ROW_SLOT, count)
-    set_int(o, ROW_ON, 1)
-    local = quat_rotate(quat_conjugate(quat_at(a, TURN)), vec_at(r, ARM_A))
-    open_slot(sim, slot_at(sim, pair, count), continued(sim, local), local, clearance)
+    sim.bodies[p.body[0]].touched = 1
+    sim.bodies[p.body[1]].touched = 1
+    r.pair = pair
+    r.a = p.body[0]
+    r.b = p.body[1]
+    r.slot = count
+    r.mode = 1
+    local = quat_rotate(quat_conjugate(quat_of(a.orientation)), vec_of(r.arm_a))
+    open_slot(sim, pair, count, continued(sim, local), local, clearance)
 
 
 @kernel
-def add_rows(sim: int, pair: int, t: float) -> None:
+def add_rows(sim: Simulation, pair: int, t: float) -> None:
     """Look at a pair at time `t` of the frame and, if it is within `NEAR`, append a row for each contact point.
 
     The bases of simulated bodies must stand at `t`.
     """
-    p = pair_at(sim, pair)
+    p = sim.pairs[pair]
     if has_yielded(sim, pair):
         return
     s, n, pa, pb = look(sim, pair, t)
     if s > NEAR:
-        if int_at(p, POINTS) > 0:
+        if p.point_count > 0:
             close_slots(sim, pair, 0)
         return
-    i, j = int_at(p, PIECE_A), int_at(p, PIECE_B)
-    on_a = entry(sim, AT_POINTS)
-    found = touching(
-        shapes_at(sim),
-        faces_at(sim),
-        i,
-        j,
-        s,
-        n,
-        pa,
-        pb,
-        entry(sim, AT_POINTS),
-        entry(sim, AT_POINTS) + 96,
-        room_at(sim),
-    )
-    if how_many(sim, N_ROWS) + found > entry(sim, AT_ROW_ROOM):
-        set_how_many(sim, N_LOST, how_many(sim, N_LOST) + 1)
+    i, j = p.piece[0], p.piece[1]
+    on_a, on_b = sim.scratch.on_a, sim.scratch.on_b
+    found = touching(Shapes(sim.pieces, sim.frames), i, j, (s, n, pa, pb), on_a, on_b, sim.scratch)
+    if sim.counts[0].rows + found > len(sim.rows):
+        sim.counts[0].lost += 1
         return
     keep_old_slots(sim, pair)
     count = 0
     for m in range(found):
-        xa, xb = vec_at(on_a, 3 * m), vec_at(on_a, 12 + 3 * m)
+        xa, xb = vec_at(on_a, m), vec_at(on_b, m)
         clearance = dot(n, sub(xa, xb))
         if clearance <= NEAR:
             add_row(sim, pair, count, t, n, scale(add(xa, xb), 0.5), clearance)
@@ -261,26 +226,26 @@ def add_rows(sim: int, pair: int, t: float) -> None:
 
 
 @kernel
-def speed_at(velocity: int, r: int, a: int, b: int) -> Vec:
+def speed_at(velocity: Floats, r: Row, a: int, b: int) -> Vec:
     """v_AB of row `r`: velocity of body a's contact point relative to b's [m/s]; `velocity` holds rows of six."""
-    va, vb = velocity_of(velocity, a), velocity_of(velocity, b)
-    at_a = add(vec_at(va, 0), cross(vec_at(va, 3), vec_at(r, ARM_A)))
-    at_b = add(vec_at(vb, 0), cross(vec_at(vb, 3), vec_at(r, ARM_B)))
+    va, vb = velocity[a], velocity[b]
+    at_a = add(vec_from(va, 0), cross(vec_from(va, 3), vec_of(r.arm_a)))
+    at_b = add(vec_from(vb, 0), cross(vec_from(vb, 3), vec_of(r.arm_b)))
     return sub(at_a, at_b)
 
 
 @kernel
-def normal_speed(velocity: int, r: int, a: int, b: int) -> float:
+def normal_speed(velocity: Floats, r: Row, a: int, b: int) -> float:
     """v_n of (7) at row `r` [m/s]; negative: approaching."""
-    return dot(vec_at(r, NORMAL), speed_at(velocity, r, a, b))
+    return dot(vec_of(r.normal), speed_at(velocity, r, a, b))
 
 
 @kernel
-def push(sim: int, velocity: int, r: int, a: int, b: int, axis: int, j: float) -> None:
+def push(sim: Simulation, velocity: Floats, r: Row, a: int, b: int, axis: int, j: float) -> None:
     """Apply the impulse +j to a and -j to b [N s] along axis 0 (normal), 1 (tangent) or 2 (binormal) of row `r`."""
-    va, vb = velocity_of(velocity, a), velocity_of(velocity, b)
-    d = vec_at(r, NORMAL + 3 * axis)
-    add_vec(va, 0, d, j * float_at(motion_of(sim, a), LIGHTNESS))
-    add_vec(vb, 0, d, -j * float_at(motion_of(sim, b), LIGHTNESS))
-    add_vec(va, 3, vec_at(r, TURN_A + 3 * axis), j)
-    add_vec(vb, 3, vec_at(r, TURN_B + 3 * axis), -j)
+    va, vb = velocity[a], velocity[b]
+    d = direction_of(r, axis)
+    add_vec_from(va, 0, d, j * sim.motion[a].inverse_mass)
+    add_vec_from(vb, 0, d, -j * sim.motion[b].inverse_mass)
+    add_vec_from(va, 3, vec_at(r.response_a, axis), j)
+    add_vec_from(vb, 3, vec_at(r.response_b, axis), -j)

@@ -11,46 +11,21 @@ from __future__ import annotations
 
 import math
 
-from geomphys.jit.addresses import float_at, int_at, set_float
 from geomphys.jit.kernel import kernel
+from geomphys.numerics.row_vectors import quat_from, set_quat, set_vec, set_vec_from, vec_from, vec_of
 from geomphys.numerics.vec3 import Vec, add_scaled, dot, quat_conjugate, quat_mul, rotation_vector, scale, sub
 from geomphys.scene.arrays import FIXED
-from geomphys.simulated.cells import quat_at, set_quat, set_vec, vec_at
-from geomphys.simulated.state import (
-    AT_DT,
-    AT_PATH_COUNT,
-    AT_PATHS,
-    AT_VELOCITY,
-    BASE,
-    BEND,
-    COURSE,
-    COURSE_CHANGE,
-    COURSE_TIME,
-    LENGTH,
-    POINT,
-    PULL,
-    RATE,
-    ROLE,
-    SPEED,
-    TURN,
-    end_of,
-    entry,
-    kind_of,
-    knob,
-    motion_of,
-    start_of,
-    velocity_of,
-)
+from geomphys.simulated.state import Simulation
 
 UNEVEN = 3.0  # a frame longer or shorter than the one before by this factor says nothing of the acceleration
 
 
 @kernel
-def mean_velocities(sim: int, body: int) -> tuple[Vec, Vec]:
+def mean_velocities(sim: Simulation, body: int) -> tuple[Vec, Vec]:
     """Mean velocity of the origin [m/s] and mean rate of turning [rad/s] of a body through the frame."""
-    start, end, rate = start_of(sim, body), end_of(sim, body), 1.0 / knob(sim, AT_DT)
-    turn = rotation_vector(quat_mul(quat_at(end, 3), quat_conjugate(quat_at(start, 3))))
-    return scale(sub(vec_at(end, 0), vec_at(start, 0)), rate), scale(turn, rate)
+    start, end, rate = sim.start[body], sim.end[body], 1.0 / sim.frame[0].dt
+    turn = rotation_vector(quat_mul(quat_from(end, 3), quat_conjugate(quat_from(start, 3))))
+    return scale(sub(vec_from(end, 0), vec_from(start, 0)), rate), scale(turn, rate)
 
 
 @kernel
@@ -74,55 +49,55 @@ def carried_on(a: Vec, before: Vec) -> Vec:
 
 
 @kernel
-def lay_courses(sim: int) -> None:
+def lay_courses(sim: Simulation) -> None:
     """Accelerations of the tracked things of the scene for this frame, from those before."""
-    dt = knob(sim, AT_DT)
-    for k in range(entry(sim, AT_PATH_COUNT)):
-        body = int_at(entry(sim, AT_PATHS), k)
-        if int_at(kind_of(sim, body), ROLE) != FIXED:
+    dt = sim.frame[0].dt
+    for k in range(len(sim.paths)):
+        body = sim.paths[k]
+        if sim.bodies[body].role != FIXED:
             continue
-        m = motion_of(sim, body)
+        m = sim.motion[body]
         v, w = mean_velocities(sim, body)
-        last = float_at(m, COURSE_TIME)
+        last = m.course_time
         a, b = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         if is_even(dt, last):
             rate = 2.0 / (dt + last)
-            a, b = scale(sub(v, vec_at(m, COURSE)), rate), scale(sub(w, vec_at(m, COURSE + 3)), rate)
-        set_vec(m, PULL, carried_on(a, vec_at(m, COURSE_CHANGE)))
-        set_vec(m, BEND, scale(carried_on(b, vec_at(m, COURSE_CHANGE + 3)), 0.5))
-        set_float(m, LENGTH, dt)
-        set_vec(m, COURSE, v)
-        set_vec(m, COURSE + 3, w)
-        set_vec(m, COURSE_CHANGE, a)
-        set_vec(m, COURSE_CHANGE + 3, b)
-        set_float(m, COURSE_TIME, dt)
+            a, b = scale(sub(v, vec_from(m.course, 0)), rate), scale(sub(w, vec_from(m.course, 3)), rate)
+        set_vec(m.acceleration, carried_on(a, vec_from(m.course_change, 0)))
+        set_vec(m.rotation_change, scale(carried_on(b, vec_from(m.course_change, 3)), 0.5))
+        m.step_length = dt
+        set_vec_from(m.course, 0, v)
+        set_vec_from(m.course, 3, w)
+        set_vec_from(m.course_change, 0, a)
+        set_vec_from(m.course_change, 3, b)
+        m.course_time = dt
 
 
 @kernel
-def set_path(sim: int, body: int) -> None:
+def set_path(sim: Simulation, body: int) -> None:
     """Motion of a body that follows its path through the frame, from its pose at the start to the end's."""
-    m, start = motion_of(sim, body), start_of(sim, body)
+    m, start = sim.motion[body], sim.start[body]
     v, w = mean_velocities(sim, body)
-    set_float(m, BASE, 0.0)
-    set_vec(m, POINT, vec_at(start, 0))
-    set_quat(m, TURN, quat_at(start, 3))
-    set_vec(m, SPEED, add_scaled(v, vec_at(m, PULL), -0.5 * knob(sim, AT_DT)))
-    set_vec(m, RATE, w)
+    m.base_time = 0.0
+    set_vec(m.position, vec_from(start, 0))
+    set_quat(m.orientation, quat_from(start, 3))
+    set_vec(m.velocity, add_scaled(v, vec_of(m.acceleration), -0.5 * sim.frame[0].dt))
+    set_vec(m.rotation_rate, w)
     load_path(sim, body, 0.0)
 
 
 @kernel
-def load_path(sim: int, body: int, t: float) -> None:
+def load_path(sim: Simulation, body: int, t: float) -> None:
     """Write the velocities that a body that follows its path has at time `t` of the frame to `velocity` of the state."""
-    m, v = motion_of(sim, body), velocity_of(entry(sim, AT_VELOCITY), body)
-    set_vec(v, 0, add_scaled(vec_at(m, SPEED), vec_at(m, PULL), t))
-    set_vec(v, 3, add_scaled(vec_at(m, RATE), vec_at(m, BEND), 2.0 * t - float_at(m, LENGTH)))
+    m, v = sim.motion[body], sim.velocity[body]
+    set_vec_from(v, 0, add_scaled(vec_of(m.velocity), vec_of(m.acceleration), t))
+    set_vec_from(v, 3, add_scaled(vec_of(m.rotation_rate), vec_of(m.rotation_change), 2.0 * t - m.step_length))
 
 
 @kernel
-def load_paths(sim: int, t: float) -> None:
+def load_paths(sim: Simulation, t: float) -> None:
     """`load_path` for all tracked things of the scene."""
-    for k in range(entry(sim, AT_PATH_COUNT)):
-        body = int_at(entry(sim, AT_PATHS), k)
-        if int_at(kind_of(sim, body), ROLE) == FIXED:
+    for k in range(len(sim.paths)):
+        body = sim.paths[k]
+        if sim.bodies[body].role == FIXED:
             load_path(sim, body, t)

@@ -11,135 +11,94 @@ from __future__ import annotations
 
 import math
 
-from geomphys.jit.addresses import float_at, int_at, set_float, set_int
-from geomphys.jit.kernel import kernel
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import set_vec, vec_of
 from geomphys.numerics.vec3 import dot, scale
-from geomphys.simulated.cells import set_vec, vec_at
 from geomphys.simulated.sleeping import stirs
-from geomphys.simulated.state import (
-    AT_COUNT,
-    AT_ENERGY,
-    BODY_A,
-    BODY_B,
-    FRESH,
-    GRAVITY,
-    ISLAND,
-    MASS,
-    MOMENTUM,
-    N_PAIRS,
-    POINT,
-    POINTS,
-    SPEED,
-    SPIN,
-    TOUCHED,
-    entry,
-    free_body,
-    how_many,
-    is_simulated,
-    kind_of,
-    motion_of,
-    pair_at,
-)
+from geomphys.simulated.state import Motion, Simulation, is_simulated
 
-BEFORE = 0  # J: of a body, at the step's start
-EXCESS = 1  # J: what the bodies of an island that touched something have gained
-MOVING = 2  # J: their kinetic energy
-SUPPORT = 3  # what the island touches: one of the following
-NOTHING, STILL, STIRRED = 0.0, 1.0, 2.0
+NOTHING, STILL, STIRRED = 0, 1, 2  # what an island touches
 
 
 @kernel
-def energy_of(sim: int, body: int) -> int:
-    """Row of `energy`."""
-    return entry(sim, AT_ENERGY) + 32 * body
+def kinetic(m: Motion) -> float:
+    """½ m v² + ½ ω·L of a simulated body [J]; `m` is its record of `motion`."""
+    v = vec_of(m.velocity)
+    return 0.5 * m.mass * dot(v, v) + 0.5 * dot(vec_of(m.angular_velocity), vec_of(m.angular_momentum))
 
 
 @kernel
-def island_of(sim: int, body: int) -> int:
-    """Row of `energy` that stands for a simulated body's island."""
-    return energy_of(sim, int_at(kind_of(sim, body), ISLAND))
-
-
-@kernel
-def kinetic(m: int) -> float:
-    """½ m v² + ½ ω·L of a simulated body [J]; `m` is its row of `motion`."""
-    v = vec_at(m, SPEED)
-    return 0.5 * float_at(m, MASS) * dot(v, v) + 0.5 * dot(vec_at(m, SPIN), vec_at(m, MOMENTUM))
-
-
-@kernel
-def energy(sim: int, body: int) -> float:
+def energy(sim: Simulation, body: int) -> float:
     """Kinetic and potential energy of a simulated body [J]."""
-    m = motion_of(sim, body)
-    return kinetic(m) - float_at(m, MASS) * dot(vec_at(sim, GRAVITY), vec_at(m, POINT))
+    m = sim.motion[body]
+    return kinetic(m) - m.mass * dot(vec_of(sim.gravity), vec_of(m.position))
 
 
 @kernel
-def note_energies(sim: int) -> None:
+def note_energies(sim: Simulation) -> None:
     """Note the energies of all simulated bodies, whose bases stand at the present time; none has touched anything yet."""
-    for s in range(entry(sim, AT_COUNT)):
-        body = free_body(sim, s)
-        set_float(energy_of(sim, body), BEFORE, energy(sim, body))
-        set_int(kind_of(sim, body), TOUCHED, 0)
+    for s in range(len(sim.free)):
+        body = sim.free[s]
+        sim.energy[body].before = energy(sim, body)
+        sim.bodies[body].touched = 0
 
 
 @kernel
-def note_fresh_energies(sim: int) -> None:
+def note_fresh_energies(sim: Simulation) -> None:
     """Note the energies anew in islands with a body that the caller has just put where it stands.
 
     It may have been somewhat inside another, and has been lifted out of that.
     """
-    for s in range(entry(sim, AT_COUNT)):
-        set_float(island_of(sim, free_body(sim, s)), EXCESS, 0.0)
-    for s in range(entry(sim, AT_COUNT)):
-        body = free_body(sim, s)
-        if int_at(kind_of(sim, body), FRESH) == 1:
-            set_float(island_of(sim, body), EXCESS, 1.0)
-    for s in range(entry(sim, AT_COUNT)):
-        body = free_body(sim, s)
-        if float_at(island_of(sim, body), EXCESS) == 1.0:
-            set_float(energy_of(sim, body), BEFORE, energy(sim, body))
+    for s in range(len(sim.free)):
+        sim.energy[sim.bodies[sim.free[s]].island].excess = 0.0
+    for s in range(len(sim.free)):
+        body = sim.free[s]
+        if sim.bodies[body].fresh == 1:
+            sim.energy[sim.bodies[body].island].excess = 1.0
+    for s in range(len(sim.free)):
+        body = sim.free[s]
+        if sim.energy[sim.bodies[body].island].excess == 1.0:
+            sim.energy[body].before = energy(sim, body)
 
 
 @kernel
-def add_up(sim: int) -> None:
+def add_up(sim: Simulation) -> None:
     """Add up what the islands have gained since `note_energies`, and note what they touch."""
-    for s in range(entry(sim, AT_COUNT)):
-        island = island_of(sim, free_body(sim, s))
-        for i in range(3):
-            set_float(island, EXCESS + i, 0.0)
-    for s in range(entry(sim, AT_COUNT)):
-        body = free_body(sim, s)
-        island, kind = island_of(sim, body), kind_of(sim, body)
-        if int_at(kind, TOUCHED) == 1:
-            gain = energy(sim, body) - float_at(energy_of(sim, body), BEFORE)
-            set_float(island, EXCESS, float_at(island, EXCESS) + gain)
-            set_float(island, MOVING, float_at(island, MOVING) + kinetic(motion_of(sim, body)))
-    for k in range(how_many(sim, N_PAIRS)):
-        p = pair_at(sim, k)
-        island, b = island_of(sim, int_at(p, BODY_A)), int_at(p, BODY_B)
+    for s in range(len(sim.free)):
+        island = sim.energy[sim.bodies[sim.free[s]].island]
+        island.excess, island.kinetic, island.support = 0.0, 0.0, NOTHING
+    for s in range(len(sim.free)):
+        body = sim.free[s]
+        island, kind = sim.energy[sim.bodies[body].island], sim.bodies[body]
+        if kind.touched == 1:
+            gain = energy(sim, body) - sim.energy[body].before
+            island.excess = island.excess + gain
+            island.kinetic = island.kinetic + kinetic(sim.motion[body])
+    for k in range(sim.counts[0].pairs):
+        p = sim.pairs[k]
+        island, b = sim.energy[sim.bodies[p.body[0]].island], p.body[1]
         if is_simulated(sim, b):
             continue
         if stirs(sim, b):
-            set_float(island, SUPPORT, STIRRED)
-        elif int_at(p, POINTS) > 0 and float_at(island, SUPPORT) == NOTHING:
-            set_float(island, SUPPORT, STILL)
+            island.support = STIRRED
+        elif p.point_count > 0 and island.support == NOTHING:
+            island.support = STILL
 
 
-@kernel
-def take_excess(sim: int) -> None:
+@outlined
+def take_excess(sim: Simulation) -> None:
     """Slow down what touched something, in islands that touch still things and none that move by themselves, to the
     energy `note_energies` found.
     """
     add_up(sim)
-    for s in range(entry(sim, AT_COUNT)):
-        body = free_body(sim, s)
-        island, m = island_of(sim, body), motion_of(sim, body)
-        excess, moving = float_at(island, EXCESS), float_at(island, MOVING)
-        if int_at(kind_of(sim, body), TOUCHED) == 0 or float_at(island, SUPPORT) != STILL:
+    for s in range(len(sim.free)):
+        body = sim.free[s]
+        island, m = sim.energy[sim.bodies[body].island], sim.motion[body]
+        excess, moving = island.excess, island.kinetic
+        if sim.bodies[body].touched == 0 or island.support != STILL:
             continue
         if excess > 0.0 and moving > 0.0:
             share = math.sqrt(max(0.0, 1.0 - excess / moving))
-            set_vec(m, SPEED, scale(vec_at(m, SPEED), share))
-            set_vec(m, MOMENTUM, scale(vec_at(m, MOMENTUM), share))
-            set_vec(m, SPIN, scale(vec_at(m, SPIN), share))
+            set_vec(m.velocity, scale(vec_of(m.velocity), share))
+            set_vec(m.angular_momentum, scale(vec_of(m.angular_momentum), share))
+            set_vec(m.angular_velocity, scale(vec_of(m.angular_velocity), share))

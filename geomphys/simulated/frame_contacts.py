@@ -4,41 +4,22 @@ from __future__ import annotations
 
 import math
 
-from geomphys.collision.penetration import Scratch, separation
+from geomphys.collision.penetration import separation
 from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import quat_from, vec_of
 from geomphys.numerics.vec3 import Vec, add, norm, quat_rotate, rotate, sub, unit
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Floats, Ints, Pieces
-from geomphys.simulated.state import (
-    AWAKE,
-    AXIS,
-    BODY_A,
-    BODY_B,
-    DEPTH,
-    DISTANCE,
-    LOCAL,
-    N_PAIRS,
-    OFFSET,
-    PIECE_A,
-    PIECE_B,
-    ROLE,
-    SLOT_SIZE,
-    SLOTS,
-    STAMP,
-    SUM_N,
-    SUM_T,
-    SUM_V,
-    SimulatedState,
-)
+from geomphys.simulated.state import Simulation
 
 
 @kernel
-def write_touches(state: SimulatedState, poses: Floats, bodies: Ints, values: Floats, first: int) -> int:
+def write_touches(sim: Simulation, poses: Floats, bodies: Ints, values: Floats, first: int) -> int:
     """List the contact points of the frame last simulated.
 
     Parameters
     ----------
-    state
-        The state, as `simulate` left it.
+    sim
+        As `simulate` left it.
     poses
         (B, 7) world poses at the frame's end.
     bodies
@@ -54,48 +35,42 @@ def write_touches(state: SimulatedState, poses: Floats, bodies: Ints, values: Fl
     int
         One past the last row written.
     """
-    for k in range(state.counts[N_PAIRS]):
-        a, kept = state.pairs[k, BODY_A], state.kept[k]
+    for k in range(sim.counts[0].pairs):
+        pair = sim.pairs[k]
+        a = pair.body[0]
         for m in range(4):
-            c = SLOTS + m * SLOT_SIZE
-            if kept[c + STAMP] == 0.0 and kept[c + SUM_N] == 0.0:
+            slot = sim.slots[k, m]
+            if slot.used == 0 and slot.normal_impulse == 0.0:
                 continue
             if first == len(bodies):
                 return first
-            local = (
-                kept[c + LOCAL] + state.motion[a, OFFSET],
-                kept[c + LOCAL + 1] + state.motion[a, OFFSET + 1],
-                kept[c + LOCAL + 2] + state.motion[a, OFFSET + 2],
-            )
-            x = quat_rotate((poses[a, 3], poses[a, 4], poses[a, 5], poses[a, 6]), local)
-            bodies[first, 0], bodies[first, 1] = a, state.pairs[k, BODY_B]
-            square = 0.0
-            n = (kept[AXIS], kept[AXIS + 1], kept[AXIS + 2])
-            if kept[c + SUM_N] > 0.0:
+            x = quat_rotate(quat_from(poses[a], 3), add(vec_of(slot.local), vec_of(sim.motion[a].centre)))
+            bodies[first, 0], bodies[first, 1] = a, pair.body[1]
+            n = vec_of(pair.axis)
+            if slot.normal_impulse > 0.0:
                 # that of the impulses: a body that bounced is elsewhere by now
-                n = unit((kept[c + SUM_V], kept[c + SUM_V + 1], kept[c + SUM_V + 2]))
+                n = unit(vec_of(slot.normal_impulses))
+            square = 0.0
             for i in range(3):
                 values[first, i] = poses[a, i] + x[i]
                 values[first, 3 + i] = n[i]
-                square += kept[c + SUM_T + i] ** 2
-            values[first, 6] = max(0.0, kept[c + DEPTH])
-            values[first, 7], values[first, 8] = kept[c + SUM_N], math.sqrt(square)
+                square += slot.friction_impulse[i] ** 2
+            values[first, 6] = max(0.0, slot.depth)
+            values[first, 7], values[first, 8] = slot.normal_impulse, math.sqrt(square)
             first += 1
     return first
 
 
 @outlined
-def deepest_overlap(pieces: Pieces, state: SimulatedState, frames: Floats, scratch: Scratch) -> float:
+def deepest_overlap(sim: Simulation, frames: Floats) -> float:
     """Deepest overlap of simulated bodies with what is not driven, at the end of the frame last simulated.
 
     Parameters
     ----------
-    pieces, state
-        `Scene.pieces`, and the state as `simulate` left it.
+    sim
+        As `simulate` left it.
     frames
         (P, 12) world_from_piece at the frame's end.
-    scratch
-        Work space of the narrow phase.
 
     Returns
     -------
@@ -103,15 +78,14 @@ def deepest_overlap(pieces: Pieces, state: SimulatedState, frames: Floats, scrat
         m; 0 if there is none.
     """
     deepest = 0.0
-    for k in range(state.counts[N_PAIRS]):
-        a, b, kept = state.pairs[k, BODY_A], state.pairs[k, BODY_B], state.kept[k]
-        if state.kinds[b, ROLE] == DRIVEN:
+    for k in range(sim.counts[0].pairs):
+        pair = sim.pairs[k]
+        if sim.bodies[pair.body[1]].role == DRIVEN:
             continue
-        if state.kinds[a, AWAKE] == 1:
-            axis = (kept[AXIS], kept[AXIS + 1], kept[AXIS + 2])
-            i, j = state.pairs[k, PIECE_A], state.pairs[k, PIECE_B]
-            kept[DISTANCE] = separation(pieces, frames, i, j, 0.0, axis, scratch)[0]
-        deepest = max(deepest, -kept[DISTANCE])
+        if sim.bodies[pair.body[0]].awake == 1:
+            i, j = pair.piece[0], pair.piece[1]
+            pair.distance = separation(sim.pieces, frames, i, j, 0.0, vec_of(pair.axis), sim.scratch)[0]
+        deepest = max(deepest, -pair.distance)
     return deepest
 
 
@@ -124,19 +98,19 @@ def centre_of(pieces: Pieces, frames: Floats, i: int) -> Vec:
 
 
 @outlined
-def deepest_overlap_at_start(pieces: Pieces, state: SimulatedState, frames: Floats, scratch: Scratch) -> float:
+def deepest_overlap_at_start(sim: Simulation, frames: Floats) -> float:
     """`deepest_overlap` before anything was simulated, and so without a list of pairs."""
-    deepest = 0.0
+    pieces, deepest = sim.pieces, 0.0
     for i in range(len(pieces.body)):
         a = pieces.body[i]
-        if state.kinds[a, ROLE] != SIMULATED:
+        if sim.bodies[a].role != SIMULATED:
             continue
         for j in range(len(pieces.body)):
             b = pieces.body[j]
-            role = state.kinds[b, ROLE]
+            role = sim.bodies[b].role
             if role == DRIVEN or (role == SIMULATED and b <= a):
                 continue
             between = norm(sub(centre_of(pieces, frames, i), centre_of(pieces, frames, j)))
             if between < pieces.reach[i] + pieces.reach[j]:
-                deepest = max(deepest, -separation(pieces, frames, i, j, 0.0, (0.0, 0.0, 0.0), scratch)[0])
+                deepest = max(deepest, -separation(pieces, frames, i, j, 0.0, (0.0, 0.0, 0.0), sim.scratch)[0])
     return deepest

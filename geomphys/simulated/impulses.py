@@ -10,50 +10,20 @@ Where two faces meet, the points of the collision get their normal impulses toge
 then their friction, by sweeps over the points. Each impulse acts on both bodies with opposite signs: momentum is kept
 to rounding; each takes energy, as (1 - ε²) and friction do.
 
-The points are the rows whose `ROW_ON` says so; their impulses so far stand in `PUSH` and `RUB`. `velocity` is the
-address of six floats a body: velocity of the reference point and angular velocity.
+The points are the rows whose `mode` says so; their impulses so far stand in `normal_impulse` and `tangent_impulse`. `velocity`
+holds six numbers a body: velocity of the reference point and angular velocity.
 """
 
 from __future__ import annotations
 
 import math
 
-from geomphys.jit.addresses import float_at, int_at, set_float, set_int
-from geomphys.jit.kernel import kernel
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import vec_of
 from geomphys.numerics.vec3 import dot
-from geomphys.simulated.cells import vec_at
+from geomphys.scene.arrays import Floats
 from geomphys.simulated.contact_points import normal_speed, push, speed_at
-from geomphys.simulated.state import (
-    BINORMAL,
-    DISTURBED,
-    FRICTION,
-    GOAL,
-    GRIP,
-    INVERSE_T,
-    LIGHTNESS,
-    LIMIT,
-    MASS_MOST,
-    MASS_N,
-    MASS_T,
-    N_ROWS,
-    N_SWEEPS,
-    PUSH,
-    RESTITUTION,
-    ROW_A,
-    ROW_B,
-    ROW_ON,
-    ROW_PAIR,
-    ROW_VISIT,
-    RUB,
-    TANGENT,
-    count_one,
-    has_yielded,
-    how_many,
-    kind_of,
-    motion_of,
-    owner,
-    row,
-)
+from geomphys.simulated.state import Row, Simulation, has_yielded
 
 SWEEPS = 300
 UNFELT = 0.1  # of the precision asked for: smaller changes of velocity do not call for another visit to a row
@@ -61,49 +31,49 @@ PRECISION = 1e-13  # of the fastest approach: sweeps over the points of a collis
 
 
 @kernel
-def let_go(sim: int) -> None:
+def let_go(sim: Simulation) -> None:
     """No impulses are sought any more for the rows of pairs that have yielded."""
-    for k in range(how_many(sim, N_ROWS)):
-        if has_yielded(sim, int_at(owner(sim, k), ROW_PAIR)):
-            set_int(owner(sim, k), ROW_ON, 0)
+    for k in range(sim.counts[0].rows):
+        if has_yielded(sim, sim.rows[k].pair):
+            sim.rows[k].mode = 0
 
 
 @kernel
-def rub(sim: int, velocity: int, k: int, x: float, y: float) -> None:
+def rub(sim: Simulation, velocity: Floats, k: int, x: float, y: float) -> None:
     """Add the friction impulse (x, y) [N s] along tangent and binormal of row k."""
-    r, a, b = row(sim, k), int_at(owner(sim, k), ROW_A), int_at(owner(sim, k), ROW_B)
-    set_float(r, RUB, float_at(r, RUB) + x)
-    set_float(r, RUB + 1, float_at(r, RUB + 1) + y)
+    r, a, b = sim.rows[k], sim.rows[k].a, sim.rows[k].b
+    r.tangent_impulse[0] = r.tangent_impulse[0] + x
+    r.tangent_impulse[1] = r.tangent_impulse[1] + y
     push(sim, velocity, r, a, b, 1, x)
     push(sim, velocity, r, a, b, 2, y)
 
 
 @kernel
-def rub_once(sim: int, velocity: int, k: int, cap: float) -> None:
+def rub_once(sim: Simulation, velocity: Floats, k: int, cap: float) -> None:
     """Friction (10) at a single point: along -v_t, at most `cap` [N s], at most what stops the sliding."""
-    r, o = row(sim, k), owner(sim, k)
-    v = speed_at(velocity, r, int_at(o, ROW_A), int_at(o, ROW_B))
-    x, y = dot(vec_at(r, TANGENT), v), dot(vec_at(r, BINORMAL), v)
+    r = sim.rows[k]
+    v = speed_at(velocity, r, r.a, r.b)
+    x, y = dot(vec_of(r.tangent), v), dot(vec_of(r.binormal), v)
     speed = math.sqrt(x * x + y * y)
     if speed == 0.0:
         return
     x, y = x / speed, y / speed
-    k_tt, k_tb, k_bb = vec_at(r, MASS_T)
+    k_tt, k_tb, k_bb = vec_of(r.inverse_mass_t)
     j = min(cap, speed / (x * x * k_tt + 2.0 * x * y * k_tb + y * y * k_bb))
     rub(sim, velocity, k, -j * x, -j * y)
 
 
 @kernel
-def rub_more(sim: int, velocity: int, k: int, cap: float) -> float:
+def rub_more(sim: Simulation, velocity: Floats, k: int, cap: float) -> float:
     """One sweep's change of the friction impulse at row k within the disc of radius `cap` [N s].
 
     Returns how much it changed the sliding velocity [m/s].
     """
-    r, o = row(sim, k), owner(sim, k)
-    v = speed_at(velocity, r, int_at(o, ROW_A), int_at(o, ROW_B))
-    vx, vy = dot(vec_at(r, TANGENT), v), dot(vec_at(r, BINORMAL), v)
-    i_tt, i_tb, i_bb = vec_at(r, INVERSE_T)
-    x0, y0, mass = float_at(r, RUB), float_at(r, RUB + 1), float_at(r, MASS_MOST)
+    r = sim.rows[k]
+    v = speed_at(velocity, r, r.a, r.b)
+    vx, vy = dot(vec_of(r.tangent), v), dot(vec_of(r.binormal), v)
+    i_tt, i_tb, i_bb = vec_of(r.mass_t)
+    x0, y0, mass = r.tangent_impulse[0], r.tangent_impulse[1], r.inverse_mass_most
     # what stops the sliding, if the cone allows it
     x, y = x0 - i_tt * vx - i_tb * vy, y0 - i_tb * vx - i_bb * vy
     if x * x + y * y > cap * cap:
@@ -118,107 +88,106 @@ def rub_more(sim: int, velocity: int, k: int, cap: float) -> float:
 
 
 @kernel
-def push_more(sim: int, velocity: int, k: int) -> float:
-    """One sweep's change of the normal impulse at row k, which may only push, towards v_n >= `GOAL`.
+def push_more(sim: Simulation, velocity: Floats, k: int) -> float:
+    """One sweep's change of the normal impulse at row k, which may only push, towards v_n >= `target_speed`.
 
     Returns how much it changed the normal velocity [m/s].
     """
-    r, a, b = row(sim, k), int_at(owner(sim, k), ROW_A), int_at(owner(sim, k), ROW_B)
-    mass, before = float_at(r, MASS_N), float_at(r, PUSH)
-    change = (float_at(r, GOAL) - normal_speed(velocity, r, a, b)) / mass
-    total = min(float_at(r, LIMIT), max(0.0, before + change))
+    r, a, b = sim.rows[k], sim.rows[k].a, sim.rows[k].b
+    mass, before = r.inverse_mass_n, r.normal_impulse
+    change = (r.target_speed - normal_speed(velocity, r, a, b)) / mass
+    total = min(r.impulse_limit, max(0.0, before + change))
     change = total - before
     if change != 0.0:
-        set_float(r, PUSH, total)
+        r.normal_impulse = total
         push(sim, velocity, r, a, b, 0, change)
     return abs(change) * mass
 
 
 @kernel
-def collide(sim: int, velocity: int, elastic: float) -> None:
-    """Resolve one collision: the rows whose `ROW_ON` is 2, by (8)–(10).
+def collide(sim: Simulation, velocity: Floats, elastic: float) -> None:
+    """Resolve one collision: the rows whose `mode` is 2, by (8)–(10).
 
     `elastic` is 1 for restitution as the materials say, 0 for none. The rows' impulses must be zero before.
     """
-    count = how_many(sim, N_ROWS)
+    count = sim.counts[0].rows
     members, only, fastest = 0, -1, 0.0
     for k in range(count):
-        o, r = owner(sim, k), row(sim, k)
-        if int_at(o, ROW_ON) == 2:
+        r = sim.rows[k]
+        if r.mode == 2:
             members += 1
             only = k
-            v = normal_speed(velocity, r, int_at(o, ROW_A), int_at(o, ROW_B))
-            set_float(r, GOAL, max(0.0, -elastic * float_at(r, RESTITUTION) * v))
+            v = normal_speed(velocity, r, r.a, r.b)
+            r.target_speed = max(0.0, -elastic * r.restitution * v)
             fastest = max(fastest, -v)
     if members == 1:
         push_more(sim, velocity, only)
-        rub_once(sim, velocity, only, float_at(row(sim, only), FRICTION) * float_at(row(sim, only), PUSH))
+        rub_once(sim, velocity, only, sim.rows[only].friction * sim.rows[only].normal_impulse)
         return
     for _ in range(SWEEPS):
         most = 0.0
         for k in range(count):
-            if int_at(owner(sim, k), ROW_ON) == 2:
+            if sim.rows[k].mode == 2:
                 most = max(most, push_more(sim, velocity, k))
         if most <= PRECISION * fastest:
             break
     for _ in range(SWEEPS):
         most = 0.0
         for k in range(count):
-            if int_at(owner(sim, k), ROW_ON) == 2:
-                r = row(sim, k)
-                most = max(most, rub_more(sim, velocity, k, float_at(r, FRICTION) * float_at(r, PUSH)))
+            if sim.rows[k].mode == 2:
+                r = sim.rows[k]
+                most = max(most, rub_more(sim, velocity, k, r.friction * r.normal_impulse))
         if most <= PRECISION * fastest:
             break
 
 
 @kernel
-def disturb(sim: int, body: int, visit: int) -> None:
+def disturb(sim: Simulation, body: int, visit: int) -> None:
     """Note that visit number `visit` to a row has changed a body's velocity, if anything can."""
-    if float_at(motion_of(sim, body), LIGHTNESS) > 0.0:
-        set_int(kind_of(sim, body), DISTURBED, visit)
+    if sim.motion[body].inverse_mass > 0.0:
+        sim.bodies[body].disturbed = visit
 
 
 @kernel
-def is_disturbed(sim: int, o: int) -> bool:
-    """Whether the velocities of the bodies of row `o` of `row_of` have changed since it was visited."""
-    last = int_at(o, ROW_VISIT)
-    a, b = int_at(kind_of(sim, int_at(o, ROW_A)), DISTURBED), int_at(kind_of(sim, int_at(o, ROW_B)), DISTURBED)
+def is_disturbed(sim: Simulation, r: Row) -> bool:
+    """Whether the velocities of the bodies of row `r` have changed since it was visited."""
+    last = r.visit
+    a, b = sim.bodies[r.a].disturbed, sim.bodies[r.b].disturbed
     return a >= last or b >= last
 
 
-@kernel
-def settle(sim: int, velocity: int, sweeps: int, precision: float) -> int:
-    """Solve all rows whose `ROW_ON` is 1 together: v_n >= `GOAL`, impulses only push, friction within its cone.
+@outlined
+def settle(sim: Simulation, velocity: Floats, sweeps: int, precision: float) -> int:
+    """Solve all rows whose `mode` is 1 together: v_n >= `target_speed`, impulses only push, friction within its cone.
 
-    What a driven body grips with (`GRIP`) counts for the cone.
+    What a driven body grips with (`grip_impulse`) counts for the cone.
 
     Projected sweeps over the rows (Gauss-Seidel), to and fro so that forces travel up and down a stack, from the
     impulses they hold, which must be in the velocities already.
     Done when no sweep changes a velocity by more than `precision` [m/s]; returns the number of sweeps made. A row whose
     bodies nothing has changed since is passed over.
     """
-    count, visit = how_many(sim, N_ROWS), 0
+    count, visit = sim.counts[0].rows, 0
     for k in range(count):
-        set_int(owner(sim, k), ROW_VISIT, 0)
-        set_int(kind_of(sim, int_at(owner(sim, k), ROW_A)), DISTURBED, 0)
-        set_int(kind_of(sim, int_at(owner(sim, k), ROW_B)), DISTURBED, 0)
+        sim.rows[k].visit = 0
+        sim.bodies[sim.rows[k].a].disturbed = 0
+        sim.bodies[sim.rows[k].b].disturbed = 0
     for sweep in range(sweeps):
-        count_one(sim, N_SWEEPS)
+        sim.counts[0].sweeps += 1
         most = 0.0
         for i in range(count):
             k = i if sweep & 1 == 0 else count - 1 - i
-            o = owner(sim, k)
-            if int_at(o, ROW_ON) == 1 and is_disturbed(sim, o):
-                r = row(sim, k)
+            r = sim.rows[k]
+            if r.mode == 1 and is_disturbed(sim, r):
                 visit += 1
-                set_int(o, ROW_VISIT, visit)
+                r.visit = visit
                 change = push_more(sim, velocity, k)
-                cap = float_at(r, FRICTION) * (float_at(r, PUSH) + float_at(r, GRIP))
-                if cap > 0.0 or float_at(r, RUB) != 0.0 or float_at(r, RUB + 1) != 0.0:
+                cap = r.friction * (r.normal_impulse + r.grip_impulse)
+                if cap > 0.0 or r.tangent_impulse[0] != 0.0 or r.tangent_impulse[1] != 0.0:
                     change = max(change, rub_more(sim, velocity, k, cap))
                 if change > UNFELT * precision:
-                    disturb(sim, int_at(o, ROW_A), visit)
-                    disturb(sim, int_at(o, ROW_B), visit)
+                    disturb(sim, r.a, visit)
+                    disturb(sim, r.b, visit)
                 most = max(most, change)
         if most <= precision:
             return sweep + 1
@@ -226,12 +195,12 @@ def settle(sim: int, velocity: int, sweeps: int, precision: float) -> int:
 
 
 @kernel
-def settle_normals(sim: int, velocity: int, sweeps: int, precision: float) -> None:
+def settle_normals(sim: Simulation, velocity: Floats, sweeps: int, precision: float) -> None:
     """`settle` for the normal impulses alone: a fair start where nothing is known of the friction yet."""
     for _ in range(sweeps):
         most = 0.0
-        for k in range(how_many(sim, N_ROWS)):
-            if int_at(owner(sim, k), ROW_ON) == 1:
+        for k in range(sim.counts[0].rows):
+            if sim.rows[k].mode == 1:
                 most = max(most, push_more(sim, velocity, k))
         if most <= precision:
             return

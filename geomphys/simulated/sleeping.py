@@ -9,53 +9,11 @@ from __future__ import annotations
 
 import math
 
-from geomphys.jit.addresses import float_at, int_at, set_float, set_int
-from geomphys.jit.kernel import kernel
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import add_vec, quat_of, set_quat_from, set_vec, set_vec_from, vec_from, vec_of
 from geomphys.numerics.vec3 import norm, sub
-from geomphys.scene.arrays import DRIVEN
-from geomphys.simulated.cells import add_vec, quat_at, set_quat, set_vec, vec_at
-from geomphys.simulated.state import (
-    ARM,
-    AT_COUNT,
-    AT_DT,
-    AT_TOLD,
-    AWAKE,
-    AXIS,
-    BEND,
-    BODY_A,
-    BODY_B,
-    FORCE,
-    ISLAND,
-    ISLAND_AWAKE,
-    MOMENTUM,
-    MOVES,
-    N_PAIRS,
-    POINT,
-    POINTS,
-    PULL,
-    QUIET,
-    RATE,
-    REST_POSE,
-    ROLE,
-    SPEED,
-    SPIN,
-    SUM_N,
-    SUM_T,
-    SUM_V,
-    TORQUE,
-    TURN,
-    entry,
-    free_body,
-    how_many,
-    is_simulated,
-    kept_at,
-    kind_of,
-    knob,
-    motion_of,
-    pair_at,
-    slot_at,
-    velocity_of,
-)
+from geomphys.scene.arrays import DRIVEN, Floats
+from geomphys.simulated.state import Motion, Simulation, is_simulated
 
 REST_TIME = 0.25  # s
 REST_WAY = 4e-9  # m
@@ -64,82 +22,82 @@ REST_PULL = 1e-3  # m/s²
 
 
 @kernel
-def note_rest(sim: int, m: int, told: int) -> None:
+def note_rest(sim: Simulation, m: Motion, told: Floats) -> None:
     """Count for how long a simulated body has been at rest at the frame's end, and take what motion is left away.
 
-    `m` is its row of `motion`, `told` that of the velocities for the caller.
+    `m` is its record of `motion`, `told` that of the velocities for the caller.
     """
-    fastest = norm(vec_at(m, SPEED)) + norm(vec_at(m, SPIN)) * float_at(m, ARM)
+    fastest = norm(vec_of(m.velocity)) + norm(vec_of(m.angular_velocity)) * m.reach
     square = 0.0
     for i in range(4):
-        change = float_at(m, TURN + i) - float_at(m, REST_POSE + 3 + i)
+        change = m.orientation[i] - m.rest_pose[3 + i]
         square += change * change
-    way = norm(sub(vec_at(m, POINT), vec_at(m, REST_POSE))) + 2.0 * math.sqrt(square) * float_at(m, ARM)
-    if way < REST_WAY and fastest < REST_SPEED and norm(vec_at(m, PULL)) < REST_PULL:
-        set_float(m, QUIET, float_at(m, QUIET) + knob(sim, AT_DT))
+    way = norm(sub(vec_of(m.position), vec_from(m.rest_pose, 0))) + 2.0 * math.sqrt(square) * m.reach
+    if way < REST_WAY and fastest < REST_SPEED and norm(vec_of(m.acceleration)) < REST_PULL:
+        m.quiet_time = m.quiet_time + sim.frame[0].dt
     else:
-        set_float(m, QUIET, 0.0)
-        set_vec(m, REST_POSE, vec_at(m, POINT))
-        set_quat(m, REST_POSE + 3, quat_at(m, TURN))
-    if float_at(m, QUIET) >= REST_TIME:
-        set_vec(told, 0, (0.0, 0.0, 0.0))
-        set_vec(told, 3, (0.0, 0.0, 0.0))
+        m.quiet_time = 0.0
+        set_vec_from(m.rest_pose, 0, vec_of(m.position))
+        set_quat_from(m.rest_pose, 3, quat_of(m.orientation))
+    if m.quiet_time >= REST_TIME:
+        set_vec_from(told, 0, (0.0, 0.0, 0.0))
+        set_vec_from(told, 3, (0.0, 0.0, 0.0))
 
 
 @kernel
-def stirs(sim: int, body: int) -> bool:
+def stirs(sim: Simulation, body: int) -> bool:
     """Whether a body that is not simulated moves in this frame, or wants to."""
-    if int_at(kind_of(sim, body), MOVES) == 0:
+    if sim.bodies[body].moves == 0:
         return False
-    m = motion_of(sim, body)
-    moving = norm(vec_at(m, SPEED)) > 0.0 or norm(vec_at(m, RATE)) > 0.0
-    moving = moving or norm(vec_at(m, PULL)) > 0.0 or norm(vec_at(m, BEND)) > 0.0
-    if int_at(kind_of(sim, body), ROLE) == DRIVEN:
-        told = velocity_of(entry(sim, AT_TOLD), body)
-        moving = moving or norm(vec_at(told, 0)) > 0.0 or norm(vec_at(told, 3)) > 0.0
+    m = sim.motion[body]
+    moving = norm(vec_of(m.velocity)) > 0.0 or norm(vec_of(m.rotation_rate)) > 0.0
+    moving = moving or norm(vec_of(m.acceleration)) > 0.0 or norm(vec_of(m.rotation_change)) > 0.0
+    if sim.bodies[body].role == DRIVEN:
+        told = sim.reported[body]
+        moving = moving or norm(vec_from(told, 0)) > 0.0 or norm(vec_from(told, 3)) > 0.0
     return moving
 
 
 @kernel
-def wake_island(sim: int, body: int) -> None:
+def wake_island(sim: Simulation, body: int) -> None:
     """Let the island of a body be awake."""
-    set_int(kind_of(sim, int_at(kind_of(sim, body), ISLAND)), ISLAND_AWAKE, 1)
+    sim.bodies[sim.bodies[body].island].island_awake = 1
 
 
 @kernel
-def lay_to_rest(sim: int, body: int) -> None:
+def lay_to_rest(sim: Simulation, body: int) -> None:
     """Take all motion out of a body."""
-    m, nothing = motion_of(sim, body), (0.0, 0.0, 0.0)
-    set_vec(m, SPEED, nothing)
-    set_vec(m, PULL, nothing)
-    set_vec(m, RATE, nothing)
-    set_vec(m, BEND, nothing)
-    set_vec(m, MOMENTUM, nothing)
-    set_vec(m, TORQUE, nothing)
-    set_vec(m, SPIN, nothing)
+    m, nothing = sim.motion[body], (0.0, 0.0, 0.0)
+    set_vec(m.velocity, nothing)
+    set_vec(m.acceleration, nothing)
+    set_vec(m.rotation_rate, nothing)
+    set_vec(m.rotation_change, nothing)
+    set_vec(m.angular_momentum, nothing)
+    set_vec(m.torque, nothing)
+    set_vec(m.angular_velocity, nothing)
 
 
-@kernel
-def wake(sim: int, first: bool) -> bool:
+@outlined
+def wake(sim: Simulation, first: bool) -> bool:
     """Decide which bodies are awake, from the pairs just found.
 
     `first` says that the frame begins; in its course none falls asleep. Returns whether any is awake.
     """
-    for s in range(entry(sim, AT_COUNT)):
-        set_int(kind_of(sim, free_body(sim, s)), ISLAND_AWAKE, 0)
-    for s in range(entry(sim, AT_COUNT)):
-        body = free_body(sim, s)
-        if float_at(motion_of(sim, body), QUIET) < REST_TIME or (not first and int_at(kind_of(sim, body), AWAKE) == 1):
+    for s in range(len(sim.free)):
+        sim.bodies[sim.free[s]].island_awake = 0
+    for s in range(len(sim.free)):
+        body = sim.free[s]
+        if sim.motion[body].quiet_time < REST_TIME or (not first and sim.bodies[body].awake == 1):
             wake_island(sim, body)
-    for k in range(how_many(sim, N_PAIRS)):
-        b = int_at(pair_at(sim, k), BODY_B)
+    for k in range(sim.counts[0].pairs):
+        b = sim.pairs[k].body[1]
         if not is_simulated(sim, b) and stirs(sim, b):
-            wake_island(sim, int_at(pair_at(sim, k), BODY_A))
+            wake_island(sim, sim.pairs[k].body[0])
     any_awake = False
-    for s in range(entry(sim, AT_COUNT)):
-        body = free_body(sim, s)
-        awake = int_at(kind_of(sim, int_at(kind_of(sim, body), ISLAND)), ISLAND_AWAKE)
-        set_int(kind_of(sim, body), AWAKE, awake)
+    for s in range(len(sim.free)):
+        body = sim.free[s]
+        awake = sim.bodies[sim.bodies[body].island].island_awake
+        sim.bodies[body].awake = awake
         any_awake = any_awake or awake == 1
         if awake == 0:
             lay_to_rest(sim, body)
@@ -149,13 +107,13 @@ def wake(sim: int, first: bool) -> bool:
 
 
 @kernel
-def sum_sleeping_forces(sim: int) -> None:
+def sum_sleeping_forces(sim: Simulation) -> None:
     """Contact forces of sleeping bodies go on: add what they do in the frame to its sums."""
-    dt = knob(sim, AT_DT)
-    for k in range(how_many(sim, N_PAIRS)):
-        if int_at(kind_of(sim, int_at(pair_at(sim, k), BODY_A)), AWAKE) == 0:
-            for m in range(int_at(pair_at(sim, k), POINTS)):
-                slot = slot_at(sim, k, m)
-                set_float(slot, SUM_N, float_at(slot, SUM_N) + dt * float_at(slot, FORCE))
-                add_vec(slot, SUM_T, vec_at(slot, FORCE + 1), dt)
-                add_vec(slot, SUM_V, vec_at(kept_at(sim, k), AXIS), dt * float_at(slot, FORCE))
+    dt = sim.frame[0].dt
+    for k in range(sim.counts[0].pairs):
+        if sim.bodies[sim.pairs[k].body[0]].awake == 0:
+            for m in range(sim.pairs[k].point_count):
+                slot = sim.slots[k, m]
+                slot.normal_impulse = slot.normal_impulse + dt * slot.normal_force
+                add_vec(slot.friction_impulse, vec_of(slot.friction_force), dt)
+                add_vec(slot.normal_impulses, vec_of(sim.pairs[k].axis), dt * slot.normal_force)

@@ -15,36 +15,14 @@ from __future__ import annotations
 
 import math
 
-from geomphys.collision.extent import extent
+from geomphys.collision.extent import gap_along
 from geomphys.collision.penetration import separate
-from geomphys.jit.addresses import float_at, int_at, set_float
-from geomphys.jit.kernel import kernel
+from geomphys.collision.support import Shapes
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import set_vec, vec_of
 from geomphys.numerics.vec3 import Vec, dot, neg, norm, quat_from_rotation_vector, quat_rotate, sub
-from geomphys.simulated.cells import set_vec, vec_at
 from geomphys.simulated.motion import fastest_turn, place_piece, point_at, turned_by
-from geomphys.simulated.state import (
-    AT_ARM,
-    AXIS,
-    BASE,
-    BEND,
-    BODY_A,
-    BODY_B,
-    DISTANCE,
-    N_LOOKS,
-    N_SPANS,
-    PIECE_A,
-    PIECE_B,
-    PULL,
-    SEEN,
-    SPEED,
-    count_one,
-    entry,
-    kept_at,
-    motion_of,
-    pair_at,
-    room_at,
-    shapes_at,
-)
+from geomphys.simulated.state import Motion, Simulation
 
 MOST_SPANS = 200
 MOST_TRIES = 60
@@ -52,70 +30,74 @@ LOOK_FAR = 1e-3  # m: farther apart, a lower bound of the distance is enough
 
 
 @kernel
-def place_pair(sim: int, pair: int, t: float) -> None:
+def place_pair(sim: Simulation, pair: int, t: float) -> None:
     """Frame rows of the two pieces of a pair at time `t` of the frame."""
-    p = pair_at(sim, pair)
-    place_piece(sim, int_at(p, BODY_A), int_at(p, PIECE_A), t)
-    place_piece(sim, int_at(p, BODY_B), int_at(p, PIECE_B), t)
+    p = sim.pairs[pair]
+    place_piece(sim, p.body[0], p.piece[0], t)
+    place_piece(sim, p.body[1], p.piece[1], t)
 
 
-@kernel
-def look(sim: int, pair: int, t: float) -> tuple[float, Vec, Vec, Vec]:
+@outlined
+def look(sim: Simulation, pair: int, t: float) -> tuple[float, Vec, Vec, Vec]:
     """Separation [m], normal out of b into a, and witness points of a pair at time `t`; remembered with the pair.
 
     Beyond `LOOK_FAR` the separation is only a lower bound, that along the normal, and the points are void.
     """
-    count_one(sim, N_LOOKS)
+    sim.counts[0].looks += 1
     place_pair(sim, pair, t)
-    p, kept = pair_at(sim, pair), kept_at(sim, pair)
+    p = sim.pairs[pair]
     found = separate(
-        shapes_at(sim), int_at(p, PIECE_A), int_at(p, PIECE_B), LOOK_FAR, vec_at(kept, AXIS), True, room_at(sim)
+        Shapes(sim.pieces, sim.frames), p.piece[0], p.piece[1], LOOK_FAR, vec_of(p.axis), True, sim.scratch
     )
-    set_vec(kept, AXIS, found[1])
-    set_float(kept, DISTANCE, found[0])
-    set_float(kept, SEEN, t)
+    set_vec(p.axis, found[1])
+    p.distance = found[0]
+    p.seen_at = t
     return found
 
 
 @kernel
-def swing(m: int, arm: float) -> float:
+def swing(m: Motion, arm: float) -> float:
     """Bound on the acceleration that turning gives a point `arm` from the reference point [m/s²]."""
     rate = fastest_turn(m)
-    return (rate * rate + 2.0 * norm(vec_at(m, BEND))) * arm
+    return (rate * rate + 2.0 * norm(vec_of(m.rotation_change))) * arm
 
 
 @kernel
-def carried_curvature(carrier: int, other: int, arm: float, t: float, h: float) -> float:
+def carried_curvature(carrier: Motion, other: Motion, arm: float, t: float, h: float) -> float:
     """C for a direction fixed in the body `carrier` from time `t` on for `h` s; `arm` is that of the other's piece.
 
-    Both bodies are rows of `motion`. With d the way from one reference point to a point of the other body, f = n·d, so
+    Both bodies are records of `motion`. With d the way from one reference point to a point of the other body, f = n·d, so
     |f''| ≤ |n''| |d| + 2 |n'| |d'| + |d''|.
     """
     turn = fastest_turn(carrier)
-    drift = sub(vec_at(other, SPEED), vec_at(carrier, SPEED))
-    pull = norm(sub(vec_at(other, PULL), vec_at(carrier, PULL)))
-    since = max(t - float_at(other, BASE), t - float_at(carrier, BASE)) + h
-    speed = norm(drift) + (norm(vec_at(other, PULL)) + norm(vec_at(carrier, PULL))) * since + fastest_turn(other) * arm
+    drift = sub(vec_of(other.velocity), vec_of(carrier.velocity))
+    pull = norm(sub(vec_of(other.acceleration), vec_of(carrier.acceleration)))
+    since = max(t - other.base_time, t - carrier.base_time) + h
+    speed = (
+        norm(drift)
+        + (norm(vec_of(other.acceleration)) + norm(vec_of(carrier.acceleration))) * since
+        + fastest_turn(other) * arm
+    )
     far = norm(sub(point_at(other, t), point_at(carrier, t))) + arm + speed * h
     return pull + swing(other, arm) + swing(carrier, far) + 2.0 * turn * speed
 
 
 @kernel
-def carried(m: int, n: Vec, t0: float, t1: float) -> Vec:
+def carried(m: Motion, n: Vec, t0: float, t1: float) -> Vec:
     """Direction n at t0, turned with a body until t1."""
     back = quat_rotate(quat_from_rotation_vector(neg(turned_by(m, t0))), n)
     return quat_rotate(quat_from_rotation_vector(turned_by(m, t1)), back)
 
 
 @kernel
-def reach_along(sim: int, pair: int, n: Vec) -> float:
+def reach_along(sim: Simulation, pair: int, n: Vec) -> float:
     """Separation of a pair along n where its pieces are placed [m]."""
-    p = pair_at(sim, pair)
-    return -extent(shapes_at(sim), int_at(p, PIECE_A), neg(n)) - extent(shapes_at(sim), int_at(p, PIECE_B), n)
+    p = sim.pairs[pair]
+    return gap_along(Shapes(sim.pieces, sim.frames), p.piece[0], p.piece[1], n)
 
 
-@kernel
-def span(sim: int, pair: int, n: Vec, f0: float, t0: float, t1: float, enough: float) -> tuple[float, float]:
+@outlined
+def span(sim: Simulation, pair: int, n: Vec, f0: float, t0: float, t1: float, enough: float) -> tuple[float, float]:
     """Separation along a direction, and how low it may have been since `t0`.
 
     Parameters
@@ -135,13 +117,13 @@ def span(sim: int, pair: int, n: Vec, f0: float, t0: float, t1: float, enough: f
         Separation at `t1` and lower bound of that between [m], for the best of the directions n fixed in the world,
         in b and in a.
     """
-    p = pair_at(sim, pair)
-    a, b = motion_of(sim, int_at(p, BODY_A)), motion_of(sim, int_at(p, BODY_B))
-    arm_a, arm_b = float_at(entry(sim, AT_ARM), int_at(p, PIECE_A)), float_at(entry(sim, AT_ARM), int_at(p, PIECE_B))
-    count_one(sim, N_SPANS)
+    p = sim.pairs[pair]
+    a, b = sim.motion[p.body[0]], sim.motion[p.body[1]]
+    arm_a, arm_b = sim.arm[p.piece[0]], sim.arm[p.piece[1]]
+    sim.counts[0].spans += 1
     place_pair(sim, pair, t1)
     h = t1 - t0
-    pull = abs(dot(n, sub(vec_at(a, PULL), vec_at(b, PULL))))
+    pull = abs(dot(n, sub(vec_of(a.acceleration), vec_of(b.acceleration))))
     f = reach_along(sim, pair, n)
     low = min(f0, f) - 0.125 * (pull + swing(a, arm_a) + swing(b, arm_b)) * h * h
     for side in range(2):
@@ -157,7 +139,9 @@ def span(sim: int, pair: int, n: Vec, f0: float, t0: float, t1: float, enough: f
 
 
 @kernel
-def free_until(sim: int, pair: int, n: Vec, f0: float, t0: float, t1: float, target: float, slack: float) -> float:
+def free_until(
+    sim: Simulation, pair: int, n: Vec, f0: float, t0: float, t1: float, target: float, slack: float
+) -> float:
     """A time up to `t1`, as late as found, before which the pair's separation stays above `target` - `slack`.
 
     n and `f0` > `target` are direction and separation at `t0`. Unless it is `t1` itself, or something turns fast, the
@@ -175,8 +159,8 @@ def free_until(sim: int, pair: int, n: Vec, f0: float, t0: float, t1: float, tar
     return ahead
 
 
-@kernel
-def first_touch(sim: int, pair: int, t0: float, t1: float, target: float, slack: float) -> float:
+@outlined
+def first_touch(sim: Simulation, pair: int, t0: float, t1: float, target: float, slack: float) -> float:
     """When the pieces of a pair first are `target` apart.
 
     Parameters
@@ -196,10 +180,10 @@ def first_touch(sim: int, pair: int, t0: float, t1: float, target: float, slack:
     float
         Time [s of the frame]; inf if it does not happen before `t1`.
     """
-    kept = kept_at(sim, pair)
+    kept = sim.pairs[pair]
     t = t0
-    s, n = float_at(kept, DISTANCE), vec_at(kept, AXIS)
-    if float_at(kept, SEEN) != t0:
+    s, n = kept.distance, vec_of(kept.axis)
+    if kept.seen_at != t0:
         s, n, _, _ = look(sim, pair, t)
     for _ in range(MOST_SPANS):
         if s <= target + slack:

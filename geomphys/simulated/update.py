@@ -10,17 +10,14 @@ from __future__ import annotations
 
 import math
 
-from geomphys.collision.scratch import Scratch
-from geomphys.jit.addresses import float_at, int_at, set_float, set_int
-from geomphys.jit.kernel import kernel
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import vec_of
 from geomphys.numerics.vec3 import norm
-from geomphys.scene.arrays import DRIVEN, Floats, Pieces
-from geomphys.simulated.cells import vec_at
+from geomphys.scene.arrays import DRIVEN
 from geomphys.simulated.collisions import resolve
 from geomphys.simulated.contact_points import add_rows
 from geomphys.simulated.energy import note_energies, note_fresh_energies, take_excess
 from geomphys.simulated.frame import QUARANTINED, begin, finish, mark_all, put_back, undo_put_back
-from geomphys.simulated.header import header_of
 from geomphys.simulated.impact_queue import empty_queue, put, take_out
 from geomphys.simulated.impulse_accumulation import drop_rows
 from geomphys.simulated.islands import concerns_changed, mark_meeting
@@ -29,56 +26,7 @@ from geomphys.simulated.pairs import any_beyond_range, find_pairs
 from geomphys.simulated.position_projection import any_short, push_apart
 from geomphys.simulated.resting_contact import FEW_SWEEPS, SWEEPS, hold
 from geomphys.simulated.sleeping import wake
-from geomphys.simulated.state import (
-    ARM,
-    AT_ARM,
-    AT_COUNT,
-    AT_DT,
-    AT_GAP,
-    AT_HEAP,
-    AT_THRESHOLD,
-    AT_TOUCH,
-    AT_UNTIL,
-    AT_WEIGHT,
-    BASE,
-    BODY_A,
-    BODY_B,
-    CLEARANCE,
-    DISTANCE,
-    DUE,
-    EVENTS,
-    FRESH,
-    GRAVITY,
-    HELD,
-    ISLAND,
-    ISLAND_AWAKE,
-    MOVES,
-    N_HEAP,
-    N_LOST,
-    N_PAIRS,
-    N_ROWS,
-    PIECE_A,
-    ROLE,
-    ROW_A,
-    SEEN,
-    SPEED,
-    SPIN,
-    YIELDED,
-    SimulatedState,
-    entry,
-    free_body,
-    has_changed,
-    has_yielded,
-    how_many,
-    is_simulated,
-    kept_at,
-    kind_of,
-    knob,
-    motion_of,
-    owner,
-    pair_at,
-    row,
-)
+from geomphys.simulated.state import Simulation, has_changed, has_yielded, is_simulated
 from geomphys.simulated.time_of_impact import first_touch, look
 
 STEP = 1.0 / 240.0  # s: contact forces are constant for no longer
@@ -102,21 +50,21 @@ IMPACT_BOUND = 32
 
 
 @kernel
-def lay_rows(sim: int, t: float) -> float:
+def lay_rows(sim: Simulation, t: float) -> float:
     """Make the contact points of changed bodies anew at time `t`. Returns the least clearance among them [m]."""
     drop_rows(sim, t)
-    first = how_many(sim, N_ROWS)
-    for k in range(how_many(sim, N_PAIRS)):
-        if has_changed(sim, int_at(pair_at(sim, k), BODY_A)):
+    first = sim.counts[0].rows
+    for k in range(sim.counts[0].pairs):
+        if has_changed(sim, sim.pairs[k].body[0]):
             add_rows(sim, k, t)
     least = math.inf
-    for k in range(first, how_many(sim, N_ROWS)):
-        least = min(least, float_at(row(sim, k), CLEARANCE))
+    for k in range(first, sim.counts[0].rows):
+        least = min(least, sim.rows[k].clearance)
     return least
 
 
-@kernel
-def part(sim: int, t: float) -> float:
+@outlined
+def part(sim: Simulation, t: float) -> float:
     """Contact points of the changed bodies at time `t`, overlaps among them resolved.
 
     Returns the least clearance that is left [m], to first order where it is small.
@@ -126,45 +74,45 @@ def part(sim: int, t: float) -> float:
         if not any_short(sim):
             break
         near = push_apart(sim)
-        for k in range(how_many(sim, N_PAIRS)):
+        for k in range(sim.counts[0].pairs):
             if concerns_changed(sim, k):
-                set_float(kept_at(sim, k), SEEN, -1.0)
-        if least >= -3.0 * knob(sim, AT_GAP):
+                sim.pairs[k].seen_at = -1.0
+        if least >= -3.0 * sim.frame[0].gap:
             return near
         least = lay_rows(sim, t)
     return least
 
 
 @kernel
-def missed(sim: int, pair: int) -> float:
+def missed(sim: Simulation, pair: int) -> float:
     """By how many gaps the surfaces of a pair that is held may come nearer within a step."""
     for side in range(2):
-        m = motion_of(sim, int_at(pair_at(sim, pair), BODY_A + side))
-        if norm(vec_at(m, SPEED)) + norm(vec_at(m, SPIN)) * float_at(m, ARM) > SLOW:
+        m = sim.motion[sim.pairs[pair].body[side]]
+        if norm(vec_of(m.velocity)) + norm(vec_of(m.angular_velocity)) * m.reach > SLOW:
             return MISSED
     return 1.0
 
 
 @kernel
-def queue_pairs(sim: int, t: float, t1: float) -> None:
+def queue_pairs(sim: Simulation, t: float, t1: float) -> None:
     """Find when the pairs of changed bodies meet before `t1` and queue them."""
-    gap = knob(sim, AT_GAP)
-    for k in range(how_many(sim, N_PAIRS)):
-        p = pair_at(sim, k)
+    gap = sim.frame[0].gap
+    for k in range(sim.counts[0].pairs):
+        p = sim.pairs[k]
         if not concerns_changed(sim, k):
             continue
         due = math.inf
-        if int_at(p, EVENTS) >= MOST_MEETINGS and not is_simulated(sim, int_at(p, BODY_B)):
-            set_int(p, YIELDED, int_at(kind_of(sim, int_at(p, BODY_B)), MOVES))
+        if p.meetings >= MOST_MEETINGS and not is_simulated(sim, p.body[1]):
+            p.yielded = sim.bodies[p.body[1]].moves
         if not has_yielded(sim, k):
             target, slack = gap, 0.25 * gap
-            if int_at(kind_of(sim, int_at(p, BODY_B)), ROLE) == DRIVEN:
+            if sim.bodies[p.body[1]].role == DRIVEN:
                 target = MEETS_DRIVEN * gap
-            if int_at(p, HELD) == 1:
+            if p.resting == 1:
                 # contact forces keep it: only what they miss counts
-                if float_at(kept_at(sim, k), SEEN) != t:
+                if sim.pairs[k].seen_at != t:
                     look(sim, k, t)
-                target, slack = min(0.0, float_at(kept_at(sim, k), DISTANCE)) - missed(sim, k) * gap, 0.5 * gap
+                target, slack = min(0.0, sim.pairs[k].distance) - missed(sim, k) * gap, 0.5 * gap
             due = first_touch(sim, k, t, t1, target, slack)
         if due < t1:
             put(sim, k, due)
@@ -173,22 +121,22 @@ def queue_pairs(sim: int, t: float, t1: float) -> None:
 
 
 @kernel
-def longest_step(sim: int, left: float) -> float:
+def longest_step(sim: Simulation, left: float) -> float:
     """Step that is short enough for the bodies that may touch something [s]."""
     h = left
-    for k in range(how_many(sim, N_PAIRS)):
-        p = pair_at(sim, k)
+    for k in range(sim.counts[0].pairs):
+        p = sim.pairs[k]
         for side in range(2):
-            body = int_at(p, BODY_A + side)
-            if is_simulated(sim, body) and float_at(entry(sim, AT_ARM), int_at(p, PIECE_A + side)) > 0.0:
-                spin = norm(vec_at(motion_of(sim, body), SPIN))
+            body = p.body[side]
+            if is_simulated(sim, body) and sim.arm[p.piece[side]] > 0.0:
+                spin = norm(vec_of(sim.motion[body].angular_velocity))
                 if spin * h > TURN_A_STEP:
                     h = max(LEAST_STEP, TURN_A_STEP / spin)
     return h
 
 
 @kernel
-def look_again(sim: int, t: float, until: float) -> None:
+def look_again(sim: Simulation, t: float, until: float) -> None:
     """Look anew for pairs that may meet from time `t` of the frame `until` another; all bodies then count as changed."""
     mark_all(sim)
     move_bases(sim, t)
@@ -200,8 +148,8 @@ def look_again(sim: int, t: float, until: float) -> None:
     empty_queue(sim)
 
 
-@kernel
-def advance(sim: int, t0: float, t1: float, room: int, most_halts: int) -> tuple[int, int, bool]:
+@outlined
+def advance(sim: Simulation, t0: float, t1: float, room: int, most_halts: int) -> tuple[int, int, bool]:
     """Move the simulated bodies from time `t0` of the frame to `t1`, from impact to impact.
 
     Returns the number of collisions resolved, how often motion halted, and whether a bound was hit; if it was that on
@@ -222,15 +170,15 @@ def advance(sim: int, t0: float, t1: float, room: int, most_halts: int) -> tuple
         bound = bound or full
         hold(sim, t, t1 - t, SWEEPS if halts == 0 else FEW_SWEEPS)
         if any_beyond_range(sim, t):
-            look_again(sim, t, knob(sim, AT_UNTIL))
+            look_again(sim, t, sim.frame[0].span_end)
             note_energies(sim)  # islands are no longer what they were
             continue
         queue_pairs(sim, t, t1)
-        if how_many(sim, N_HEAP) == 0:
+        if sim.counts[0].queued == 0:
             break
-        pair = int_at(entry(sim, AT_HEAP), 0)
-        t = float_at(kept_at(sim, pair), DUE)
-        set_int(pair_at(sim, pair), EVENTS, int_at(pair_at(sim, pair), EVENTS) + 1)
+        pair = sim.queue[0]
+        t = sim.pairs[pair].due
+        sim.pairs[pair].meetings = sim.pairs[pair].meetings + 1
         mark_meeting(sim, pair, t)
         halts += 1
         if halts > most_halts:
@@ -244,28 +192,28 @@ def advance(sim: int, t0: float, t1: float, room: int, most_halts: int) -> tuple
 
 
 @kernel
-def begin_step(sim: int, t: float, t1: float, steps: int) -> None:
+def begin_step(sim: Simulation, t: float, t1: float, steps: int) -> None:
     """Begin the step of the frame from `t` to `t1` as if it were a frame of its own: pairs further ahead are none of it."""
     if steps > 1:
         look_again(sim, t, t1)
-    for k in range(how_many(sim, N_PAIRS)):
-        set_int(pair_at(sim, k), EVENTS, 0)
+    for k in range(sim.counts[0].pairs):
+        sim.pairs[k].meetings = 0
     if t > 0.0:
-        for s in range(entry(sim, AT_COUNT)):
-            set_int(kind_of(sim, free_body(sim, s)), FRESH, 0)
+        for s in range(len(sim.free)):
+            sim.bodies[sim.free[s]].fresh = 0
 
 
 @kernel
-def play(sim: int, max_impacts: int) -> tuple[int, int, float]:
+def play(sim: Simulation, max_impacts: int) -> tuple[int, int, float]:
     """Move the simulated bodies through the frame.
 
     Returns the number of collisions, 0 or `IMPACT_BOUND`, and the time of the frame at which the bodies stand.
     """
-    dt = knob(sim, AT_DT)
+    dt = sim.frame[0].dt
     steps = max(1, math.ceil(dt / STEP - SPARE))
     most_halts = 20 * steps + 2 * max_impacts
     t, step, looked, impacts, halts, flags = 0.0, 0, 0, 0, 0, 0
-    if how_many(sim, N_PAIRS) == 0:
+    if sim.counts[0].pairs == 0:
         steps = 1
     while step < steps and halts <= most_halts:
         t1 = dt * (step + 1) / steps
@@ -286,94 +234,52 @@ def play(sim: int, max_impacts: int) -> tuple[int, int, float]:
     return impacts, flags, t
 
 
-@kernel
-def part_at_end(sim: int, bounded: bool) -> None:
+@outlined
+def part_at_end(sim: Simulation, bounded: bool) -> None:
     """Free bodies that were left overlapping what follows its path: out of it if they can be, else back to the start.
 
     Something squeezed has no place where it is; where it stood at the frame's start the driven bodies left it room.
     """
     left = bounded
-    for k in range(how_many(sim, N_PAIRS)):
+    for k in range(sim.counts[0].pairs):
         left = left or has_yielded(sim, k)
-        set_int(pair_at(sim, k), YIELDED, 0)
+        sim.pairs[k].yielded = 0
     if not left:
         return
-    dt, room = knob(sim, AT_DT), -3.0 * knob(sim, AT_GAP)
+    dt, room = sim.frame[0].dt, -3.0 * sim.frame[0].gap
     mark_all(sim)
-    for s in range(entry(sim, AT_COUNT)):
-        set_float(motion_of(sim, free_body(sim, s)), BASE, dt)
+    for s in range(len(sim.free)):
+        sim.motion[sim.free[s]].base_time = dt
     before = part(sim, dt)
     if before >= room:
         return
-    for k in range(how_many(sim, N_ROWS)):
-        if float_at(row(sim, k), CLEARANCE) < room:
-            set_int(kind_of(sim, int_at(kind_of(sim, int_at(owner(sim, k), ROW_A)), ISLAND)), ISLAND_AWAKE, 2)
-    for s in range(entry(sim, AT_COUNT)):
-        body = free_body(sim, s)
-        if int_at(kind_of(sim, int_at(kind_of(sim, body), ISLAND)), ISLAND_AWAKE) == 2:
+    for k in range(sim.counts[0].rows):
+        if sim.rows[k].clearance < room:
+            sim.bodies[sim.bodies[sim.rows[k].a].island].island_awake = 2
+    for s in range(len(sim.free)):
+        body = sim.free[s]
+        if sim.bodies[sim.bodies[body].island].island_awake == 2:
             put_back(sim, body)
     if lay_rows(sim, dt) < before:
-        for s in range(entry(sim, AT_COUNT)):
-            body = free_body(sim, s)
-            if int_at(kind_of(sim, int_at(kind_of(sim, body), ISLAND)), ISLAND_AWAKE) == 2:
+        for s in range(len(sim.free)):
+            body = sim.free[s]
+            if sim.bodies[sim.bodies[body].island].island_awake == 2:
                 undo_put_back(sim, body)
 
 
 @kernel
-def play_frame(sim: int, max_impacts: int, goes_on: bool) -> tuple[int, int]:
-    """`simulate`, on addresses."""
-    weight = norm(vec_at(sim, GRAVITY))
-    set_float(sim, AT_WEIGHT, weight)
-    set_float(sim, AT_TOUCH, TOUCH * knob(sim, AT_GAP))
-    set_float(sim, AT_THRESHOLD, max(LEAST_THRESHOLD, 2.0 * weight * STEP))
-    begin(sim, goes_on)
-    find_pairs(sim, 0.0, knob(sim, AT_DT))
-    impacts, flags = 0, 0
-    if wake(sim, True) and how_many(sim, N_LOST) == 0:
-        impacts, flags, t = play(sim, max_impacts)
-        mark_all(sim)
-        drop_rows(sim, t)
-        part_at_end(sim, flags != 0)
-    if how_many(sim, N_LOST) > 0:
-        # some pairs or contact points were left out: nothing may move past them
-        flags |= IMPACT_BOUND
-        for s in range(entry(sim, AT_COUNT)):
-            put_back(sim, free_body(sim, s))
-    return impacts, flags | finish(sim)
-
-
-@kernel
-def simulate(
-    pieces: Pieces,
-    state: SimulatedState,
-    start: Floats,
-    end: Floats,
-    velocity: Floats,
-    driven_impulse: Floats,
-    frames: Floats,
-    dt: float,
-    max_impacts: int,
-    gap: float,
-    goes_on: bool,
-    scratch: Scratch,
-) -> tuple[int, int]:
+def simulate(sim: Simulation, dt: float, max_impacts: int, gap: float, goes_on: bool) -> tuple[int, int]:
     """Move the simulated bodies through one frame, or a part of one.
 
     Parameters
     ----------
-    pieces, state
-        `Scene.pieces`, and what `make_simulated_state` made of the scene; the state is changed.
-    start, end
-        (B, 7) world poses of all bodies at the frame's start and end. Driven and fixed bodies move evenly from one to
-        the other; the end poses of simulated bodies are written.
-    velocity
-        (B, 6) world velocity of the centre of mass [m/s] and angular velocity [rad/s]. Of driven bodies: as they want
-        to move; of simulated bodies: state, updated; of others not read.
-    driven_impulse
-        (T, 3) N s; impulses that simulated bodies give to driven trees are added.
-    frames
-        (P, 12) work space: world_from_piece of moving pieces is overwritten with where they are at some time of the
-        frame, that of still ones must be right.
+    sim
+        What `make_simulation` made of the scene. Read: `start` and `end`, (B, 7) world poses of all bodies at the
+        frame's start and end, between which driven and fixed bodies move evenly; `reported`, (B, 6) world velocity of
+        the centre of mass [m/s] and angular velocity [rad/s], of driven bodies as they want to move; `frames`, (P, 12),
+        world_from_piece of still pieces. Written: the end poses and velocities of simulated bodies; `driven_impulse`,
+        (T, 3) N s, to which impulses that simulated bodies give to driven trees are added; `frames` of moving pieces,
+        where they are at some time of the frame.
     dt
         s, above 0.
     max_impacts
@@ -382,15 +288,29 @@ def simulate(
         m; clearance kept between surfaces in contact.
     goes_on
         Whether this is a further part of the frame: the impulses of its contacts are added to those so far.
-    scratch
-        Work space of the narrow phase.
 
     Returns
     -------
     tuple
         Number of collisions resolved; bits `IMPACT_BOUND` and `QUARANTINED`.
     """
-    if len(state.free) == 0:
+    if len(sim.free) == 0:
         return 0, 0
-    sim = header_of(pieces, state, start, end, velocity, driven_impulse, frames, dt, gap, scratch)
-    return play_frame(sim, max_impacts, goes_on)
+    f = sim.frame[0]
+    f.dt, f.gap, f.touch = dt, gap, TOUCH * gap
+    f.weight = norm(vec_of(sim.gravity))
+    f.threshold = max(LEAST_THRESHOLD, 2.0 * f.weight * STEP)
+    begin(sim, goes_on)
+    find_pairs(sim, 0.0, dt)
+    impacts, flags = 0, 0
+    if wake(sim, True) and sim.counts[0].lost == 0:
+        impacts, flags, t = play(sim, max_impacts)
+        mark_all(sim)
+        drop_rows(sim, t)
+        part_at_end(sim, flags != 0)
+    if sim.counts[0].lost > 0:
+        # some pairs or contact points were left out: nothing may move past them
+        flags |= IMPACT_BOUND
+        for s in range(len(sim.free)):
+            put_back(sim, sim.free[s])
+    return impacts, flags | finish(sim)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from geomphys.bench.depths import PairLoop, Pairs, compare_depths, random_pairs, shape_of
-from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PlacedShape, Shape, Sphere, build_pieces
+from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PosedShape, Shape, Sphere, build_pieces
 
 
 def pairs_of(*shapes: Shape, positions: list[tuple[float, float, float]]) -> Pairs:
     frames = np.array([[1.0, 0, 0, 0, 1, 0, 0, 0, 1, *position] for position in positions])
-    return Pairs("made", build_pieces([PlacedShape(s, np.eye(4), k) for k, s in enumerate(shapes)]), frames)
+    return Pairs("made", build_pieces([PosedShape(s, np.eye(4), k) for k, s in enumerate(shapes)]), frames)
 
 
 def test_balls_of_known_depth() -> None:

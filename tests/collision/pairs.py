@@ -11,10 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from geomphys.collision.manifold import manifold
 from geomphys.collision.penetration import make_scratch, separation
+from geomphys.jit.packed_records import pack
 from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PosedShape, Shape, Sphere, build_pieces
 
 Array = NDArray[np.float64]
-SCRATCH = make_scratch()
+SCRATCH = pack(make_scratch())
 
 
 class Answer(NamedTuple):
@@ -39,6 +40,7 @@ class Pair:
     def __init__(self, a: Shape, at_a: Array, b: Shape, at_b: Array) -> None:
         self.shapes, self.poses = (a, b), (at_a, at_b)
         self.pieces = build_pieces([PosedShape(a, np.eye(4), 0), PosedShape(b, np.eye(4), 1)])
+        self.packed = pack(self.pieces)
         self.frames = np.array([[*t[:3, :3].reshape(9), *t[:3, 3]] for t in (at_a, at_b)])
         self.size = float(self.pieces.reach.sum() + np.linalg.norm(at_a[:3, 3] - at_b[:3, 3]))
 
@@ -46,7 +48,7 @@ class Pair:
         self, first: int = 0, limit: float = np.inf, axis: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> Answer:
         """What `separation` says of the pair, or of the pair the other way round (`first` = 1)."""
-        s, n, a, b = separation(self.pieces, self.frames, first, 1 - first, limit, axis, SCRATCH)
+        s, n, a, b = separation(self.packed, self.frames, first, 1 - first, limit, axis, SCRATCH)
         return Answer(s, np.array(n), np.array(a), np.array(b))
 
     def contacts(self, first: int = 0) -> tuple[Answer, Array, Array]:
@@ -54,7 +56,7 @@ class Pair:
         answer = self.answer(first)
         a, b = np.zeros((4, 3)), np.zeros((4, 3))
         n, pa, pb = (tuple(map(float, v)) for v in answer[1:])
-        args = (self.pieces, self.frames, first, 1 - first, answer.s, n, pa, pb, a, b, SCRATCH)
+        args = (self.packed, self.frames, first, 1 - first, answer.s, n, pa, pb, a, b, SCRATCH)
         count = manifold(*args)  # type: ignore[arg-type]
         return answer, a[:count], b[:count]
 

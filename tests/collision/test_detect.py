@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from geomphys.config import Config
-from geomphys.engine.pipeline import Pipeline
 from geomphys.engine.state import make_machine
 from geomphys.engine.step import measure_recorded, place_recording
 from geomphys.jit.packed_records import pack
@@ -58,18 +56,3 @@ def test_losing_remembered_directions_costs_no_answer(run: Run) -> None:
         without = near_of(run, make_machine(run.world.scene), frame)
         assert list(with_memory) == list(without)  # the same order too
         assert list(with_memory.values()) == pytest.approx(list(without.values()), abs=1e-9)
-
-
-def test_a_machine_goes_back_to_a_state_it_was_in(run: Run) -> None:
-    pipeline = Pipeline(run.world, Config())
-    before = pipeline.machine.state()
-    frames = [r.frame for r in run.results]
-
-    def corrected() -> bytes:
-        track = pipeline._track(frames, pipeline.blocks[0])
-        assert pipeline.run(track, 0, len(frames), track.block) == len(frames)
-        return track.block.corrected[: len(frames)].tobytes()
-
-    first = corrected()
-    pipeline.machine.restore(before)
-    assert corrected() == first

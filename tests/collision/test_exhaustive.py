@@ -7,7 +7,7 @@ import numpy as np
 from geomphys.collision.epa import expand
 from geomphys.collision.exhaustive import exhaustive
 from geomphys.collision.gjk import OVERLAP, closest
-from geomphys.collision.scratch import Scratch, room_of
+from geomphys.collision.scratch import Scratch
 from geomphys.collision.support import core_of, position_of, rotation_of, shapes_of
 from geomphys.jit.kernel import kernel
 from geomphys.numerics.vec3 import norm, rot_transposed_mul, rotate_back, sub
@@ -19,16 +19,16 @@ from tests.collision.pairs import SCRATCH, Pair, pose, random_hull, random_turn
 @kernel
 def both_depths(pieces: Pieces, frames: Floats, scratch: Scratch) -> tuple[bool, float, float, float]:
     """Whether the cores of the first two pieces overlap; their depth both ways, and the cosine between the normals."""
-    shapes, room = shapes_of(pieces, frames), room_of(scratch)
+    shapes = shapes_of(pieces, frames)
     a, b = core_of(shapes, 0), core_of(shapes, 1)
     rot = rot_transposed_mul(rotation_of(shapes, 0), rotation_of(shapes, 1))
     t = rotate_back(rotation_of(shapes, 0), sub(position_of(shapes, 1), position_of(shapes, 0)))
     size = pieces.reach[0] + pieces.reach[1] + norm(t)
-    state, _, _, _, count = closest(a, b, rot, t, size, np.inf, (0.1, 0.2, 0.3), room.simplex)
+    state, _, _, _, count = closest(a, b, rot, t, size, np.inf, (0.1, 0.2, 0.3), scratch.simplex)
     if state != OVERLAP:
         return False, 0.0, 0.0, 0.0
-    exact, grown, n, _ = expand(a, b, rot, t, size, 1e-15 * size, count, room)
-    tried, m, _ = exhaustive(a, b, rot, t, size, room)
+    exact, grown, n, _ = expand(a, b, rot, t, size, 1e-15 * size, count, scratch)
+    tried, m, _ = exhaustive(a, b, rot, t, size, scratch)
     return exact, grown, tried, n[0] * m[0] + n[1] * m[1] + n[2] * m[2]
 
 
@@ -48,7 +48,7 @@ def test_twins() -> None:
         pair = Pair(
             some(True), pose(rng.normal(size=3) * 0.2, random_turn(rng)), some(False), pose(turn=random_turn(rng))
         )
-        overlap, grown, tried, cosine = both_depths(pair.pieces, pair.frames, SCRATCH)
+        overlap, grown, tried, cosine = both_depths(pair.packed, pair.frames, SCRATCH)
         if overlap:
             seen += 1
             assert abs(grown - tried) < 1e-12

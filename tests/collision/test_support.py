@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from geomphys.collision.support import core_of, place_pieces, shapes_of, support
 from geomphys.jit.kernel import kernel
+from geomphys.jit.packed_records import pack
 from geomphys.scene.arrays import Floats, Pieces
 from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PosedShape, Shape, Sphere, build_pieces
 from tests.collision.pairs import extent, pose, random_hull
@@ -42,7 +43,7 @@ def test_no_point_lies_farther(shape: Shape) -> None:
     directions = np.vstack([directions, np.eye(3), -np.eye(3), pieces.planes[:, :3]])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     points = np.zeros_like(directions)
-    supports(pieces, np.zeros((1, 12)), directions, points)
+    supports(pack(pieces), np.zeros((1, 12)), directions, points)
     reached = np.einsum("ij,ij->i", directions, points)
     assert np.allclose(reached, extent(shape, directions), rtol=0, atol=1e-14)
 

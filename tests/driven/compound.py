@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from geomphys.driven.posture import Joints, make_joints
+from geomphys.driven.links import Links, make_links
 from geomphys.load import load_world
 from geomphys.scene.arrays import World
 from tests.scene.models import joint, link, urdf
@@ -52,7 +52,7 @@ directions = {directions}
     return load_world(folder / "scene.toml")
 
 
-def joints_of(world: World) -> Joints:
+def joints_of(world: World) -> Links:
     """Which joints yield, with levers of 0.3 m."""
-    made = make_joints(world.scene, np.tile([0.0, 0, 0, 0, 0, 0, 1], (len(world.scene.bodies.role), 1)))
+    made = make_links(world.scene)
     return made._replace(lever=np.full(len(made.lever), 0.3))

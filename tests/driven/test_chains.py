@@ -66,10 +66,18 @@ def check_limits(run: Run) -> None:
 
 
 def check_no_jump(run: Run) -> None:
-    """An angle's offset changes by no more than twice the recorded change, what the spring relaxes, and 0.03 rad."""
-    bend = run.angles - run.recorded_angles
-    relaxed = (1 - np.exp(-50 / 60)) * np.abs(bend)[:-1]
-    assert (np.abs(np.diff(bend, axis=0)) <= 2 * np.abs(np.diff(run.recorded_angles, axis=0)) + relaxed + 0.03).all()
+    """A link's offset changes by no more than twice the fastest recorded motion, what the spring takes back, and 3 mm."""
+    offset = run.corrected[..., :3] - run.recorded[..., :3]
+    motion = np.linalg.norm(np.diff(run.recorded[..., :3], axis=0), axis=2).max(axis=1)
+    relaxed = (1 - np.exp(-50 / 60)) * np.linalg.norm(offset[:-1], axis=2)
+    change = np.linalg.norm(np.diff(offset, axis=0), axis=2)
+    assert (change <= 2 * motion[:, None] + relaxed + 3e-3).all()
+
+
+def check_hardly_moved(run: Run, *links: str, by: float = 5e-4) -> None:
+    """Links that meet nothing share in the correction, as their palm does, by no more than half a millimetre."""
+    for name in links:
+        assert np.abs(run.offset(name)).max() <= by, (name, np.abs(run.offset(name)).max())
 
 
 def names(*fingers: str) -> list[str]:
@@ -89,7 +97,7 @@ def palm(n: int, height: np.ndarray | float) -> np.ndarray:
 
 @pytest.mark.parametrize("bone", [BOX, ROD], ids=["box", "cylinder"])
 def test_a_finger_pressed_on_a_table_bends_within_its_limits(tmp_path: Path, bone: str) -> None:
-    """One of two fingers meets the table; the other and the palm stay as recorded, to the bit."""
+    """One of two fingers meets the table; the other and the palm hardly move."""
     n = 160
     t = np.linspace(0, 1, n)
     touch = np.clip(4 * t, 0, 1) * np.clip(4 * (0.75 - t), 0, 1)
@@ -104,9 +112,7 @@ def test_a_finger_pressed_on_a_table_bends_within_its_limits(tmp_path: Path, bon
     assert_free(run, every=3)
     check_limits(run)
     check_kinematics(run, tmp_path)
-    for name in ("hand/palm", "hand/b1", "hand/b2", "hand/b3"):
-        assert run.path(name).tobytes() == run.recorded[:, run.body(name)].tobytes()
-    assert run.angles[:, columns(run, "b")].tobytes() == angles[:, 3:].tobytes()
+    check_hardly_moved(run, "hand/palm", "hand/b1", "hand/b2", "hand/b3")
     assert run.corrected[-5:].tobytes() == run.recorded[-5:].tobytes()
     check_no_jump(run)
 
@@ -154,7 +160,7 @@ def test_still_input_gives_a_still_finger(tmp_path: Path) -> None:
     )
     assert run.figures("correction_m")[-1] > 0.002
     assert np.abs(np.diff(run.corrected[40:, :, :3], axis=0)).max() <= 1e-4
-    assert np.abs(np.diff(run.angles[60:], axis=0)).max() <= 1e-4
+    assert np.abs(np.diff(run.angles[60:], axis=0)).max() <= 3e-3  # joints that move no link go on settling
     assert_free(run, every=4)
 
 
@@ -213,11 +219,11 @@ def test_fingers_of_one_hand_keep_clear_of_each_other(tmp_path: Path) -> None:
     assert_free(run, every=2)
     check_limits(run)
     check_kinematics(run, tmp_path)
-    assert run.path("hand/palm").tobytes() == run.recorded[:, run.body("hand/palm")].tobytes()
+    check_hardly_moved(run, "hand/palm")
     check_no_jump(run)
     a, b = run.angles[:, columns(run, "a")], run.angles[:, columns(run, "b")]
     assert np.abs(a + b).max() <= 0.03  # about half each
-    assert run.corrected[-3:].tobytes() == run.recorded[-3:].tobytes()
+    assert np.abs(run.corrected[-3:] - run.recorded[-3:]).max() <= 1e-4
     assert chatter(run.path("hand/a3")[:, :3]) <= 5e-3
 
 
@@ -236,7 +242,7 @@ def test_what_comes_from_afar_within_a_frame_meets_the_finger_where_it_stops(tmp
     )
     assert run.figures("recorded_penetration_m")[10] > 0.001
     assert (np.abs(run.angles[10:]).max(axis=1) > 0.01).all()
-    assert run.path("cube").tobytes() == run.recorded[:, run.body("cube")].tobytes()
+    assert 0.0 < np.linalg.norm(run.offset("cube"), axis=1).max() < 0.02  # both give way
     assert_free(run)
 
 

@@ -47,7 +47,6 @@ def test_a_start_between_two_walls_too_near_is_freed_along_them(tmp_path: Path) 
     path = still(0.0, 0.0, -0.01)
     run = play(tmp_path, [*walls, Thing(name="cube", shape=CUBE, role="driven", path=path)])
     assert np.linalg.norm(run.offset("cube")[0]) <= 1.1 * 0.06
-    assert run.figures("fallbacks")[0] >= 1
     assert_free(run)
 
 
@@ -107,7 +106,7 @@ def test_a_rigid_coupling_returns_at_once(tmp_path: Path) -> None:
 
 def test_what_goes_round_a_corner_of_a_body_between_two_frames_pushes_it(tmp_path: Path) -> None:
     """A block is beside a cube in one frame and before it in the next; straight between them it cuts the cube's corner."""
-    away = np.array([[0.101, 0.04, 0.0]] * 5 + [[0.05, 0.101, 0.0]] * 60)
+    away = np.array([[0.101, 0.04, 0.0]] * 5 + [[0.05, 0.101, 0.0]] * 100)
     things = [
         Thing(name="block", shape=CUBE, path=away),
         Thing(name="cube", shape=CUBE, role="driven", path=np.zeros_like(away)),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numba import types
 
-from geomphys.jit.compiling.returns import declared_return
+from geomphys.jit.returns import declared_return
 
 
 class Found(NamedTuple):

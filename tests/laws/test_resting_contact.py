@@ -128,7 +128,7 @@ def test_each_floor_of_a_tower_carries_what_is_above_it() -> None:
     player = Player([*boxes, floor()])
     player.run(0.2)
     bodies, values = np.zeros((64, 2), np.int64), np.zeros((64, 9))
-    count = write_touches(player.state, player.poses, bodies, values, 0)
+    count = write_touches(player.packed, player.poses, bodies, values, 0)
     for k in range(6):
         below = 6 if k == 0 else k - 1
         between = [set(pair) == {k, below} for pair in bodies[:count]]

@@ -16,6 +16,7 @@ from geomphys.scene.mass import of_mesh
 from geomphys.scene.meshes import Mesh, load_mesh
 from geomphys.scene.tessellation import merge_surfaces, sphere_triangles
 from tests.scene.models import cube, ell
+from tests.scene.test_convexity import cup
 
 
 @pytest.fixture(autouse=True)
@@ -176,6 +177,14 @@ def test_a_ball_with_a_shallow_dent_is_its_hull_without_coacd(monkeypatch: pytes
     assert np.array_equal(pieces.hulls[0], mesh.hull_vertices)
 
 
+def test_a_cylinder_with_a_screw_hole_is_its_hull_without_coacd(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(coacd_process, "_ended", lambda *_: pytest.fail("CoACD was started"))
+    mesh = cup(0.0012, 0.02)
+    pieces = decompose(mesh)
+    assert (pieces.method, len(pieces.hulls)) == ("hull", 1)
+    assert np.array_equal(pieces.hulls[0], mesh.hull_vertices)
+
+
 def test_the_hull_of_anything_on_request() -> None:
     corners, faces = ell()
     pieces = decompose(Mesh("open", corners, faces[3:]), "hull")
@@ -247,6 +256,25 @@ def test_pieces_that_hold_the_surface_are_left_alone() -> None:
     for grown, piece in zip(grow_to_cover(corners, faces, pieces), pieces, strict=True):
         np.testing.assert_allclose(np.ptp(grown, axis=0), np.ptp(piece, axis=0), atol=4e-4)
     assert uncovered_distance(corners, faces, pieces) == 0.0
+
+
+def test_pieces_grow_no_farther_than_to_the_surface() -> None:
+    """A bar of twelve triangles in ten pieces that fall short of it all around: its walls go to all, not to one."""
+    corners, faces = cube()
+    bar = corners * [10.0, 1.0, 1.0]
+    pieces = [corners * [1.0, 0.99, 0.99] + [k - 4.5, 0.0, 0.0] for k in range(10)]
+    grown = grow_to_cover(bar, faces, pieces, 0.011)
+    assert uncovered_distance(bar, faces, grown) == 0.0
+    assert beyond(spread(bar, faces), tuple(grown)) < 1e-9
+    assert max(np.ptp(g[:, 0]) for g in grown) < 1.1
+    assert sum(ConvexHull(g).volume for g in grown) < 10.0 * 1.05
+
+
+def test_what_is_far_from_all_pieces_is_told_bare() -> None:
+    corners, faces = cube()
+    bare = uncovered_distance(corners, faces, two_halves(0.0)[:1])
+    assert bare == pytest.approx(0.5, rel=1e-6)
+    assert uncovered_distance(*cube(), [0.9 * corners]) == pytest.approx(0.05, rel=1e-3)
 
 
 def test_how_far_pieces_stand_out() -> None:

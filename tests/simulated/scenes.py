@@ -10,9 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from geomphys.collision.penetration import make_scratch, separation
 from geomphys.collision.support import place_pieces
+from geomphys.jit.packed_records import pack
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PosedShape, Shape, Sphere, build_pieces
-from geomphys.simulated.allocation import make_simulated_state
+from geomphys.simulated.allocation import make_simulation
 from geomphys.simulated.update import simulate
 
 MATERIALS = ("wood", "human", "metal", "ice", "rubber")
@@ -154,27 +155,39 @@ class Player:
         self.velocity = self.scene.initial_velocity.copy()
         self.frames = np.zeros((len(self.scene.pieces.kind), 12))
         place_pieces(self.scene.pieces, self.poses, self.frames)
-        self.state = make_simulated_state(self.scene, self.poses)
         self.scratch = make_scratch()
         self.time = 0.0
         self.impacts = self.flags = 0
         self.driven_impulse = np.zeros((len(things), 3))
+        self.end = self.poses.copy()
+        self.set_up()
         self.targets: dict[int, Callable[[float], Sequence[float]]] = {}
+
+    def set_up(self, max_pairs: int = 4096) -> None:
+        """Make the simulated loop, with room for so many pairs."""
+        self.simulation = make_simulation(
+            self.scene, self.poses, start=self.poses, end=self.end, reported=self.velocity, driven_impulse=self.driven_impulse,
+            frames=self.frames, scratch=self.scratch, max_pairs=max_pairs,
+        )  # fmt: skip
+        self.packed = pack(self.simulation)
+
+    def simulate(self, dt: float, max_impacts: int = 200) -> tuple[int, int]:
+        """One frame, from `poses` to `end`."""
+        return simulate(self.packed, dt, max_impacts, self.gap, False)
 
     def step(self, dt: float, max_impacts: int = 500) -> None:
         """One frame. Bodies in `targets` go to target(time) = (pose of 7)."""
-        end = self.poses.copy()
+        end = self.end
+        end[:] = self.poses
         for body, target in self.targets.items():
             end[body] = target(self.time + dt)
             self.velocity[body, :3] = (end[body, :3] - self.poses[body, :3]) / dt
             turn = Rotation.from_quat(end[body, 3:]) * Rotation.from_quat(self.poses[body, 3:]).inv()
             self.velocity[body, 3:] = turn.as_rotvec() / dt
         self.driven_impulse[:] = 0.0
-        impacts, flags = simulate(
-            self.scene.pieces, self.state, self.poses, end, self.velocity, self.driven_impulse, self.frames, dt, max_impacts,
-            self.gap, False, self.scratch,
-        )  # fmt: skip
-        self.poses, self.time = end, self.time + dt
+        impacts, flags = self.simulate(dt, max_impacts)
+        self.poses[:] = end
+        self.time += dt
         self.impacts += impacts
         self.flags |= flags
 
@@ -194,7 +207,9 @@ class Player:
         for i in range(len(body)):
             for j in range(i):
                 if body[i] != body[j] and s.SIMULATED in (role[body[i]], role[body[j]]):
-                    apart = separation(self.scene.pieces, self.frames, i, j, 1e-3, (0.0, 0.0, 0.0), self.scratch)[0]
+                    apart = separation(
+                        self.packed.pieces, self.frames, i, j, 1e-3, (0.0, 0.0, 0.0), self.packed.scratch
+                    )[0]
                     deepest = max(deepest, -apart)
         return deepest
 

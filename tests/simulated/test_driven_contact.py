@@ -8,8 +8,6 @@ from scipy.spatial.transform import Rotation
 
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box, Cylinder, Sphere
-from geomphys.simulated.state import TREE
-from geomphys.simulated.update import simulate
 from tests.simulated.scenes import FRICTION, Player, Thing, floor
 
 HERE = (0.0, 0.0, 0.0, 1.0)
@@ -22,12 +20,9 @@ def hand(x: float, **more: object) -> Thing:
 
 def one_frame(player: Player) -> tuple[np.ndarray, np.ndarray]:
     """Run 1/60 s in which what is driven stays where it is: the poses at its end, and the impulses on each body [N s]."""
-    end, impulse = player.poses.copy(), np.zeros((len(player.poses), 3))
-    simulate(
-        player.scene.pieces, player.state, player.poses, end, player.velocity, impulse, player.frames, 1 / 60, 200,
-        player.gap, False, player.scratch,
-    )  # fmt: skip
-    return end, impulse
+    player.end[:], player.driven_impulse[:] = player.poses, 0.0
+    player.simulate(1 / 60)
+    return player.end.copy(), player.driven_impulse.copy()
 
 
 def test_a_blocked_hand_pushes_the_ball_with_its_wish_and_is_pushed_back() -> None:
@@ -60,7 +55,7 @@ def test_links_of_one_hand_that_meet_a_ball_each_share_the_recoil() -> None:
         for y in (-0.1, 0.1)
     ]
     player = Player([*balls, *links], gravity=(0, 0, 0))
-    player.state.kinds[3, TREE] = player.state.kinds[2, TREE]
+    player.simulation.bodies["tree"][3] = player.simulation.bodies["tree"][2]
     player.velocity[2:, :3] = (0.6, 0, 0)
     _, impulse = one_frame(player)
     first = 1.3 * 0.6 / (1 / 0.2 + 1 / 0.4)
@@ -188,15 +183,11 @@ def test_two_driven_slabs_hold_a_ball_by_friction_if_they_press_enough(squeeze: 
         Thing(shape=Box((0.02, 0.3, 0.3)), role=s.DRIVEN, at=(x, 0, 0), material="human") for x in (-0.070002, 0.070002)
     ]
     player = Player([Thing(shape=Sphere(0.05), mass=0.2, material="human"), *slabs])
-    impulse = np.zeros((3, 3))
     for _ in range(30):
-        end = player.poses.copy()
+        player.end[:] = player.poses
         player.velocity[1:, :] = 0.0
         player.velocity[1, 0], player.velocity[2, 0] = squeeze, -squeeze
-        simulate(
-            player.scene.pieces, player.state, player.poses, end, player.velocity, impulse, player.frames, 1 / rate,
-            200, player.gap, False, player.scratch,
-        )  # fmt: skip
-        player.poses = end
+        player.simulate(1 / rate)
+        player.poses[:] = player.end
     assert (player.poses[0, 2] > -0.01) == holds
     assert abs(player.poses[0, 0]) < 1e-4

@@ -2,34 +2,31 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 
+from geomphys.jit.packed_records import pack
 from geomphys.simulated.impact_queue import empty_queue, put, take_out
-from geomphys.simulated.state import (
-    AT_COUNTS,
-    AT_HEAP,
-    AT_KEPT,
-    AT_PAIRS,
-    DUE,
-    HEADER,
-    KEPT_COLUMNS,
-    N_HEAP,
-    N_PAIRS,
-    PAIR_COLUMNS,
-    PLACE,
-)
+from geomphys.simulated.state import COUNTS, PAIR
+
+
+class Tables(NamedTuple):
+    """What the queue needs of a `Simulation`."""
+
+    pairs: np.ndarray
+    counts: np.ndarray
+    queue: np.ndarray
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_front_is_always_the_earliest(seed: int) -> None:
     count = 40
-    pairs, kept = np.zeros((count, PAIR_COLUMNS), np.int64), np.zeros((count, KEPT_COLUMNS))
-    counts, heap, header = np.zeros(8, np.int64), np.zeros(count, np.int64), np.zeros(HEADER, np.int64)
-    for entry, array in ((AT_PAIRS, pairs), (AT_KEPT, kept), (AT_COUNTS, counts), (AT_HEAP, heap)):
-        header[entry] = array.ctypes.data
-    counts[N_PAIRS] = count
-    queue = header.ctypes.data
+    tables = Tables(np.zeros(count, PAIR), np.zeros(1, COUNTS), np.zeros(count, np.int64))
+    pairs, counts, heap = tables
+    counts["pairs"] = count
+    queue = pack(tables)
     empty_queue(queue)
     rng, twin = np.random.default_rng(seed), {}
     for _ in range(2000):
@@ -41,12 +38,12 @@ def test_the_front_is_always_the_earliest(seed: int) -> None:
         else:
             twin.pop(pair, None)
             take_out(queue, pair)
-        assert counts[N_HEAP] == len(twin)
+        assert counts[0]["queued"] == len(twin)
         assert sorted(heap[: len(twin)]) == sorted(twin)
-        assert all(heap[pairs[p, PLACE]] == p for p in twin)
+        assert all(heap[pairs[p]["queue_index"]] == p for p in twin)
         if twin:
             assert heap[0] == min(twin, key=lambda p: (twin[p], p))
-            assert kept[heap[0], DUE] == min(twin.values())
+            assert pairs[heap[0]]["due"] == min(twin.values())
     empty_queue(queue)
-    assert counts[N_HEAP] == 0
-    assert (pairs[:, PLACE] == -1).all()
+    assert counts[0]["queued"] == 0
+    assert (pairs["queue_index"] == -1).all()

@@ -10,9 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box, Capsule, Cylinder, Sphere
-from geomphys.simulated.allocation import make_simulated_state
 from geomphys.simulated.frame_contacts import write_touches
-from geomphys.simulated.state import AWAKE
 from geomphys.simulated.update import IMPACT_BOUND, QUARANTINED
 from tests.simulated.scenes import GRAVITY, Player, Thing, floor, make_scene
 
@@ -29,7 +27,7 @@ def mixed_things() -> list[Thing]:
 
 def touches(player: Player) -> tuple[np.ndarray, np.ndarray]:
     bodies, values = np.zeros((64, 2), np.int64), np.zeros((64, 9))
-    count = write_touches(player.state, player.poses, bodies, values, 0)
+    count = write_touches(player.packed, player.poses, bodies, values, 0)
     return bodies[:count], values[:count]
 
 
@@ -86,7 +84,7 @@ def test_what_fits_exactly_into_a_slot_sleeps_there(shape: Box | Cylinder, room:
     walls = [Thing(shape=Box((0.05, 0.25, 0.25)), role=s.FIXED, at=(x * (0.1 + room), 0, 0.25)) for x in (-1, 1)]
     player = Player([Thing(shape=shape, at=(0, 0, 0.05)), floor(), *walls])
     player.run(4.0)
-    assert player.state.kinds[0, AWAKE] == 0
+    assert player.simulation.bodies["awake"][0] == 0
     assert np.abs(player.poses[0, :3] - [0, 0, 0.05]).max() < 1e-5
 
 
@@ -151,7 +149,7 @@ def test_more_slow_landings_than_a_frame_has_room_for_are_told(most: int, told: 
 
 def test_without_room_for_pairs_bodies_stay_and_it_is_told() -> None:
     player = Player([Thing(shape=Sphere(0.05), at=(0.1 * k, 0, 0.0505)) for k in range(4)] + [floor()])
-    player.state = make_simulated_state(player.scene, player.poses, max_pairs=2)
+    player.set_up(max_pairs=2)
     before = player.poses.copy()
     player.step(1 / 60)
     assert player.flags & IMPACT_BOUND
@@ -185,7 +183,7 @@ def test_the_contacts_of_a_resting_body_carry_its_weight() -> None:
             weight = player.scene.bodies.mass[0] * GRAVITY / rate
             assert values[:, 7].sum() == pytest.approx(weight, rel=1e-9)
             assert values[:, 8].max() < 1e-4 * weight
-        assert player.state.kinds[0, AWAKE] == 0
+        assert player.simulation.bodies["awake"][0] == 0
 
 
 def test_the_contact_of_a_bounce_carries_its_impulse() -> None:
@@ -206,7 +204,7 @@ def test_a_sleeping_body_stays_bit_for_bit_and_wakes_when_hit() -> None:
     ball = Thing(shape=Sphere(0.03), at=(-0.8, 0, 0.03))
     player = Player([Thing(shape=Box((0.05, 0.05, 0.05)), at=(0, 0, 0.05)), ball, floor()])
     player.run(1.0)
-    assert not player.state.kinds[:2, AWAKE].any()
+    assert not player.simulation.bodies["awake"][:2].any()
     asleep = player.poses.copy()
     track = player.run(1.0)
     assert np.array_equal(track[-1], asleep)
@@ -220,7 +218,7 @@ def test_a_sleeping_body_falls_when_its_support_goes() -> None:
     player = Player([Thing(shape=Box((0.05, 0.05, 0.05)), at=(0, 0, 0.05)), support])
     player.targets[1] = lambda _: (0, 0, -0.05, 0, 0, 0, 1)
     player.run(1.0)
-    assert player.state.kinds[0, AWAKE] == 0
+    assert player.simulation.bodies["awake"][0] == 0
     gone = player.time
     player.targets[1] = lambda t: (2.0 * (t - gone) / 0.1, 0, -0.05, 0, 0, 0, 1)
     player.run(0.5)

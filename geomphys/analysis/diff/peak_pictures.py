@@ -74,9 +74,8 @@ def first_poses(output: OutputLog) -> Poses:
 
 def _posed(world: World, poses: Poses, first_poses: Poses) -> dict[int, Floats]:
     """Body -> its triangles (n, 3, 3) in the world, of bodies that have a shape and a pose."""
-    poses_by_name = dict(zip(first_poses.names, first_poses.values, strict=True)) | dict(
-        zip(poses.names, poses.values, strict=True)
-    )
+    poses_by_name = dict(zip(first_poses.names, first_poses.values, strict=True))
+    poses_by_name |= zip(poses.names, poses.values, strict=True)
     found: dict[int, Floats] = {}
     for body, name in enumerate(world.frame_names):
         vertices, faces = world.triangles[body]

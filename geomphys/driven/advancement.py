@@ -1,0 +1,158 @@
+"""Whether two pieces can go from one pair of places to another without passing through each other.
+
+Both bodies go on straight lines, turning evenly. The way is certified by conservative advancement: from a moment at
+which the pieces are a distance apart nothing can happen before they have moved that far against each other; and where a
+direction separates them now and at a later moment, carried along with the piece that turns most, it does so in between,
+but for what the turning bends. An overlap on the way that is small against both pieces does not count: the ends of a way
+are free, or all but, and a piece that goes through another is at some moment half as deep in it as the thinner of them is
+thick.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.collision.detect import Axes, pair_separation
+from geomphys.collision.extent import gap_along
+from geomphys.collision.penetration import Scratch
+from geomphys.collision.support import shapes_of
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import (
+    Vec,
+    add,
+    add_scaled,
+    norm,
+    quat_conjugate,
+    quat_mul,
+    quat_rotate,
+    rot_from_quat,
+    rot_mul,
+    rotate,
+    slerp,
+    sub,
+)
+from geomphys.scene.arrays import Scene
+from geomphys.scene.kinematics import frame_rotation, orientation_of, position_of
+
+Floats = NDArray[np.float64]
+
+PASSING = 0.08  # of the mean thickness of two pieces: how deep they may be in each other between two places,
+MOST_PASSING = 1e-3  # m, but no deeper
+MOMENTS = 48  # at most that are looked at
+
+
+@kernel
+def passing_depth(scene: Scene, a: int, b: int) -> float:
+    """How deep [m] two pieces may be in each other on their way."""
+    thickness = scene.pieces.thickness
+    return min(PASSING * 0.5 * (thickness[a] + thickness[b]), MOST_PASSING)
+
+
+@kernel
+def _centre(scene: Scene, poses: Floats, piece: int) -> Vec:
+    """Where the centre of a piece is."""
+    body, local = scene.pieces.body[piece], scene.pieces.local
+    c = (scene.pieces.centre[piece, 0], scene.pieces.centre[piece, 1], scene.pieces.centre[piece, 2])
+    inside = add(rotate(frame_rotation(local, piece), c), (local[piece, 9], local[piece, 10], local[piece, 11]))
+    return add(position_of(poses, body), quat_rotate(orientation_of(poses, body), inside))
+
+
+@kernel
+def turn_between(before: Floats, after: Floats, body: int) -> float:
+    """Angle [rad] by which a body turns from one row of poses (B, 7) to another."""
+    square = 0.0
+    for k in range(3, 7):
+        square += (after[body, k] - before[body, k]) ** 2
+    if square == 0.0:
+        return 0.0
+    if square > 2.0:
+        square = max(4.0 - square, 0.0)
+    return 4.0 * math.asin(min(1.0, 0.5 * math.sqrt(square)))
+
+
+@kernel
+def centre_motion(scene: Scene, before: Floats, after: Floats, piece: int) -> Vec:
+    """How far the centre of a piece goes from one row of poses (B, 7) to another [m]."""
+    return sub(_centre(scene, after, piece), _centre(scene, before, piece))
+
+
+@kernel
+def pair_motion(scene: Scene, before: Floats, after: Floats, a: int, b: int) -> tuple[float, float]:
+    """How far two pieces move against each other at most [m], and the part of it that comes of turning."""
+    pieces = scene.pieces
+    way = norm(sub(centre_motion(scene, before, after, a), centre_motion(scene, before, after, b)))
+    spin = turn_between(before, after, pieces.body[a]) * pieces.reach[a]
+    spin += turn_between(before, after, pieces.body[b]) * pieces.reach[b]
+    return way + spin, spin
+
+
+@kernel
+def _place(scene: Scene, before: Floats, after: Floats, piece: int, t: float, frames: Floats) -> None:
+    """Row of `frames` of a piece a share `t` of its body's way: its own centre goes straight."""
+    body, local = scene.pieces.body[piece], scene.pieces.local
+    q = slerp(orientation_of(before, body), orientation_of(after, body), t)
+    c0, c1 = _centre(scene, before, piece), _centre(scene, after, piece)
+    turned = rot_mul(rot_from_quat(q), frame_rotation(local, piece))
+    for k in range(9):
+        frames[piece, k] = turned[k]
+    c = (scene.pieces.centre[piece, 0], scene.pieces.centre[piece, 1], scene.pieces.centre[piece, 2])
+    at = sub(add_scaled(c0, sub(c1, c0), t), rotate(turned, c))
+    for k in range(3):
+        frames[piece, 9 + k] = at[k]
+
+
+@kernel
+def _turned_with(before: Floats, after: Floats, body: int, share: float, n: Vec) -> Vec:
+    """A direction carried along by a body that makes a `share` of its turn."""
+    turn = quat_mul(orientation_of(after, body), quat_conjugate(orientation_of(before, body)))
+    return quat_rotate(slerp((0.0, 0.0, 0.0, 1.0), turn, share), n)
+
+
+@outlined
+def way_is_free(
+    scene: Scene, before: Floats, after: Floats, a: int, b: int, frames: Floats, axes: Axes, scratch: Scratch
+) -> bool:
+    """Whether the pieces `a` and `b` get from where the poses `before` (B, 7) put them to `after` without passing through.
+
+    `frames` (P, 12) is scratch; rows `a` and `b` are written. Whether they overlap at either end is not asked for.
+    """
+    motion, spin = pair_motion(scene, before, after, a, b)
+    if motion == 0.0:
+        return True
+    deep = passing_depth(scene, a, b)
+    body_a, body_b = scene.pieces.body[a], scene.pieces.body[b]
+    turn_a, turn_b = turn_between(before, after, body_a), turn_between(before, after, body_b)
+    carrier = body_a if turn_a > turn_b else body_b
+    apart = norm(sub(_centre(scene, before, a), _centre(scene, before, b)))
+    bend = (turn_a + turn_b) * spin + max(turn_a, turn_b) * (max(turn_a, turn_b) * apart + 2.0 * (motion - spin))
+    t, moved_by = 0.0, 1.0
+    for _ in range(MOMENTS):
+        _place(scene, before, after, a, t, frames)
+        _place(scene, before, after, b, t, frames)
+        left = motion * (1.0 - t)
+        s, n, _, _ = pair_separation(scene.pieces, frames, a, b, left + deep, axes, scratch)
+        if s > left:
+            return True
+        if s < -1.5 * deep:
+            return t == 0.0  # what is in it already cannot go into it
+        moved_by = (max(s, 0.0) + deep) / motion
+        if s > -deep:
+            far = 1.0 - t
+            for _ in range(5):
+                if bend * far * far / 8.0 <= 0.5 * deep + max(s, 0.0) and far > moved_by:
+                    _place(scene, before, after, a, t + far, frames)
+                    _place(scene, before, after, b, t + far, frames)
+                    if (
+                        gap_along(shapes_of(scene.pieces, frames), a, b, _turned_with(before, after, carrier, far, n))
+                        > -deep
+                    ):
+                        moved_by = far
+                        break
+                far *= 0.5
+        t += moved_by
+        if t >= 1.0:
+            return True
+    return False

@@ -1,0 +1,234 @@
+"""Rows of the quadratic problem: pairs that can come near, reach cones, and bounds of unknowns."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.driven.objective import pivot_of
+from geomphys.driven.postures import Posture, joint_effect, point_of, vec_of
+from geomphys.driven.reach_cones import cone_bound, cone_row
+from geomphys.driven.state import BENDS, HAS_ROW, NO_ROW, STAYS, WANTED, DrivenRoom
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import Vec, cross, dot, norm, quat_conjugate, quat_rotate, sub
+from geomphys.scene.arrays import DRIVEN, JOINT_FIXED, Scene
+from geomphys.scene.kinematics import orientation_of, position_of
+
+Floats = NDArray[np.float64]
+
+ROOT_ARM = 0.15  # m: a root may turn by the step bound over this
+ON = 1e-5  # m: pairs this near touch
+TOUCHING = 2e-3  # m: where pairs this near were nearest is remembered
+SAME_SPOT = 1e-3  # m
+CONE_MARGIN = 1e-7  # rad
+DEAR = 1e3  # mean weights: of an overlap that cannot be taken out at once
+NEAR_ENOUGH = 2.5  # times the step bound, and
+NEAR_SLACK = 1e-3  # m: pairs farther apart need no row
+
+
+@kernel
+def row_limit(step: float) -> float:
+    """How near [m] a pair has to be to get a row where no point goes much farther than `step` [m]."""
+    return NEAR_ENOUGH * step + NEAR_SLACK
+
+
+@kernel
+def _add_effect(
+    scene: Scene, room: DrivenRoom, poses: Floats, body: int, point: Vec, n: Vec, sign: float, row: Floats
+) -> None:
+    """Add to a row how a point of a body moves along n with each unknown."""
+    tree = scene.bodies.tree[body]
+    if scene.trees.role[tree] != DRIVEN or room.work.kind[tree] == STAYS:
+        return
+    first = room.work.first[tree]
+    for k in range(3):
+        row[first + k] += sign * n[k]
+    if room.work.kind[tree] != BENDS:
+        return
+    turn = cross(sub(point, pivot_of(room, poses, tree)), n)
+    for k in range(3):
+        row[first + 3 + k] += sign * turn[k]
+    joint = body
+    while joint >= 0:
+        q = scene.bodies.dof[joint]
+        if scene.bodies.joint[joint] != JOINT_FIXED and q >= 0 and room.work.column[q] >= 0:
+            row[room.work.column[q]] += sign * joint_effect(scene, poses, joint, point, n)
+        joint = scene.bodies.parent[joint]
+
+
+@kernel
+def _add_row(
+    scene: Scene, room: DrivenRoom, poses: Floats, a: int, b: int, n: Vec, pa: Vec, pb: Vec, m: int, unknowns: int
+) -> None:  # fmt: skip
+    """Row m: how the pieces a and b come apart along n."""
+    row = room.problem.least.rows[m]
+    for j in range(unknowns):
+        row[j] = 0.0
+    _add_effect(scene, room, poses, scene.pieces.body[a], pa, n, 1.0, row)
+    _add_effect(scene, room, poses, scene.pieces.body[b], pb, n, -1.0, row)
+
+
+@kernel
+def needed(gap: float, s: float) -> float:
+    """By how much a pair that is `s` apart has to come apart: to stand still is allowed where it is free."""
+    return min(gap - s, 0.0) if s >= 0.0 else gap - s
+
+
+@kernel
+def _moves(room: DrivenRoom, tree: int) -> bool:
+    return bool(room.work.kind[tree] != STAYS)
+
+
+@kernel
+def concerns(room: DrivenRoom, k: int) -> bool:
+    """Whether a tree that yields is in the near pair k."""
+    return _moves(room, room.near.tree_a[k]) or _moves(room, room.near.tree_b[k])
+
+
+@kernel
+def forget_spots(room: DrivenRoom) -> None:
+    """No pair has touched yet."""
+    for i in range(len(room.work.spot)):
+        room.work.spot[i, 0] = -1
+    room.work.spot_next[0] = 0
+
+
+@kernel
+def _inside(poses: Floats, body: int, point: Vec) -> Vec:
+    """A point of the world in a body's frame."""
+    return quat_rotate(quat_conjugate(orientation_of(poses, body)), sub(point, position_of(poses, body)))
+
+
+@outlined
+def _remember_spot(scene: Scene, room: DrivenRoom, poses: Floats, k: int) -> None:
+    """Keep where the near pair k is nearest, in place of a spot of its that is the same."""
+    near, work = room.near, room.work
+    a, b = near.a[k], near.b[k]
+    la = _inside(poses, scene.pieces.body[a], vec_of(near.point_a, k))
+    lb = _inside(poses, scene.pieces.body[b], vec_of(near.point_b, k))
+    place = -1
+    for i in range(len(work.spot)):
+        if work.spot[i, 0] < 0:
+            break
+        if work.spot[i, 0] == a and work.spot[i, 1] == b:
+            row = work.spot_at[i]
+            far = norm(sub((row[3], row[4], row[5]), la)) + norm(sub((row[6], row[7], row[8]), lb))
+            if far < SAME_SPOT:
+                place = i
+                break
+    if place < 0:
+        place = work.spot_next[0]
+        work.spot_next[0] = (place + 1) % len(work.spot)
+    work.spot[place, 0], work.spot[place, 1] = a, b
+    for i in range(3):
+        work.spot_at[place, i] = near.normal[k, i]
+        work.spot_at[place, 3 + i], work.spot_at[place, 6 + i] = la[i], lb[i]
+
+
+@outlined
+def _add_spots(scene: Scene, room: DrivenRoom, poses: Floats, k: int, gap: float, m: int, unknowns: int) -> int:
+    """Rows for where the near pair k touched in passes before: a face on another is else nearest at its corners in turn."""
+    near, work = room.near, room.work
+    a, b = near.a[k], near.b[k]
+    for i in range(len(work.spot)):
+        if work.spot[i, 0] < 0 or m == len(room.problem.least.bounds):
+            break
+        if work.spot[i, 0] != a or work.spot[i, 1] != b:
+            continue
+        row = work.spot_at[i]
+        n = (row[0], row[1], row[2])
+        pa = point_of(poses, scene.pieces.body[a], (row[3], row[4], row[5]))
+        pb = point_of(poses, scene.pieces.body[b], (row[6], row[7], row[8]))
+        s = dot(n, sub(pa, pb))
+        if s < near.separation[k] - 1e-7 or s > 0.01:  # else the surface is round, and its normal no longer there
+            continue
+        if norm(sub(pa, vec_of(near.point_a, k))) + norm(sub(pb, vec_of(near.point_b, k))) < SAME_SPOT:
+            continue
+        _add_row(scene, room, poses, a, b, n, pa, pb, m, unknowns)
+        room.problem.least.bounds[m] = needed(gap, s)
+        m += 1
+    return m
+
+
+@outlined
+def add_term(room: DrivenRoom, row: Floats, unknowns: int, weight: float, r: float) -> None:
+    """Add ½ weight (row x + r)² to the objective."""
+    h, g = room.problem.hessian, room.problem.gradient
+    for i in range(unknowns):
+        if row[i] != 0.0:
+            g[i] += weight * r * row[i]
+            for j in range(unknowns):
+                h[i, j] += weight * row[i] * row[j]
+
+
+@kernel
+def want_touching(room: DrivenRoom) -> None:
+    """Only pairs that touch get a row at first: others turn out to be in the way, or not."""
+    near = room.near
+    for k in range(near.filled[0]):
+        room.rowed[k] = WANTED if near.exact[k] == 1 and near.separation[k] < ON and concerns(room, k) else NO_ROW
+
+
+@outlined
+def add_pairs(scene: Scene, room: DrivenRoom, now: Posture, gap: float, m: int, unknowns: int, soft: bool) -> int:
+    """Rows, from row m on, of the near pairs that are to have one, as measured at `now`; returns the number of rows.
+
+    `soft`: pairs that overlap get a dear term in the objective instead.
+    """
+    near = room.near
+    for k in range(near.filled[0]):
+        if room.rowed[k] != WANTED or m == len(room.problem.least.bounds):
+            continue
+        s, n = near.separation[k], vec_of(near.normal, k)
+        pa, pb = vec_of(near.point_a, k), vec_of(near.point_b, k)
+        room.rowed[k] = HAS_ROW
+        _add_row(scene, room, now.poses, near.a[k], near.b[k], n, pa, pb, m, unknowns)
+        if soft and s < 0.0:
+            add_term(room, room.problem.least.rows[m], unknowns, DEAR, s - gap)
+            continue
+        room.problem.least.bounds[m] = needed(gap, s)
+        m += 1
+        if s < TOUCHING:
+            m = _add_spots(scene, room, now.poses, k, gap, m, unknowns)
+            _remember_spot(scene, room, now.poses, k)
+    return m
+
+
+@outlined
+def add_cones(scene: Scene, room: DrivenRoom, recorded: Floats, now: Posture, m: int, unknowns: int) -> int:
+    """Rows that keep limbs of compound joints in their reach cones; returns the number of rows."""
+    for cone in range(len(scene.cones.limb)):
+        tree = scene.bodies.tree[scene.cones.joints[scene.cones.joint_start[cone]]]
+        if room.work.kind[tree] != BENDS or m == len(room.problem.least.bounds):
+            continue
+        row = room.problem.least.rows[m]
+        for j in range(unknowns):
+            row[j] = 0.0
+        g = cone_row(scene, room.work.unit, cone, now.angles, room.work.column, row)
+        lacks = cone_bound(scene, cone, recorded) + CONE_MARGIN - g
+        room.problem.least.bounds[m] = lacks if lacks > 2.0 * CONE_MARGIN else min(lacks, 0.0)
+        m += 1
+    return m
+
+
+@outlined
+def bound_unknowns(scene: Scene, room: DrivenRoom, now: Posture, step: float, firm: bool) -> None:
+    """The step bound, and limits of joints; `firm`: joints beyond theirs have to come back."""
+    low, high, work = room.problem.low, room.problem.high, room.work
+    for tree in range(len(work.kind)):
+        if work.kind[tree] == STAYS:
+            continue
+        first = work.first[tree]
+        for k in range(3):
+            low[first + k], high[first + k] = -step, step
+        if work.kind[tree] != BENDS:
+            continue
+        for k in range(3, 6):
+            low[first + k], high[first + k] = -step / ROOT_ARM, step / ROOT_ARM
+        for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+            i = work.column[q]
+            if i >= 0:
+                lever = room.links.lever[q]
+                most, back, forth = step / lever, work.low[q] - now.angles[q], work.high[q] - now.angles[q]
+                low[i] = max(-most, min(back, most if firm else 0.0))
+                high[i] = min(most, max(forth, -most if firm else 0.0))

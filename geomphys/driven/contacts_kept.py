@@ -1,0 +1,85 @@
+"""Contacts that were there stay there: a fingertip recorded on something ends on it.
+
+A soft term pulls the gap of a link at the end of a chain to the recorded one, or to zero where it was recorded inside, by
+the chain's own joints alone: the palm would otherwise be drawn along. Only what is fixed or tracked pulls; for two hands,
+or all the time, it does harm.
+"""
+
+from __future__ import annotations
+
+from geomphys.collision.detect import Near
+from geomphys.driven.constraints import add_term
+from geomphys.driven.postures import Posture, joint_effect, vec_of
+from geomphys.driven.state import BENDS, DrivenRoom
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.scene.arrays import DRIVEN, FIXED, JOINT_FIXED, Scene
+
+RECORDED_ON = 2e-3  # m: a link recorded this near touches
+PULL = 2.0  # mean weights
+
+
+@kernel
+def note_touch(scene: Scene, room: DrivenRoom, tip: int, body: int, gap: float) -> None:
+    """Keep a recorded contact, with the smallest gap."""
+    work = room.work
+    for i in range(work.touches[0]):
+        if work.touch[i, 0] == tip and work.touch[i, 1] == body:
+            work.touch_gap[i] = min(work.touch_gap[i], gap)
+            return
+    i = work.touches[0]
+    if i < len(work.touch):
+        work.touch[i, 0], work.touch[i, 1], work.touch_gap[i] = tip, body, gap
+        work.touches[0] = i + 1
+
+
+@outlined
+def note_touches(scene: Scene, room: DrivenRoom, near: Near) -> None:
+    """Recorded contacts of tips of chains, from the near pairs of the recorded poses."""
+    room.work.touches[0] = 0
+    for k in range(near.filled[0]):
+        body_a, body_b = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
+        if near.separation[k] > RECORDED_ON or near.tree_a[k] == near.tree_b[k]:
+            continue
+        if scene.bodies.role[body_b] == DRIVEN:
+            body_a, body_b = body_b, body_a
+        if scene.bodies.role[body_b] != FIXED or scene.trees.chains[scene.bodies.tree[body_a]] == 0:
+            continue
+        tip = room.links.holder[body_a]
+        if room.links.tip[tip] == 1:
+            note_touch(scene, room, tip, body_b, near.separation[k])
+
+
+@outlined
+def add_touches(scene: Scene, room: DrivenRoom, now: Posture, unknowns: int) -> float:
+    """Terms of the recorded contacts of trees that bend; returns their energy."""
+    work, near, energy = room.work, room.near, 0.0
+    spare = room.problem.least.rows[len(room.problem.least.bounds) - 1]
+    for i in range(work.touches[0]):
+        tip, other = work.touch[i, 0], work.touch[i, 1]
+        if work.kind[scene.bodies.tree[tip]] != BENDS:
+            continue
+        nearest, found = 1.0, -1
+        for k in range(near.filled[0]):
+            a, b = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
+            mine = (room.links.holder[a] == tip and b == other) or (room.links.holder[b] == tip and a == other)
+            if mine and near.exact[k] == 1 and near.separation[k] < nearest:
+                nearest, found = near.separation[k], k
+        if found < 0:
+            continue
+        off = nearest - max(work.touch_gap[i], 0.0)
+        for j in range(unknowns):
+            spare[j] = 0.0
+        n, sign, point = vec_of(near.normal, found), 1.0, vec_of(near.point_a, found)
+        if room.links.holder[scene.pieces.body[near.a[found]]] != tip:
+            sign, point = -1.0, vec_of(near.point_b, found)
+        joint = tip
+        while joint >= 0:
+            q = scene.bodies.dof[joint]
+            if q >= 0 and scene.dofs.chain[q] < 0 and scene.bodies.joint[joint] != JOINT_FIXED:
+                break
+            if q >= 0 and scene.bodies.joint[joint] != JOINT_FIXED and work.column[q] >= 0:
+                spare[work.column[q]] += sign * joint_effect(scene, now.poses, joint, point, n)
+            joint = scene.bodies.parent[joint]
+        add_term(room, spare, unknowns, PULL, off)
+        energy += 0.5 * PULL * off * off
+    return energy

@@ -1,0 +1,111 @@
+"""What the coupling asks driven trees for: the posture nearest to their targets, whatever is in the way; limits, branches."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.driven.constraints import add_cones, bound_unknowns
+from geomphys.driven.least_distance import SOLVED
+from geomphys.driven.objective import assemble, number_unknowns
+from geomphys.driven.postures import Posture, copy_tree, vec_of
+from geomphys.driven.qp import solve_quadratic
+from geomphys.driven.starts import (
+    JUMP,
+)
+from geomphys.driven.state import BENDS, SHIFTS, STAYS, DrivenRoom, DrivenState
+from geomphys.driven.stepping import copy_moving, place, step_to_trial
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import quat_rotate, sub
+from geomphys.scene.arrays import DRIVEN, Scene
+from geomphys.scene.kinematics import orientation_of, pose_tree, position_of, set_pose
+
+Floats = NDArray[np.float64]
+
+FIT_PASSES = 8
+FIT_STEP = 0.1  # m
+FITTED = 1e-8  # m
+STRETCH = math.radians(10.0)  # beyond the range in which the recording used a joint so far
+
+
+@outlined
+def take_limits(scene: Scene, state: DrivenState, room: DrivenRoom, angles: Floats) -> None:
+    """Limits of joints, that leave room for what was recorded and for where joints were; and angles carried on."""
+    work, last = room.work, state.last.angles
+    for q in range(len(angles)):
+        work.low[q] = min(scene.dofs.lower[q], angles[q])
+        work.high[q] = max(scene.dofs.upper[q], angles[q])
+        work.carried[q] = angles[q]
+        work.used_low[q] = min(state.used_low[q], angles[q]) - STRETCH
+        work.used_high[q] = max(state.used_high[q], angles[q]) + STRETCH
+        if state.started[0] == 1:
+            change = angles[q] - state.recorded.angles[q]
+            if abs(change) > JUMP:
+                change = 0.0
+            work.carried[q] = min(max(last[q] + change, work.low[q]), work.high[q])
+
+
+@outlined
+def _fit(scene: Scene, state: DrivenState, room: DrivenRoom, tree: int, roots: Floats, angles: Floats) -> None:
+    """Bring the bent tree in `goal` as near to its targets as it can be, whatever is in the way."""
+    work, goal, target = room.work, room.work.goal, room.work.target
+    root = scene.trees.body_start[tree]
+    if scene.trees.body_start[tree + 1] == root + 1:
+        q = orientation_of(target, root)
+        set_pose(goal.roots, tree, sub(position_of(target, root), quat_rotate(q, vec_of(room.links.centre, root))), q)
+        return
+    for other in range(len(work.kind)):
+        work.kind[other] = BENDS if other == tree else STAYS
+    copy_tree(scene, state.last, tree, work.now)
+    for j in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+        work.now.angles[j] = work.carried[j]
+    for k in range(7):
+        work.now.roots[tree, k] = roots[tree, k]
+    pose_tree(scene, room.origins, tree, work.now.roots, work.now.angles, work.now.poses)
+    for _ in range(FIT_PASSES):
+        n = number_unknowns(scene, room)
+        assemble(scene, room, work.now, False)
+        bound_unknowns(scene, room, work.now, FIT_STEP, True)
+        m = add_cones(scene, room, angles, work.now, 0, n)
+        if solve_quadratic(room.problem, n, m)[0] != SOLVED:
+            break
+        far = step_to_trial(scene, room)
+        copy_moving(scene, room, work.trial, work.now)
+        if far < FITTED:
+            break
+    copy_tree(scene, work.now, tree, goal)
+
+
+@kernel
+def take_branch(scene: Scene, room: DrivenRoom, tree: int, angles: Floats, posture: Posture) -> None:
+    """Of equal angles, whole turns apart and within limits, take those nearest to the recorded ones."""
+    for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+        turns = math.floor((angles[q] - posture.angles[q]) / (2.0 * math.pi) + 0.5)
+        there = posture.angles[q] + turns * 2.0 * math.pi
+        if room.links.rounds[q] == 1 and turns != 0.0 and room.work.low[q] <= there <= room.work.high[q]:
+            posture.angles[q] = there
+
+
+@outlined
+def set_goals(scene: Scene, state: DrivenState, room: DrivenRoom, roots: Floats, angles: Floats) -> None:
+    """What the coupling asks every driven tree for, placed."""
+    work = room.work
+    for tree in range(len(scene.trees.role)):
+        if scene.trees.role[tree] != DRIVEN:
+            continue
+        for k in range(7):
+            work.goal.roots[tree, k] = roots[tree, k]
+        for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+            work.goal.angles[q] = angles[q]
+        if state.bent[tree] == 1:
+            _fit(scene, state, room, tree, roots, angles)
+            take_branch(scene, room, tree, angles, work.goal)
+        else:
+            for i in range(3):
+                if state.offset[tree, i] != 0.0:  # -0.0 + 0.0 would be 0.0
+                    work.goal.roots[tree, i] += state.offset[tree, i]
+        place(scene, room, work.goal, tree)
+    for tree in range(len(scene.trees.role)):
+        work.kind[tree] = SHIFTS if scene.trees.role[tree] == DRIVEN else STAYS

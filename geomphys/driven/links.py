@@ -1,0 +1,177 @@
+"""Links as the objective sees them: weight, centre and second moments of their surface, and the levers of joints.
+
+A link counts by the area of its collision surface. Six points with the surface's second moments stand for it; as the
+objective is quadratic in them, their mean and their covariance are all that is kept.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.numerics.transforms import compose, matrix_from_frame
+from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, DRIVEN, HULL, JOINT_FIXED, JOINT_PRISMATIC, SPHERE, Scene
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+BASE_WEIGHT = 30.0  # of a link that carries chains (palm, thorax), times its area
+SHORTEST_LEVER = 0.02  # m
+
+
+class Links(NamedTuple):
+    """Fixed facts on the links of driven trees; zero for other bodies."""
+
+    weight: Floats  # (B,) 1 on average over links with geometry
+    centre: Floats  # (B, 3) m, mean of the surface, link frame
+    spread: Floats  # (B, 9) m², covariance of the surface about the centre, link frame, row by row
+    pivot: Ints  # (T,) the link about whose centre the root turns: what carries the chains, else the heaviest
+    lever: Floats  # (Q,) m per rad: how far a joint moves the farthest centre beyond it; 1 for prismatic joints
+    yields: Ints  # (Q,) 1 for joints that are unknowns of the problem
+    rounds: Ints  # (Q,) 1 for joints of which a whole turn more or less is the same posture
+    tip: Ints  # (B,) 1 for links without a moving child at the end of a chain of moving joints
+    holder: Ints  # (B,) the link that a body is fixed to: itself, where it has a moving joint or is a root
+
+
+def _triangles(points: Floats) -> tuple[float, Floats, Floats]:
+    """Area, first and second moments about the origin of triangles (n, 3, 3)."""
+    area = 0.5 * np.linalg.norm(np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]), axis=1)
+    mean = points.mean(axis=1)
+    first = area @ mean
+    corners = np.einsum("n,nki,nkj->ij", area, points, points)
+    second = (corners + 9.0 * np.einsum("n,ni,nj->ij", area, mean, mean)) / 12.0
+    return float(area.sum()), first, second
+
+
+def _surface(scene: Scene, i: int) -> tuple[float, Floats, Floats]:
+    """Area [m²], first and second moments of the surface of piece i in its own frame."""
+    pieces = scene.pieces
+    kind, (r, h, _) = int(pieces.kind[i]), pieces.size[i]
+    if kind in (BOX, HULL):
+        corners = pieces.vertices[pieces.vertex_start[i] : pieces.vertex_start[i + 1]]
+        found = []
+        for face in range(pieces.face_start[i], pieces.face_start[i + 1]):
+            loop = pieces.loops[pieces.loop_start[face] : pieces.loop_start[face + 1]]
+            found += [corners[[loop[0], a, b]] for a, b in pairwise(loop[1:])]
+        return _triangles(np.array(found))
+    side = 4.0 * np.pi * r * h if kind != SPHERE else 0.0
+    caps = 4.0 * np.pi * r * r if kind in (SPHERE, CAPSULE) else 2.0 * np.pi * r * r
+    across, along = side * r * r / 2.0, side * h * h / 3.0
+    if kind == SPHERE:
+        across, along = caps * r * r / 3.0, caps * r * r / 3.0
+    elif kind == CAPSULE:
+        across, along = across + caps * r * r / 3.0, along + caps * (h * h + h * r + r * r / 3.0)
+    elif kind == CYLINDER:
+        across, along = across + caps * r * r / 4.0, along + caps * h * h
+    return side + caps, np.zeros(3), np.diag([across, across, along])
+
+
+def _link_surface(scene: Scene, body: int) -> tuple[float, Floats, Floats]:
+    """Area, mean and covariance of the surfaces of a body's pieces, body frame."""
+    area, first, second = 0.0, np.zeros(3), np.zeros((3, 3))
+    for i in range(scene.bodies.piece_start[body], scene.bodies.piece_start[body + 1]):
+        a, m, s = _surface(scene, i)
+        turn, shift = scene.pieces.local[i, :9].reshape(3, 3), scene.pieces.local[i, 9:]
+        m = turn @ m
+        second += turn @ s @ turn.T + np.outer(m, shift) + np.outer(shift, m) + a * np.outer(shift, shift)
+        first += m + a * shift
+        area += a
+    if area == 0.0:
+        return 0.0, np.zeros(3), np.zeros((3, 3))
+    mean = first / area
+    return area, mean, second / area - np.outer(mean, mean)
+
+
+def _pivot(scene: Scene, tree: int, weight: Floats) -> int:
+    """The link that carries most chains; without chains the heaviest one that the root carries."""
+    first, last = int(scene.trees.body_start[tree]), int(scene.trees.body_start[tree + 1])
+    if scene.trees.chains[tree] == 1:
+        carried = np.zeros(last - first, np.int64)
+        for chain in np.flatnonzero(scene.chains.tree == tree):
+            base = int(scene.bodies.parent[scene.chains.bodies[scene.chains.body_start[chain]]])
+            carried[base - first] += 1
+        if carried.any():
+            return first + int(np.argmax(carried))
+    stays = [first]
+    for body in range(first + 1, last):
+        if scene.bodies.parent[body] in stays and scene.bodies.joint[body] == JOINT_FIXED:
+            stays.append(body)
+    return max(stays, key=lambda body: (weight[body], -body))
+
+
+def _zero_poses(scene: Scene) -> Floats:
+    """root_from_body (B, 4, 4) with all joints at zero."""
+    poses = np.tile(np.eye(4), (len(scene.bodies.parent), 1, 1))
+    origins = matrix_from_frame(scene.bodies.origin)
+    for body, parent in enumerate(scene.bodies.parent):
+        if parent >= 0:
+            poses[body] = compose(poses[parent][None], origins[body][None])[0]
+    return poses
+
+
+def make_links(scene: Scene) -> Links:
+    """Measure the links of a scene's driven trees."""
+    bodies, dofs = len(scene.bodies.role), len(scene.dofs.lower)
+    weight, centre, spread = np.zeros(bodies), np.zeros((bodies, 3)), np.zeros((bodies, 9))
+    for body in np.flatnonzero(scene.bodies.role == DRIVEN):
+        weight[body], centre[body], covariance = _link_surface(scene, int(body))
+        spread[body] = covariance.reshape(9)
+    if (weight > 0.0).any():
+        weight /= weight[weight > 0.0].mean()
+    pivot = scene.trees.body_start[:-1].copy()
+    for tree in np.flatnonzero(scene.trees.role == DRIVEN):
+        pivot[tree] = _pivot(scene, int(tree), weight)
+    for tree in np.flatnonzero((scene.trees.chains == 1) & (scene.trees.role == DRIVEN)):
+        if (scene.chains.tree == tree).any():
+            weight[pivot[tree]] *= BASE_WEIGHT
+    lever, yields = np.full(dofs, SHORTEST_LEVER), np.zeros(dofs, np.int64)
+    poses = _zero_poses(scene)
+    tip = np.zeros(bodies, np.int64)
+    for body in np.flatnonzero(scene.bodies.role == DRIVEN):
+        at = poses[body, :3, :3] @ centre[body] + poses[body, :3, 3]
+        joint = int(body)
+        while joint >= 0:
+            q = scene.bodies.dof[joint]
+            if q >= 0 and scene.bodies.joint[joint] != JOINT_FIXED and scene.bodies.multiplier[joint] != 0.0:
+                yields[q] = 1
+                if scene.bodies.joint[joint] == JOINT_PRISMATIC:
+                    lever[q] = 1.0
+                elif weight[body] > 0.0:
+                    far = float(np.linalg.norm(at - poses[joint, :3, 3])) * abs(scene.bodies.multiplier[joint])
+                    lever[q] = max(lever[q], far + 0.01)
+            joint = int(scene.bodies.parent[joint])
+    _find_tips(scene, tip)
+    holder = np.arange(bodies, dtype=np.int64)
+    for k in range(bodies):
+        if scene.bodies.parent[k] >= 0 and scene.bodies.joint[k] == JOINT_FIXED:
+            holder[k] = holder[scene.bodies.parent[k]]
+    return Links(weight, centre, spread, pivot, lever, yields, _whole_turns(scene), tip, holder)
+
+
+def _whole_turns(scene: Scene) -> Ints:
+    """(Q,) 1 for degrees of freedom that turn one joint, as far as they go themselves."""
+    rounds, moved = np.zeros(len(scene.dofs.lower), np.int64), np.zeros(len(scene.dofs.lower), np.int64)
+    for body in range(len(scene.bodies.parent)):
+        q = scene.bodies.dof[body]
+        if q < 0 or scene.bodies.joint[body] == JOINT_FIXED:
+            continue
+        moved[q] += 1
+        rounds[q] = int(
+            scene.bodies.joint[body] != JOINT_PRISMATIC and scene.bodies.multiplier[body] == 1.0 and moved[q] == 1
+        )
+    return rounds
+
+
+def _find_tips(scene: Scene, tip: Ints) -> None:
+    """Mark links with a moving joint above them and none below."""
+    moves = np.zeros(len(tip), np.int64)
+    for body in range(len(tip) - 1, -1, -1):
+        parent = scene.bodies.parent[body]
+        turns = scene.bodies.joint[body] != JOINT_FIXED and scene.bodies.dof[body] >= 0
+        if scene.bodies.role[body] == DRIVEN and turns and moves[body] == 0:
+            tip[body] = 1
+        if parent >= 0 and (turns or moves[body] == 1):
+            moves[parent] = 1

@@ -1,0 +1,368 @@
+"""What a correction costs: how far the surfaces of the links are from where they are to be.
+
+    E = ½ Σ_links w Σ_points |x(q) - x*|² / 6
+
+over six points with the second moments of a link's surface. Its gradient and Gauss-Newton Hessian are those of rigid
+bodies: with the mass w, the covariance of the surface as their second moments, and forces w (x - x*), the Hessian in
+roots and joints is the joint-space inertia matrix, found by composite bodies from the tips to the root (Featherstone,
+Rigid Body Dynamics Algorithms, 2008, chapter 6).
+
+A hand in one piece yields in shape and turn too, but dearly: the same sum over links as the root sees them, and the
+root's turn, count `SHAPE` times more.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.driven.postures import Posture, point_of, vec_of, world_axis
+from geomphys.driven.state import BENDS, STAYS, DrivenRoom
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import (
+    Quat,
+    Rot,
+    Vec,
+    add,
+    cross,
+    dot,
+    quat_conjugate,
+    quat_mul,
+    quat_rotate,
+    rot_from_quat,
+    rot_mul,
+    rotation_vector,
+    scale,
+    sub,
+)
+from geomphys.scene.arrays import DRIVEN, JOINT_FIXED, JOINT_PRISMATIC, Scene
+from geomphys.scene.kinematics import orientation_of, position_of
+
+Floats = NDArray[np.float64]
+
+SHAPE = 30.0  # times: how much dearer shape and turn are where a tree moves in one piece
+TURN_ARM = 0.05  # m, of its turn
+SMOOTH = 0.3  # of lever²: a joint's departure from what was recorded since the last frame
+UNUSUAL = 1.0  # lever²: a joint bent farther than the recording ever bends it
+BEYOND = 1e4  # lever²: a joint beyond its limits
+TINY = 1e-6  # of the mean weight: what makes every unknown cost something
+
+
+@kernel
+def is_stiff(scene: Scene, tree: int) -> bool:
+    """Whether a tree moves in one piece, so that its shape and turn are dear: it has no joints, or no chains."""
+    return bool(scene.trees.chains[tree] == 0 or scene.trees.dof_start[tree] == scene.trees.dof_start[tree + 1])
+
+
+@kernel
+def link_centre(room: DrivenRoom, poses: Floats, body: int) -> Vec:
+    """Centre of a link in the world."""
+    return point_of(poses, body, vec_of(room.links.centre, body))
+
+
+@kernel
+def pivot_of(room: DrivenRoom, poses: Floats, tree: int) -> Vec:
+    """The point about which the root turns."""
+    return link_centre(room, poses, room.links.pivot[tree])
+
+
+@kernel
+def _spread(room: DrivenRoom, body: int) -> Rot:
+    s = room.links.spread
+    return (s[body, 0], s[body, 1], s[body, 2], s[body, 3], s[body, 4], s[body, 5], s[body, 6], s[body, 7], s[body, 8])
+
+
+@kernel
+def _transposed(r: Rot) -> Rot:
+    return (r[0], r[3], r[6], r[1], r[4], r[7], r[2], r[5], r[8])
+
+
+@kernel
+def _misfit(room: DrivenRoom, poses: Floats, body: int, c: Vec, q: Quat) -> tuple[Vec, Vec, float]:
+    """Force and torque about its centre that pull a link off (c, q), per weight, and twice its energy."""
+    away = sub(link_centre(room, poses, body), c)
+    mine, wanted = rot_from_quat(orientation_of(poses, body)), rot_from_quat(q)
+    s = _spread(room, body)
+    n = rot_mul(rot_mul(mine, s), _transposed(wanted))
+    torque = (n[7] - n[5], n[2] - n[6], n[3] - n[1])
+    energy = dot(away, away) + 2.0 * (s[0] + s[4] + s[8]) - 2.0 * (n[0] + n[4] + n[8])
+    return away, torque, energy
+
+
+@kernel
+def tree_energy(scene: Scene, room: DrivenRoom, poses: Floats, tree: int) -> float:
+    """E of a tree, without what is dearer in one piece."""
+    energy = 0.0
+    for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+        w = room.links.weight[body]
+        if w > 0.0:
+            _, _, e = _misfit(room, poses, body, vec_of(room.work.target, body), orientation_of(room.work.target, body))
+            energy += 0.5 * w * e
+    return energy
+
+
+@kernel
+def _gather(scene: Scene, room: DrivenRoom, poses: Floats, tree: int) -> float:
+    """Composite inertias and forces of a tree about its pivot; returns E."""
+    inertia, force, links, target = room.work.inertia, room.work.force, room.links, room.work.target
+    first, last = scene.trees.body_start[tree], scene.trees.body_start[tree + 1]
+    pivot, energy = pivot_of(room, poses, tree), 0.0
+    for body in range(first, last):
+        w = links.weight[body]
+        for k in range(10):
+            inertia[body, k] = 0.0
+        for k in range(6):
+            force[body, k] = 0.0
+        if w == 0.0:
+            continue
+        away, torque, e = _misfit(room, poses, body, vec_of(target, body), orientation_of(target, body))
+        energy += 0.5 * w * e
+        r = sub(link_centre(room, poses, body), pivot)
+        turned = rot_from_quat(orientation_of(poses, body))
+        c = rot_mul(rot_mul(turned, _spread(room, body)), _transposed(turned))
+        trace, square = c[0] + c[4] + c[8], dot(r, r)
+        inertia[body, 0] = w
+        for k in range(3):
+            inertia[body, 1 + k] = w * r[k]
+        inertia[body, 4] = w * (square - r[0] * r[0] + trace - c[0])
+        inertia[body, 5] = w * (square - r[1] * r[1] + trace - c[4])
+        inertia[body, 6] = w * (square - r[2] * r[2] + trace - c[8])
+        inertia[body, 7] = -w * (r[0] * r[1] + c[1])
+        inertia[body, 8] = -w * (r[0] * r[2] + c[2])
+        inertia[body, 9] = -w * (r[1] * r[2] + c[5])
+        moment = add(cross(r, away), torque)
+        for k in range(3):
+            force[body, k] = w * away[k]
+            force[body, 3 + k] = w * moment[k]
+    for body in range(last - 1, first, -1):
+        parent = scene.bodies.parent[body]
+        for k in range(10):
+            inertia[parent, k] += inertia[body, k]
+        for k in range(6):
+            force[parent, k] += force[body, k]
+    return energy
+
+
+@kernel
+def _gather_shape(scene: Scene, room: DrivenRoom, poses: Floats, tree: int) -> float:
+    """Composite forces of a tree whose links are to be where its root sees them; returns the energy."""
+    force, links, target = room.work.force, room.links, room.work.target
+    first, last = scene.trees.body_start[tree], scene.trees.body_start[tree + 1]
+    pivot, energy = pivot_of(room, poses, tree), 0.0
+    root = position_of(poses, first)
+    turn = quat_mul(orientation_of(poses, first), quat_conjugate(orientation_of(target, first)))
+    middle = quat_rotate(orientation_of(target, first), vec_of(links.centre, first))
+    aim = sub(vec_of(target, first), middle)
+    for body in range(first, last):
+        w = links.weight[body]
+        for k in range(6):
+            force[body, k] = 0.0
+        if w == 0.0:
+            continue
+        c = add(root, quat_rotate(turn, sub(vec_of(target, body), aim)))
+        away, torque, e = _misfit(room, poses, body, c, quat_mul(turn, orientation_of(target, body)))
+        energy += 0.5 * w * e
+        moment = add(cross(sub(link_centre(room, poses, body), pivot), away), torque)
+        for k in range(3):
+            force[body, k] = w * away[k]
+            force[body, 3 + k] = w * moment[k]
+    for body in range(last - 1, first, -1):
+        for k in range(6):
+            force[scene.bodies.parent[body], k] += force[body, k]
+    return energy
+
+
+@kernel
+def _twist(scene: Scene, poses: Floats, joint: int, pivot: Vec) -> tuple[Vec, Vec]:
+    """Velocity at the pivot and angular velocity that a joint gives, per unit of its degree of freedom."""
+    m = scene.bodies.multiplier[joint]
+    axis = scale(world_axis(scene, poses, joint), m)
+    if scene.bodies.joint[joint] == JOINT_PRISMATIC:
+        return axis, (0.0, 0.0, 0.0)
+    return cross(axis, sub(pivot, position_of(poses, joint))), axis
+
+
+@kernel
+def _momentum(inertia: Floats, body: int, v: Vec, w: Vec) -> tuple[Vec, Vec]:
+    """Momentum and angular momentum about the pivot of a composite body in a motion."""
+    row = inertia[body]
+    m, h = row[0], (row[1], row[2], row[3])
+    p = add(scale(v, m), cross(w, h))
+    turned = (
+        row[4] * w[0] + row[7] * w[1] + row[8] * w[2],
+        row[7] * w[0] + row[5] * w[1] + row[9] * w[2],
+        row[8] * w[0] + row[9] * w[1] + row[6] * w[2],
+    )
+    return p, add(cross(h, v), turned)
+
+
+@kernel
+def _joint_column(scene: Scene, room: DrivenRoom, joint: int) -> int:
+    """Column of the joint above a body, -1: it has none."""
+    q = scene.bodies.dof[joint]
+    if q < 0 or scene.bodies.joint[joint] == JOINT_FIXED:
+        return -1
+    return int(room.work.column[q])
+
+
+@kernel
+def _add_joints(scene: Scene, room: DrivenRoom, poses: Floats, tree: int, factor: float) -> None:
+    """Hessian of a tree's joints among each other and with its root; the former `factor` times."""
+    h, first, pivot = room.problem.hessian, room.work.first[tree], pivot_of(room, poses, tree)
+    root = scene.trees.body_start[tree]
+    for body in range(root + 1, scene.trees.body_start[tree + 1]):
+        i = _joint_column(scene, room, body)
+        if i < 0 or room.work.inertia[body, 0] == 0.0:
+            continue
+        v, w = _twist(scene, poses, body, pivot)
+        p, spin = _momentum(room.work.inertia, body, v, w)
+        for k in range(3):
+            h[first + k, i] += p[k]
+            h[i, first + k] += p[k]
+            h[first + 3 + k, i] += spin[k]
+            h[i, first + 3 + k] += spin[k]
+        other = body
+        while other > root:
+            j = _joint_column(scene, room, other)
+            if j >= 0:
+                v, w = _twist(scene, poses, other, pivot)
+                value = factor * (dot(v, p) + dot(w, spin))
+                h[i, j] += value
+                if other != body:
+                    h[j, i] += value
+            other = scene.bodies.parent[other]
+
+
+@kernel
+def _add_joint_gradient(scene: Scene, room: DrivenRoom, poses: Floats, tree: int, factor: float) -> None:
+    """Gradient of a tree's joints from its composite forces."""
+    pivot, force = pivot_of(room, poses, tree), room.work.force
+    for body in range(scene.trees.body_start[tree] + 1, scene.trees.body_start[tree + 1]):
+        i = _joint_column(scene, room, body)
+        if i < 0:
+            continue
+        v, w = _twist(scene, poses, body, pivot)
+        f, t = vec_of(force, body), (force[body, 3], force[body, 4], force[body, 5])
+        room.problem.gradient[i] += factor * (dot(v, f) + dot(w, t))
+
+
+@kernel
+def _add_turn(scene: Scene, room: DrivenRoom, poses: Floats, tree: int) -> float:
+    """The root's turn of a tree in one piece is dear."""
+    root, first = scene.trees.body_start[tree], room.work.first[tree]
+    stiffness = SHAPE * room.work.inertia[root, 0] * TURN_ARM * TURN_ARM
+    turn = rotation_vector(
+        quat_mul(orientation_of(poses, root), quat_conjugate(orientation_of(room.work.target, root)))
+    )
+    for k in range(3):
+        room.problem.hessian[first + 3 + k, first + 3 + k] += stiffness
+        room.problem.gradient[first + 3 + k] += stiffness * turn[k]
+    return 0.5 * stiffness * dot(turn, turn)
+
+
+@kernel
+def _add_smoothness(scene: Scene, room: DrivenRoom, angles: Floats, tree: int) -> float:
+    """Joints go on as they were recorded to, and stay near the range in which they were used."""
+    energy, work = 0.0, room.work
+    for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+        i = work.column[q]
+        if i < 0:
+            continue
+        away = angles[q] - work.carried[q]
+        weight = SMOOTH * room.links.lever[q] ** 2
+        room.problem.hessian[i, i] += weight
+        room.problem.gradient[i] += weight * away
+        energy += 0.5 * weight * away * away
+        away = angles[q] - min(max(angles[q], work.used_low[q]), work.used_high[q])
+        if away != 0.0:
+            weight = UNUSUAL * room.links.lever[q] ** 2
+            room.problem.hessian[i, i] += weight
+            room.problem.gradient[i] += weight * away
+            energy += 0.5 * weight * away * away
+    return energy
+
+
+@kernel
+def _limit_energy(scene: Scene, room: DrivenRoom, angles: Floats, tree: int) -> float:
+    """What it costs to be beyond limits: only ever where a joint was before its recording came back within."""
+    energy, work = 0.0, room.work
+    for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+        if work.column[q] >= 0:
+            beyond = angles[q] - min(max(angles[q], work.low[q]), work.high[q])
+            energy += 0.5 * BEYOND * (room.links.lever[q] * beyond) ** 2
+    return energy
+
+
+@outlined
+def assemble(scene: Scene, room: DrivenRoom, now: Posture, smooth: bool) -> float:
+    """Hessian and gradient of all trees in the problem at a posture; returns the energy.
+
+    `smooth`: joints are also to go on as they were recorded to.
+    """
+    h, g, work = room.problem.hessian, room.problem.gradient, room.work
+    energy, poses = 0.0, now.poses
+    for tree in range(len(work.kind)):
+        kind = work.kind[tree]
+        if kind == STAYS:
+            continue
+        root, first = scene.trees.body_start[tree], work.first[tree]
+        energy += _gather(scene, room, poses, tree)
+        composite, force = work.inertia[root], work.force[root]
+        mass = composite[0]
+        for k in range(3):
+            h[first + k, first + k] += mass + TINY
+            g[first + k] += force[k]
+        if kind != BENDS:
+            continue
+        x, y, z = composite[1], composite[2], composite[3]
+        skew = (0.0, z, -y, -z, 0.0, x, y, -x, 0.0)  # ω x h: how the first moment couples a turn to a shift
+        for i in range(3):
+            for j in range(3):
+                h[first + i, first + 3 + j] += skew[3 * i + j]
+                h[first + 3 + j, first + i] += skew[3 * i + j]
+        moments = (
+            composite[4], composite[7], composite[8], composite[7], composite[5], composite[9], composite[8], composite[9],
+            composite[6],
+        )  # fmt: skip
+        for i in range(3):
+            g[first + 3 + i] += force[3 + i]
+            h[first + 3 + i, first + 3 + i] += 1e-3 * TINY
+            for j in range(3):
+                h[first + 3 + i, first + 3 + j] += moments[3 * i + j]
+        stiff = is_stiff(scene, tree)
+        _add_joint_gradient(scene, room, poses, tree, 1.0)
+        _add_joints(scene, room, poses, tree, 1.0 + SHAPE if stiff else 1.0)
+        if stiff:
+            energy += _add_turn(scene, room, poses, tree)
+            energy += SHAPE * _gather_shape(scene, room, poses, tree)
+            _add_joint_gradient(scene, room, poses, tree, SHAPE)
+        energy += _limit_energy(scene, room, now.angles, tree)
+        if smooth:
+            energy += _add_smoothness(scene, room, now.angles, tree)
+        for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+            if work.column[q] >= 0:
+                h[work.column[q], work.column[q]] += TINY * room.links.lever[q] ** 2
+    return energy
+
+
+@kernel
+def number_unknowns(scene: Scene, room: DrivenRoom) -> int:
+    """Give every tree that yields its columns, and clear the problem; returns their number."""
+    work, n = room.work, 0
+    for q in range(len(work.column)):
+        work.column[q] = -1
+    for tree in range(len(work.kind)):
+        if scene.trees.role[tree] != DRIVEN or work.kind[tree] == STAYS:
+            continue
+        work.first[tree] = n
+        n += 3 if work.kind[tree] != BENDS else 6
+        if work.kind[tree] == BENDS:
+            for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+                if room.links.yields[q] == 1:
+                    work.column[q] = n
+                    n += 1
+    for i in range(n):
+        room.problem.gradient[i] = 0.0
+        for j in range(n):
+            room.problem.hessian[i, j] = 0.0
+    return n

@@ -1,0 +1,87 @@
+"""Where driven trees are: roots, angles and the poses they make; and which way a point goes with each unknown."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.jit.kernel import kernel
+from geomphys.numerics.vec3 import Vec, add, cross, dot, quat_rotate, sub
+from geomphys.scene.arrays import JOINT_PRISMATIC, SIMULATED, Scene
+from geomphys.scene.kinematics import orientation_of, position_of
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class Posture(NamedTuple):
+    """A place of everything: T trees, Q angles, B bodies."""
+
+    roots: Floats  # (T, 7)
+    angles: Floats  # (Q,)
+    poses: Floats  # (B, 7)
+
+
+def make_posture(scene: Scene, poses: Floats) -> Posture:
+    """Everything at rest, at `poses` (B, 7)."""
+    return Posture(scene.trees.rest.copy(), np.zeros(len(scene.dofs.lower)), poses.copy())
+
+
+@kernel
+def is_recorded(scene: Scene, tree: int) -> bool:
+    """Whether the recording moves the tree."""
+    return scene.trees.moving[tree] == 1 and scene.trees.role[tree] != SIMULATED
+
+
+@kernel
+def copy_tree(scene: Scene, source: Posture, tree: int, target: Posture) -> None:
+    """Copy a tree's part of a posture."""
+    for k in range(7):
+        target.roots[tree, k] = source.roots[tree, k]
+    for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+        target.angles[q] = source.angles[q]
+    for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+        for k in range(7):
+            target.poses[body, k] = source.poses[body, k]
+
+
+@kernel
+def vec_of(rows: Floats, i: int) -> Vec:
+    """The first three numbers of a row."""
+    return (rows[i, 0], rows[i, 1], rows[i, 2])
+
+
+@kernel
+def point_of(poses: Floats, body: int, inside: Vec) -> Vec:
+    """A point of a body in the world."""
+    return add(position_of(poses, body), quat_rotate(orientation_of(poses, body), inside))
+
+
+@kernel
+def world_axis(scene: Scene, poses: Floats, joint: int) -> Vec:
+    """Axis of the joint above body `joint`, world frame."""
+    axis = (scene.bodies.axis[joint, 0], scene.bodies.axis[joint, 1], scene.bodies.axis[joint, 2])
+    return quat_rotate(orientation_of(poses, joint), axis)
+
+
+@kernel
+def joint_effect(scene: Scene, poses: Floats, joint: int, point: Vec, n: Vec) -> float:
+    """How fast a point beyond the joint above body `joint` moves along n per unit of the joint's degree of freedom."""
+    axis = world_axis(scene, poses, joint)
+    if scene.bodies.joint[joint] == JOINT_PRISMATIC:
+        return scene.bodies.multiplier[joint] * dot(axis, n)
+    return scene.bodies.multiplier[joint] * dot(cross(axis, sub(point, position_of(poses, joint))), n)
+
+
+@kernel
+def lower_bend(scene: Scene, recorded: Floats, q: int) -> float:
+    """Smallest offset of joint q: to its limit, or none if it was recorded beyond."""
+    return min(scene.dofs.lower[q] - recorded[q], 0.0)
+
+
+@kernel
+def upper_bend(scene: Scene, recorded: Floats, q: int) -> float:
+    """Largest offset of joint q: to its limit, or none if it was recorded beyond."""
+    return max(scene.dofs.upper[q] - recorded[q], 0.0)

@@ -1,0 +1,178 @@
+"""Small dense quadratic programs: nearest in a metric, within half-spaces and bounds.
+
+    minimise ½ x'Hx + g'x  subject to  C x >= d,  low <= x <= high
+
+With H = L L' and y = L'x this is the nearest point to -L⁻¹g within half-spaces (`least_distance`). Bounds are made rows
+only once they are violated: the dual method goes on from where it is.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.driven.least_distance import (
+    INFEASIBLE,
+    SOLVED,
+    LeastDistance,
+    begin_least_distance,
+    make_least_distance,
+    meet_rows,
+)
+from geomphys.jit.kernel import kernel, outlined
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+TOLERANCE = 1e-11  # of a row of unit length in the metric
+WEAK = 1e-9  # length in the metric below which a row has no hold on the unknowns
+BOUND_TOLERANCE = 1e-10  # of an unknown
+
+
+class Quadratic(NamedTuple):
+    """Room for problems of up to n unknowns and m rows, and their solution."""
+
+    hessian: Floats  # (n, n)
+    gradient: Floats  # (n,)
+    factor: Floats  # (n, n) lower triangular
+    low: Floats  # (n,)
+    high: Floats  # (n,)
+    x: Floats  # (n,) the solution
+    went: Floats  # (n,) the last step, scaled
+    least: LeastDistance  # its rows and bounds are C and d on entry
+
+
+def make_quadratic(unknowns: int, rows: int) -> Quadratic:
+    """Room for problems of up to `unknowns` and `rows`."""
+    gradient, low, high, x, went = (np.zeros(unknowns) for _ in range(5))
+    square = [np.zeros((unknowns, unknowns)) for _ in range(2)]
+    return Quadratic(square[0], gradient, square[1], low, high, x, went, make_least_distance(unknowns, rows))
+
+
+@outlined
+def _factorise(p: Quadratic, n: int) -> bool:
+    """Cholesky factor of the Hessian; False if it is not positive definite."""
+    h, f = p.hessian, p.factor
+    for i in range(n):
+        for j in range(i + 1):
+            value = h[i, j]
+            for k in range(j):
+                value -= f[i, k] * f[j, k]
+            if i == j:
+                if value <= 0.0:
+                    return False
+                f[i, i] = math.sqrt(value)
+            else:
+                f[i, j] = value / f[j, j]
+    return True
+
+
+@kernel
+def _to_metric(p: Quadratic, n: int, first: int, row: Floats) -> None:
+    """Replace a row by L⁻¹ row; its first `first` numbers are zero."""
+    for i in range(first, n):
+        value = row[i]
+        for k in range(first, i):
+            value -= p.factor[i, k] * row[k]
+        row[i] = value / p.factor[i, i]
+
+
+@kernel
+def _normalise(p: Quadratic, n: int, i: int) -> bool:
+    """Make row i one of unit length; False if it asks for what no unknown can give."""
+    row, square = p.least.rows[i], 0.0
+    for k in range(n):
+        square += row[k] * row[k]
+    length = math.sqrt(square)
+    if length < WEAK:
+        lacks = p.least.bounds[i] > 0.0
+        for k in range(n):
+            row[k] = 0.0
+        p.least.bounds[i] = -1.0
+        return not lacks
+    for k in range(n):
+        row[k] /= length
+    p.least.bounds[i] /= length
+    return True
+
+
+@kernel
+def _read_solution(p: Quadratic, n: int) -> None:
+    """X = L'⁻¹ y."""
+    y = p.least.x
+    for i in range(n - 1, -1, -1):
+        value = y[i]
+        for k in range(i + 1, n):
+            value -= p.factor[k, i] * p.x[k]
+        p.x[i] = value / p.factor[i, i]
+
+
+@kernel
+def _add_bounds(p: Quadratic, n: int, m: int) -> int:
+    """Rows for the bounds that the solution violates; returns the number of rows."""
+    for j in range(n):
+        sign, bound = 0.0, 0.0
+        if p.x[j] < p.low[j] - BOUND_TOLERANCE:
+            sign, bound = 1.0, p.low[j]
+        elif p.x[j] > p.high[j] + BOUND_TOLERANCE:
+            sign, bound = -1.0, -p.high[j]
+        if sign == 0.0 or m == len(p.least.bounds):
+            continue
+        row = p.least.rows[m]
+        for k in range(n):
+            row[k] = 0.0
+        row[j] = sign
+        p.least.bounds[m] = bound
+        p.least.is_active[m] = 0
+        _to_metric(p, n, j, row)
+        _normalise(p, n, m)
+        m += 1
+    return m
+
+
+@outlined
+def go_on(p: Quadratic, n: int, first: int, m: int, count: int) -> tuple[int, int, int]:
+    """Meet rows `first` to `m` too, as they were written, from a solution with `count` active rows.
+
+    Returns
+    -------
+    tuple
+        (SOLVED or INFEASIBLE, rows with those for bounds, active rows); where rows contradict each other `p.x` meets those
+        taken so far, within bounds.
+    """
+    status = SOLVED
+    for i in range(first, m):
+        p.least.is_active[i] = 0
+        _to_metric(p, n, 0, p.least.rows[i])
+        if not _normalise(p, n, i):
+            status = INFEASIBLE
+    for _ in range(2 * n + 2):
+        found, count = meet_rows(p.least, n, m, TOLERANCE, count)
+        _read_solution(p, n)
+        if found != SOLVED:
+            status = found
+            break
+        more = _add_bounds(p, n, m)
+        if more == m:
+            break
+        m = more
+    for j in range(n):
+        p.x[j] = min(max(p.x[j], p.low[j]), p.high[j])
+    return status, m, count
+
+
+@outlined
+def solve_quadratic(p: Quadratic, n: int, m: int) -> tuple[int, int, int]:
+    """Solve with the first `n` unknowns and `m` rows of `p.least`; the solution is in `p.x`. Returns as `go_on` does."""
+    if not _factorise(p, n):
+        for j in range(n):
+            p.x[j] = 0.0
+        return INFEASIBLE, m, 0
+    for k in range(n):
+        p.least.x[k] = -p.gradient[k]
+    _to_metric(p, n, 0, p.least.x)
+    begin_least_distance(p.least, n, 0)
+    return go_on(p, n, 0, m, 0)

@@ -1,0 +1,286 @@
+"""The search: a sequence of quadratic problems from a free posture to the best one that can be reached from it.
+
+Each pass solves the problem linear about the iterate and goes there, or a part of the way: only as far as no pair comes
+to overlap more than a trifle and every pair's way is certified (`advancement`). The step bound starts at 10 mm, grows
+when it is reached, and is halved only when the way turns back or had to be shortened.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.collision.detect import pair_separation
+from geomphys.driven.advancement import way_is_free
+from geomphys.driven.constraints import (
+    add_cones,
+    add_pairs,
+    bound_unknowns,
+    concerns,
+    forget_spots,
+    row_limit,
+    want_touching,
+)
+from geomphys.driven.contacts_kept import add_touches
+from geomphys.driven.least_distance import SOLVED
+from geomphys.driven.objective import assemble, link_centre, number_unknowns
+from geomphys.driven.postures import Posture, vec_of
+from geomphys.driven.qp import go_on, solve_quadratic
+from geomphys.driven.state import NO_ROW, SHIFTS, STAYS, WANTED, DrivenRoom
+from geomphys.driven.stepping import (
+    allowed_depth,
+    apply_solution,
+    copy_moving,
+    keeps_its_side,
+    look,
+    measure_motion,
+    pace_left,
+    place_frames,
+    turns_back,
+)
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import norm, sub
+from geomphys.scene.arrays import Scene
+from geomphys.scene.kinematics import orientation_of, set_pose
+
+Floats = NDArray[np.float64]
+
+FIRST_STEP = 0.01  # m, at most,
+AMPLE = 2.0  # times how far links are from their targets, and
+SMALL_STEP = 1e-3  # m at least
+MOST_STEP = 0.03  # m
+LEAST_STEP = 3e-4  # m
+HALVINGS = 6
+ROUNDS = 12  # of rows added in a pass
+SETTLED = 2e-6  # m: a pass that moves nothing farther ends the search,
+SETTLED_SHIFT = 1e-8  # m, where trees only shift,
+NEARLY = 5e-5  # m, and after
+PATIENCE = 6  # passes
+EVERY_STEP, STRAIGHT, ANY_WAY = 0, 1, 2  # what a search certifies
+
+
+class Found(NamedTuple):
+    """What a search gave; the posture is in `Workspace.best`."""
+
+    free: bool  # whether there is one
+    passes: int
+    converged: bool
+    energy: float
+    paced: bool  # it was stopped by its pace
+
+
+@outlined
+def _step_is_safe(scene: Scene, room: DrivenRoom, way: int) -> tuple[bool, float]:
+    """Whether all near pairs come free, or all but, from the iterate to the trial: (whether, least separation there).
+
+    `way` is what is certified: as in `search`.
+    """
+    near, work, least = room.near, room.work, math.inf
+    for k in range(near.filled[0]):
+        if not concerns(room, k):
+            continue
+        a, b, s = near.a[k], near.b[k], near.separation[k]
+        motion = work.motion[a] + work.motion[b]
+        if s > motion:
+            least = min(least, s - motion)
+            continue
+        there, _, _, _ = pair_separation(scene.pieces, room.places.frames, a, b, motion, room.axes, room.scratch)
+        least = min(least, there)
+        if way == ANY_WAY:
+            if there < -1e-3 and there < s - 1e-3:
+                return False, least
+            continue
+        if there < -allowed_depth(scene, a, b) and there < 0.9 * s:
+            return False, least
+        short = s + there >= motion or (near.exact[k] == 1 and keeps_its_side(scene, room, k, motion))
+        if not short and not way_is_free(
+            scene, work.now.poses, work.trial.poses, a, b, room.places.moved, room.axes, room.scratch
+        ):  # fmt: skip
+            return False, least
+        if way == STRAIGHT and not way_is_free(
+            scene, work.before.poses, work.trial.poses, a, b, room.places.moved, room.axes, room.scratch
+        ):  # fmt: skip
+            return False, least
+    return True, least
+
+
+@kernel
+def _only_shifts(room: DrivenRoom) -> bool:
+    only = True
+    for tree in range(len(room.work.kind)):
+        only = only and (room.work.kind[tree] == STAYS or room.work.kind[tree] == SHIFTS)
+    return only
+
+
+@outlined
+def _want_met(scene: Scene, room: DrivenRoom, gap: float, limit: float) -> bool:
+    """Want rows for near pairs without one that the solution takes into each other, a share of the way at most; any?"""
+    near, work, some = room.near, room.work, False
+    apply_solution(scene, room, 1.0)
+    far = measure_motion(scene, room, work.now, work.trial)
+    if far > limit:
+        apply_solution(scene, room, 0.98 * limit / far)
+        measure_motion(scene, room, work.now, work.trial)
+    place_frames(scene, room, work.trial)
+    for k in range(near.filled[0]):
+        if room.rowed[k] != NO_ROW or near.exact[k] == 0 or not concerns(room, k):
+            continue
+        a, b, s = near.a[k], near.b[k], near.separation[k]
+        motion = work.motion[a] + work.motion[b]
+        if s > motion:
+            continue
+        there, _, _, _ = pair_separation(scene.pieces, room.places.frames, a, b, motion, room.axes, room.scratch)
+        if there < 0.25 * gap or (
+            s + there < motion and not keeps_its_side(scene, room, k, motion) and not way_is_free(
+                scene, work.now.poses, work.trial.poses, a, b, room.places.moved, room.axes, room.scratch
+            )
+        ):  # fmt: skip
+            room.rowed[k], some = WANTED, True
+    return some
+
+
+@outlined
+def _solve_linear(
+    scene: Scene, room: DrivenRoom, recorded: Floats, gap: float, step: float, touching: bool, loose: bool
+) -> float:
+    """Build and solve the quadratic problem at the iterate; returns the energy there.
+
+    Pairs get rows as they turn out to be in the way. What cannot be met at once is asked for softly then.
+    """
+    work, limit, energy = room.work, row_limit(step), 0.0
+    for attempt in range(2):
+        n = number_unknowns(scene, room)
+        energy = assemble(scene, room, work.now, not loose)
+        if touching:
+            energy += add_touches(scene, room, work.now, n)
+        bound_unknowns(scene, room, work.now, step, attempt == 0)
+        want_touching(room)
+        m = add_pairs(scene, room, work.now, gap, 0, n, attempt == 1)
+        m = add_cones(scene, room, recorded, work.now, m, n)
+        status, m, count = solve_quadratic(room.problem, n, m)
+        for _ in range(ROUNDS):
+            if status != SOLVED or not _want_met(scene, room, gap, limit):
+                break
+            more = add_pairs(scene, room, work.now, gap, m, n, False)
+            status, m, count = go_on(room.problem, n, m, more, count)
+        if status == SOLVED:
+            return energy
+    for i in range(len(room.problem.x)):
+        room.problem.x[i] = 0.0
+    return energy
+
+
+@kernel
+def _first_step(scene: Scene, room: DrivenRoom) -> float:
+    """The step bound to begin with: by how far links are from their targets, so that few pairs have to be looked at."""
+    far, work = 0.0, room.work
+    for tree in range(len(work.kind)):
+        if work.kind[tree] == STAYS:
+            continue
+        for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+            far = max(far, norm(sub(link_centre(room, work.now.poses, body), vec_of(work.target, body))))
+    return min(max(AMPLE * far, SMALL_STEP), FIRST_STEP)
+
+
+@outlined
+def _keep_wishes(scene: Scene, room: DrivenRoom, source: Floats, target: Floats) -> None:
+    """Copy targets (B, 7) of the trees that yield."""
+    for tree in range(len(room.work.kind)):
+        if room.work.kind[tree] != STAYS:
+            for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+                for k in range(7):
+                    target[body, k] = source[body, k]
+
+
+@outlined
+def _stay(scene: Scene, room: DrivenRoom, posture: Posture) -> None:
+    """From now on links are to stay where a posture has them."""
+    for tree in range(len(room.work.kind)):
+        if room.work.kind[tree] != STAYS:
+            for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+                q = orientation_of(posture.poses, body)
+                set_pose(room.work.target, body, link_centre(room, posture.poses, body), q)
+
+
+@outlined
+def search(
+    scene: Scene, room: DrivenRoom, recorded: Floats, gap: float, passes: int, touching: bool, tethered: bool, way: int
+) -> Found:
+    """Search from the posture in `Workspace.now`, whose pieces are placed.
+
+    Parameters
+    ----------
+    scene, room
+        The scene and the workspace: `kind` says who yields and how, `target`, `anchor`, `pace` where to.
+    recorded
+        (Q,) rad, recorded angles: what is recorded beyond a reach cone is its bound.
+    gap
+        m; clearance kept.
+    passes
+        Bound on the passes.
+    touching
+        Whether recorded contacts are to be kept.
+    tethered
+        Whether the trees may get no farther from `Workspace.start` than their pace.
+    way
+        What is certified: EVERY_STEP; STRAIGHT: also the straight way from where the step of the frame began; ANY_WAY:
+        nothing, and the start may overlap, as nothing was anywhere before.
+    """
+    work, best, loose = room.work, math.inf, way == ANY_WAY
+    step = FIRST_STEP if loose else _first_step(scene, room)
+    found, converged, paced, done = False, False, False, False
+    shifting, count = _only_shifts(room), 0
+    forget_spots(room)
+    _keep_wishes(scene, room, work.target, work.wish)
+    for i in range(len(room.problem.went)):
+        room.problem.went[i] = 0.0
+    while True:
+        limit = row_limit(step)
+        least = look(scene, room, limit)
+        energy = _solve_linear(scene, room, recorded, gap, step, touching and not paced, loose or paced)
+        if least >= 0.0 and (energy < best or done or paced):
+            found, best = True, energy
+            copy_moving(scene, room, work.now, work.best)
+        if done or count == min(passes, work.passes[0]):
+            break
+        count += 1
+        share, safe, there, far, stopped = 1.0, False, 0.0, 0.0, False
+        for _ in range(HALVINGS):
+            apply_solution(scene, room, share)
+            far = measure_motion(scene, room, work.now, work.trial)
+            if far > limit:
+                share *= 0.98 * limit / far
+                continue
+            left = 1.0 if loose or paced else pace_left(scene, room, tethered)
+            stopped = left < 1.0
+            if stopped:
+                share *= left * 0.999
+                apply_solution(scene, room, share)
+                far = measure_motion(scene, room, work.now, work.trial)
+            place_frames(scene, room, work.trial)
+            safe, there = _step_is_safe(scene, room, way)
+            if safe:
+                break
+            share *= 0.5
+        if not safe:
+            converged = least >= 0.0
+            break
+        back = turns_back(scene, room, share)
+        copy_moving(scene, room, work.trial, work.now)
+        if stopped:
+            paced = True
+            _stay(scene, room, work.now)
+        if (share < 1.0 and not stopped) or back:
+            step = max(0.5 * step, LEAST_STEP)
+        elif far > 0.5 * step:
+            step = min(1.5 * step, MOST_STEP)
+        settled = far < (SETTLED_SHIFT if shifting else SETTLED) or (
+            count >= PATIENCE and far < NEARLY and not shifting
+        )
+        if there >= 0.0 and (settled or paced):
+            converged, done = True, True
+    _keep_wishes(scene, room, work.wish, work.target)
+    return Found(found, count, converged, best, paced)

@@ -1,0 +1,204 @@
+"""Where links are to go: recorded, with the offset of the last frame, relaxed by the coupling (6).
+
+A tree that was only translated has one offset, that of its root. What turned or bent has one for each link: of its centre
+and of its turn, in the world, so that they mean the same whichever angles make a posture.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.driven.coupling import relax_offset
+from geomphys.driven.objective import link_centre
+from geomphys.driven.postures import is_recorded, vec_of
+from geomphys.driven.state import DrivenRoom, DrivenState
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import (
+    Vec,
+    add,
+    dot,
+    norm,
+    quat_conjugate,
+    quat_from_rotation_vector,
+    quat_mul,
+    quat_unit,
+    rotation_vector,
+    sub,
+)
+from geomphys.scene.arrays import DRIVEN, Scene
+from geomphys.scene.kinematics import orientation_of, set_pose
+
+Floats = NDArray[np.float64]
+
+NO_SHIFT = 1e-6  # m: link offsets below this,
+NO_TURN = 1e-6  # rad, and this are none
+PACE = 1.9  # times its recorded motion, or
+LEAST_PACE = 1.4e-3  # m: how far beside the way that the coupling takes it the offset of a link may get in a frame
+MOVED = 1e-7  # m or rad: what differs by less from where the coupling asks for has not met anything
+
+
+@kernel
+def _has_offset(scene: Scene, state: DrivenState, tree: int) -> bool:
+    """Whether some link of a bent tree is off by more than nothing."""
+    for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+        for i in range(3):
+            if abs(state.shift[body, i]) > NO_SHIFT or abs(state.shift[body, 3 + i]) > NO_TURN:
+                return True
+    return False
+
+
+@kernel
+def _straighten(scene: Scene, state: DrivenState, tree: int) -> None:
+    """The tree is where it was recorded."""
+    state.bent[tree] = 0
+    for i in range(3):
+        state.offset[tree, i] = state.speed[tree, i] = state.kept_speed[tree, i] = 0.0
+    for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+        for i in range(6):
+            state.shift[body, i] = state.rate[body, i] = 0.0
+
+
+@kernel
+def _aim(room: DrivenRoom, recorded: Floats, body: int, shift: Vec, turn: Vec) -> None:
+    """Target of a link: recorded, with an offset."""
+    q = orientation_of(recorded, body)
+    if turn != (0.0, 0.0, 0.0):
+        q = quat_unit(quat_mul(quat_from_rotation_vector(turn), q))
+    set_pose(room.work.target, body, add(link_centre(room, recorded, body), shift), q)
+
+
+@outlined
+def _relax_tree(scene: Scene, state: DrivenState, room: DrivenRoom, tree: int, recorded: Floats, dt: float) -> None:
+    """Relax the offsets of a tree, and aim its links.
+
+    Speeds are kept, so that what impulses change of them until the next step can be told.
+    """
+    trees, first = scene.trees, scene.trees.body_start[tree]
+    pushed = sub(vec_of(state.speed, tree), vec_of(state.kept_speed, tree))
+    for body in range(first, trees.body_start[tree + 1]):
+        old = vec_of(state.shift, body)
+        c = add(link_centre(room, recorded, body), old)
+        for i in range(3):
+            room.work.anchor[body, i] = c[i]
+    if state.bent[tree] == 0:
+        for i in range(3):
+            state.offset[tree, i], state.speed[tree, i] = relax_offset(
+                trees, tree, state.offset[tree, i], state.speed[tree, i], dt
+            )
+        offset = vec_of(state.offset, tree)
+        for body in range(first, trees.body_start[tree + 1]):
+            for i in range(3):
+                state.shift[body, i], state.rate[body, i] = state.offset[tree, i], state.speed[tree, i]
+            _aim(room, recorded, body, offset, (0.0, 0.0, 0.0))
+        for i in range(3):
+            state.kept_speed[tree, i] = state.speed[tree, i]
+        return
+    for body in range(first, trees.body_start[tree + 1]):
+        for i in range(6):
+            rate = state.rate[body, i] + (pushed[i] if i < 3 else 0.0)
+            state.shift[body, i], state.rate[body, i] = relax_offset(trees, tree, state.shift[body, i], rate, dt)
+    for i in range(3):
+        state.kept_speed[tree, i] = state.speed[tree, i]
+    if not _has_offset(scene, state, tree):
+        _straighten(scene, state, tree)
+    for body in range(first, trees.body_start[tree + 1]):
+        s = state.shift[body]
+        _aim(room, recorded, body, (s[0], s[1], s[2]), (s[3], s[4], s[5]))
+
+
+@outlined
+def aim(scene: Scene, state: DrivenState, room: DrivenRoom, recorded: Floats, dt: float) -> None:
+    """Relax all offsets by `dt` [s] and set targets, anchors and paces of the links; `recorded` (B, 7) are their poses."""
+    for tree in range(len(scene.trees.role)):
+        if scene.trees.role[tree] != DRIVEN:
+            continue
+        _relax_tree(scene, state, room, tree, recorded, dt)
+        motion = 0.0
+        for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+            way = sub(link_centre(room, recorded, body), link_centre(room, state.recorded.poses, body))
+            motion = max(motion, norm(way))
+        room.work.pace[tree] = max(LEAST_PACE, PACE * motion)
+
+
+@kernel
+def _brake(state: DrivenState, body: int, pushed: Vec, turned: Vec) -> None:
+    """After a contact the offset of a link has no speed left against what it met."""
+    for part in range(2):
+        push = pushed if part == 0 else turned
+        size = norm(push)
+        if size <= MOVED:
+            continue
+        first = 3 * part
+        rate = (state.rate[body, first], state.rate[body, first + 1], state.rate[body, first + 2])
+        against = dot(rate, push) / size
+        if against < 0.0:
+            for i in range(3):
+                state.rate[body, first + i] -= against * push[i] / size
+
+
+@outlined
+def note_tree(scene: Scene, state: DrivenState, room: DrivenRoom, tree: int, recorded: Floats, bends: bool) -> None:
+    """Offsets of a tree from its final posture, and their rates."""
+    poses, root = state.last.poses, scene.trees.body_start[tree]
+    for body in range(root, scene.trees.body_start[tree + 1]):
+        for i in range(3):
+            state.rate[body, i] += state.speed[tree, i] - state.kept_speed[tree, i]
+    for i in range(3):
+        state.offset[tree, i] = state.last.roots[tree, i] - recorded[root, i]
+    offset = vec_of(state.offset, tree)
+    for body in range(root, scene.trees.body_start[tree + 1]):
+        turn = (0.0, 0.0, 0.0)
+        shift = offset
+        if bends:
+            q = quat_mul(orientation_of(poses, body), quat_conjugate(orientation_of(recorded, body)))
+            turn = rotation_vector(q)
+            if orientation_of(poses, body) == orientation_of(recorded, body):
+                turn = (0.0, 0.0, 0.0)
+            shift = sub(link_centre(room, poses, body), link_centre(room, recorded, body))
+        s = state.shift[body]
+        _brake(state, body, sub(shift, (s[0], s[1], s[2])), sub(turn, (s[3], s[4], s[5])))
+        for i in range(3):
+            s[i], s[3 + i] = shift[i], turn[i]
+    state.bent[tree] = 1 if bends else 0
+    if not bends:
+        for body in range(root, scene.trees.body_start[tree + 1]):
+            for i in range(3):
+                s = state.shift[body]
+                s[i], s[3 + i], state.rate[body, 3 + i] = offset[i], 0.0, 0.0
+    for i in range(3):
+        pivot = room.links.pivot[tree]
+        state.speed[tree, i] = state.kept_speed[tree, i] = state.rate[pivot, i]
+
+
+@outlined
+def note_offsets(
+    scene: Scene, state: DrivenState, room: DrivenRoom, roots: Floats, angles: Floats, recorded: Floats
+) -> None:
+    """Take offsets from the final posture `state.last`, and remember the recording."""
+    for tree in range(len(scene.trees.role)):
+        if not is_recorded(scene, tree):
+            continue
+        if scene.trees.role[tree] == DRIVEN:
+            note_tree(scene, state, room, tree, recorded, is_bent(scene, state, tree, roots, angles))
+        for k in range(7):
+            state.recorded.roots[tree, k] = roots[tree, k]
+        for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+            state.recorded.angles[q] = angles[q]
+            if scene.trees.role[tree] == DRIVEN:
+                state.used_low[q] = min(state.used_low[q], angles[q])
+                state.used_high[q] = max(state.used_high[q], angles[q])
+        for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+            for k in range(7):
+                state.recorded.poses[body, k] = recorded[body, k]
+
+
+@kernel
+def is_bent(scene: Scene, state: DrivenState, tree: int, roots: Floats, angles: Floats) -> bool:
+    """Whether a tree is off its recording by more than a translation."""
+    if orientation_of(state.last.roots, tree) != orientation_of(roots, tree):
+        return True
+    for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):  # noqa: SIM110 - no generators in kernels
+        if state.last.angles[q] != angles[q]:
+            return True
+    return False

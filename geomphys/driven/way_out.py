@@ -1,0 +1,94 @@
+"""A way out for what is inside something: the nearest free place, sought along many directions.
+
+Only the first frame, or what has closed on a tree, may need it. In the first frame nothing was anywhere before, and any
+place will do; later only one that can be reached.
+"""
+
+from __future__ import annotations
+
+import math
+
+from geomphys.driven.postures import copy_tree
+from geomphys.driven.starts import FREE, judge
+from geomphys.driven.state import STAYS, DrivenRoom
+from geomphys.driven.stepping import look, place
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import Vec, scale, unit
+from geomphys.scene.arrays import Scene
+
+NEAREST = 1e-3  # m
+FARTHER = 1.3  # times, from one distance tried to the next
+DISTANCES = 30
+BISECTIONS = 12
+
+
+@kernel
+def _direction(number: int) -> Vec:
+    """One of the 26 directions to the faces, edges and corners of a cube."""
+    number += 1 if number >= 13 else 0
+    return unit((float(number % 3 - 1), float(number // 3 % 3 - 1), float(number // 9 - 1)))
+
+
+@kernel
+def _is_free_at(scene: Scene, room: DrivenRoom, tree: int, way: Vec, gap: float, certified: bool) -> bool:
+    """Whether a tree, shifted from `now`, is clear by the gap, and if need be can be reached from where the step began."""
+    work = room.work
+    for k in range(7):
+        work.start.roots[tree, k] = work.now.roots[tree, k] + (way[k] if k < 3 else 0.0)
+    for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+        work.start.angles[q] = work.now.angles[q]
+    place(scene, room, work.start, tree)
+    if look(scene, room, gap) < gap:
+        return False
+    return not certified or judge(scene, room, work.start)[0] == FREE
+
+
+@outlined
+def _free_tree(scene: Scene, room: DrivenRoom, tree: int, gap: float, certified: bool) -> bool:
+    """Find the nearest free place of a tree, into `now`."""
+    distance, nearest, towards = NEAREST, math.inf, (0.0, 0.0, 0.0)
+    for _ in range(DISTANCES):
+        for number in range(26):
+            d = _direction(number)
+            if not _is_free_at(scene, room, tree, scale(d, distance), gap, certified):
+                continue
+            low, high = distance / FARTHER if distance > NEAREST else 0.0, distance
+            for _ in range(BISECTIONS):
+                middle = 0.5 * (low + high)
+                if _is_free_at(scene, room, tree, scale(d, middle), gap, certified):
+                    high = middle
+                else:
+                    low = middle
+            if high < nearest - NEAREST * 1e-3:
+                nearest, towards = high, d
+        if nearest < math.inf:
+            break
+        distance *= FARTHER
+    if nearest < math.inf:
+        for i in range(3):
+            room.work.now.roots[tree, i] += nearest * towards[i]
+    place(scene, room, room.work.now, tree)
+    return nearest < math.inf
+
+
+@outlined
+def find_way_out(scene: Scene, room: DrivenRoom, gap: float, certified: bool) -> bool:
+    """Shift the trees that yield, one after the other, from `Workspace.now` to free places near it; into `best`.
+
+    Returns whether all are free then; only if `certified` they have to be reached from where the step began.
+    """
+    work, free = room.work, True
+    for tree in range(len(work.kind)):
+        work.wanted[tree] = work.kind[tree]  # kept while one tree is looked at alone
+    for tree in range(len(work.kind)):
+        if work.wanted[tree] == STAYS:
+            continue
+        for other in range(len(work.kind)):
+            work.kind[other] = work.wanted[other] if other == tree else STAYS
+        if look(scene, room, gap) < 0.0:
+            free = _free_tree(scene, room, tree, gap, certified) and free
+    for tree in range(len(work.kind)):
+        work.kind[tree] = work.wanted[tree]
+        if work.kind[tree] != STAYS:
+            copy_tree(scene, work.now, tree, work.best)
+    return free

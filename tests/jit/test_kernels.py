@@ -1,0 +1,48 @@
+"""What holds for every kernel of the package."""
+
+from __future__ import annotations
+
+import ast
+
+import pytest
+
+import geomphys.engine.step  # noqa: F401 - brings in all kernels of a frame
+from geomphys.jit.kernels import OPTIONS, Outlined, kernels
+from geomphys.jit.returns import declared_return
+from tests.house.sources import modules, tree
+
+PUBLIC = ("numba", "numba.extending", "llvmlite", "llvmlite.ir", "llvmlite.binding")
+DOCUMENTED = {"numba.core": {"cgutils"}, "numba.core.typing.templates": {"AttributeTemplate"}}
+"""Of numba's core, what its manual's chapter on the low-level extension interface uses."""
+
+
+def test_only_the_public_interface_of_numba_is_used() -> None:
+    for name, path in modules("geomphys").items():
+        for node in ast.walk(tree(path)):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in ("numba", "llvmlite"):
+                names = {alias.name for alias in node.names}
+                assert node.module in PUBLIC or names <= DOCUMENTED.get(str(node.module), set()), f"{name}: {names}"
+
+
+def test_results_do_not_depend_on_the_machine() -> None:
+    assert "fastmath" not in OPTIONS
+    assert "parallel" not in OPTIONS
+
+
+def test_every_outlined_kernel_says_what_it_returns() -> None:
+    outlined = [kernel for kernel in kernels.values() if isinstance(kernel, Outlined)]
+    assert len(outlined) > 30
+    for kernel in outlined:
+        declared_return(kernel.py_func)
+
+
+@pytest.mark.parametrize("package", ["collision", "simulated", "world", "step", "machine", "interplay"])
+def test_kernels_take_at_most_eight_parameters(package: str) -> None:
+    known = {"find_near", "near_bodies", "near_pairs_of_trees", "near_pairs_within_tree", "append_pair", "manifold"}
+    many = {
+        name: count
+        for (module, name), kernel in kernels.items()
+        if module.split(".")[1] == package and name not in known
+        if (count := kernel.py_func.__code__.co_argcount) > 8
+    }
+    assert not many
