@@ -115,11 +115,11 @@ def _cells(channel: ChannelDifference, part: str) -> Iterator[tuple[str, str]]:
     if sets is not None:
         yield from _pair("gained", "lost", f"{sets.gained:,}", f"{sets.lost:,}")
     measures: list[Measure] = [m for m in (metres, radians, others) if m is not None and m.max]
-    firsts = [m.first_frame for m in measures if m.first_frame is not None]
+    first_frames = [m.first_frame for m in measures if m.first_frame is not None]
     if sets is not None and sets.first_frame is not None:
-        firsts.append(sets.first_frame)
-    if firsts:
-        yield "first frame", f"{min(firsts):,}"
+        first_frames.append(sets.first_frame)
+    if first_frames:
+        yield "first frame", f"{min(first_frames):,}"
     if measures and measures[0].worst_frame is not None:
         yield "worst frame", f"{measures[0].worst_frame:,}"
     if measures:

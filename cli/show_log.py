@@ -145,8 +145,8 @@ def show_check(terminal: Terminal, report: CheckReport) -> None:
 
 def _placed(space: SpaceReport) -> str:
     """Return the pose of the recorded space in the world."""
-    at, turned = (", ".join(f"{value:.4g}" for value in values) for values in (space.position, space.orientation))
-    return f"recorded with {space.up} up, in {space.unit}; its origin is at [{at}], its axes are turned by [{turned}]"
+    at, rotation = (", ".join(f"{value:.4g}" for value in values) for values in (space.position, space.orientation))
+    return f"recorded with {space.up} up, in {space.unit}; its origin is at [{at}], its axes are turned by [{rotation}]"
 
 
 def finding_rows(findings: Findings, all_lines: bool) -> Iterator[tuple[str, list[str]]]:

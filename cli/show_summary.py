@@ -107,8 +107,8 @@ def _corrected(summary: Summary) -> list[str | Text]:
     if summary.correction_max_m == 0.0 and summary.correction_max_rad == 0.0:
         return [verdict, "nothing was moved"]
     degrees = 57.29577951308232 * summary.correction_max_rad
-    turned = f", turned by up to {degrees:.3g}°" if degrees >= 0.001 else ""
-    return [verdict, f"moved by up to {_mm(summary.correction_max_m)}{turned}"]
+    rotation = f", turned by up to {degrees:.3g}°" if degrees >= 0.001 else ""
+    return [verdict, f"moved by up to {_mm(summary.correction_max_m)}{rotation}"]
 
 
 def _times(summary: Summary) -> Iterator[str]:

@@ -110,7 +110,7 @@ def audit_output(
     world = world_of_output(log, None if scene is None else as_path(scene))
     auditor = _Auditor(world, log.path, recorded)
     frames = overlapping = broken = dropped = 0
-    kept_overlaps: list[Overlap] = []
+    listed_overlaps: list[Overlap] = []
     deepest: Overlap | None = None
     for frame in log.frames(["/tf", "/recorded/tf"] if recorded else ["/tf"]):
         found = list(auditor.overlaps(frame))
@@ -120,8 +120,8 @@ def audit_output(
         for overlap in found:
             if deepest is None or overlap.depth_at_most_m > deepest.depth_at_most_m:
                 deepest = overlap
-        capacity = MAX_OVERLAPS - len(kept_overlaps)
-        kept_overlaps += found[:capacity]
+        capacity = MAX_OVERLAPS - len(listed_overlaps)
+        listed_overlaps += found[:capacity]
         dropped += max(0, len(found) - capacity)
         if progress is not None:
             progress(frames, log.frame_count)
@@ -137,7 +137,7 @@ def audit_output(
         frames_overlapping=overlapping,
         frames_broken=broken,
         deepest=deepest,
-        overlaps=tuple(kept_overlaps),
+        overlaps=tuple(listed_overlaps),
         overlaps_dropped=dropped,
         same_world=sha256_of_world(world) == log.metadata.get("world_sha256"),
     )

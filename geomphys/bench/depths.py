@@ -133,7 +133,7 @@ def _overlapping(name: str, shapes: Sequence[Shape], frames: Floats) -> Pairs:
     keep = np.repeat(PairLoop(pairs).all(frames)[:, 3] < -1e-6, 2)
     if keep.all():
         return pairs
-    return _arranged(name, [s for s, kept in zip(shapes, keep, strict=True) if kept], frames[keep])
+    return _arranged(name, [s for s, is_retained in zip(shapes, keep, strict=True) if is_retained], frames[keep])
 
 
 class PairLoop:

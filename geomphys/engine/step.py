@@ -138,13 +138,14 @@ def measure_correction(scene: Scene, m: Machine, lengths: Floats) -> None:
     for body in range(len(scene.bodies.role)):
         if scene.bodies.role[body] != DRIVEN:
             continue
-        square, cosine = 0.0, 0.0
+        square, same, opposite = 0.0, 0.0, 0.0
         for k in range(3):
             square += (m.corrected[body, k] - m.recorded[body, k]) ** 2
-        for k in range(3, 7):
-            cosine += (m.corrected[body, k] - m.recorded[body, k]) ** 2
+        for k in range(3, 7):  # q and -q are one rotation
+            same += (m.corrected[body, k] - m.recorded[body, k]) ** 2
+            opposite += (m.corrected[body, k] + m.recorded[body, k]) ** 2
         far = max(far, np.sqrt(square))
-        turn = max(turn, 4.0 * np.arcsin(min(1.0, 0.5 * np.sqrt(cosine))))
+        turn = max(turn, 4.0 * np.arcsin(min(1.0, 0.5 * np.sqrt(min(same, opposite)))))
     lengths[CORRECTION], lengths[TURN] = far, turn
 
 

@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple
 
 Range = tuple[float, float]
 
-FULL_TURN = 2 * math.pi + 0.02
+FULL_ROTATION = 2 * math.pi + 0.02
 """rad; a joint angle beyond this (more than a full turn) cannot be in radians."""
 MAX_LIMIT_EXCESS = math.radians(45)
 """rad; people and calibrations leave limits by less than this."""
@@ -49,7 +49,7 @@ def guess_angle_unit(ranges: Mapping[str, Range], limits: Mapping[str, Range]) -
     known = {n: limits[n] for n in ranges if is_informative(limits[n])}
     candidates = known or ranges  # joints without limits (wheels) are only used where no other is there
     name, largest = max(((n, _largest(ranges[n])) for n in candidates), key=lambda item: (item[1], item[0]))
-    unit: Literal["rad", "deg"] = "deg" if largest > FULL_TURN else "rad"
+    unit: Literal["rad", "deg"] = "deg" if largest > FULL_ROTATION else "rad"
     scale = math.pi / 180.0 if unit == "deg" else 1.0
     inside = sum(limit_excess(ranges[n], known[n], scale) <= math.radians(5) for n in known)
     fits = f"{inside} of {len(known)} joints within their limits" if known else "no limits to compare with"

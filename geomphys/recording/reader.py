@@ -74,7 +74,7 @@ class Damage:
 
     bytes_lost: int
     text: str  # one line
-    places: int
+    offsets: int
 
 
 class LogReader:

@@ -149,14 +149,14 @@ def _guess_unit(motions: Sequence[PoseExtent]) -> tuple[LengthUnit, str, bool]:
 def _likelihood(unit: LengthUnit, extent: float, farthest: float, speed: float) -> float:
     """Log likelihood, but for a constant, of recorded lengths and speeds in a unit."""
     total = _PRIORS[unit]
-    for value, typical, low_spread, high_spread in (
+    for value, typical, low_range, high_range in (
         (extent, 0.5, 10.0, 4.0),
         (farthest, 1.0, 3.0, 3.0),
         (speed, 0.3, 10.0, 4.0),
     ):
         if value > 1e-9:
             ratio = math.log(value * METRES_PER_UNIT[unit] / typical)
-            total -= 0.5 * (ratio / math.log(low_spread if ratio < 0 else high_spread)) ** 2
+            total -= 0.5 * (ratio / math.log(low_range if ratio < 0 else high_range)) ** 2
     return total
 
 

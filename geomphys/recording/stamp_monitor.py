@@ -67,7 +67,7 @@ class StampTrack:
         self.first: list[tuple[int, int]] = []  # the first stamps and their log times
         self.max_stamp, self.max_log_time = Watermark(), Watermark()  # of the stamps and of the log times
         self.previous = (NEVER, 0)
-        self.messages_behind = self.messages_ahead = 0  # messages before the largest stamp; in a row after it
+        self.messages_late = self.messages_ahead = 0  # messages before the largest stamp; in a row after it
         self.backward_jump: StampStep | None = None  # where the stamps last went back
         self.largest_jump = StampStep(0, 0, 0, 0)  # the largest step ahead, and its excess
         self.max_excess = 0
@@ -87,18 +87,18 @@ class StampTrack:
         if stamp - before - (log_time - before_log) > self.max_excess and self.count > 1:
             self.largest_jump = StampStep(before, stamp, before_log, log_time)
             self.max_excess = self.largest_jump.excess
-        if not self.messages_behind and self.max_stamp.time - stamp > delay:
+        if not self.messages_late and self.max_stamp.time - stamp > delay:
             self.backward_jump = StampStep(before, stamp, before_log, log_time)
         if self.backward_jump is not None:
             if stamp < self.backward_jump.before:
-                self.messages_behind, self.messages_ahead = self.messages_behind + 1, 0
+                self.messages_late, self.messages_ahead = self.messages_late + 1, 0
             else:
                 self.messages_ahead += 1
                 if self.messages_ahead >= CONFIRMING_MESSAGES:
-                    self.messages_behind, self.backward_jump = 0, None
+                    self.messages_late, self.backward_jump = 0, None
         self.max_stamp.add(stamp)
         self.max_log_time.add(log_time)
-        return self.messages_behind >= CONFIRMING_MESSAGES
+        return self.messages_late >= CONFIRMING_MESSAGES
 
     @property
     def spans(self) -> tuple[int, int]:
@@ -169,7 +169,7 @@ class StampMonitor:
     def finish(self) -> None:
         """Check streams of few messages at the end of the log; raises LogError as `add` does."""
         for key, track in self.tracks.items():
-            if track.messages_behind > 1 and track.messages_ahead == 0:
+            if track.messages_late > 1 and track.messages_ahead == 0:
                 raise LogError(self._restart_message(key, track))
             if track.has_wrong_rate:
                 raise LogError(self._wrong_rate_message(key, track))

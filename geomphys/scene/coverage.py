@@ -112,10 +112,10 @@ def uncovered_distance(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) 
         if len(triangles) == 0 or len(triangles) > MAX_PARTS:
             break
         away = _away(*_apart(triangles), planes, pieces, TOLERANCE * size)
-    bare = _uncovered_polygons(np.concatenate([*small, triangles]), planes, TOLERANCE * size)
-    if not bare:
+    polygons = _uncovered_polygons(np.concatenate([*small, triangles]), planes, TOLERANCE * size)
+    if not polygons:
         return 0.0
-    points = np.concatenate([np.vstack([polygon, polygon.mean(axis=0)]) for polygon in bare])
+    points = np.concatenate([np.vstack([polygon, polygon.mean(axis=0)]) for polygon in polygons])
     return float(np.max(np.min([_outside(points, p) for p in planes], axis=0), initial=0.0))
 
 
@@ -205,15 +205,15 @@ def _subtract(polygon: Floats, planes: Floats, slack: float) -> list[Floats]:
 
 def _clipped(polygon: Floats, side: Floats) -> Floats:
     """The part of a convex polygon where `side` >= 0 (Sutherland and Hodgman 1974, one plane)."""
-    kept = []
+    clipped = []
     for k in range(len(polygon)):
         j = (k + 1) % len(polygon)
         if side[k] >= 0:
-            kept.append(polygon[k])
+            clipped.append(polygon[k])
         if (side[k] > 0 > side[j]) or (side[k] < 0 < side[j]):
             share = side[k] / (side[k] - side[j])
-            kept.append(polygon[k] + share * (polygon[j] - polygon[k]))
-    return np.array(kept).reshape(-1, 3)
+            clipped.append(polygon[k] + share * (polygon[j] - polygon[k]))
+    return np.array(clipped).reshape(-1, 3)
 
 
 def divided(triangles: Floats) -> tuple[Floats, NDArray[np.int64]]:
@@ -253,11 +253,13 @@ def _surface_points(pieces: Sequence[Floats], count: int) -> Floats:
 def winding(vertices: Floats, faces: Ints, points: Floats) -> Floats:
     """Winding number of a closed surface about points (n, 3): 1 inside, 0 outside (van Oosterom and Strackee 1983)."""
     corners = vertices[faces]
-    turns = np.zeros(len(points))
+    solid_angles = np.zeros(len(points))
     for start in range(0, len(points), 64):
         a, b, c = np.moveaxis(corners[None] - points[start : start + 64, None, None], 2, 0)
         la, lb, lc = (np.linalg.norm(x, axis=-1) for x in (a, b, c))
         top = np.einsum("...i,...i", a, np.cross(b, c))
         dots = [np.einsum("...i,...i", x, y) for x, y in ((a, b), (b, c), (c, a))]
-        turns[start : start + 64] = np.arctan2(top, la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb).sum(-1)
-    return turns / (2 * np.pi)
+        solid_angles[start : start + 64] = np.arctan2(
+            top, la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb
+        ).sum(-1)
+    return solid_angles / (2 * np.pi)

@@ -10,9 +10,9 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from geomphys.scene import coacd_process, decomposition
-from geomphys.scene.coverage import stands_out
+from geomphys.scene.coverage import piece_protrusion
 from geomphys.scene.decomposition import decompose
-from geomphys.scene.meshes import Mesh, merged
+from geomphys.scene.meshes import Mesh, merge_vertices
 
 Solid = manifold3d.Manifold
 
@@ -25,7 +25,7 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def mesh_of(name: str, solid: manifold3d.Manifold) -> Mesh:
     made = solid.to_mesh64()
-    return merged(name, np.array(made.vert_properties)[:, :3], np.array(made.tri_verts).astype(np.int64))
+    return merge_vertices(name, np.array(made.vert_properties)[:, :3], np.array(made.tri_verts).astype(np.int64))
 
 
 def bracket() -> Mesh:
@@ -46,7 +46,7 @@ def test_a_bracket_is_its_walls() -> None:
     assert len(pieces.hulls) <= 6
     assert pieces.uncovered == 0.0
     concavity = 0.5 * pieces.threshold * mesh.size
-    assert stands_out(mesh.vertices, mesh.faces, pieces.hulls) <= 1.6 * concavity
+    assert piece_protrusion(mesh.vertices, mesh.faces, pieces.hulls) <= 1.6 * concavity
     assert sum(ConvexHull(h).volume for h in pieces.hulls) < 1.1 * mesh.signed_volume
     middle = np.array([0.0, 0.0, 0.004])  # between the walls
     assert not any(_holds(corners, middle) for corners in pieces.hulls)

@@ -153,7 +153,9 @@ def test_a_chain_is_put_back_with_its_posture(tmp_path: Path, monkeypatch: pytes
     )  # fmt: skip
 
     def poison(machine: Any) -> None:
-        machine.driven.posture.bend.fill(value)
+        machine.driven.bent.fill(1)
+        machine.driven.shift.fill(value)
+        machine.driven.last.angles.fill(value)
 
     poisoned(monkeypatch, poison)
     summary = geomphys.run(tmp_path / "log.mcap", tmp_path / "scene.toml", out=tmp_path / "out.mcap")

@@ -108,11 +108,6 @@ IN_WORK = {"collision", "driven", "engine", "jit", "simulated"}
 """Folders that are being rewritten; each goes from here once its words are the field's, until none is left."""
 
 ALLOWED = {
-    "analysis": "kept",
-    "authoring": "bend bends bent spread told",
-    "bench": "hasty kept",
-    "cli": "firsts kept place room told trouble turned",
-    "recording": "bare behind firsts kept met pace place places soon tell theirs told trouble turn wanted",
     "results": "wedged",
     "scene": "place turned",
 }
@@ -216,25 +211,9 @@ MOST_PARAMETERS = 8
 
 MANY_PARAMETERS = {
     "collision.detect": "append_pair find_near near_bodies near_pairs_of_trees near_pairs_within_tree",
-    "collision.exhaustive": "try_direction",
-    "collision.manifold": "manifold touching",
-    "driven.ccd": "_move_shared descend",
-    "driven.chain_loop": "_contacts_of _yield_once free_chains",
-    "driven.chain_step": "_descend _search yield_chains",
-    "driven.chains": "_is_free bend_chains hold_posture place_posture",
-    "driven.escape": "_deepest _escape_tree _leads_through _way_out ask_to_hold escape",
-    "driven.hold": "keep_turn",
-    "driven.overlap": "_nearest_free_of eliminate_overlap",
-    "driven.pace": "slow_down",
-    "driven.posture": "add_effects",
-    "driven.rows": "_add_pair _add_past _add_side call_in_joints",
-    "driven.shift": "_newton shift_link",
-    "driven.steps": "recording_between steps_needed",
-    "driven.update": "_begin_step _end_step update_driven",
-    "engine.frame_buffer": "write_contacts",
-    "engine.step": "run_block",
-    "simulated.header": "header_of",
-    "simulated.update": "simulate",
+    "collision.manifold": "manifold",
+    "driven.constraints": "_add_row",
+    "engine.coupled_step": "recording_between",
 }
 """Module -> its kernels with more parameters than `MOST_PARAMETERS`. Only ever shorter: hand on a record instead."""
 

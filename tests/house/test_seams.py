@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from geomphys.recording.channels import Kind, kind_of, make_reader
+from geomphys.recording.channels import MessageKind, kind_of, make_message_reader
 from geomphys.recording.reader import LogChannel
 from tests.house.sources import imports, modules, tree
 
@@ -44,14 +44,16 @@ def test_a_sink_is_known_to_one_module_besides_its_own(name: str) -> None:
 
 
 def test_a_kind_of_message_is_one_entry(monkeypatch: pytest.MonkeyPatch) -> None:
-    table = sys.modules[Kind.__module__]
+    table = sys.modules[MessageKind.__module__]
     numbers = ("at.x", "at.y", "at.z", "q.x", "q.y", "q.z", "q.w")
-    toy = Kind(("toy_msgs/msg/Where",), ("json",), "pose", table.PoseLayout(pose=numbers, scale=0.001), stamped=False)
+    toy = MessageKind(
+        ("toy_msgs/msg/Where",), ("json",), "pose", table.PoseLayout(pose=numbers, scale=0.001), has_stamp=False
+    )
     channel = LogChannel(0, "/where", "toy_msgs/Where", "jsonschema", b"{}", "json", 1, 0, 0)
     assert kind_of(channel) is None
-    monkeypatch.setitem(table._KNOWN, (toy.names[0], "json"), toy)
+    monkeypatch.setitem(table._KIND_BY_TYPE, (toy.names[0], "json"), toy)
     found = kind_of(channel)
     assert found is toy
     message = {"at": {"x": 10, "y": 20, "z": 30}, "q": {"x": 0, "y": 0, "z": 0, "w": 1}}
-    (pose,) = make_reader(channel, found)(json.dumps(message).encode())
+    (pose,) = make_message_reader(channel, found)(json.dumps(message).encode())
     assert pose.value == pytest.approx((0.01, 0.02, 0.03, 0.0, 0.0, 0.0, 1.0))

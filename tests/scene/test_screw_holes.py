@@ -116,8 +116,8 @@ def test_a_box_of_many_triangles_is_a_box_again() -> None:
             k = first + 12 * i + j
             quad = (k, k + 12, k + 13, k + 1) if side else (k, k + 1, k + 13, k + 12)
             faces += [(quad[0], quad[1], quad[2]), (quad[0], quad[2], quad[3])]
-    from geomphys.scene.meshes import merged
+    from geomphys.scene.meshes import merge_vertices
 
-    simple = simplified(merged("box", np.array(corners), np.array(faces)), 1e-6)
+    simple = simplified(merge_vertices("box", np.array(corners), np.array(faces)), 1e-6)
     assert simple.signed_volume == pytest.approx(0.05**3)
     assert len(simple.faces) == 12

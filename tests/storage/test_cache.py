@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from geomphys.jit.kernel import _sources_of_machine_code
+from geomphys.jit.folder import _sources_of_machine_code
 from geomphys.storage import cache
 from tests.house.sources import modules
 
