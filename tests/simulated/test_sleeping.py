@@ -9,7 +9,6 @@ from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box
 from geomphys.simulated.frame_contacts import write_touches
 from geomphys.simulated.sleeping import REST_TIME, wake
-from geomphys.simulated.state import AWAKE
 from tests.simulated.scenes import Player, Thing, floor
 from tests.simulated.stages import Stage
 
@@ -69,11 +68,11 @@ def test_a_sleeping_body_goes_on_to_press_with_its_weight() -> None:
     """Its contacts carry m g dt in every frame it sleeps."""
     player = Player([Thing(shape=CUBE, at=(0, 0, 0.05)), floor()])
     player.run(1.0)
-    assert player.state.kinds[0, AWAKE] == 0
+    assert player.simulation.bodies["awake"][0] == 0
     before = player.poses.copy()
     player.step(1 / 60)
     assert np.array_equal(player.poses, before)
     bodies, values = np.zeros((16, 2), np.int64), np.zeros((16, 9))
-    count = write_touches(player.state, player.poses, bodies, values, 0)
+    count = write_touches(player.packed, player.poses, bodies, values, 0)
     weight = player.scene.bodies.mass[0] * 9.81
     assert values[:count, 7].sum() * 60 == pytest.approx(weight, rel=1e-6)
