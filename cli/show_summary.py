@@ -63,8 +63,9 @@ def _rows(summary: Summary) -> Iterator[tuple[str, Sequence[str | Text]]]:
         yield "Time", list(_times(summary))
     if summary.out or summary.rrd:
         yield "Written", [_written(path) for path in (summary.out, summary.rrd) if path]
-    if summary.information:
-        yield "Space", [printable(message.text) for message in summary.information]
+    frames = [printable(m.text) for m in summary.information if m.text not in summary.findings.notes]
+    if frames:
+        yield "Space", frames
     if summary.warnings:
         yield "Warnings", _warnings(summary)
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import cast
 from urllib.parse import unquote
 
 from geomphys.errors import MeshError
+from geomphys.remote import is_remote
 from geomphys.world.sources import is_there, note_contents
 from geomphys.world.urdf_kinds import EXPRESSION
 
@@ -72,7 +74,7 @@ class MeshFinder:
         if found:
             raise MeshError(f"{shown}: no such file in the package {package!r}, which is {found[0]}")
         raise MeshError(
-            f"{shown}: package {package!r} was not found in the folders above {Path(os.path.abspath(self.folder))}, "
+            f"{shown}: package {package!r} was not found in the folders above {_above(self.folder)[0]}, "
             "nor in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH: set one of them or put the files beside the URDF"
         )
 
@@ -101,6 +103,8 @@ def _searched() -> list[Path]:
 
 def _above(folder: Path) -> list[Path]:
     """A folder and those above it; also as they really are where a link leads elsewhere."""
+    if is_remote(folder):
+        return [cast(Path, level) for level in (folder, *folder.parents[:MOST_LEVELS])]
     here, real = Path(os.path.abspath(folder)), Path(os.path.realpath(folder))
     levels = [here, *list(here.parents)[:MOST_LEVELS]]
     if real != here:
@@ -109,7 +113,9 @@ def _above(folder: Path) -> list[Path]:
 
 
 def _children(folder: Path) -> list[Path]:
-    """Folders in a folder, the first `MOST_SIBLINGS` by name."""
+    """Folders in a local folder, the first `MOST_SIBLINGS` by name."""
+    if is_remote(folder):
+        return []
     try:
         with os.scandir(folder) as entries:
             names = sorted(e.name for e in entries if not e.name.startswith(".") and e.is_dir())

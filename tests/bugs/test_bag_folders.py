@@ -30,7 +30,7 @@ def bag(folder: Path, named: Sequence[str] | None, storage: str | None = "mcap",
         items = []
         for k in range(part * EACH, (part + 1) * EACH):
             items += [
-                pose("/wrist", 10 + k / 60, (k, 0, 0, 0, 0, 0, 1)),
+                pose("/wrist", 10 + k / 60, (k / 128, 0, 0, 0, 0, 0, 1)),
                 joints("/glove", 10 + k / 60, {"a": 0.01 * k}),
             ]
         write_log(folder / f"{stem}{part}.mcap", items)
@@ -49,7 +49,7 @@ ALL = [f"take_{k}.mcap" for k in range(PARTS)]
 @pytest.mark.parametrize("storage", ["", None, "mcap"])
 def test_a_storage_that_is_not_named_is_that_of_the_files(tmp_path: Path, storage: str | None) -> None:
     with FrameSource(bag(tmp_path / "take", ALL, storage), HAND, Config()) as source:
-        assert [f.roots[0, 0] for f in source] == list(range(PARTS * EACH))
+        assert [128 * f.roots[0, 0] for f in source] == list(range(PARTS * EACH))
         assert source.report.warnings == ()
 
 
@@ -57,7 +57,7 @@ def test_a_storage_that_is_not_named_is_that_of_the_files(tmp_path: Path, storag
 def test_parts_that_the_metadata_does_not_name_are_read_and_told(tmp_path: Path, named: list[str]) -> None:
     folder = bag(tmp_path / "take", named)
     with FrameSource(folder, HAND, Config()) as source:
-        assert [f.roots[0, 0] for f in source] == list(range(PARTS * EACH))
+        assert [128 * f.roots[0, 0] for f in source] == list(range(PARTS * EACH))
         told = [w for w in source.report.warnings if "metadata.yaml does not name" in w]
     assert len(told) == 1
     assert all((name in told[0]) == (name not in named) for name in ALL)
@@ -70,7 +70,7 @@ def test_a_log_of_another_name_in_a_bag_is_told_and_not_read(tmp_path: Path) -> 
     folder = bag(tmp_path / "take", ALL)
     write_log(folder / "other.mcap", [pose("/wrist", 10.5, (99, 0, 0, 0, 0, 0, 1))])
     with FrameSource(folder, HAND, Config()) as source:
-        assert [f.roots[0, 0] for f in source] == list(range(PARTS * EACH))
+        assert [128 * f.roots[0, 0] for f in source] == list(range(PARTS * EACH))
         assert any("other.mcap" in w and "not read" in w for w in source.report.warnings)
 
 

@@ -99,7 +99,7 @@ def test_of_transforms_each_frame_is_watched_by_itself(tmp_path: Path) -> None:
     """Of one topic, a frame 5 s behind all the time is no fault of the one that is followed."""
     items = []
     for k in range(300):
-        items.append(transforms("/tf", EPOCH + k / RATE, {"hand": (k, 0, 0, 0, 0, 0, 1)}))
+        items.append(transforms("/tf", EPOCH + k / RATE, {"hand": (k / 128, 0, 0, 0, 0, 0, 1)}))
         late = EPOCH * S + k * S // RATE - 5 * S
         items.append(transforms("/tf", EPOCH + (k + 0.5) / RATE, {"other": (0, 0, 0, 0, 0, 0, 1)}, stamp=late))
     frames, report = replay(tmp_path, items, make_world(Tree(root="/tf#hand")))

@@ -16,7 +16,7 @@ def test_info_tells_topics(case: Case, capsys: pytest.CaptureFixture[str]) -> No
     text = capsys.readouterr().out
     assert f"{FRAMES} in 0.98 s" in text
     (row,) = [line.split() for line in text.splitlines() if line.startswith("/tracker/finger")]
-    assert row == ["/tracker/finger", "foxglove.PoseInFrame", "json", "60", "60.0", "Hz", "0.0167", "s"]
+    assert row == ["/tracker/finger", "foxglove.PoseInFrame", "json", "a", "pose", "60", "60.0", "Hz", "0.0167", "s"]
 
 
 def test_info_as_json(case: Case, capsys: pytest.CaptureFixture[str]) -> None:

@@ -61,9 +61,9 @@ def said(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFi
         ("replay hand.mcap", 2, "geomphys init LOG --urdf URDF writes a first one"),
         ("init hand.mcap", 2, "name the URDF"),
         ("-q replay hand.mcap -s topic.toml", 1, "did you mean '/tracker/wrist'?"),
-        ("check hand.mcap -s kind.toml", 1, "/glove/joint_states does"),
+        ("check hand.mcap -s kind.toml", 1, "/glove/joint_states has joint values"),
         ("check hand.mcap -s unit.toml", 1, "expected 'rad' or 'deg'"),
-        ("check hand.mcap -s mesh.toml", 1, "relative to the file that names the mesh"),
+        ("check hand.mcap -s mesh.toml", 1, "paths are relative to the URDF"),
         ("check hand.mcap -s moved.toml", 1, "relative to the scene file"),
         ("check hand.mcap -s joint.toml", 1, "did you mean 'index_mcp_flex'?"),
         ("check hand.mcap -s class.toml", 1, "expected 'fixed', 'simulated' or 'driven'"),
@@ -96,4 +96,4 @@ def test_units_that_look_wrong_are_warned_of(folder: Path, root: Path, capsys: p
     large = f'[[object]]\nname = "big"\nclass = "fixed"\nmesh = "{root}/assets/mug/mug.obj"\nscale = 1000.0\n'
     (folder / "big.toml").write_text(scene + "\n" + large + "position = [0.0, 0.0, 5000.0]\n")
     assert run(["check", str(folder / "hand.mcap"), "-s", str(folder / "big.toml")]) == 0
-    assert "scale = 0.001" in capsys.readouterr().out
+    assert "is in millimetres, say scale = 1\n" in capsys.readouterr().out
