@@ -255,6 +255,19 @@ def solve_group(
 
 
 @outlined
+def _set_joints_to_zero(scene: Scene, room: DrivenRoom, source: Posture, target: Posture) -> None:
+    """Copy the trees that yield, with their joints at zero or as near as limits allow: links that overlap there never collide."""
+    for tree in range(len(room.work.kind)):
+        if room.work.kind[tree] == STAYS:
+            continue
+        copy_tree(scene, source, tree, target)
+        if room.work.kind[tree] == BENDS:
+            for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+                target.angles[q] = min(max(0.0, room.work.low[q]), room.work.high[q])
+            pose_tree(scene, room.origins, tree, target.roots, target.angles, target.poses)
+
+
+@outlined
 def solve_first(scene: Scene, state: DrivenState, room: DrivenRoom, angles: Floats, gap: float) -> Outcome:
     """The first frame: nothing was anywhere before, so any way out will do."""
     work, passes, rescues, converged = room.work, 0, 0, True
@@ -290,6 +303,11 @@ def solve_first(scene: Scene, state: DrivenState, room: DrivenRoom, angles: Floa
     converged = found.free
     if not found.free:
         rescues = 1
+        _set_joints_to_zero(scene, room, work.goal, work.now)
+        place_moving(scene, room, work.now)
+        found = search(scene, room, angles, gap, FIRST_PASSES, False, False, ANY_WAY)
+        passes, converged = passes + found.passes, found.free
+    if not found.free:
         copy_moving(scene, room, work.goal, work.now)
         place_moving(scene, room, work.now)
         converged = find_way_out(scene, room, gap, False)

@@ -27,6 +27,9 @@ TOUCHES = 64  # recorded contacts of a frame
 # rows of near pairs (DrivenRoom.rowed)
 NO_ROW, WANTED, HAS_ROW = 0, 1, 2
 
+# whether some frame before this one ended free of overlap (DrivenState.started)
+NEVER_FREE, STARTED_FREE = 2, 1
+
 # how a tree may yield (Workspace.kind)
 STAYS, SHIFTS, BENDS = 0, 1, 2
 
@@ -34,7 +37,7 @@ STAYS, SHIFTS, BENDS = 0, 1, 2
 class DrivenState(NamedTuple):
     """What the driven loop carries from frame to frame."""
 
-    started: Ints  # (1,) 0 before the first frame
+    started: Ints  # (1,) 0 before the first frame, then NEVER_FREE or STARTED_FREE
     offset: Floats  # (T, 3) m, of each tree's root from its recorded place
     speed: Floats  # (T, 3) m/s, of the pivot's offset; impulses change it
     kept_speed: Floats  # (T, 3) m/s, what it was at the end of the last step

@@ -49,8 +49,8 @@ def _has_offset(scene: Scene, state: DrivenState, tree: int) -> bool:
 
 
 @kernel
-def _straighten(scene: Scene, state: DrivenState, tree: int) -> None:
-    """The tree is where it was recorded."""
+def clear_offsets(scene: Scene, state: DrivenState, tree: int) -> None:
+    """Set a tree's offsets and their rates to zero: it is where it was recorded."""
     state.bent[tree] = 0
     for i in range(3):
         state.offset[tree, i] = state.speed[tree, i] = state.kept_speed[tree, i] = 0.0
@@ -101,7 +101,7 @@ def _relax_tree(scene: Scene, state: DrivenState, room: DrivenRoom, tree: int, r
     for i in range(3):
         state.kept_speed[tree, i] = state.speed[tree, i]
     if not _has_offset(scene, state, tree):
-        _straighten(scene, state, tree)
+        clear_offsets(scene, state, tree)
     for body in range(first, trees.body_start[tree + 1]):
         s = state.shift[body]
         _aim(room, recorded, body, (s[0], s[1], s[2]), (s[3], s[4], s[5]))

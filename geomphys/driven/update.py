@@ -23,9 +23,9 @@ from geomphys.driven.starts import (
     look_back,
     way_of_pair_is_free,
 )
-from geomphys.driven.state import SHIFTS, STAYS, DrivenRoom, DrivenState
+from geomphys.driven.state import NEVER_FREE, SHIFTS, STARTED_FREE, STAYS, DrivenRoom, DrivenState
 from geomphys.driven.stepping import look, place
-from geomphys.driven.targets import aim, note_offsets
+from geomphys.driven.targets import aim, clear_offsets, note_offsets
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.scene.kinematics import orientation_of, set_pose
@@ -99,7 +99,11 @@ def update_driven(
     gap
         m; clearance kept.
     """
-    work, first = room.work, state.started[0] == 0
+    work, first = room.work, state.started[0] != STARTED_FREE
+    if first:
+        for tree in range(len(scene.trees.role)):
+            if scene.trees.role[tree] == DRIVEN:
+                clear_offsets(scene, state, tree)
     for tree in range(len(scene.trees.role)):
         if scene.trees.moving[tree] == 1:
             copy_tree(scene, state.last, tree, work.before)
@@ -130,7 +134,7 @@ def update_driven(
             )  # fmt: skip
     _finish(scene, state, room)
     note_offsets(scene, state, room, roots, angles, recorded)
-    state.started[0] = 1
+    state.started[0] = NEVER_FREE if first and not done.converged else STARTED_FREE
     yielded = done.yielded
     for tree in range(len(scene.trees.role)):
         yielded = yielded or (state.bent[tree] == 1 and is_stiff(scene, tree))

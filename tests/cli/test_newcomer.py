@@ -75,7 +75,7 @@ def said(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFi
         ("replay hand.mcap -s scene.toml -o out.rrd", 2, "choose another ending"),
         ("replay hand.mcap -s scene.toml --rrd out.mcap", 2, "choose another ending"),
         ("-q replay hand.mcap -s scene.toml --clock /x", 1, "it has /glove/joint_states, /tracker/wrist"),
-        ("-q replay hand.mcap -s scene.toml --start 100", 1, "with start = 100 s nothing is left"),
+        ("-q replay hand.mcap -s scene.toml --start 100", 1, "with start = 100 s it has no frames"),
         ("repaly hand.mcap -s scene.toml", 2, "did you mean replay?"),
         ("view hand.mcap", 1, "replay a log first"),
         ("view scene.toml", 1, "neither a rerun recording (.rrd) nor an output log (.mcap)"),
