@@ -36,9 +36,9 @@ def before_and_after(world: World, result: FrameResult, later: FrameResult | Non
 def _half(world: World, result: FrameResult, shot: Shot, target: np.ndarray, *, corrected: bool) -> np.ndarray:
     recorded = np.where((world.scene.bodies.role == DRIVEN)[:, None], result.recorded, result.corrected)
     poses = result.corrected if corrected else recorded
-    moved = frame_columns.moved(result.recorded[None], result.corrected[None])[0]
-    touching = frame_columns.touching([result], len(world.body_names))[0]
-    palette = colours.of_trees(world.file)
+    moved = frame_columns.is_corrected(result.recorded[None], result.corrected[None])[0]
+    touching = frame_columns.in_contact([result], len(world.body_names))[0]
+    palette = colours.colours_of_trees(world.file)
     solid, glass = [], []
     for body, name in enumerate(world.body_names):
         vertices, faces = world.triangles[body]
@@ -49,7 +49,7 @@ def _half(world: World, result: FrameResult, shot: Shot, target: np.ndarray, *, 
         if world.scene.bodies.role[body] == DRIVEN:
             if corrected:
                 colour = (
-                    _unit(colours.TOUCHING) if touching[body] else _unit(colours.CORRECTED) if moved[body] else colour
+                    _unit(colours.IN_CONTACT) if touching[body] else _unit(colours.CORRECTED) if moved[body] else colour
                 )
             elif moved[body]:
                 colour = INSIDE

@@ -20,7 +20,7 @@ Solid = manifold3d.Manifold
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A cache of the test's own."""
-    monkeypatch.setattr(decomposition, "user_folder", lambda name: tmp_path)
+    monkeypatch.setattr(decomposition, "user_cache_folder", lambda name: tmp_path)
 
 
 def mesh_of(name: str, solid: manifold3d.Manifold) -> Mesh:
@@ -44,7 +44,7 @@ def test_a_bracket_is_its_walls() -> None:
     pieces = decompose(mesh)
     assert pieces.method == "coacd"
     assert len(pieces.hulls) <= 6
-    assert pieces.uncovered == 0.0
+    assert pieces.uncovered_m == 0.0
     concavity = 0.5 * pieces.threshold * mesh.size
     assert piece_protrusion(mesh.vertices, mesh.faces, pieces.hulls) <= 1.6 * concavity
     assert sum(ConvexHull(h).volume for h in pieces.hulls) < 1.1 * mesh.signed_volume
@@ -58,7 +58,7 @@ def _holds(corners: np.ndarray, point: np.ndarray) -> bool:
 
 
 def test_a_finger_with_screw_holes_is_its_hull(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(coacd_process, "_ended", lambda *_: pytest.fail("CoACD was started"))
+    monkeypatch.setattr(coacd_process, "_run_until_exit", lambda *_: pytest.fail("CoACD was started"))
     ball = Solid.sphere(0.011, 128)
     finger = Solid.batch_hull([ball, ball.translate((0, 0, 0.02))]).trim_by_plane((0, 1, 0), -0.006)
     for z in (0.0, 0.02):

@@ -178,7 +178,7 @@ def test_a_ball_with_a_shallow_dent_is_its_hull_without_coacd(monkeypatch: pytes
 
 
 def test_a_cylinder_with_a_screw_hole_is_its_hull_without_coacd(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(coacd_process, "_ended", lambda *_: pytest.fail("CoACD was started"))
+    monkeypatch.setattr(coacd_process, "_run_until_exit", lambda *_: pytest.fail("CoACD was started"))
     mesh = cup(0.0012, 0.02)
     pieces = decompose(mesh)
     assert (pieces.method, len(pieces.hulls)) == ("hull", 1)

@@ -321,7 +321,7 @@ def test_a_batch_on_a_store_gives_the_bytes_of_a_local_one(
         ]  # fmt: skip
         store.rm_file("motion/out/sub/short.mcap")
         assert run([*words, "--resume"]) == 3
-        assert json.loads(capsys.readouterr().out)["kept"] == ["press.mcap"]
+        assert json.loads(capsys.readouterr().out)["up_to_date"] == ["press.mcap"]
         assert run(["diff", f"{folder}/press.mcap", f"{folder}/sub/short.mcap", "--html", f"{bucket}/report.html"]) == 0
         assert b"</html>" in store.cat_file("motion/report.html")
         geomphys.run(f"{bucket}/in/press.mcap", scene, out=f"{bucket}/one.mcap", timing=False)
