@@ -37,9 +37,9 @@ test-all: $(VENV)/.test
 
 OLDEST_NUMBA := 0.67
 test-numba: $(VENV)/.test
-	$(PYTHON) -m venv --clear $(VENV)-numba
-	$(VENV)-numba/bin/python -m pip --disable-pip-version-check --quiet install --editable '.[test]' 'numba==$(OLDEST_NUMBA).*'
-	$(VENV)-numba/bin/python -m pytest tests/jit tests/collision tests/simulated tests/driven tests/test_pipeline.py
+	$(PYTHON) -m venv --clear out/venv-numba
+	out/venv-numba/bin/python -m pip --disable-pip-version-check --quiet install --editable '.[test]' 'numba==$(OLDEST_NUMBA).*'
+	out/venv-numba/bin/python -m pytest tests/simulated tests/driven tests/engine/test_pipeline.py
 
 check: $(VENV)/.test
 	$(BIN)/ruff format --check .
