@@ -64,7 +64,7 @@ format: $(VENV)/.test
 	$(BIN)/python tests/house/reference.py
 
 clean:
-	rm -rf $(VENV) $(VENV)-numba out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # The environment and what is installed in it. A stamp file says which part is there.
