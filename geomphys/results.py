@@ -78,6 +78,9 @@ class Metrics(NamedTuple):
     correction_speed_m_s: float  # the same of the offset from the recorded positions
     recorded_jerk_m_s3: float  # third derivatives over the last four frames; 0 in the first three
     correction_jerk_m_s3: float
+    shape_change_rad: (
+        float  # largest rotation of a link of a tree in rigid mode from its recorded one; 0 if only translated
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -164,7 +164,7 @@ def penetrations_of(block: Block, frame: int) -> Penetrations:
 
 
 def metrics_of(block: Block, frame: int, held: bool, flags: int, motion: Floats) -> Metrics:
-    """A frame's figures; `flags` are added to its own, `motion` (4,) are its speeds and jerks."""
+    """A frame's figures; `flags` are added to its own, `motion` (5,) are its speeds, jerks and change of shape."""
     lengths, numbers = block.lengths[frame], block.numbers[frame]
     return Metrics(
         contacts=int(block.contact_end[frame + 1] - block.contact_end[frame]),
@@ -181,6 +181,7 @@ def metrics_of(block: Block, frame: int, held: bool, flags: int, motion: Floats)
         correction_speed_m_s=float(motion[1]),
         recorded_jerk_m_s3=float(motion[2]),
         correction_jerk_m_s3=float(motion[3]),
+        shape_change_rad=float(motion[4]),
     )
 
 

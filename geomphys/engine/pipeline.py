@@ -31,7 +31,7 @@ class Chunk:
     frames: list[Frame]
     block: Block
     decode_ns: int  # a frame
-    motion: Floats  # (n, 4) speeds and jerks, as in `Metrics`
+    motion: Floats  # (n, 5) speeds, jerks and change of shape, as in `Metrics`
     is_last: bool = False
 
 
@@ -79,7 +79,7 @@ class Pipeline:
                 dts = np.diff(np.array(times, dtype=np.int64)).astype(np.float64) * 1e-9
                 roots, angles = np.stack([f.roots for f in frames]), np.stack([f.angles for f in frames])
                 count = self.run(roots, angles, dts, block)
-                chunk = Chunk(frames[:count], block, decode_ns, np.zeros((count, 4)))
+                chunk = Chunk(frames[:count], block, decode_ns, np.zeros((count, 5)))
                 frames = frames[count:]
                 self._last_ns = chunk.frames[-1].time_ns
                 self._measure_motion(chunk)
@@ -101,7 +101,20 @@ class Pipeline:
         recorded, corrected = (poses[:count, driven, :3] for poses in (block.recorded, block.corrected))
         times = np.array([frame.time_ns for frame in chunk.frames], dtype=np.int64)
         rates = np.hstack(self._meter.add(times, np.stack([recorded, corrected - recorded], axis=1)))
-        chunk.motion[...] = np.nan_to_num(rates, nan=0.0)
+        chunk.motion[:, :4] = np.nan_to_num(rates, nan=0.0)
+        chunk.motion[:, 4] = self._shape_change(chunk)
+
+    def _shape_change(self, chunk: Chunk) -> Floats:
+        """Largest rotation (n,) [rad] of a link of a driven tree without chains from its recorded orientation."""
+        block, count, scene = chunk.block, len(chunk.frames), self.world.scene
+        bodies = block.moving[scene.trees.chains[scene.bodies.tree[block.moving]] == 0]
+        rows = np.isin(block.moving, bodies[scene.bodies.role[bodies] == DRIVEN])
+        recorded, corrected = (poses[:count, rows, 3:] for poses in (block.recorded, block.corrected))
+        chord = np.minimum(
+            np.linalg.norm(corrected - recorded, axis=2), np.linalg.norm(corrected + recorded, axis=2)
+        )  # q and -q are one rotation
+        angles: Floats = 4.0 * np.arcsin(np.minimum(1.0, 0.5 * chord)).max(axis=1, initial=0.0)
+        return angles
 
     def result(self, chunk: Chunk, row: int, encode_ns: int, messages: tuple[Message, ...] = ()) -> FrameResult:
         """The result of a frame of a chunk; `encode_ns` is what the sinks took for the frame before."""

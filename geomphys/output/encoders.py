@@ -213,6 +213,7 @@ class FrameEncoder:
         message.correction_speed_m_s = metrics.correction_speed_m_s
         message.recorded_jerk_m_s3 = metrics.recorded_jerk_m_s3
         message.correction_jerk_m_s3 = metrics.correction_jerk_m_s3
+        message.shape_change_rad = metrics.shape_change_rad
         return _serialized(message)
 
     def timing(self, stages: Iterable[tuple[str, int, int]], frame: int, time_ns: int) -> bytes:

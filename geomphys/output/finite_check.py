@@ -19,7 +19,7 @@ def check_finite(result: FrameResult, body_names: Sequence[str]) -> None:
         + metrics.residual_penetration_m
         + metrics.correction_m
         + metrics.correction_rad
-        + sum(metrics[-4:])
+        + sum(metrics[-5:])
         + np.vdot(result.corrected, result.corrected)
         + np.vdot(result.recorded, result.recorded)
         + np.vdot(result.angles, result.angles)

@@ -65,7 +65,7 @@ class PairPenetration(_message.Message):
     def __init__(self, body_a: _Optional[str] = ..., body_b: _Optional[str] = ..., pd: _Optional[_Union[_Vector3_pb2.Vector3, _Mapping]] = ..., convex_pairs: _Optional[int] = ..., largest: _Optional[float] = ..., method: _Optional[str] = ...) -> None: ...
 
 class FrameMetrics(_message.Message):
-    __slots__ = ("timestamp", "frame", "contacts", "recorded_penetration_m", "residual_penetration_m", "iterations", "impacts", "fallbacks", "correction_m", "correction_rad", "held", "flags", "recorded_speed_m_s", "correction_speed_m_s", "recorded_jerk_m_s3", "correction_jerk_m_s3")
+    __slots__ = ("timestamp", "frame", "contacts", "recorded_penetration_m", "residual_penetration_m", "iterations", "impacts", "fallbacks", "correction_m", "correction_rad", "held", "flags", "recorded_speed_m_s", "correction_speed_m_s", "recorded_jerk_m_s3", "correction_jerk_m_s3", "shape_change_rad")
     TIMESTAMP_FIELD_NUMBER: _ClassVar[int]
     FRAME_FIELD_NUMBER: _ClassVar[int]
     CONTACTS_FIELD_NUMBER: _ClassVar[int]
@@ -82,6 +82,7 @@ class FrameMetrics(_message.Message):
     CORRECTION_SPEED_M_S_FIELD_NUMBER: _ClassVar[int]
     RECORDED_JERK_M_S3_FIELD_NUMBER: _ClassVar[int]
     CORRECTION_JERK_M_S3_FIELD_NUMBER: _ClassVar[int]
+    SHAPE_CHANGE_RAD_FIELD_NUMBER: _ClassVar[int]
     timestamp: _timestamp_pb2.Timestamp
     frame: int
     contacts: int
@@ -98,7 +99,8 @@ class FrameMetrics(_message.Message):
     correction_speed_m_s: float
     recorded_jerk_m_s3: float
     correction_jerk_m_s3: float
-    def __init__(self, timestamp: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., frame: _Optional[int] = ..., contacts: _Optional[int] = ..., recorded_penetration_m: _Optional[float] = ..., residual_penetration_m: _Optional[float] = ..., iterations: _Optional[int] = ..., impacts: _Optional[int] = ..., fallbacks: _Optional[int] = ..., correction_m: _Optional[float] = ..., correction_rad: _Optional[float] = ..., held: _Optional[bool] = ..., flags: _Optional[int] = ..., recorded_speed_m_s: _Optional[float] = ..., correction_speed_m_s: _Optional[float] = ..., recorded_jerk_m_s3: _Optional[float] = ..., correction_jerk_m_s3: _Optional[float] = ...) -> None: ...
+    shape_change_rad: float
+    def __init__(self, timestamp: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., frame: _Optional[int] = ..., contacts: _Optional[int] = ..., recorded_penetration_m: _Optional[float] = ..., residual_penetration_m: _Optional[float] = ..., iterations: _Optional[int] = ..., impacts: _Optional[int] = ..., fallbacks: _Optional[int] = ..., correction_m: _Optional[float] = ..., correction_rad: _Optional[float] = ..., held: _Optional[bool] = ..., flags: _Optional[int] = ..., recorded_speed_m_s: _Optional[float] = ..., correction_speed_m_s: _Optional[float] = ..., recorded_jerk_m_s3: _Optional[float] = ..., correction_jerk_m_s3: _Optional[float] = ..., shape_change_rad: _Optional[float] = ...) -> None: ...
 
 class Timing(_message.Message):
     __slots__ = ("timestamp", "frame", "stages")
