@@ -111,8 +111,9 @@ force_option = click.option("--force", "-f", is_flag=True, help="Overwrite outpu
 config_options = _combine_options(
     click.option(
         "--mode",
-        type=click.Choice(["rigid", "chains"]),
-        help="How avatars yield: as one rigid shape, or limb by limb. Default: as the scene says.",
+        type=click.Choice(["auto", "rigid", "chains"]),
+        help="How avatars yield: as one rigid shape, or limb by limb; auto: limb by limb where joints move links that "
+        "collide. Default: as the scene says.",
     ),
     click.option(
         "--time",

@@ -16,8 +16,9 @@ TimeSource = Literal["header", "log", "publish"]
 class Config:
     """All parameters of a replay; written into the output's provenance record."""
 
-    mode: Literal["rigid", "chains"] | None = None
-    """How avatars are corrected, as one rigid body or joint by joint; None: as the scene file says."""
+    mode: Literal["auto", "rigid", "chains"] | None = None
+    """How avatars are corrected, as one rigid body or joint by joint; auto: joint by joint where joints move links that
+    collide; None: as the scene file says."""
     time: TimeSource = "header"
     """Which time of a message is used. `header` falls back to `log` for messages without a stamp."""
     clock: str | None = None

@@ -32,8 +32,8 @@ def load_world(
     path
         The scene file; the paths in it are relative to it.
     mode
-        ``rigid`` or ``chains`` for all avatars; None leaves it to the file. An avatar in chains mode without chains in
-        the file gets those of `geomphys.scene.chains.suggested_chains`.
+        ``rigid``, ``chains`` or ``auto`` (chains where joints move links that collide) for all avatars; None leaves it
+        to the file. An avatar in chains mode without chains in the file gets those of `geomphys.scene.chains.suggested_chains`.
     seed
         Of the convex decomposition.
     progress
@@ -46,8 +46,8 @@ def load_world(
     ConfigError
         An unknown mode.
     """
-    if mode not in (None, "rigid", "chains"):
-        raise ConfigError(f"mode = {mode!r}: expected rigid or chains")
+    if mode not in (None, "auto", "rigid", "chains"):
+        raise ConfigError(f"mode = {mode!r}: expected auto, rigid or chains")
     path = as_path(path)
     is_local = not is_remote(path)
     cached = load_cached_world(path, mode, seed) if is_local else None

@@ -35,7 +35,7 @@ def world_of_output(output: OutputLog, scene: AnyPath | None = None) -> World:
     ModelError, MeshError
         A URDF or a mesh cannot be read, for example because it was moved; pass `scene` then.
     """
-    mode = {"rigid": "rigid", "chains": "chains"}.get(output.metadata.get("mode", ""))
+    mode = {"auto": "auto", "rigid": "rigid", "chains": "chains"}.get(output.metadata.get("mode", ""))
     number = output.metadata.get("seed", "0")
     if not (number.isdecimal() and len(number) < 20):
         raise LogError(f"{output.path}: its metadata has no valid seed; replay the log again")

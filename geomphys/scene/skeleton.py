@@ -73,6 +73,14 @@ class Skeleton:
     upper: Floats  # (Q,)
     not_shown: tuple[str, ...] = ()  # problems of visuals that are skipped
 
+    def moves_collisions(self) -> bool:
+        """Whether a joint moves a link with collision geometry against the root."""
+        moved = [False] * len(self.links)
+        for i, joint in enumerate(self.joints):  # parents first
+            if joint is not None:
+                moved[i] = moved[joint.parent] or joint.type in MOVING_TYPES
+        return any(is_moved and link.collisions for is_moved, link in zip(moved, self.links, strict=True))
+
     def index(self, link: str) -> int | None:
         """Index of a link by name."""
         return next((i for i, entry in enumerate(self.links) if entry.name == link), None)

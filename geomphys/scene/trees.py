@@ -73,6 +73,8 @@ class Tree:
 def read_avatar(table: AvatarTable, path: AnyPath, loader: GeometryLoader, prefix_frames: bool, mode: str) -> Tree:
     """Read an avatar; `prefix_frames`: whether its frame ids start with the avatar's name.
 
+    Mode ``auto`` is ``chains`` where joints move links that collide, else ``rigid``.
+
     Raises SceneError, ModelError, MeshError.
     """
     where = f"{path}: avatar {table.name!r}"
@@ -81,8 +83,9 @@ def read_avatar(table: AvatarTable, path: AnyPath, loader: GeometryLoader, prefi
     bodies, not_shown = _link_bodies(skeleton, table.name, prefix, table.decomposition, loader)
     for body in bodies:
         body.mass = body.geometry.mass.scaled(table.density)
+    in_chains = mode == "chains" or (mode == "auto" and skeleton.moves_collisions())
     tree = Tree(
-        table.name, table, DRIVEN, table.material, table.mass, bodies, skeleton, in_chains=mode == "chains",
+        table.name, table, DRIVEN, table.material, table.mass, bodies, skeleton, in_chains=in_chains,
         not_shown=not_shown,
     )  # fmt: skip
     chains = named_chains(table, skeleton, path)

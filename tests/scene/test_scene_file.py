@@ -226,7 +226,7 @@ def test_what_is_left_out() -> None:
         ("object = 3", "object = 3: expected tables [[object]]"),
         (BALL + "[scene]\ngravity = 9.81", "scene.gravity = 9.81: expected an array"),
         (BALL + "[scene]\ngravity = [0, 0, 1e9]", "scene.gravity[2] = 1000000000.0: expected at most 10000"),
-        (HAND + "mode = 'floppy'", "avatar[0] ('hand').mode = 'floppy': expected 'rigid' or 'chains'"),
+        (HAND + "mode = 'floppy'", "avatar[0] ('hand').mode = 'floppy': expected 'auto', 'rigid' or 'chains'"),
         (HAND + "self_collision = 1", "avatar[0] ('hand').self_collision = 1: expected true or false"),
         (HAND + "coupling = 'soft'", "avatar[0] ('hand').coupling = 'soft': expected"),
         (HAND + "coupling = { stiffness = 0 }", "avatar[0] ('hand').coupling.stiffness = 0: expected at least 0.001"),

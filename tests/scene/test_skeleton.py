@@ -200,3 +200,13 @@ def test_a_long_row_of_links_is_no_trouble(tmp_path: Path) -> None:
     )
     skeleton = load_skeleton(path)
     assert skeleton.forward()[-1, 2, 3] == pytest.approx(0.001 * (count - 1))
+
+
+@pytest.mark.parametrize(
+    ("kind", "shape", "moves"), [("revolute", True, True), ("fixed", True, False), ("revolute", False, False)]
+)
+def test_joints_that_move_what_collides(tmp_path: Path, kind: str, shape: bool, moves: bool) -> None:
+    ball = '<geometry><sphere radius="0.1"/></geometry>'
+    tip = link("tip", ball) if shape else link("tip")
+    path = urdf(tmp_path / "a.urdf", link("palm", ball), tip, joint("j", "palm", "tip", kind=kind))
+    assert load_skeleton(path).moves_collisions() is moves
