@@ -255,7 +255,7 @@ def scene_text() -> str:
     for thing in THINGS:
         half = np.radians(thing.yaw) / 2
         lines += ["[[object]]", f'name = "{thing.name}"', 'class = "fixed"', f'mesh = "../gallery/{thing.mesh}.obj"']
-        lines.append(f"position = {_row(thing.position)}")
+        lines += ["scale = 1", f"position = {_row(thing.position)}"]  # in metres, long as it may be
         if thing.yaw:
             lines.append(f"orientation = {_row((0.0, 0.0, np.sin(half), np.cos(half)), 15)}")
         lines += [f'material = "{thing.material}"', ""]

@@ -46,6 +46,8 @@ def unit_warnings(trees: Sequence[Tree]) -> Iterator[str]:
 def _counts(tree: Tree, body: TreeBody, is_large: bool) -> bool:
     table = tree.table
     assert isinstance(table, ObjectTable)
+    if is_large and table.scale == 1.0 and "scale" in table.model_fields_set:
+        return False  # the user says that the mesh is in metres
     if table.mesh is not None or tree.role != FIXED or not is_large:
         return True
     return float(_sides(body.geometry.triangles).min()) > MAX_PLAUSIBLE
@@ -60,7 +62,8 @@ def _object_warning(table: ObjectTable, size: float, is_large: bool) -> str:
             else f"{prefix}: check it"
         )
     if is_large:
-        return f"{prefix}: if {table.mesh} is in millimetres, say scale = {1e-3 * table.scale:g}"
+        otherwise = ", and if in metres scale = 1" if table.scale == 1.0 else ""
+        return f"{prefix}: if {table.mesh} is in millimetres, say scale = {1e-3 * table.scale:g}{otherwise}"
     scale_text = f"scale = {table.scale:g} is applied" if table.scale != 1.0 else "no scale is applied"
     return f"{prefix}: check scale ({scale_text} to {table.mesh})"
 

@@ -56,6 +56,14 @@ def test_what_may_well_be_metres_is_not_told(tmp_path: Path, text: str) -> None:
     assert warnings(tmp_path, text) == ()
 
 
+def test_a_scale_of_one_says_that_a_mesh_is_in_metres(tmp_path: Path) -> None:
+    vertices, faces = cube()
+    stl(tmp_path / "hall.stl", 20.0 * vertices, faces)
+    (line,) = warnings(tmp_path, thing('mesh = "hall.stl"'))
+    assert line.endswith("say scale = 0.001, and if in metres scale = 1")
+    assert warnings(tmp_path, thing('mesh = "hall.stl"\nscale = 1')) == ()
+
+
 @pytest.mark.parametrize("kind", ["visual", "collision"])
 def test_links_of_a_model_are_told_together(tmp_path: Path, kind: str) -> None:
     ball = '<link name="c"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>'
