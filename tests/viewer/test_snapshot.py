@@ -64,7 +64,7 @@ def test_the_picture_of_a_recording_is_of_that_frame(folder: Path) -> None:
     take_snapshot(folder / "out.rrd", touching, frame=4, size=(800, 600))
     take_snapshot(folder / "out.rrd", again, frame=1, size=(800, 600))
     assert np.abs(pixels(free) - pixels(again)).max() < 0.02
-    assert share_of(pixels(free), colours.TOUCHING) < 1e-4 < share_of(pixels(touching), colours.TOUCHING)
+    assert share_of(pixels(free), colours.IN_CONTACT) < 1e-4 < share_of(pixels(touching), colours.IN_CONTACT)
 
 
 @needs_vulkan
