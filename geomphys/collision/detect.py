@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.extent import gap_along
-from geomphys.collision.penetration import Scratch, clearance, separation
+from geomphys.collision.penetration import Scratch, separation
 from geomphys.collision.support import shapes_of
 from geomphys.collision.sweep import Boxes, apart, near_trees
 from geomphys.jit.kernel import kernel, outlined
@@ -90,18 +90,6 @@ def pair_separation(
     return s, n, pa, pb
 
 
-@kernel
-def pair_clearance(
-    pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axes: Axes, scratch: Scratch
-) -> tuple[float, Vec]:
-    """(distance of pieces a and b [m], normal), exact within `limit`; (something not above 0, void) if they overlap."""
-    key, slot = _slot_of(pieces, a, b, axes)
-    s, n, _, _ = clearance(pieces, frames, a, b, limit, _recall(axes, key, slot), scratch)
-    if s > 0.0:
-        _remember(axes, key, slot, n)
-    return s, n
-
-
 @outlined
 def pair_bound(pieces: Pieces, frames: Floats, a: int, b: int, axes: Axes) -> tuple[float, Vec]:
     """A lower bound of the separation of pieces a and b [m] and the direction along which they are that far apart.
@@ -113,29 +101,6 @@ def pair_bound(pieces: Pieces, frames: Floats, a: int, b: int, axes: Axes) -> tu
     if n == (0.0, 0.0, 0.0):
         return -math.inf, n
     return gap_along(shapes_of(pieces, frames), a, b, n), n
-
-
-@kernel
-def measure_pair(
-    pieces: Pieces, frames: Floats, near: Near, k: int, limit: float, axes: Axes, scratch: Scratch
-) -> None:
-    """Bring the pair in row k of `near` up to date, exactly if it is within `limit` [m]."""
-    s, n, pa, pb = pair_separation(pieces, frames, near.a[k], near.b[k], limit, axes, scratch)
-    near.separation[k], near.exact[k] = s, 1
-    for i in range(3):
-        near.normal[k, i], near.point_a[k, i], near.point_b[k, i] = n[i], pa[i], pb[i]
-
-
-@kernel
-def bound_pair(pieces: Pieces, frames: Floats, near: Near, k: int, enough: float, axes: Axes) -> bool:
-    """Let a bound stand in for the separation of the pair in row k, if it is `enough` [m]; returns whether it is."""
-    s, n = pair_bound(pieces, frames, near.a[k], near.b[k], axes)
-    if s < enough:
-        return False
-    near.separation[k], near.exact[k] = s, 0
-    for i in range(3):
-        near.normal[k, i] = n[i]
-    return True
 
 
 @kernel

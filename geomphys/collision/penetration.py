@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TypeAlias
 
 from geomphys.collision.closed_forms import Answer, ball_box, ball_cylinder, segments
@@ -27,7 +26,7 @@ from geomphys.numerics.vec3 import (
 )
 from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, SPHERE, Floats, Pieces
 
-__all__ = ["Scratch", "Separation", "clearance", "make_scratch", "separation"]
+__all__ = ["Scratch", "Separation", "make_scratch", "separation"]
 
 Separation: TypeAlias = tuple[float, Vec, Vec, Vec]
 
@@ -55,35 +54,29 @@ def separation(pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axi
     pa, pb
         Points on the surfaces of A and B, world frame, pa - pb = s n; void beyond `limit`.
     """
-    return separate(Shapes(pieces, frames), a, b, limit, axis, True, scratch)
-
-
-@inlined
-def clearance(pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axis: Vec, scratch: Scratch) -> Separation:
-    """`separation` for whom an overlap's depth is of no interest: s is something not above 0 then, the rest void."""
-    return separate(Shapes(pieces, frames), a, b, limit, axis, False, scratch)
+    return separate(Shapes(pieces, frames), a, b, limit, axis, scratch)
 
 
 @outlined
-def separate(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, depths: bool, scratch: Scratch) -> Separation:
-    """`separation` or, without `depths`, `clearance`.
+def separate(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, scratch: Scratch) -> Separation:
+    """See `separation`.
 
     The kind of A does not stand above that of B in what it calls.
     """
     kind_a, kind_b = shapes.pieces.kind[a], shapes.pieces.kind[b]
     if kind_a > kind_b or (kind_a == kind_b and a > b):
-        s, n, pa = ordered(shapes, b, a, limit, neg(axis), depths, scratch)
+        s, n, pa = ordered(shapes, b, a, limit, neg(axis), scratch)
         return s, neg(n), add_scaled(pa, n, -s), pa
-    s, n, pa = ordered(shapes, a, b, limit, axis, depths, scratch)
+    s, n, pa = ordered(shapes, a, b, limit, axis, scratch)
     return s, n, pa, add_scaled(pa, n, -s)
 
 
 @kernel
-def ordered(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, depths: bool, scratch: Scratch) -> Answer:
+def ordered(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, scratch: Scratch) -> Answer:
     """Separation, normal and point of A, by formula where there is one."""
     kind_a, kind_b = shapes.pieces.kind[a], shapes.pieces.kind[b]
     if kind_b > CYLINDER or (kind_a > SPHERE and kind_b > CAPSULE):
-        return general(shapes, a, b, limit, axis, depths, scratch)
+        return general(shapes, a, b, limit, axis, scratch)
     pa, pb = position_of(shapes, a), position_of(shapes, b)
     r, h, _ = vec_at(shapes.pieces.size, a)
     size = vec_at(shapes.pieces.size, b)
@@ -101,7 +94,7 @@ def ordered(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, depths: boo
 
 
 @kernel
-def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, depths: bool, scratch: Scratch) -> Answer:
+def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, scratch: Scratch) -> Answer:
     """`ordered` by descent over the Minkowski difference of the cores, in A's frame."""
     core_a, core_b = core_of(shapes, a), core_of(shapes, b)
     radius_a = radius_of(shapes, a)
@@ -123,8 +116,6 @@ def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, depths: boo
     size = shapes.pieces.reach[a] + shapes.pieces.reach[b] + norm(centre_a) + norm(centre_b) + norm(t)
     state, s, n, p, count = closest(core_a, core_b, rot, t, size, limit + radius, start, scratch.simplex)
     if state == OVERLAP:
-        if not depths:
-            return -math.inf, axis, origin
         exact, depth, outward = False, 0.0, n
         for attempt in range(3):
             # faces that see a corner by less than rounding count as seen in one attempt and not in another

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from geomphys.errors import ModelError
 from geomphys.numerics.transforms import rotation_about
 from geomphys.scene.free_joints import FREE_TYPES, JointEnds, links_above_free_joint
-from geomphys.scene.urdf_file import MeshShape, Shape, Urdf, read_urdf
+from geomphys.scene.urdf_file import Shape, Urdf, read_urdf
 from geomphys.storage.remote_files import AnyPath
 
 Floats = NDArray[np.float64]
@@ -236,12 +236,6 @@ def require_solid(skeleton: Skeleton) -> None:
         raise ModelError(
             f"{skeleton.path}: has no collision geometry, so nothing of it can touch anything: {advice} <collision> elements"
         )
-
-
-def meshes_of(skeleton: Skeleton) -> list[AnyPath]:
-    """Mesh files of a skeleton's collision geometry, each once, in order."""
-    found = [g.shape.path for link in skeleton.links for g in link.collisions if isinstance(g.shape, MeshShape)]
-    return list(dict.fromkeys(found))
 
 
 def _below_free_joint(path: AnyPath, order: list[str], robot: Urdf) -> tuple[list[str], Urdf]:

@@ -46,9 +46,7 @@ def look(sim: Simulation, pair: int, t: float) -> tuple[float, Vec, Vec, Vec]:
     sim.counts[0].looks += 1
     place_pair(sim, pair, t)
     p = sim.pairs[pair]
-    found = separate(
-        Shapes(sim.pieces, sim.frames), p.piece[0], p.piece[1], LOOK_FAR, vec_of(p.axis), True, sim.scratch
-    )
+    found = separate(Shapes(sim.pieces, sim.frames), p.piece[0], p.piece[1], LOOK_FAR, vec_of(p.axis), sim.scratch)
     set_vec(p.axis, found[1])
     p.distance = found[0]
     p.seen_at = t
