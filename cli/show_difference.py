@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from geomphys.analysis.diff.quantities import angle_text, length_text
+
 from .terminal import counted, fields, heading, printable, table_in
 
 if TYPE_CHECKING:
@@ -20,8 +22,6 @@ if TYPE_CHECKING:
 
 PARTS_SHOWN = 8
 """Parts of a channel that are shown, the most different ones first; all of them with ``-v``."""
-
-DEGREES = 57.29577951308232
 
 
 def show_difference(terminal: Terminal, difference: OutputDifference) -> None:
@@ -41,7 +41,7 @@ def show_difference(terminal: Terminal, difference: OutputDifference) -> None:
         )
     tolerance = difference.tolerance
     if not tolerance.exact:
-        rows.append(("Tolerance", [f"{_length(tolerance.m)}, {_angle(tolerance.rad)}"]))
+        rows.append(("Tolerance", [f"{length_text(tolerance.m)}, {angle_text(tolerance.rad)}"]))
     same = [name for name, channel in difference.channels.items() if channel.equal and _has_no_differences(channel)]
     if same:
         rows.append(("Equal", ["  ".join(same)]))
@@ -106,9 +106,9 @@ def _cells(channel: ChannelDifference, part: str) -> Iterator[tuple[str, str]]:
     """Yield the columns of a part."""
     metres, radians, others = (group.get(part) for group in (channel.metres, channel.radians, channel.others))
     if metres is not None and metres.max:
-        yield from _pair("largest", "RMS", _length(metres.max), _length(metres.rms))
+        yield from _pair("largest", "RMS", length_text(metres.max), length_text(metres.rms))
     if radians is not None and radians.max:
-        yield from _pair("turned", "RMS turn", _angle(radians.max), _angle(radians.rms))
+        yield from _pair("turned", "RMS turn", angle_text(radians.max), angle_text(radians.rms))
     if others is not None and others.max and channel.kind == "fields":
         yield from _pair("largest", "RMS", f"{others.max:.4g}", f"{others.rms:.3g}")
     sets = channel.sets.get(part)
@@ -130,16 +130,3 @@ def _pair(one: str, other: str, first: str, second: str) -> Iterator[tuple[str, 
     """Yield two columns."""
     yield one, first
     yield other, second
-
-
-def _length(metres: float) -> str:
-    """Return a length in the unit that fits it."""
-    for limit, unit in ((1e-6, "nm"), (1e-3, "µm"), (1.0, "mm")):
-        if metres < limit:
-            return f"{metres / limit * 1e3:.3g} {unit}"
-    return f"{metres:.3g} m"
-
-
-def _angle(radians: float) -> str:
-    """Return an angle in degrees."""
-    return f"{DEGREES * radians:.3g}°"

@@ -11,14 +11,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import find_near
 from geomphys.collision.sweep import update_boxes
 from geomphys.driven.advancement import centre_motion, pair_motion, turn_between, way_is_free
 from geomphys.driven.constraints import concerns
 from geomphys.driven.objective import pivot_of, tree_energy
 from geomphys.driven.postures import Posture
 from geomphys.driven.state import BENDS, STAYS, DrivenRoom, DrivenState
-from geomphys.driven.stepping import copy_moving, measure_motion, place
+from geomphys.driven.stepping import copy_moving, find_concerned, measure_motion, place
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import add, add_scaled, norm, quat_conjugate, quat_mul, quat_rotate, quat_unit, slerp, sub
 from geomphys.scene.arrays import DRIVEN, Scene
@@ -69,12 +68,7 @@ def look_back(scene: Scene, room: DrivenRoom, posture: Posture) -> float:
             update_boxes(scene, p.frames, room.boxes, tree)
         elif scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
             p.reach[tree, 0] = _farthest(scene, work.drift, tree)
-    find_near(scene, p.frames, room.boxes, p.reach, 0.0, math.inf, room.near, p.found, room.axes, room.scratch)
-    least = math.inf
-    for k in range(room.near.filled[0]):
-        if concerns(room, k):
-            least = min(least, room.near.separation[k])
-    return least
+    return find_concerned(scene, room, math.inf)
 
 
 @kernel

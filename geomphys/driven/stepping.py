@@ -12,9 +12,7 @@ from geomphys.collision.extent import gap_along
 from geomphys.collision.support import shapes_of
 from geomphys.collision.sweep import update_boxes
 from geomphys.driven.advancement import centre_motion, passing_depth, turn_between
-from geomphys.driven.constraints import (
-    concerns,
-)
+from geomphys.driven.constraints import concerns
 from geomphys.driven.objective import link_centre, pivot_of
 from geomphys.driven.postures import Posture, copy_tree, vec_of
 from geomphys.driven.state import BENDS, STAYS, DrivenRoom
@@ -70,6 +68,18 @@ def place_frames(scene: Scene, room: DrivenRoom, posture: Posture) -> None:
             place_tree(scene, tree, posture.poses, room.places.frames)
 
 
+@kernel
+def find_concerned(scene: Scene, room: DrivenRoom, limit: float) -> float:
+    """Near pairs within the reach of their trees, exact within `limit` [m]; returns the least separation that concerns."""
+    p = room.places
+    find_near(scene, p.frames, room.boxes, p.reach, 0.0, limit, room.near, p.found, room.axes, room.scratch)
+    least = math.inf
+    for k in range(room.near.filled[0]):
+        if concerns(room, k):
+            least = min(least, room.near.separation[k])
+    return least
+
+
 @outlined
 def look(scene: Scene, room: DrivenRoom, reach: float) -> float:
     """Near pairs of the trees that yield, exact within `reach` [m] of each; returns the least separation found."""
@@ -79,12 +89,7 @@ def look(scene: Scene, room: DrivenRoom, reach: float) -> float:
         if room.work.kind[tree] != STAYS:
             p.reach[tree, 0] = p.reach[tree, 1] = reach
             update_boxes(scene, p.frames, room.boxes, tree)
-    find_near(scene, p.frames, room.boxes, p.reach, 0.0, reach, room.near, p.found, room.axes, room.scratch)
-    least = math.inf
-    for k in range(room.near.filled[0]):
-        if concerns(room, k):
-            least = min(least, room.near.separation[k])
-    return least
+    return find_concerned(scene, room, reach)
 
 
 @outlined

@@ -14,6 +14,7 @@ from geomphys.analysis.diff.channels import ChannelDifference
 from geomphys.analysis.diff.difference import OutputDifference
 from geomphys.analysis.diff.measures import Measure
 from geomphys.analysis.diff.peak_pictures import Picture, first_poses, pictures_of
+from geomphys.analysis.diff.quantities import angle_text, length_text
 from geomphys.analysis.diff.svg_curves import curve
 from geomphys.errors import InputError
 from geomphys.output.output_log import open_output
@@ -113,7 +114,7 @@ def _verdict(difference: OutputDifference) -> Iterator[str]:
     if frames.offset_s:
         yield f"; b begins {frames.offset_s:+,.9g} s after a"
     if not difference.tolerance.exact:
-        yield f"; tolerance {_length(difference.tolerance.m)}, {_angle(difference.tolerance.rad)}"
+        yield f"; tolerance {length_text(difference.tolerance.m)}, {angle_text(difference.tolerance.rad)}"
     yield "</span></p>"
     rows = []
     for channel in difference.channels.values():
@@ -122,10 +123,10 @@ def _verdict(difference: OutputDifference) -> Iterator[str]:
         verdict = '<span class="same">equal</span>' if channel.equal else '<span class="other">differs</span>'
         verdict = verdict if frames.compared else '<span class="soft">not compared</span>'
         first = "" if channel.equal or channel.first_frame is None else f"{channel.first_frame:,}"
-        texts = [_formatted(channel.overall_m, "max", _length), _formatted(channel.overall_m, "rms", _length)]
+        texts = [_formatted(channel.overall_m, "max", length_text), _formatted(channel.overall_m, "rms", length_text)]
         texts += [
-            _formatted(channel.overall_rad, "max", _angle),
-            _formatted(channel.overall_rad, "rms", _angle),
+            _formatted(channel.overall_rad, "max", angle_text),
+            _formatted(channel.overall_rad, "rms", angle_text),
             changed,
             first,
         ]
@@ -172,10 +173,12 @@ def _pictures(difference: OutputDifference, scene: AnyPath | None) -> Iterator[s
 def _figure(picture: Picture, start_ns: int) -> str:
     data = base64.b64encode(picture.png).decode()
     seconds = (picture.time_ns - start_ns) / 1e9
-    text = f"Frame {picture.frame:,} ({seconds:.2f} s): {escape(picture.body)}, {_length(picture.difference_m)} apart"
+    text = (
+        f"Frame {picture.frame:,} ({seconds:.2f} s): {escape(picture.body)}, {length_text(picture.difference_m)} apart"
+    )
     return (
         f'<figure><img alt="{escape(text, quote=True)}" src="data:image/png;base64,{data}">'
-        f"<figcaption>{text} <span class=soft>&middot; {_length(2 * picture.radius_m)} high</span></figcaption></figure>"
+        f"<figcaption>{text} <span class=soft>&middot; {length_text(2 * picture.radius_m)} high</span></figcaption></figure>"
     )
 
 
@@ -218,8 +221,8 @@ def _channel(channel: ChannelDifference) -> Iterator[str]:
 def _row(channel: ChannelDifference, part: str) -> list[str]:
     metres, radians, others = (group.get(part) for group in (channel.metres, channel.radians, channel.others))
     plain = others if channel.kind == "fields" else None
-    largest = f"{plain.max:.4g}" if plain is not None else _formatted(metres, "max", _length)
-    rms = f"{plain.rms:.3g}" if plain is not None else _formatted(metres, "rms", _length)
+    largest = f"{plain.max:.4g}" if plain is not None else _formatted(metres, "max", length_text)
+    rms = f"{plain.rms:.3g}" if plain is not None else _formatted(metres, "rms", length_text)
     sets = channel.sets.get(part)
     measures = [m for m in (metres, radians, others) if m is not None and m.max]
     first_frames = [m.first_frame for m in measures if m.first_frame is not None]
@@ -229,8 +232,8 @@ def _row(channel: ChannelDifference, part: str) -> list[str]:
         escape(part),
         largest,
         rms,
-        _formatted(radians, "max", _angle),
-        _formatted(radians, "rms", _angle),
+        _formatted(radians, "max", angle_text),
+        _formatted(radians, "rms", angle_text),
         f"{sets.gained:,}" if sets else "",
         f"{sets.lost:,}" if sets else "",
         f"{min(first_frames):,}" if first_frames else "",
@@ -253,14 +256,3 @@ def _formatted(measure: Measure | None, name: str, unit: object) -> str:
         return ""
     assert callable(unit)
     return str(unit(getattr(measure, name)))
-
-
-def _length(metres: float) -> str:
-    for limit, unit in ((1e-6, "nm"), (1e-3, "µm"), (1.0, "mm")):
-        if metres < limit:
-            return f"{metres / limit * 1e3:.3g} {unit}"
-    return f"{metres:.3g} m"
-
-
-def _angle(radians: float) -> str:
-    return f"{np.degrees(radians):.3g}°"
