@@ -73,15 +73,3 @@ def joint_effect(scene: Scene, poses: Floats, joint: int, point: Vec, n: Vec) ->
     if scene.bodies.joint[joint] == JOINT_PRISMATIC:
         return scene.bodies.multiplier[joint] * dot(axis, n)
     return scene.bodies.multiplier[joint] * dot(cross(axis, sub(point, position_of(poses, joint))), n)
-
-
-@kernel
-def lower_bend(scene: Scene, recorded: Floats, q: int) -> float:
-    """Smallest offset of joint q: to its limit, or none if it was recorded beyond."""
-    return min(scene.dofs.lower[q] - recorded[q], 0.0)
-
-
-@kernel
-def upper_bend(scene: Scene, recorded: Floats, q: int) -> float:
-    """Largest offset of joint q: to its limit, or none if it was recorded beyond."""
-    return max(scene.dofs.upper[q] - recorded[q], 0.0)

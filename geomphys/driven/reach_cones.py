@@ -1,4 +1,4 @@
-"""Reach cones at work: how far the limb of a compound joint is inside its cone, and the way back into it.
+"""Reach cones at work: how far the limb of a compound joint is inside its cone, and how joints move it.
 
 A cone is a polygon of great-circle arcs on the unit sphere, its inside on the left of its sides (corners
 counter-clockwise seen from outside); it need not be convex, nor smaller than a half sphere. The *signed angle* g of a
@@ -17,7 +17,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.driven.postures import lower_bend, upper_bend
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import Vec, add, add_scaled, cross, dot, norm, perpendicular, rotate, scale, sub, unit
 from geomphys.scene.arrays import JOINT_FIXED, Scene
@@ -27,9 +26,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 TOUCHING = 1e-8  # of a direction to the polygon, beneath which the side's own normal tells the way in
-MARGIN = 1e-9  # rad inside its bound that a fitted limb comes to lie, at most 100 times as much
-PASSES = 16  # of a sequence of linear problems
-WEAK = 1e-6  # effect on g beneath which a joint does not count
+MOVES = 64  # inwards, of a direction
 
 
 @kernel
@@ -113,7 +110,7 @@ def nearest_inside(directions: Floats, first: int, last: int, d: Vec, margin: fl
     if g < 0.0:
         d = nearest
     deepest, best = -math.inf, d
-    for _ in range(4 * PASSES):
+    for _ in range(MOVES):
         g, _, inward = signed_angle(directions, first, last, d)
         if g > deepest:
             deepest, best = g, d
@@ -190,167 +187,3 @@ def cone_row(scene: Scene, lever: Floats, cone: int, angles: Floats, column: Int
         if column[q] >= 0:
             row[column[q]] += cone_effect(scene, cone, angles, place, d, inward) / lever[q]
     return g
-
-
-@kernel
-def _within(scene: Scene, recorded: Floats, q: int, angle: float) -> float:
-    """An angle moved into the joint's limits, or to what was recorded beyond them."""
-    bend = min(max(angle - recorded[q], lower_bend(scene, recorded, q)), upper_bend(scene, recorded, q))
-    return float(recorded[q] + bend)
-
-
-@outlined
-def _step(
-    scene: Scene, cone: int, yields: Ints, recorded: Floats, start: Floats, angles: Floats, target: float, share: float
-) -> bool:
-    """Go a `share` of the way to the nearest angles to `start` within limits at which g, linear about `angles`, is `target`.
-
-    They lie on q(λ) = start + λ ∂g/∂q cut off at the limits, λ >= 0: a broken line on which g grows ever slower, so that
-    Newton's method finds λ from below. False if the limits leave no such angles.
-    """
-    cones = scene.cones
-    d = limb_direction(scene, cone, angles)
-    g, _, inward = signed_angle(cones.directions, cones.direction_start[cone], cones.direction_start[cone + 1], d)
-    first, last = cones.joint_start[cone], cones.joint_start[cone + 1]
-    factor = 0.0
-    for _ in range(last - first + 2):
-        reached, slope = g, 0.0
-        for place in range(first, last):
-            q = scene.bodies.dof[cones.joints[place]]
-            effect = cone_effect(scene, cone, angles, place, d, inward)
-            if yields[q] == 1 and abs(effect) > WEAK:
-                wanted = start[q] + factor * effect
-                there = _within(scene, recorded, q, wanted)
-                reached += effect * (there - angles[q])
-                if abs(there - wanted) < 1e-12:
-                    slope += effect * effect
-        if reached >= target - 1e-15:
-            break
-        if slope == 0.0:
-            return False
-        factor += (target - reached) / slope
-    for place in range(first, last):
-        # root last: an effect depends on the angles of the joints above it alone, which must not have moved yet
-        at = last - 1 - (place - first)
-        q = scene.bodies.dof[cones.joints[at]]
-        effect = cone_effect(scene, cone, angles, at, d, inward)
-        if yields[q] == 1:
-            there = start[q] + (factor * effect if abs(effect) > WEAK else 0.0)
-            angles[q] = _within(scene, recorded, q, angles[q] + share * (there - angles[q]))
-    return True
-
-
-@kernel
-def _turn_towards(scene: Scene, cone: int, yields: Ints, recorded: Floats, angles: Floats, target: Vec) -> None:
-    """One sweep of cyclic coordinate descent, (4) and (5), of the limb's direction towards `target`."""
-    joints, first = scene.cones.joints, scene.cones.joint_start[cone]
-    for place in range(scene.cones.joint_start[cone + 1] - 1, first - 1, -1):
-        body = joints[place]
-        q = scene.bodies.dof[body]
-        if yields[q] == 0:
-            continue
-        d = limb_direction(scene, cone, angles)
-        axis = (scene.bodies.axis[body, 0], scene.bodies.axis[body, 1], scene.bodies.axis[body, 2])
-        axis = _in_first(scene, axis, body, joints[first], angles)
-        u, v = add_scaled(d, axis, -dot(axis, d)), add_scaled(target, axis, -dot(axis, target))
-        if norm(u) > WEAK and norm(v) > WEAK:
-            turn = math.atan2(dot(axis, cross(u, v)), dot(u, v))
-            angles[q] = _within(scene, recorded, q, angles[q] + turn / scene.bodies.multiplier[body])
-
-
-@kernel
-def _set_share(
-    scene: Scene, cone: int, yields: Ints, recorded: Floats, bend: Floats, angles: Floats, share: float
-) -> None:
-    """Angles of the cone's joints = recorded + share · bend; the recorded numbers themselves at 0."""
-    for place in range(scene.cones.joint_start[cone], scene.cones.joint_start[cone + 1]):
-        q = scene.bodies.dof[scene.cones.joints[place]]
-        angles[q] = recorded[q]
-        if yields[q] == 1 and share * bend[q] != 0.0:
-            angles[q] = recorded[q] + share * bend[q]
-
-
-@kernel
-def _search(
-    scene: Scene, cone: int, yields: Ints, recorded: Floats, start: Floats, angles: Floats, bound: float
-) -> bool:
-    """Look for angles in the cone near `start`: by linear problems, then by descent, then both again."""
-    cones = scene.cones
-    first, last = cones.direction_start[cone], cones.direction_start[cone + 1]
-    target, g = bound + MARGIN, 0.0
-    for count in range(4 * PASSES):  # nearest to `start`; if that does not settle, by smaller steps; then where it got
-        before, share = start if count < 3 * PASSES else angles, 0.5 if PASSES <= count < 3 * PASSES else 1.0
-        if not _step(scene, cone, yields, recorded, before, angles, target, share):
-            break
-        g = cone_angle(scene, cone, angles)
-        if share == 1.0 and bound <= g <= bound + 100.0 * MARGIN:
-            return True
-    target += 10.0 * MARGIN
-    for _ in range(PASSES):
-        d = limb_direction(scene, cone, angles)
-        g, nearest, _ = signed_angle(cones.directions, first, last, d)
-        if g >= bound:
-            return True
-        _turn_towards(scene, cone, yields, recorded, angles, nearest)
-        _step(scene, cone, yields, recorded, angles, angles, target, 1.0)
-    return cone_angle(scene, cone, angles) >= bound
-
-
-@outlined
-def fit_angles(
-    scene: Scene, cone: int, yields: Ints, recorded: Floats, bend: Floats, angles: Floats, start: Floats
-) -> bool:
-    """Turn a compound joint back into its cone by the smallest change of its angles.
-
-    Parameters
-    ----------
-    scene, cone
-        The scene and the cone.
-    yields
-        (Q,) 1 for joints that may turn.
-    recorded
-        (Q,) rad; their limb's g, if below 0, and angles beyond limits are the bounds instead of the cone and limits.
-    bend
-        (Q,) rad within `lower_bend` and `upper_bend`; the offsets of the cone's joints are replaced if they leave it.
-    angles
-        (Q,) recorded + bend, on entry and on return.
-    start
-        (Q,) scratch.
-
-    Returns
-    -------
-    bool
-        Whether anything had to change. The limb is within its bound then, if need be by falling back towards the
-        recorded angles.
-    """
-    bound = cone_bound(scene, cone, recorded)
-    if cone_angle(scene, cone, angles) >= bound:
-        return False
-    first, last = scene.cones.joint_start[cone], scene.cones.joint_start[cone + 1]
-    for place in range(first, last):
-        q = scene.bodies.dof[scene.cones.joints[place]]
-        start[q] = angles[q]
-    if _search(scene, cone, yields, recorded, start, angles, bound):
-        for place in range(first, last):
-            q = scene.bodies.dof[scene.cones.joints[place]]
-            if yields[q] == 1:
-                bend[q] = min(
-                    max(angles[q] - recorded[q], lower_bend(scene, recorded, q)), upper_bend(scene, recorded, q)
-                )
-        _set_share(scene, cone, yields, recorded, bend, angles, 1.0)
-        if cone_angle(scene, cone, angles) >= bound:
-            return True
-    low, high = 0.0, 1.0
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        _set_share(scene, cone, yields, recorded, bend, angles, middle)
-        if cone_angle(scene, cone, angles) >= bound:
-            low = middle
-        else:
-            high = middle
-    for place in range(first, last):
-        q = scene.bodies.dof[scene.cones.joints[place]]
-        if yields[q] == 1:
-            bend[q] *= low
-    _set_share(scene, cone, yields, recorded, bend, angles, 1.0)
-    return True
