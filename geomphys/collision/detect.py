@@ -90,6 +90,20 @@ def pair_separation(
     return s, n, pa, pb
 
 
+@kernel
+def measure_near(
+    pieces: Pieces, frames: Floats, k: int, limit: float, near: Near, axes: Axes, scratch: Scratch
+) -> float:
+    """Measure the near pair k within `limit` [m], if it is not; returns its separation, or a bound above `limit`."""
+    if near.exact[k] == 1:
+        return float(near.separation[k])
+    s, n, pa, pb = pair_separation(pieces, frames, near.a[k], near.b[k], limit, axes, scratch)
+    near.separation[k], near.exact[k] = s, 1 if s <= limit else 0
+    for i in range(3):
+        near.normal[k, i], near.point_a[k, i], near.point_b[k, i] = n[i], pa[i], pb[i]
+    return s
+
+
 @outlined
 def pair_bound(pieces: Pieces, frames: Floats, a: int, b: int, axes: Axes) -> tuple[float, Vec]:
     """A lower bound of the separation of pieces a and b [m] and the direction along which they are that far apart.

@@ -7,7 +7,7 @@ or all the time, it does harm.
 
 from __future__ import annotations
 
-from geomphys.collision.detect import Near
+from geomphys.collision.detect import Near, measure_near
 from geomphys.driven.constraints import add_term
 from geomphys.driven.postures import Posture, joint_effect, vec_of
 from geomphys.driven.state import BENDS, DrivenRoom
@@ -50,6 +50,26 @@ def note_touches(scene: Scene, room: DrivenRoom, near: Near) -> None:
 
 
 @outlined
+def measure_touches(scene: Scene, room: DrivenRoom, limit: float) -> None:
+    """Measure the near pairs of tips with what they touched in the recording, within `limit` [m]."""
+    work, near = room.work, room.near
+    for i in range(work.touches[0]):
+        tip, other = work.touch[i, 0], work.touch[i, 1]
+        if work.kind[scene.bodies.tree[tip]] != BENDS:
+            continue
+        for k in range(near.filled[0]):
+            if near.exact[k] == 0 and _is_touch(scene, room, k, tip, other):
+                measure_near(scene.pieces, room.places.frames, k, limit, near, room.axes, room.scratch)
+
+
+@kernel
+def _is_touch(scene: Scene, room: DrivenRoom, k: int, tip: int, other: int) -> bool:
+    """Whether the near pair k is of a tip, or what hangs on it, and another body."""
+    a, b, holder = scene.pieces.body[room.near.a[k]], scene.pieces.body[room.near.b[k]], room.links.holder
+    return bool((holder[a] == tip and b == other) or (holder[b] == tip and a == other))
+
+
+@outlined
 def add_touches(scene: Scene, room: DrivenRoom, now: Posture, unknowns: int) -> float:
     """Terms of the recorded contacts of trees that bend; returns their energy."""
     work, near, energy = room.work, room.near, 0.0
@@ -60,9 +80,7 @@ def add_touches(scene: Scene, room: DrivenRoom, now: Posture, unknowns: int) -> 
             continue
         nearest, found = 1.0, -1
         for k in range(near.filled[0]):
-            a, b = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
-            mine = (room.links.holder[a] == tip and b == other) or (room.links.holder[b] == tip and a == other)
-            if mine and near.exact[k] == 1 and near.separation[k] < nearest:
+            if near.exact[k] == 1 and near.separation[k] < nearest and _is_touch(scene, room, k, tip, other):
                 nearest, found = near.separation[k], k
         if found < 0:
             continue

@@ -13,9 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import pair_separation
-from geomphys.driven.advancement import way_is_free
+from geomphys.collision.detect import measure_near, pair_separation
+from geomphys.driven.advancement import passing_depth, way_is_free
 from geomphys.driven.constraints import (
+    ON,
     add_cones,
     add_pairs,
     bound_unknowns,
@@ -24,7 +25,7 @@ from geomphys.driven.constraints import (
     row_limit,
     want_touching,
 )
-from geomphys.driven.contacts_kept import add_touches
+from geomphys.driven.contacts_kept import add_touches, measure_touches
 from geomphys.driven.least_distance import SOLVED
 from geomphys.driven.objective import assemble, link_centre, number_unknowns
 from geomphys.driven.postures import Posture, vec_of
@@ -34,7 +35,7 @@ from geomphys.driven.stepping import (
     allowed_depth,
     apply_solution,
     copy_moving,
-    keeps_its_side,
+    gap_on_its_side,
     look,
     measure_motion,
     pace_left,
@@ -44,7 +45,7 @@ from geomphys.driven.stepping import (
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import norm, sub
 from geomphys.scene.arrays import Scene
-from geomphys.scene.kinematics import orientation_of, set_pose
+from geomphys.scene.kinematics import orientation_of, place_piece, set_pose
 
 Floats = NDArray[np.float64]
 
@@ -87,6 +88,10 @@ def _step_is_safe(scene: Scene, room: DrivenRoom, way: int) -> tuple[bool, float
         if s > motion:
             least = min(least, s - motion)
             continue
+        beside = gap_on_its_side(scene, room, k, motion)
+        if beside >= 0.0 and way != STRAIGHT:
+            least = min(least, beside)
+            continue
         there, _, _, _ = pair_separation(scene.pieces, room.places.frames, a, b, motion, room.axes, room.scratch)
         least = min(least, there)
         if way == ANY_WAY:
@@ -95,7 +100,7 @@ def _step_is_safe(scene: Scene, room: DrivenRoom, way: int) -> tuple[bool, float
             continue
         if there < -allowed_depth(scene, a, b) and there < 0.9 * s:
             return False, least
-        short = s + there >= motion or (near.exact[k] == 1 and keeps_its_side(scene, room, k, motion))
+        short = s + there >= motion or beside > -passing_depth(scene, a, b)
         if not short and not way_is_free(
             scene, work.now.poses, work.trial.poses, a, b, room.places.moved, room.axes, room.scratch
         ):  # fmt: skip
@@ -115,6 +120,16 @@ def _only_shifts(room: DrivenRoom) -> bool:
     return only
 
 
+@kernel
+def _measure_at_iterate(scene: Scene, room: DrivenRoom, k: int, limit: float) -> float:
+    """Separation of the near pair k at the iterate [m], measured within `limit`, while pieces are placed at the trial."""
+    near, moved = room.near, room.places.moved
+    if near.exact[k] == 0:
+        place_piece(scene, room.work.now.poses, near.a[k], moved)
+        place_piece(scene, room.work.now.poses, near.b[k], moved)
+    return measure_near(scene.pieces, moved, k, limit, near, room.axes, room.scratch)
+
+
 @outlined
 def _want_met(scene: Scene, room: DrivenRoom, gap: float, limit: float) -> bool:
     """Want rows for near pairs without one that the solution takes into each other, a share of the way at most; any?"""
@@ -126,15 +141,21 @@ def _want_met(scene: Scene, room: DrivenRoom, gap: float, limit: float) -> bool:
         measure_motion(scene, room, work.now, work.trial)
     place_frames(scene, room, work.trial)
     for k in range(near.filled[0]):
-        if room.rowed[k] != NO_ROW or near.exact[k] == 0 or not concerns(room, k):
+        if room.rowed[k] != NO_ROW or not concerns(room, k):
             continue
-        a, b, s = near.a[k], near.b[k], near.separation[k]
+        a, b = near.a[k], near.b[k]
         motion = work.motion[a] + work.motion[b]
+        if near.separation[k] > motion:
+            continue
+        beside = gap_on_its_side(scene, room, k, motion)
+        if beside >= 0.25 * gap:
+            continue
+        s = _measure_at_iterate(scene, room, k, motion)
         if s > motion:
             continue
         there, _, _, _ = pair_separation(scene.pieces, room.places.frames, a, b, motion, room.axes, room.scratch)
         if there < 0.25 * gap or (
-            s + there < motion and not keeps_its_side(scene, room, k, motion) and not way_is_free(
+            s + there < motion and beside <= -passing_depth(scene, a, b) and not way_is_free(
                 scene, work.now.poses, work.trial.poses, a, b, room.places.moved, room.axes, room.scratch
             )
         ):  # fmt: skip
@@ -239,7 +260,9 @@ def search(
         room.problem.went[i] = 0.0
     while True:
         limit = row_limit(step)
-        least = look(scene, room, limit)
+        least = look(scene, room, limit, ON)
+        if touching and not paced:
+            measure_touches(scene, room, limit)
         energy = _solve_linear(scene, room, recorded, gap, step, touching and not paced, loose or paced)
         if least >= 0.0 and (energy < best or done or paced):
             found, best = True, energy

@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from geomphys.collision.detect import measure_near
 from geomphys.collision.sweep import update_boxes
 from geomphys.driven.advancement import centre_motion, pair_motion, turn_between, way_is_free
 from geomphys.driven.constraints import concerns
@@ -57,7 +58,7 @@ def _farthest(scene: Scene, motion: Floats, tree: int) -> float:
 def look_back(scene: Scene, room: DrivenRoom, posture: Posture) -> float:
     """Near pairs of the trees that yield, placed at `posture`, which they may have met on the way from where the step began.
 
-    Returns the least separation.
+    Returns the least separation; it is measured where pairs overlap, and a lower bound elsewhere.
     """
     p, work = room.places, room.work
     measure_motion(scene, room, work.before, posture)
@@ -68,7 +69,7 @@ def look_back(scene: Scene, room: DrivenRoom, posture: Posture) -> float:
             update_boxes(scene, p.frames, room.boxes, tree)
         elif scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
             p.reach[tree, 0] = _farthest(scene, work.drift, tree)
-    return find_concerned(scene, room, math.inf)
+    return find_concerned(scene, room, 0.0)
 
 
 @kernel
@@ -167,7 +168,7 @@ def _make_start(
 
 @outlined
 def _note_carriers(scene: Scene, room: DrivenRoom) -> None:
-    """The nearest bodies that the recording moves, of the near pairs as they were looked for last."""
+    """The nearest bodies that the recording moves, of the near pairs of the start that was judged last and is placed."""
     near, carriers = room.near, room.work.carriers
     for i in range(len(carriers)):
         carriers[i] = -1
@@ -180,6 +181,8 @@ def _note_carriers(scene: Scene, room: DrivenRoom) -> None:
             if scene.bodies.role[body] == DRIVEN or scene.trees.moving[scene.bodies.tree[body]] == 0:
                 continue
             if room.work.drift[near.b[k]] == 0.0:
+                continue
+            if measure_near(scene.pieces, room.places.frames, k, least, near, room.axes, room.scratch) >= least:
                 continue
             known = False
             for j in range(i):

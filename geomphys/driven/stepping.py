@@ -69,10 +69,13 @@ def place_frames(scene: Scene, room: DrivenRoom, posture: Posture) -> None:
 
 
 @kernel
-def find_concerned(scene: Scene, room: DrivenRoom, limit: float) -> float:
-    """Near pairs within the reach of their trees, exact within `limit` [m]; returns the least separation that concerns."""
+def find_concerned(scene: Scene, room: DrivenRoom, enough: float) -> float:
+    """Near pairs within the reach of their trees; returns the least separation that concerns.
+
+    Pairs that are seen to be `enough` [m] apart are not measured: theirs is a lower bound.
+    """
     p = room.places
-    find_near(scene, p.frames, room.boxes, p.reach, 0.0, limit, room.near, p.found, room.axes, room.scratch)
+    find_near(scene, p.frames, room.boxes, p.reach, 0.0, enough, room.near, p.found, room.axes, room.scratch)
     least = math.inf
     for k in range(room.near.filled[0]):
         if concerns(room, k):
@@ -81,15 +84,18 @@ def find_concerned(scene: Scene, room: DrivenRoom, limit: float) -> float:
 
 
 @outlined
-def look(scene: Scene, room: DrivenRoom, reach: float) -> float:
-    """Near pairs of the trees that yield, exact within `reach` [m] of each; returns the least separation found."""
+def look(scene: Scene, room: DrivenRoom, reach: float, enough: float) -> float:
+    """Near pairs of the trees that yield, within `reach` [m] of each; returns the least separation found.
+
+    Pairs that are seen to be `enough` [m] apart are not measured.
+    """
     p = room.places
     for tree in range(len(room.work.kind)):
         p.reach[tree, 0] = p.reach[tree, 1] = 0.0
         if room.work.kind[tree] != STAYS:
             p.reach[tree, 0] = p.reach[tree, 1] = reach
             update_boxes(scene, p.frames, room.boxes, tree)
-    return find_concerned(scene, room, reach)
+    return find_concerned(scene, room, enough)
 
 
 @outlined
@@ -148,17 +154,20 @@ def allowed_depth(scene: Scene, a: int, b: int) -> float:
 
 
 @outlined
-def keeps_its_side(scene: Scene, room: DrivenRoom, k: int, motion: float) -> bool:
-    """Whether the direction that parts the near pair k at the iterate parts it at the trial too, and the way hardly turns."""
+def gap_on_its_side(scene: Scene, room: DrivenRoom, k: int, motion: float) -> float:
+    """Gap [m] at the trial along the direction that parts the near pair k at the iterate; the pair goes `motion` [m].
+
+    Above minus the depth that may be passed, that direction parts the pair all the way; -inf where the way turns too much
+    to tell.
+    """
     a, b, work = room.near.a[k], room.near.b[k], room.work
-    deep = passing_depth(scene, a, b)
     body_a, body_b = scene.pieces.body[a], scene.pieces.body[b]
     turn = turn_between(work.now.poses, work.trial.poses, body_a) + turn_between(
         work.now.poses, work.trial.poses, body_b
     )
-    if turn * motion > deep:
-        return False
-    return gap_along(shapes_of(scene.pieces, room.places.frames), a, b, vec_of(room.near.normal, k)) > -deep
+    if turn * motion > passing_depth(scene, a, b):
+        return -math.inf
+    return gap_along(shapes_of(scene.pieces, room.places.frames), a, b, vec_of(room.near.normal, k))
 
 
 @kernel

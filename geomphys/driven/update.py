@@ -169,7 +169,7 @@ def give_way(scene: Scene, state: DrivenState, room: DrivenRoom, recorded: Float
             q = orientation_of(state.last.poses, body)
             set_pose(work.target, body, link_centre(room, state.last.poses, body), q)
     passes = 0
-    if look(scene, room, 0.0) < 0.0:
+    if look(scene, room, 0.0, 0.0) < 0.0:
         found = search(scene, room, state.recorded.angles, gap, PASSES, False, False, ANY_WAY)
         passes = found.passes
         for tree in range(len(work.kind)):

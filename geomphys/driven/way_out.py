@@ -38,7 +38,7 @@ def _is_free_at(scene: Scene, room: DrivenRoom, tree: int, way: Vec, gap: float,
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         work.start.angles[q] = work.now.angles[q]
     place(scene, room, work.start, tree)
-    if look(scene, room, gap) < gap:
+    if look(scene, room, gap, gap) < gap:
         return False
     return not certified or judge(scene, room, work.start)[0] == FREE
 
@@ -85,7 +85,7 @@ def find_way_out(scene: Scene, room: DrivenRoom, gap: float, certified: bool) ->
             continue
         for other in range(len(work.kind)):
             work.kind[other] = work.wanted[other] if other == tree else STAYS
-        if look(scene, room, gap) < 0.0:
+        if look(scene, room, gap, gap) < 0.0:
             free = _free_tree(scene, room, tree, gap, certified) and free
     for tree in range(len(work.kind)):
         work.kind[tree] = work.wanted[tree]
