@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.detect import measure_near, pair_separation
+from geomphys.collision.support import place_piece
 from geomphys.driven.advancement import passing_depth, way_is_free
 from geomphys.driven.constraints import (
     ON,
@@ -37,6 +38,7 @@ from geomphys.driven.stepping import (
     copy_moving,
     gap_on_its_side,
     look,
+    look_again,
     measure_motion,
     pace_left,
     place_frames,
@@ -45,7 +47,7 @@ from geomphys.driven.stepping import (
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import norm, sub
 from geomphys.scene.arrays import Scene
-from geomphys.scene.kinematics import orientation_of, place_piece, set_pose
+from geomphys.scene.kinematics import orientation_of, set_pose
 
 Floats = NDArray[np.float64]
 
@@ -55,6 +57,7 @@ SMALL_STEP = 1e-3  # m at least
 MOST_STEP = 0.03  # m
 LEAST_STEP = 3e-4  # m
 HALVINGS = 6
+SPARE = 2e-3  # m: pairs are looked for this much farther than they have to be, so that a list of them serves more passes
 ROUNDS = 12  # of rows added in a pass
 SETTLED = 2e-6  # m: a pass that moves nothing farther ends the search,
 SETTLED_SHIFT = 1e-8  # m, where trees only shift,
@@ -125,8 +128,8 @@ def _measure_at_iterate(scene: Scene, room: DrivenRoom, k: int, limit: float) ->
     """Separation of the near pair k at the iterate [m], measured within `limit`, while pieces are placed at the trial."""
     near, moved = room.near, room.places.moved
     if near.exact[k] == 0:
-        place_piece(scene, room.work.now.poses, near.a[k], moved)
-        place_piece(scene, room.work.now.poses, near.b[k], moved)
+        place_piece(scene.pieces, room.work.now.poses, moved, near.a[k])
+        place_piece(scene.pieces, room.work.now.poses, moved, near.b[k])
     return measure_near(scene.pieces, moved, k, limit, near, room.axes, room.scratch)
 
 
@@ -253,14 +256,18 @@ def search(
     work, best, loose = room.work, math.inf, way == ANY_WAY
     step = FIRST_STEP if loose else _first_step(scene, room)
     found, converged, paced, done = False, False, False, False
-    shifting, count = _only_shifts(room), 0
+    shifting, count, listed = _only_shifts(room), 0, 0.0
     forget_spots(room)
     _keep_wishes(scene, room, work.target, work.wish)
     for i in range(len(room.problem.went)):
         room.problem.went[i] = 0.0
     while True:
         limit = row_limit(step)
-        least = look(scene, room, limit, ON)
+        if listed < limit:
+            listed = limit + SPARE
+            least = look(scene, room, listed, ON)
+        else:
+            least = look_again(scene, room, limit, ON)
         if touching and not paced:
             measure_touches(scene, room, limit)
         energy = _solve_linear(scene, room, recorded, gap, step, touching and not paced, loose or paced)
@@ -291,6 +298,7 @@ def search(
         if not safe:
             converged = least >= 0.0
             break
+        listed -= far
         back = turns_back(scene, room, share)
         copy_moving(scene, room, work.trial, work.now)
         if stopped:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import find_near
+from geomphys.collision.detect import find_near, measure_near, pair_bound
 from geomphys.collision.extent import gap_along
 from geomphys.collision.support import shapes_of
 from geomphys.collision.sweep import update_boxes
@@ -96,6 +96,31 @@ def look(scene: Scene, room: DrivenRoom, reach: float, enough: float) -> float:
             p.reach[tree, 0] = p.reach[tree, 1] = reach
             update_boxes(scene, p.frames, room.boxes, tree)
     return find_concerned(scene, room, enough)
+
+
+@outlined
+def look_again(scene: Scene, room: DrivenRoom, limit: float, enough: float) -> float:
+    """Bring the near pairs up to date after the step that `measure_motion` was called for; returns the least separation.
+
+    A separation, and the gap along a direction, shrinks by no more than both pieces go. Only pairs that may have come nearer
+    than `enough` [m] are looked at, and measured within `limit` [m].
+    """
+    near, motion, least = room.near, room.work.motion, math.inf
+    for k in range(near.filled[0]):
+        if not concerns(room, k):
+            continue
+        a, b = near.a[k], near.b[k]
+        s = near.separation[k] - (motion[a] + motion[b])
+        near.exact[k] = 0
+        if s < enough:
+            s, n = pair_bound(scene.pieces, room.places.frames, a, b, room.axes)
+            for i in range(3):
+                near.normal[k, i] = n[i]
+        near.separation[k] = s
+        if s < enough:
+            s = measure_near(scene.pieces, room.places.frames, k, limit, near, room.axes, room.scratch)
+        least = min(least, s)
+    return least
 
 
 @outlined

@@ -124,31 +124,19 @@ def pose_tree(scene: Scene, origins: Floats, tree: int, roots: Floats, angles: F
         pose_body(scene, origins, body, angles, poses)
 
 
-@kernel
-def _write_frame(scene: Scene, poses: Floats, piece: int, r: Rot, frames: Floats) -> None:
-    """Frame row of a piece whose body is at its row of poses (B, 7), r in rotation matrices."""
-    local, body = scene.pieces.local, scene.pieces.body[piece]
-    turned = rot_mul(r, frame_rotation(local, piece))
-    for k in range(9):
-        frames[piece, k] = turned[k]
-    t = rotate(r, (local[piece, 9], local[piece, 10], local[piece, 11]))
-    for k in range(3):
-        frames[piece, 9 + k] = poses[body, k] + t[k]
-
-
-@kernel
-def place_piece(scene: Scene, poses: Floats, piece: int, frames: Floats) -> None:
-    """Frame row (P, 12) world_from_piece of a piece, from body poses (B, 7)."""
-    _write_frame(scene, poses, piece, rot_from_quat(orientation_of(poses, scene.pieces.body[piece])), frames)
-
-
 @outlined
 def place_tree(scene: Scene, tree: int, poses: Floats, frames: Floats) -> None:
     """Frame rows (P, 12) world_from_piece of the pieces of `tree`, from body poses (B, 7)."""
+    local = scene.pieces.local
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
         first, last = scene.bodies.piece_start[body], scene.bodies.piece_start[body + 1]
         if first == last:
             continue
         r = rot_from_quat(orientation_of(poses, body))
         for i in range(first, last):
-            _write_frame(scene, poses, i, r, frames)
+            turned = rot_mul(r, frame_rotation(local, i))
+            for k in range(9):
+                frames[i, k] = turned[k]
+            t = rotate(r, (local[i, 9], local[i, 10], local[i, 11]))
+            for k in range(3):
+                frames[i, 9 + k] = poses[body, k] + t[k]
