@@ -12,16 +12,9 @@ from geomphys.collision.sweep import update_boxes
 from geomphys.driven.goals import take_branch
 from geomphys.driven.objective import is_stiff
 from geomphys.driven.postures import Posture, copy_tree, is_recorded, vec_of
+from geomphys.driven.reachability import FREE, judge, list_pairs, look_back, measure_drift
 from geomphys.driven.sqp import ANY_WAY, EVERY_STEP, STRAIGHT, Found, search
-from geomphys.driven.starts import (
-    ALONG,
-    FREE,
-    choose_start,
-    hold_back,
-    judge,
-    look_back,
-    measure_drift,
-)
+from geomphys.driven.starts import ALONG, choose_shallowest, choose_start, hold_back
 from geomphys.driven.state import BENDS, SHIFTS, STAYS, DrivenRoom, DrivenState
 from geomphys.driven.stepping import copy_moving, place_moving
 from geomphys.driven.way_out import find_way_out
@@ -123,7 +116,7 @@ def _search_straight(scene: Scene, room: DrivenRoom, angles: Floats, gap: float,
     place_moving(scene, room, work.now)
     found = search(scene, room, angles, gap, PASSES, True, tethered, EVERY_STEP)
     place_moving(scene, room, work.best)
-    if judge(scene, room, work.best)[0] == FREE:
+    if judge(scene, room, work.best) == FREE:
         return found
     copy_moving(scene, room, work.start, work.now)
     place_moving(scene, room, work.now)
@@ -137,10 +130,11 @@ def _attempt(
 ) -> Found:
     """Search from a free start, or where trees shift, from one that overlaps if what it comes to can be reached."""
     work, passes = room.work, 0
-    chosen, _ = choose_start(scene, state, room, roots, angles)
+    chosen = choose_start(scene, state, room, roots, angles)
     if chosen < 0:
         if not shifts:
             return Found(False, 0, False, math.inf, False)
+        choose_shallowest(scene, state, room, roots, angles)
         place_moving(scene, room, work.now)
         loose = search(scene, room, angles, gap, SHIFT_PASSES, False, False, ANY_WAY)
         passes = loose.passes
@@ -148,7 +142,7 @@ def _attempt(
             return loose
         copy_moving(scene, room, work.best, work.now)
         place_moving(scene, room, work.now)
-        if judge(scene, room, work.now)[0] != FREE:
+        if judge(scene, room, work.now) != FREE:
             return Found(False, passes, False, math.inf, False)
     if chosen >= ALONG:
         hold_back(scene, state, room, roots, angles)
@@ -185,6 +179,7 @@ def _in_parts(
         free = True
         for part in range(1, parts + 1):
             set_around(scene, state, room, recorded, part / parts if part < parts else 1.0)
+            list_pairs(scene, room)
             found = _attempt(scene, state, room, roots, angles, gap, False)
             passes += found.passes
             if not found.free:
@@ -218,6 +213,7 @@ def solve_group(
     """Find the posture of the trees of a group."""
     work = room.work
     shifts = choose_kinds(scene, state, room, group, False)
+    list_pairs(scene, room)
     found = _attempt(scene, state, room, roots, angles, gap, shifts)
     passes, method, rescues = found.passes, LEAST_DISTANCE, 0
     if shifts and (not found.free or is_shifted_too_far(scene, state, room, roots)):

@@ -57,7 +57,9 @@ SMALL_STEP = 1e-3  # m at least
 MOST_STEP = 0.03  # m
 LEAST_STEP = 3e-4  # m
 HALVINGS = 6
-SPARE = 2e-3  # m: pairs are looked for this much farther than they have to be, so that a list of them serves more passes
+SPARE = (
+    2e-3  # m: pairs are looked for this much farther than they have to be, so that a list of them serves more passes
+)
 ROUNDS = 12  # of rows added in a pass
 SETTLED = 2e-6  # m: a pass that moves nothing farther ends the search,
 SETTLED_SHIFT = 1e-8  # m, where trees only shift,

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import Axes, Near
+from geomphys.collision.detect import Axes, Near, make_near
 from geomphys.collision.penetration import Scratch
 from geomphys.collision.sweep import Boxes
 from geomphys.driven.links import Links, make_links
@@ -87,6 +87,9 @@ class Workspace(NamedTuple):
     force: Floats  # (B, 6) composite force and torque about the pivot
     motion: Floats  # (P,) m, how far each piece goes from the iterate to the trial
     drift: Floats  # (P,) m, how far pieces that the recording moves have gone since the step began
+    travel: Floats  # (P, 4) m, how far each piece goes since then: its centre, and any point by turning at most
+    from_goal: Floats  # (P, 4) the same from the goal
+    covered: Floats  # (T,) m: how far pieces of a tree may go for which pairs are listed
     depth: Floats  # (T,) m, how deep a tree was recorded in something
     hit: Ints  # (T,) 1: what the coupling asks for is not free, or cannot be reached
     spot: Ints  # (n, 2) pieces of spots where pairs touched in passes before
@@ -107,6 +110,7 @@ class DrivenRoom(NamedTuple):
     links: Links
     places: Places
     near: Near
+    listed: Near  # as the trees that yield are at their goals: see `reachability`
     rowed: Ints  # (n,) of the near pairs: NO_ROW, WANTED or HAS_ROW
     work: Workspace
     problem: Quadratic
@@ -142,7 +146,8 @@ def make_workspace(scene: Scene, poses: Floats, passes: int) -> Workspace:
     return Workspace(
         before, now, trial, best, start, goal, np.zeros((bodies, 7)), np.zeros((bodies, 7)), np.zeros((bodies, 3)),
         np.zeros(trees), kind, wanted, group, first, np.full(dofs, -1), carried, low, high, used_low, used_high,
-        np.zeros((bodies, 10)), np.zeros((bodies, 6)), np.zeros(pieces), np.zeros(pieces), np.zeros(trees), hit,
+        np.zeros((bodies, 10)), np.zeros((bodies, 6)), np.zeros(pieces), np.zeros(pieces), np.zeros((pieces, 4)),
+        np.zeros((pieces, 4)), np.zeros(trees), np.zeros(trees), hit,
         np.full((SPOTS, 2), -1), np.zeros((SPOTS, 9)), np.zeros(1, np.int64), np.zeros((TOUCHES, 2), np.int64),
         np.zeros(TOUCHES), np.zeros(1, np.int64), np.ones(dofs), np.array([passes]), np.full(CARRIERS, -1),
     )  # fmt: skip
@@ -168,6 +173,7 @@ def make_driven_room(
         )
     )
     return DrivenRoom(
-        origins, make_links(scene), places, near, np.zeros(len(near.a), np.int64), make_workspace(scene, poses, passes),
+        origins, make_links(scene), places, near, make_near(len(near.a)), np.zeros(len(near.a), np.int64),
+        make_workspace(scene, poses, passes),
         make_quadratic(max(unknowns, 1), ROWS), boxes, axes, scratch,
     )  # fmt: skip

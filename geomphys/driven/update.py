@@ -18,11 +18,8 @@ from geomphys.driven.goals import set_goals, take_limits
 from geomphys.driven.groups import GLOBAL, PASSES, Outcome, set_around, settle, solve_first, solve_group
 from geomphys.driven.objective import is_stiff, link_centre
 from geomphys.driven.postures import copy_tree
+from geomphys.driven.reachability import look_back, way_of_pair_is_free
 from geomphys.driven.sqp import ANY_WAY, search
-from geomphys.driven.starts import (
-    look_back,
-    way_of_pair_is_free,
-)
 from geomphys.driven.state import NEVER_FREE, SHIFTS, STARTED_FREE, STAYS, DrivenRoom, DrivenState
 from geomphys.driven.stepping import look, place
 from geomphys.driven.targets import aim, clear_offsets, note_offsets

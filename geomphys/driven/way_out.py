@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from geomphys.driven.postures import copy_tree
-from geomphys.driven.starts import FREE, judge
+from geomphys.driven.reachability import FREE, judge_anew
 from geomphys.driven.state import STAYS, DrivenRoom
 from geomphys.driven.stepping import look, place
 from geomphys.jit.kernel import kernel, outlined
@@ -40,7 +40,7 @@ def _is_free_at(scene: Scene, room: DrivenRoom, tree: int, way: Vec, gap: float,
     place(scene, room, work.start, tree)
     if look(scene, room, gap, gap) < gap:
         return False
-    return not certified or judge(scene, room, work.start)[0] == FREE
+    return not certified or judge_anew(scene, room, work.start) == FREE
 
 
 @outlined

@@ -1,0 +1,232 @@
+"""Whether a posture is free, and can be reached from where the step of the frame began.
+
+Many postures of a frame are asked about. The pairs that they may meet are listed once, as they are at the goal; how far a
+pair is apart at the goal, less how far both pieces go from there to the posture, bounds how far they are apart at the posture.
+Only pairs that this bound does not part for the whole way are looked at.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.collision.detect import find_near, pair_bound, pair_separation
+from geomphys.collision.sweep import update_boxes
+from geomphys.driven.advancement import centre_motion, pair_motion, turn_between, way_is_free
+from geomphys.driven.constraints import concerns
+from geomphys.driven.postures import Posture
+from geomphys.driven.state import STAYS, DrivenRoom
+from geomphys.driven.stepping import find_concerned, measure_motion, place
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import norm
+from geomphys.scene.arrays import DRIVEN, Scene
+
+Floats = NDArray[np.float64]
+
+FREE, TAKEN, UNCERTAIN = 0, 1, 2  # a posture, or what stands against it
+AMPLE, SPARE = 1.5, 4e-3  # times the motion of the goal, and m: how far postures may go for which pairs are listed
+
+
+@kernel
+def _note_travel(scene: Scene, before: Floats, after: Floats, tree: int, travel: Floats) -> float:
+    """How far the pieces of a tree go between poses (B, 7): rows (P, 4) of `travel`; returns the farthest [m].
+
+    A row holds how far the centre goes, and how far turning moves any point at most [m].
+    """
+    far = 0.0
+    for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+        turn = turn_between(before, after, body)
+        for i in range(scene.bodies.piece_start[body], scene.bodies.piece_start[body + 1]):
+            shift = centre_motion(scene, before, after, i)
+            for k in range(3):
+                travel[i, k] = shift[k]
+            travel[i, 3] = turn * scene.pieces.reach[i]
+            far = max(far, norm(shift) + travel[i, 3])
+    return far
+
+
+@kernel
+def _pair_travel(travel: Floats, a: int, b: int) -> float:
+    """How far two pieces go against each other at most [m]."""
+    x, y, z = travel[a, 0] - travel[b, 0], travel[a, 1] - travel[b, 1], travel[a, 2] - travel[b, 2]
+    return math.sqrt(x * x + y * y + z * z) + travel[a, 3] + travel[b, 3]
+
+
+@outlined
+def measure_drift(scene: Scene, room: DrivenRoom, before: Floats, after: Floats) -> None:
+    """How far the pieces of what is not driven go from poses `before` (B, 7) to `after`: into `drift` and `travel`."""
+    work = room.work
+    for tree in range(len(scene.trees.role)):
+        if scene.trees.moving[tree] == 0 or scene.trees.role[tree] == DRIVEN:
+            continue
+        _note_travel(scene, before, after, tree, work.travel)
+        first = scene.bodies.piece_start[scene.trees.body_start[tree]]
+        for i in range(first, scene.bodies.piece_start[scene.trees.body_start[tree + 1]]):
+            row = work.travel[i]
+            work.drift[i] = norm((row[0], row[1], row[2])) + row[3]
+
+
+@kernel
+def _farthest(scene: Scene, motion: Floats, tree: int) -> float:
+    """The largest motion of a tree's pieces."""
+    far = 0.0
+    first = scene.bodies.piece_start[scene.trees.body_start[tree]]
+    for i in range(first, scene.bodies.piece_start[scene.trees.body_start[tree + 1]]):
+        far = max(far, motion[i])
+    return far
+
+
+@outlined
+def look_back(scene: Scene, room: DrivenRoom, posture: Posture) -> float:
+    """Near pairs of the trees that yield, placed at `posture`, which they may have met on the way from where the step began.
+
+    Returns the least separation; it is measured where pairs overlap, and a lower bound elsewhere.
+    """
+    p, work = room.places, room.work
+    measure_motion(scene, room, work.before, posture)
+    for tree in range(len(work.kind)):
+        p.reach[tree, 0] = p.reach[tree, 1] = 0.0
+        if work.kind[tree] != STAYS:
+            p.reach[tree, 0] = p.reach[tree, 1] = _farthest(scene, work.motion, tree)
+            update_boxes(scene, p.frames, room.boxes, tree)
+        elif scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
+            p.reach[tree, 0] = _farthest(scene, work.drift, tree)
+    return find_concerned(scene, room, 0.0)
+
+
+@kernel
+def way_of_pair_is_free(scene: Scene, room: DrivenRoom, posture: Posture, k: int) -> bool:
+    """Whether the near pair k, apart at `posture`, got there from where the step began without passing through."""
+    near, work = room.near, room.work
+    a, b, s = near.a[k], near.b[k], near.separation[k]
+    if s > _moved(scene, room, a) + _moved(scene, room, b):
+        return True
+    motion, _ = pair_motion(scene, work.before.poses, posture.poses, a, b)
+    if s > motion:
+        return True
+    return way_is_free(
+        scene, work.before.poses, posture.poses, a, b, room.places.moved, room.axes, room.scratch
+    )  # fmt: skip
+
+
+@kernel
+def _moved(scene: Scene, room: DrivenRoom, piece: int) -> float:
+    """How far a piece has gone since the step began."""
+    tree = scene.bodies.tree[scene.pieces.body[piece]]
+    if scene.trees.role[tree] != DRIVEN:
+        return float(room.work.drift[piece])
+    return float(room.work.motion[piece]) if room.work.kind[tree] != STAYS else 0.0
+
+
+@outlined
+def list_pairs(scene: Scene, room: DrivenRoom) -> None:
+    """List the pairs that the trees that yield may meet on the way to a posture about the goal; places them at the goal."""
+    p, work = room.places, room.work
+    measure_motion(scene, room, work.before, work.goal)
+    for tree in range(len(work.kind)):
+        p.reach[tree, 0] = p.reach[tree, 1] = work.covered[tree] = 0.0
+        if work.kind[tree] != STAYS:
+            place(scene, room, work.goal, tree)
+            update_boxes(scene, p.frames, room.boxes, tree)
+            work.covered[tree] = AMPLE * _farthest(scene, work.motion, tree) + SPARE
+            p.reach[tree, 0] = p.reach[tree, 1] = work.covered[tree]
+        elif scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
+            p.reach[tree, 0] = _farthest(scene, work.drift, tree)
+        elif scene.trees.role[tree] == DRIVEN:
+            first = scene.bodies.piece_start[scene.trees.body_start[tree]]
+            for i in range(first, scene.bodies.piece_start[scene.trees.body_start[tree + 1]]):
+                for k in range(4):
+                    work.travel[i, k] = work.from_goal[i, k] = 0.0
+    room.listed.lost[0] = 0
+    find_near(scene, p.frames, room.boxes, p.reach, 0.0, 0.0, room.listed, p.found, room.axes, room.scratch)
+    if room.listed.lost[0] > 0:  # what was left out is looked for again each time
+        for tree in range(len(work.kind)):
+            work.covered[tree] = -1.0
+
+
+@kernel
+def _note_travels(scene: Scene, room: DrivenRoom, posture: Posture) -> bool:
+    """How far the trees that yield go to a posture, from where the step began and from the goal; whether pairs are listed."""
+    work, covers = room.work, True
+    for tree in range(len(work.kind)):
+        if work.kind[tree] != STAYS:
+            far = _note_travel(scene, work.before.poses, posture.poses, tree, work.travel)
+            far += _note_travel(scene, work.goal.poses, posture.poses, tree, work.from_goal)
+            covers = covers and far <= work.covered[tree]
+    return covers
+
+
+@outlined
+def _judge_listed(scene: Scene, room: DrivenRoom, posture: Posture) -> int:
+    """As `judge`, where the listed pairs are all that the posture can meet."""
+    work, listed, p = room.work, room.listed, room.places
+    for k in range(listed.filled[0]):
+        a, b = listed.a[k], listed.b[k]
+        if work.kind[listed.tree_a[k]] == STAYS and work.kind[listed.tree_b[k]] == STAYS:
+            continue
+        motion = _pair_travel(work.travel, a, b)
+        if listed.separation[k] - _pair_travel(work.from_goal, a, b) > motion:
+            continue
+        s, _ = pair_bound(scene.pieces, p.frames, a, b, room.axes)
+        if s < 0.0:
+            s, _, _, _ = pair_separation(scene.pieces, p.frames, a, b, motion, room.axes, room.scratch)
+        if s < 0.0:
+            return TAKEN
+        if s <= motion and not way_is_free(
+            scene, work.before.poses, posture.poses, a, b, p.moved, room.axes, room.scratch
+        ):  # fmt: skip
+            return UNCERTAIN
+    return FREE
+
+
+@outlined
+def judge_anew(scene: Scene, room: DrivenRoom, posture: Posture) -> int:
+    """As `judge`, for any posture."""
+    if look_back(scene, room, posture) < 0.0:
+        return TAKEN
+    for k in range(room.near.filled[0]):
+        if concerns(room, k) and not way_of_pair_is_free(scene, room, posture, k):
+            return UNCERTAIN
+    return FREE
+
+
+@outlined
+def judge(scene: Scene, room: DrivenRoom, posture: Posture) -> int:
+    """FREE, TAKEN or UNCERTAIN: a posture of the trees that yield, which pairs were listed for and whose pieces are placed."""
+    if _note_travels(scene, room, posture):
+        return _judge_listed(scene, room, posture)
+    return judge_anew(scene, room, posture)
+
+
+@kernel
+def _carrier_separation(scene: Scene, room: DrivenRoom, k: int, limit: float) -> float:
+    """Separation [m] of the listed pair k as its pieces are placed, or a bound above `limit`."""
+    a, b = room.listed.a[k], room.listed.b[k]
+    s = room.listed.separation[k] - _pair_travel(room.work.from_goal, a, b)
+    if s < limit:
+        s, _ = pair_bound(scene.pieces, room.places.frames, a, b, room.axes)
+    if s < limit:
+        s, _, _, _ = pair_separation(scene.pieces, room.places.frames, a, b, limit, room.axes, room.scratch)
+    return s
+
+
+@outlined
+def note_carriers(scene: Scene, room: DrivenRoom) -> None:
+    """The nearest bodies that the recording moves, of the listed pairs at the posture that was judged last."""
+    listed, carriers = room.listed, room.work.carriers
+    for i in range(len(carriers)):
+        carriers[i] = -1
+    for i in range(len(carriers)):
+        least = math.inf
+        for k in range(listed.filled[0]):
+            body = scene.pieces.body[listed.b[k]]
+            if scene.bodies.role[body] == DRIVEN or room.work.drift[listed.b[k]] == 0.0:
+                continue
+            known = False
+            for j in range(i):
+                known = known or carriers[j] == body
+            s = math.inf if known else _carrier_separation(scene, room, k, least)
+            if s < least:
+                least, carriers[i] = s, body
