@@ -51,15 +51,17 @@ def note_touches(scene: Scene, room: DrivenRoom, near: Near) -> None:
 
 @outlined
 def measure_touches(scene: Scene, room: DrivenRoom, limit: float) -> None:
-    """Measure the near pairs of tips with what they touched in the recording, within `limit` [m]."""
+    """Measure the nearest of the near pairs of each tip with what it touched in the recording, within `limit` [m]."""
     work, near = room.work, room.near
     for i in range(work.touches[0]):
         tip, other = work.touch[i, 0], work.touch[i, 1]
         if work.kind[scene.bodies.tree[tip]] != BENDS:
             continue
+        nearest = limit
         for k in range(near.filled[0]):
-            if near.exact[k] == 0 and _is_touch(scene, room, k, tip, other):
-                measure_near(scene.pieces, room.places.frames, k, limit, near, room.axes, room.scratch)
+            if near.separation[k] < nearest and _is_touch(scene, room, k, tip, other):
+                s = measure_near(scene.pieces, room.places.frames, k, nearest, near, room.axes, room.scratch)
+                nearest = min(nearest, s)
 
 
 @kernel
