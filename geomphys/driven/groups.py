@@ -12,7 +12,7 @@ from geomphys.collision.sweep import update_boxes
 from geomphys.driven.goals import take_branch
 from geomphys.driven.objective import is_stiff
 from geomphys.driven.postures import Posture, copy_tree, is_recorded, vec_of
-from geomphys.driven.reachability import FREE, judge, list_pairs, look_back, measure_drift
+from geomphys.driven.reachability import FREE, forget_pairs, judge, list_pairs, look_back, measure_drift
 from geomphys.driven.sqp import ANY_WAY, EVERY_STEP, STRAIGHT, Found, search
 from geomphys.driven.starts import ALONG, choose_shallowest, choose_start, hold_back
 from geomphys.driven.state import BENDS, SHIFTS, STAYS, DrivenRoom, DrivenState
@@ -75,6 +75,7 @@ def set_around(scene: Scene, state: DrivenState, room: DrivenRoom, recorded: Flo
         place_tree(scene, tree, work.now.poses, p.frames)
         update_boxes(scene, p.frames, room.boxes, tree)
     measure_drift(scene, room, work.before.poses, work.now.poses)
+    forget_pairs(room)
 
 
 @outlined

@@ -12,21 +12,23 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import find_near, pair_bound, pair_separation
+from geomphys.collision.detect import NOWHERE, append_pair, find_near, measure_near, pair_bound, pair_separation
+from geomphys.collision.extent import gap_along
+from geomphys.collision.support import place_piece, shapes_of
 from geomphys.collision.sweep import update_boxes
-from geomphys.driven.advancement import centre_motion, pair_motion, turn_between, way_is_free
+from geomphys.driven.advancement import centre_motion, pair_motion, passing_depth, turn_between, way_is_free
 from geomphys.driven.constraints import concerns
-from geomphys.driven.postures import Posture
+from geomphys.driven.postures import Posture, vec_of
 from geomphys.driven.state import STAYS, DrivenRoom
 from geomphys.driven.stepping import find_concerned, measure_motion, place
 from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.vec3 import norm
+from geomphys.numerics.vec3 import Vec, norm
 from geomphys.scene.arrays import DRIVEN, Scene
 
 Floats = NDArray[np.float64]
 
 FREE, TAKEN, UNCERTAIN = 0, 1, 2  # a posture, or what stands against it
-AMPLE, SPARE = 1.5, 4e-3  # times the motion of the goal, and m: how far postures may go for which pairs are listed
+AMPLE, SPARE = 1.5, 12e-3  # times the motion of the goal, and m: how far postures may go for which pairs are listed
 
 
 @kernel
@@ -120,6 +122,13 @@ def _moved(scene: Scene, room: DrivenRoom, piece: int) -> float:
     return float(room.work.motion[piece]) if room.work.kind[tree] != STAYS else 0.0
 
 
+@kernel
+def forget_pairs(room: DrivenRoom) -> None:
+    """No pairs are listed for what is round the trees now."""
+    for tree in range(len(room.work.covered)):
+        room.work.covered[tree] = -1.0
+
+
 @outlined
 def list_pairs(scene: Scene, room: DrivenRoom) -> None:
     """List the pairs that the trees that yield may meet on the way to a posture about the goal; places them at the goal."""
@@ -159,6 +168,50 @@ def _note_travels(scene: Scene, room: DrivenRoom, posture: Posture) -> bool:
 
 
 @outlined
+def _is_parted_before(scene: Scene, room: DrivenRoom, posture: Posture, a: int, b: int, n: Vec, motion: float) -> bool:
+    """Whether a direction that parts two pieces at a posture did so when the step began, and they hardly turn on their way."""
+    before, moved = room.work.before.poses, room.places.moved
+    turn = turn_between(before, posture.poses, scene.pieces.body[a])
+    turn += turn_between(before, posture.poses, scene.pieces.body[b])
+    deep = passing_depth(scene, a, b)
+    if turn * motion > deep:
+        return False
+    place_piece(scene.pieces, before, moved, a)
+    place_piece(scene.pieces, before, moved, b)
+    return gap_along(shapes_of(scene.pieces, moved), a, b, n) > -deep
+
+
+@outlined
+def look_listed(scene: Scene, room: DrivenRoom, reach: float, enough: float) -> tuple[bool, float]:
+    """As `look` at the iterate, which is placed, from the listed pairs: (whether they are all that count, least separation)."""
+    work, listed, near, least = room.work, room.listed, room.near, math.inf
+    for tree in range(len(work.kind)):
+        if work.kind[tree] != STAYS:
+            far = _note_travel(scene, work.goal.poses, work.now.poses, tree, work.from_goal)
+            if far + reach > work.covered[tree]:
+                return False, least
+    near.filled[0] = 0
+    for k in range(listed.filled[0]):
+        a, b, limit = listed.a[k], listed.b[k], 0.0
+        for tree in (listed.tree_a[k], listed.tree_b[k]):
+            limit += reach if work.kind[tree] != STAYS else 0.0
+        s, n = listed.separation[k] - _pair_travel(work.from_goal, a, b), vec_of(listed.normal, k)
+        if s > limit or limit == 0.0:
+            continue
+        if s < enough:
+            s, n = pair_bound(scene.pieces, room.places.frames, a, b, room.axes)
+        if s > limit:
+            continue
+        append_pair(near, a, b, listed.tree_a[k], listed.tree_b[k], s, n, NOWHERE, NOWHERE)
+        last = near.filled[0] - 1
+        near.exact[last] = 0
+        if s < enough:
+            s = measure_near(scene.pieces, room.places.frames, last, limit, near, room.axes, room.scratch)
+        least = min(least, s)
+    return True, least
+
+
+@outlined
 def _judge_listed(scene: Scene, room: DrivenRoom, posture: Posture) -> int:
     """As `judge`, where the listed pairs are all that the posture can meet."""
     work, listed, p = room.work, room.listed, room.places
@@ -169,12 +222,12 @@ def _judge_listed(scene: Scene, room: DrivenRoom, posture: Posture) -> int:
         motion = _pair_travel(work.travel, a, b)
         if listed.separation[k] - _pair_travel(work.from_goal, a, b) > motion:
             continue
-        s, _ = pair_bound(scene.pieces, p.frames, a, b, room.axes)
+        s, n = pair_bound(scene.pieces, p.frames, a, b, room.axes)
         if s < 0.0:
-            s, _, _, _ = pair_separation(scene.pieces, p.frames, a, b, motion, room.axes, room.scratch)
+            s, n, _, _ = pair_separation(scene.pieces, p.frames, a, b, motion, room.axes, room.scratch)
         if s < 0.0:
             return TAKEN
-        if s <= motion and not way_is_free(
+        if s <= motion and not _is_parted_before(scene, room, posture, a, b, n, motion) and not way_is_free(
             scene, work.before.poses, posture.poses, a, b, p.moved, room.axes, room.scratch
         ):  # fmt: skip
             return UNCERTAIN

@@ -31,6 +31,7 @@ from geomphys.driven.least_distance import SOLVED
 from geomphys.driven.objective import assemble, link_centre, number_unknowns
 from geomphys.driven.postures import Posture, vec_of
 from geomphys.driven.qp import go_on, solve_quadratic
+from geomphys.driven.reachability import look_listed
 from geomphys.driven.state import NO_ROW, SHIFTS, STAYS, WANTED, DrivenRoom
 from geomphys.driven.stepping import (
     allowed_depth,
@@ -265,11 +266,14 @@ def search(
         room.problem.went[i] = 0.0
     while True:
         limit = row_limit(step)
-        if listed < limit:
-            listed = limit + SPARE
-            least = look(scene, room, listed, ON)
-        else:
+        if listed >= limit:
             least = look_again(scene, room, limit, ON)
+        else:
+            listed, known, least = limit + SPARE, False, 0.0
+            if count == 0:
+                known, least = look_listed(scene, room, listed, ON)
+            if not known:
+                least = look(scene, room, listed, ON)
         if touching and not paced:
             measure_touches(scene, room, limit)
         energy = _solve_linear(scene, room, recorded, gap, step, touching and not paced, loose or paced)
