@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from geomphys.collision.detect import Axes, pair_separation
 from geomphys.collision.extent import gap_along
 from geomphys.collision.penetration import Scratch
-from geomphys.collision.support import shapes_of
+from geomphys.collision.support import place_piece, shapes_of
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import (
     Vec,
@@ -109,6 +109,24 @@ def _turned_with(before: Floats, after: Floats, body: int, share: float, n: Vec)
     """A direction carried along by a body that makes a `share` of its turn."""
     turn = quat_mul(orientation_of(after, body), quat_conjugate(orientation_of(before, body)))
     return quat_rotate(slerp((0.0, 0.0, 0.0, 1.0), turn, share), n)
+
+
+@outlined
+def is_parted_before(
+    scene: Scene, before: Floats, after: Floats, a: int, b: int, n: Vec, motion: float, frames: Floats
+) -> bool:
+    """Whether a direction that parts two pieces at `after` parts them at `before` too, and they hardly turn on their way.
+
+    Then it parts them all the way, but for what may be passed. `motion` [m] is how far they go against each other at most;
+    `frames` (P, 12) is scratch.
+    """
+    turn = turn_between(before, after, scene.pieces.body[a]) + turn_between(before, after, scene.pieces.body[b])
+    deep = passing_depth(scene, a, b)
+    if turn * motion > deep:
+        return False
+    place_piece(scene.pieces, before, frames, a)
+    place_piece(scene.pieces, before, frames, b)
+    return gap_along(shapes_of(scene.pieces, frames), a, b, n) > -deep
 
 
 @outlined

@@ -13,22 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.detect import NOWHERE, append_pair, find_near, measure_near, pair_bound, pair_separation
-from geomphys.collision.extent import gap_along
-from geomphys.collision.support import place_piece, shapes_of
 from geomphys.collision.sweep import update_boxes
-from geomphys.driven.advancement import centre_motion, pair_motion, passing_depth, turn_between, way_is_free
+from geomphys.driven.advancement import centre_motion, is_parted_before, pair_motion, turn_between, way_is_free
 from geomphys.driven.constraints import concerns
 from geomphys.driven.postures import Posture, vec_of
 from geomphys.driven.state import STAYS, DrivenRoom
 from geomphys.driven.stepping import find_concerned, measure_motion, place
 from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.vec3 import Vec, norm
+from geomphys.numerics.vec3 import norm
 from geomphys.scene.arrays import DRIVEN, Scene
 
 Floats = NDArray[np.float64]
 
 FREE, TAKEN, UNCERTAIN = 0, 1, 2  # a posture, or what stands against it
-AMPLE, SPARE = 1.5, 12e-3  # times the motion of the goal, and m: how far postures may go for which pairs are listed
+AMPLE, SPARE = 2.0, 12e-3  # times the motion of the goal, and m: how far postures may go for which pairs are listed
 
 
 @kernel
@@ -106,7 +104,9 @@ def way_of_pair_is_free(scene: Scene, room: DrivenRoom, posture: Posture, k: int
     if s > _moved(scene, room, a) + _moved(scene, room, b):
         return True
     motion, _ = pair_motion(scene, work.before.poses, posture.poses, a, b)
-    if s > motion:
+    if s > motion or is_parted_before(
+        scene, work.before.poses, posture.poses, a, b, vec_of(near.normal, k), motion, room.places.moved
+    ):
         return True
     return way_is_free(
         scene, work.before.poses, posture.poses, a, b, room.places.moved, room.axes, room.scratch
@@ -131,7 +131,10 @@ def forget_pairs(room: DrivenRoom) -> None:
 
 @outlined
 def list_pairs(scene: Scene, room: DrivenRoom) -> None:
-    """List the pairs that the trees that yield may meet on the way to a posture about the goal; places them at the goal."""
+    """List the pairs that the trees that yield may meet on the way to a posture about the goal; places them at the goal.
+
+    None is measured: a bound of how far they are apart will do, also where they overlap.
+    """
     p, work = room.places, room.work
     measure_motion(scene, room, work.before, work.goal)
     for tree in range(len(work.kind)):
@@ -149,7 +152,7 @@ def list_pairs(scene: Scene, room: DrivenRoom) -> None:
                 for k in range(4):
                     work.travel[i, k] = work.from_goal[i, k] = 0.0
     room.listed.lost[0] = 0
-    find_near(scene, p.frames, room.boxes, p.reach, 0.0, 0.0, room.listed, p.found, room.axes, room.scratch)
+    find_near(scene, p.frames, room.boxes, p.reach, 0.0, -math.inf, room.listed, p.found, room.axes, room.scratch)
     if room.listed.lost[0] > 0:  # what was left out is looked for again each time
         for tree in range(len(work.kind)):
             work.covered[tree] = -1.0
@@ -165,20 +168,6 @@ def _note_travels(scene: Scene, room: DrivenRoom, posture: Posture) -> bool:
             far += _note_travel(scene, work.goal.poses, posture.poses, tree, work.from_goal)
             covers = covers and far <= work.covered[tree]
     return covers
-
-
-@outlined
-def _is_parted_before(scene: Scene, room: DrivenRoom, posture: Posture, a: int, b: int, n: Vec, motion: float) -> bool:
-    """Whether a direction that parts two pieces at a posture did so when the step began, and they hardly turn on their way."""
-    before, moved = room.work.before.poses, room.places.moved
-    turn = turn_between(before, posture.poses, scene.pieces.body[a])
-    turn += turn_between(before, posture.poses, scene.pieces.body[b])
-    deep = passing_depth(scene, a, b)
-    if turn * motion > deep:
-        return False
-    place_piece(scene.pieces, before, moved, a)
-    place_piece(scene.pieces, before, moved, b)
-    return gap_along(shapes_of(scene.pieces, moved), a, b, n) > -deep
 
 
 @outlined
@@ -227,7 +216,9 @@ def _judge_listed(scene: Scene, room: DrivenRoom, posture: Posture) -> int:
             s, n, _, _ = pair_separation(scene.pieces, p.frames, a, b, motion, room.axes, room.scratch)
         if s < 0.0:
             return TAKEN
-        if s <= motion and not _is_parted_before(scene, room, posture, a, b, n, motion) and not way_is_free(
+        if s <= motion and not is_parted_before(
+            scene, work.before.poses, posture.poses, a, b, n, motion, p.moved
+        ) and not way_is_free(
             scene, work.before.poses, posture.poses, a, b, p.moved, room.axes, room.scratch
         ):  # fmt: skip
             return UNCERTAIN

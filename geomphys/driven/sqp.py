@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from geomphys.collision.detect import measure_near, pair_separation
 from geomphys.collision.support import place_piece
-from geomphys.driven.advancement import passing_depth, way_is_free
+from geomphys.driven.advancement import is_parted_before, passing_depth, way_is_free
 from geomphys.driven.constraints import (
     ON,
     add_cones,
@@ -98,7 +98,7 @@ def _step_is_safe(scene: Scene, room: DrivenRoom, way: int) -> tuple[bool, float
         if beside >= 0.0 and way != STRAIGHT:
             least = min(least, beside)
             continue
-        there, _, _, _ = pair_separation(scene.pieces, room.places.frames, a, b, motion, room.axes, room.scratch)
+        there, n, _, _ = pair_separation(scene.pieces, room.places.frames, a, b, motion, room.axes, room.scratch)
         least = min(least, there)
         if way == ANY_WAY:
             if there < -1e-3 and there < s - 1e-3:
@@ -107,6 +107,9 @@ def _step_is_safe(scene: Scene, room: DrivenRoom, way: int) -> tuple[bool, float
         if there < -allowed_depth(scene, a, b) and there < 0.9 * s:
             return False, least
         short = s + there >= motion or beside > -passing_depth(scene, a, b)
+        short = short or is_parted_before(
+            scene, work.now.poses, work.trial.poses, a, b, n, motion, room.places.moved
+        )  # fmt: skip
         if not short and not way_is_free(
             scene, work.now.poses, work.trial.poses, a, b, room.places.moved, room.axes, room.scratch
         ):  # fmt: skip
@@ -156,10 +159,14 @@ def _want_met(scene: Scene, room: DrivenRoom, gap: float, limit: float) -> bool:
         beside = gap_on_its_side(scene, room, k, motion)
         if beside >= 0.25 * gap:
             continue
+        there, n, _, _ = pair_separation(scene.pieces, room.places.frames, a, b, motion, room.axes, room.scratch)
+        if there >= 0.25 * gap and is_parted_before(
+            scene, work.now.poses, work.trial.poses, a, b, n, motion, room.places.moved
+        ):
+            continue
         s = _measure_at_iterate(scene, room, k, motion)
         if s > motion:
             continue
-        there, _, _, _ = pair_separation(scene.pieces, room.places.frames, a, b, motion, room.axes, room.scratch)
         if there < 0.25 * gap or (
             s + there < motion and beside <= -passing_depth(scene, a, b) and not way_is_free(
                 scene, work.now.poses, work.trial.poses, a, b, room.places.moved, room.axes, room.scratch
