@@ -155,7 +155,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return EXIT_FAILED
     except _expected_errors() as error:
         terminal.error(_with_notes(error))
-        return EXIT_USAGE if type(error).__name__ == "ConfigError" else EXIT_FAILED
+        return EXIT_USAGE if type(error).__name__ in ("ConfigError", "RefusedTargetError") else EXIT_FAILED
 
 
 def _with_notes(error: BaseException) -> str:

@@ -13,7 +13,7 @@ from functools import lru_cache
 from importlib.metadata import version
 
 from geomphys.scene.arrays import World
-from geomphys.scene.source_files import Sources
+from geomphys.scene.source_files import Sources, track_sources
 from geomphys.storage.cache import Store, sources, user_cache_folder
 from geomphys.storage.remote_files import AnyPath
 
@@ -28,7 +28,10 @@ SEARCH_PATH_VARIABLES = ("AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH")
 def load_cached_world(path: AnyPath, mode: str | None, seed: int) -> World | None:
     """Return the cached world of a scene file; None if there is none or one of its files changed."""
     cached: tuple[World, Sources] | None = _store().load(_cache_key(path, mode, seed))
-    return cached[0] if cached is not None and cached[1].are_unchanged() else None
+    if cached is None or not cached[1].are_unchanged():
+        return None
+    track_sources(cached[1])
+    return cached[0]
 
 
 def cache_world(world: World, sources_of_world: Sources, mode: str | None, seed: int) -> None:

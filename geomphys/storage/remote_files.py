@@ -97,13 +97,6 @@ def lies_within(path: AnyPath, folder: AnyPath) -> bool:
     return path.is_relative_to(folder)
 
 
-def is_same_file(path: AnyPath, other: AnyPath) -> bool:
-    """Whether two paths are the same file; raises OSError for local files that do not exist."""
-    if is_remote(path) or is_remote(other):
-        return path == other
-    return path.samefile(other)
-
-
 def is_url(text: str) -> bool:
     """Whether a text is a URL rather than a path: letters, a colon and two slashes at its beginning."""
     return _SCHEME.match(text) is not None
@@ -119,15 +112,6 @@ def open_sequential(path: AnyPath) -> BinaryIO:
     if is_remote(path):
         return path.open("rb", sequential=True)
     return path.open("rb")
-
-
-def move(source: Path, target: AnyPath) -> None:
-    """Move a complete local file to its final path, atomically: rename, or upload and remove. Raises OSError."""
-    if is_remote(target):
-        target.put(source)
-        source.unlink()
-    else:
-        os.replace(source, target)
 
 
 class RemotePath:

@@ -16,7 +16,7 @@ import numpy as np
 
 from geomphys.errors import InputError, ViewerError
 from geomphys.output.output_log import open_output
-from geomphys.output.sink import OutputFile
+from geomphys.storage.output_file import check_target, write_file
 from geomphys.storage.remote_files import AnyPath
 from geomphys.viewer.view import ADDRESS, as_recording, offline_environment, uses_unix_time, viewer_command
 
@@ -60,7 +60,7 @@ def take_snapshot(
     OutputError
         The picture cannot be written.
     """
-    output = OutputFile(out, force=True)
+    check_target(out, force=True, inputs=(result,))
     log = open_output(result) if result.suffix == ".mcap" else None
     time_ns = log.time_of(frame) if log is not None else 0
     with as_recording(result) as recording, _headless_viewer(recording, size) as client:
@@ -73,11 +73,7 @@ def take_snapshot(
         else:
             client.set_time("message_log_time", duration=np.timedelta64(time_ns, "ns"), play_state="paused")
         picture = _settled_picture(client, result, whole_window)
-    try:
-        output.temporary.write_bytes(picture)
-    except OSError as problem:
-        raise output.error(problem) from problem
-    output.publish(complete=True)
+    write_file(out, picture, force=True, inputs=(result,))
 
 
 @contextlib.contextmanager
