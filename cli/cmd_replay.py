@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from .command import StopAtFrame, command, current_terminal
+from .command import command, current_terminal
 from .options import (
     INPUT,
     OUTPUT_FILE,
@@ -22,6 +22,7 @@ from .options import (
     written_options,
 )
 from .progress import ProgressBars, meshes_report
+from .signals import StopAtFrame
 
 EXIT_THRESHOLD = 4
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from geomphys.errors import InputError, ViewerError
 from geomphys.output.output_log import open_output
+from geomphys.storage.child_process import ending_with_this_process
 from geomphys.storage.output_file import check_target, write_file
 from geomphys.storage.remote_files import AnyPath
 from geomphys.viewer.view import ADDRESS, as_recording, offline_environment, uses_unix_time, viewer_command
@@ -88,7 +89,8 @@ def _headless_viewer(recording: AnyPath, size: tuple[int, int]) -> Iterator[View
     command = [*viewer_command(), *options, "--window-size", f"{size[0]}x{size[1]}", str(recording)]
     with tempfile.TemporaryFile() as messages:
         environment = {**offline_environment(), "RUST_LOG": "error"}  # log lines would be drawn over the scene
-        process = subprocess.Popen(command, env=environment, stdout=messages, stderr=messages, start_new_session=True)
+        guarded = ending_with_this_process(command)
+        process = subprocess.Popen(guarded, env=environment, stdout=messages, stderr=messages, start_new_session=True)
         try:
             yield _connect(ViewerClient, f"rerun+http://{ADDRESS}:{port}/proxy", process, messages)
         finally:

@@ -21,6 +21,7 @@ from geomphys.output.output_world import world_of_output
 from geomphys.output.rerun_blueprint import mcap_blueprint
 from geomphys.output.rerun_stream import UNIX_TIME_START, RerunStream
 from geomphys.scene.arrays import FIXED
+from geomphys.storage.child_process import ending_with_this_process
 from geomphys.storage.remote_files import AnyPath, RemotePath, is_remote
 from geomphys.storage.temporary_folders import TemporaryFolder
 
@@ -53,7 +54,7 @@ def view_result(path: AnyPath, *, web: bool = False) -> None:
         if web:
             options += ["--web-viewer"]
         command = [*viewer_command(), *options, str(recording)]
-        code = subprocess.run(command, env=offline_environment(), check=False).returncode
+        code = subprocess.run(ending_with_this_process(command), env=offline_environment(), check=False).returncode
     if code > 0:
         raise ViewerError(f"{path}: the viewer ended with exit code {code}; its messages are above")
 
