@@ -46,7 +46,7 @@ class PathOrUrl(click.Path):
         except InputError as problem:
             self.fail(str(problem), param, ctx)
         except OSError as problem:
-            self.fail(f"{value}: cannot be reached ({problem.strerror})", param, ctx)
+            self.fail(f"{path_like}: cannot be reached ({problem.strerror})", param, ctx)
         return path_like
 
 

@@ -139,14 +139,17 @@ def run_batch(
     with _working_folder(folder) as running:
         manifest = Manifest.load(folder)
         up_to_date = tuple(
-            e.out for e in requested if resume and _is_up_to_date(manifest.entries.get(e.out), e, folder)
+            e.out
+            for e, plan in zip(requested, planned, strict=True)
+            if resume and _is_up_to_date(manifest.entries.get(e.out), e, plan.log, folder)
         )
+        log_of = {entry.out: plan.log for entry, plan in zip(requested, planned, strict=True)}
         todo = [entry for entry in requested if entry.out not in up_to_date]
         manifest.entries |= {entry.out: entry for entry in todo}
         manifest.save()
         tasks = [
             Job(
-                log=as_path(entry.log),
+                log=log_of[entry.out],
                 scene=scene,
                 scene_sha256=scene_sha256,
                 world_sha256=world_sha256,
@@ -231,7 +234,7 @@ def _processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _is_up_to_date(entry: Entry | None, requested: Entry, folder: AnyPath) -> bool:
+def _is_up_to_date(entry: Entry | None, requested: Entry, log: AnyPath, folder: AnyPath) -> bool:
     """Whether an entry of an earlier batch matches the request and its outputs are intact.
 
     False for files that cannot be read; the replay then reports the problem.
@@ -239,9 +242,7 @@ def _is_up_to_date(entry: Entry | None, requested: Entry, folder: AnyPath) -> bo
     if entry is None or entry.status != "done":
         return False
     try:
-        return entry.is_made_from(requested, sha256_of_log(as_path(requested.log))) and entry.outputs_are_complete(
-            folder
-        )
+        return entry.is_made_from(requested, sha256_of_log(log)) and entry.outputs_are_complete(folder)
     except OSError:
         return False
 

@@ -14,8 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from geomphys.storage.remote_files import RemotePath
-
 _HEAD_BYTES = 8
 _ALIGNMENT = 16
 _KINDS = "biufS"
@@ -88,8 +86,6 @@ def _plain(value: Any, blobs: _Blobs) -> Any:
         return {"n": [value.dtype.str, blobs.add(value.tobytes())]}
     if kind is PosixPath:
         return {"p": str(value)}
-    if kind is RemotePath:
-        return {"u": [value.url, value.top]}
     if kind is tuple or kind is list:
         return {kind.__name__[0]: [_plain(item, blobs) for item in value]}
     if kind is dict:
@@ -124,8 +120,6 @@ def _value(head: Any, blobs: memoryview, classes: Mapping[str, type], arrays: di
         return np.frombuffer(_cut(blobs, content[1], kind.itemsize), kind)[0]
     if tag == "p":
         return Path(content)
-    if tag == "u":
-        return RemotePath(*content)
     if tag in ("t", "l"):
         items = (_value(item, blobs, classes, arrays) for item in content)
         return tuple(items) if tag == "t" else list(items)

@@ -14,7 +14,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from geomphys.storage.records import RecordError, decode, encode
-from geomphys.storage.remote_files import RemotePath
 
 
 class Inner(NamedTuple):
@@ -82,10 +81,6 @@ def test_records_are_made_of_the_classes_that_are_named_and_of_no_others() -> No
     assert again.parts[0].values.tolist() == [0, 1, 2]
     with pytest.raises(RecordError):
         decode(data, (Outer,))
-
-
-def test_urls_come_back() -> None:
-    assert decode(encode(RemotePath("s3://bucket/a.obj"))) == RemotePath("s3://bucket/a.obj")
 
 
 def test_what_is_no_plain_value_is_refused() -> None:
