@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .command import StopAtFrame, command, current_terminal
+from .command import command, current_terminal
 from .options import (
     INPUTS,
     OUTPUT_FOLDER,
@@ -20,6 +20,7 @@ from .options import (
     written_options,
 )
 from .progress import ProgressBars, meshes_report
+from .signals import StopAtFrame
 from .terminal import counted
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from .command import command, current_terminal
-from .options import INPUT_FILE, check_output, force_option, json_option
+from .options import INPUT_FILE, check_outputs, force_option, json_option
 from .progress import ProgressBars, meshes_report
 from .terminal import printable
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     "out",
     type=click.Path(path_type=Path),
     metavar="FILE|DIR",
-    help="Write the pieces, one colour each: a mesh file (.glb, .obj, .ply, .stl); for a scene a folder.",
+    help="Write the pieces, one colour each: a mesh file (.glb, .obj, .ply, .stl; - prints a .glb); for a scene a folder.",
 )
 @click.option(
     "--threshold",
@@ -51,24 +51,25 @@ def decompose(path: Path, out: Path | None, threshold: float | None, seed: int, 
     What is cut is kept in the cache, so that a replay need not cut it again.
     """
     has_many_meshes = path.suffix.lower() in {".toml", ".urdf"}
-    if has_many_meshes and out is not None and out.exists() and not out.is_dir():
+    if has_many_meshes and out is not None and (str(out) == "-" or (out.exists() and not out.is_dir())):
         raise click.UsageError(f"{out}: is a file; the pieces of {path} need a folder")
     if not has_many_meshes:
-        check_output(out, force=force, inputs=(path,))
+        check_outputs(out, force=force, inputs=(path,))
 
     from geomphys.authoring.convex_pieces import decompose_file, write_pieces
 
     terminal = current_terminal()
     with ProgressBars(terminal) as bars:
         meshes = decompose_file(path, threshold=threshold, seed=seed, progress=meshes_report(terminal, bars))
-    written = []
+    written: list[Path] = []
     if out is not None and has_many_meshes:
         out.mkdir(exist_ok=True)
-    for number, mesh in enumerate(meshes):
-        if out is not None:
-            target = out / f"{number:02d}_{mesh.path.stem}.glb" if has_many_meshes else out
-            write_pieces(mesh.pieces, target, force=force)
-            written.append(target)
+        written = [out / f"{number:02d}_{mesh.path.stem}.glb" for number, mesh in enumerate(meshes)]
+    elif out is not None:
+        written = [out]
+    check_outputs(*written, force=force, inputs=meshes[0].source_files)
+    for mesh, target in zip(meshes, written, strict=False):
+        write_pieces(mesh.pieces, target, force=force, inputs=mesh.source_files)
     if as_json:
         terminal.json([mesh.as_dict() for mesh in meshes])
     else:

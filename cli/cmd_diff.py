@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from .command import command, current_terminal
-from .options import INPUT_FILE, OUTPUT_FILE, check_output, force_option, json_option
+from .options import INPUT_FILE, OUTPUT_FILE, check_outputs, force_option, json_option
 from .progress import progress_bar
 
 EXIT_SAME = 0
@@ -81,8 +81,7 @@ def diff(
     The exit code is 0 if they are the same, 1 if they differ, 2 if they cannot be compared.
     """
     terminal = current_terminal()
-    for path in (html, rrd):
-        check_output(path, force=force, inputs=(a, b))
+    check_outputs(html, rrd, force=force, inputs=(a, b, scene))
 
     import geomphys
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from .command import command, current_terminal
-from .options import INPUT, check_output, force_option, json_option, urdf_option
+from .options import INPUT, check_outputs, force_option, json_option, urdf_option
 
 
 @command(
@@ -42,13 +42,11 @@ def init(log: Path, urdfs: tuple[Path, ...], out: Path, recover: bool, as_json: 
     from geomphys.authoring.scene_draft import draft_scene
 
     terminal, printed = current_terminal(), str(out) == "-"
-    if not printed:
-        check_output(out, force=force, inputs=(log, *urdfs))
+    check_outputs(out, force=force, inputs=(log, *urdfs))
     draft = draft_scene(log, urdfs, folder=Path() if printed else out.parent, recover=recover)
-    if printed:
-        click.echo(draft.text, nl=False)
-        return
     draft.write(out, force=force)
+    if printed:
+        return
     if as_json:
         terminal.json(draft.as_dict())
         return

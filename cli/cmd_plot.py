@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from .command import command, current_terminal
-from .options import INPUT_FILE, OUTPUT_FILE, check_output, force_option
+from .options import INPUT_FILE, OUTPUT_FILE, check_outputs, force_option
 from .progress import progress_bar
 
 PANELS = ["time", "penetration", "correction", "contacts"]
@@ -23,7 +23,13 @@ FORMATS = {".png", ".svg", ".pdf"}
 )
 @click.argument("result", metavar="OUT", type=INPUT_FILE)
 @click.option(
-    "--output", "-o", "out", type=OUTPUT_FILE, required=True, metavar="PICTURE", help="A .png, .svg or .pdf to write."
+    "--output",
+    "-o",
+    "out",
+    type=OUTPUT_FILE,
+    required=True,
+    metavar="PICTURE",
+    help="A .png, .svg or .pdf to write; -: a PNG, printed.",
 )
 @click.option(
     "--panel",
@@ -42,8 +48,8 @@ FORMATS = {".png", ".svg", ".pdf"}
 @force_option
 def plot(result: Path, out: Path, panels: tuple[str, ...], scale: str, force: bool) -> None:
     """Draw OUT over its frames: frame time by stage, penetration, correction, contacts (extra: plots)."""
-    check_output(out, force=force, inputs=(result,))
-    if out.suffix.lower() not in FORMATS:
+    check_outputs(out, force=force, inputs=(result,))
+    if str(out) != "-" and out.suffix.lower() not in FORMATS:
         raise click.UsageError(f"{out}: ends in {out.suffix!r}; choose {', '.join(sorted(FORMATS))}")
 
     import geomphys

@@ -8,11 +8,11 @@ from typing import Any
 
 import click
 
-from .command import StopAtFrame, command, current_terminal
+from .command import command, current_terminal
 from .options import (
     INPUT,
     OUTPUT_FILE,
-    check_output,
+    check_outputs,
     config_of,
     config_options,
     force_option,
@@ -22,6 +22,7 @@ from .options import (
     written_options,
 )
 from .progress import ProgressBars, meshes_report
+from .signals import StopAtFrame
 
 EXIT_THRESHOLD = 4
 
@@ -44,7 +45,14 @@ COMPILE_SECONDS = 60
 )
 @click.argument("log", type=INPUT)
 @scene_option
-@click.option("--output", "-o", "out", type=OUTPUT_FILE, metavar="OUT.mcap", help="Write the result as MCAP.")
+@click.option(
+    "--output",
+    "-o",
+    "out",
+    type=OUTPUT_FILE,
+    metavar="OUT.mcap",
+    help="Write the result as MCAP; - is standard output.",
+)
 @click.option("--rrd", type=OUTPUT_FILE, metavar="OUT.rrd", help="Write a recording for the rerun viewer.")
 @config_options
 @written_options
@@ -68,10 +76,9 @@ def replay(
     recorded, bit for bit.
     """
     terminal = current_terminal()
-    if out is not None and out == rrd:
-        raise click.UsageError(f"{out}: -o and --rrd need different names")
-    check_output(out, force=force, inputs=(log, scene), not_as=".rrd")
-    check_output(rrd, force=force, inputs=(log, scene), not_as=".mcap")
+    check_outputs(out, force=force, inputs=(log, scene), partial=True, not_as=".rrd")
+    check_outputs(rrd, force=force, inputs=(log, scene), partial=True, not_as=".mcap")
+    check_outputs(out, rrd, force=True)
     config = config_of(options)
 
     os.environ.setdefault("RUST_LOG", "off")  # the rerun SDK's own messages are raised as errors anyway

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from .command import command, current_terminal
-from .options import INPUT_FILE, OUTPUT_FILE, check_output, force_option
+from .options import INPUT_FILE, OUTPUT_FILE, check_outputs, force_option
 
 
 @command(
@@ -35,6 +35,6 @@ def snapshot(result: Path, out: Path, frame: int, whole: bool, size: tuple[int, 
     """Make a picture of one frame of OUT (.rrd or .mcap), as the rerun viewer shows it."""
     from geomphys.viewer.snapshot import take_snapshot
 
-    check_output(out, force=force, inputs=(result,))
+    check_outputs(out, force=force, inputs=(result,))
     take_snapshot(result, out, frame=frame, size=size, whole_window=whole)
     current_terminal().note(f"wrote {out}")

@@ -1,10 +1,8 @@
-"""The base of all commands: help with examples, terminal options, stopping at the end of a frame on a signal."""
+"""The base of all commands: help with examples, terminal options."""
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Callable
-from types import FrameType, TracebackType
 from typing import Any
 
 import click
@@ -81,49 +79,3 @@ def terminal_options() -> list[click.Parameter]:
         flag("-v", "--verbose", text="Say more about what is going on."),
         flag("--no-color", text="No colours, as with NO_COLOR in the environment."),
     ]
-
-
-class Stopped(BaseException):
-    """A signal asked the program to stop."""
-
-    def __init__(self, signum: int) -> None:
-        self.exit_code = 128 + signum
-        super().__init__("interrupted" if signum == signal.SIGINT else "terminated")
-
-
-class StopAtFrame:
-    """Context in which SIGINT and SIGTERM stop the work at the end of the current frame.
-
-    Call `at_frame` after every frame: it raises `Stopped` if a signal came. Before the first frame, and at a second
-    signal, `Stopped` is raised at once.
-    """
-
-    def __init__(self) -> None:
-        self._pending: int | None = None
-        self._in_frames = False
-        self._previous_handlers: dict[int, Any] = {}
-
-    def __enter__(self) -> StopAtFrame:
-        """Install the signal handlers."""
-        for signum in (signal.SIGINT, signal.SIGTERM):
-            self._previous_handlers[signum] = signal.signal(signum, self._receive)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Restore the previous signal handlers."""
-        for signum, handler in self._previous_handlers.items():
-            signal.signal(signum, handler)
-
-    def at_frame(self) -> None:
-        """Raise `Stopped` if a signal was received."""
-        self._in_frames = True
-        if self._pending is not None:
-            raise Stopped(self._pending)
-
-    def _receive(self, signum: int, frame: FrameType | None) -> None:
-        """Handle a signal."""
-        if self._pending is not None or not self._in_frames:
-            raise Stopped(signum)
-        self._pending = signum

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import gc
 import os
-import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -16,7 +15,8 @@ from typing import Any
 
 import click
 
-from .command import SETTINGS, Command, Stopped, terminal_options, write_examples
+from .command import SETTINGS, Command, terminal_options, write_examples
+from .signals import Stopped, signals_caught
 from .terminal import Terminal
 
 EXIT_FAILED = 1
@@ -72,13 +72,6 @@ class LazyGroup(click.Group):
             raise click.UsageError(f"no such command {args[0]!r}: {advice}", ctx)
         return super().resolve_command(ctx, args)
 
-    def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; maps KeyboardInterrupt to `Stopped` before click prints an empty line."""
-        try:
-            return super().invoke(ctx)
-        except KeyboardInterrupt:
-            raise Stopped(signal.SIGINT) from None
-
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands from the table alone."""
         with formatter.section("Commands"):
@@ -121,41 +114,66 @@ def cli() -> None:
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line on `arguments` (default: the process's own) and return the exit code.
 
-    Errors are one line on stderr.
+    Errors are one line on stderr. After SIGINT or SIGTERM the code is 130 or 143, whatever the work made of it.
     """
     terminal = Terminal()
-    try:
-        code: Any = cli.main(args=arguments, prog_name="geomphys", standalone_mode=False, obj=terminal)
-        sys.stdout.flush()
-        return code if isinstance(code, int) else 0
-    except click.exceptions.NoArgsIsHelpError as error:
+    with signals_caught() as signals:
+        try:
+            code: Any = cli.main(args=arguments, prog_name="geomphys", standalone_mode=False, obj=terminal)
+            sys.stdout.flush()
+            signals.stop_if_received()
+            return code if isinstance(code, int) else 0
+        except BaseException as error:
+            signals.settle()
+            if signals.received is not None and not isinstance(error, Stopped):
+                error = _stopped(signals.received, error)
+            reported = _report(terminal, error)
+            if reported is None:
+                raise
+            return reported
+
+
+def _stopped(signum: int, error: BaseException) -> Stopped:
+    """What a signal made of an error that came of it; keeps its notes."""
+    stop = Stopped(signum)
+    for note in getattr(error, "__notes__", ()):
+        stop.add_note(note)
+    return stop
+
+
+def _report(terminal: Terminal, error: BaseException) -> int | None:
+    """Print an error that a user can act on and return the exit code; None for any other."""
+    if isinstance(error, click.exceptions.NoArgsIsHelpError):
         click.echo(error.format_message(), err=True)
         return EXIT_USAGE
-    except click.UsageError as error:
+    if isinstance(error, click.UsageError):
         path = error.ctx.command_path if error.ctx else "geomphys"
         terminal.error(f"{error.format_message().rstrip('.')} (see {path} -h)")
         return EXIT_USAGE
-    except click.ClickException as error:
+    if isinstance(error, click.ClickException):
         terminal.error(error.format_message())
         return error.exit_code
-    except Stopped as stop:
-        terminal.error(_with_notes(stop))
-        return stop.exit_code
-    except (KeyboardInterrupt, click.Abort):
+    if isinstance(error, Stopped):
+        terminal.error(_with_notes(error))
+        return error.exit_code
+    if isinstance(
+        error, KeyboardInterrupt | click.Abort
+    ):  # raised by a library, or in another thread than the main one
         terminal.error("interrupted")
         return EXIT_INTERRUPTED
-    except BrokenPipeError:
+    if isinstance(error, BrokenPipeError):
         _discard_stdout()
         return EXIT_FAILED
-    except MemoryError:
+    if isinstance(error, MemoryError):
         terminal.error("out of memory; a smaller scene, simpler meshes or fewer --jobs need less")
         return EXIT_FAILED
-    except OSError as error:
+    if isinstance(error, OSError):
         terminal.error(f"{error.filename or 'input or output'}: {error.strerror or error}")
         return EXIT_FAILED
-    except _expected_errors() as error:
+    if isinstance(error, _expected_errors()):
         terminal.error(_with_notes(error))
-        return EXIT_USAGE if type(error).__name__ == "ConfigError" else EXIT_FAILED
+        return EXIT_USAGE if type(error).__name__ in ("ConfigError", "RefusedTargetError") else EXIT_FAILED
+    return None
 
 
 def _with_notes(error: BaseException) -> str:

@@ -9,8 +9,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from .command import current_terminal
+
 if TYPE_CHECKING:
     from geomphys.config import Config
+    from geomphys.storage.remote_files import AnyPath
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -43,7 +46,7 @@ class PathOrUrl(click.Path):
         except InputError as problem:
             self.fail(str(problem), param, ctx)
         except OSError as problem:
-            self.fail(f"{value}: cannot be reached ({problem.strerror})", param, ctx)
+            self.fail(f"{path_like}: cannot be reached ({problem.strerror})", param, ctx)
         return path_like
 
 
@@ -163,32 +166,39 @@ def config_of(options: dict[str, Any]) -> Config:
     return Config(**{name: options.pop(name) for name in names})
 
 
-def check_output(path: Path | None, *, force: bool, inputs: tuple[Path, ...] = (), not_as: str = "") -> None:
-    """Refuse, as wrong usage, an output that exists (without `force`), has no folder, or is an input.
+def check_outputs(
+    *paths: Path | None, force: bool, inputs: tuple[AnyPath | None, ...] = (), partial: bool = False, not_as: str = ""
+) -> None:
+    """Refuse, as wrong usage, outputs that exist (without `force`), have no folder, are inputs, or one another.
 
-    `not_as` is the ending of an output of another kind, which would be taken for one.
+    `partial`: the finished part of one may be left beside it. `not_as` is the ending of an output of another kind, which
+    would be taken for one.
     """
-    if path is None:
+    outputs = [path for path in paths if path is not None]
+    for path in outputs:
+        if not_as and path.suffix.lower() == not_as:
+            raise click.UsageError(
+                f"{path}: ends in {not_as}, but that is not what is written there; choose another ending"
+            )
+    if not outputs:
         return
-    if not_as and path.suffix.lower() == not_as:
-        raise click.UsageError(
-            f"{path}: ends in {not_as}, but that is not what is written there; choose another ending"
-        )
-    from geomphys.storage.remote_files import is_same_file
+    from geomphys.errors import OutputError
+    from geomphys.storage.output_file import check_targets, is_standard_output
 
-    for input_path in inputs:
-        if path == input_path or (path.exists() and input_path.exists() and is_same_file(path, input_path)):
-            raise click.UsageError(f"{path}: is an input and cannot be the output too")
-    if isinstance(path, Path) and not path.parent.is_dir():
-        raise click.UsageError(f"{path}: there is no folder {path.parent}; make it first")
-    if path.exists() and not force:
-        raise click.UsageError(f"{path}: exists; choose another name or add --force")
+    try:
+        check_targets(outputs, force=force, inputs=[path for path in inputs if path is not None], partial=partial)
+    except OutputError as problem:
+        raise click.UsageError(str(problem)) from problem
+    if any(map(is_standard_output, outputs)):
+        current_terminal().results_to_stderr()
 
 
 @contextmanager
 def note_partial_outputs(*outputs: Path | None) -> Iterator[None]:
     """Add a note with the path of a partial output, if one was left, to an error raised in the block."""
-    partial_paths = [path.with_name(f"{path.stem}.partial{path.suffix}") for path in outputs if path is not None]
+    from geomphys.storage.output_file import partial_path
+
+    partial_paths = [partial_path(path) for path in outputs if path is not None]
     states_before = [_state(path) for path in partial_paths]
     try:
         yield
@@ -199,7 +209,7 @@ def note_partial_outputs(*outputs: Path | None) -> Iterator[None]:
         raise
 
 
-def _state(path: Path) -> tuple[int, int, int] | None:
+def _state(path: AnyPath) -> tuple[int, int, int] | None:
     """Return inode, size and time of a file; None if it does not exist."""
     try:
         status = path.stat()

@@ -130,26 +130,32 @@ class Terminal:
     quiet: bool = False
     verbose: bool = False
     no_color: bool = False
+    prints_file: bool = False
 
     @property
     def width(self) -> int:
         """Columns that results may take."""
-        return self.console(sys.stdout).width
+        return self.console(self._results).width
+
+    def results_to_stderr(self) -> None:
+        """Print results to stderr from here on: a file goes to stdout."""
+        self.prints_file = True
 
     def result(self, *renderables: RenderableType) -> None:
         """Print results, texts or tables, to stdout."""
-        console = self.console(sys.stdout)
-        if sys.stdout.isatty():
+        stream = self._results
+        console = self.console(stream)
+        if stream.isatty():
             console.print(*renderables, sep="\n")
             return
         with console.capture() as captured:
             console.print(*renderables, sep="\n")
         for line in captured.get().splitlines():
-            click.echo(line.rstrip())
+            click.echo(line.rstrip(), file=stream)
 
     def json(self, value: Any) -> None:
         """Print a value as JSON to stdout."""
-        click.echo(json.dumps(json_value(value), indent=2, allow_nan=False))
+        click.echo(json.dumps(json_value(value), indent=2, allow_nan=False), file=self._results)
 
     def note(self, text: str) -> None:
         """Print a progress note to stderr; not with ``-q``."""
@@ -182,6 +188,11 @@ class Terminal:
             emoji=False,
             width=None if stream.isatty() else PIPED_WIDTH,
         )
+
+    @property
+    def _results(self) -> TextIO:
+        """Where results are printed."""
+        return sys.stderr if self.prints_file else sys.stdout
 
     def _labelled(self, label: str, colour: str, text: str) -> None:
         """Print ``geomphys: LABEL: text`` to stderr."""

@@ -10,6 +10,7 @@
     │   ├── ModelError        a URDF
     │   └── MeshError         a mesh
     ├── OutputError           a result that cannot be written
+    │   └── RefusedTargetError    a file that must not be: it is there, is an input, or no regular file
     ├── ViewerError           the rerun viewer cannot run or show a result
     ├── ClusterError          the Dask scheduler of a batch cannot be reached, or was lost
     └── ConfigError           a parameter out of its range
@@ -48,6 +49,10 @@ class MeshError(InputError):
 
 class OutputError(GeomphysError):
     """A result that cannot be written."""
+
+
+class RefusedTargetError(OutputError):
+    """A path that no output is written to: it exists, is an input, or is no regular file."""
 
 
 class ViewerError(GeomphysError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
@@ -55,6 +56,7 @@ def load_world(
         return cached
     with tracked_sources() as sources:
         world = _load(path, mode, seed, progress)
+    world = dataclasses.replace(world, source_files=tuple(sources.contents))
     if is_local:
         cache_world(world, sources, mode, seed)
     return world

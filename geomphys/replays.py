@@ -5,12 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, closing
+from itertools import chain
 
 from geomphys.config import Config
 from geomphys.engine.frame_buffer import FRAMES
 from geomphys.engine.log_messages import Message
 from geomphys.engine.pipeline import Pipeline
-from geomphys.errors import LogError, OutputError
+from geomphys.errors import LogError
 from geomphys.jit.kernel import are_compiled
 from geomphys.jit.work import telling
 from geomphys.load import load_world
@@ -23,7 +24,8 @@ from geomphys.recording.report import RecordingReport
 from geomphys.results import Frame, FrameResult
 from geomphys.scene.arrays import World
 from geomphys.scene.decomposition import Progress
-from geomphys.storage.remote_files import AnyPath, as_path, is_same_file
+from geomphys.storage.output_file import check_targets
+from geomphys.storage.remote_files import AnyPath, as_path
 
 
 def replay(
@@ -46,7 +48,7 @@ def replay(
         All parameters; None: the defaults.
     sinks
         Opened before the first frame, given every frame, closed after the last; closed as incomplete if the replay ends
-        early (an error, or the caller stops iterating).
+        early (an error, or the caller stops iterating). Without a frame they are not opened.
     progress
         Called after each frame with the number of frames done and, if known, of all.
 
@@ -68,12 +70,16 @@ def replay(
     complete = False
     try:
         with FrameSource(as_path(log), world, config) as source:
+            batches = _batches(source)
+            first = next(batches, None)
+            if first is None:  # nothing to write
+                return
             if sinks:
                 provenance = provenance_of(as_path(log), world, config)
                 for sink in sinks:
                     sink.open(world, config, provenance)
                     opened.append(sink)
-            yield from _results(source, Pipeline(world, config), sinks, progress)
+            yield from _results(source, chain([first], batches), Pipeline(world, config), sinks, progress)
         complete = True
     finally:
         with ExitStack() as closing:  # every sink is closed even if another fails to close
@@ -139,7 +145,7 @@ def run(
     """
     log, config = as_path(log), config or Config()
     out, rrd = (None if path is None else as_path(path) for path in (out, rrd))
-    _check_distinct(log, out, rrd)
+    check_targets([path for path in (out, rrd) if path is not None], force=force, inputs=(log,), partial=True)
     with telling(compiling):
         world = (
             scene
@@ -173,15 +179,6 @@ def run(
     return summarizer.summary(log=log, scene=world.path, out=out, rrd=rrd, elapsed_s=elapsed)
 
 
-def _check_distinct(log: AnyPath, out: AnyPath | None, rrd: AnyPath | None) -> None:
-    """Raise OutputError if an output would overwrite the log or the other output."""
-    for path in (out, rrd):
-        if path is not None and path.exists() and log.exists() and is_same_file(path, log):
-            raise OutputError(f"{path}: is the log itself; choose another name for the output")
-    if out is not None and rrd is not None and out.resolve() == rrd.resolve():
-        raise OutputError(f"{out}: is named as MCAP and as rerun recording; give them different names")
-
-
 def _batches(source: FrameSource) -> Iterator[tuple[list[Frame], int]]:
     frames = iter(source)
     while True:
@@ -205,10 +202,14 @@ def _scene_messages(world: World) -> tuple[Message, ...]:
 
 
 def _results(
-    source: FrameSource, pipeline: Pipeline, sinks: Sequence[Sink], progress: Callable[[int, int | None], None] | None
+    source: FrameSource,
+    batches: Iterator[tuple[list[Frame], int]],
+    pipeline: Pipeline,
+    sinks: Sequence[Sink],
+    progress: Callable[[int, int | None], None] | None,
 ) -> Iterator[FrameResult]:
     done, encode_ns = 0, 0
-    for chunk in pipeline.chunks(_batches(source)):
+    for chunk in pipeline.chunks(batches):
         for row in range(len(chunk.frames)):
             is_last = chunk.is_last and row == len(chunk.frames) - 1
             messages = () if done else _scene_messages(pipeline.world)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from geomphys.errors import ConfigError, LogError
 from geomphys.output.output_log import OutputFrame, OutputLog, open_output
-from geomphys.output.sink import OutputFile
+from geomphys.storage.output_file import OutputFile, check_target, is_standard_output
 from geomphys.storage.remote_files import AnyPath, as_path
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def plot_output(
     output : Path or str
         The output log.
     out : Path or str
-        The picture; its ending says what it becomes: PNG, SVG or PDF.
+        The picture; its ending says what it becomes: PNG, SVG or PDF. ``-``: a PNG on standard output.
     panels : collection of str
         Which of `PANELS` to show. ``time`` needs the channel ``/timing`` and is left out of the default without it.
     scale : str
@@ -119,23 +119,19 @@ def plot_output(
         raise ConfigError(f"panel = {unknown}: choose among {', '.join(PANELS)}")
     if scale not in ("auto", "linear", "log"):
         raise ConfigError(f"scale = {scale!r}: choose auto, linear or log")
-    if out.suffix.lower() not in FORMATS:
+    kind = "png" if is_standard_output(out) else out.suffix.lower()[1:]
+    if f".{kind}" not in FORMATS:
         raise ConfigError(f"{out}: ends in {out.suffix!r}; choose {', '.join(FORMATS)}")
     if find_spec("matplotlib") is None:
         raise ConfigError("figures need matplotlib: pip install 'geomphys[plots]'")
-    file = OutputFile(out, force)
+    check_target(out, force=force, inputs=(log.path,))
     curves = _read(log, progress)
     shown = [panel for panel in PANELS if panel in panels and (panel != "time" or curves.stages)]
     if not shown:
         raise LogError(f"{log.path}: has no stage times; it was replayed with --no-timing")
     figure = _draw(log, curves, shown, scale)
-    try:
-        with file.temporary.open("wb") as stream:
-            _save(figure, stream, out.suffix.lower()[1:])
-    except OSError as problem:
-        file.discard()
-        raise file.error(problem) from problem
-    file.publish(complete=True)
+    with OutputFile(out, force=force, inputs=(log.path,)) as file:
+        _save(figure, file.stream, kind)
 
 
 class BinnedCurve:

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import colorsys
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from geomphys.errors import OutputError, SceneError
-from geomphys.output.sink import OutputFile
 from geomphys.scene.decomposition import Decomposed, DecompositionTask, Progress, decompose_all
 from geomphys.scene.meshes import load_mesh
 from geomphys.scene.scene_file import load_scene_file
 from geomphys.scene.scene_values import Decomposition
 from geomphys.scene.skeleton import load_skeleton
+from geomphys.scene.source_files import tracked_sources
 from geomphys.scene.urdf_file import MeshShape
+from geomphys.storage.output_file import is_standard_output, write_file
 from geomphys.storage.remote_files import AnyPath
 
 FORMATS = (".glb", ".obj", ".ply", ".stl")
@@ -38,6 +40,8 @@ class DecomposedMesh:
     scale: tuple[float, float, float]
     triangles: int
     pieces: Decomposed
+    source_files: tuple[AnyPath, ...]
+    """All files that were read of the file it was named in."""
 
     def as_dict(self) -> dict[str, Any]:
         """The mesh as plain values for JSON; lengths in m."""
@@ -106,26 +110,28 @@ def decompose_file(
     SceneError, ModelError, MeshError
         The file or a mesh is wrong, or a mesh cannot be decomposed.
     """
-    uses = meshes_of_file(path)
-    meshes = [DecompositionTask(load_mesh(use.path, np.array(use.scale)), use.method) for use in uses]
+    with tracked_sources() as sources:
+        uses = meshes_of_file(path)
+        meshes = [DecompositionTask(load_mesh(use.path, np.array(use.scale)), use.method) for use in uses]
+    read = tuple(sources.contents)
     cut = decompose_all(meshes, threshold=threshold, seed=seed, progress=progress)
     return tuple(
-        DecomposedMesh(path=use.path, scale=use.scale, triangles=len(mesh.faces), pieces=pieces)
+        DecomposedMesh(path=use.path, scale=use.scale, triangles=len(mesh.faces), pieces=pieces, source_files=read)
         for use, (mesh, _), pieces in zip(uses, meshes, cut, strict=True)
     )
 
 
-def write_pieces(pieces: Decomposed, out: AnyPath, *, force: bool = False) -> None:
-    """Write convex pieces as a mesh file, each in its own colour, in metres.
+def write_pieces(pieces: Decomposed, out: AnyPath, *, force: bool = False, inputs: Iterable[AnyPath] = ()) -> None:
+    """Write convex pieces as a mesh file, each in its own colour, in metres; ``-``: a GLB on standard output.
 
-    Raises OutputError for a suffix that is none of `FORMATS`, a file that exists without `force`, a full disk.
+    Raises OutputError for a suffix that is none of `FORMATS`, a file that exists without `force` or is one of `inputs`,
+    a full disk.
     """
     import trimesh
 
-    kind = out.suffix.lower().removeprefix(".")
-    if out.suffix.lower() not in FORMATS:
+    kind = "glb" if is_standard_output(out) else out.suffix.lower().removeprefix(".")
+    if f".{kind}" not in FORMATS:
         raise OutputError(f"{out}: pieces are written as {', '.join(FORMATS)}; choose a name that ends so")
-    output = OutputFile(out, force)
     scene = trimesh.Scene()
     for k, corners in enumerate(pieces.hulls):
         hull = trimesh.convex.convex_hull(corners)
@@ -133,9 +139,4 @@ def write_pieces(pieces: Decomposed, out: AnyPath, *, force: bool = False) -> No
         hull.visual.face_colors = [round(255 * red), round(255 * green), round(255 * blue), 255]
         scene.add_geometry(hull, node_name=f"piece_{k}", geom_name=f"piece_{k}")
     data = scene.export(file_type=kind)  # type: ignore[no-untyped-call]
-    try:
-        output.temporary.write_bytes(data.encode() if isinstance(data, str) else data)
-    except OSError as problem:
-        output.discard()
-        raise output.error(problem) from problem
-    output.publish(complete=True)
+    write_file(out, data.encode() if isinstance(data, str) else data, force=force, inputs=inputs)

@@ -20,7 +20,8 @@ from geomphys.authoring.avatar_draft import (
 )
 from geomphys.authoring.lowest_link import lowest_link
 from geomphys.authoring.scene_toml import UnusedStreams, scene_text
-from geomphys.errors import LogError, MeshError, OutputError
+from geomphys.errors import LogError, MeshError
+from geomphys.output.provenance import files_of_log
 from geomphys.recording.display_names import join_names
 from geomphys.recording.input_plan import is_static
 from geomphys.recording.inspect import LogInfo, TopicInfo, inspect_log, log_space
@@ -34,7 +35,9 @@ from geomphys.scene.chains import suggested_chains
 from geomphys.scene.meshes import load_mesh, require_closed
 from geomphys.scene.scene_file import parse_scene
 from geomphys.scene.skeleton import Skeleton, load_skeleton, require_solid
+from geomphys.scene.source_files import tracked_sources
 from geomphys.scene.urdf_file import MeshShape
+from geomphys.storage.output_file import write_file
 from geomphys.storage.remote_files import AnyPath, as_path
 
 BODY_REACH = 0.8
@@ -50,6 +53,7 @@ class SceneDraft:
     avatars: tuple[AvatarDraft, ...]
     others: UnusedStreams  # poses and joints of the log that no avatar follows
     space: SpaceGuess
+    source_files: tuple[AnyPath, ...] = ()  # what was read for it
 
     @property
     def is_replayable(self) -> bool:
@@ -58,17 +62,13 @@ class SceneDraft:
 
     def as_dict(self) -> dict[str, Any]:
         """All of it as plain values."""
-        return {**dataclasses.asdict(self), "replayable": self.is_replayable}
+        content = {**dataclasses.asdict(self), "replayable": self.is_replayable}
+        del content["source_files"]
+        return content
 
     def write(self, path: Path | str, *, force: bool = False) -> None:
-        """Write the scene file; OutputError if it is there (without `force`) or cannot be written."""
-        path = Path(path)
-        if path.exists() and not force:
-            raise OutputError(f"{path}: exists; choose another name or replace it with force")
-        try:
-            path.write_text(self.text, encoding="utf-8")
-        except OSError as problem:
-            raise OutputError(f"{path}: cannot be written: {problem.strerror}") from problem
+        """Write the scene file; OutputError if it is there (without `force`), was read, or cannot be written."""
+        write_file(Path(path), self.text.encode(), force=force, inputs=self.source_files)
 
 
 def draft_scene(
@@ -98,7 +98,14 @@ def draft_scene(
     ModelError, MeshError
         A URDF or one of its meshes is wrong.
     """
-    info = inspect_log(as_path(log), recover=recover)
+    log = as_path(log)
+    with tracked_sources() as sources:
+        draft = _draft(log, urdfs, folder, recover)
+    return dataclasses.replace(draft, source_files=(*files_of_log(log), *sources.contents))
+
+
+def _draft(log: AnyPath, urdfs: Sequence[Path | str], folder: Path | str, recover: bool) -> SceneDraft:
+    info = inspect_log(log, recover=recover)
     poses, joints = pose_candidates(info), [t for t in info.topics if t.kind in JOINTS and _is_valid_name(t.topic)]
     if not poses and not joints:
         found = join_names([f"{t.topic} ({t.schema or 'no schema'}, {t.encoding})" for t in info.topics], 6)
@@ -126,7 +133,7 @@ def draft_scene(
     space = log_space(info, {a.root.name for a in avatars if a.root is not None})
     heights = [
         lowest_link(
-            as_path(log),
+            log,
             skeleton,
             avatar.root.name,
             f"{avatar.joints_topic}#{avatar.side}" if avatar.side else avatar.joints_topic,

@@ -20,7 +20,8 @@ from geomphys.output.output_log import open_output
 from geomphys.output.provenance import sha256_of_file, sha256_of_world
 from geomphys.replays import run
 from geomphys.scene.arrays import World
-from geomphys.storage.remote_files import AnyPath, is_remote, move
+from geomphys.storage.output_file import partial_path, publish
+from geomphys.storage.remote_files import AnyPath, is_remote
 from geomphys.storage.temporary_folders import TemporaryFolder
 
 STOP = "stop"
@@ -174,20 +175,16 @@ def _publish(job: Job, work_folder: Path) -> None:
     for target in (job.out, job.rrd):
         if target is not None:
             try:
-                move(work_folder / target.name, target)
+                publish(work_folder / target.name, target)
             except OSError as problem:
                 raise OutputError(f"{target}: cannot be written ({problem.strerror or problem})") from problem
-            _partial(target).unlink(missing_ok=True)
+            partial_path(target).unlink(missing_ok=True)
 
 
 def _move_partials(job: Job, work_folder: Path) -> None:
     for target in (job.out, job.rrd):
-        if target is not None and (work_folder / _partial(target).name).is_file():
-            move(work_folder / _partial(target).name, _partial(target))
-
-
-def _partial(path: AnyPath) -> AnyPath:
-    return path.with_name(f"{path.stem}.partial{path.suffix}")
+        if target is not None and (work_folder / partial_path(target).name).is_file():
+            publish(work_folder / partial_path(target).name, partial_path(target))
 
 
 class _StopFileCheck:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from geomphys.errors import OutputError
 from geomphys.output.provenance import sha256_of_file
-from geomphys.storage.remote_files import AnyPath, is_remote
+from geomphys.storage.output_file import write_file
+from geomphys.storage.remote_files import AnyPath
 
 FILE_NAME = "manifest.json"
 FORMAT = 1
@@ -103,20 +103,6 @@ class Manifest:
         return {"format": FORMAT, "logs": logs}
 
     def save(self) -> None:
-        """Write a temporary file and rename it; raises OutputError if the folder refuses."""
-        if is_remote(self.path):
-            try:
-                self.path.write_bytes((json.dumps(self.as_dict(), indent=1, ensure_ascii=False) + "\n").encode())
-            except OSError as problem:
-                raise OutputError(f"{self.path}: cannot be written ({problem.strerror or problem})") from problem
-            return
-        temporary = self.path.with_name(f".{FILE_NAME}.tmp")
-        try:
-            with temporary.open("w", encoding="utf-8") as stream:
-                json.dump(self.as_dict(), stream, indent=1, ensure_ascii=False)
-                stream.write("\n")
-                stream.flush()
-                os.fsync(stream.fileno())
-            os.replace(temporary, self.path)
-        except OSError as problem:
-            raise OutputError(f"{self.path}: cannot be written ({problem.strerror or problem})") from problem
+        """Replace the file, atomically; raises OutputError if the folder refuses."""
+        text = json.dumps(self.as_dict(), indent=1, ensure_ascii=False) + "\n"
+        write_file(self.path, text.encode(), force=True)

@@ -20,9 +20,10 @@ from geomphys.batch.remote_lock import LOCK, lock_or_refuse, remote_lock_held
 from geomphys.config import Config
 from geomphys.errors import OutputError
 from geomphys.load import load_world
-from geomphys.output.provenance import sha256_of_file, sha256_of_log, sha256_of_world
+from geomphys.output.provenance import files_of_log, sha256_of_file, sha256_of_log, sha256_of_world
 from geomphys.scene.arrays import World
 from geomphys.scene.decomposition import Progress
+from geomphys.storage.output_file import check_target
 from geomphys.storage.remote_files import AnyPath, as_path, is_remote
 
 RUNNING = ".running"
@@ -120,6 +121,7 @@ def run_batch(
     planned = plan_logs(logs, folder)
     check_outputs(planned, folder, rrd=rrd, resume=resume, force=force)
     world, scene_sha256 = load_world(scene, mode=config.mode, seed=config.seed, progress=loading), sha256_of_file(scene)
+    check_outputs(planned, folder, rrd=rrd, resume=resume, force=force, inputs=world.source_files)
     world_sha256 = sha256_of_world(world)
     parameters = {**json.loads(json.dumps(config.as_dict())), "timing": timing, "copy_input": copy_input}
     requested = [
@@ -137,14 +139,17 @@ def run_batch(
     with _working_folder(folder) as running:
         manifest = Manifest.load(folder)
         up_to_date = tuple(
-            e.out for e in requested if resume and _is_up_to_date(manifest.entries.get(e.out), e, folder)
+            e.out
+            for e, plan in zip(requested, planned, strict=True)
+            if resume and _is_up_to_date(manifest.entries.get(e.out), e, plan.log, folder)
         )
+        log_of = {entry.out: plan.log for entry, plan in zip(requested, planned, strict=True)}
         todo = [entry for entry in requested if entry.out not in up_to_date]
         manifest.entries |= {entry.out: entry for entry in todo}
         manifest.save()
         tasks = [
             Job(
-                log=as_path(entry.log),
+                log=log_of[entry.out],
                 scene=scene,
                 scene_sha256=scene_sha256,
                 world_sha256=world_sha256,
@@ -183,22 +188,37 @@ def run_batch(
     )
 
 
-def check_outputs(planned: Sequence[PlannedLog], folder: AnyPath, *, rrd: bool, resume: bool, force: bool) -> None:
-    """Raise OutputError if an output is an input, or exists and may not be replaced.
+def check_outputs(
+    planned: Sequence[PlannedLog],
+    folder: AnyPath,
+    *,
+    rrd: bool,
+    resume: bool,
+    force: bool,
+    inputs: Sequence[AnyPath] = (),
+) -> None:
+    """Raise OutputError if an output is a log, one of the other `inputs`, or exists and may not be replaced.
 
     With `resume` those that the folder's manifest names may.
     """
     if is_remote(folder) and not folder.lists:
         raise OutputError(f"{folder}: a web server takes no files; choose a local folder or a store such as s3://")
     claimed = set(Manifest.load(folder).entries) if resume else set[str]()
-    inputs = {plan.log for plan in planned}
+    read = [*(file for plan in planned for file in _files_of(plan.log)), *inputs]
     for plan in planned:
         for suffix in (".mcap", ".rrd") if rrd else (".mcap",):
             path = folder / f"{plan.name}{suffix}"
-            if path in inputs:
-                raise OutputError(f"{path}: is a log and cannot be an output too; choose another folder")
-            if path.exists() and not force and f"{plan.name}.mcap" not in claimed:
-                raise OutputError(f"{path}: exists; choose another folder, or add --resume or --force")
+            if is_remote(path) or path.parent.is_dir():
+                may_replace = force or f"{plan.name}.mcap" in claimed
+                check_target(path, force=may_replace, inputs=read, partial=True)
+
+
+def _files_of(log: AnyPath) -> tuple[AnyPath, ...]:
+    """The files of a log; itself alone if they cannot be listed, which its replay reports."""
+    try:
+        return files_of_log(log)
+    except OSError:
+        return (log,)
 
 
 def _execute(
@@ -214,7 +234,7 @@ def _processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _is_up_to_date(entry: Entry | None, requested: Entry, folder: AnyPath) -> bool:
+def _is_up_to_date(entry: Entry | None, requested: Entry, log: AnyPath, folder: AnyPath) -> bool:
     """Whether an entry of an earlier batch matches the request and its outputs are intact.
 
     False for files that cannot be read; the replay then reports the problem.
@@ -222,9 +242,7 @@ def _is_up_to_date(entry: Entry | None, requested: Entry, folder: AnyPath) -> bo
     if entry is None or entry.status != "done":
         return False
     try:
-        return entry.is_made_from(requested, sha256_of_log(as_path(requested.log))) and entry.outputs_are_complete(
-            folder
-        )
+        return entry.is_made_from(requested, sha256_of_log(log)) and entry.outputs_are_complete(folder)
     except OSError:
         return False
 

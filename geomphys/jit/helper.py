@@ -1,23 +1,26 @@
-"""Another process that compiles for one: ``python -m geomphys.jit.helper``, keys of kernels on its standard input.
+"""Another process that compiles for one: ``python -m geomphys.jit.helper PARENT``, keys of kernels on its standard input.
 
-What it makes it leaves on disk. It ends when all is there, or is ended by the process it helps.
+What it makes it leaves on disk. It ends when all is there, or with the process it helps.
 """
 
 from __future__ import annotations
 
-import pickle
+import json
 import signal
 import sys
 
+from geomphys.jit.products import key_of
 from geomphys.jit.work import undisturbed, work
+from geomphys.storage.child_process import end_with_parent
 
 
-def main() -> None:
+def main(parent: int) -> None:
     """Compile what is asked for, the last first."""
+    end_with_parent(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process it helps decides
     with undisturbed():
-        work(pickle.load(sys.stdin.buffer), load=False, newest_first=True)
+        work([key_of(plain) for plain in json.load(sys.stdin)], load=False, newest_first=True)
 
 
 if __name__ == "__main__":
-    main()
+    main(int(sys.argv[1]))

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import gc
 import importlib
+import json
 import os
-import pickle
 import subprocess
 import sys
 import time
@@ -18,7 +18,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 
-from geomphys.jit.products import Key, Place, symbol_of
+from geomphys.jit.products import Key, Place, plain_key, symbol_of
 from geomphys.jit.slots import Unit, fill_slot, is_loaded, make_slots, units
 
 MOST_PROCESSES = 4
@@ -160,7 +160,7 @@ def processes() -> int:
 def _helper(keys: Sequence[Key]) -> subprocess.Popen[bytes]:
     """Start a process that compiles too, from the other end; nothing depends on its success."""
     process = subprocess.Popen(
-        [sys.executable, "-P", "-m", "geomphys.jit.helper"],
+        [sys.executable, "-P", "-m", "geomphys.jit.helper", str(os.getpid())],
         env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
@@ -168,6 +168,6 @@ def _helper(keys: Sequence[Key]) -> subprocess.Popen[bytes]:
     )
     assert process.stdin is not None
     with suppress(OSError):
-        process.stdin.write(pickle.dumps(list(keys)))
+        process.stdin.write(json.dumps([plain_key(key) for key in keys]).encode())
         process.stdin.close()
     return process

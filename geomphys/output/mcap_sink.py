@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import BinaryIO
-
 import numpy as np
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.Log_pb2 import Log
@@ -31,10 +29,11 @@ from geomphys.output.finite_check import check_finite
 from geomphys.output.input_copy import InputCopy
 from geomphys.output.proto.geomphys_pb2 import Contacts, FrameMetrics, PenetrationDepths, Timing
 from geomphys.output.provenance import METADATA_RECORD, Provenance
-from geomphys.output.sink import ContextManaged, OutputFile
+from geomphys.output.sink import ContextManaged
 from geomphys.output.urdf_description import descriptions
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import DRIVEN, FIXED, World
+from geomphys.storage.output_file import OutputFile
 from geomphys.storage.remote_files import AnyPath
 
 _MAX_TIME_NS = (1 << 31) * 1_000_000_000  # ns; a ROS 2 stamp counts seconds in 31 bits
@@ -85,21 +84,16 @@ class McapSink(ContextManaged):
         self._force = force
         self._input_path = copy_input
         self._output: OutputFile | None = None
-        self._stream: BinaryIO | None = None
 
     def open(self, world: World, config: Config, provenance: Provenance) -> None:
         """Begin the file; see `Sink.open`."""
-        output = OutputFile(self._path, self._force)
+        output = OutputFile(self._path, force=self._force, inputs=provenance.files, partial=True)
         self._world, self._provenance = world, provenance
         self._descriptions = descriptions(world)
         self._attachments = _attachments(world)
         self._input = InputCopy(self._input_path, config.recover) if self._input_path else None
-        try:
-            self._stream = output.temporary.open("wb")
-        except OSError as problem:
-            raise output.error(problem) from problem
         self._output = output
-        self._file = Writer(self._stream)
+        self._file = Writer(output.stream)
         self._file.start(library=f"geomphys {__version__}")
         self._declare_channels()
         self._prepare_messages()
@@ -126,22 +120,20 @@ class McapSink(ContextManaged):
 
     def close(self, complete: bool) -> None:
         """Finish the file and give it its name; see `Sink.close`."""
-        if self._output is None or self._stream is None:
+        if self._output is None:
             return
-        output, stream = self._output, self._stream
-        self._output = self._stream = None
+        output, self._output = self._output, None
         log_error: LogError | None = None
         try:
-            with stream:
-                if not self._started:
-                    self._write_static_messages(0)
-                if self._input is not None:
-                    try:
-                        self._input.close(self._file, copy_remaining=complete)
-                    except LogError as problem:
-                        log_error, complete = problem, False
-                self._file.add_metadata(METADATA_RECORD, self._provenance.record(complete=complete))
-                self._file.finish()  # type: ignore[no-untyped-call]
+            if not self._started:
+                self._write_static_messages(0)
+            if self._input is not None:
+                try:
+                    self._input.close(self._file, copy_remaining=complete)
+                except LogError as problem:
+                    log_error, complete = problem, False
+            self._file.add_metadata(METADATA_RECORD, self._provenance.record(complete=complete))
+            self._file.finish()  # type: ignore[no-untyped-call]
         except OSError as problem:
             output.discard()
             raise output.error(problem) from problem

@@ -37,6 +37,8 @@ class Provenance:
     """Of the loaded world: convex pieces, skeletons, masses, materials. Changes with a mesh or a URDF."""
     parameters: dict[str, str] = field(default_factory=dict)
     """Every parameter by name, `seed` among them."""
+    files: tuple[AnyPath, ...] = ()
+    """Every file that was read, which no output may replace; not in the record."""
 
     def record(self, *, complete: bool) -> dict[str, str]:
         """The metadata record; `complete` is false if the run ended early."""
@@ -68,7 +70,13 @@ def provenance_of(log: AnyPath, world: World, config: Config) -> Provenance:
         scene_sha256=scene_sha256,
         world_sha256=sha256_of_world(world),
         parameters={name: _parameter_text(value) for name, value in config.as_dict().items()},
+        files=(*files_of_log(log), *world.source_files),
     )
+
+
+def files_of_log(path: AnyPath) -> tuple[AnyPath, ...]:
+    """The files of a log, sorted: itself, or all in and below a bag directory. Raises OSError."""
+    return tuple(sorted(p for p in path.rglob("*") if p.is_file())) if path.is_dir() else (path,)
 
 
 def sha256_of_file(path: AnyPath) -> str:
@@ -82,7 +90,7 @@ def sha256_of_log(path: AnyPath) -> str:
     if not path.is_dir():
         return sha256_of_file(path)
     digest = hashlib.sha256()
-    for file in sorted(p for p in path.rglob("*") if p.is_file()):
+    for file in files_of_log(path):
         digest.update(f"{relative_path(file, path).as_posix()}\0{sha256_of_file(file)}\n".encode())
     return digest.hexdigest()
 

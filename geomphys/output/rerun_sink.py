@@ -27,11 +27,12 @@ from geomphys.output.rerun_blueprint import (
     blueprint,
 )
 from geomphys.output.rerun_stream import UNIX_TIME_START, RerunStream, Times
-from geomphys.output.sink import ContextManaged, OutputFile
+from geomphys.output.sink import ContextManaged
 from geomphys.output.vertex_normals import with_vertex_normals
 from geomphys.output.view_statistics import ViewStatistics
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import DRIVEN, FIXED, World
+from geomphys.storage.output_file import OutputFile
 from geomphys.storage.remote_files import AnyPath
 
 if TYPE_CHECKING:
@@ -82,9 +83,12 @@ class RerunSink(ContextManaged):
 
     def open(self, world: World, config: Config, provenance: Provenance) -> None:
         """Begin the recording; see `Sink.open`."""
-        output = OutputFile(self._path, self._force)
+        output = OutputFile(self._path, force=self._force, inputs=provenance.files, partial=True)
         identity = hashlib.sha256(json.dumps(provenance.record(complete=True)).encode()).hexdigest()
-        self._stream = RerunStream(output.temporary, identity[:32], world.file.scene.name)
+        try:
+            self._stream = RerunStream(output.temporary, identity[:32], world.file.scene.name)
+        except OSError as problem:
+            raise output.error(problem) from problem
         self._output = output
         self._world, self._provenance = world, provenance
         bodies = world.scene.bodies
@@ -122,17 +126,9 @@ class RerunSink(ContextManaged):
         try:
             self._send_batch()
             self._stream.finish(self._provenance.record(complete=complete), self._view())
-        except (
-            OSError,
-            RuntimeError,
-            OutputError,
-        ) as problem:  # the SDK's own thread writes and does not report the error
+        except OSError as problem:
             output.discard()
-            if isinstance(problem, OSError):
-                raise output.error(problem) from problem
-            raise OutputError(
-                f"{output.path}: the recording could not be written to its end; is the disk full?"
-            ) from problem
+            raise output.error(problem) from problem
         output.publish(complete)
 
     def _send_shapes(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,8 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from geomphys.errors import OutputError
 
 if TYPE_CHECKING:
     from rerun.blueprint import Blueprint
@@ -22,6 +21,7 @@ UNIX_TIME_START = 946_684_800_000_000_000
 """ns; times from here on (the year 2000) are shown as dates, earlier ones as durations of another clock."""
 
 _FOOTER = b"RRF2FOOT"
+_INCOMPLETE = "the recording could not be written to its end"
 
 
 class Times:
@@ -59,7 +59,7 @@ class RerunStream:
     Parameters
     ----------
     path : Path
-        The file; replaced if it is there.
+        The file, which is there already; what it holds is replaced.
     identity : str
         The recording's id: the viewer takes recordings of one id for the same.
     name : str
@@ -67,50 +67,46 @@ class RerunStream:
 
     Raises
     ------
-    OutputError
-        The file cannot be made.
+    OSError
+        From all methods: the file cannot be written.
     """
 
     def __init__(self, path: Path, identity: str, name: str) -> None:
         import rerun as rr
 
         self._path = path
-        try:
-            path.write_bytes(b"")
-            with _strict():
-                self._stream = rr.RecordingStream(APPLICATION, recording_id=identity, send_properties=False)
-                self._stream.save(path)
-                self._stream.send_recording_name(name)
-        except (OSError, RuntimeError) as problem:
-            raise OutputError(f"{path}: cannot be written ({problem})") from problem
+        with _strict(path):
+            self._stream = rr.RecordingStream(APPLICATION, recording_id=identity, send_properties=False)
+            self._stream.save(path)
+            self._stream.send_recording_name(name)
 
     def log_static(self, path: Sequence[str], archetype: Any) -> None:
         """Log static (timeless) data."""
-        with _strict():
+        with _strict(self._path):
             self._stream.log(_entity(path), archetype, static=True)
 
     def send(self, path: Sequence[str], times: Times, rows: Ints, columns: Any) -> None:
         """Send columns at some rows of a batch; without rows nothing is sent."""
         if len(rows):
-            with _strict():
+            with _strict(self._path):
                 self._stream.send_columns(_entity(path), times.at(rows), columns)
 
     def send_output_log(self, path: Path, unix: bool) -> None:
         """Send an output log as the viewer's own importer reads it; `unix` says whether its times count from 1970."""
         import rerun as rr
 
-        with _strict():
+        with _strict(self._path):
             reader = rr.chunk.McapReader(path, timeline_type="timestamp_ns" if unix else "duration_ns")
             self._stream.send_chunks(reader.stream())
 
     def finish(self, properties: Mapping[str, str], view: Blueprint) -> None:
         """Write properties (under ``geomphys``) and blueprint, and end the file.
 
-        Raises OutputError if the file is incomplete, for example because the disk is full.
+        OSError too if the file is incomplete: the SDK's own thread writes and does not report every error.
         """
         import rerun as rr
 
-        with _strict():
+        with _strict(self._path):
             self._stream.send_property(APPLICATION, rr.AnyValues(True, **properties))
             self._stream.send_blueprint(view)
             self._stream.flush()
@@ -118,7 +114,7 @@ class RerunStream:
         with self._path.open("rb") as file:
             file.seek(max(0, self._path.stat().st_size - 256))
             if _FOOTER not in file.read():
-                raise OutputError(f"{self._path}: the recording could not be written to its end; is the disk full?")
+                raise OSError(errno.EIO, _INCOMPLETE, str(self._path))
 
 
 def _entity(path: Sequence[str]) -> str:
@@ -128,13 +124,15 @@ def _entity(path: Sequence[str]) -> str:
 
 
 @contextmanager
-def _strict() -> Iterator[None]:
-    """Turn on the SDK's strict mode in the block and restore the caller's setting."""
+def _strict(path: Path) -> Iterator[None]:
+    """Turn on the SDK's strict mode in the block and restore the caller's setting; its errors become OSErrors."""
     import rerun as rr
 
     before = rr.strict_mode()
     rr.set_strict_mode(True)
     try:
         yield
+    except RuntimeError as problem:
+        raise OSError(errno.EIO, _INCOMPLETE, str(path)) from problem
     finally:
         rr.set_strict_mode(before)

@@ -180,3 +180,4 @@ class World:
         tuple[Floats, Ints], ...
     ]  # (B,) original collision geometry, tessellated where it is a primitive
     findings: Findings = field(default_factory=Findings)  # warnings and notes for the user
+    source_files: tuple[AnyPath, ...] = ()  # absolute paths of all files it was loaded from

@@ -1,8 +1,7 @@
-"""Runs CoACD in a subprocess: ``python -m geomphys.scene.coacd_process IN.npz OUT.npz``.
+"""Runs CoACD in a subprocess: ``python -m geomphys.scene.coacd_process IN.npz OUT.npz PARENT``.
 
 CoACD is C++ behind ctypes: it writes to the standard output, cannot be interrupted, and a crash ends its process. In a
-subprocess none of this affects a replay. The subprocess exits when its standard input closes, so it never outlives its
-parent.
+subprocess none of this affects a replay. The subprocess never outlives its parent.
 """
 
 from __future__ import annotations
@@ -12,12 +11,13 @@ import subprocess
 import sys
 import time
 from itertools import pairwise
-from threading import Event, Thread
+from threading import Event
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.errors import MeshError
+from geomphys.storage.child_process import end_with_parent
 from geomphys.storage.temporary_folders import TemporaryFolder
 
 Floats = NDArray[np.float64]
@@ -56,7 +56,7 @@ def convex_parts(
     with TemporaryFolder() as folder:
         source, target = folder / "mesh.npz", folder / "parts.npz"
         np.savez(source, vertices=vertices, faces=faces, threshold=threshold, seed=seed, search=search)
-        command = [sys.executable, "-P", "-m", __name__, str(source), str(target)]
+        command = [sys.executable, "-P", "-m", __name__, str(source), str(target), str(os.getpid())]
         code = _run_until_exit(command, threads, stop or Event())
         if code is None:
             raise MeshError(f"{name}: convex decomposition took more than {TIMEOUT:.0f} s: {hint}")
@@ -75,7 +75,7 @@ def _run_until_exit(command: list[str], threads: int, stop: Event) -> int | None
     """Run a command; returns its exit code, or None after `TIMEOUT`. The process is killed if `stop` is set."""
     environment = os.environ | {"OMP_NUM_THREADS": str(threads), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment
     ) as process:
         deadline = time.monotonic() + TIMEOUT
         try:
@@ -89,8 +89,8 @@ def _run_until_exit(command: list[str], threads: int, stop: Event) -> int | None
             process.kill()
 
 
-def _main(source: str, target: str) -> None:
-    Thread(target=_end_with_parent, daemon=True).start()
+def _main(source: str, target: str, parent: str) -> None:
+    end_with_parent(int(parent))
     import coacd
 
     with np.load(source, allow_pickle=False) as archive:
@@ -103,13 +103,6 @@ def _main(source: str, target: str) -> None:
     ]
     starts = np.concatenate([[0], np.cumsum([len(p) for p in parts])]).astype(np.int64)
     np.savez(target, points=np.concatenate([np.zeros((0, 3)), *parts]), starts=starts)
-
-
-def _end_with_parent() -> None:
-    """Exit this process when its standard input is closed: CoACD itself cannot be interrupted."""
-    while os.read(0, 1):
-        pass
-    os._exit(1)
 
 
 if __name__ == "__main__":

@@ -6,14 +6,19 @@ while every file it was made from has the same content.
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import os
 from contextlib import suppress
 from functools import lru_cache
 from importlib.metadata import version
+from typing import Any
 
-from geomphys.scene.arrays import World
-from geomphys.scene.source_files import Sources
+from geomphys.scene.arrays import Bodies, Chains, Dofs, Materials, Pieces, ReachCones, Scene, Trees, World
+from geomphys.scene.findings import DefaultPair, Findings, NotShown, RenamedFrame
+from geomphys.scene.scene_file import load_scene_file
+from geomphys.scene.source_files import Sources, track_sources
+from geomphys.scene.topic_sources import JointSource, RootSource
 from geomphys.storage.cache import Store, sources, user_cache_folder
 from geomphys.storage.remote_files import AnyPath
 
@@ -21,6 +26,25 @@ MAX_WORLDS = 100
 """Cached worlds; the oldest are removed."""
 LIBRARIES = ("coacd", "numpy", "scipy", "trimesh", "yourdfpy")
 """Distributions whose version is part of the key."""
+RECORDS = (
+    World,
+    Scene,
+    Pieces,
+    Bodies,
+    Trees,
+    Dofs,
+    Chains,
+    ReachCones,
+    Materials,
+    RootSource,
+    JointSource,
+    Findings,
+    NotShown,
+    RenamedFrame,
+    DefaultPair,
+    Sources,
+)
+"""All records that a world is made of."""
 SEARCH_PATH_VARIABLES = ("AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH")
 """Environment variables with search paths; part of the key."""
 
@@ -28,7 +52,11 @@ SEARCH_PATH_VARIABLES = ("AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH")
 def load_cached_world(path: AnyPath, mode: str | None, seed: int) -> World | None:
     """Return the cached world of a scene file; None if there is none or one of its files changed."""
     cached: tuple[World, Sources] | None = _store().load(_cache_key(path, mode, seed))
-    return cached[0] if cached is not None and cached[1].are_unchanged() else None
+    if cached is None or not cached[1].are_unchanged():
+        return None
+    world, sources_of_world = cached
+    track_sources(sources_of_world)
+    return dataclasses.replace(world, file=load_scene_file(path))
 
 
 def cache_world(world: World, sources_of_world: Sources, mode: str | None, seed: int) -> None:
@@ -36,14 +64,16 @@ def cache_world(world: World, sources_of_world: Sources, mode: str | None, seed:
     if len(sources_of_world.contents) < 2 or world.findings.not_shown:
         return
     store = _store()
-    store.save(_cache_key(world.path, mode, seed), (world, sources_of_world))
+    without_file: Any = None  # the scene file is read again
+    stored = dataclasses.replace(world, file=without_file)
+    store.save(_cache_key(world.path, mode, seed), (stored, sources_of_world))
     with suppress(OSError):  # removed by another process, or read-only
         for oldest in sorted(store.folder.iterdir(), key=lambda file: file.stat().st_mtime)[:-MAX_WORLDS]:
             oldest.unlink(missing_ok=True)
 
 
 def _store() -> Store:
-    return Store(user_cache_folder("worlds"))
+    return Store(user_cache_folder("worlds"), RECORDS)
 
 
 def _cache_key(path: AnyPath, mode: str | None, seed: int) -> str:

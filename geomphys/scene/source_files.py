@@ -35,13 +35,22 @@ _active_sources: ContextVar[Sources | None] = ContextVar("_active_sources", defa
 
 @contextmanager
 def tracked_sources() -> Iterator[Sources]:
-    """Record what is read within the block."""
+    """Record what is read within the block; a block around it is told too."""
     sources = Sources()
     token = _active_sources.set(sources)
     try:
         yield sources
     finally:
         _active_sources.reset(token)
+        track_sources(sources)
+
+
+def track_sources(read: Sources) -> None:
+    """Record what has been read before, such as the files of a world that was cached."""
+    sources = _active_sources.get()
+    if sources is not None:
+        sources.contents |= read.contents
+        sources.existing |= read.existing
 
 
 def track_contents(path: AnyPath, data: bytes) -> bytes:

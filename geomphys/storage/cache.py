@@ -2,46 +2,66 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import os
-import pickle
+import secrets
 import stat
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from geomphys.storage.records import RecordError, decode, encode
+from geomphys.storage.temporary_folders import TemporaryFolder
+
 DIGEST_SIZE = hashlib.sha256().digest_size
+
+
+_temporary: dict[str, TemporaryFolder] = {}
+"""Caches of this process alone, removed at its end."""
 
 
 @lru_cache(maxsize=16)
 def user_cache_folder(name: str) -> Path:
     """A folder of this name in the user's cache, created on first use.
 
-    ``$XDG_CACHE_HOME/geomphys`` (default ``~/.cache/geomphys``); the system's temporary folder where that is not
-    writable, and a new temporary folder where even that belongs to someone else.
+    ``$XDG_CACHE_HOME/geomphys`` (default ``~/.cache/geomphys``), else a folder in the system's temporary one. Only
+    folders that belong to this user and that nobody else can write to are used; without any, a temporary one that ends
+    with the process. Raises OSError if not even that can be made.
     """
-    home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    shared = Path(tempfile.gettempdir()) / f"geomphys-{os.getuid()}"
-    for base in (Path(home) / "geomphys", shared):
+    for base in _bases():
         folder = base / name
         try:
             base.mkdir(mode=0o700, parents=True, exist_ok=True)
-            folder.mkdir(exist_ok=True)
-            if os.access(folder, os.W_OK) and (base != shared or _is_own(base)):
-                return folder
+            if is_private(base):
+                folder.mkdir(mode=0o700, exist_ok=True)
+                if is_private(folder) and os.access(folder, os.W_OK):
+                    return folder
         except OSError:
             continue
-    return Path(tempfile.mkdtemp(prefix="geomphys-"))
+    if name not in _temporary:
+        _temporary[name] = TemporaryFolder()
+    return _temporary[name].path
 
 
-def _is_own(folder: Path) -> bool:
-    """Whether a folder in a shared place belongs to this user and nobody else can write to it."""
-    about = folder.lstat()
-    return stat.S_ISDIR(about.st_mode) and about.st_uid == os.getuid() and not about.st_mode & 0o022
+def _bases() -> Iterator[Path]:
+    """Where the user's cache may be."""
+    named = os.environ.get("XDG_CACHE_HOME", "")
+    if os.path.isabs(named):
+        yield Path(named) / "geomphys"
+    else:
+        with suppress(RuntimeError):  # neither $HOME nor a passwd entry
+            yield Path.home() / ".cache" / "geomphys"
+    yield Path(tempfile.gettempdir()) / f"geomphys-{os.getuid()}"
+
+
+def is_private(path: Path) -> bool:
+    """Whether a folder or regular file belongs to this user and nobody else can write to it; a link never does."""
+    about = path.lstat()
+    is_plain = stat.S_ISDIR(about.st_mode) or stat.S_ISREG(about.st_mode)
+    return is_plain and about.st_uid == os.getuid() and not about.st_mode & 0o022
 
 
 @lru_cache(maxsize=1)
@@ -56,46 +76,42 @@ def sources() -> dict[str, bytes]:
 
 
 class Store:
-    """Pickled objects by name in a folder; writes are atomic, so concurrent processes never read a partial file.
+    """Values and records by name in a folder, see `geomphys.storage.records`: reading them runs no code.
 
-    Unpickling runs code, so the folder must belong to the user: see `user_cache_folder`.
+    Writes are atomic, so concurrent processes never read a partial file. Each file holds its own digest; one that is
+    damaged, or that others can write to, counts as missing.
+
+    Parameters
+    ----------
+    folder : Path
+    classes : iterable of type
+        The records that are stored.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, classes: Iterable[type] = ()) -> None:
         self.folder = folder
-
-    def has(self, name: str) -> bool:
-        """Whether an object of this name is stored."""
-        return (self.folder / name).is_file()
+        self._classes = tuple(classes)
 
     def load(self, name: str) -> Any:
-        """Return an object; None if it is missing or damaged."""
+        """Return a value; None if it is missing or damaged."""
         try:
+            if not is_private(self.folder / name):
+                return None
             data = (self.folder / name).read_bytes()
-        except OSError:
+            digest, content = data[:DIGEST_SIZE], data[DIGEST_SIZE:]
+            return decode(content, self._classes) if hashlib.sha256(content).digest() == digest else None
+        except (OSError, RecordError):
             return None
-        digest, product = data[:DIGEST_SIZE], data[DIGEST_SIZE:]
-        return pickle.loads(product) if hashlib.sha256(product).digest() == digest else None
 
-    def save(self, name: str, product: Any) -> None:
-        """Store an object. A failure to write is ignored: it will be computed again."""
-        draft = self.folder / f"{name}.{os.getpid()}"
+    def save(self, name: str, value: Any) -> None:
+        """Store a value. A failure to write is ignored: it will be computed again."""
+        data = encode(value)
+        draft = self.folder / f"{name}.{secrets.token_hex(4)}"
         try:
-            data = pickle.dumps(product, protocol=pickle.HIGHEST_PROTOCOL)
-            draft.write_bytes(hashlib.sha256(data).digest() + data)
+            descriptor = os.open(draft, os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_WRONLY | os.O_CLOEXEC, 0o600)
+            with os.fdopen(descriptor, "wb") as stream:
+                stream.write(hashlib.sha256(data).digest() + data)
             draft.replace(self.folder / name)
         except OSError:
-            draft.unlink(missing_ok=True)
-
-    @contextmanager
-    def alone(self) -> Iterator[None]:
-        """Hold the folder's lock within the block: other processes wait."""
-        try:
-            lock = (self.folder / "lock").open("w")
-        except OSError:  # read-only: nothing to protect
-            yield
-            return
-        with lock:
-            with suppress(OSError):  # a file system without locks: work may be done twice
-                fcntl.flock(lock, fcntl.LOCK_EX)
-            yield
+            with suppress(OSError):
+                draft.unlink(missing_ok=True)

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, TypeAlias, cast
 
 from geomphys.errors import InputError
-from geomphys.storage.remote_stream import NO_RANGES, RangeStream, as_os_errors
+from geomphys.storage.remote_stream import NO_RANGES, RangeStream, as_os_errors, without_credentials
 
 if TYPE_CHECKING:
     from typing_extensions import TypeIs
@@ -33,6 +33,9 @@ MAX_CACHED_BLOCKS = 64
 """Blocks of an open file in its cache."""
 SEQUENTIAL_BYTES = 8 * 2**20
 """Bytes per request of a sequential read."""
+
+SILENCE_S = 30.0
+"""s without a byte after which a server is given up."""
 
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*(::[A-Za-z][A-Za-z0-9+.-]*)*://")
 _INVALID_CHARACTERS = re.compile(r"[\x00-\x1f\x7f%?#\\]|://")
@@ -82,9 +85,9 @@ def as_path(name: AnyPath | str) -> AnyPath:
 def relative_path(path: AnyPath, folder: AnyPath) -> Path:
     """The path from a folder to a file in or below it; raises ValueError if it is not."""
     if is_remote(path):
-        if not lies_within(path, folder):
+        if not is_remote(folder) or not lies_within(path, folder):
             raise ValueError(f"{path} is not below {folder}")
-        return Path(path.url.removeprefix(f"{folder}/"))
+        return Path(path.url.removeprefix(f"{folder.url}/"))
     if is_remote(folder):
         raise ValueError(f"{path} is not below {folder}")
     return path.relative_to(folder)
@@ -95,13 +98,6 @@ def lies_within(path: AnyPath, folder: AnyPath) -> bool:
     if is_remote(path) or is_remote(folder):
         return is_remote(path) and is_remote(folder) and f"{path.url}/".startswith(f"{folder.url}/")
     return path.is_relative_to(folder)
-
-
-def is_same_file(path: AnyPath, other: AnyPath) -> bool:
-    """Whether two paths are the same file; raises OSError for local files that do not exist."""
-    if is_remote(path) or is_remote(other):
-        return path == other
-    return path.samefile(other)
 
 
 def is_url(text: str) -> bool:
@@ -119,15 +115,6 @@ def open_sequential(path: AnyPath) -> BinaryIO:
     if is_remote(path):
         return path.open("rb", sequential=True)
     return path.open("rb")
-
-
-def move(source: Path, target: AnyPath) -> None:
-    """Move a complete local file to its final path, atomically: rename, or upload and remove. Raises OSError."""
-    if is_remote(target):
-        target.put(source)
-        source.unlink()
-    else:
-        os.replace(source, target)
 
 
 class RemotePath:
@@ -152,7 +139,8 @@ class RemotePath:
         return RemotePath, (self.url, self.top)
 
     def __str__(self) -> str:
-        return self.url
+        """The URL without credentials, for messages and files."""
+        return without_credentials(self.url)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, RemotePath) and self.url == other.url
@@ -212,7 +200,8 @@ class RemotePath:
         ):
             shown = "".join(c if c.isprintable() else "?" for c in text[:200])
             raise InputError(
-                f"{self.url}: names the file {shown!r}; a file behind a URL may only name others in or below {self.top}, "
+                f"{self}: names the file {shown!r}; a file behind a URL may only name others in or below "
+                f"{without_credentials(self.top)}, "
                 "by a relative path"
             )
         return RemotePath(below, self.top)
@@ -226,8 +215,8 @@ class RemotePath:
         return self
 
     def as_uri(self) -> str:
-        """The URL."""
-        return self.url
+        """The URL without credentials: it goes into outputs."""
+        return str(self)
 
     @property
     def lists(self) -> bool:
@@ -281,7 +270,7 @@ class RemotePath:
     def open(self, mode: str = "rb", *, sequential: bool = False) -> BinaryIO:
         """Open for reading, by range; `sequential`: it will be read from its beginning to its end. Raises OSError."""
         if mode != "rb":
-            raise OSError(errno.EROFS, "can only be written as a whole", self.url)
+            raise OSError(errno.EROFS, "can only be written as a whole", str(self))
         options: dict[str, Any] = {"block_size": SEQUENTIAL_BYTES, "cache_type": "readahead"}
         if not sequential:
             options = {
@@ -293,7 +282,7 @@ class RemotePath:
             file = self._system().open(self._path_in_system, "rb", **options)
             if not sequential and not file.seekable():
                 file.close()
-                raise OSError(errno.ESPIPE, NO_RANGES, self.url)
+                raise OSError(errno.ESPIPE, NO_RANGES, str(self))
         return cast(BinaryIO, RangeStream(file, self.url))
 
     def ranges(self, parts: Sequence[tuple[int, int]]) -> list[bytes]:
@@ -303,7 +292,7 @@ class RemotePath:
             found = self._system().cat_ranges([self._path_in_system] * len(parts), starts, ends)
         for (start, end), data in zip(parts, found, strict=True):
             if len(data) != end - start:
-                raise OSError(errno.ESPIPE, NO_RANGES, self.url)
+                raise OSError(errno.ESPIPE, NO_RANGES, str(self))
         return list(found)
 
     def read_bytes(self) -> bytes:
@@ -355,13 +344,26 @@ class RemotePath:
             try:
                 import fsspec.core
             except ImportError:
-                raise InputError(f"{self.url}: is a URL; install geomphys[remote] to use URLs") from None
+                raise InputError(f"{self}: is a URL; install geomphys[remote] to use URLs") from None
             try:
-                self._fs, self._path_in_system = fsspec.core.url_to_fs(self.url, use_listings_cache=False)
+                self._fs, self._path_in_system = fsspec.core.url_to_fs(
+                    self.url, use_listings_cache=False, **_time_limits(self.url)
+                )
             except (ImportError, ValueError, TypeError) as problem:
-                reason = " ".join(str(problem).split())
-                raise InputError(f"{self.url}: such a URL cannot be opened here ({reason})") from None
+                reason = without_credentials(" ".join(str(problem).split()))
+                raise InputError(f"{self}: such a URL cannot be opened here ({reason})") from None
         return self._fs
+
+
+def _time_limits(url: str) -> dict[str, Any]:
+    """Options of a file system after which a server that says nothing is given up."""
+    if url.lower().startswith(_WEB_PROTOCOLS):
+        from aiohttp import ClientTimeout
+
+        return {"client_kwargs": {"timeout": ClientTimeout(total=None, sock_connect=SILENCE_S, sock_read=SILENCE_S)}}
+    if url.lower().startswith("s3://"):
+        return {"config_kwargs": {"connect_timeout": SILENCE_S, "read_timeout": SILENCE_S}}
+    return {}
 
 
 AnyPath: TypeAlias = Path | RemotePath

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import io
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -13,6 +14,21 @@ from geomphys.errors import InputError
 
 NO_RANGES = "the server gives no parts of files; fetch the file first"
 """Error text for a server that ignores range requests."""
+
+
+_SILENT = "the server does not answer in time; try again"
+
+_URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*://)([^\s/?#@'\"<>]*@)?([^\s?'\"<>)]*)(\?[^\s'\"<>)]*)?")
+
+
+def without_credentials(text: str) -> str:
+    """A text whose URLs show neither user and password nor a query, which may hold a key: ``https://…@host/file?…``."""
+    return _URL.sub(lambda m: f"{m[1]}{'…@' if m[2] else ''}{m[3]}{'?…' if m[4] else ''}", text)
+
+
+def _one_line(problem: BaseException) -> str:
+    """The text of an error of a library, which may name the whole URL."""
+    return without_credentials(" ".join(str(problem).split()))
 
 
 class RangeStream(io.BufferedIOBase):
@@ -58,7 +74,8 @@ class RangeStream(io.BufferedIOBase):
 
 @contextmanager
 def as_os_errors(url: str) -> Iterator[None]:
-    """Convert errors within the block to OSErrors of one line with the URL as file name."""
+    """Convert errors within the block to OSErrors of one line with the URL, without credentials, as file name."""
+    url = without_credentials(url)
     try:
         yield
     except InputError:
@@ -67,26 +84,28 @@ def as_os_errors(url: str) -> Iterator[None]:
         cause = problem.__cause__
         if _status(cause) not in (None, 404, 410):  # fsspec reports every refusal as a missing file
             raise _refused(cause, url) from problem
+        if isinstance(cause, TimeoutError):
+            raise TimeoutError(errno.ETIMEDOUT, _SILENT, url) from problem
         if isinstance(cause, OSError) and not isinstance(
             cause, FileNotFoundError
         ):  # fsspec reports it as a missing file
-            raise OSError(cause.errno or errno.EIO, " ".join(str(cause).split()), url) from problem
+            raise OSError(cause.errno or errno.EIO, _one_line(cause), url) from problem
         raise FileNotFoundError(errno.ENOENT, "there is no such file", url) from None
     except PermissionError:
         raise PermissionError(errno.EACCES, "access is refused; are the credentials set?", url) from None
     except FileExistsError:
         raise FileExistsError(errno.EEXIST, "is there already", url) from None
     except TimeoutError as problem:
-        raise TimeoutError(errno.ETIMEDOUT, "the server does not answer in time; try again", url) from problem
+        raise TimeoutError(errno.ETIMEDOUT, _SILENT, url) from problem
     except OSError as problem:
-        text = problem.strerror or " ".join(str(problem).split()) or type(problem).__name__
+        text = without_credentials(problem.strerror or "") or _one_line(problem) or type(problem).__name__
         raise OSError(problem.errno or errno.EIO, text, url) from problem
     except _foreign_errors() as problem:
         if _status(problem) is not None:
             raise _refused(problem, url) from problem
         if "range requests" in str(problem):
             raise OSError(errno.ESPIPE, NO_RANGES, url) from problem
-        text = " ".join(str(problem).split()) or type(problem).__name__
+        text = _one_line(problem) or type(problem).__name__
         raise OSError(errno.EIO, text, url) from problem
 
 

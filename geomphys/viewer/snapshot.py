@@ -16,7 +16,8 @@ import numpy as np
 
 from geomphys.errors import InputError, ViewerError
 from geomphys.output.output_log import open_output
-from geomphys.output.sink import OutputFile
+from geomphys.storage.child_process import ending_with_this_process
+from geomphys.storage.output_file import check_target, write_file
 from geomphys.storage.remote_files import AnyPath
 from geomphys.viewer.view import ADDRESS, as_recording, offline_environment, uses_unix_time, viewer_command
 
@@ -60,7 +61,7 @@ def take_snapshot(
     OutputError
         The picture cannot be written.
     """
-    output = OutputFile(out, force=True)
+    check_target(out, force=True, inputs=(result,))
     log = open_output(result) if result.suffix == ".mcap" else None
     time_ns = log.time_of(frame) if log is not None else 0
     with as_recording(result) as recording, _headless_viewer(recording, size) as client:
@@ -73,11 +74,7 @@ def take_snapshot(
         else:
             client.set_time("message_log_time", duration=np.timedelta64(time_ns, "ns"), play_state="paused")
         picture = _settled_picture(client, result, whole_window)
-    try:
-        output.temporary.write_bytes(picture)
-    except OSError as problem:
-        raise output.error(problem) from problem
-    output.publish(complete=True)
+    write_file(out, picture, force=True, inputs=(result,))
 
 
 @contextlib.contextmanager
@@ -92,7 +89,8 @@ def _headless_viewer(recording: AnyPath, size: tuple[int, int]) -> Iterator[View
     command = [*viewer_command(), *options, "--window-size", f"{size[0]}x{size[1]}", str(recording)]
     with tempfile.TemporaryFile() as messages:
         environment = {**offline_environment(), "RUST_LOG": "error"}  # log lines would be drawn over the scene
-        process = subprocess.Popen(command, env=environment, stdout=messages, stderr=messages, start_new_session=True)
+        guarded = ending_with_this_process(command)
+        process = subprocess.Popen(guarded, env=environment, stdout=messages, stderr=messages, start_new_session=True)
         try:
             yield _connect(ViewerClient, f"rerun+http://{ADDRESS}:{port}/proxy", process, messages)
         finally:

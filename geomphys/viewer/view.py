@@ -21,11 +21,14 @@ from geomphys.output.output_world import world_of_output
 from geomphys.output.rerun_blueprint import mcap_blueprint
 from geomphys.output.rerun_stream import UNIX_TIME_START, RerunStream
 from geomphys.scene.arrays import FIXED
+from geomphys.storage.child_process import ending_with_this_process
 from geomphys.storage.remote_files import AnyPath, RemotePath, is_remote
 from geomphys.storage.temporary_folders import TemporaryFolder
 
 ADDRESS = "127.0.0.1"
 """Where the viewer listens: to this machine only."""
+NOWHERE = f"http://{ADDRESS}:9"
+"""The discard port of this machine."""
 
 
 def view_result(path: AnyPath, *, web: bool = False) -> None:
@@ -53,7 +56,9 @@ def view_result(path: AnyPath, *, web: bool = False) -> None:
         if web:
             options += ["--web-viewer"]
         command = [*viewer_command(), *options, str(recording)]
-        code = subprocess.run(command, env=offline_environment(), check=False).returncode
+        code = subprocess.run(
+            ending_with_this_process(command), env=offline_environment(web=web), check=False
+        ).returncode
     if code > 0:
         raise ViewerError(f"{path}: the viewer ended with exit code {code}; its messages are above")
 
@@ -70,9 +75,17 @@ def viewer_command() -> list[str]:
     return [str(program)]
 
 
-def offline_environment() -> dict[str, str]:
-    """Environment variables of the viewer with its usage statistics off (it sends none if ``CI`` is set)."""
-    return {**os.environ, "CI": "1"}
+def offline_environment(*, web: bool = False) -> dict[str, str]:
+    """Environment variables of the viewer with which nothing leaves this machine.
+
+    It sends no usage statistics if ``CI`` is set. Its window asks a server for a newer version and has no switch for that, but
+    goes by the proxy it is given: one on this machine where nothing answers, so that not even a name is looked up. Its
+    server for the browser (`web`) does not ask, and the browser that it opens keeps the user's proxy.
+    """
+    proxies = (
+        {} if web else dict.fromkeys(("HTTPS_PROXY", "https_proxy", "HTTP_PROXY", "http_proxy", "ALL_PROXY"), NOWHERE)
+    )
+    return {**os.environ, "CI": "1", **proxies}
 
 
 @contextmanager

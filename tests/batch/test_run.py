@@ -168,7 +168,7 @@ def test_outputs_that_are_there_are_not_replaced_unasked(tmp_path: Path) -> None
 
 def test_a_log_is_never_an_output(tmp_path: Path) -> None:
     case = Case(tmp_path, a=60)
-    with pytest.raises(geomphys.OutputError, match="cannot be an output"):
+    with pytest.raises(geomphys.OutputError, match="is an input"):
         geomphys.run_batch([case.logs / "a.mcap"], case.scene, case.logs, force=True)
 
 

@@ -39,7 +39,7 @@ def one_error_line(stderr: str) -> str:
         (["replay", "{log}", "--scene", "{scene}", "-o", "{folder}"], "directory"),
         (["replay", "{log}", "--scene", "{scene}", "-o", "{log}", "--force"], "input"),
         (["replay", "{log}", "--scene", "{scene}", "-o", "{scene}"], "input"),
-        (["replay", "{log}", "--scene", "{scene}", "-o", "{folder}/a", "--rrd", "{folder}/a"], "--rrd"),
+        (["replay", "{log}", "--scene", "{scene}", "-o", "{folder}/a", "--rrd", "{folder}/a"], "two outputs"),
         (["replay", "{log}", "--scene", "{scene}", "--frob"], "--frob"),
         (["completion", "tcsh"], "tcsh"),
     ],

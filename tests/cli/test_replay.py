@@ -98,7 +98,7 @@ def test_a_signal_leaves_the_finished_part(case: Case, tmp_path: Path, name: str
     out = tmp_path / "out.mcap"
     kill = f"""
 import os, signal
-import geomphys_cli.cmd_replay as command
+import geomphys_cli.signals as command
 stop = command.StopAtFrame.at_frame
 frames = 0
 def at_frame(self):

@@ -166,6 +166,46 @@ def test_damaged_files_are_made_anew(alone: tuple[Place, Any], damage: str, kind
     assert place.run("alone")["compiled"] == []
 
 
+BOOBY_TRAP = """
+import os, pickle
+class Trap:
+    def __reduce__(self):
+        return os.mkdir, ({path!r},)
+open({file!r}, "wb").write({head!r} + pickle.dumps(Trap()))
+"""
+
+
+@pytest.mark.parametrize("how", ["index", "loose folder", "link", "foreign file"])
+def test_numba_reads_no_index_that_is_not_vouched_for(alone: tuple[Place, Any], tmp_path: Path, how: str) -> None:
+    """numba's index files are pickles: what stands there must be what was written, in a folder of this user alone."""
+    place, said = alone
+    (index,) = [path for path in (place.folder / "cache").rglob("*.nbi") if "bottom" in path.name]
+    folder = next(path for path in index.parents if path.name.endswith(".numba"))
+    if how == "index":
+        head = index.read_bytes()[:20]
+        subprocess.run(
+            [sys.executable, "-c", BOOBY_TRAP.format(path=str(tmp_path / "ran"), file=str(index), head=head)],
+            check=True,
+        )
+    elif how == "loose folder":
+        folder.chmod(0o777)
+    elif how == "link":
+        kept = tmp_path / "kept"
+        index.rename(kept)
+        index.symlink_to(kept)
+    elif os.getuid() == 0:
+        os.chown(index, 65534, 65534)
+    else:
+        pytest.skip("only root gives files away")
+    again = place.run("alone")
+    assert again["compiled"] == ["bottom"]
+    assert again["value"] == said["value"]
+    assert not (tmp_path / "ran").exists()
+    folder.chmod(0o700)
+    place.run("alone")
+    assert place.run("alone")["compiled"] == []
+
+
 def test_a_changed_kernel_is_compiled_anew(tmp_path: Path) -> None:
     place = Place(tmp_path)
     place.run("alone")

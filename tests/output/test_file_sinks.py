@@ -16,9 +16,10 @@ from geomphys.output.file_sinks import FILE_SINKS, FileSinkOptions, file_sink, m
 from geomphys.output.mcap_sink import McapSink
 from geomphys.output.provenance import Provenance
 from geomphys.output.rerun_sink import RerunSink
-from geomphys.output.sink import ContextManaged, OutputFile
+from geomphys.output.sink import ContextManaged
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import World
+from geomphys.storage.output_file import OutputFile
 from tests.cli.press import SCENE, write_log
 
 
@@ -30,7 +31,7 @@ class JsonLinesSink(ContextManaged):
         self._lines: list[str] = []
 
     def open(self, world: World, config: Config, provenance: Provenance) -> None:
-        self._output = OutputFile(self._path, self._force)
+        self._output = OutputFile(self._path, force=self._force, inputs=provenance.files)
         self._lines = [json.dumps({"bodies": world.body_names, "seed": config.seed, "version": provenance.version})]
 
     def write(self, result: FrameResult) -> None:
@@ -38,7 +39,7 @@ class JsonLinesSink(ContextManaged):
 
     def close(self, complete: bool) -> None:
         self._lines.append(json.dumps({"complete": complete}))
-        self._output.temporary.write_text("\n".join(self._lines) + "\n")
+        self._output.stream.write(("\n".join(self._lines) + "\n").encode())
         self._output.publish(complete)
 
 

@@ -217,7 +217,7 @@ def test_the_threshold_is_a_share_of_the_size_within_bounds_in_metres() -> None:
 def test_what_coacd_fails_at_is_told(monkeypatch: pytest.MonkeyPatch, parts: list[np.ndarray], says: str) -> None:
     def broken(command: list[str], *_: object) -> int:
         starts = np.concatenate([[0], np.cumsum([len(p) for p in parts])]).astype(np.int64)
-        np.savez(command[-1], points=np.concatenate([np.zeros((0, 3)), *parts]), starts=starts)
+        np.savez(command[-2], points=np.concatenate([np.zeros((0, 3)), *parts]), starts=starts)
         return 0
 
     monkeypatch.setattr(coacd_process, "_run_until_exit", broken)

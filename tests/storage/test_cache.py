@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
+import pickle
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,7 +13,8 @@ import pytest
 
 from geomphys.jit.folder import _sources_of_machine_code
 from geomphys.storage import cache
-from tests.house.sources import modules
+from tests.house.sources import imports, modules
+from tests.storage.test_records import Evil
 
 
 @pytest.fixture(autouse=True)
@@ -63,6 +66,89 @@ def test_nobody_elses_folder_in_a_place_for_all(tmp_path: Path, monkeypatch: pyt
     shared.rename(tmp_path / "another")
     shared.symlink_to(tmp_path / "another")
     assert not cache.user_cache_folder("kernels").is_relative_to(shared)
+
+
+@pytest.mark.parametrize("loose", ["base", "folder"])
+@pytest.mark.parametrize("how", ["mode", "owner", "link"])
+def test_a_folder_of_the_home_that_others_can_write_to_is_not_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, loose: str, how: str
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(cache.tempfile, "tempdir", str(tmp_path / "temp"))
+    (tmp_path / "temp").mkdir()
+    folder = tmp_path / "geomphys" / "worlds"
+    folder.mkdir(parents=True)
+    folder.parent.chmod(0o700)
+    folder.chmod(0o700)
+    bad = folder if loose == "folder" else folder.parent
+    if how == "mode":
+        bad.chmod(0o770)
+    elif how == "link":
+        bad.rename(tmp_path / "elsewhere")
+        bad.symlink_to(tmp_path / "elsewhere")
+    elif os.getuid() == 0:
+        os.chown(bad, 65534, 65534)
+    else:
+        pytest.skip("only root gives files away")
+    assert cache.user_cache_folder("worlds").is_relative_to(tmp_path / "temp")
+
+
+def test_no_home_and_no_passwd_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(cache.Path, "home", classmethod(_no_home))
+    monkeypatch.setattr(cache.tempfile, "tempdir", str(tmp_path))
+    assert cache.user_cache_folder("worlds") == tmp_path / f"geomphys-{os.getuid()}" / "worlds"
+
+
+def _no_home(kind: type[Path]) -> Path:
+    raise RuntimeError("Could not determine home directory.")
+
+
+@pytest.mark.parametrize("how", ["flipped", "cut", "loose", "link", "foreign"])
+def test_a_stored_value_that_is_damaged_or_not_ours_is_missing(tmp_path: Path, how: str) -> None:
+    store = cache.Store(tmp_path)
+    store.save("a", {"x": [1, 2.5, b"z"]})
+    assert store.load("a") == {"x": [1, 2.5, b"z"]}
+    file = tmp_path / "a"
+    data = file.read_bytes()
+    if how == "flipped":
+        for bit in range(8 * len(data)):
+            broken = bytearray(data)
+            broken[bit // 8] ^= 1 << bit % 8
+            file.write_bytes(broken)
+            assert store.load("a") is None, bit
+    elif how == "cut":
+        file.write_bytes(data[:-1])
+    elif how == "loose":
+        file.chmod(0o666)
+    elif how == "link":
+        file.rename(tmp_path / "b")
+        file.symlink_to("b")
+    elif os.getuid() == 0:
+        os.chown(file, 65534, 65534)
+    else:
+        pytest.skip("only root gives files away")
+    assert store.load("a") is None
+    store.save("a", 3)
+    assert store.load("a") == 3
+    assert (tmp_path / "a").stat().st_mode & 0o777 == 0o600
+
+
+def test_a_pickle_in_the_cache_does_not_run(tmp_path: Path) -> None:
+    """With the right digest in front, as the format before this one had it."""
+    data = pickle.dumps(Evil(tmp_path / "ran"))
+    (tmp_path / "a").write_bytes(hashlib.sha256(data).digest() + data)
+    (tmp_path / "a").chmod(0o600)
+    assert cache.Store(tmp_path).load("a") is None
+    assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize("module", ["storage", "jit", "scene", "output", "analysis", "recording"])
+def test_nothing_that_reads_files_unpickles(module: str) -> None:
+    for name, path in modules("geomphys").items():
+        if name.startswith(module):
+            assert "pickle" not in {imported.split(".")[0] for imported in imports(path)}, name
+            assert "allow_pickle=True" not in path.read_text()
 
 
 def test_sources_are_those_of_the_whole_package() -> None:

@@ -19,8 +19,9 @@ from geomphys.analysis.diff.svg_curves import curve
 from geomphys.errors import InputError
 from geomphys.output.output_log import open_output
 from geomphys.output.output_world import world_of_output
-from geomphys.output.sink import OutputFile
-from geomphys.storage.remote_files import AnyPath
+from geomphys.scene.source_files import tracked_sources
+from geomphys.storage.output_file import check_target, write_file
+from geomphys.storage.remote_files import AnyPath, as_path
 
 _STYLE = """
 :root { color-scheme: light dark; --ink: #1d2126; --soft: #5d6570; --line: #d9dce0; --paper: #ffffff; --panel: #f6f7f8;
@@ -71,13 +72,11 @@ def write_page(difference: OutputDifference, out: AnyPath, *, scene: AnyPath | N
     OutputError
         The page cannot be written.
     """
-    output = OutputFile(out, force=True)
-    text = "".join(_page(difference, scene))
-    try:
-        output.temporary.write_text(text, encoding="utf-8")
-    except OSError as problem:
-        raise output.error(problem) from problem
-    output.publish(complete=True)
+    outputs = (as_path(difference.a), as_path(difference.b))
+    check_target(out, force=True, inputs=outputs)
+    with tracked_sources() as sources:
+        text = "".join(_page(difference, scene))
+    write_file(out, text.encode(), force=True, inputs=(*outputs, *sources.contents))
 
 
 def _page(difference: OutputDifference, scene: AnyPath | None) -> Iterator[str]:

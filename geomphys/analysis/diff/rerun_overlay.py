@@ -20,9 +20,9 @@ from geomphys.output.decoders import Poses
 from geomphys.output.output_log import OutputLog, open_output
 from geomphys.output.output_world import world_of_output
 from geomphys.output.rerun_stream import UNIX_TIME_START, RerunStream, Times
-from geomphys.output.sink import OutputFile
 from geomphys.output.vertex_normals import with_vertex_normals
 from geomphys.scene.arrays import World
+from geomphys.storage.output_file import OutputFile
 from geomphys.storage.remote_files import AnyPath
 
 if TYPE_CHECKING:
@@ -60,13 +60,19 @@ def write_overlay(difference: OutputDifference, out: AnyPath, *, scene: AnyPath 
     OutputError
         The recording cannot be written.
     """
-    import rerun as rr
-
     a, b = open_output(difference.a), open_output(difference.b)
     world = world_of_output(a, scene)
-    output = OutputFile(out, force=True)
     identity = hashlib.sha256(repr([sorted(log.metadata.items()) for log in (a, b)]).encode()).hexdigest()
-    stream = RerunStream(output.temporary, identity[:32], f"{a.path.stem} against {b.path.stem}")
+    with OutputFile(out, force=True, inputs=(a.path, b.path, *world.source_files)) as output:
+        stream = RerunStream(output.temporary, identity[:32], f"{a.path.stem} against {b.path.stem}")
+        view = _send_motions(stream, world, a, b)
+        stream.finish({"a": difference.a, "b": difference.b}, view)
+
+
+def _send_motions(stream: RerunStream, world: World, a: OutputLog, b: OutputLog) -> Blueprint:
+    """Send both motions and the curve; returns the blueprint."""
+    import rerun as rr
+
     stream.log_static(SCENE, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
     stream.log_static(CURVE, rr.SeriesLines(names="largest distance [mm]", widths=1.5, colors=[217, 118, 27]))
     motions = [_OverlayMotion(stream, name, world, log) for name, log in (("a", a), ("b", b))]
@@ -102,12 +108,7 @@ def write_overlay(difference: OutputDifference, out: AnyPath, *, scene: AnyPath 
         if len(frames) == BATCH:
             send()
     send()
-    try:
-        view = _view(world, (a, b), motions[0].first.tf, motions[0].moving, largest)
-        stream.finish({"a": difference.a, "b": difference.b}, view)
-    except OSError as problem:
-        raise output.error(problem) from problem
-    output.publish(complete=True)
+    return _view(world, (a, b), motions[0].first.tf, motions[0].moving, largest)
 
 
 class _OverlayMotion:

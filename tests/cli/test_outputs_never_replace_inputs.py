@@ -1,0 +1,199 @@
+"""No command writes over a file it reads or a device; `-` is standard output; what fails leaves nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from geomphys_cli.main import run
+
+import geomphys
+from tests.cli.press import SCENE, Case, command_line, write_log
+from tests.made import Results
+
+CUBE = """
+v 0 0 0
+v 1 0 0
+v 1 1 0
+v 0 1 0
+v 0 0 1
+v 1 0 1
+v 1 1 1
+v 0 1 1
+f 1 3 2
+f 1 4 3
+f 5 6 7
+f 5 7 8
+f 1 2 6
+f 1 6 5
+f 2 3 7
+f 2 7 6
+f 3 4 8
+f 3 8 7
+f 4 1 5
+f 4 5 8
+"""
+
+URDF = """
+<robot name="cup"><link name="cup"><collision><geometry><mesh filename="cube.obj"/></geometry></collision></link></robot>
+"""
+
+
+@pytest.fixture
+def furnished(tmp_path: Path) -> Case:
+    """A log and a scene with a mesh and a URDF of its own, in a folder of their own."""
+    write_log(tmp_path / "press.mcap")
+    (tmp_path / "cube.obj").write_text(CUBE)
+    (tmp_path / "cup.urdf").write_text(URDF)
+    far = 'class = "fixed"\nmaterial = "wood"\nposition = [5.0, 0.0, 0.0]\n'
+    more = f'[[object]]\nname = "block"\nmesh = "cube.obj"\n{far}[[object]]\nname = "cup"\nurdf = "cup.urdf"\n{far}'
+    (tmp_path / "press.toml").write_text(SCENE + more)
+    return Case(tmp_path, tmp_path / "press.mcap", tmp_path / "press.toml")
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("victim", ["press.mcap", "press.toml", "cube.obj", "cup.urdf"])
+@pytest.mark.parametrize("name", ["itself", "hard.mcap", "link.mcap"])
+@pytest.mark.parametrize("option", ["-o", "--rrd"])
+def test_replay_writes_over_no_file_of_its_scene(
+    furnished: Case, victim: str, name: str, option: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = furnished.folder / victim
+    if name != "itself":
+        name = name if option == "-o" else name.replace("mcap", "rrd")
+        target = furnished.folder / name
+        target.symlink_to(victim) if name.startswith("link") else os.link(furnished.folder / victim, target)
+    before = contents(furnished.folder)
+    assert run(["replay", str(furnished.log), "-s", str(furnished.scene), option, str(target), "--force", "-q"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"geomphys: error: {target}: is an input") or "that is not what is written there" in line
+    assert contents(furnished.folder) == before
+
+
+def test_batch_writes_over_no_file_of_its_scene(furnished: Case, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = furnished.folder / "out"
+    folder.mkdir()
+    os.link(furnished.folder / "cube.obj", folder / "press.mcap")
+    before = contents(furnished.folder)
+    assert run(["batch", str(furnished.log), "-s", str(furnished.scene), "-O", str(folder), "--force", "-q"]) == 2
+    assert "is an input" in capsys.readouterr().err
+    assert contents(furnished.folder) == before
+
+
+def test_a_part_that_is_replayed_is_not_overwritten_by_a_new_part(case: Case, tmp_path: Path) -> None:
+    """Ctrl-C on `replay take.partial.mcap -o take.mcap` wrote its part over what it was reading."""
+    part = tmp_path / "take.partial.mcap"
+    write_log(part)
+    before = part.read_bytes()
+    code = (
+        "import geomphys.engine.pipeline as p, os, signal\n"
+        "p.Pipeline.__init__ = lambda *a: os.kill(os.getpid(), signal.SIGINT)\n"
+    )
+    done = command_line("replay", part, "-s", case.scene, "-o", tmp_path / "take.mcap", "--force", code=code)
+    assert done.returncode == 2
+    assert "is an input" in done.stderr
+    assert part.read_bytes() == before
+
+
+@pytest.mark.parametrize("command", ["replay", "diff", "plot", "snapshot", "init", "decompose"])
+@pytest.mark.parametrize("kind", ["fifo", "/dev/null"])
+def test_a_target_that_is_no_regular_file_is_refused(
+    command: str, kind: str, furnished: Case, pressed: Results, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = furnished.folder / "out.png" if kind == "fifo" else Path(kind)
+    if kind == "fifo":
+        os.mkfifo(target)
+    words = {
+        "replay": [str(furnished.log), "-s", str(furnished.scene), "-o"],
+        "diff": [str(pressed.out), str(pressed.raised), "--html"],
+        "plot": [str(pressed.out), "-o"],
+        "snapshot": [str(pressed.out), "-o"],
+        "init": [str(furnished.log), "--urdf", str(furnished.folder / "cup.urdf"), "-o"],
+        "decompose": [str(furnished.folder / "cube.obj"), "-o"],
+    }[command]
+    assert run([command, *words, str(target), "--force"]) == 2
+    assert "is no regular file" in capsys.readouterr().err
+    assert target.is_fifo() if kind == "fifo" else target.is_char_device()
+
+
+def test_a_part_that_is_there_needs_force(case: Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "out.partial.mcap").write_bytes(b"an hour of work")
+    words = ["replay", str(case.log), "-s", str(case.scene), "-o", str(tmp_path / "out.mcap"), "-q"]
+    assert run(words) == 2
+    assert "out.partial.mcap: exists" in capsys.readouterr().err
+    assert run([*words, "--force"]) == 0
+    assert (tmp_path / "out.partial.mcap").read_bytes() == b"an hour of work"
+
+
+def test_a_stretch_without_frames_leaves_no_output(
+    case: Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["-o", str(tmp_path / "out.mcap"), "--rrd", str(tmp_path / "out.rrd"), "--start", "100"]
+    assert run(["replay", str(case.log), "-s", str(case.scene), *words, "-q"]) == 1
+    assert "start = 100 s it has no frames" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_diff_keeps_both_outputs_apart(pressed: Results, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    one = str(tmp_path / "x")
+    assert run(["diff", str(pressed.out), str(pressed.raised), "--html", one, "--rrd", one]) == 2
+    assert "two outputs" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_standard_output_gets_the_file_and_stderr_the_figures(case: Case, tmp_path: Path) -> None:
+    """The bytes are those of a named output: its name is in no output."""
+    words = ["replay", case.log, "-s", case.scene, "--no-timing", "--json"]
+    script = "from geomphys_cli.main import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", script, *map(str, words), "-o", "-"], capture_output=True, cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stderr)["frames"] == 60
+    assert list(tmp_path.iterdir()) == []
+    assert run([*map(str, words), "-o", str(tmp_path / "out.mcap")]) == 0
+    assert done.stdout == (tmp_path / "out.mcap").read_bytes()
+
+
+@pytest.mark.parametrize("what", ["plot", "decompose", "init", "html"])
+def test_every_command_that_writes_a_file_writes_it_to_standard_output(
+    what: str, furnished: Case, pressed: Results, tmp_path: Path
+) -> None:
+    words, begin = {
+        "plot": (["plot", pressed.out, "-o", "-"], b"\x89PNG"),
+        "decompose": (["decompose", furnished.folder / "cube.obj", "-o", "-"], b"glTF"),
+        "init": (["init", furnished.log, "--urdf", furnished.folder / "cup.urdf", "-o", "-"], b"# "),
+        "html": (["diff", pressed.out, pressed.out, "--html", "-"], b"<!doctype html>"),
+    }[what]
+    script = "from geomphys_cli.main import main; main()"
+    done = subprocess.run([sys.executable, "-c", script, *map(str, words)], capture_output=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(begin), done.stdout[:100]
+
+
+def test_two_replays_to_one_name_leave_a_whole_output(case: Case, tmp_path: Path) -> None:
+    write_log(tmp_path / "long.mcap", frames=1200)
+    script = "from geomphys_cli.main import main; main()"
+    words = [
+        "replay",
+        str(tmp_path / "long.mcap"),
+        "-s",
+        str(case.scene),
+        "-o",
+        str(tmp_path / "out.mcap"),
+        "-q",
+        "--force",
+    ]
+    both = [subprocess.Popen([sys.executable, "-c", script, *words]) for _ in range(2)]
+    assert [one.wait(timeout=300) for one in both] == [0, 0]
+    log = geomphys.open_output(tmp_path / "out.mcap")
+    assert log.complete
+    assert sum(1 for _ in log.frames()) == 1200
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["long.mcap", "out.mcap"]

@@ -1,0 +1,184 @@
+"""SIGINT and SIGTERM are never lost: at every import, in every frame, and where someone catches every exception."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import geomphys
+from tests.cli.press import FRAMES, Case, command_line
+from tests.cli.test_outputs_never_replace_inputs import furnished
+from tests.made import Results
+
+__all__ = ["furnished"]
+
+CODES = {"SIGINT": 130, "SIGTERM": 143}
+
+
+@pytest.mark.parametrize("name", CODES)
+@pytest.mark.parametrize("stride", [41, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("command", ["replay", "plot", "init"])
+def test_a_signal_at_any_import_ends_the_command(
+    furnished: Case, pressed: Results, tmp_path: Path, name: str, stride: int, command: str
+) -> None:
+    words: list[object] = {
+        "replay": [
+            "replay",
+            furnished.log,
+            "-s",
+            furnished.scene,
+            "--seed",
+            stride,
+        ],  # a seed of its own: loads the meshes
+        "plot": ["plot", pressed.out, "-o", "-"],
+        "init": ["init", furnished.log, "--urdf", furnished.folder / "cup.urdf", "-o", "-"],
+    }[command]
+    said = tmp_path / "said"
+    said.mkdir()
+    script = Path(__file__).with_name("stopped_imports.py")
+    begin = [sys.executable, script, stride, name, said, *words]
+    done = subprocess.run([str(word) for word in begin], capture_output=True, timeout=1200)
+    lines = [line for line in done.stdout.split(b"\n") if line.startswith(b'{"module"')]
+    ends = [json.loads(line) for line in lines]
+    assert done.returncode == 0, done.stderr
+    assert len(ends) >= 8
+    for end in ends:
+        assert end["code"] == CODES[name], end
+        assert "Traceback" not in end["said"], end
+        assert "Exception ignored" not in end["said"], end
+
+
+@pytest.mark.parametrize("name", CODES)
+def test_a_signal_that_an_optional_import_swallows_is_raised_again(tmp_path: Path, name: str) -> None:
+    """As trimesh does: whatever an optional import raises is kept for later."""
+    greedy = "\n".join(
+        [
+            "import os, signal, time",
+            "for _ in range(3):",
+            "    try:",
+            f"        os.kill(os.getpid(), signal.{name})",
+            "        time.sleep(0.01)",
+            "    except BaseException as problem:",
+            "        kept = problem",
+        ]
+    )
+    (tmp_path / "greedy.py").write_text(greedy)
+    code = (
+        f"import sys, time; sys.path.insert(0, {str(tmp_path)!r}); import geomphys_cli.cmd_schema as command\n"
+        "def show(ctx):\n import greedy; time.sleep(30)\n"
+        "command.schema.invoke = show"
+    )
+    done = command_line("schema", code=code)
+    assert done.returncode == CODES[name], done.stderr
+    assert done.stderr.splitlines() == [f"geomphys: error: {'interrupted' if name == 'SIGINT' else 'terminated'}"]
+
+
+@pytest.mark.parametrize("name", CODES)
+def test_a_signal_that_comes_out_as_another_error_still_has_its_code(name: str) -> None:
+    code = (
+        "import os, signal, geomphys_cli.cmd_schema as command\n"
+        "def show(ctx):\n"
+        f" try: os.kill(os.getpid(), signal.{name})\n"
+        " except BaseException: pass\n"
+        " raise TypeError('half an import')\n"
+        "command.schema.invoke = show"
+    )
+    done = command_line("schema", code=code)
+    assert done.returncode == CODES[name]
+    assert "Traceback" not in done.stderr
+
+
+def test_a_signal_in_a_finalizer_is_not_lost() -> None:
+    code = (
+        "import os, signal, time, geomphys_cli.cmd_schema as command\n"
+        "class Kept:\n def __del__(self): os.kill(os.getpid(), signal.SIGTERM); time.sleep(0.001)\n"
+        "def show(ctx):\n kept = Kept(); del kept; time.sleep(30)\n"
+        "command.schema.invoke = show"
+    )
+    done = command_line("schema", code=code)
+    assert done.returncode == 143
+    assert done.stderr.splitlines() == ["geomphys: error: terminated"]
+
+
+AT_FRAME = """
+import os, signal
+import geomphys_cli.signals as command
+stop, frames = command.StopAtFrame.at_frame, 0
+def at_frame(self):
+    global frames
+    frames += 1
+    if frames == {frame}:
+        os.kill(os.getpid(), signal.{name})
+    stop(self)
+command.StopAtFrame.at_frame = at_frame
+"""
+
+
+@pytest.mark.parametrize(
+    "frame", [1, FRAMES, *(pytest.param(frame, marks=pytest.mark.slow) for frame in range(2, FRAMES, 3))]
+)
+@pytest.mark.parametrize("name", CODES)
+def test_a_signal_in_any_frame_leaves_the_part_up_to_it(case: Case, tmp_path: Path, frame: int, name: str) -> None:
+    words = ("replay", case.log, "-s", case.scene, "-o", tmp_path / "out.mcap")
+    done = command_line(*words, code=AT_FRAME.format(frame=frame, name=name))
+    assert done.returncode == CODES[name], done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["out.partial.mcap"]
+    assert sum(1 for _ in geomphys.open_output(tmp_path / "out.partial.mcap").frames()) == frame
+
+
+def test_a_signal_after_the_last_frame_is_told(case: Case, tmp_path: Path) -> None:
+    code = (
+        "import os, signal, geomphys.output.mcap_sink as m\n"
+        "close = m.McapSink.close\n"
+        "m.McapSink.close = lambda self, complete: (os.kill(os.getpid(), signal.SIGTERM), close(self, complete))"
+    )
+    done = command_line("replay", case.log, "-s", case.scene, "-o", tmp_path / "out.mcap", code=code)
+    assert done.returncode == 143
+    assert geomphys.open_output(tmp_path / "out.mcap").complete
+
+
+@pytest.mark.parametrize("module", ["child_process", "coacd_process"])
+def test_a_child_ends_with_its_parent_after_sigkill(tmp_path: Path, module: str) -> None:
+    if module == "child_process":
+        start = (
+            "from geomphys.storage.child_process import ending_with_this_process as guard\n"
+            "import subprocess; child = subprocess.Popen(guard(['/bin/sleep', '600']))\n"
+        )
+    else:
+        start = (
+            "import threading, numpy as np, subprocess, geomphys.scene.coacd_process as c\n"
+            "real = subprocess.Popen\n"
+            "def popen(command, **more):\n"
+            "    global child\n"
+            "    child = real([*command[:2], '-c', 'import sys, time; from geomphys.storage.child_process import *;'"
+            " 'end_with_parent(int(sys.argv[-1])); time.sleep(600)', *command[4:]], **more)\n"
+            "    return child\n"
+            "subprocess.Popen, child = popen, None\n"
+            "threading.Thread(target=c.convex_parts, args=('m', np.zeros((3, 3)), np.zeros((1, 3), int), 0.1, 0)).start()\n"
+            "while child is None: pass\n"
+        )
+    code = start + "import time; time.sleep(1.0); print(child.pid, flush=True); time.sleep(600)"
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        child = int(parent.stdout.readline())
+        os.kill(child, 0)
+        parent.send_signal(signal.SIGKILL)
+    deadline = time.monotonic() + 20
+    while _runs(child) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not _runs(child)
+
+
+def _runs(pid: int) -> bool:
+    """Whether a process is there and no zombie."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
