@@ -35,7 +35,9 @@ FLAG_IMPACT_BOUND = 32  # the simulated loop reached its limit of impacts
 FLAG_QUARANTINED = 64  # a body became non-finite and was reset to its last good state
 FLAG_BLOCKED = 128  # the recorded pose is free, but the path to it is obstructed
 FLAG_STARTED_INSIDE = 256  # the first frame overlapped
-FLAG_WEDGED = 512  # no free pose with the recorded orientation or joint values: those of the last free pose are kept
+FLAG_SHAPE_CHANGED = (
+    512  # rigid mode: the shape or the orientation yielded too, as a translation would have gone too far
+)
 
 
 class Contacts(NamedTuple):
@@ -95,6 +97,19 @@ class Metrics(NamedTuple):
     contact_alignment_rad: float  # mean angle of the normals of kept contacts from the recorded ones
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Moment:
+    """A frame of a replay that is worth a look."""
+
+    kind: str  # recorded_penetration | correction | amplification | contacts_lost | fallbacks
+    frame: int
+    time_ns: int
+    time_s: float  # since the first frame
+    bodies: tuple[str, ...]  # the pair that overlapped most, or the body that was corrected most
+    value: float
+    unit: str  # "m", or "" of a ratio or a number
+
+
 @dataclass(frozen=True, slots=True)
 class FrameResult:
     """A corrected frame. It owns its arrays: they stay valid when the next frame is computed."""
@@ -108,3 +123,4 @@ class FrameResult:
     metrics: Metrics
     timing: tuple[tuple[str, int, int], ...]  # (dotted stage name, ns, count)
     messages: tuple[tuple[str, str], ...] = ()  # (level: "info" | "warning" | "error", text)
+    moments: tuple[Moment, ...] = ()  # with the last frame: the worst moments of the replay

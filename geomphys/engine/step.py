@@ -46,7 +46,7 @@ from geomphys.engine.quarantine import contain_driven, keep_posture
 from geomphys.engine.state import Knobs, Machine
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.jit.stage_clock import cycles
-from geomphys.results import FLAG_BLOCKED, FLAG_NOT_CONVERGED, FLAG_STARTED_INSIDE, FLAG_WEDGED
+from geomphys.results import FLAG_BLOCKED, FLAG_NOT_CONVERGED, FLAG_SHAPE_CHANGED, FLAG_STARTED_INSIDE
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
 from geomphys.scene.kinematics import place_tree, pose_tree
 from geomphys.simulated.frame_contacts import deepest_overlap, deepest_overlap_at_start, write_touches
@@ -247,7 +247,7 @@ def step(
     if not done.converged or (left if first else lengths[RESIDUAL]) > LEFT:
         numbers[FLAGS] |= FLAG_NOT_CONVERGED
     if done.yielded:
-        numbers[FLAGS] |= FLAG_WEDGED
+        numbers[FLAGS] |= FLAG_SHAPE_CHANGED
     touches = block.contact_end[frame + 1] > block.contact_end[frame]
     if lengths[RECORDED] == 0.0 and touches and lengths[CORRECTION] > BLOCKED_FROM:
         numbers[FLAGS] |= FLAG_BLOCKED

@@ -108,7 +108,6 @@ IN_WORK = {"collision", "driven", "engine", "jit", "simulated"}
 """Folders that are being rewritten; each goes from here once its words are the field's, until none is left."""
 
 ALLOWED = {
-    "results": "wedged",
     "scene": "place turned",
 }
 """Folder -> words that its identifiers still have. Only ever shorter: a word that is found no more must go."""
