@@ -66,7 +66,7 @@ def test_avatars_of_a_scene_keep_clear_of_each_other(tmp_path: Path) -> None:
         joint("knuckle", "palm", "finger", inside='<axis xyz="1 0 0"/>', xyz="0 0 0.06"),
     )
     avatars = "".join(
-        f'[[avatar]]\nname="{n}"\nurdf="hand.urdf"\nmaterial="human"\nroot={{topic="/{n}"}}\n'
+        f'[[avatar]]\nname="{n}"\nurdf="hand.urdf"\nmode="rigid"\nmaterial="human"\nroot={{topic="/{n}"}}\n'
         for n in ("left", "right", "third")
     )
     rng = np.random.default_rng(3)
