@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from shlex import quote
 
 import numpy as np
 
@@ -35,7 +36,7 @@ def figure_text(moment: Moment) -> str:
 
 def command_text(moment: Moment, output: str = "OUT") -> str:
     """The command that shows a moment of an output."""
-    return f"geomphys snapshot {output} --frame {moment.frame} -o frame_{moment.frame}.png"
+    return f"geomphys snapshot {quote(output)} --frame {moment.frame} -o frame_{moment.frame}.png"
 
 
 def log_text(moment: Moment) -> str:

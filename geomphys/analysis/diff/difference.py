@@ -80,8 +80,12 @@ class OutputDifference:
             "parameters": {name: {"a": a, "b": b} for name, (a, b) in self.parameters.items()},
             "attachments": list(self.attachments),
             "motion": None if self.motion is None else _sides([dataclasses.asdict(motion) for motion in self.motion]),
-            "worst": _sides([[dataclasses.asdict(moment) for moment in moments] for moments in self.worst]),
+            "worst": _sides([[_moment(moment) for moment in moments] for moments in self.worst]),
         }
+
+
+def _moment(moment: Moment) -> dict[str, Any]:
+    return dataclasses.asdict(moment) | {"bodies": list(moment.bodies)}
 
 
 def _sides(values: list[Any]) -> dict[str, Any]:
