@@ -10,7 +10,7 @@ from .command import command, current_terminal
 from .options import INPUT_FILE, OUTPUT_FILE, check_outputs, force_option
 from .progress import progress_bar
 
-PANELS = ["time", "penetration", "correction", "contacts"]
+PANELS = ["penetration", "correction", "contacts", "time"]
 FORMATS = {".png", ".svg", ".pdf"}
 
 
@@ -47,7 +47,10 @@ FORMATS = {".png", ".svg", ".pdf"}
 )
 @force_option
 def plot(result: Path, out: Path, panels: tuple[str, ...], scale: str, force: bool) -> None:
-    """Draw OUT over its frames: frame time by stage, penetration, correction, contacts (extra: plots)."""
+    """Draw OUT over its frames: penetration, correction, contacts, frame time by stage (extra: plots).
+
+    Frames that were held or blocked are shaded.
+    """
     check_outputs(out, force=force, inputs=(result,))
     if str(out) != "-" and out.suffix.lower() not in FORMATS:
         raise click.UsageError(f"{out}: ends in {out.suffix!r}; choose {', '.join(sorted(FORMATS))}")

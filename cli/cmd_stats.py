@@ -10,10 +10,12 @@ import click
 from .command import command, current_terminal
 from .options import INPUT_FILE, json_option
 from .progress import progress_bar
+from .show_motion import moment_lines, motion_rows
 from .terminal import counted, fields, heading, table_in
 
 if TYPE_CHECKING:
     from rich.table import Table
+    from rich.text import Text
 
     from geomphys.analysis.stats import Distribution, OutputStatistics, Statistics
 
@@ -26,6 +28,12 @@ ROWS = {
     "residual_penetration_m": ("penetration left", "mm", 1e3),
     "correction_m": ("correction", "mm", 1e3),
     "correction_rad": ("correction", "°", DEGREES),
+    "amplification": ("correction over depth", "times", 1.0),
+    "shape_change_rad": ("change of shape (rigid)", "°", DEGREES),
+    "fingertip_error_in_contact_m": ("fingertips in contact off", "mm", 1e3),
+    "fingertip_error_m": ("fingertips off", "mm", 1e3),
+    "contact_precision_m": ("contact points moved on", "mm", 1e3),
+    "contact_alignment_rad": ("contact normals rotated", "°", DEGREES),
     "contacts": ("contacts", "", 1.0),
     "iterations": ("rounds", "", 1.0),
     "recorded_speed_m_s": ("speed as recorded", "m/s", 1.0),
@@ -73,14 +81,17 @@ def _show(terminal: Terminal, statistics: Statistics) -> None:
     several = len(statistics.outputs) > 1
     for output in (*statistics.outputs, *([statistics.all] if several else [])):
         name = f"all {len(statistics.outputs)}" if output is statistics.all else Path(output.name).name
-        terminal.result(heading(name), fields(_facts(output)), _table(output, terminal.width), "")
+        terminal.result(heading(name), fields(_facts(output)), _table(output, terminal.width))
+        if output.worst:
+            terminal.result(fields([("Look at", moment_lines(output.worst, output.name))]))
+        terminal.result("")
 
 
-def _facts(output: OutputStatistics) -> list[tuple[str, list[str]]]:
+def _facts(output: OutputStatistics) -> list[tuple[str, list[str | Text]]]:
     """Return the counts."""
     share = f"{output.frames_penetrating:,} inside something as recorded, {output.frames_in_contact:,} in contact"
-    rows = [("Frames", [f"{output.frames:,} in {output.duration_s:,.2f} s", share])]
-    notes = [
+    rows: list[tuple[str, list[str | Text]]] = [("Frames", [f"{output.frames:,} in {output.duration_s:,.2f} s", share])]
+    notes: list[str | Text] = [
         counted(count, "frame") + f" {flag.replace('_', ' ')}" for flag, count in output.flags.items() if flag != "held"
     ]
     if output.held_frames:
@@ -91,6 +102,8 @@ def _facts(output: OutputStatistics) -> list[tuple[str, list[str]]]:
         notes.append(counted(output.impacts, "impact"))
     if output.fallbacks:
         notes.append(counted(output.fallbacks, "fallback"))
+    if output.motion is not None:
+        rows += [(label, [text]) for label, text in motion_rows(output.motion)]
     return [*rows, ("Notes", notes)] if notes else rows
 
 
@@ -102,13 +115,13 @@ def _table(output: OutputStatistics, width: int) -> Table:
         if output.values[key].max > 0
     ]
     rows += [[name, *_cells(times, 1e-3), "µs"] for name, times in output.stages.items()]
-    columns = ["", "frames", "median", "p90", "p95", "p99", "largest", "unit"]
-    return table_in(width, columns, rows, droppable=("frames", "p90", "p99"), left_aligned="unit")
+    columns = ["", "frames", "mean", "median", "p90", "p95", "p99", "largest", "unit"]
+    return table_in(width, columns, rows, droppable=("frames", "p90", "p95", "mean"), left_aligned="unit")
 
 
 def _cells(values: Distribution, factor: float) -> list[str]:
     """Return count and percentiles."""
-    figures = (values.p50, values.p90, values.p95, values.p99, values.max)
+    figures = (values.mean, values.p50, values.p90, values.p95, values.p99, values.max)
     return [f"{values.count:,}", *(_short(factor * figure) for figure in figures)]
 
 

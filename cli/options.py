@@ -116,7 +116,7 @@ config_options = _combine_options(
         "--mode",
         type=click.Choice(["auto", "rigid", "chains"]),
         help="How avatars yield: as one rigid shape, or limb by limb; auto: limb by limb where joints move links that "
-        "collide. Default: as the scene says.",
+        "collide. Default: as the scene says, which by default is auto.",
     ),
     click.option(
         "--time",

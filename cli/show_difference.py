@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from geomphys.analysis.diff.quantities import angle_text, length_text
+from geomphys.analysis.diff.quantities import angle_text, length_text, motion_table
 
+from .show_motion import moment_lines
 from .terminal import counted, fields, heading, printable, table_in
 
 if TYPE_CHECKING:
@@ -52,10 +53,17 @@ def show_difference(terminal: Terminal, difference: OutputDifference) -> None:
     if difference.attachments:
         rows.append(("Attachments", [", ".join(difference.attachments) + " differ"]))
     terminal.result(heading(Path(difference.a).name, f" against {Path(difference.b).name}"), fields(rows))
+    if difference.motion is not None and not difference.equal:
+        rows_of_motion = [[name, a, b] for name, a, b in motion_table(*difference.motion)]
+        terminal.result("", heading("motion", "  of each"), table_in(terminal.width, ["", "a", "b"], rows_of_motion))
     limit = None if terminal.verbose else PARTS_SHOWN
     for name, channel in difference.channels.items():
         if frames.compared and not (channel.equal and _has_no_differences(channel)):
             terminal.result("", heading(name, _first_difference(channel)), _table(channel, limit, terminal.width))
+    if not difference.equal:
+        for path, moments in zip((difference.a, difference.b), difference.worst, strict=True):
+            if moments:
+                terminal.result("", fields([(f"Look at {Path(path).name}", moment_lines(moments, path))]))
 
 
 def _has_no_differences(channel: ChannelDifference) -> bool:

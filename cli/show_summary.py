@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .show_log import finding_rows
+from .show_motion import moment_lines
 from .terminal import counted, fields, heading, printable
 
 if TYPE_CHECKING:
     from rich.text import Text
 
-    from geomphys.output.summary import Summary
+    from geomphys.output.summary import MotionSummary, Summary
 
     from .terminal import Terminal
 
@@ -20,6 +21,8 @@ FREE_MM = 0.01
 """An overlap up to this counts as none."""
 
 WARNINGS_SHOWN = 10
+
+DEGREES = 57.29577951308232
 
 FLAG_TEXTS = {
     "before_first": "before the first sample of some stream",
@@ -30,7 +33,6 @@ FLAG_TEXTS = {
     "quarantined": "where a body was put back to its last good state",
     "blocked": "held back by something in between",
     "started_inside": "began inside something",
-    "wedged": "kept the orientation of the last free pose: none is free with the recorded one",
 }
 
 
@@ -48,17 +50,25 @@ def _rows(summary: Summary) -> Iterator[tuple[str, Sequence[str | Text]]]:
     contacts = f"{summary.contacts:,} in {counted(summary.frames_in_contact, 'frame')}"
     if summary.impacts:
         contacts += f", {counted(summary.impacts, 'impact')}"
-    yield "Contacts", [contacts]
+    yield "Contacts", [contacts, *_quality(summary.quality)]
     notes = [
         f"{counted(count, 'frame')} {FLAG_TEXTS[flag]}" for flag, count in summary.flags.items() if flag in FLAG_TEXTS
     ]
     if summary.held_frames:
         notes.insert(0, f"{counted(summary.held_frames, 'frame')} held: a good sample was missing")
+    if summary.quality.shape_change_frames:
+        yielded = counted(summary.quality.shape_change_frames, "frame")
+        degrees = DEGREES * summary.quality.shape_change_max_rad
+        notes.append(
+            f"{yielded} in which a body in rigid mode yielded in shape or orientation too, by up to {degrees:.3g}°"
+        )
     if summary.fallbacks:
         notes.append(f"{counted(summary.fallbacks, 'time')} the last free state was the way out")
     if notes:
         yield "Notes", notes
     yield from finding_rows(summary.findings, False)
+    if summary.worst:
+        yield "Look at", moment_lines(summary.worst, summary.out or summary.rrd)
     if "step" in summary.timing:
         yield "Time", list(_times(summary))
     if summary.out or summary.rrd:
@@ -106,15 +116,33 @@ def _corrected(summary: Summary) -> list[str | Text]:
         verdict.append(f"; {counted(summary.frames_with_residual, 'frame')} not free", style="not bold default")
     if summary.correction_max_m == 0.0 and summary.correction_max_rad == 0.0:
         return [verdict, "nothing was moved"]
-    degrees = 57.29577951308232 * summary.correction_max_rad
+    degrees = DEGREES * summary.correction_max_rad
     rotation = f", turned by up to {degrees:.3g}°" if degrees >= 0.001 else ""
     return [verdict, f"moved by up to {_mm(summary.correction_max_m)}{rotation}"]
+
+
+def _quality(quality: MotionSummary) -> Iterator[str]:
+    """Describe what became of recorded contacts of fingertips, and how corrections compare to depths."""
+    if quality.contacts_recorded:
+        share = 100.0 * quality.contacts_kept / quality.contacts_recorded
+        text = f"{share:.0f} % of {quality.contacts_recorded:,} recorded contacts of fingertips kept"
+        if quality.grasps_recorded:
+            text += f", {quality.grasps_kept:,} of {counted(quality.grasps_recorded, 'grasp')}"
+        yield f"{text}; fingertips {_mm(quality.fingertip_error_mean_m)} off on average"
+    if quality.amplification_median > 0.0:
+        yield (
+            f"links moved {quality.amplification_median:.3g} times the recorded depth in the median, "
+            f"{quality.amplification_p95:.3g} times at the 95th percentile"
+        )
 
 
 def _times(summary: Summary) -> Iterator[str]:
     """Describe frame times and the speed relative to real time."""
     step = summary.timing["step"]
-    yield f"{_duration(step.median_ns)} a frame, {_duration(step.p95_ns)} at the 95th percentile"
+    yield (
+        f"{_duration(step.median_ns)} a frame, {_duration(step.mean_ns)} on average, "
+        f"{_duration(step.p99_ns)} at the 99th percentile, at most {_duration(step.max_ns)}"
+    )
     if summary.elapsed_s > 0:
         speed = f"{summary.frames / summary.elapsed_s:,.0f} frames/s with reading and writing"
         if summary.duration_s > 0:

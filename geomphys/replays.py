@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, closing
@@ -19,6 +20,7 @@ from geomphys.output.file_sinks import FILE_SINKS, FileSinkOptions, make_file_si
 from geomphys.output.provenance import provenance_of
 from geomphys.output.sink import Sink
 from geomphys.output.summary import Summarizer, Summary
+from geomphys.output.worst_moments import WorstMoments
 from geomphys.recording.frames import FrameSource
 from geomphys.recording.report import RecordingReport
 from geomphys.results import Frame, FrameResult
@@ -208,13 +210,16 @@ def _results(
     sinks: Sequence[Sink],
     progress: Callable[[int, int | None], None] | None,
 ) -> Iterator[FrameResult]:
-    done, encode_ns = 0, 0
+    done, encode_ns, worst = 0, 0, WorstMoments(pipeline.world.body_names)
     for chunk in pipeline.chunks(batches):
         for row in range(len(chunk.frames)):
             is_last = chunk.is_last and row == len(chunk.frames) - 1
             messages = () if done else _scene_messages(pipeline.world)
             messages += tuple(_recording_messages(source.report)) if is_last else ()
             result = pipeline.result(chunk, row, encode_ns, messages)
+            worst.add(result)
+            if is_last:
+                result = dataclasses.replace(result, moments=worst.moments())
             start = time.perf_counter_ns()
             for sink in sinks:
                 sink.write(result)

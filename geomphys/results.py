@@ -35,7 +35,9 @@ FLAG_IMPACT_BOUND = 32  # the simulated loop reached its limit of impacts
 FLAG_QUARANTINED = 64  # a body became non-finite and was reset to its last good state
 FLAG_BLOCKED = 128  # the recorded pose is free, but the path to it is obstructed
 FLAG_STARTED_INSIDE = 256  # the first frame overlapped
-FLAG_WEDGED = 512  # no free pose with the recorded orientation or joint values: those of the last free pose are kept
+FLAG_SHAPE_CHANGED = (
+    512  # rigid mode: the shape or the orientation yielded too, as a translation would have gone too far
+)
 
 
 class Contacts(NamedTuple):
@@ -81,6 +83,31 @@ class Metrics(NamedTuple):
     shape_change_rad: (
         float  # largest rotation of a link of a tree in rigid mode from its recorded one; 0 if only translated
     )
+    amplification: (
+        float  # largest offset of a driven link over the recorded depth; 0 in frames recorded less than 0.5 mm deep
+    )
+    contacts_recorded: int  # fingertips recorded within 2 mm of something of another tree, or inside
+    contacts_kept: int  # of these, those that are within 1 mm, or no farther than recorded
+    grasps_recorded: int  # hands whose thumb and another finger were recorded in contact
+    grasps_kept: int  # of these, those where both still are
+    fingertip_error_m: (
+        float  # mean distance of fingertips recorded in contact from where they were recorded; of all if none was
+    )
+    contact_precision_m: float  # mean distance of the points of kept contacts on the other thing from the recorded ones
+    contact_alignment_rad: float  # mean angle of the normals of kept contacts from the recorded ones
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Moment:
+    """A frame of a replay that is worth a look."""
+
+    kind: str  # recorded_penetration | correction | amplification | contacts_lost | fallbacks
+    frame: int
+    time_ns: int
+    time_s: float  # since the first frame
+    bodies: tuple[str, ...]  # the pair that overlapped most, or the body that was corrected most
+    value: float
+    unit: str  # "m", or "" of a ratio or a number
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,3 +123,4 @@ class FrameResult:
     metrics: Metrics
     timing: tuple[tuple[str, int, int], ...]  # (dotted stage name, ns, count)
     messages: tuple[tuple[str, str], ...] = ()  # (level: "info" | "warning" | "error", text)
+    moments: tuple[Moment, ...] = ()  # with the last frame: the worst moments of the replay

@@ -1,4 +1,4 @@
-"""Plots a result for print: frame times by stage, penetration, correction and contacts over the frames."""
+"""Plots a result for print: penetration, correction, contacts and frame times by stage over the frames."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from geomphys.analysis.binned_curve import BinnedCurve
 from geomphys.errors import ConfigError, LogError
 from geomphys.output.output_log import OutputFrame, OutputLog, open_output
+from geomphys.results import FLAG_BLOCKED
 from geomphys.storage.output_file import OutputFile, check_target, is_standard_output
 from geomphys.storage.remote_files import AnyPath, as_path
 
@@ -21,12 +23,10 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-PANELS = ("time", "penetration", "correction", "contacts")
+PANELS = ("penetration", "correction", "contacts", "time")
 """Panels of a figure, from top to bottom."""
 FORMATS = (".png", ".svg", ".pdf")
 
-MAX_BINS = 3000
-"""Maximum number of points of a curve; each is the maximum (of times the mean) over its frames."""
 LOG_SCALE_RATIO = 30.0
 """Ratio of the 99th percentile to the median of the frame times above which their axis is logarithmic."""
 HEADROOM = 1.35
@@ -134,54 +134,18 @@ def plot_output(
         _save(figure, file.stream, kind)
 
 
-class BinnedCurve:
-    """A curve in at most twice `MAX_BINS` bins of equally many frames: mean and largest of each."""
-
-    def __init__(self) -> None:
-        self.stride = 1
-        self._last_count = 0
-        self._sums: list[float] = []
-        self._maxima: list[float] = []
-
-    def add(self, value: float) -> None:
-        """Take the value of the next frame."""
-        if self._sums and self._last_count < self.stride:
-            self._last_count += 1
-            self._sums[-1] += value
-            self._maxima[-1] = max(self._maxima[-1], value)
-            return
-        if len(self._sums) == 2 * MAX_BINS:
-            self._sums = [a + b for a, b in zip(self._sums[::2], self._sums[1::2], strict=True)]
-            self._maxima = [max(a, b) for a, b in zip(self._maxima[::2], self._maxima[1::2], strict=True)]
-            self.stride *= 2
-        self._sums.append(value)
-        self._maxima.append(value)
-        self._last_count = 1
-
-    def mean(self) -> Floats:
-        """(n,) mean of each bin."""
-        counts = np.full(len(self._sums), self.stride)
-        counts[-1] = self._last_count
-        means: Floats = np.array(self._sums) / counts
-        return means
-
-    def maximum(self) -> Floats:
-        """(n,) largest of each bin."""
-        return np.array(self._maxima)
-
-
 class _Curves:
     """The curves of a figure; all have the same bins."""
 
     def __init__(self) -> None:
         self.frames = 0
-        self.first = 0
+        self.first = self.first_ns = 0
         self.values: dict[str, BinnedCurve] = {}
         self.stages: dict[str, BinnedCurve] = {}
 
     def add(self, frame: OutputFrame) -> None:
         if self.frames == 0:
-            self.first = frame.index
+            self.first, self.first_ns = frame.index, frame.time_ns
         deepest = max((float(np.linalg.norm(row.pd)) for row in frame.penetrations), default=0.0)
         metrics = frame.metrics
         values = {
@@ -192,6 +156,9 @@ class _Curves:
             "rotation": float(np.degrees(metrics["correction_rad"])),
             "contacts": metrics["contacts"],
             "impacts": metrics["impacts"],
+            "seconds": (frame.time_ns - self.first_ns) / 1e9,
+            "held": float(bool(metrics["held"])),
+            "blocked": float(int(metrics["flags"]) & FLAG_BLOCKED > 0),
         }
         for name, value in values.items():
             self.values.setdefault(name, BinnedCurve()).add(value)
@@ -232,6 +199,7 @@ def _draw(log: OutputLog, curves: _Curves, panels: list[str], scale: str) -> Fig
         rows: Any = figure.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=heights)
         axes: list[Axes] = [row[0] for row in rows]
         for panel, axis in zip(panels, axes, strict=True):
+            _mark_frames(axis, curves, labelled=axis is axes[0])
             if panel == "time":
                 _draw_times(axis, curves, scale)
             else:
@@ -239,6 +207,7 @@ def _draw(log: OutputLog, curves: _Curves, panels: list[str], scale: str) -> Fig
                     axis, curves
                 )
         figure.align_ylabels(axes)
+        _add_seconds(axes[-1], curves, heights[-1])
         axes[-1].set_xlabel("frame")
         axes[-1].set_xlim(curves.first, curves.first + max(curves.frames - 1, 1))
         axes[-1].xaxis.set_major_formatter(lambda value, _: f"{value:,.0f}")
@@ -247,6 +216,31 @@ def _draw(log: OutputLog, curves: _Curves, panels: list[str], scale: str) -> Fig
         figure.suptitle(title, x=0.012, horizontalalignment="left", fontsize=9.0, fontweight="bold")
         _fix_layout(figure)
     return figure
+
+
+def _mark_frames(axis: Axes, curves: _Curves, *, labelled: bool) -> None:
+    """Shade the frames that were held or blocked; `labelled` for the legend."""
+    x = curves.x()
+    for name, colour in (("held", _PALE), ("blocked", "#ee8866")):
+        marked = curves.values[name].maximum() > 0.0
+        if marked.any():
+            edges = np.append(x, x[-1] + curves.values[name].stride)
+            where = np.append(marked, marked[-1])
+            axis.fill_between(
+                edges, 0.0, 1.0, where=where, step="post", transform=axis.get_xaxis_transform(), color=colour,
+                alpha=0.35, linewidth=0.0, zorder=0.5, label=f"{name} frames" if labelled else None,
+            )  # fmt: skip
+
+
+def _add_seconds(axis: Axes, curves: _Curves, height: float) -> None:
+    """A second axis below the frames: seconds since the first one."""
+    x, seconds = curves.x(), curves.values["seconds"].mean()
+    x, seconds = np.append(x, curves.first + curves.frames), np.append(seconds, 2.0 * seconds[-1] - seconds[-2:][0])
+    if len(x) < 3 or (np.diff(seconds) <= 0.0).any():
+        return
+    to_seconds = (lambda frame: np.interp(frame, x, seconds), lambda time: np.interp(time, seconds, x))
+    below = axis.secondary_xaxis(-0.52 / height, functions=to_seconds)
+    below.set_xlabel("time [s]")
 
 
 def _fix_layout(figure: Figure) -> None:

@@ -11,11 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from geomphys.analysis.output_motion import OutputMotion, OutputMotionMeter
 from geomphys.errors import LogError
 from geomphys.numerics.motion_rates import MotionMeter
 from geomphys.numerics.quantiles import Quantiles
 from geomphys.output.output_log import OutputFrame, open_output
 from geomphys.output.summary import FLAG_NAMES, RESIDUAL_LIMIT_M
+from geomphys.output.worst_moments import WorstMoments
+from geomphys.results import Moment
 from geomphys.storage.remote_files import AnyPath
 
 Floats = NDArray[np.float64]
@@ -28,7 +31,12 @@ _METRICS = (
     "correction_rad",
     "contacts",
     "iterations",
+    "amplification",
+    "shape_change_rad",
+    "contact_precision_m",
+    "contact_alignment_rad",
 )
+_FINGERTIPS = ("fingertip_error_m", "fingertip_error_in_contact_m")
 _MOTIONS = ("recorded", "corrected", "correction")
 
 
@@ -49,10 +57,12 @@ class Distribution:
 class OutputStatistics:
     """Statistics of an output, or of all together, in SI units.
 
-    `values` holds, over frames: ``recorded_penetration_m``, ``correction_m`` and ``correction_rad`` where they are above
-    0, ``contacts`` of the frames in contact, ``residual_penetration_m`` and ``iterations`` of all; and of the fastest
-    driven body of a frame ``recorded_speed_m_s``, ``corrected_speed_m_s``, ``correction_speed_m_s`` (of the offset
-    between the two) and the same three as ``…_jerk_m_s3``. `stages` holds ns by stage.
+    `values` holds, over frames: ``recorded_penetration_m``, ``correction_m``, ``correction_rad``, ``shape_change_rad``,
+    ``contact_precision_m`` and ``contact_alignment_rad`` where they are above 0, ``amplification`` of the frames recorded
+    deeper than 0.5 mm, ``fingertip_error_m`` of all frames and ``fingertip_error_in_contact_m`` of those with recorded
+    contacts of fingertips, ``contacts`` of the frames in contact, ``residual_penetration_m`` and ``iterations`` of all; and
+    of the fastest driven body of a frame ``recorded_speed_m_s``, ``corrected_speed_m_s``, ``correction_speed_m_s`` (of the
+    offset between the two) and the same three as ``…_jerk_m_s3``. `stages` holds ns by stage.
     """
 
     name: str
@@ -68,6 +78,10 @@ class OutputStatistics:
     flags: dict[str, int]
     values: dict[str, Distribution]
     stages: dict[str, Distribution]
+    motion: OutputMotion | None
+    """Measures of the whole motion; None of several outputs together."""
+    worst: tuple[Moment, ...]
+    """The moments to look at first; none of several outputs together."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,9 +123,11 @@ def statistics_of(
     found: list[OutputStatistics] = []
     for log in logs:
         series = _OutputTotals() if len(logs) > 1 else combined
-        motion = _MotionRates()
-        for frame in log.frames(["/tf", "/recorded/tf", "/metrics", "/timing"]):
-            rates = motion.add(frame)
+        rates_of, motion, worst = _MotionRates(), OutputMotionMeter(log), WorstMoments()
+        for frame in log.frames(["/tf", "/recorded/tf", "/metrics", "/penetration", "/timing"]):
+            rates = rates_of.add(frame)
+            motion.add(frame)
+            worst.add_output(frame)
             series.add(frame, rates)
             if series is not combined:
                 combined.add(frame, rates)
@@ -124,7 +140,7 @@ def statistics_of(
         series.duration_s = duration
         if series is not combined:
             combined.duration_s += duration
-        found.append(series.statistics(str(log.path), log.complete))
+        found.append(series.statistics(str(log.path), log.complete, motion.motion(), worst.moments()))
     return Statistics(outputs=tuple(found), all=combined.statistics("all", all(o.complete for o in found)))
 
 
@@ -182,12 +198,16 @@ class _OutputTotals:
             value = float(metrics[name])
             if value > 0.0 or name in ("residual_penetration_m", "iterations"):
                 self._add_value(self._values, name, value)
+        for name in _FINGERTIPS[: 2 if metrics["contacts_recorded"] else 1]:
+            self._add_value(self._values, name, metrics["fingertip_error_m"])
         for name, value in rates.items():
             self._add_value(self._values, name, value)
         for stage in frame.timing:
             self._add_value(self._stages, stage.name, float(stage.ns))
 
-    def statistics(self, name: str, complete: bool) -> OutputStatistics:
+    def statistics(
+        self, name: str, complete: bool, motion: OutputMotion | None = None, worst: tuple[Moment, ...] = ()
+    ) -> OutputStatistics:
         motions = [f"{motion}_{unit}" for unit in ("speed_m_s", "jerk_m_s3") for motion in _MOTIONS]
         return OutputStatistics(
             name=name,
@@ -201,8 +221,12 @@ class _OutputTotals:
             fallbacks=self._fallbacks,
             held_frames=self._held,
             flags={FLAG_NAMES[bit]: self._flags[bit] for bit in FLAG_NAMES if bit in self._flags},
-            values={key: _distribution(self._values.get(key, Quantiles(1))) for key in (*_METRICS, *motions)},
+            values={
+                key: _distribution(self._values.get(key, Quantiles(1))) for key in (*_METRICS, *_FINGERTIPS, *motions)
+            },
             stages={key: _distribution(values) for key, values in self._stages.items()},
+            motion=motion,
+            worst=worst,
         )
 
     @staticmethod

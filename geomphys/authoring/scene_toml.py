@@ -97,10 +97,8 @@ def _avatar(avatar: AvatarDraft) -> Iterator[str]:
     yield "[[avatar]]"
     yield f"name = {quoted(avatar.name)}"
     yield f"urdf = {quoted(avatar.urdf)}"
-    if avatar.tall:
-        yield 'mode = "chains"                # arms, legs, neck bend; "rigid" moves the body as one'
-    else:
-        yield 'mode = "rigid"                 # keeps the recorded shape; "chains" bends finger by finger'
+    limbs = "arms, legs, neck" if avatar.tall else "fingers"
+    yield f'mode = "auto"                  # {limbs} yield joint by joint; "rigid" keeps the recorded shape'
     yield 'material = "human"'
     if avatar.hull:
         yield 'decomposition = "hull"         # CHECK: a mesh of it has holes, so each collides as its convex hull'

@@ -7,8 +7,8 @@ from geomphys.results import (
     FLAG_IMPACT_BOUND,
     FLAG_NOT_CONVERGED,
     FLAG_QUARANTINED,
+    FLAG_SHAPE_CHANGED,
     FLAG_STARTED_INSIDE,
-    FLAG_WEDGED,
     Metrics,
 )
 
@@ -28,9 +28,9 @@ _TEXTS = {
         "more impacts than max_impacts in a frame: what was beyond was stopped, not bounced",
     ),
     FLAG_QUARANTINED: ("error", "a body became non-finite and was put back to its last good state"),
-    FLAG_WEDGED: (
+    FLAG_SHAPE_CHANGED: (
         "warning",
-        "a body was wedged: it keeps the turn and shape of its last free place until there is room",
+        "a body in rigid mode yields in shape or orientation too: as one piece it would go too far; see shape_change_rad",
     ),
     FLAG_BLOCKED: ("info", "something stands between a body and its recorded place"),
 }
@@ -48,12 +48,12 @@ class FrameReporter:
         started = metrics.flags & ~self._flags
         self._flags = metrics.flags
         texts = [text for flag, text in _TEXTS.items() if started & flag]
-        infeasible = metrics.fallbacks > 0 and not metrics.flags & FLAG_WEDGED
+        infeasible = metrics.fallbacks > 0 and not metrics.flags & FLAG_SHAPE_CHANGED
         if infeasible and not self._infeasible:
             texts.append(
                 (
                     "warning",
-                    "a body was wedged: its overlaps leave no way out; it was put where it is free, or its posture held",
+                    "the overlaps of a body leave no way out; it was put where it is free, or its posture held",
                 )
             )
         self._infeasible = infeasible

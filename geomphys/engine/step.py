@@ -41,11 +41,12 @@ from geomphys.engine.frame_buffer import (
     write_contacts,
     write_depths,
 )
+from geomphys.engine.motion_measures import measure_motion
 from geomphys.engine.quarantine import contain_driven, keep_posture
 from geomphys.engine.state import Knobs, Machine
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.jit.stage_clock import cycles
-from geomphys.results import FLAG_BLOCKED, FLAG_NOT_CONVERGED, FLAG_STARTED_INSIDE, FLAG_WEDGED
+from geomphys.results import FLAG_BLOCKED, FLAG_NOT_CONVERGED, FLAG_SHAPE_CHANGED, FLAG_STARTED_INSIDE
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
 from geomphys.scene.kinematics import place_tree, pose_tree
 from geomphys.simulated.frame_contacts import deepest_overlap, deepest_overlap_at_start, write_touches
@@ -228,6 +229,7 @@ def step(
     write_depths(block, frame, m.depths, done.method)
     lengths[RESIDUAL], left = find_contacts(scene, m, knobs.gap, first, block, frame)
     measure_correction(scene, m, lengths)
+    measure_motion(scene, m, lengths, numbers)
     t5 = cycles()
     for k in range(len(block.moving)):
         for i in range(7):
@@ -245,7 +247,7 @@ def step(
     if not done.converged or (left if first else lengths[RESIDUAL]) > LEFT:
         numbers[FLAGS] |= FLAG_NOT_CONVERGED
     if done.yielded:
-        numbers[FLAGS] |= FLAG_WEDGED
+        numbers[FLAGS] |= FLAG_SHAPE_CHANGED
     touches = block.contact_end[frame + 1] > block.contact_end[frame]
     if lengths[RECORDED] == 0.0 and touches and lengths[CORRECTION] > BLOCKED_FROM:
         numbers[FLAGS] |= FLAG_BLOCKED

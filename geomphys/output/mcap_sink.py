@@ -31,6 +31,7 @@ from geomphys.output.proto.geomphys_pb2 import Contacts, FrameMetrics, Penetrati
 from geomphys.output.provenance import METADATA_RECORD, Provenance
 from geomphys.output.sink import ContextManaged
 from geomphys.output.urdf_description import descriptions
+from geomphys.output.worst_moments import log_text
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import DRIVEN, FIXED, World
 from geomphys.storage.output_file import OutputFile
@@ -164,6 +165,9 @@ class McapSink(ContextManaged):
             write_message("/timing", encoder.timing(result.timing, frame, time), time, frame)
         for level, text in result.messages:
             write_message("/log", encoder.log(level, text, time), time, frame)
+        for moment in result.moments:
+            data = encoder.log("info", log_text(moment), moment.time_ns)
+            write_message("/log", data, moment.time_ns, moment.frame)
 
     def _write_message(self, topic: str, data: bytes, time: int, frame: int) -> None:
         self._file.add_message(self._channels[topic], time, data, time, frame & 0xFFFFFFFF)

@@ -18,6 +18,11 @@ CONTACTS = ("world", "contacts")
 DEPTHS = ("world", "penetration_depths")
 PLOTS = ("plots",)
 LOG = ("log",)
+LEGEND = ("legend",)
+JOINTS = ("joint_states",)
+RECORDED_JOINTS = ("recorded", "joint_states")
+METRICS = ("metrics",)
+FLAGS = ("metrics", "flags")
 
 _PLOTS = {
     "penetration_mm": "Penetration [mm]",
@@ -36,6 +41,14 @@ LINES = {
 }
 """Colours of plotted lines; others have the viewer's."""
 
+_COLOUR_NAMES = {
+    colours.CORRECTED: "blue",
+    colours.IN_CONTACT: "orange",
+    colours.GHOST: "pink, translucent",
+    colours.CONTACT: "red",
+    colours.DEPTH: "violet",
+}
+
 _METRICS = {
     "Penetration [m]": {"recorded": "recorded_penetration_m", "remaining": "residual_penetration_m"},
     "Correction [m]": {"largest": "correction_m"},
@@ -50,7 +63,13 @@ _METRIC_COLOURS = {
 
 
 def blueprint(
-    eye: Viewpoint, *, rate: float, frames: tuple[int, int], stages_us: float = 0.0, log: bool = True
+    eye: Viewpoint,
+    *,
+    rate: float,
+    frames: tuple[int, int],
+    stages_us: float = 0.0,
+    log: bool = True,
+    joints: bool = False,
 ) -> Blueprint:
     """Layout of a rerun recording.
 
@@ -66,6 +85,8 @@ def blueprint(
         Upper end of the axis of the stage times, µs; 0 for no such plot.
     log : bool
         Whether the log has lines.
+    joints : bool
+        Whether there are joints.
     """
     import rerun as rr
     import rerun.blueprint as rrb
@@ -73,13 +94,40 @@ def blueprint(
     begin, end = (rr.TimeRangeBoundary.absolute(seq=frame) for frame in frames)
     span = rr.TimeRange(start=begin, end=end)
     plots = [
-        _plot(rrb, span, origin="/".join((*PLOTS, name)), name=title, **_range(rrb, name, stages_us))
+        _plot(rrb, span, origin="/".join((*PLOTS, name)), name=title)
         for name, title in _PLOTS.items()
-        if stages_us > 0.0 or name != "stages_us"
+        if name != "stages_us"
     ]
+    details = []
+    if joints:
+        details.append(_plot(rrb, span, origin="/".join(JOINTS), name="Joints [rad, m]"))
+    if stages_us > 0.0:
+        axis = rrb.ScalarAxis(range=(0.0, stages_us))  # a few slow frames would press the curves flat
+        origin = "/".join((*PLOTS, "stages_us"))
+        details.append(_plot(rrb, span, origin=origin, name=_PLOTS["stages_us"], axis_y=axis))
+    words = [rrb.TextDocumentView(origin="/".join(LEGEND), name="Legend")]
+    if log:
+        words.append(_log(rrb, "/".join(LOG)))
     time = rrb.TimePanel(state="collapsed", timeline="frame", fps=rate, loop_mode="all")
-    below = [*plots, _log(rrb, "/".join(LOG))] if log else plots
-    return _layout(rrb, _scene(rrb, "/".join(SCENE), eye), below, time)
+    above = rrb.Horizontal(
+        _scene(rrb, "/".join(SCENE), eye),
+        rrb.Vertical(*words, row_shares=[1.0, 1.4][: len(words)]),
+        column_shares=[3.2, 1.0],
+    )
+    return _layout(rrb, above, plots, time, details)
+
+
+def legend() -> str:
+    """What the colours of a rerun recording mean, in Markdown."""
+    rows = (
+        ("the colour of its material", "at its recorded pose"),
+        (_COLOUR_NAMES[colours.CORRECTED], "corrected: moved from where it was recorded"),
+        (_COLOUR_NAMES[colours.IN_CONTACT], "in contact"),
+        (_COLOUR_NAMES[colours.GHOST], "where it was recorded, while it is corrected"),
+        (_COLOUR_NAMES[colours.CONTACT], "points of contact, and normals as long as they are deep"),
+        (_COLOUR_NAMES[colours.DEPTH], "global penetration depth of a recorded overlap"),
+    )
+    return "".join(f"- **{colour}**: {meaning}\n" for colour, meaning in rows)
 
 
 def mcap_blueprint(eye: Viewpoint, joint_topics: Sequence[str]) -> Blueprint:
@@ -133,19 +181,16 @@ def _plot(rrb: Any, span: Any, **options: Any) -> Any:
     return rrb.TimeSeriesView(axis_x=axis, plot_legend=legend, **options)
 
 
-def _range(rrb: Any, name: str, stages_us: float) -> dict[str, Any]:
-    """Fixed range of the time axis, so that a few slow frames do not compress the other curves."""
-    return {"axis_y": rrb.ScalarAxis(range=(0.0, stages_us))} if name == "stages_us" else {}
-
-
 def _log(rrb: Any, origin: str) -> Any:
     columns = [rrb.encodings.TextLogColumn("LogLevel"), rrb.encodings.TextLogColumn("Body")]
     return rrb.TextLogView(origin=origin, name="Log", columns=rrb.TextLogColumns(text_log_columns=columns))
 
 
-def _layout(rrb: Any, scene: Any, below: Sequence[Any], time: Any) -> Blueprint:
+def _layout(rrb: Any, above: Any, below: Sequence[Any], time: Any, details: Sequence[Any] = ()) -> Blueprint:
+    """Scene (and what stands beside it) above the plots; details in a second tab."""
+    main = rrb.Vertical(above, rrb.Horizontal(*below), row_shares=[2.6, 1.0], name="Motion")
     layout: Blueprint = rrb.Blueprint(
-        rrb.Vertical(scene, rrb.Horizontal(*below), row_shares=[2.6, 1.0]),
+        rrb.Tabs(main, rrb.Vertical(*details, name="Details")) if details else main,
         time,
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),

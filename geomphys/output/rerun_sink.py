@@ -19,18 +19,26 @@ from geomphys.output.rerun_blueprint import (
     CONTACTS,
     CORRECTED_BODIES,
     DEPTHS,
+    FLAGS,
+    JOINTS,
+    LEGEND,
     LINES,
     LOG,
+    METRICS,
     PLOTS,
     RECORDED_BODIES,
+    RECORDED_JOINTS,
     SCENE,
     blueprint,
+    legend,
 )
 from geomphys.output.rerun_stream import UNIX_TIME_START, RerunStream, Times
 from geomphys.output.sink import ContextManaged
+from geomphys.output.summary import FLAG_NAMES
 from geomphys.output.vertex_normals import with_vertex_normals
 from geomphys.output.view_statistics import ViewStatistics
-from geomphys.results import FrameResult
+from geomphys.output.worst_moments import log_text
+from geomphys.results import FrameResult, Metrics
 from geomphys.scene.arrays import DRIVEN, FIXED, World
 from geomphys.storage.output_file import OutputFile
 from geomphys.storage.remote_files import AnyPath
@@ -96,6 +104,10 @@ class RerunSink(ContextManaged):
         self._moving = np.flatnonzero(self._is_moving)
         self._drawn_driven = [b for b in np.flatnonzero(bodies.role == DRIVEN) if len(world.triangles[b][1])]
         self._names = [tuple(name.split("/")) for name in world.body_names]
+        dofs = world.scene.dofs
+        self._joints = [
+            ((world.tree_names[tree], name), name) for tree, name in zip(dofs.tree, world.dof_names, strict=True)
+        ]
         self._results: list[FrameResult] = []
         self._last_result: FrameResult | None = None
         self._last_states: NDArray[np.int64] | None = None
@@ -137,6 +149,10 @@ class RerunSink(ContextManaged):
 
         world = self._world
         self._stream.log_static(SCENE, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+        self._stream.log_static(LEGEND, rr.TextDocument(legend(), media_type="text/markdown"))
+        for joint, name in self._joints:
+            for root in (JOINTS, RECORDED_JOINTS):
+                self._stream.log_static((*root, *joint), rr.SeriesLines(names=name, widths=1.5))
         palette = colours.colours_of_trees(world.file)
         self._own_colours = [palette[world.tree_names[tree]] for tree in world.scene.bodies.tree]
         for body, (vertices, faces) in enumerate(world.triangles):
@@ -173,6 +189,7 @@ class RerunSink(ContextManaged):
         self._send_states(times, recorded, corrected, frame_columns.in_contact(results, len(self._names)))
         self._send_contacts(times, results)
         self._send_plots(times, results)
+        self._send_columns(times, results)
         self._send_log(times, results)
         self._view_statistics.add(results)
         self._last_result = results[-1]
@@ -250,6 +267,23 @@ class RerunSink(ContextManaged):
                 )
             self._stream.send(path, times, rows, rr.Scalars.columns(scalars=values))
 
+    def _send_columns(self, times: Times, results: Sequence[FrameResult]) -> None:
+        """Send corrected and recorded joint values (rad or m), the fields of the metrics and the flags, as columns to query."""
+        import rerun as rr
+
+        every = np.arange(len(results))
+        for joint, (path, _) in enumerate(self._joints):
+            corrected = np.array([result.angles[joint] for result in results])
+            recorded = np.array([result.frame.angles[joint] for result in results])
+            self._stream.send((*JOINTS, *path), times, every, rr.Scalars.columns(scalars=corrected))
+            self._stream.send((*RECORDED_JOINTS, *path), times, every, rr.Scalars.columns(scalars=recorded))
+        fields: dict[str, Any] = {
+            name: np.array([getattr(r.metrics, name) for r in results]) for name in Metrics._fields
+        }
+        self._stream.send(METRICS, times, every, rr.AnyValues.columns(**fields))
+        flags: dict[str, Any] = {name: (fields["flags"] & bit) != 0 for bit, name in FLAG_NAMES.items()}
+        self._stream.send(FLAGS, times, every, rr.AnyValues.columns(**flags))
+
     def _send_log(self, times: Times, results: Sequence[FrameResult]) -> None:
         import rerun as rr
 
@@ -258,6 +292,13 @@ class RerunSink(ContextManaged):
             self._has_log_lines = True
             rows, levels, texts = zip(*lines, strict=True)
             self._stream.send(LOG, times, np.array(rows), rr.TextLog.columns(text=texts, level=levels))
+        if moments := sorted((m for r in results for m in r.moments), key=lambda m: m.frame):
+            self._has_log_lines = True
+            at = Times(
+                np.array([m.frame for m in moments]), np.array([m.time_ns for m in moments]), self._uses_unix_time
+            )
+            columns = rr.TextLog.columns(text=[log_text(m) for m in moments], level=["INFO"] * len(moments))
+            self._stream.send(LOG, at, np.arange(len(moments)), columns)
 
     def _view(self) -> Blueprint:
         """The blueprint, with a viewpoint chosen for the whole recording."""
@@ -270,6 +311,7 @@ class RerunSink(ContextManaged):
             frames=(self._first_frame, last),
             stages_us=self._stages_us,
             log=self._has_log_lines,
+            joints=bool(self._joints),
         )
 
 

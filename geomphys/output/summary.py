@@ -9,7 +9,7 @@ from typing import Any
 from geomphys import results
 from geomphys.engine.log_messages import is_of_flag
 from geomphys.numerics.quantiles import Quantiles
-from geomphys.results import FrameResult
+from geomphys.results import FrameResult, Metrics, Moment
 from geomphys.scene.findings import Findings
 from geomphys.storage.remote_files import AnyPath
 
@@ -18,6 +18,8 @@ RESIDUAL_LIMIT_M = 1e-5
 
 MAX_MESSAGES = 100
 """Number of different messages stored; further ones are only counted."""
+
+_COUNTED = ("contacts_recorded", "contacts_kept", "grasps_recorded", "grasps_kept")
 
 FLAG_NAMES = {
     results.FLAG_HELD: "held",
@@ -29,7 +31,7 @@ FLAG_NAMES = {
     results.FLAG_QUARANTINED: "quarantined",
     results.FLAG_BLOCKED: "blocked",
     results.FLAG_STARTED_INSIDE: "started_inside",
-    results.FLAG_WEDGED: "wedged",
+    results.FLAG_SHAPE_CHANGED: "shape_changed",
 }
 """Name of each bit of `Metrics.flags`."""
 
@@ -56,12 +58,29 @@ class Message:
 
 @dataclass(frozen=True, kw_only=True)
 class StageTime:
-    """Times of one stage: per frame the median, the 95th percentile and the largest, and the sum (ns)."""
+    """Times of one stage: per frame the mean, percentiles and the largest, and the sum (ns)."""
 
+    mean_ns: float
     median_ns: float
     p95_ns: float
+    p99_ns: float
     max_ns: float
     total_ns: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionSummary:
+    """Measures of motion quality over the frames of a replay; see the fields of the same names in `Metrics`."""
+
+    amplification_median: float  # over the frames recorded at least 0.5 mm deep; 0 if there is none
+    amplification_p95: float
+    contacts_recorded: int  # of fingertips, over all frames
+    contacts_kept: int
+    grasps_recorded: int
+    grasps_kept: int
+    fingertip_error_mean_m: float  # over the frames with recorded contacts; 0 if there is none
+    shape_change_max_rad: float
+    shape_change_frames: int  # in which a tree in rigid mode yielded in its shape or orientation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,6 +105,7 @@ class Summary:
     frames_with_residual: int  # more than RESIDUAL_LIMIT_M
     correction_max_m: float
     correction_max_rad: float
+    quality: MotionSummary
     held_frames: int
     impacts: int
     fallbacks: int
@@ -93,6 +113,7 @@ class Summary:
     timing: dict[str, StageTime]  # the stages `decode`, `step`, `encode`, as far as they were measured
     elapsed_s: float  # on the wall clock, reading and writing included, compiling the kernels not
     messages: tuple[Message, ...]
+    worst: tuple[Moment, ...]  # where to look first
     findings: Findings  # of the scene: geometry not shown, bodies without contact, renamed bodies, defaults
     messages_dropped: int  # messages beyond the first MAX_MESSAGES different texts
 
@@ -133,6 +154,12 @@ class Summarizer:
     _frames_with_residual: int = 0
     _correction_m: float = 0.0
     _correction_rad: float = 0.0
+    _amplification: Quantiles = field(default_factory=Quantiles)
+    _fingertip_error: Quantiles = field(default_factory=Quantiles)
+    _counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(_COUNTED, 0))
+    _shape_change: float = 0.0
+    _shape_change_frames: int = 0
+    _worst: tuple[Moment, ...] = ()
     _held: int = 0
     _impacts: int = 0
     _fallbacks: int = 0
@@ -156,6 +183,8 @@ class Summarizer:
         self._fallbacks += metrics.fallbacks
         self._correction_m = max(self._correction_m, metrics.correction_m)
         self._correction_rad = max(self._correction_rad, metrics.correction_rad)
+        self._add_quality(metrics)
+        self._worst = result.moments or self._worst
         if metrics.recorded_penetration_m > RESIDUAL_LIMIT_M:
             self._recorded.add(metrics.recorded_penetration_m)
         if metrics.residual_penetration_m > self._residual:
@@ -172,6 +201,17 @@ class Summarizer:
                 self._stages.setdefault(stage, Quantiles()).add(float(ns))
         for level, text in result.messages:
             self.add_message(level, text, frame.index)
+
+    def _add_quality(self, metrics: Metrics) -> None:
+        """Count the measures of motion quality."""
+        if metrics.amplification > 0.0:
+            self._amplification.add(metrics.amplification)
+        if metrics.contacts_recorded:
+            self._fingertip_error.add(metrics.fingertip_error_m)
+        for name in _COUNTED:
+            self._counts[name] += getattr(metrics, name)
+        self._shape_change = max(self._shape_change, metrics.shape_change_rad)
+        self._shape_change_frames += metrics.flags & results.FLAG_SHAPE_CHANGED > 0
 
     def _add_pairs(self, result: FrameResult) -> None:
         """Update the deepest pair of bodies."""
@@ -228,13 +268,26 @@ class Summarizer:
             frames_with_residual=self._frames_with_residual,
             correction_max_m=self._correction_m,
             correction_max_rad=self._correction_rad,
+            quality=MotionSummary(
+                amplification_median=self._amplification.median(),
+                amplification_p95=self._amplification.quantile(0.95),
+                **self._counts,
+                fingertip_error_mean_m=self._fingertip_error.total / max(self._fingertip_error.count, 1),
+                shape_change_max_rad=self._shape_change,
+                shape_change_frames=self._shape_change_frames,
+            ),
             held_frames=self._held,
             impacts=self._impacts,
             fallbacks=self._fallbacks,
             flags={FLAG_NAMES[bit]: self._flags[bit] for bit in FLAG_NAMES if bit in self._flags},
             timing={
                 name: StageTime(
-                    median_ns=times.median(), p95_ns=times.quantile(0.95), max_ns=times.largest, total_ns=times.total
+                    mean_ns=times.total / max(times.count, 1),
+                    median_ns=times.median(),
+                    p95_ns=times.quantile(0.95),
+                    p99_ns=times.quantile(0.99),
+                    max_ns=times.largest,
+                    total_ns=times.total,
                 )
                 for name, times in sorted(self._stages.items())
             },
@@ -243,6 +296,7 @@ class Summarizer:
                 Message(level=level, text=text, first_frame=first, count=count)
                 for (level, text), (first, count) in self._messages.items()
             ),
+            worst=self._worst,
             findings=self.findings,
             messages_dropped=self._messages_dropped,
         )

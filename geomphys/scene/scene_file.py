@@ -185,7 +185,7 @@ class AvatarTable(Table):
 
     name: Name
     urdf: Text
-    mode: Literal["auto", "rigid", "chains"] = "rigid"
+    mode: Literal["auto", "rigid", "chains"] = "auto"
     material: Text = "human"
     mass: Mass = Field(default=0.4, description="kg, of the coupling")
     density: Density = Field(default=1000.0, description="kg/m³, of its links")

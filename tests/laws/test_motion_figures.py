@@ -15,7 +15,8 @@ from tests.driven.logs import Thing, play, wander
 from tests.scene.models import joint, link, urdf
 
 FRAMES = 150  # more than two blocks of the pipeline
-HAND = '[[avatar]]\nname="hand"\nurdf="hand.urdf"\nmaterial="human"\nroot={topic="/wrist"}\njoints={topic="/angles"}\n'
+HAND = '[[avatar]]\nname="hand"\nurdf="hand.urdf"\nmode="rigid"\nmaterial="human"\n'
+HAND += 'root={topic="/wrist"}\njoints={topic="/angles"}\n'
 
 
 @pytest.fixture(scope="module")

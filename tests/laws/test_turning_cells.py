@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from geomphys.results import FLAG_WEDGED
+from geomphys.results import FLAG_SHAPE_CHANGED
 from tests.driven.logs import FREE, Run, assert_free
 from tests.laws.between_frames import Between
 from tests.laws.turning_cells import CLOSED, HALF, ROOM, crossings, jumps, play_cube, play_turning, turning_frame
@@ -38,7 +38,7 @@ def test_a_turning_cell_takes_a_cube_along_that_it_leaves_no_room_to_stay(
     assert np.abs(at).max() <= ROOM - HALF + FREE
     assert np.abs(turn).max() <= SLACK + 1e-6
     assert jumps(60.0, run) == {}
-    wedged = (run.figures("flags").astype(int) & FLAG_WEDGED) != 0
+    wedged = (run.figures("flags").astype(int) & FLAG_SHAPE_CHANGED) != 0
     assert wedged[10:110].any()
     assert not wedged[-25:].any()  # told until the offset is gone
     assert run.path("cube")[-10:].tobytes() == run.recorded[-10:, run.body("cube")].tobytes()

@@ -164,7 +164,22 @@ def frames(world: s.World, count: int, start: int = T0) -> list[FrameResult]:
             np.full(m, index % 3),
         )
         metrics = Metrics(
-            n, lift, 1e-9 * index, 2, 0, 0, lift, 0.0, index % 5 == 0, int(index % 5 == 0), 0.4, 0.2, 3.0, 2.0, 0.0
+            n,
+            lift,
+            1e-9 * index,
+            2,
+            0,
+            0,
+            lift,
+            0.0,
+            index % 5 == 0,
+            int(index % 5 == 0),
+            0.4,
+            0.2,
+            3.0,
+            2.0,
+            0.0,
+            *(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0),
         )
         time = start + STEP * index
         results.append(

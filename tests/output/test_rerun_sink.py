@@ -20,7 +20,8 @@ from geomphys.output import colours, rerun_sink
 from geomphys.output.contact_arrows import arrow_lengths
 from geomphys.output.provenance import Provenance
 from geomphys.output.rerun_sink import RerunSink
-from geomphys.results import FrameResult
+from geomphys.output.worst_moments import log_text
+from geomphys.results import FrameResult, Moment
 from geomphys.scene.arrays import World
 from geomphys.viewer.view import offline_environment, viewer_command
 from tests.output.made_world import STEP, T0, frames
@@ -220,3 +221,36 @@ def test_no_number_that_is_not_finite_gets_in(
 
 def test_the_callers_strictness_is_left_as_it_was(out: Path) -> None:
     assert not rr.strict_mode()
+
+
+def test_joint_values_and_flags_are_columns(out: Path, world: World, results: list[FrameResult]) -> None:
+    for joint, name in enumerate(world.dof_names):
+        tree = world.tree_names[world.scene.dofs.tree[joint]]
+        shown = [value[0] for _, _, value in columns(out, f"/joint_states/{tree}/{name}", "Scalars:scalars")]
+        assert shown == [result.angles[joint] for result in results]
+        recorded = [
+            value[0] for _, _, value in columns(out, f"/recorded/joint_states/{tree}/{name}", "Scalars:scalars")
+        ]
+        assert recorded == [result.frame.angles[joint] for result in results]
+    held = [value[0] for _, _, value in columns(out, "/metrics/flags", "held")]
+    assert held == [bool(result.metrics.flags & 1) for result in results]
+    assert any(held)
+    for name in ("correction_m", "contacts_recorded", "shape_change_rad"):
+        values = [value[0] for _, _, value in columns(out, "/metrics", name)]
+        assert values == [getattr(result.metrics, name) for result in results]
+
+
+def test_the_worst_moments_are_marked_where_they_happen(
+    world: World, provenance: Provenance, results: list[FrameResult], tmp_path: Path
+) -> None:
+    moments = tuple(
+        Moment(kind="correction", frame=k, time_ns=T0 + STEP * k, time_s=0.0, bodies=("hand",), value=0.01, unit="m")
+        for k in (41, 3)
+    )
+    write(tmp_path / "out.rrd", world, provenance, [*results[:-1], replace(results[-1], moments=moments)])
+    lines = {
+        frame: (time, value[0])
+        for frame, time, value in columns(tmp_path / "out.rrd", "/log", "TextLog:text")
+        if "largest" in value[0]
+    }
+    assert lines == {m.frame: (m.time_ns, log_text(m)) for m in moments}

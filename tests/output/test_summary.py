@@ -51,6 +51,7 @@ def result(
             3.0,
             2.0,
             0.0,
+            *(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0),
         ),
         timing=(("step", 1000 + round(1e6 * recorded), 1), ("step.overlap", 5, 1), ("encode", 7, 1)),
         messages=messages,

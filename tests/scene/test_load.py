@@ -222,7 +222,8 @@ def test_the_arrays_hold_the_skeleton(folder: Path) -> None:
 
 def test_chains_of_the_file_count_in_chains_mode_only(folder: Path) -> None:
     text = HAND + '[[avatar.chain]]\nname = "c"\nbase = "palm"\ntip = "one"\n'
-    assert len(load(folder, text).scene.chains.tree) == 0
+    assert len(load(folder, text, mode="rigid").scene.chains.tree) == 0
+    assert load(folder, text).scene.trees.chains.tolist() == [1]  # auto: the joints move links that collide
     world = load(folder, text, mode="chains")
     assert [world.body_names[b] for b in world.scene.chains.bodies] == ["hand/root1", "hand/one"]
     assert world.scene.trees.chains.tolist() == [1]
@@ -302,7 +303,7 @@ def test_materials_that_nothing_defines(folder: Path, text: str, says: tuple[str
     [
         (RUBBER + of("a", "rubber") + of("b", "wood", "fixed"), []),
         (RUBBER + of("a", "rubber", "fixed") + of("b", "rubber", "fixed") + of("c", "metal", "fixed"), []),
-        (RUBBER + HAND + 'material = "rubber"\n', []),
+        (RUBBER + HAND + 'material = "rubber"\nmode = "rigid"\n', []),
         (RUBBER + HAND + 'material = "rubber"\nmode = "chains"\nself_collision = false\n', []),
         (OWN + of("a", "rubber") + of("b", "metal") + of("c", "wood"), [("rubber", "metal", 0.3, 0.2)]),
         (OWN + of("a", "rubber", "fixed") + of("b", "metal", "fixed") + of("c", "wood"), []),

@@ -129,7 +129,7 @@ def test_a_file_with_everything() -> None:
 
 def test_what_is_left_out() -> None:
     (hand,) = parse_scene(HAND, HERE).avatar
-    assert (hand.mode, hand.material, hand.mass, hand.self_collision) == ("rigid", "human", 0.4, True)
+    assert (hand.mode, hand.material, hand.mass, hand.self_collision) == ("auto", "human", 0.4, True)
     assert hand.coupling != "rigid"
     assert (hand.coupling.stiffness, hand.coupling.damping) == (1000.0, 40.0)
     assert hand.root.topic is None

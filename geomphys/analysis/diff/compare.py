@@ -15,9 +15,11 @@ from geomphys.analysis.diff.difference import Curves, Matching, OutputDifference
 from geomphys.analysis.diff.measures import Envelope, Peak, Peaks
 from geomphys.analysis.diff.motion_channels import JointChannel, PoseChannel
 from geomphys.analysis.diff.result_channels import ContactChannel, LogChannel, MetricsChannel, PenetrationChannel
+from geomphys.analysis.output_motion import OutputMotionMeter
 from geomphys.errors import ConfigError, LogError
 from geomphys.output.decoders import Poses
 from geomphys.output.output_log import OutputFrame, OutputLog, open_output
+from geomphys.output.worst_moments import WorstMoments
 from geomphys.storage.remote_files import AnyPath
 
 CHANNELS = ("/tf", "/recorded/tf", "joint_states", "/contacts", "/penetration", "/metrics", "/log")
@@ -83,7 +85,8 @@ def compare_outputs(
     counts = dict.fromkeys(("compared", "only_a", "only_b"), 0)
     first_frames: dict[str, int | None] = {"only_a": None, "only_b": None}
     total = max(output_a.frame_count, output_b.frame_count)
-    for frame_a, frame_b in match_frames(output_a.frames(requested), output_b.frames(requested)):
+    measured = [_MeasuredFrames(output, requested) for output in (output_a, output_b)]
+    for frame_a, frame_b in match_frames(*(side.frames() for side in measured)):
         if frame_a is not None and frame_b is not None:
             counts["compared"] += 1
             trace.add(frame_a, frame_b)
@@ -121,9 +124,28 @@ def compare_outputs(
         attachments=tuple(
             name for name in sorted(files_a.keys() | files_b.keys()) if files_a.get(name) != files_b.get(name)
         ),
+        motion=(measured[0].motion.motion(), measured[1].motion.motion()) if measured[0].has_motion else None,
+        worst=(measured[0].worst.moments(), measured[1].worst.moments()),
         curves=trace.curves(),
         peaks=tuple(trace.peaks.sorted_peaks()),
     )
+
+
+class _MeasuredFrames:
+    """The frames of an output; measures its motion while they are read, if poses and metrics are among its channels."""
+
+    def __init__(self, output: OutputLog, channels: Collection[str]) -> None:
+        self._output, self._channels = output, channels
+        self.has_motion = {"/tf", "/recorded/tf", "/metrics"} <= set(channels)
+        self.motion, self.worst = OutputMotionMeter(output), WorstMoments()
+
+    def frames(self) -> Iterator[OutputFrame]:
+        """The frames, each measured before it is handed on."""
+        for frame in self._output.frames(self._channels):
+            if self.has_motion:
+                self.motion.add(frame)
+                self.worst.add_output(frame)
+            yield frame
 
 
 def _first(output: OutputLog, channels: Collection[str]) -> OutputFrame:

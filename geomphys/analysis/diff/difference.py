@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from geomphys.analysis.diff.channels import ChannelDifference, Tolerance, earliest
 from geomphys.analysis.diff.measures import Measure, Peak
+from geomphys.analysis.output_motion import OutputMotion
+from geomphys.results import Moment
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -57,6 +59,10 @@ class OutputDifference:
     channels: dict[str, ChannelDifference]
     parameters: dict[str, tuple[str | None, str | None]]  # name -> values of a and b, where they differ
     attachments: tuple[str, ...]  # names of scene file and URDFs that differ
+    motion: tuple[OutputMotion, OutputMotion] | None
+    """Measures of the motions of a and b; None if poses or metrics were not compared."""
+    worst: tuple[tuple[Moment, ...], tuple[Moment, ...]]
+    """The moments of a and of b to look at first; none if poses or metrics were not compared."""
     curves: Curves
     peaks: tuple[Peak, ...] = field(repr=False)
     """Frames of the largest differences of a position, largest first; each keeps its `PeakPoses`."""
@@ -73,7 +79,18 @@ class OutputDifference:
             "channels": {name: _channel(channel) for name, channel in self.channels.items()},
             "parameters": {name: {"a": a, "b": b} for name, (a, b) in self.parameters.items()},
             "attachments": list(self.attachments),
+            "motion": None if self.motion is None else _sides([dataclasses.asdict(motion) for motion in self.motion]),
+            "worst": _sides([[_moment(moment) for moment in moments] for moments in self.worst]),
         }
+
+
+def _moment(moment: Moment) -> dict[str, Any]:
+    return dataclasses.asdict(moment) | {"bodies": list(moment.bodies)}
+
+
+def _sides(values: list[Any]) -> dict[str, Any]:
+    """The values of a and b."""
+    return dict(zip(("a", "b"), values, strict=True))
 
 
 def _channel(channel: ChannelDifference) -> dict[str, Any]:

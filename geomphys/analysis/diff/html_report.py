@@ -14,11 +14,12 @@ from geomphys.analysis.diff.channels import ChannelDifference
 from geomphys.analysis.diff.difference import OutputDifference
 from geomphys.analysis.diff.measures import Measure
 from geomphys.analysis.diff.peak_pictures import Picture, first_poses, pictures_of
-from geomphys.analysis.diff.quantities import angle_text, length_text
+from geomphys.analysis.diff.quantities import angle_text, length_text, motion_table
 from geomphys.analysis.diff.svg_curves import curve
 from geomphys.errors import InputError
 from geomphys.output.output_log import open_output
 from geomphys.output.output_world import world_of_output
+from geomphys.output.worst_moments import command_text, figure_text
 from geomphys.scene.source_files import tracked_sources
 from geomphys.storage.output_file import check_target, write_file
 from geomphys.storage.remote_files import AnyPath, as_path
@@ -90,8 +91,12 @@ def _page(difference: OutputDifference, scene: AnyPath | None) -> Iterator[str]:
         yield from _curves(difference)
         yield from _pictures(difference, scene)
     yield from _inputs(difference)
+    if difference.motion is not None:
+        rows = [[escape(text) for text in row] for row in motion_table(*difference.motion)]
+        yield "<h2>The motions</h2>" + _table(["", "a", "b"], rows, 1)
     for channel in difference.channels.values():
         yield from _channel(channel)
+    yield from _worst(difference)
     yield f'<p class="soft">geomphys {escape(__version__)}. Frames are counted as in {escape(a)}.</p>'
     yield "</body></html>\n"
 
@@ -189,6 +194,23 @@ def _inputs(difference: OutputDifference) -> Iterator[str]:
     rows += [[escape(name), "differs", ""] for name in difference.attachments]
     if rows:
         yield "<h2>What they were made from</h2>" + _table(["parameter", "a", "b"], rows, 3)
+
+
+def _worst(difference: OutputDifference) -> Iterator[str]:
+    """Where to look first in each of the two, with the command that shows it."""
+    for side, path, moments in zip("ab", (difference.a, difference.b), difference.worst, strict=True):
+        if not moments:
+            continue
+        rows = [
+            [
+                escape(figure_text(moment)),
+                f"<code>{escape(command_text(moment, Path(path).name))}</code>",
+                f"{moment.frame:,}",
+                f"{moment.time_s:.2f} s",
+            ]
+            for moment in moments
+        ]
+        yield f"<h2>Where to look in {side}</h2>" + _table(["", "shown by", "frame", "time"], rows, 2)
 
 
 def _channel(channel: ChannelDifference) -> Iterator[str]:

@@ -1,0 +1,124 @@
+"""Finds the moments of a replay at which to look first: where it overlapped, was corrected, amplified, or lost most."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from shlex import quote
+
+import numpy as np
+
+from geomphys.output.output_log import OutputFrame
+from geomphys.results import FrameResult, Moment
+from geomphys.scene.frame_ids import RECORDED_PREFIX
+
+LABELS = {
+    "recorded_penetration": "deepest recorded overlap",
+    "correction": "largest correction",
+    "amplification": "largest amplification",
+    "contacts_lost": "most contacts lost",
+    "fallbacks": "most fallbacks",
+}
+"""Kind of a moment -> what it is called."""
+
+MIN_CORRECTION_M = 1e-5
+"""m; overlaps and corrections up to this are not worth a look."""
+
+
+def figure_text(moment: Moment) -> str:
+    """What a moment is, its figure and the bodies, without its frame."""
+    value = f"{1e3 * moment.value:.3g} mm" if moment.unit == "m" else f"{moment.value:.3g}"
+    value += " times the recorded depth" if moment.kind == "amplification" else ""
+    joint = " in " if moment.kind in ("recorded_penetration", "contacts_lost") else ", "
+    bodies = f": {joint.join(moment.bodies)}" if moment.bodies else ""
+    return f"{LABELS[moment.kind]} {value}{bodies}"
+
+
+def command_text(moment: Moment, output: str = "OUT") -> str:
+    """The command that shows a moment of an output."""
+    return f"geomphys snapshot {quote(output)} --frame {moment.frame} -o frame_{moment.frame}.png"
+
+
+def log_text(moment: Moment) -> str:
+    """A moment as a line of the log."""
+    return f"{figure_text(moment)}; frame {moment.frame}, {moment.time_s:.2f} s; {command_text(moment)}"
+
+
+@dataclass
+class WorstMoments:
+    """Keeps the first of the worst frames of each kind; memory does not grow with the frames.
+
+    `body_names` are those of the world that is replayed; they are not needed for frames of outputs.
+    """
+
+    body_names: tuple[str, ...] = ()
+    _first_ns: int | None = None
+    _found: dict[str, Moment] = field(default_factory=dict)
+
+    def add(self, result: FrameResult) -> None:
+        """Take a frame of a replay."""
+        m = result.metrics
+        values = _values(
+            m.recorded_penetration_m, m.correction_m, m.amplification, m.contacts_recorded - m.contacts_kept
+        )
+        values["fallbacks"] = m.fallbacks
+        self._add(result.frame.index, result.frame.time_ns, values, lambda kind: self._bodies(kind, result))
+
+    def add_output(self, frame: OutputFrame) -> None:
+        """Take a frame of an output; its channels ``/metrics``, ``/penetration`` and poses are used as far as they were read."""
+        m = frame.metrics
+        lost = m["contacts_recorded"] - m["contacts_kept"]
+        values = _values(m["recorded_penetration_m"], m["correction_m"], m["amplification"], lost)
+        values["fallbacks"] = m["fallbacks"]
+        self._add(frame.index, frame.time_ns, values, lambda kind: _bodies_of_output(kind, frame))
+
+    def moments(self) -> tuple[Moment, ...]:
+        """The moments so far, in the order of `LABELS`."""
+        return tuple(self._found[kind] for kind in LABELS if kind in self._found)
+
+    def _add(
+        self, frame: int, time_ns: int, values: Mapping[str, float], bodies: Callable[[str], tuple[str, ...]]
+    ) -> None:
+        if self._first_ns is None:
+            self._first_ns = time_ns
+        for kind, value in values.items():
+            if value > 0.0 and (kind not in self._found or value > self._found[kind].value):
+                self._found[kind] = Moment(
+                    kind=kind,
+                    frame=frame,
+                    time_ns=time_ns,
+                    time_s=(time_ns - self._first_ns) / 1e9,
+                    bodies=bodies(kind),
+                    value=float(value),
+                    unit="m" if kind in ("recorded_penetration", "correction") else "",
+                )
+
+    def _bodies(self, kind: str, result: FrameResult) -> tuple[str, ...]:
+        if kind in ("correction", "amplification"):
+            distances = np.linalg.norm(result.corrected[:, :3] - result.recorded[:, :3], axis=1)
+            return (self.body_names[int(distances.argmax())],)
+        pairs = result.penetrations
+        if len(pairs.largest) == 0:
+            return ()
+        row = int(pairs.largest.argmax())
+        return (self.body_names[int(pairs.body_a[row])], self.body_names[int(pairs.body_b[row])])
+
+
+def _values(recorded_m: float, correction_m: float, amplification: float, lost: float) -> dict[str, float]:
+    values = {"recorded_penetration": recorded_m, "correction": correction_m}
+    values = {kind: value if value > MIN_CORRECTION_M else 0.0 for kind, value in values.items()}
+    return values | {"amplification": amplification, "contacts_lost": lost}
+
+
+def _bodies_of_output(kind: str, frame: OutputFrame) -> tuple[str, ...]:
+    if kind in ("correction", "amplification"):
+        rows = {name: row for row, name in enumerate(frame.tf.names)}
+        names = [name.removeprefix(RECORDED_PREFIX) for name in frame.recorded.names]
+        if not names or any(name not in rows for name in names):
+            return ()
+        corrected = frame.tf.values[[rows[name] for name in names], :3]
+        return (names[int(np.linalg.norm(corrected - frame.recorded.values[:, :3], axis=1).argmax())],)
+    if not frame.penetrations:
+        return ()
+    deepest = max(frame.penetrations, key=lambda pair: pair.largest)
+    return (deepest.body_a, deepest.body_b)
