@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.config import Config
+from geomphys.driven.paper.state import make_paper_workspace
 from geomphys.engine.frame_buffer import Block, contacts_of, make_block, metrics_of, penetrations_of, poses_of
 from geomphys.engine.log_messages import FrameReporter, Message
 from geomphys.engine.state import NEAR_PAIRS, Knobs, make_machine
@@ -44,7 +45,11 @@ class Pipeline:
     def __init__(self, world: World, config: Config) -> None:
         self.world = world
         self.machine = make_machine(world.scene, config.max_iterations)
-        self.knobs = Knobs(config.gap, config.max_impacts)
+        paper = None
+        if config.method == "paper":
+            made = make_paper_workspace(world.scene, self.machine.room, config.gap, config.seed, config.max_iterations)
+            paper = pack(made)
+        self.knobs = Knobs(config.gap, config.max_impacts, paper)
         self.blocks = [self._make_block() for _ in range(2)]
         self._packed = pack(world.scene), pack(self.machine)
         self._packed_blocks = {id(block): pack(block) for block in self.blocks}

@@ -11,6 +11,7 @@ from geomphys.collision.detect import Axes, make_axes, make_near
 from geomphys.collision.global_depth import GlobalDepths, make_global_depths
 from geomphys.collision.penetration import Scratch, make_scratch
 from geomphys.collision.sweep import Boxes, make_boxes
+from geomphys.driven.paper.state import PaperWorkspace
 from geomphys.driven.state import DrivenRoom, DrivenState, make_driven_room, make_driven_state, make_places
 from geomphys.jit.packed_records import pack
 from geomphys.scene.arrays import Scene
@@ -29,6 +30,7 @@ class Knobs(NamedTuple):
 
     gap: float
     max_impacts: int
+    paper: PaperWorkspace | None = None  # of the published method; None: the exact method
 
 
 class Machine(NamedTuple):
