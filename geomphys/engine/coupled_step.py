@@ -311,7 +311,7 @@ def yield_to_simulated(scene: Scene, m: Machine, knobs: Knobs) -> int:
     for k in range(near.filled[0]):
         if near.separation[k] < 0.0 and scene.trees.role[near.tree_b[k]] == SIMULATED:
             note_simulated(scene, m)
-            rounds = give_way_by_method(scene, m, knobs.paper, knobs.gap)
+            rounds = give_way_by_method(scene, m, knobs.method)
             shift_driven(scene, m)
             return rounds
     return 0

@@ -25,12 +25,19 @@ Ints = NDArray[np.int64]
 NEAR_PAIRS = 1 << 14  # most pairs of pieces that can be near at once
 
 
+class Method(NamedTuple):
+    """How driven bodies are corrected: one of the fields is None."""
+
+    exact: float | None  # m; clearance that the exact method keeps
+    paper: PaperWorkspace | None  # of the published method
+
+
 class Knobs(NamedTuple):
     """What the step needs of the configuration."""
 
     gap: float
     max_impacts: int
-    paper: PaperWorkspace | None = None  # of the published method; None: the exact method
+    method: Method
 
 
 class Machine(NamedTuple):

@@ -167,7 +167,7 @@ def drive(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float, fi
     if len(m.simulated.free) > 0:
         pull_freely(scene, m, dt)
     note_simulated(scene, m)
-    done = update_by_method(scene, m, knobs.paper, roots, angles, dt, knobs.gap)
+    done = update_by_method(scene, m, knobs.method, roots, angles, dt)
     shift_driven(scene, m)
     return done
 
@@ -190,7 +190,7 @@ def step(
     t2 = cycles()
     if len(m.simulated.free) > 0:
         note_courses(scene, m, roots, dt, first)
-    parts = 1 if first or knobs.paper is not None else turns_of(scene, m, dt)
+    parts = 1 if first or knobs.method.paper is not None else turns_of(scene, m, dt)
     impacts, flags, simulating = 0, 0, 0
     done = Outcome(0, 0, 0, True, False)
     for part in range(parts):
@@ -291,3 +291,9 @@ def run_block(
         if m.room.near.lost[0] > 0:  # more than there is room for: the caller ends the replay
             return frame
     return len(recording.dts)
+
+
+@kernel
+def run_block_as_published(scene: Scene, m: Machine, recording: Recording, knobs: Knobs, block: Block) -> int:
+    """`run_block` with a `Method` of the paper: an entry of its own, so that its machine code is found by its name."""
+    return run_block(scene, m, recording, knobs, block)

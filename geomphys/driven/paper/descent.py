@@ -33,7 +33,7 @@ SWEEPS = 12  # over the joints of a chain
 STILL = 1e-9  # rad or m: a sweep in which no joint moves farther ends the descent
 ON_AXIS = 1e-9  # m: a point nearer than this to a joint's axis is not moved by it
 LONGEST = 0.5  # rad or m: of a step of a degree of freedom with several joints
-CONE_STEPS = 12  # of the projection into a reach cone
+CONE_STEPS = 24  # of the projection into a reach cone
 CONE_MARGIN = 1e-9  # rad inside the cone that a projected limb ends
 
 

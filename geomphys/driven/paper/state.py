@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from geomphys.collision.detect import Axes, Near
 from geomphys.collision.scratch import Scratch
 from geomphys.collision.sweep import Boxes
+from geomphys.config import Config
 from geomphys.driven.postures import Posture, make_posture
 from geomphys.driven.state import DrivenRoom
 from geomphys.scene.arrays import JOINT_FIXED, Scene
@@ -106,7 +107,7 @@ def _length_of(scene: Scene, body: int) -> Floats:
     return np.asarray(direction * np.max(centres @ direction + scene.pieces.reach[first:last]))
 
 
-def make_paper_workspace(scene: Scene, room: DrivenRoom, gap: float, seed: int, passes: int) -> PaperWorkspace:
+def make_paper_workspace(scene: Scene, room: DrivenRoom, config: Config) -> PaperWorkspace:
     """Workspace of the published method for a scene.
 
     Parameters
@@ -115,12 +116,8 @@ def make_paper_workspace(scene: Scene, room: DrivenRoom, gap: float, seed: int, 
         The scene.
     room
         What the machine shares with it: `room.places.frames` are the frames it leaves.
-    gap
-        m; clearance.
-    seed
-        Of the order of the chains.
-    passes
-        Bound on the passes of a frame.
+    config
+        Clearance, seed of the order of chains, bound on the passes of a frame.
     """
     trees, dofs, chains = len(scene.trees.role), len(scene.dofs.lower), len(scene.chains.tree)
     poses = room.work.now.poses
@@ -128,7 +125,7 @@ def make_paper_workspace(scene: Scene, room: DrivenRoom, gap: float, seed: int, 
     joint_rate, lower, upper, saved, step = (np.zeros(dofs) for _ in range(5))
     has_free, cancelled = np.zeros(trees, np.int64), np.zeros(trees, np.int64)
     return PaperWorkspace(
-        gap=gap,
+        gap=config.gap,
         origins=room.origins,
         frames=room.places.frames,
         reach=np.zeros((trees, 2)),
@@ -138,9 +135,9 @@ def make_paper_workspace(scene: Scene, room: DrivenRoom, gap: float, seed: int, 
         axes=room.axes,
         scratch=room.scratch,
         limbs=make_limbs(scene),
-        seed=np.array([seed & 0x7FFFFFFFFFFFFFFF]),
+        seed=np.array([config.seed & 0x7FFFFFFFFFFFFFFF]),
         frame=np.zeros(1, np.int64),
-        passes=np.array([passes]),
+        passes=np.array([config.max_iterations]),
         now=now,
         target=target,
         free=free,
