@@ -62,3 +62,30 @@ class MotionMeter:
                 found[rows + order] = factor * np.sqrt(np.einsum("nkbj,nkbj->nkb", vectors, vectors).max(axis=2))
             gap_free = gap_free & np.concatenate([[False] * order, valid[:-order]]) if len(times) > order else gap_free
         return speeds[history:], jerks[history:]
+
+
+def third_derivatives(times: Ints, values: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """Third derivatives by divided differences of four rows each.
+
+    Parameters
+    ----------
+    times
+        (n,) ns, n >= 4.
+    values
+        (n, ...)
+
+    Returns
+    -------
+    tuple
+        (n - 3, ...) derivatives per s³ at the last of each four rows, and (n - 3,) whether there is no gap among them
+        (no step backwards, of zero, or of more than `MAX_STEP_S`); across one the derivative is void.
+    """
+    steps = np.diff(times) * 1e-9
+    valid = (steps > 0.0) & (steps <= MAX_STEP_S)
+    differences, factor = np.asarray(values, np.float64), 1.0
+    for order in range(1, ORDER + 1):
+        span = (times[order:] - times[:-order]) * 1e-9
+        span = np.where(span > 0.0, span, 1.0).reshape(-1, *[1] * (differences.ndim - 1))
+        differences = np.diff(differences, axis=0) / span
+        factor *= order
+    return factor * differences, valid[2:] & valid[1:-1] & valid[:-2]
