@@ -81,6 +81,18 @@ class Metrics(NamedTuple):
     shape_change_rad: (
         float  # largest rotation of a link of a tree in rigid mode from its recorded one; 0 if only translated
     )
+    amplification: (
+        float  # largest offset of a driven link over the recorded depth; 0 in frames recorded less than 0.5 mm deep
+    )
+    contacts_recorded: int  # fingertips recorded within 2 mm of something of another tree, or inside
+    contacts_kept: int  # of these, those that are within 1 mm, or no farther than recorded
+    grasps_recorded: int  # hands whose thumb and another finger were recorded in contact
+    grasps_kept: int  # of these, those where both still are
+    fingertip_error_m: (
+        float  # mean distance of fingertips recorded in contact from where they were recorded; of all if none was
+    )
+    contact_precision_m: float  # mean distance of the points of kept contacts on the other thing from the recorded ones
+    contact_alignment_rad: float  # mean angle of the normals of kept contacts from the recorded ones
 
 
 @dataclass(frozen=True, slots=True)

@@ -205,8 +205,8 @@ class MotionQuality:
         chosen = active & gap_free
         self._jerk.add(before[chosen], after[chosen])
         if rows.recorded_angles.shape[1]:
-            turns = (rows.recorded_angles, rows.corrected_angles)
-            before, after = (third_derivatives(rows.times, a[:, :, None])[0] for a in turns)
+            angles = (rows.recorded_angles, rows.corrected_angles)
+            before, after = (third_derivatives(rows.times, a[:, :, None])[0] for a in angles)
             self._joint_jerk.add(before[chosen], after[chosen])
 
 

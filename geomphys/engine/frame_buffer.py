@@ -24,8 +24,8 @@ CONTACTS = 1 << 14  # rows for a block
 SPARE = 1 << 12  # rows a frame may need; a block ends early when fewer are left
 
 # columns of `Block.lengths` and `Block.numbers`
-RECORDED, RESIDUAL, CORRECTION, TURN = range(4)
-ITERATIONS, IMPACTS, FALLBACKS, FLAGS = range(4)
+RECORDED, RESIDUAL, CORRECTION, TURN, AMPLIFICATION, FINGERTIP_ERROR, PRECISION, ALIGNMENT = range(8)
+ITERATIONS, IMPACTS, FALLBACKS, FLAGS, CONTACTS_RECORDED, CONTACTS_KEPT, GRASPS_RECORDED, GRASPS_KEPT = range(8)
 
 
 class Block(NamedTuple):
@@ -36,8 +36,8 @@ class Block(NamedTuple):
     recorded: Floats  # (N, M, 7)
     corrected: Floats  # (N, M, 7)
     angles: Floats  # (N, Q)
-    lengths: Floats  # (N, 4) m, m, m, rad
-    numbers: Ints  # (N, 4)
+    lengths: Floats  # (N, 8) m, m, m, rad, ratio, m, m, rad
+    numbers: Ints  # (N, 8)
     cycles: Ints  # (N, S + 1) of each stage and of the whole step
     counts: Ints  # (N, S + 1)
     contact_end: Ints  # (N + 1,) rows of the contact arrays after each frame; [0] is 0
@@ -55,7 +55,7 @@ def make_block(moving: Ints, rest: Floats, dofs: int, frames: int = FRAMES) -> B
     ints, floats = np.int64, np.float64
     return Block(
         moving, rest, np.zeros((frames, len(moving), 7)), np.zeros((frames, len(moving), 7)), np.zeros((frames, dofs)),
-        np.zeros((frames, 4)), np.zeros((frames, 4), ints), np.zeros((frames, stages), ints), np.zeros((frames, stages), ints),
+        np.zeros((frames, 8)), np.zeros((frames, 8), ints), np.zeros((frames, stages), ints), np.zeros((frames, stages), ints),
         np.zeros(frames + 1, ints), np.zeros((CONTACTS, 2), ints), np.zeros((CONTACTS, 9), floats),
         np.zeros(frames + 1, ints), np.zeros((CONTACTS, 2), ints), np.zeros((CONTACTS, 2), ints), np.zeros((CONTACTS, 4)),
     )  # fmt: skip
@@ -182,6 +182,14 @@ def metrics_of(block: Block, frame: int, held: bool, flags: int, motion: Floats)
         recorded_jerk_m_s3=float(motion[2]),
         correction_jerk_m_s3=float(motion[3]),
         shape_change_rad=float(motion[4]),
+        amplification=float(lengths[AMPLIFICATION]),
+        contacts_recorded=int(numbers[CONTACTS_RECORDED]),
+        contacts_kept=int(numbers[CONTACTS_KEPT]),
+        grasps_recorded=int(numbers[GRASPS_RECORDED]),
+        grasps_kept=int(numbers[GRASPS_KEPT]),
+        fingertip_error_m=float(lengths[FINGERTIP_ERROR]),
+        contact_precision_m=float(lengths[PRECISION]),
+        contact_alignment_rad=float(lengths[ALIGNMENT]),
     )
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from geomphys.config import Config
 from geomphys.driven.paper.state import make_paper_workspace
+from geomphys.engine.fingertips import thumbs_of
 from geomphys.engine.frame_buffer import Block, contacts_of, make_block, metrics_of, penetrations_of, poses_of
 from geomphys.engine.log_messages import FrameReporter, Message
 from geomphys.engine.state import NEAR_PAIRS, Knobs, Method, make_machine
@@ -44,7 +45,7 @@ class Pipeline:
 
     def __init__(self, world: World, config: Config) -> None:
         self.world = world
-        self.machine = make_machine(world.scene, config.max_iterations)
+        self.machine = make_machine(world.scene, config.max_iterations, thumbs_of(world))
         method, self._run_block = Method(config.gap, None), run_block
         if config.method == "paper":
             paper = make_paper_workspace(world.scene, self.machine.room, config)

@@ -13,6 +13,7 @@ from geomphys.collision.penetration import Scratch, make_scratch
 from geomphys.collision.sweep import Boxes, make_boxes
 from geomphys.driven.paper.state import PaperWorkspace
 from geomphys.driven.state import DrivenRoom, DrivenState, make_driven_room, make_driven_state, make_places
+from geomphys.engine.fingertips import Fingertips, make_fingertips
 from geomphys.jit.packed_records import pack
 from geomphys.scene.arrays import Scene
 from geomphys.scene.kinematics import joint_origins, place_tree, pose_tree
@@ -62,10 +63,15 @@ class Machine(NamedTuple):
     posture: Floats  # (Q,) angles at the frame's start
     axes: Axes
     scratch: Scratch
+    fingertips: Fingertips
+    tip_axes: Axes  # for the measures of contacts, which thus leave `axes` as the solver left them
 
 
-def make_machine(scene: Scene, passes: int = 30) -> Machine:
-    """Everything a replay of `scene` needs, at rest; `passes` bounds those of a search for a posture."""
+def make_machine(scene: Scene, passes: int = 30, is_thumb: Ints | None = None) -> Machine:
+    """Everything a replay of `scene` needs, at rest.
+
+    `passes` bounds those of a search for a posture; `is_thumb` (B,) marks the links of thumbs.
+    """
     trees, bodies = len(scene.trees.role), len(scene.bodies.role)
     dofs, origins = len(scene.dofs.lower), joint_origins(scene)
     near, places, packed = make_near(NEAR_PAIRS), make_places(scene), pack(scene)
@@ -101,4 +107,6 @@ def make_machine(scene: Scene, passes: int = 30) -> Machine:
         posture=np.zeros(dofs),
         axes=axes,
         scratch=scratch,
+        fingertips=make_fingertips(scene, room.links, is_thumb),
+        tip_axes=make_axes(1 << 10),
     )  # fmt: skip

@@ -41,6 +41,7 @@ from geomphys.engine.frame_buffer import (
     write_depths,
 )
 from geomphys.engine.methods import update_by_method
+from geomphys.engine.motion_measures import measure_motion
 from geomphys.engine.quarantine import contain_driven, keep_posture
 from geomphys.engine.state import Knobs, Machine
 from geomphys.jit.kernel import kernel, outlined
@@ -228,6 +229,7 @@ def step(
     write_depths(block, frame, m.depths, done.method)
     lengths[RESIDUAL], left = find_contacts(scene, m, knobs.gap, first, block, frame)
     measure_correction(scene, m, lengths)
+    measure_motion(scene, m, lengths, numbers)
     t5 = cycles()
     for k in range(len(block.moving)):
         for i in range(7):

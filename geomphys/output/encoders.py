@@ -214,6 +214,14 @@ class FrameEncoder:
         message.recorded_jerk_m_s3 = metrics.recorded_jerk_m_s3
         message.correction_jerk_m_s3 = metrics.correction_jerk_m_s3
         message.shape_change_rad = metrics.shape_change_rad
+        message.amplification = metrics.amplification
+        message.contacts_recorded = metrics.contacts_recorded
+        message.contacts_kept = metrics.contacts_kept
+        message.grasps_recorded = metrics.grasps_recorded
+        message.grasps_kept = metrics.grasps_kept
+        message.fingertip_error_m = metrics.fingertip_error_m
+        message.contact_precision_m = metrics.contact_precision_m
+        message.contact_alignment_rad = metrics.contact_alignment_rad
         return _serialized(message)
 
     def timing(self, stages: Iterable[tuple[str, int, int]], frame: int, time_ns: int) -> bytes:

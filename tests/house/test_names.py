@@ -113,8 +113,8 @@ ALLOWED = {
 }
 """Folder -> words that its identifiers still have. Only ever shorter: a word that is found no more must go."""
 
-STANDARD = {"tell"}
-"""Identifiers that the standard library prescribes: those of a file."""
+STANDARD = {"tell", "contacts_kept", "grasps_kept", "CONTACTS_KEPT", "GRASPS_KEPT"}
+"""Identifiers that the standard library prescribes (those of a file), and fields of messages that are a contract."""
 
 PARTS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
 

@@ -16,7 +16,9 @@ PROMISED = {
     "FrameMetrics": (
         "timestamp frame contacts recorded_penetration_m residual_penetration_m iterations impacts fallbacks "
         "correction_m correction_rad held flags "
-        "recorded_speed_m_s correction_speed_m_s recorded_jerk_m_s3 correction_jerk_m_s3 shape_change_rad"
+        "recorded_speed_m_s correction_speed_m_s recorded_jerk_m_s3 correction_jerk_m_s3 shape_change_rad "
+        "amplification contacts_recorded contacts_kept grasps_recorded grasps_kept fingertip_error_m "
+        "contact_precision_m contact_alignment_rad"
     ),
     "Timing": "timestamp frame stages",
     "Stage": "name ns count",

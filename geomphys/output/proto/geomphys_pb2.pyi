@@ -65,7 +65,7 @@ class PairPenetration(_message.Message):
     def __init__(self, body_a: _Optional[str] = ..., body_b: _Optional[str] = ..., pd: _Optional[_Union[_Vector3_pb2.Vector3, _Mapping]] = ..., convex_pairs: _Optional[int] = ..., largest: _Optional[float] = ..., method: _Optional[str] = ...) -> None: ...
 
 class FrameMetrics(_message.Message):
-    __slots__ = ("timestamp", "frame", "contacts", "recorded_penetration_m", "residual_penetration_m", "iterations", "impacts", "fallbacks", "correction_m", "correction_rad", "held", "flags", "recorded_speed_m_s", "correction_speed_m_s", "recorded_jerk_m_s3", "correction_jerk_m_s3", "shape_change_rad")
+    __slots__ = ("timestamp", "frame", "contacts", "recorded_penetration_m", "residual_penetration_m", "iterations", "impacts", "fallbacks", "correction_m", "correction_rad", "held", "flags", "recorded_speed_m_s", "correction_speed_m_s", "recorded_jerk_m_s3", "correction_jerk_m_s3", "shape_change_rad", "amplification", "contacts_recorded", "contacts_kept", "grasps_recorded", "grasps_kept", "fingertip_error_m", "contact_precision_m", "contact_alignment_rad")
     TIMESTAMP_FIELD_NUMBER: _ClassVar[int]
     FRAME_FIELD_NUMBER: _ClassVar[int]
     CONTACTS_FIELD_NUMBER: _ClassVar[int]
@@ -83,6 +83,14 @@ class FrameMetrics(_message.Message):
     RECORDED_JERK_M_S3_FIELD_NUMBER: _ClassVar[int]
     CORRECTION_JERK_M_S3_FIELD_NUMBER: _ClassVar[int]
     SHAPE_CHANGE_RAD_FIELD_NUMBER: _ClassVar[int]
+    AMPLIFICATION_FIELD_NUMBER: _ClassVar[int]
+    CONTACTS_RECORDED_FIELD_NUMBER: _ClassVar[int]
+    CONTACTS_KEPT_FIELD_NUMBER: _ClassVar[int]
+    GRASPS_RECORDED_FIELD_NUMBER: _ClassVar[int]
+    GRASPS_KEPT_FIELD_NUMBER: _ClassVar[int]
+    FINGERTIP_ERROR_M_FIELD_NUMBER: _ClassVar[int]
+    CONTACT_PRECISION_M_FIELD_NUMBER: _ClassVar[int]
+    CONTACT_ALIGNMENT_RAD_FIELD_NUMBER: _ClassVar[int]
     timestamp: _timestamp_pb2.Timestamp
     frame: int
     contacts: int
@@ -100,7 +108,15 @@ class FrameMetrics(_message.Message):
     recorded_jerk_m_s3: float
     correction_jerk_m_s3: float
     shape_change_rad: float
-    def __init__(self, timestamp: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., frame: _Optional[int] = ..., contacts: _Optional[int] = ..., recorded_penetration_m: _Optional[float] = ..., residual_penetration_m: _Optional[float] = ..., iterations: _Optional[int] = ..., impacts: _Optional[int] = ..., fallbacks: _Optional[int] = ..., correction_m: _Optional[float] = ..., correction_rad: _Optional[float] = ..., held: _Optional[bool] = ..., flags: _Optional[int] = ..., recorded_speed_m_s: _Optional[float] = ..., correction_speed_m_s: _Optional[float] = ..., recorded_jerk_m_s3: _Optional[float] = ..., correction_jerk_m_s3: _Optional[float] = ..., shape_change_rad: _Optional[float] = ...) -> None: ...
+    amplification: float
+    contacts_recorded: int
+    contacts_kept: int
+    grasps_recorded: int
+    grasps_kept: int
+    fingertip_error_m: float
+    contact_precision_m: float
+    contact_alignment_rad: float
+    def __init__(self, timestamp: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., frame: _Optional[int] = ..., contacts: _Optional[int] = ..., recorded_penetration_m: _Optional[float] = ..., residual_penetration_m: _Optional[float] = ..., iterations: _Optional[int] = ..., impacts: _Optional[int] = ..., fallbacks: _Optional[int] = ..., correction_m: _Optional[float] = ..., correction_rad: _Optional[float] = ..., held: _Optional[bool] = ..., flags: _Optional[int] = ..., recorded_speed_m_s: _Optional[float] = ..., correction_speed_m_s: _Optional[float] = ..., recorded_jerk_m_s3: _Optional[float] = ..., correction_jerk_m_s3: _Optional[float] = ..., shape_change_rad: _Optional[float] = ..., amplification: _Optional[float] = ..., contacts_recorded: _Optional[int] = ..., contacts_kept: _Optional[int] = ..., grasps_recorded: _Optional[int] = ..., grasps_kept: _Optional[int] = ..., fingertip_error_m: _Optional[float] = ..., contact_precision_m: _Optional[float] = ..., contact_alignment_rad: _Optional[float] = ...) -> None: ...
 
 class Timing(_message.Message):
     __slots__ = ("timestamp", "frame", "stages")

@@ -1,0 +1,202 @@
+"""Measures of motion quality of a frame: amplification of the correction, contacts and grasps kept, fingertip error.
+
+Of a frame in which nothing is corrected only the contacts are looked for, by boxes and a margin of 2 mm.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.collision.detect import near_bodies
+from geomphys.collision.sweep import apart, near_trees, update_boxes
+from geomphys.engine.fingertips import TipContacts
+from geomphys.engine.frame_buffer import (
+    ALIGNMENT,
+    AMPLIFICATION,
+    CONTACTS_KEPT,
+    CONTACTS_RECORDED,
+    CORRECTION,
+    FINGERTIP_ERROR,
+    GRASPS_KEPT,
+    GRASPS_RECORDED,
+    PRECISION,
+    RECORDED,
+    TURN,
+)
+from geomphys.engine.state import Machine
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import set_vec_at, vec_at
+from geomphys.numerics.vec3 import Vec, add, cross, dot, neg, norm, rotate, rotate_back, scale, sub
+from geomphys.scene.arrays import DRIVEN, Scene
+from geomphys.scene.kinematics import frame_rotation
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+IN_CONTACT = 2e-3  # m: a fingertip recorded this near to something, or inside, is in contact
+RETAINED = 1e-3  # m: a contact is kept if the gap is no larger than this, or than as recorded
+ROUNDING = 1e-6  # m, by which a gap may be larger than the recorded one
+DEEP = 5e-4  # m: amplification is measured in frames recorded deeper than this
+
+
+@kernel
+def _find_contacts(scene: Scene, m: Machine, frames: Floats, contacts: TipContacts) -> int:
+    """Fill the contacts of fingertips with pieces at `frames` (P, 12), whose boxes are up to date; returns their number."""
+    near, tips, found = m.room.near, m.fingertips, m.room.places.found
+    last_tree, others, count = -1, 0, 0
+    for i in range(len(tips.link)):
+        contacts.gap[i] = math.inf
+        tree = scene.bodies.tree[tips.link[i]]
+        if tree != last_tree:
+            others, last_tree = near_trees(m.boxes, tree, IN_CONTACT, found), tree
+        near.filled[0] = 0
+        for k in range(others):
+            for j in range(tips.body_start[i], tips.body_start[i + 1]):
+                body, other = tips.bodies[j], found[k]
+                if apart(
+                    m.boxes.body_low, m.boxes.body_high, m.boxes.tree_low, m.boxes.tree_high, body, other, IN_CONTACT
+                ):
+                    continue
+                for b in range(scene.trees.body_start[other], scene.trees.body_start[other + 1]):
+                    if not apart(
+                        m.boxes.body_low, m.boxes.body_high, m.boxes.body_low, m.boxes.body_high, body, b, IN_CONTACT
+                    ):
+                        near_bodies(scene, frames, m.boxes, body, b, IN_CONTACT, math.inf, near, m.tip_axes, m.scratch)
+        for k in range(near.filled[0]):
+            if near.separation[k] < contacts.gap[i]:
+                contacts.gap[i], contacts.piece[i] = near.separation[k], near.b[k]
+                set_vec_at(contacts.point, i, vec_at(near.point_b, k))
+                set_vec_at(contacts.normal, i, vec_at(near.normal, k))
+        count += int(contacts.gap[i] <= IN_CONTACT)
+    return count
+
+
+@kernel
+def _update_driven_boxes(scene: Scene, m: Machine, frames: Floats) -> None:
+    """Boxes of driven trees with their pieces at `frames` (P, 12)."""
+    for tree in range(len(scene.trees.role)):
+        if scene.trees.role[tree] == DRIVEN:
+            update_boxes(scene, frames, m.boxes, tree)
+
+
+@kernel
+def _origin(frames: Floats, piece: int) -> Vec:
+    """Position of a frame row."""
+    return (frames[piece, 9], frames[piece, 10], frames[piece, 11])
+
+
+@kernel
+def _offset(before: Floats, after: Floats, piece: int, point: Vec) -> Vec:
+    """World displacement of a point of a piece (in its frame) from frames `before` to `after` (P, 12)."""
+    moved = sub(rotate(frame_rotation(after, piece), point), rotate(frame_rotation(before, piece), point))
+    return add(moved, sub(_origin(after, piece), _origin(before, piece)))
+
+
+@kernel
+def largest_offset(scene: Scene, m: Machine) -> float:
+    """Largest distance [m] of a driven link from where it was recorded.
+
+    Measured at the six middles of the sides of the box (in its own frame) of each of its pieces.
+    """
+    base, frames, largest = m.room.places.base, m.room.places.frames, 0.0
+    for i in range(len(scene.pieces.kind)):
+        if scene.bodies.role[scene.pieces.body[i]] != DRIVEN:
+            continue
+        centre, half = vec_at(m.boxes.local_centre, i), vec_at(m.boxes.local_half, i)
+        for side in ((half[0], 0.0, 0.0), (0.0, half[1], 0.0), (0.0, 0.0, half[2])):
+            largest = max(largest, norm(_offset(base, frames, i, add(centre, side))))
+            largest = max(largest, norm(_offset(base, frames, i, add(centre, neg(side)))))
+    return largest
+
+
+@kernel
+def _fingertip_error(scene: Scene, m: Machine, in_contact: bool) -> float:
+    """Mean distance [m] of the middles of fingertips from where they were recorded; of all, or of those in contact."""
+    tips, total, count = m.fingertips, 0.0, 0
+    for i in range(len(tips.link)):
+        if in_contact and tips.recorded.gap[i] > IN_CONTACT:
+            continue
+        moved, pieces = (0.0, 0.0, 0.0), 0
+        for j in range(tips.body_start[i], tips.body_start[i + 1]):
+            for piece in range(scene.bodies.piece_start[tips.bodies[j]], scene.bodies.piece_start[tips.bodies[j] + 1]):
+                centre = vec_at(scene.pieces.centre, piece)
+                moved = add(moved, _offset(m.room.places.base, m.room.places.frames, piece, centre))
+                pieces += 1
+        total += norm(scale(moved, 1.0 / pieces))
+        count += 1
+    return total / count if count > 0 else 0.0
+
+
+@kernel
+def _compare_contacts(m: Machine, lengths: Floats) -> int:
+    """Find which recorded contacts are kept, how far on the object and how much its normal turned; returns their number.
+
+    Points and normals are compared as the recorded object carries them: it may have been corrected too.
+    """
+    tips, count, distance, rotation = m.fingertips, 0, 0.0, 0.0
+    base, frames = m.room.places.base, m.room.places.frames
+    for i in range(len(tips.link)):
+        before, after = tips.recorded.gap[i], tips.corrected.gap[i]
+        tips.is_retained[i] = int(before <= IN_CONTACT and after <= max(RETAINED, before + ROUNDING))
+        if tips.is_retained[i] == 1:
+            count += 1
+            piece = tips.recorded.piece[i]
+            r0, r1 = frame_rotation(base, piece), frame_rotation(frames, piece)
+            at = rotate_back(r0, sub(vec_at(tips.recorded.point, i), _origin(base, piece)))
+            distance += norm(sub(vec_at(tips.corrected.point, i), add(_origin(frames, piece), rotate(r1, at))))
+            n0 = rotate(r1, rotate_back(r0, vec_at(tips.recorded.normal, i)))
+            n1 = vec_at(tips.corrected.normal, i)
+            rotation += math.atan2(norm(cross(n0, n1)), dot(n0, n1))
+    if count > 0:
+        lengths[PRECISION], lengths[ALIGNMENT] = distance / count, rotation / count
+    return count
+
+
+@kernel
+def _count_grasps(scene: Scene, m: Machine, is_retained: bool) -> int:
+    """Hands whose thumb and another finger are in contact: as recorded, or both with contacts that are kept."""
+    tips, count, i = m.fingertips, 0, 0
+    while i < len(tips.link):
+        tree, thumb, finger = scene.bodies.tree[tips.link[i]], False, False
+        while i < len(tips.link) and scene.bodies.tree[tips.link[i]] == tree:
+            touches = tips.is_retained[i] == 1 if is_retained else tips.recorded.gap[i] <= IN_CONTACT
+            if touches and tips.is_thumb[i] == 1:
+                thumb = True
+            elif touches:
+                finger = True
+            i += 1
+        count += int(thumb and finger)
+    return count
+
+
+@outlined
+def measure_motion(scene: Scene, m: Machine, lengths: Floats, numbers: Ints) -> None:
+    """Measures of motion quality of a frame, once its final poses, their boxes and its correction are known.
+
+    Written to `lengths` and `numbers`, the frame's rows of the block.
+    """
+    base, frames, tips = m.room.places.base, m.room.places.frames, m.fingertips
+    lengths[AMPLIFICATION] = lengths[FINGERTIP_ERROR] = lengths[PRECISION] = lengths[ALIGNMENT] = 0.0
+    if lengths[CORRECTION] == 0.0 and lengths[TURN] == 0.0:
+        count = _find_contacts(scene, m, frames, tips.recorded)
+        numbers[CONTACTS_RECORDED] = numbers[CONTACTS_KEPT] = count
+        numbers[GRASPS_RECORDED] = numbers[GRASPS_KEPT] = _count_grasps(scene, m, False) if count > 1 else 0
+        return
+    if lengths[RECORDED] > DEEP:
+        lengths[AMPLIFICATION] = largest_offset(scene, m) / lengths[RECORDED]
+    if len(tips.link) == 0:
+        numbers[CONTACTS_RECORDED] = numbers[CONTACTS_KEPT] = numbers[GRASPS_RECORDED] = numbers[GRASPS_KEPT] = 0
+        return
+    _update_driven_boxes(scene, m, base)
+    count = _find_contacts(scene, m, base, tips.recorded)
+    _update_driven_boxes(scene, m, frames)
+    numbers[CONTACTS_RECORDED], numbers[CONTACTS_KEPT] = count, 0
+    numbers[GRASPS_RECORDED] = numbers[GRASPS_KEPT] = 0
+    if count > 0:
+        _find_contacts(scene, m, frames, tips.corrected)
+        numbers[CONTACTS_KEPT] = _compare_contacts(m, lengths)
+        numbers[GRASPS_RECORDED], numbers[GRASPS_KEPT] = _count_grasps(scene, m, False), _count_grasps(scene, m, True)
+    lengths[FINGERTIP_ERROR] = _fingertip_error(scene, m, count > 0)
