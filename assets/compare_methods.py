@@ -152,13 +152,13 @@ TEXT = (
 )
 
 COLUMNS = (
-    "*Missed*: frames after which, on the straight way to the next one, a pair is deeper in each other than a fifth of its "
-    "mean thickness, although both frames are free: seen at 1 kHz. A straight line may also cut an edge that a body went "
-    "round, so a few need not be a fault. *Overlap left*: frames with more than 0.01 mm, and the deepest; each carries the flag "
-    "`not_converged`. *Jumps*: frames in which the offset of a link from its recording steps by more than 3 mm and three times "
-    "the recorded motion. *Contacts kept*: of fingertips recorded within 2 mm of something or inside, the share that is still "
-    "within 1 mm, or no farther than recorded. *Frame*: median and 95th percentile of the time of the step, the first frame left out, one pass, "
-    "on one core of {processor}."
+    "*Missed*: frames before which, on the straight way from the frame before, a pair is deeper in each other than a fifth of "
+    "its mean thickness, although in both frames it is not: looked at at 1 kHz. A straight line may also cut an edge that a "
+    "body went round, so a few need not be a fault. *Overlap left*: frames with more than 0.01 mm, and the deepest; each "
+    "carries the flag `not_converged`. *Jumps*: frames in which the offset of a link from its recording steps by more than "
+    "3 mm and three times the recorded motion. *Contacts kept*: of fingertips recorded within 2 mm of something or inside, the "
+    "share that is still within 1 mm, or no farther than recorded. *Frame*: median and 95th percentile of the time of the "
+    "step, the first frame left out, one pass, on one core of {processor}."
 )
 
 WEAKNESS = (

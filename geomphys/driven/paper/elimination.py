@@ -136,9 +136,10 @@ def interpolate_tree(scene: Scene, w: PaperWorkspace, tree: int) -> bool:
     """
     if w.has_free[tree] == 0:
         return False
+    copy_tree(scene, w.now, tree, w.reserve)
     _interpolate(scene, w, tree, 0.0)
     if not _is_free(scene, w, tree):
-        copy_tree(scene, w.target, tree, w.now)
+        copy_tree(scene, w.reserve, tree, w.now)
         update_tree(scene, w, tree)
         return False
     low, high = 0.0, 1.0

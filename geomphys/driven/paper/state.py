@@ -51,6 +51,7 @@ class PaperWorkspace(NamedTuple):
     target: Posture  # where the coupling takes driven trees
     free: Posture  # last free state of each driven tree
     has_free: Ints  # (T,) 1: there is one
+    reserve: Posture  # of a tree that is interpolated: where it goes if there is no free state
     joint_rate: Floats  # (Q,) rad/s or m/s, of the offsets of joints from their recorded values
     lower: Floats  # (Q,) limits, which leave what was recorded where it is
     upper: Floats  # (Q,)
@@ -121,7 +122,7 @@ def make_paper_workspace(scene: Scene, room: DrivenRoom, config: Config) -> Pape
     """
     trees, dofs, chains = len(scene.trees.role), len(scene.dofs.lower), len(scene.chains.tree)
     poses = room.work.now.poses
-    now, target, free = (make_posture(scene, poses) for _ in range(3))
+    now, target, free, reserve = (make_posture(scene, poses) for _ in range(4))
     joint_rate, lower, upper, saved, step = (np.zeros(dofs) for _ in range(5))
     has_free, cancelled = np.zeros(trees, np.int64), np.zeros(trees, np.int64)
     return PaperWorkspace(
@@ -142,6 +143,7 @@ def make_paper_workspace(scene: Scene, room: DrivenRoom, config: Config) -> Pape
         target=target,
         free=free,
         has_free=has_free,
+        reserve=reserve,
         joint_rate=joint_rate,
         lower=lower,
         upper=upper,
