@@ -6,7 +6,7 @@ Of a pair of objects A and B, A is translated by
 
 over their overlapping pairs of pieces i, and the poses are checked again. Two driven objects take half each, any other
 object stays where it is. Where the normals cancel, or the passes do not get free, the object is interpolated between its
-last stored free state and where the coupling has taken it.
+last stored free state and where the coupling has taken it; where there is no free state, the pass with the least overlap counts.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from geomphys.driven.paper.chains import detect, draw_order, move_chains, update_tree
 from geomphys.driven.paper.state import PaperWorkspace
-from geomphys.driven.postures import copy_tree, vec_of
+from geomphys.driven.postures import Posture, copy_tree, vec_of
 from geomphys.driven.reach_cones import cone_angle
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import Vec, add_scaled, norm, scale, slerp, sub, unit
@@ -46,36 +46,60 @@ def _propose(w: PaperWorkspace, tree: int, pd: Vec, share: float, largest: float
             w.shift[tree, i] = d[i]
 
 
+@kernel
+def _object_of(scene: Scene, tree: int, body: int) -> int:
+    """The object a body counts to, as a body: a driven tree is one object, else every body is one."""
+    return scene.trees.body_start[tree] if scene.trees.role[tree] == DRIVEN else body
+
+
+@outlined
+def sum_depths(scene: Scene, w: PaperWorkspace, first: int) -> int:
+    """Sums of (1) over the overlaps of the pair of trees that begins at row `first` of the near pairs, for each object of the
+    second tree, into `sums`; returns the row after them.
+    """
+    near = w.near
+    a, b, k = near.tree_a[first], near.tree_b[first], first
+    for body in range(scene.trees.body_start[b], scene.trees.body_start[b + 1]):
+        for i in range(5):
+            w.sums[body, i] = 0.0
+    while k < near.filled[0] and near.tree_a[k] == a and near.tree_b[k] == b:
+        depth = -near.separation[k]
+        if depth > 0.0:
+            row = w.sums[_object_of(scene, b, scene.pieces.body[near.b[k]])]
+            for i in range(3):
+                row[i] += depth * depth * near.normal[k, i]
+            row[3], row[4] = row[3] + depth, max(row[4], depth)
+        k += 1
+    return k
+
+
 @outlined
 def propose_translations(scene: Scene, w: PaperWorkspace) -> None:
     """Equation (1) for every pair of objects that overlap: `shift` of each tree by the deepest one that is its."""
-    near = w.near
     for tree in range(len(w.deepest)):
         w.deepest[tree] = 0.0
         for i in range(3):
             w.shift[tree, i] = 0.0
     k = 0
-    while k < near.filled[0]:  # pairs of pieces stand together by pairs of trees
-        a, b = near.tree_a[k], near.tree_b[k]
-        pd, weight, largest = (0.0, 0.0, 0.0), 0.0, 0.0
-        while k < near.filled[0] and near.tree_a[k] == a and near.tree_b[k] == b:
-            depth = -near.separation[k]
-            if depth > 0.0:
-                pd = add_scaled(pd, vec_of(near.normal, k), depth * depth)
-                weight, largest = weight + depth, max(largest, depth)
-            k += 1
-        if a == b or weight == 0.0:
+    while k < w.near.filled[0]:  # pairs of pieces stand together by pairs of trees
+        a, b = w.near.tree_a[k], w.near.tree_b[k]
+        k = sum_depths(scene, w, k)
+        if a == b:
             continue
-        pd = scale(pd, 1.0 / weight)
         both = scene.trees.role[b] == DRIVEN
-        if norm(pd) < CANCELLED * largest:
-            w.cancelled[a] = 1
+        for body in range(scene.trees.body_start[b], scene.trees.body_start[b + 1]):
+            weight, largest = w.sums[body, 3], w.sums[body, 4]
+            if weight == 0.0:
+                continue
+            pd = scale(vec_of(w.sums, body), 1.0 / weight)
+            if norm(pd) < CANCELLED * largest:
+                w.cancelled[a] = 1
+                if both:
+                    w.cancelled[b] = 1
+                continue
+            _propose(w, a, pd, 0.5 if both else 1.0, largest)
             if both:
-                w.cancelled[b] = 1
-            continue
-        _propose(w, a, pd, 0.5 if both else 1.0, largest)
-        if both:
-            _propose(w, b, scale(pd, -1.0), 0.5, largest)
+                _propose(w, b, scale(pd, -1.0), 0.5, largest)
 
 
 @outlined
@@ -130,17 +154,11 @@ def _interpolate(scene: Scene, w: PaperWorkspace, tree: int, share: float) -> No
 
 @outlined
 def interpolate_tree(scene: Scene, w: PaperWorkspace, tree: int) -> bool:
-    """Bring a tree to the free state nearest to the current one between that and its last free one; whether there is one.
-
-    Without one it stays where it is.
-    """
+    """Bring a tree to the free state nearest to the current one between that and its last free one; whether there is one."""
     if w.has_free[tree] == 0:
         return False
-    copy_tree(scene, w.now, tree, w.reserve)
     _interpolate(scene, w, tree, 0.0)
     if not _is_free(scene, w, tree):
-        copy_tree(scene, w.reserve, tree, w.now)
-        update_tree(scene, w, tree)
         return False
     low, high = 0.0, 1.0
     for _ in range(HALVINGS):
@@ -155,6 +173,14 @@ def interpolate_tree(scene: Scene, w: PaperWorkspace, tree: int) -> bool:
     return True
 
 
+@kernel
+def copy_driven(scene: Scene, source: Posture, target: Posture) -> None:
+    """Copy the driven trees of a posture."""
+    for tree in range(len(scene.trees.role)):
+        if scene.trees.role[tree] == DRIVEN:
+            copy_tree(scene, source, tree, target)
+
+
 @outlined
 def eliminate(scene: Scene, w: PaperWorkspace) -> Elimination:
     """Take driven trees out of what they overlap at the iterate `now`."""
@@ -162,8 +188,8 @@ def eliminate(scene: Scene, w: PaperWorkspace) -> Elimination:
     for tree in range(len(w.cancelled)):
         w.cancelled[tree] = 0
         chained = chained or scene.trees.chains[tree] == 1
-        if scene.trees.role[tree] == DRIVEN:
-            copy_tree(scene, w.now, tree, w.target)
+    copy_driven(scene, w.now, w.target)
+    copy_driven(scene, w.now, w.best)
     overlap = detect(scene, w)
     if overlap == 0.0:
         return Elimination(0, 0, 0.0)
@@ -176,12 +202,16 @@ def eliminate(scene: Scene, w: PaperWorkspace) -> Elimination:
         moved = translate_trees(scene, w)
         overlap = detect(scene, w)
         patience = PATIENCE if overlap < PROGRESS * least else patience - 1
-        least = min(least, overlap)
+        if overlap < least:
+            least = overlap
+            copy_driven(scene, w.now, w.best)
         if overlap == 0.0 or patience == 0 or not (moved or chained):
             break
     for tree in range(len(w.cancelled)):
         if scene.trees.role[tree] == DRIVEN and overlaps_others(w, tree):
             interpolations += 1
-            interpolate_tree(scene, w, tree)
+            if not interpolate_tree(scene, w, tree):
+                copy_tree(scene, w.best, tree, w.now)
+                update_tree(scene, w, tree)
             overlap = detect(scene, w)
     return Elimination(passes, interpolations, overlap)

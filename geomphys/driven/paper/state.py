@@ -51,7 +51,7 @@ class PaperWorkspace(NamedTuple):
     target: Posture  # where the coupling takes driven trees
     free: Posture  # last free state of each driven tree
     has_free: Ints  # (T,) 1: there is one
-    reserve: Posture  # of a tree that is interpolated: where it goes if there is no free state
+    best: Posture  # the iterate of the pass with the least overlap
     joint_rate: Floats  # (Q,) rad/s or m/s, of the offsets of joints from their recorded values
     lower: Floats  # (Q,) limits, which leave what was recorded where it is
     upper: Floats  # (Q,)
@@ -60,6 +60,7 @@ class PaperWorkspace(NamedTuple):
     rank: Ints  # (C,) their indices in it
     saved: Floats  # (Q,) angles before a change that may be taken back
     step: Floats  # (Q,) rad, of the projection into a reach cone
+    sums: Floats  # (B, 5) of the overlaps with an object: Σ pd² n [m²], Σ pd [m], the deepest [m]
     shift: Floats  # (T, 3) m, translation of a tree in a pass
     deepest: Floats  # (T,) m, of the pair of objects that it is for
     cancelled: Ints  # (T,) 1: the normals of a pair of objects cancel
@@ -122,7 +123,7 @@ def make_paper_workspace(scene: Scene, room: DrivenRoom, config: Config) -> Pape
     """
     trees, dofs, chains = len(scene.trees.role), len(scene.dofs.lower), len(scene.chains.tree)
     poses = room.work.now.poses
-    now, target, free, reserve = (make_posture(scene, poses) for _ in range(4))
+    now, target, free, best = (make_posture(scene, poses) for _ in range(4))
     joint_rate, lower, upper, saved, step = (np.zeros(dofs) for _ in range(5))
     has_free, cancelled = np.zeros(trees, np.int64), np.zeros(trees, np.int64)
     return PaperWorkspace(
@@ -143,7 +144,7 @@ def make_paper_workspace(scene: Scene, room: DrivenRoom, config: Config) -> Pape
         target=target,
         free=free,
         has_free=has_free,
-        reserve=reserve,
+        best=best,
         joint_rate=joint_rate,
         lower=lower,
         upper=upper,
@@ -152,6 +153,7 @@ def make_paper_workspace(scene: Scene, room: DrivenRoom, config: Config) -> Pape
         rank=np.arange(chains),
         saved=saved,
         step=step,
+        sums=np.zeros((len(scene.bodies.role), 5)),
         shift=np.zeros((trees, 3)),
         deepest=np.zeros(trees),
         cancelled=cancelled,
