@@ -109,33 +109,33 @@ def _length_of(scene: Scene, body: int) -> Floats:
     return np.asarray(direction * np.max(centres @ direction + scene.pieces.reach[first:last]))
 
 
-def make_paper_workspace(scene: Scene, room: DrivenRoom, config: Config) -> PaperWorkspace:
+def make_paper_workspace(scene: Scene, shared: DrivenRoom, config: Config) -> PaperWorkspace:
     """Workspace of the published method for a scene.
 
     Parameters
     ----------
     scene
         The scene.
-    room
-        What the machine shares with it: `room.places.frames` are the frames it leaves.
+    shared
+        What the machine shares with it: `shared.places.frames` are the frames it leaves.
     config
         Clearance, seed of the order of chains, bound on the passes of a frame.
     """
     trees, dofs, chains = len(scene.trees.role), len(scene.dofs.lower), len(scene.chains.tree)
-    poses = room.work.now.poses
+    poses = shared.work.now.poses
     now, target, free, best = (make_posture(scene, poses) for _ in range(4))
     joint_rate, lower, upper, saved, step = (np.zeros(dofs) for _ in range(5))
     has_free, cancelled = np.zeros(trees, np.int64), np.zeros(trees, np.int64)
     return PaperWorkspace(
         gap=config.gap,
-        origins=room.origins,
-        frames=room.places.frames,
+        origins=shared.origins,
+        frames=shared.places.frames,
         reach=np.zeros((trees, 2)),
-        found=room.places.found,
-        near=room.near,
-        boxes=room.boxes,
-        axes=room.axes,
-        scratch=room.scratch,
+        found=shared.places.found,
+        near=shared.near,
+        boxes=shared.boxes,
+        axes=shared.axes,
+        scratch=shared.scratch,
         limbs=make_limbs(scene),
         seed=np.array([config.seed & 0x7FFFFFFFFFFFFFFF]),
         frame=np.zeros(1, np.int64),
