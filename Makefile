@@ -5,6 +5,7 @@
 # make fuzz    hostile bytes through every loader, for FUZZ_SECONDS of processor time (default 600): out/fuzz/
 # make bench   frame times per stage
 # make figures the experiments' pictures and frame times: assets/docs/figures.md
+# make methods the published method beside ours on the recordings: assets/docs/methods.md
 # make format  put the code, assets/docs/modules.md and assets/docs/cli.md into shape
 # make clean   remove what the others made
 #
@@ -17,7 +18,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 MESHES := $(shell find assets -type f 2>/dev/null)
 
 .DELETE_ON_ERROR:
-.PHONY: demo test test-all test-numba check fuzz bench figures format clean
+.PHONY: demo test test-all test-numba check fuzz bench figures methods format clean
 
 demo: $(VENV)/.runtime out/gallery_hand.mcap
 	@echo
@@ -56,6 +57,9 @@ bench: $(VENV)/.bench
 
 figures: $(VENV)/.plots
 	$(BIN)/python assets/make_figures.py
+
+methods: $(VENV)/.plots
+	$(BIN)/python assets/compare_methods.py
 
 format: $(VENV)/.test
 	$(BIN)/ruff format .

@@ -40,7 +40,7 @@ def main() -> None:
     chosen = [e for e in EXPERIMENTS if not given.only or e.name in given.only]
     sections = [section(experiment, given.out / "pictures", given.repeats) for experiment in chosen]
     if not given.only:
-        (given.out / "figures.md").write_text(page(sections))
+        (given.out / "figures.md").write_text(page([*sections, comparison()]))
 
 
 def section(experiment: Experiment, pictures: Path, repeats: int) -> str:
@@ -106,6 +106,17 @@ def page(sections: Sequence[str]) -> str:
         f"the smallest of {REPEATS} passes, on one core of {machine.processor}."
     )
     return "\n".join(["# The experiments", "", *wrapped(head), "", *wrapped(PAPER), "", *sections]).rstrip() + "\n"
+
+
+def comparison() -> str:
+    """The section on the published method: the table of ``assets/docs/methods.md``, which `compare_methods` makes."""
+    table = [line for line in (HERE / "docs" / "methods.md").read_text().splitlines() if line.startswith("|")]
+    head = (
+        "The method as it was published runs with `--method paper`. In each cell it stands first and the default one second: "
+        "what each of them misses between two frames, what overlap it leaves, how often it jumps, which of the recorded contacts "
+        "of fingertips it keeps, and the time of a frame. [What the columns mean](methods.md); `make methods` measures them."
+    )
+    return "\n".join(["## The published method beside ours", "", *wrapped(head), "", *table, ""])
 
 
 def wrapped(text: str) -> list[str]:

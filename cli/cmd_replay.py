@@ -88,7 +88,7 @@ def replay(
 
     terminal.detail(f"kernels: {cache_folder()}")
 
-    needs_compile, was_reported = not are_compiled(), False
+    needs_compile, was_reported = not are_compiled(config.method), False
 
     with StopAtFrame() as stop, ProgressBars(terminal) as bars, note_partial_outputs(out, rrd):
 

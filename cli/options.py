@@ -119,6 +119,14 @@ config_options = _combine_options(
         "collide. Default: as the scene says, which by default is auto.",
     ),
     click.option(
+        "--method",
+        type=click.Choice(["exact", "paper"]),
+        default="exact",
+        show_default=True,
+        help="exact: free of overlap, nothing is passed through; paper: the published method, a baseline that may miss "
+        "collisions and leave overlap.",
+    ),
+    click.option(
         "--time",
         type=click.Choice(["header", "log", "publish"]),
         default="header",
@@ -162,7 +170,7 @@ def config_of(options: dict[str, Any]) -> Config:
     """Take the options of `config_options` out of a command's options and return the `Config` they make."""
     from geomphys.config import Config
 
-    names = ("mode", "time", "clock", "rate", "start", "end", "seed", "max_gap", "recover", "clamp_limits")
+    names = ("mode", "method", "time", "clock", "rate", "start", "end", "seed", "max_gap", "recover", "clamp_limits")
     return Config(**{name: options.pop(name) for name in names})
 
 

@@ -45,6 +45,8 @@ def show_summary(terminal: Terminal, summary: Summary) -> None:
 def _rows(summary: Summary) -> Iterator[tuple[str, Sequence[str | Text]]]:
     """Yield label and lines of each row."""
     yield "Frames", [_frames(summary)]
+    if summary.method == "paper":
+        yield "Method", ["as published: overlap may be left, and what happens between two frames is not seen"]
     yield "Recorded", _recorded(summary)
     yield "Corrected", _corrected(summary)
     contacts = f"{summary.contacts:,} in {counted(summary.frames_in_contact, 'frame')}"

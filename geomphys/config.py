@@ -19,6 +19,9 @@ class Config:
     mode: Literal["auto", "rigid", "chains"] | None = None
     """How avatars are corrected, as one rigid body or joint by joint; auto: joint by joint where joints move links that
     collide; None: as the scene file says."""
+    method: Literal["exact", "paper"] = "exact"
+    """How driven bodies are corrected. `exact`: nothing overlaps and nothing is passed through. `paper`: as published, by
+    discrete checks, global penetration depth and cyclic coordinate descent; overlaps may be left, and are reported."""
     time: TimeSource = "header"
     """Which time of a message is used. `header` falls back to `log` for messages without a stamp."""
     clock: str | None = None

@@ -154,14 +154,14 @@ def run(
             if isinstance(scene, World)
             else load_world(scene, mode=config.mode, seed=config.seed, progress=loading)
         )
-        summarizer = Summarizer(world.body_names, world.findings)
+        summarizer = Summarizer(world.body_names, world.findings, config.method)
         options = FileSinkOptions(force=force, timing=timing, copied_log=log if copy_input else None)
         sinks = [] if out is None else [make_file_sink(out, options, default=".mcap")]
         sinks += [] if rrd is None else [FILE_SINKS[".rrd"](rrd, options)]
         start = time.perf_counter()
         results = replay(log, world, config=config, sinks=sinks, progress=progress)
         assert isinstance(results, Generator)
-        compiled = are_compiled()
+        compiled = are_compiled(config.method)
         with closing(results):
             for result in results:
                 if not compiled:

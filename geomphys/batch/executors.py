@@ -84,7 +84,11 @@ def _run_until_process_dies(
     lost_jobs: list[tuple[int, Job]] = []
     try:
         while (running or queue) and not lost_jobs:
-            while queue and len(running) < (count if are_compiled() else 1) and control.may_start():
+            while (
+                queue
+                and len(running) < (count if are_compiled(queue[0][1].config.method) else 1)
+                and control.may_start()
+            ):
                 with signals_deferred(), blocked_in_children():
                     running[executor.submit(run_job, queue[0][1])] = queue[0]
                 queue.popleft()

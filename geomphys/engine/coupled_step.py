@@ -11,7 +11,7 @@ from geomphys.collision.detect import find_near, near_pairs_of_trees
 from geomphys.collision.sweep import apart, update_boxes
 from geomphys.driven.coupling import relax_offset
 from geomphys.driven.postures import is_recorded
-from geomphys.driven.update import give_way
+from geomphys.engine.methods import give_way_by_method
 from geomphys.engine.state import Knobs, Machine
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import (
@@ -311,7 +311,7 @@ def yield_to_simulated(scene: Scene, m: Machine, knobs: Knobs) -> int:
     for k in range(near.filled[0]):
         if near.separation[k] < 0.0 and scene.trees.role[near.tree_b[k]] == SIMULATED:
             note_simulated(scene, m)
-            rounds = give_way(scene, m.driven, m.room, m.recorded, knobs.gap)
+            rounds = give_way_by_method(scene, m, knobs.method)
             shift_driven(scene, m)
             return rounds
     return 0

@@ -11,6 +11,7 @@ from geomphys.collision.detect import Axes, make_axes, make_near
 from geomphys.collision.global_depth import GlobalDepths, make_global_depths
 from geomphys.collision.penetration import Scratch, make_scratch
 from geomphys.collision.sweep import Boxes, make_boxes
+from geomphys.driven.paper.state import PaperWorkspace
 from geomphys.driven.state import DrivenRoom, DrivenState, make_driven_room, make_driven_state, make_places
 from geomphys.engine.fingertips import Fingertips, make_fingertips
 from geomphys.jit.packed_records import pack
@@ -25,11 +26,19 @@ Ints = NDArray[np.int64]
 NEAR_PAIRS = 1 << 14  # most pairs of pieces that can be near at once
 
 
+class Method(NamedTuple):
+    """How driven bodies are corrected: one of the fields is None."""
+
+    exact: float | None  # m; clearance that the exact method keeps
+    paper: PaperWorkspace | None  # of the published method
+
+
 class Knobs(NamedTuple):
     """What the step needs of the configuration."""
 
     gap: float
     max_impacts: int
+    method: Method
 
 
 class Machine(NamedTuple):

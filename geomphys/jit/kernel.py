@@ -17,9 +17,13 @@ F = TypeVar("F", bound=Callable[..., object])
 __all__ = ["are_compiled", "cache_folder", "inlined", "kernel", "outlined"]
 
 
-def are_compiled() -> bool:
-    """Whether the machine code of the frame step is in the cache: if not, the first frame waits for the compiler."""
-    return any(cache_folder().glob("geomphys.engine.step.run_block.*.entry"))
+def are_compiled(method: str = "exact") -> bool:
+    """Whether the machine code of the frame step by a method is in the cache: if not, the first frame waits for the compiler.
+
+    `method` is "exact" or "paper", see `geomphys.config.Config`.
+    """
+    name = {"exact": "run_block", "paper": "run_block_as_published"}[method]
+    return any(cache_folder().glob(f"geomphys.engine.step.{name}.*.entry"))
 
 
 def kernel(function: F) -> F:

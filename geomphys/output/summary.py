@@ -91,6 +91,7 @@ class Summary:
     scene: str
     out: str | None
     rrd: str | None
+    method: str  # "exact" or "paper", as in `Config`
     frames: int
     start_s: float  # time of the first frame
     duration_s: float  # from the first frame to the last
@@ -136,11 +137,12 @@ class Summary:
 class Summarizer:
     """Accumulates a `Summary` over the frames of a replay; memory does not grow with their number.
 
-    `body_names` and `findings` are those of the world that is replayed.
+    `body_names` and `findings` are those of the world that is replayed, `method` that of the configuration.
     """
 
     body_names: tuple[str, ...]
     findings: Findings = field(default_factory=Findings)
+    method: str = "exact"
     frames: int = 0
     _first_ns: int = 0
     _earliest_ns: int = 0
@@ -254,6 +256,7 @@ class Summarizer:
             scene=str(scene),
             out=None if out is None else str(out),
             rrd=None if rrd is None else str(rrd),
+            method=self.method,
             frames=self.frames,
             start_s=self._first_ns / 1e9,
             duration_s=(self._latest_ns - self._earliest_ns) / 1e9,

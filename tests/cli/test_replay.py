@@ -54,6 +54,20 @@ def test_summary_reads_at_a_glance(case: Case, capsys: pytest.CaptureFixture[str
     assert "\x1b" not in text
 
 
+def test_the_published_method_is_named(case: Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["replay", str(case.log), "-s", str(case.scene), "--method", "paper"]
+    assert run(words) == 0
+    assert "Method     as published" in capsys.readouterr().out
+    assert run([*words, "-o", str(tmp_path / "out.mcap"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["method"] == "paper"
+    assert metadata(tmp_path / "out.mcap")["method"] == "paper"
+    assert (
+        run(["batch", str(case.log), "-s", str(case.scene), "-O", str(tmp_path / "many"), "--method", "paper", "-q"])
+        == 0
+    )
+    assert metadata(tmp_path / "many" / f"{case.log.stem}.mcap")["method"] == "paper"
+
+
 def test_start_and_end_cut_the_recording(case: Case, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["replay", str(case.log), "-s", str(case.scene), "--start", "0.2", "--end", "0.4", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["frames"] == pytest.approx(13, abs=1)

@@ -1,0 +1,217 @@
+"""Overlap elimination as published: chains, then translations by PD_g, iterated; then interpolation.
+
+Of a pair of objects A and B, A is translated by
+
+    PD_g = (Σ_i pd_i² n_i) / (Σ_i pd_i)                                                    (1)
+
+over their overlapping pairs of pieces i, and the poses are checked again. Two driven objects take half each, any other
+object stays where it is. Where the normals cancel, or the passes do not get free, the object is interpolated between its
+last stored free state and where the coupling has taken it; where there is no free state, the pass with the least overlap counts.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from geomphys.driven.paper.chains import detect, draw_order, move_chains, update_tree
+from geomphys.driven.paper.state import PaperWorkspace
+from geomphys.driven.postures import Posture, copy_tree, vec_of
+from geomphys.driven.reach_cones import cone_angle
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import Vec, add_scaled, norm, scale, slerp, sub, unit
+from geomphys.scene.arrays import DRIVEN, Scene
+from geomphys.scene.kinematics import orientation_of, position_of, set_pose
+
+CANCELLED = 0.1  # PD_g shorter than this share of the deepest overlap: the normals cancel
+PROGRESS = 0.98  # of the overlap before: more of it left is no progress
+PATIENCE = 4  # passes without progress
+HALVINGS = 14  # of the way between the last free state and the current one
+
+
+class Elimination(NamedTuple):
+    """What was done to get free."""
+
+    passes: int
+    interpolations: int  # trees for which the last free state was asked for
+    overlap: float  # m, sum of the depths that are left
+
+
+@kernel
+def _propose(w: PaperWorkspace, tree: int, pd: Vec, share: float, largest: float) -> None:
+    """Let a tree go by `share` of PD_g and the clearance, if this is the deepest of its pairs of objects so far."""
+    if largest > w.deepest[tree]:
+        w.deepest[tree] = largest
+        d = add_scaled(scale(pd, share), unit(pd), w.gap)
+        for i in range(3):
+            w.shift[tree, i] = d[i]
+
+
+@kernel
+def _object_of(scene: Scene, tree: int, body: int) -> int:
+    """The object a body counts to, as a body: a driven tree is one object, else every body is one."""
+    return scene.trees.body_start[tree] if scene.trees.role[tree] == DRIVEN else body
+
+
+@outlined
+def sum_depths(scene: Scene, w: PaperWorkspace, first: int) -> int:
+    """Sums of (1) over the overlaps of the pair of trees that begins at row `first` of the near pairs, for each object of the
+    second tree, into `sums`; returns the row after them.
+    """
+    near = w.near
+    a, b, k = near.tree_a[first], near.tree_b[first], first
+    for body in range(scene.trees.body_start[b], scene.trees.body_start[b + 1]):
+        for i in range(5):
+            w.sums[body, i] = 0.0
+    while k < near.filled[0] and near.tree_a[k] == a and near.tree_b[k] == b:
+        depth = -near.separation[k]
+        if depth > 0.0:
+            row = w.sums[_object_of(scene, b, scene.pieces.body[near.b[k]])]
+            for i in range(3):
+                row[i] += depth * depth * near.normal[k, i]
+            row[3], row[4] = row[3] + depth, max(row[4], depth)
+        k += 1
+    return k
+
+
+@outlined
+def propose_translations(scene: Scene, w: PaperWorkspace) -> None:
+    """Equation (1) for every pair of objects that overlap: `shift` of each tree by the deepest one that is its."""
+    for tree in range(len(w.deepest)):
+        w.deepest[tree] = 0.0
+        for i in range(3):
+            w.shift[tree, i] = 0.0
+    k = 0
+    while k < w.near.filled[0]:  # pairs of pieces stand together by pairs of trees
+        a, b = w.near.tree_a[k], w.near.tree_b[k]
+        k = sum_depths(scene, w, k)
+        if a == b:
+            continue
+        both = scene.trees.role[b] == DRIVEN
+        for body in range(scene.trees.body_start[b], scene.trees.body_start[b + 1]):
+            weight, largest = w.sums[body, 3], w.sums[body, 4]
+            if weight == 0.0:
+                continue
+            pd = scale(vec_of(w.sums, body), 1.0 / weight)
+            if norm(pd) < CANCELLED * largest:
+                w.cancelled[a] = 1
+                if both:
+                    w.cancelled[b] = 1
+                continue
+            _propose(w, a, pd, 0.5 if both else 1.0, largest)
+            if both:
+                _propose(w, b, scale(pd, -1.0), 0.5, largest)
+
+
+@outlined
+def translate_trees(scene: Scene, w: PaperWorkspace) -> bool:
+    """Translate every driven tree by the deepest of its PD_g; whether one was moved."""
+    propose_translations(scene, w)
+    some = False
+    for tree in range(len(w.deepest)):
+        if w.deepest[tree] == 0.0 or w.cancelled[tree] == 1:
+            continue
+        some = True
+        for i in range(3):
+            w.now.roots[tree, i] += w.shift[tree, i]
+        update_tree(scene, w, tree)
+    return some
+
+
+@kernel
+def overlaps_others(w: PaperWorkspace, tree: int) -> bool:
+    """Whether a driven tree overlaps another object in the poses last checked."""
+    for k in range(w.near.filled[0]):
+        a, b = w.near.tree_a[k], w.near.tree_b[k]
+        if a != b and tree in (a, b) and w.near.separation[k] < 0.0:
+            return True
+    return False
+
+
+@kernel
+def _is_free(scene: Scene, w: PaperWorkspace, tree: int) -> bool:
+    """Whether a tree overlaps no other object at the iterate, and no limb of it is out of its reach cone."""
+    update_tree(scene, w, tree)
+    detect(scene, w)
+    if overlaps_others(w, tree):
+        return False
+    for cone in range(len(w.cone_bound)):
+        body = scene.cones.joints[scene.cones.joint_start[cone]]
+        if scene.bodies.tree[body] == tree and cone_angle(scene, cone, w.now.angles) < w.cone_bound[cone]:
+            return False
+    return True
+
+
+@kernel
+def _interpolate(scene: Scene, w: PaperWorkspace, tree: int, share: float) -> None:
+    """Put the iterate of a tree a share of the way from its last free state to where the coupling has taken it."""
+    p, target = position_of(w.free.roots, tree), position_of(w.target.roots, tree)
+    q = slerp(orientation_of(w.free.roots, tree), orientation_of(w.target.roots, tree), share)
+    set_pose(w.now.roots, tree, add_scaled(p, sub(target, p), share), q)
+    for j in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+        value = w.free.angles[j] + share * (w.target.angles[j] - w.free.angles[j])
+        w.now.angles[j] = min(max(value, w.lower[j]), w.upper[j])
+
+
+@outlined
+def interpolate_tree(scene: Scene, w: PaperWorkspace, tree: int) -> bool:
+    """Bring a tree to the free state nearest to the current one between that and its last free one; whether there is one."""
+    if w.has_free[tree] == 0:
+        return False
+    _interpolate(scene, w, tree, 0.0)
+    if not _is_free(scene, w, tree):
+        return False
+    low, high = 0.0, 1.0
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        _interpolate(scene, w, tree, middle)
+        if _is_free(scene, w, tree):
+            low = middle
+        else:
+            high = middle
+    _interpolate(scene, w, tree, low)
+    update_tree(scene, w, tree)
+    return True
+
+
+@kernel
+def copy_driven(scene: Scene, source: Posture, target: Posture) -> None:
+    """Copy the driven trees of a posture."""
+    for tree in range(len(scene.trees.role)):
+        if scene.trees.role[tree] == DRIVEN:
+            copy_tree(scene, source, tree, target)
+
+
+@outlined
+def eliminate(scene: Scene, w: PaperWorkspace) -> Elimination:
+    """Take driven trees out of what they overlap at the iterate `now`."""
+    chained, patience, passes, interpolations = False, PATIENCE, 0, 0
+    for tree in range(len(w.cancelled)):
+        w.cancelled[tree] = 0
+        chained = chained or scene.trees.chains[tree] == 1
+    copy_driven(scene, w.now, w.target)
+    copy_driven(scene, w.now, w.best)
+    overlap = detect(scene, w)
+    if overlap == 0.0:
+        return Elimination(0, 0, 0.0)
+    draw_order(w)
+    least = overlap
+    for count in range(w.passes[0]):
+        passes = count + 1
+        if chained:
+            move_chains(scene, w, count)
+        moved = translate_trees(scene, w)
+        overlap = detect(scene, w)
+        patience = PATIENCE if overlap < PROGRESS * least else patience - 1
+        if overlap < least:
+            least = overlap
+            copy_driven(scene, w.now, w.best)
+        if overlap == 0.0 or patience == 0 or not (moved or chained):
+            break
+    for tree in range(len(w.cancelled)):
+        if scene.trees.role[tree] == DRIVEN and overlaps_others(w, tree):
+            interpolations += 1
+            if not interpolate_tree(scene, w, tree):
+                copy_tree(scene, w.best, tree, w.now)
+                update_tree(scene, w, tree)
+            overlap = detect(scene, w)
+    return Elimination(passes, interpolations, overlap)

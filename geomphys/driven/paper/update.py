@@ -1,0 +1,151 @@
+"""The driven loop as published: coupling, detection, elimination, once a frame, at the frame's poses alone.
+
+The coupling (6) acts on the offsets of roots and, as pseudo-magnetic attraction, on those of joints from their recorded
+angles. Nothing between two frames is looked at: what is fast enough passes through what is thin, unseen.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.collision.sweep import update_boxes
+from geomphys.driven.coupling import relax_offset
+from geomphys.driven.groups import GLOBAL, INTERPOLATED, Outcome
+from geomphys.driven.paper.chains import update_tree
+from geomphys.driven.paper.descent import fit_cone
+from geomphys.driven.paper.elimination import eliminate, overlaps_others
+from geomphys.driven.paper.state import PaperWorkspace
+from geomphys.driven.postures import copy_tree, is_recorded, vec_of
+from geomphys.driven.reach_cones import cone_bound
+from geomphys.driven.state import STARTED_FREE, DrivenState
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.vec3 import dot, norm, sub
+from geomphys.scene.arrays import DRIVEN, Scene
+from geomphys.scene.kinematics import place_tree
+
+Floats = NDArray[np.float64]
+
+MOVED = 1e-7  # m: a tree that elimination moves by less keeps the speed of its offset
+FASTEST = 1e12  # rad/s or m/s: a faster joint offset is none
+
+
+@outlined
+def take_recording(scene: Scene, state: DrivenState, w: PaperWorkspace, angles: Floats, recorded: Floats) -> None:
+    """Limits of this frame, which leave recorded angles (Q,) where they are; what is not driven stands as recorded (B, 7)."""
+    for q in range(len(angles)):
+        w.lower[q], w.upper[q] = min(scene.dofs.lower[q], angles[q]), max(scene.dofs.upper[q], angles[q])
+    for cone in range(len(w.cone_bound)):
+        w.cone_bound[cone] = cone_bound(scene, cone, angles)
+    stand_around(scene, w, recorded)
+
+
+@outlined
+def stand_around(scene: Scene, w: PaperWorkspace, recorded: Floats) -> None:
+    """What is not driven and moves stands at `recorded` (B, 7)."""
+    for tree in range(len(scene.trees.role)):
+        if scene.trees.moving[tree] == 0 or scene.trees.role[tree] == DRIVEN:
+            continue
+        for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+            for k in range(7):
+                w.now.poses[body, k] = recorded[body, k]
+        place_tree(scene, tree, w.now.poses, w.frames)
+        update_boxes(scene, w.frames, w.boxes, tree)
+
+
+@outlined
+def attract(
+    scene: Scene, state: DrivenState, w: PaperWorkspace, tree: int, roots: Floats, angles: Floats, dt: float
+) -> None:
+    """Relax the offsets of a tree by (6) over `dt` [s] and put the iterate there; without an offset it is as recorded."""
+    trees = scene.trees
+    for k in range(7):
+        w.now.roots[tree, k] = roots[tree, k]
+    for i in range(3):
+        x, v = relax_offset(trees, tree, state.offset[tree, i], state.speed[tree, i], dt)
+        state.speed[tree, i] = v
+        if x != 0.0:
+            w.now.roots[tree, i] += x
+    for q in range(trees.dof_start[tree], trees.dof_start[tree + 1]):
+        offset, rate = state.last.angles[q] - state.recorded.angles[q], w.joint_rate[q]
+        if not abs(rate) < FASTEST:
+            rate = 0.0
+        offset, w.joint_rate[q] = relax_offset(trees, tree, offset, rate, dt)
+        w.now.angles[q] = angles[q]
+        if offset != 0.0:
+            w.now.angles[q] = min(max(angles[q] + offset, w.lower[q]), w.upper[q])
+    for cone in range(len(w.cone_bound)):
+        if scene.bodies.tree[scene.cones.joints[scene.cones.joint_start[cone]]] == tree:
+            fit_cone(scene, w, cone)
+    update_tree(scene, w, tree)
+
+
+@kernel
+def note_tree(scene: Scene, state: DrivenState, w: PaperWorkspace, tree: int, roots: Floats, angles: Floats) -> None:
+    """Offsets of a tree at the iterate; what moved it against the speed of its offset takes that speed away."""
+    way = sub(vec_of(w.now.roots, tree), vec_of(w.target.roots, tree))
+    size = norm(way)
+    against = dot(vec_of(state.speed, tree), way) / size if size > MOVED else 0.0
+    for i in range(3):
+        if against < 0.0:
+            state.speed[tree, i] -= against * way[i] / size
+        state.offset[tree, i] = w.now.roots[tree, i] - roots[tree, i]
+        state.kept_speed[tree, i] = state.speed[tree, i]
+    for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+        if w.joint_rate[q] * (w.now.angles[q] - w.target.angles[q]) < 0.0:
+            w.joint_rate[q] = 0.0
+    copy_tree(scene, w.now, tree, state.last)
+
+
+@outlined
+def note_offsets(
+    scene: Scene, state: DrivenState, w: PaperWorkspace, roots: Floats, angles: Floats, recorded: Floats
+) -> None:
+    """Take the iterate for the frame's answer, and remember the recording."""
+    for tree in range(len(scene.trees.role)):
+        if scene.trees.role[tree] == DRIVEN:
+            note_tree(scene, state, w, tree, roots, angles)
+            if not overlaps_others(w, tree):
+                copy_tree(scene, w.now, tree, w.free)
+                w.has_free[tree] = 1
+        if not is_recorded(scene, tree):
+            continue
+        for k in range(7):
+            state.recorded.roots[tree, k] = roots[tree, k]
+        for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+            state.recorded.angles[q] = angles[q]
+        for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+            for k in range(7):
+                state.recorded.poses[body, k] = recorded[body, k]
+                if scene.trees.role[tree] != DRIVEN:
+                    state.last.poses[body, k] = recorded[body, k]
+
+
+@outlined
+def update_driven_as_published(
+    scene: Scene, state: DrivenState, w: PaperWorkspace, roots: Floats, angles: Floats, recorded: Floats, dt: float
+) -> Outcome:
+    """Couple the driven trees to this frame's recording and eliminate their overlaps; see `update_driven`."""
+    take_recording(scene, state, w, angles, recorded)
+    first = state.started[0] == 0
+    for tree in range(len(scene.trees.role)):
+        if scene.trees.role[tree] == DRIVEN:
+            attract(scene, state, w, tree, roots, angles, 0.0 if first else dt)
+    done = eliminate(scene, w)
+    note_offsets(scene, state, w, roots, angles, recorded)
+    state.started[0] = STARTED_FREE
+    w.frame[0] += 1
+    method = INTERPOLATED if done.interpolations > 0 else GLOBAL
+    return Outcome(done.passes, method, done.interpolations, done.overlap == 0.0, False)
+
+
+@outlined
+def give_way_as_published(scene: Scene, state: DrivenState, w: PaperWorkspace, recorded: Floats) -> int:
+    """Take driven trees out of what has come into them since; see `give_way`."""
+    stand_around(scene, w, recorded)
+    for tree in range(len(scene.trees.role)):
+        if scene.trees.role[tree] == DRIVEN:
+            copy_tree(scene, state.last, tree, w.now)
+    done = eliminate(scene, w)
+    note_offsets(scene, state, w, state.recorded.roots, state.recorded.angles, recorded)
+    return done.passes

@@ -1,0 +1,58 @@
+"""Which method moves driven trees: the exact one or that of the paper.
+
+It is chosen when kernels are compiled, by which field of `Method` is None: numba leaves out what follows ``is not None`` of
+an argument that is, so that of the other method nothing is compiled.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.driven.groups import GLOBAL, Outcome
+from geomphys.driven.paper.state import PaperWorkspace
+from geomphys.driven.paper.update import give_way_as_published, update_driven_as_published
+from geomphys.driven.update import give_way, update_driven
+from geomphys.engine.state import Machine, Method
+from geomphys.jit.kernel import kernel
+from geomphys.scene.arrays import Scene
+
+Floats = NDArray[np.float64]
+
+
+@kernel
+def _update(
+    exact: float | None,
+    paper: PaperWorkspace | None,
+    scene: Scene,
+    m: Machine,
+    roots: Floats,
+    angles: Floats,
+    dt: float,
+) -> Outcome:
+    if exact is not None:
+        return update_driven(scene, m.driven, m.room, roots, angles, m.recorded, dt, exact)
+    if paper is not None:
+        return update_driven_as_published(scene, m.driven, paper, roots, angles, m.recorded, dt)
+    return Outcome(0, GLOBAL, 0, False, False)
+
+
+@kernel
+def update_by_method(scene: Scene, m: Machine, method: Method, roots: Floats, angles: Floats, dt: float) -> Outcome:
+    """Couple driven trees to the roots (T, 7) and angles (Q,) recorded `dt` [s] later and take them out of everything."""
+    return _update(method.exact, method.paper, scene, m, roots, angles, dt)
+
+
+@kernel
+def _give_way(exact: float | None, paper: PaperWorkspace | None, scene: Scene, m: Machine) -> int:
+    if exact is not None:
+        return give_way(scene, m.driven, m.room, m.recorded, exact)
+    if paper is not None:
+        return give_way_as_published(scene, m.driven, paper, m.recorded)
+    return 0
+
+
+@kernel
+def give_way_by_method(scene: Scene, m: Machine, method: Method) -> int:
+    """Take driven trees out of what has come into them since; returns the passes."""
+    return _give_way(method.exact, method.paper, scene, m)
