@@ -99,7 +99,9 @@ def set_goals(scene: Scene, state: DrivenState, room: DrivenRoom, roots: Floats,
             work.goal.roots[tree, k] = roots[tree, k]
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
             work.goal.angles[q] = angles[q]
-        if state.bent[tree] == 1:
+        if state.given[tree] == 1:
+            copy_tree(scene, state.asked, tree, work.goal)
+        elif state.bent[tree] == 1:
             _fit(scene, state, room, tree, roots, angles)
             take_branch(scene, room, tree, angles, work.goal)
         else:

@@ -85,7 +85,7 @@ def look(scene: Scene, room: DrivenRoom, reach: float) -> float:
     """Near pairs of the trees that yield, exact within `reach` [m] of each; returns the least separation found."""
     p = room.places
     for tree in range(len(room.work.kind)):
-        p.reach[tree, 0] = p.reach[tree, 1] = 0.0
+        p.reach[tree, 0] = p.reach[tree, 1] = -math.inf if room.work.ignored[tree] == 1 else 0.0
         if room.work.kind[tree] != STAYS:
             p.reach[tree, 0] = p.reach[tree, 1] = reach
             update_boxes(scene, p.frames, room.boxes, tree)

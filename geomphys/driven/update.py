@@ -137,7 +137,7 @@ def update_driven(
     state.started[0] = NEVER_FREE if first and not done.converged else STARTED_FREE
     yielded = done.yielded
     for tree in range(len(scene.trees.role)):
-        yielded = yielded or (state.bent[tree] == 1 and is_stiff(scene, tree))
+        yielded = yielded or (state.bent[tree] == 1 and state.given[tree] == 0 and is_stiff(scene, tree))
     return Outcome(done.rounds, done.method, done.rescues, done.converged, yielded)
 
 

@@ -12,6 +12,7 @@ from geomphys.collision.global_depth import GlobalDepths, make_global_depths
 from geomphys.collision.penetration import Scratch, make_scratch
 from geomphys.collision.sweep import Boxes, make_boxes
 from geomphys.driven.state import DrivenRoom, DrivenState, make_driven_room, make_driven_state, make_places
+from geomphys.engine.coupled_state import Coupled, make_coupled
 from geomphys.jit.packed_records import pack
 from geomphys.scene.arrays import Scene
 from geomphys.scene.kinematics import joint_origins, place_tree, pose_tree
@@ -43,10 +44,9 @@ class Machine(NamedTuple):
     still: Floats  # (T, 2) zeros: no tree moves while its overlaps are measured
     simulated: Simulation
     start: Floats  # (B, 7) poses at the frame's start
-    predicted: Floats  # (B, 7) poses of simulated bodies at the frame's end, by their velocity
     velocity: Floats  # (B, 6) m/s of the centre of mass and rad/s, world
     impulse: Floats  # (T, 3) N s that simulated bodies gave to driven trees
-    coupling: Floats  # (T, 6) offset [m] of driven trees before their turn, and its speed [m/s] after a free one
+    coupled: Coupled
     course: Floats  # (T, 13) of recorded roots, as `note_courses` fills it
     roots: Floats  # (T, 7) recorded root poses within a frame
     angles: Floats  # (Q,) recorded angles within a frame
@@ -82,10 +82,9 @@ def make_machine(scene: Scene, passes: int = 30) -> Machine:
             scratch=scratch,
         ),
         start=start,
-        predicted=poses.copy(),
         velocity=velocity,
         impulse=impulse,
-        coupling=np.zeros((trees, 6)),
+        coupled=make_coupled(scene, poses, room.links),
         course=np.zeros((trees, 13)),
         roots=np.zeros((trees, 7)),
         angles=np.zeros(dofs),

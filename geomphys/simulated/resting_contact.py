@@ -13,13 +13,13 @@ import math
 
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import add_vec_from, set_vec, vec_of
-from geomphys.numerics.vec3 import add_scaled, dot, norm, scale
-from geomphys.simulated.contact_points import clear_impulse, normal_speed, push, speed_at
+from geomphys.numerics.vec3 import add_scaled, dot, norm, quat_conjugate, quat_mul, quat_rotate, scale
+from geomphys.simulated.contact_points import clear_impulse, fill_masses, normal_speed, push, speed_at
 from geomphys.simulated.driven_paths import load_paths
 from geomphys.simulated.driven_targets import reload
 from geomphys.simulated.impulse_accumulation import commit, give_force, impulse_of
 from geomphys.simulated.impulses import let_go, settle, settle_normals
-from geomphys.simulated.motion import load_velocities, plan
+from geomphys.simulated.motion import load_velocities, plan, turn_at
 from geomphys.simulated.state import Simulation, has_changed, has_yielded, is_simulated
 
 SWEEPS = 400  # at most; what is left then is small, and the next step goes on from there
@@ -187,6 +187,24 @@ def fall(sim: Simulation, t: float, h: float) -> None:
             set_vec(sim.motion[body].torque, (0.0, 0.0, 0.0))
 
 
+@kernel
+def carry_arms(sim: Simulation, t: float, h: float) -> None:
+    """Turn the arms of held points to the end of the step with the tracked things that carry them.
+
+    Velocities at both ends of the step then have the directions of both ends, and what stands on a turntable goes along
+    its circle; else the table would throw it outwards by ω² r h.
+    """
+    for k in range(sim.counts[0].rows):
+        r = sim.rows[k]
+        path = sim.motion[r.b]
+        if r.mode == 0 or is_simulated(sim, r.b) or vec_of(path.rotation_rate) == (0.0, 0.0, 0.0):
+            continue
+        turn = quat_mul(turn_at(path, t + h), quat_conjugate(turn_at(path, t)))
+        set_vec(r.arm_a, quat_rotate(turn, vec_of(r.arm_a)))
+        set_vec(r.arm_b, quat_rotate(turn, vec_of(r.arm_b)))
+        fill_masses(sim.motion[r.a], path, r)
+
+
 @outlined
 def hold(sim: Simulation, t: float, h: float, sweeps: int) -> None:
     """Contact forces on the changed bodies from time `t` of the frame for `h` seconds, and their motions under them.
@@ -196,6 +214,7 @@ def hold(sim: Simulation, t: float, h: float, sweeps: int) -> None:
     """
     set_limits(sim)
     fastest = choose_held(sim, h)
+    carry_arms(sim, t, h)
     count = sim.counts[0].rows
     for _ in range(MOST_YIELDS):
         fall(sim, t, h)

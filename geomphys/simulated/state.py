@@ -67,7 +67,7 @@ BODY = np.dtype(
         ("island", INT),  # label shared by bodies that may touch each other within the frame
         ("changed", INT),  # 1: has changed course at this moment
         ("moves", INT),  # 1: may move
-        ("awake", INT),  # 0: rests, and nothing that moves is near
+        ("awake", INT),  # 0: rests, and nothing that moves is near; 1: moves; 2: is moved together with driven bodies
         ("island_awake", INT),  # the same of the island that bears this body's name
         ("fresh", INT),  # 1: stands where the caller put it, not where the frame before left it
         ("touched", INT),  # 1: has had contact points in this step
@@ -105,6 +105,13 @@ ROW = np.dtype(
         ("grip_impulse", FLOAT),  # N s: normal impulse beside `normal_impulse` that friction may count on
         ("mass_t", FLOAT, 3),  # kg: inverse of the matrix `inverse_mass_t`
         ("inverse_mass_most", FLOAT),  # 1/kg: the larger of its eigenvalues
+        # where driven bodies take part
+        ("point", FLOAT, 3),  # m, world
+        ("prescribed", FLOAT, 3),  # m/s along the three axes: relative velocity that the recording alone makes
+        ("first_effect", INT),  # what unknowns of driven trees do to it
+        ("end_effect", INT),
+        ("slip_debt", FLOAT, 3),  # m, world: by how much the point has slipped while it stuck
+        ("tangent_target", FLOAT, 2),  # m/s: sliding velocity that friction seeks
     ]
 )
 """A contact point that is being solved."""
@@ -125,6 +132,7 @@ PAIR = np.dtype(
         ("due", FLOAT),  # s of the frame: its next meeting
         ("friction", FLOAT),
         ("restitution", FLOAT),
+        ("met", INT),  # 1: was in contact at the last step in which driven bodies took part
     ]
 )
 """A pair of pieces that may meet, and what is remembered of it."""
@@ -140,6 +148,7 @@ SLOT = np.dtype(
         ("used", INT),  # 1: the slot holds a point
         ("depth", FLOAT),  # m: minus the clearance when last looked at
         ("grasp_impulse", FLOAT),  # N s: what a driven body pressed in this frame
+        ("slip_debt", FLOAT, 3),  # m, a's frame: by how much the point has slipped while it stuck
     ]
 )
 """A contact point of a pair, remembered from step to step."""

@@ -296,14 +296,27 @@ def simulate(sim: Simulation, dt: float, max_impacts: int, gap: float, goes_on: 
     """
     if len(sim.free) == 0:
         return 0, 0
+    awake = begin_frame(sim, dt, gap, goes_on)
+    return end_frame(sim, max_impacts, awake)
+
+
+@outlined
+def begin_frame(sim: Simulation, dt: float, gap: float, goes_on: bool) -> bool:
+    """The first half of `simulate`: which pairs may meet, and which bodies are awake; returns whether any is."""
     f = sim.frame[0]
     f.dt, f.gap, f.touch = dt, gap, TOUCH * gap
     f.weight = norm(vec_of(sim.gravity))
     f.threshold = max(LEAST_THRESHOLD, 2.0 * f.weight * STEP)
     begin(sim, goes_on)
     find_pairs(sim, 0.0, dt)
+    return wake(sim, True)
+
+
+@outlined
+def end_frame(sim: Simulation, max_impacts: int, awake: bool) -> tuple[int, int]:
+    """The second half of `simulate`: bodies that are `awake`, and not moved together with driven ones, move."""
     impacts, flags = 0, 0
-    if wake(sim, True) and sim.counts[0].lost == 0:
+    if awake and sim.counts[0].lost == 0:
         impacts, flags, t = play(sim, max_impacts)
         mark_all(sim)
         drop_rows(sim, t)
