@@ -34,6 +34,10 @@ NEVER_FREE, STARTED_FREE = 2, 1
 STAYS, SHIFTS, BENDS = 0, 1, 2
 
 
+# where a tree goes is given (DrivenState.given), or was given before and its shape is still off by that
+GIVEN, WAS_GIVEN = 1, 2
+
+
 class DrivenState(NamedTuple):
     """What the driven loop carries from frame to frame."""
 
@@ -48,9 +52,7 @@ class DrivenState(NamedTuple):
     bent: Ints  # (T,) 1: the offsets are more than a translation of the tree
     used_low: Floats  # (Q,) the least angle recorded so far
     used_high: Floats  # (Q,) and the largest
-    given: (
-        Ints  # (T,) 1: where the tree goes in this step, but for what is in its way, is `asked` and not relaxed by (6)
-    )
+    given: Ints  # (T,) GIVEN: where it goes in this step, but for what is in its way, is `asked`; WAS_GIVEN; 0
     asked: Posture
 
 

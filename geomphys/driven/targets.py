@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from geomphys.driven.coupling import relax_offset
 from geomphys.driven.objective import link_centre
 from geomphys.driven.postures import is_recorded, vec_of
-from geomphys.driven.state import DrivenRoom, DrivenState
+from geomphys.driven.state import GIVEN, DrivenRoom, DrivenState
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import (
     Vec,
@@ -131,7 +131,7 @@ def aim(scene: Scene, state: DrivenState, room: DrivenRoom, recorded: Floats, dt
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] != DRIVEN:
             continue
-        if state.given[tree] == 1 and dt > 0.0:
+        if state.given[tree] == GIVEN and dt > 0.0:
             _take_given(scene, state, room, tree, recorded, dt)
         else:
             _relax_tree(scene, state, room, tree, recorded, dt)

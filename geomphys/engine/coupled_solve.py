@@ -17,7 +17,7 @@ from geomphys.simulated.contact_points import direction_of, invert_mass, push, s
 from geomphys.simulated.state import Row, Simulation
 
 SWEEPS = 200
-PRECISION = 1e-10  # m/s
+PRECISION = 1e-8  # m/s
 
 
 @kernel

@@ -98,7 +98,7 @@ def make_coupled(scene: Scene, poses: Floats, links: Links) -> Coupled:
     trees, dofs = len(scene.trees.role), len(scene.dofs.lower)
     unknowns = np.zeros(3 * trees + dofs, UNKNOWN)
     owner = np.concatenate([np.repeat(np.arange(trees), 3), scene.dofs.tree]).astype(np.int64)
-    arm = np.concatenate([np.ones(3 * trees), links.lever])
+    arm = np.concatenate([np.ones(3 * trees), links.lever * np.sqrt(branches(scene))])
     yields = np.concatenate([np.ones(3 * trees), links.yields]) * np.isfinite(scene.trees.stiffness[owner])
     yields *= scene.trees.role[owner] == DRIVEN
     stiffness = np.where(np.isfinite(scene.trees.stiffness), scene.trees.stiffness, 0.0)
@@ -114,3 +114,15 @@ def make_coupled(scene: Scene, poses: Floats, links: Links) -> Coupled:
         np.zeros(MOST_BOUNDS if any_simulated else 1, BOUND), make_posture(scene, poses), make_posture(scene, poses),
         make_posture(scene, poses),
     )  # fmt: skip
+
+
+def branches(scene: Scene) -> Ints:
+    """(Q,) how many joints each degree of freedom moves that do not hang on each other: two of a gripper with a mimic joint."""
+    counts = np.zeros(len(scene.dofs.lower), np.int64)
+    for body, q in enumerate(scene.bodies.dof):
+        above = int(scene.bodies.parent[body])
+        while above >= 0 and scene.bodies.dof[above] != q:
+            above = int(scene.bodies.parent[above])
+        if q >= 0 and above < 0:
+            counts[q] += 1
+    return counts

@@ -11,6 +11,7 @@ from geomphys.collision.detect import find_near
 from geomphys.collision.sweep import apart, update_boxes
 from geomphys.driven.coupling import relax
 from geomphys.driven.postures import copy_tree, is_recorded
+from geomphys.driven.state import GIVEN, WAS_GIVEN
 from geomphys.driven.update import give_way
 from geomphys.engine.coupled_motion import advance_together, end_unknown, first_unknown
 from geomphys.engine.coupled_state import Coupled
@@ -249,10 +250,10 @@ def move_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
     for tree in range(len(scene.trees.role)):
         m.room.work.ignored[tree] = 1 if scene.trees.role[tree] == SIMULATED else 0
         if scene.trees.role[tree] == DRIVEN:
-            state.given[tree] = c.trees[tree].touched
             if c.trees[tree].solved == 0:
                 c.trees[tree].pressed = 0
-            if state.given[tree] == 1:
+            if c.trees[tree].touched == 1:
+                state.given[tree] = GIVEN
                 copy_tree(scene, c.after, tree, state.asked)
     return impacts
 
@@ -262,7 +263,9 @@ def simulate_rest(scene: Scene, m: Machine, most_impacts: int) -> tuple[int, int
     """Move the simulated bodies that met no driven one; ends the frame of the simulated loop. Returns impacts and flags."""
     impacts, flags = end_frame(m.simulated, most_impacts, m.coupled.solve[0].awake == 1)
     for tree in range(len(scene.trees.role)):
-        m.room.work.ignored[tree] = m.driven.given[tree] = 0
+        m.room.work.ignored[tree] = 0
+        if m.driven.given[tree] == GIVEN:
+            m.driven.given[tree] = WAS_GIVEN
         if scene.trees.role[tree] == SIMULATED:
             body = scene.trees.body_start[tree]
             for k in range(7):

@@ -44,8 +44,7 @@ class Machine(NamedTuple):
     still: Floats  # (T, 2) zeros: no tree moves while its overlaps are measured
     simulated: Simulation
     start: Floats  # (B, 7) poses at the frame's start
-    velocity: Floats  # (B, 6) m/s of the centre of mass and rad/s, world
-    impulse: Floats  # (T, 3) N s that simulated bodies gave to driven trees
+    velocity: Floats  # (B, 6) m/s of the centre of mass and rad/s, world, of simulated bodies
     coupled: Coupled
     course: Floats  # (T, 13) of recorded roots, as `note_courses` fills it
     roots: Floats  # (T, 7) recorded root poses within a frame
@@ -68,7 +67,7 @@ def make_machine(scene: Scene, passes: int = 30) -> Machine:
     boxes, axes, scratch = make_boxes(scene, places.base), make_axes(), make_scratch()
     room = make_driven_room(scene, poses, origins, places, near, boxes, axes, scratch, passes)
     corrected, start = poses.copy(), poses.copy()
-    velocity, impulse = scene.initial_velocity.copy(), np.zeros((trees, 3))
+    velocity = scene.initial_velocity.copy()
     return Machine(
         recorded=poses,
         corrected=corrected,
@@ -78,12 +77,11 @@ def make_machine(scene: Scene, passes: int = 30) -> Machine:
         boxes=boxes,
         still=np.zeros((trees, 2)),
         simulated=make_simulation(
-            scene, poses, start=start, end=corrected, reported=velocity, driven_impulse=impulse, frames=places.moved,
+            scene, poses, start=start, end=corrected, reported=velocity, frames=places.moved,
             scratch=scratch,
         ),
         start=start,
         velocity=velocity,
-        impulse=impulse,
         coupled=make_coupled(scene, poses, room.links),
         course=np.zeros((trees, 13)),
         roots=np.zeros((trees, 7)),

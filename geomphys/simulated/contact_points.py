@@ -96,7 +96,7 @@ def clear_slot(slot: Slot) -> None:
     set_vec(slot.local, (0.0, 0.0, 0.0))
     set_vec(slot.friction_force, (0.0, 0.0, 0.0))
     set_vec(slot.slip_debt, (0.0, 0.0, 0.0))
-    slot.normal_force = slot.depth = slot.grasp_impulse = 0.0
+    slot.normal_force = slot.depth = 0.0
     slot.used = 0
 
 
@@ -180,7 +180,6 @@ def add_row(sim: Simulation, pair: int, count: int, t: float, n: Vec, x: Vec, cl
     r.restitution = p.restitution
     r.since = t
     r.impulse_limit = math.inf
-    r.grip_impulse = 0.0
     fill_masses(a, b, r)
     sim.bodies[p.body[0]].touched = 1
     sim.bodies[p.body[1]].touched = 1

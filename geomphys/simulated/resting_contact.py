@@ -9,14 +9,11 @@ parabola, and a body at rest is pushed by exactly its weight.
 
 from __future__ import annotations
 
-import math
-
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import add_vec_from, set_vec, vec_of
 from geomphys.numerics.vec3 import add_scaled, dot, norm, quat_conjugate, quat_mul, quat_rotate, scale
 from geomphys.simulated.contact_points import clear_impulse, fill_masses, normal_speed, push, speed_at
 from geomphys.simulated.driven_paths import load_paths
-from geomphys.simulated.driven_targets import reload
 from geomphys.simulated.impulse_accumulation import commit, give_force, impulse_of
 from geomphys.simulated.impulses import let_go, settle, settle_normals
 from geomphys.simulated.motion import load_velocities, plan, turn_at
@@ -33,7 +30,6 @@ SLOW_PART = (
 )
 WEIGHT_TIME = 0.01  # s: more than twice the longest step
 MOST_YIELDS = 4
-GRIPPED = 1e-4  # m/s: a point that a driven body pressed and that does not part faster is gripped
 
 
 @kernel
@@ -48,12 +44,9 @@ def set_limits(sim: Simulation) -> None:
         a, b = r.a, r.b
         if not has_changed(sim, a) or is_simulated(sim, b) or sim.bodies[b].moves == 0:
             continue
-        if sim.motion[b].inverse_mass > 0.0:
-            r.impulse_limit = math.inf  # it gives way
-        else:
-            v = norm(speed_at(sim.velocity, r, a, b))
-            heft = sim.island_mass[sim.bodies[a].island]
-            r.impulse_limit = 4.0 * heft * (v + WEIGHT_TIME * sim.frame[0].weight)
+        v = norm(speed_at(sim.velocity, r, a, b))
+        heft = sim.island_mass[sim.bodies[a].island]
+        r.impulse_limit = 4.0 * heft * (v + WEIGHT_TIME * sim.frame[0].weight)
 
 
 @kernel
@@ -78,11 +71,8 @@ def yield_squeezed(sim: Simulation) -> bool:
 
 
 @outlined
-def stop_slow_approach(sim: Simulation, t: float, wishes: bool) -> None:
-    """Take the approach out of all touching points of changed bodies at once, with ε = 0.
-
-    `wishes` says that driven bodies are as they want to move at time `t`, not on their paths.
-    """
+def stop_slow_approach(sim: Simulation) -> None:
+    """Take the approach out of all touching points of changed bodies at once, with ε = 0."""
     least = 0.0
     for k in range(sim.counts[0].rows):
         r = sim.rows[k]
@@ -101,7 +91,7 @@ def stop_slow_approach(sim: Simulation, t: float, wishes: bool) -> None:
         if not yield_squeezed(sim):
             break
         clear_rows(sim)
-        reload(sim, t, wishes)
+        load_velocities(sim)
     commit(sim)
 
 
@@ -132,8 +122,6 @@ def choose_held(sim: Simulation, h: float) -> float:
                 fastest = max(fastest, norm(speed))
                 parting = v if v > FAINT else 0.0
                 r.target_speed = -2.0 * max(0.0, clearance - sim.frame[0].gap) / h - parting
-                slot = sim.slots[r.pair, r.slot]
-                r.grip_impulse = h / sim.frame[0].dt * slot.grasp_impulse if abs(v) < GRIPPED else 0.0
                 r.mode = 1
                 sim.pairs[r.pair].resting = 1
     return fastest

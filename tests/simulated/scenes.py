@@ -158,7 +158,6 @@ class Player:
         self.scratch = make_scratch()
         self.time = 0.0
         self.impacts = self.flags = 0
-        self.driven_impulse = np.zeros((len(things), 3))
         self.end = self.poses.copy()
         self.set_up()
         self.targets: dict[int, Callable[[float], Sequence[float]]] = {}
@@ -166,7 +165,7 @@ class Player:
     def set_up(self, max_pairs: int = 4096) -> None:
         """Make the simulated loop, with room for so many pairs."""
         self.simulation = make_simulation(
-            self.scene, self.poses, start=self.poses, end=self.end, reported=self.velocity, driven_impulse=self.driven_impulse,
+            self.scene, self.poses, start=self.poses, end=self.end, reported=self.velocity,
             frames=self.frames, scratch=self.scratch, max_pairs=max_pairs,
         )  # fmt: skip
         self.packed = pack(self.simulation)
@@ -184,7 +183,6 @@ class Player:
             self.velocity[body, :3] = (end[body, :3] - self.poses[body, :3]) / dt
             turn = Rotation.from_quat(end[body, 3:]) * Rotation.from_quat(self.poses[body, 3:]).inv()
             self.velocity[body, 3:] = turn.as_rotvec() / dt
-        self.driven_impulse[:] = 0.0
         impacts, flags = self.simulate(dt, max_impacts)
         self.poses[:] = end
         self.time += dt
