@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 
 from geomphys.engine.coupled_contacts import find_bounds, find_rows, turn_arms
 from geomphys.engine.coupled_solve import (
+    IMPACT_PRECISION,
     PRECISION,
     SWEEPS,
     add_responses,
     apply,
     bound_response,
     impulse_vector,
-    relative_speed,
+    relative_velocity,
     solve_contacts,
 )
 from geomphys.engine.coupled_state import Coupled
@@ -157,7 +158,7 @@ def resolve_impacts(scene: Scene, m: Machine, h: float) -> int:
         touches = r.clearance <= sim.frame[0].touch
         r.mode = 1 if touches else 0
         r.target_speed = 0.0
-        v = relative_speed(sim, c, r, 0)
+        v = relative_velocity(sim, c, r)[0]
         if touches and v < -threshold:
             hits += 1
             if not was_met(sim, r):
@@ -169,13 +170,13 @@ def resolve_impacts(scene: Scene, m: Machine, h: float) -> int:
         clear_impulse(r)
         r.tangent_target[0] = r.tangent_target[1] = 0.0
         fill_masses(sim.motion[r.a], sim.motion[r.b], r)
-        add_responses(c, r)
+        add_responses(sim, c, r)
     for k in range(c.solve[0].bounds):
         g = c.bounds[k]
         bound_response(c, k)
         g.impulse = 0.0
         g.target_speed = 0.0 if g.clearance <= sim.frame[0].touch else LEFT_OUT
-    solve_contacts(sim, c, PRECISION)
+    solve_contacts(sim, c, IMPACT_PRECISION)
     for tree in range(len(scene.trees.role)):
         if solves(scene, c, tree):
             end_impact(c, 3 * tree, 3 * tree + 3)
@@ -211,7 +212,7 @@ def next_impact(sim: Simulation, c: Coupled, h: float) -> float:
         r.mode = 1
         distance = r.clearance - gap
         if distance > 0.5 * sim.frame[0].touch:
-            v = relative_speed(sim, c, r, 0)
+            v = relative_velocity(sim, c, r)[0]
             if v < -sim.frame[0].threshold:
                 r.mode = 2
                 fall = 0.0 if is_simulated(sim, r.b) else dot(vec_of(r.normal), vec_of(sim.gravity))
@@ -250,9 +251,7 @@ def begin_with_forces(sim: Simulation, c: Coupled, h: float) -> None:
         r.normal_impulse = h * slot.normal_force
         r.tangent_impulse[0], r.tangent_impulse[1] = h * dot(f, vec_of(r.tangent)), h * dot(f, vec_of(r.binormal))
         if r.normal_impulse != 0.0:
-            apply(sim, c, r, 0, r.normal_impulse)
-            apply(sim, c, r, 1, r.tangent_impulse[0])
-            apply(sim, c, r, 2, r.tangent_impulse[1])
+            apply(sim, c, r, (r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1]))
 
 
 @outlined
@@ -269,7 +268,7 @@ def solve_step(scene: Scene, m: Machine, t: float, h: float, to_impact: bool) ->
             add_vec_from(sim.velocity[sim.free[s]], 0, vec_of(sim.gravity), h)
     turn_arms(scene, m, t, h)
     for k in range(sim.counts[0].rows):
-        add_responses(c, sim.rows[k])
+        add_responses(sim, c, sim.rows[k])
     for k in range(c.solve[0].bounds):
         bound_response(c, k)
         c.bounds[k].impulse = 0.0

@@ -11,48 +11,67 @@ import math
 
 from geomphys.engine.coupled_state import Coupled
 from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.row_vectors import vec_of
-from geomphys.numerics.vec3 import Vec, dot
-from geomphys.simulated.contact_points import direction_of, invert_mass, push, speed_at
-from geomphys.simulated.state import Row, Simulation
+from geomphys.numerics.row_vectors import add_vec_from, set_vec, vec_at, vec_of
+from geomphys.numerics.vec3 import Vec, add, add_scaled, cross, dot, scale
+from geomphys.simulated.contact_points import invert_mass, speed_at
+from geomphys.simulated.state import Row, Simulation, is_simulated
 
 SWEEPS = 200
-PRECISION = 1e-8  # m/s
+PRECISION = 1e-6  # m/s: of a step; what is left of it is taken back as slip or overlap
+IMPACT_PRECISION = 1e-10  # m/s
 
 
 @kernel
-def relative_speed(sim: Simulation, c: Coupled, r: Row, axis: int) -> float:
-    """Relative velocity at a row along its normal (0), tangent (1) or binormal (2) [m/s]."""
-    v = dot(direction_of(r, axis), speed_at(sim.velocity, r, r.a, r.b)) + r.prescribed[axis]
+def relative_velocity(sim: Simulation, c: Coupled, r: Row) -> Vec:
+    """Relative velocity at a row along its normal, tangent and binormal [m/s]."""
+    v = speed_at(sim.velocity, r, r.a, r.b)
+    n = dot(vec_of(r.normal), v) + r.prescribed[0]
+    t = dot(vec_of(r.tangent), v) + r.prescribed[1]
+    b = dot(vec_of(r.binormal), v) + r.prescribed[2]
     for e in range(r.first_effect, r.end_effect):
         effect = c.effects[e]
-        v += effect.speed[axis] * c.unknowns[effect.unknown].solved
-    return float(v)
+        u = c.unknowns[effect.unknown].solved
+        n, t, b = n + effect.speed[0] * u, t + effect.speed[1] * u, b + effect.speed[2] * u
+    return n, t, b
 
 
 @kernel
-def apply(sim: Simulation, c: Coupled, r: Row, axis: int, j: float) -> None:
-    """Apply an impulse j [N s] along an axis of a row to bodies and unknowns."""
-    push(sim, sim.velocity, r, r.a, r.b, axis, j)
+def apply(sim: Simulation, c: Coupled, r: Row, j: Vec) -> None:
+    """Apply impulses j [N s] along normal, tangent and binormal of a row to bodies and unknowns."""
+    d = scale(vec_of(r.normal), j[0])
+    d = add_scaled(add_scaled(d, vec_of(r.tangent), j[1]), vec_of(r.binormal), j[2])
+    for side in range(2):
+        body, sign = (r.a, 1.0) if side == 0 else (r.b, -1.0)
+        if not is_simulated(sim, body):
+            continue
+        v = sim.velocity[body]
+        add_vec_from(v, 0, d, sign * sim.motion[body].inverse_mass)
+        for axis in range(3):
+            add_vec_from(v, 3, vec_at(r.response_a if side == 0 else r.response_b, axis), sign * j[axis])
     for e in range(r.first_effect, r.end_effect):
         effect = c.effects[e]
-        x = c.unknowns[effect.unknown]
-        x.solved += effect.speed[axis] * x.inverse_mass * j
+        c.unknowns[effect.unknown].solved += dot(vec_of(effect.response), j)
 
 
 @kernel
-def add_responses(c: Coupled, r: Row) -> None:
+def add_responses(sim: Simulation, c: Coupled, r: Row) -> None:
     """Add what unknowns do to the responses of a row, which are those of its simulated bodies."""
+    ra, rb = vec_of(r.arm_a), vec_of(r.arm_b)
+    along = add(cross(vec_at(r.response_a, 0), ra), cross(vec_at(r.response_b, 0), rb))
+    nt, nb = dot(vec_of(r.tangent), along), dot(vec_of(r.binormal), along)
     nn, tt, tb, bb = 0.0, 0.0, 0.0, 0.0
     for e in range(r.first_effect, r.end_effect):
         effect = c.effects[e]
         light = c.unknowns[effect.unknown].inverse_mass
-        n, t, b = effect.speed[0], effect.speed[1], effect.speed[2]
+        n, t, b = vec_of(effect.speed)
+        set_vec(effect.response, (n * light, t * light, b * light))
         nn, tt, tb, bb = nn + n * n * light, tt + t * t * light, tb + t * b * light, bb + b * b * light
+        nt, nb = nt + n * t * light, nb + n * b * light
     r.inverse_mass_n += nn
     r.inverse_mass_t[0] += tt
     r.inverse_mass_t[1] += tb
     r.inverse_mass_t[2] += bb
+    r.inverse_mass_nt[0], r.inverse_mass_nt[1] = nt, nb
     invert_mass(r)
 
 
@@ -89,41 +108,31 @@ def press_bound(c: Coupled, k: int) -> float:
 
 
 @kernel
-def press_row(sim: Simulation, c: Coupled, r: Row) -> float:
-    """One visit to the normal impulse of a row; returns how much it changed the normal velocity [m/s]."""
+def visit(sim: Simulation, c: Coupled, r: Row) -> float:
+    """One visit to a row: its normal impulse, then its friction; returns how much they changed its velocity [m/s]."""
+    n, t, b = relative_velocity(sim, c, r)
     before = r.normal_impulse
-    total = before + (r.target_speed - relative_speed(sim, c, r, 0)) / r.inverse_mass_n
-    total = min(r.impulse_limit, max(0.0, total))
-    if total == before:
+    after = min(r.impulse_limit, max(0.0, before + (r.target_speed - n) / r.inverse_mass_n))
+    x0, y0, p = r.tangent_impulse[0], r.tangent_impulse[1], after - before
+    cap = r.friction * after
+    x, y, mass = x0, y0, r.inverse_mass_most
+    if cap > 0.0:
+        t += r.inverse_mass_nt[0] * p - r.tangent_target[0]
+        b += r.inverse_mass_nt[1] * p - r.tangent_target[1]
+        i_tt, i_tb, i_bb = vec_of(r.mass_t)
+        x, y = x0 - i_tt * t - i_tb * b, y0 - i_tb * t - i_bb * b  # what ends the sliding, if the disc allows it
+        if x * x + y * y > cap * cap:
+            x, y = x0 - t / mass, y0 - b / mass
+            size = math.sqrt(x * x + y * y)
+            if size > cap:
+                x, y = x * cap / size, y * cap / size
+    else:
+        x, y = 0.0, 0.0
+    if p == 0.0 and x == x0 and y == y0:
         return 0.0
-    r.normal_impulse = total
-    apply(sim, c, r, 0, total - before)
-    return abs(total - before) * float(r.inverse_mass_n)
-
-
-@kernel
-def rub_row(sim: Simulation, c: Coupled, r: Row) -> float:
-    """One visit to the friction impulse of a row; returns how much it changed the sliding velocity [m/s]."""
-    cap = r.friction * r.normal_impulse
-    x0, y0 = r.tangent_impulse[0], r.tangent_impulse[1]
-    if cap == 0.0 and x0 == 0.0 and y0 == 0.0:
-        return 0.0
-    vx = relative_speed(sim, c, r, 1) - r.tangent_target[0]
-    vy = relative_speed(sim, c, r, 2) - r.tangent_target[1]
-    i_tt, i_tb, i_bb = vec_of(r.mass_t)
-    mass = r.inverse_mass_most
-    x, y = x0 - i_tt * vx - i_tb * vy, y0 - i_tb * vx - i_bb * vy  # what ends the sliding, if the disc allows it
-    if x * x + y * y > cap * cap:
-        x, y = x0 - vx / mass, y0 - vy / mass
-        size = math.sqrt(x * x + y * y)
-        if size > cap:
-            x, y = x * cap / size, y * cap / size
-    if x == x0 and y == y0:
-        return 0.0
-    r.tangent_impulse[0], r.tangent_impulse[1] = x, y
-    apply(sim, c, r, 1, x - x0)
-    apply(sim, c, r, 2, y - y0)
-    return (abs(x - x0) + abs(y - y0)) * float(mass)
+    r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1] = after, x, y
+    apply(sim, c, r, (p, x - x0, y - y0))
+    return max(abs(p) * float(r.inverse_mass_n), (abs(x - x0) + abs(y - y0)) * float(mass))
 
 
 @outlined
@@ -143,8 +152,7 @@ def solve_contacts(sim: Simulation, c: Coupled, precision: float) -> int:
                 continue
             r = sim.rows[k]
             if r.mode == 1:
-                most = max(most, press_row(sim, c, r))
-                most = max(most, rub_row(sim, c, r))
+                most = max(most, visit(sim, c, r))
         if most <= precision:
             return sweep + 1
     return SWEEPS

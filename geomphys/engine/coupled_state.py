@@ -49,8 +49,14 @@ TREE = np.dtype(
 )
 """How a driven tree takes part."""
 
-EFFECT = np.dtype([("unknown", INT), ("speed", FLOAT, 3)])
-"""What a unit rate of an unknown adds to the relative velocity of a contact along normal, tangent and binormal."""
+EFFECT = np.dtype(
+    [
+        ("unknown", INT),
+        ("speed", FLOAT, 3),  # what a unit rate of it adds to the relative velocity along normal, tangent and binormal
+        ("response", FLOAT, 3),  # what unit impulses along them add to its rate
+    ]
+)
+"""What an unknown and a contact do to each other."""
 
 BOUND = np.dtype(
     [

@@ -108,6 +108,7 @@ ROW = np.dtype(
         ("first_effect", INT),  # what unknowns of driven trees do to it
         ("end_effect", INT),
         ("slip_debt", FLOAT, 3),  # m, world: by how much the point has slipped while it stuck
+        ("inverse_mass_nt", FLOAT, 2),  # 1/kg: what a unit normal impulse changes the two tangential velocities by
         ("tangent_target", FLOAT, 2),  # m/s: sliding velocity that friction seeks
     ]
 )
