@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from geomphys.engine.coupled_contacts import find_bounds, find_rows, turn_arms
 from geomphys.engine.coupled_solve import (
     IMPACT_PRECISION,
+    IMPACT_SWEEPS,
     PRECISION,
     SWEEPS,
     add_responses,
@@ -176,7 +177,7 @@ def resolve_impacts(scene: Scene, m: Machine, h: float) -> int:
         bound_response(c, k)
         g.impulse = 0.0
         g.target_speed = 0.0 if g.clearance <= sim.frame[0].touch else LEFT_OUT
-    solve_contacts(sim, c, IMPACT_PRECISION)
+    solve_contacts(sim, c, IMPACT_SWEEPS, IMPACT_PRECISION)
     for tree in range(len(scene.trees.role)):
         if solves(scene, c, tree):
             end_impact(c, 3 * tree, 3 * tree + 3)
@@ -274,7 +275,7 @@ def solve_step(scene: Scene, m: Machine, t: float, h: float, to_impact: bool) ->
         c.bounds[k].impulse = 0.0
     set_targets(sim, c, h, to_impact)
     begin_with_forces(sim, c, h)
-    sweeps = solve_contacts(sim, c, PRECISION)
+    sweeps = solve_contacts(sim, c, SWEEPS, PRECISION)
     solve = c.solve[0]
     solve.sweeps = max(solve.sweeps, sweeps)
     if sweeps == SWEEPS:

@@ -16,7 +16,8 @@ from geomphys.numerics.vec3 import Vec, add, add_scaled, cross, dot, scale
 from geomphys.simulated.contact_points import invert_mass, speed_at
 from geomphys.simulated.state import Row, Simulation, is_simulated
 
-SWEEPS = 200
+SWEEPS = 50  # of a step: the next one begins with what this one found
+IMPACT_SWEEPS = 300
 PRECISION = 1e-6  # m/s: of a step; what is left of it is taken back as slip or overlap
 IMPACT_PRECISION = 1e-10  # m/s
 
@@ -136,14 +137,14 @@ def visit(sim: Simulation, c: Coupled, r: Row) -> float:
 
 
 @outlined
-def solve_contacts(sim: Simulation, c: Coupled, precision: float) -> int:
+def solve_contacts(sim: Simulation, c: Coupled, sweeps: int, precision: float) -> int:
     """Solve the rows whose `mode` is 1 and all bounds together, from the impulses they hold, which must be in the velocities.
 
-    Returns the sweeps made; `SWEEPS` where they did not settle.
+    Done when no impulse changes a velocity by more than `precision` [m/s], or after so many `sweeps`; returns the sweeps made.
     """
     rows, bounds = sim.counts[0].rows, c.solve[0].bounds
     total = rows + bounds
-    for sweep in range(SWEEPS):
+    for sweep in range(sweeps):
         most = 0.0
         for i in range(total):
             k = i if sweep & 1 == 0 else total - 1 - i
@@ -155,7 +156,7 @@ def solve_contacts(sim: Simulation, c: Coupled, precision: float) -> int:
                 most = max(most, visit(sim, c, r))
         if most <= precision:
             return sweep + 1
-    return SWEEPS
+    return sweeps
 
 
 @kernel
