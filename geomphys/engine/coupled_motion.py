@@ -12,27 +12,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.engine.coupled_contacts import find_bounds, find_rows, turn_arms
+from geomphys.engine.coupled_impacts import load_coupled, next_impact, resolve_impacts
 from geomphys.engine.coupled_solve import (
-    IMPACT_PRECISION,
-    IMPACT_SWEEPS,
     PRECISION,
     SWEEPS,
     add_responses,
     apply,
     bound_response,
     impulse_vector,
-    relative_velocity,
     solve_contacts,
 )
 from geomphys.engine.coupled_state import Coupled
 from geomphys.engine.coupled_unknowns import (
-    begin_impact,
     begin_step,
-    end_impact,
     end_step,
+    end_unknown,
+    first_unknown,
     pose_driven,
     relax_turn,
-    unknown_of_joint,
+    solves,
 )
 from geomphys.engine.state import Machine
 from geomphys.jit.kernel import kernel, outlined
@@ -60,10 +58,10 @@ from geomphys.numerics.vec3 import (
 )
 from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.scene.kinematics import orientation_of, position_of
-from geomphys.simulated.contact_points import clear_impulse, fill_masses
-from geomphys.simulated.impulse_accumulation import commit, give_velocity, impulse_of, note
+from geomphys.simulated.contact_points import clear_impulse
+from geomphys.simulated.impulse_accumulation import give_velocity, impulse_of, note
 from geomphys.simulated.motion import move_base, plan, point_at, refresh, turn_at
-from geomphys.simulated.state import Row, Simulation, is_simulated
+from geomphys.simulated.state import Simulation, is_simulated
 
 Floats = NDArray[np.float64]
 
@@ -75,18 +73,10 @@ MARGIN_STEPS = 1.5  # times what is covered in a step
 ROTATION = 0.1  # rad: no body rotates farther in a step, ...
 FEWEST = 1.0 / 16.0  # ... which is shortened by no more
 SPLITS = 8  # of a step at times of impact
-LEAST_SPLIT = 1e-5  # s
 CORRECTED = 0.2  # share of an overlap, or of slip, that is taken back in a step
 FASTEST_CORRECTION = 0.5  # m/s
 STUCK = 0.9999  # of the friction available: beyond it a point slides
 TOUCHED = 3.0  # gaps: what is nearer has been in contact
-LEFT_OUT = -1e3  # m/s: target of a contact that does not act
-
-
-@kernel
-def solves(scene: Scene, c: Coupled, tree: int) -> bool:
-    """Whether a tree is driven and takes part."""
-    return bool(scene.trees.role[tree] == DRIVEN and c.trees[tree].solved == 1)
 
 
 @outlined
@@ -127,101 +117,6 @@ def fastest_motion(scene: Scene, m: Machine, h: float) -> float:
 
 
 @kernel
-def first_unknown(scene: Scene, tree: int) -> int:
-    """First unknown of the joints of a tree."""
-    return unknown_of_joint(scene, scene.trees.dof_start[tree])
-
-
-@kernel
-def end_unknown(scene: Scene, tree: int) -> int:
-    """One past the last unknown of the joints of a tree."""
-    return unknown_of_joint(scene, scene.trees.dof_start[tree + 1])
-
-
-@kernel
-def was_met(sim: Simulation, r: Row) -> bool:
-    """Whether the pair of a row was in contact in the step before."""
-    return sim.pairs[r.pair].met == 1
-
-
-@outlined
-def resolve_impacts(scene: Scene, m: Machine, h: float) -> int:
-    """Impulses of what touches and comes in faster than the threshold, with restitution where it is new; how many do."""
-    sim, c = m.simulated, m.coupled
-    load_coupled(sim)
-    for tree in range(len(scene.trees.role)):
-        if solves(scene, c, tree):
-            begin_impact(c, 3 * tree, 3 * tree + 3)
-            begin_impact(c, first_unknown(scene, tree), end_unknown(scene, tree))
-    threshold, hits = sim.frame[0].threshold, 0
-    for k in range(sim.counts[0].rows):
-        r = sim.rows[k]
-        touches = r.clearance <= sim.frame[0].touch
-        r.mode = 1 if touches else 0
-        r.target_speed = 0.0
-        v = relative_velocity(sim, c, r)[0]
-        if touches and v < -threshold:
-            hits += 1
-            if not was_met(sim, r):
-                r.target_speed = -r.restitution * v
-    if hits == 0:
-        return 0
-    for k in range(sim.counts[0].rows):
-        r = sim.rows[k]
-        clear_impulse(r)
-        r.tangent_target[0] = r.tangent_target[1] = 0.0
-        fill_masses(sim.motion[r.a], sim.motion[r.b], r)
-        add_responses(sim, c, r)
-    for k in range(c.solve[0].bounds):
-        g = c.bounds[k]
-        bound_response(c, k)
-        g.impulse = 0.0
-        g.target_speed = 0.0 if g.clearance <= sim.frame[0].touch else LEFT_OUT
-    solve_contacts(sim, c, IMPACT_SWEEPS, IMPACT_PRECISION)
-    for tree in range(len(scene.trees.role)):
-        if solves(scene, c, tree):
-            end_impact(c, 3 * tree, 3 * tree + 3)
-            end_impact(c, first_unknown(scene, tree), end_unknown(scene, tree))
-    for k in range(sim.counts[0].rows):
-        r = sim.rows[k]
-        if r.normal_impulse > 0.0 and sim.bodies[r.b].role == DRIVEN:
-            c.trees[sim.bodies[r.b].tree].touched = 1
-    commit(sim)
-    for s in range(len(sim.free)):
-        if sim.bodies[sim.free[s]].awake == 2:
-            refresh(sim.motion[sim.free[s]])
-    load_coupled(sim)
-    return 1
-
-
-@kernel
-def load_coupled(sim: Simulation) -> None:
-    """Write the velocities of the simulated bodies that take part to `velocity` of the simulation."""
-    for s in range(len(sim.free)):
-        body = sim.free[s]
-        if sim.bodies[body].awake == 2:
-            set_vec_from(sim.velocity[body], 0, vec_of(sim.motion[body].velocity))
-            set_vec_from(sim.velocity[body], 3, vec_of(sim.motion[body].angular_velocity))
-
-
-@kernel
-def next_impact(sim: Simulation, c: Coupled, h: float) -> float:
-    """When the first of the contacts that come in fast touches, if within `h` seconds; else `h`. Marks them by `mode` 2."""
-    soonest, gap = h, sim.frame[0].gap
-    for k in range(sim.counts[0].rows):
-        r = sim.rows[k]
-        r.mode = 1
-        distance = r.clearance - gap
-        if distance > 0.5 * sim.frame[0].touch:
-            v = relative_velocity(sim, c, r)[0]
-            if v < -sim.frame[0].threshold:
-                r.mode = 2
-                fall = 0.0 if is_simulated(sim, r.b) else dot(vec_of(r.normal), vec_of(sim.gravity))
-                soonest = min(soonest, 2.0 * distance / (-v + math.sqrt(max(0.0, v * v - 2.0 * fall * distance))))
-    return soonest if soonest > LEAST_SPLIT else h
-
-
-@kernel
 def set_targets(sim: Simulation, c: Coupled, h: float, to_impact: bool) -> None:
     """What rows and bounds must keep over a step of `h` seconds; one that ends at an impact lets fast ones come near."""
     gap = sim.frame[0].gap
@@ -255,6 +150,41 @@ def begin_with_forces(sim: Simulation, c: Coupled, h: float) -> None:
             apply(sim, c, r, (r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1]))
 
 
+@kernel
+def touching_points(sim: Simulation, a: int, b: int) -> int:
+    """How many rows of two bodies touch."""
+    count = 0
+    for k in range(sim.counts[0].rows):
+        r = sim.rows[k]
+        if r.a == a and r.b == b and r.clearance <= sim.frame[0].touch:
+            count += 1
+    return count
+
+
+@kernel
+def squeeze_harder(scene: Scene, sim: Simulation, c: Coupled, h: float) -> None:
+    """Let driven links press what they touch by K times `squeeze` more, with their joints, or the root of what has none.
+
+    As if they were recorded that much deeper; what a link's points press is shared between them.
+    """
+    for k in range(sim.counts[0].rows):
+        r = sim.rows[k]
+        tree = sim.bodies[r.b].tree
+        if sim.bodies[r.b].role != DRIVEN or scene.trees.squeeze[tree] == 0.0 or r.clearance > sim.frame[0].touch:
+            continue
+        if math.isinf(scene.trees.stiffness[tree]):
+            continue
+        force = scene.trees.stiffness[tree] * scene.trees.squeeze[tree] / touching_points(sim, r.a, r.b)
+        joints = False
+        for e in range(r.first_effect, r.end_effect):
+            joints = joints or c.effects[e].unknown >= 3 * len(scene.trees.role)
+        for e in range(r.first_effect, r.end_effect):
+            effect = c.effects[e]
+            if joints == (effect.unknown >= 3 * len(scene.trees.role)):
+                x = c.unknowns[effect.unknown]
+                x.solved -= effect.speed[0] * x.inverse_mass * h * force
+
+
 @outlined
 def solve_step(scene: Scene, m: Machine, t: float, h: float, to_impact: bool) -> None:
     """The shared solve over a step of `h` seconds from time `t` of the part: velocities at its end, impulses in the rows."""
@@ -263,6 +193,7 @@ def solve_step(scene: Scene, m: Machine, t: float, h: float, to_impact: bool) ->
         if solves(scene, c, tree):
             begin_step(c, 3 * tree, 3 * tree + 3, h)
             begin_step(c, first_unknown(scene, tree), end_unknown(scene, tree), h)
+    squeeze_harder(scene, sim, c, h)
     load_coupled(sim)
     for s in range(len(sim.free)):
         if sim.bodies[sim.free[s]].awake == 2:

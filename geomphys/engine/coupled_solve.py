@@ -105,7 +105,7 @@ def press_bound(c: Coupled, k: int) -> float:
         effect = c.effects[e]
         x = c.unknowns[effect.unknown]
         x.solved += effect.speed[0] * x.inverse_mass * change
-    return abs(change) * float(g.response)
+    return float(abs(change) * g.response)
 
 
 @kernel
@@ -133,7 +133,7 @@ def visit(sim: Simulation, c: Coupled, r: Row) -> float:
         return 0.0
     r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1] = after, x, y
     apply(sim, c, r, (p, x - x0, y - y0))
-    return max(abs(p) * float(r.inverse_mass_n), (abs(x - x0) + abs(y - y0)) * float(mass))
+    return float(max(abs(p) * r.inverse_mass_n, (abs(x - x0) + abs(y - y0)) * mass))
 
 
 @outlined

@@ -111,7 +111,9 @@ def make_coupled(scene: Scene, poses: Floats, links: Links) -> Coupled:
     unknowns["mass"] = scene.trees.mass[owner] * arm**2 * yields
     unknowns["stiffness"] = stiffness[owner] * arm**2
     unknowns["damping"] = scene.trees.damping[owner] * arm**2
-    unknowns["effort"] = np.inf
+    own = np.concatenate([np.full(3 * trees, np.inf), scene.dofs.effort])
+    at_tip = scene.trees.effort[owner] * arm
+    unknowns["effort"] = np.where(np.isfinite(own), own, at_tip)
     any_simulated = bool((scene.bodies.role == 1).any()) and bool((scene.bodies.role == DRIVEN).any())
     records = np.zeros(trees, TREE)
     records["turn"][:, 3] = 1.0

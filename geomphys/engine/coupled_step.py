@@ -13,9 +13,9 @@ from geomphys.driven.coupling import relax
 from geomphys.driven.postures import copy_tree, is_recorded
 from geomphys.driven.state import GIVEN, WAS_GIVEN
 from geomphys.driven.update import give_way
-from geomphys.engine.coupled_motion import advance_together, end_unknown, first_unknown
+from geomphys.engine.coupled_motion import advance_together
 from geomphys.engine.coupled_state import Coupled
-from geomphys.engine.coupled_unknowns import load_unknowns, pose_driven
+from geomphys.engine.coupled_unknowns import end_unknown, first_unknown, load_unknowns, pose_driven
 from geomphys.engine.state import Knobs, Machine
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import add, add_scaled, norm, scale, slerp, sub

@@ -43,6 +43,24 @@ def unknown_of_joint(scene: Scene, q: int) -> int:
 
 
 @kernel
+def first_unknown(scene: Scene, tree: int) -> int:
+    """First unknown of the joints of a tree."""
+    return unknown_of_joint(scene, scene.trees.dof_start[tree])
+
+
+@kernel
+def end_unknown(scene: Scene, tree: int) -> int:
+    """One past the last unknown of the joints of a tree."""
+    return unknown_of_joint(scene, scene.trees.dof_start[tree + 1])
+
+
+@kernel
+def solves(scene: Scene, c: Coupled, tree: int) -> bool:
+    """Whether a tree is driven and takes part."""
+    return bool(scene.trees.role[tree] == DRIVEN and c.trees[tree].solved == 1)
+
+
+@kernel
 def difference(scene: Scene, m: Machine, q: int, value: float) -> float:
     """An offset of a joint; whole turns of one that goes round are none."""
     if m.room.links.rounds[q] == 1:

@@ -119,11 +119,11 @@ def make_scene(things: Sequence[Thing], gravity: Sequence[float] = (0.0, 0.0, -G
         moving=np.array([int(t.moving or t.role != s.FIXED) for t in things]),
         rest=np.array([[*t.at, *t.turn] for t in things], float), mass=np.array([t.coupling_mass for t in things]),
         stiffness=np.full(n, 1000.0), damping=np.full(n, 40.0), chains=np.zeros(n, np.int64),
-        self_collision=np.zeros(n, np.int64),
+        self_collision=np.zeros(n, np.int64), effort=np.full(n, np.inf), squeeze=np.zeros(n),
     )  # fmt: skip
     return s.Scene(
         gravity=np.array(gravity, float), pieces=build_pieces(placed), bodies=bodies, trees=trees,
-        dofs=s.Dofs(np.zeros(0), np.zeros(0), none, none), chains=s.Chains(none, np.zeros(1, np.int64), none),
+        dofs=s.Dofs(np.zeros(0), np.zeros(0), none, none, np.zeros(0)), chains=s.Chains(none, np.zeros(1, np.int64), none),
         cones=s.ReachCones(np.zeros(1, np.int64), none, np.zeros((0, 3)), np.zeros(1, np.int64), np.zeros((0, 3))),
         materials=s.Materials(RESTITUTION, FRICTION), excluded=np.zeros((0, 0), np.int64),
         initial_velocity=np.array([[*t.v, *t.w] for t in things], float),
