@@ -13,6 +13,7 @@ import avatar_box
 import finger_snip
 import gallery_hand
 import hand_ball
+import hand_lift
 import hand_mug
 import mcap_files
 import robot_glove
@@ -27,6 +28,7 @@ EXPERIMENTS = {
     "avatar_box": (avatar_box.make, "protobuf"),
     "hand_mug": (hand_mug.make, "ros2"),
     "hand_ball": (hand_ball.make, "json"),
+    "hand_lift": (hand_lift.make, "protobuf"),
     "robot_glove": (robot_glove.make, "ros2"),
 }
 

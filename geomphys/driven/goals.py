@@ -15,7 +15,7 @@ from geomphys.driven.qp import solve_quadratic
 from geomphys.driven.starts import (
     JUMP,
 )
-from geomphys.driven.state import BENDS, SHIFTS, STAYS, DrivenRoom, DrivenState
+from geomphys.driven.state import BENDS, GIVEN, SHIFTS, STAYS, DrivenRoom, DrivenState
 from geomphys.driven.stepping import copy_moving, place, step_to_trial
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import quat_rotate, sub
@@ -99,7 +99,9 @@ def set_goals(scene: Scene, state: DrivenState, room: DrivenRoom, roots: Floats,
             work.goal.roots[tree, k] = roots[tree, k]
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
             work.goal.angles[q] = angles[q]
-        if state.bent[tree] == 1:
+        if state.given[tree] == GIVEN:
+            copy_tree(scene, state.asked, tree, work.goal)
+        elif state.bent[tree] == 1:
             _fit(scene, state, room, tree, roots, angles)
             take_branch(scene, room, tree, angles, work.goal)
         else:

@@ -87,11 +87,11 @@ def look_back(scene: Scene, room: DrivenRoom, posture: Posture) -> float:
     p, work = room.places, room.work
     measure_motion(scene, room, work.before, posture)
     for tree in range(len(work.kind)):
-        p.reach[tree, 0] = p.reach[tree, 1] = 0.0
+        p.reach[tree, 0] = p.reach[tree, 1] = -math.inf if work.ignored[tree] == 1 else 0.0
         if work.kind[tree] != STAYS:
             p.reach[tree, 0] = p.reach[tree, 1] = _farthest(scene, work.motion, tree)
             update_boxes(scene, p.frames, room.boxes, tree)
-        elif scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
+        elif work.ignored[tree] == 0 and scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
             p.reach[tree, 0] = _farthest(scene, work.drift, tree)
     return find_concerned(scene, room, 0.0)
 
@@ -138,13 +138,14 @@ def list_pairs(scene: Scene, room: DrivenRoom) -> None:
     p, work = room.places, room.work
     measure_motion(scene, room, work.before, work.goal)
     for tree in range(len(work.kind)):
-        p.reach[tree, 0] = p.reach[tree, 1] = work.covered[tree] = 0.0
+        work.covered[tree] = 0.0
+        p.reach[tree, 0] = p.reach[tree, 1] = -math.inf if work.ignored[tree] == 1 else 0.0
         if work.kind[tree] != STAYS:
             place(scene, room, work.goal, tree)
             update_boxes(scene, p.frames, room.boxes, tree)
             work.covered[tree] = AMPLE * _farthest(scene, work.motion, tree) + SPARE
             p.reach[tree, 0] = p.reach[tree, 1] = work.covered[tree]
-        elif scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
+        elif work.ignored[tree] == 0 and scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
             p.reach[tree, 0] = _farthest(scene, work.drift, tree)
         elif scene.trees.role[tree] == DRIVEN:
             first = scene.bodies.piece_start[scene.trees.body_start[tree]]

@@ -34,6 +34,10 @@ NEVER_FREE, STARTED_FREE = 2, 1
 STAYS, SHIFTS, BENDS = 0, 1, 2
 
 
+# where a tree goes is given (DrivenState.given), or was given before and its shape is still off by that
+GIVEN, WAS_GIVEN = 1, 2
+
+
 class DrivenState(NamedTuple):
     """What the driven loop carries from frame to frame."""
 
@@ -48,6 +52,8 @@ class DrivenState(NamedTuple):
     bent: Ints  # (T,) 1: the offsets are more than a translation of the tree
     used_low: Floats  # (Q,) the least angle recorded so far
     used_high: Floats  # (Q,) and the largest
+    given: Ints  # (T,) GIVEN: where it goes in this step, but for what is in its way, is `asked`; WAS_GIVEN; 0
+    asked: Posture
 
 
 class Places(NamedTuple):
@@ -101,6 +107,7 @@ class Workspace(NamedTuple):
     unit: Floats  # (Q,) ones
     passes: Ints  # (1,) bound on the passes of a search
     carriers: Ints  # (n,) bodies that move by the recording and are near
+    ignored: Ints  # (T,) 1: trees that are in nobody's way
 
 
 class DrivenRoom(NamedTuple):
@@ -126,6 +133,7 @@ def make_driven_state(scene: Scene, poses: Floats) -> DrivenState:
     return DrivenState(
         np.zeros(1, np.int64), offset, speed, kept, make_posture(scene, poses), make_posture(scene, poses),
         np.zeros((bodies, 6)), np.zeros((bodies, 6)), np.zeros(trees, np.int64), np.full(dofs, np.inf), np.full(dofs, -np.inf),
+        np.zeros(trees, np.int64), make_posture(scene, poses),
     )  # fmt: skip
 
 
@@ -150,6 +158,7 @@ def make_workspace(scene: Scene, poses: Floats, passes: int) -> Workspace:
         np.zeros((pieces, 4)), np.zeros(trees), np.zeros(trees), hit,
         np.full((SPOTS, 2), -1), np.zeros((SPOTS, 9)), np.zeros(1, np.int64), np.zeros((TOUCHES, 2), np.int64),
         np.zeros(TOUCHES), np.zeros(1, np.int64), np.ones(dofs), np.array([passes]), np.full(CARRIERS, -1),
+        np.zeros(trees, np.int64),
     )  # fmt: skip
 
 

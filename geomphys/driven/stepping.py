@@ -91,7 +91,7 @@ def look(scene: Scene, room: DrivenRoom, reach: float, enough: float) -> float:
     """
     p = room.places
     for tree in range(len(room.work.kind)):
-        p.reach[tree, 0] = p.reach[tree, 1] = 0.0
+        p.reach[tree, 0] = p.reach[tree, 1] = -math.inf if room.work.ignored[tree] == 1 else 0.0
         if room.work.kind[tree] != STAYS:
             p.reach[tree, 0] = p.reach[tree, 1] = reach
             update_boxes(scene, p.frames, room.boxes, tree)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from geomphys.driven.coupling import relax_offset
 from geomphys.driven.objective import link_centre
 from geomphys.driven.postures import is_recorded, vec_of
-from geomphys.driven.state import DrivenRoom, DrivenState
+from geomphys.driven.state import GIVEN, DrivenRoom, DrivenState
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import (
     Vec,
@@ -107,13 +107,34 @@ def _relax_tree(scene: Scene, state: DrivenState, room: DrivenRoom, tree: int, r
         _aim(room, recorded, body, (s[0], s[1], s[2]), (s[3], s[4], s[5]))
 
 
+@kernel
+def _take_given(scene: Scene, state: DrivenState, room: DrivenRoom, tree: int, recorded: Floats, dt: float) -> None:
+    """Offsets of a tree, and their rates, as those of the posture it is given, and its links aimed there."""
+    first, asked = scene.trees.body_start[tree], state.asked.poses
+    for body in range(first, scene.trees.body_start[tree + 1]):
+        s, c = state.shift[body], link_centre(room, recorded, body)
+        shift = sub(link_centre(room, asked, body), c)
+        turn = rotation_vector(quat_mul(orientation_of(asked, body), quat_conjugate(orientation_of(recorded, body))))
+        for i in range(3):
+            room.work.anchor[body, i] = c[i] + s[i]
+            state.rate[body, i], state.rate[body, 3 + i] = (shift[i] - s[i]) / dt, (turn[i] - s[3 + i]) / dt
+        for i in range(3):
+            s[i], s[3 + i] = shift[i], turn[i]
+        _aim(room, recorded, body, shift, turn)
+    for i in range(3):
+        state.speed[tree, i] = state.kept_speed[tree, i] = state.rate[room.links.pivot[tree], i]
+
+
 @outlined
 def aim(scene: Scene, state: DrivenState, room: DrivenRoom, recorded: Floats, dt: float) -> None:
     """Relax all offsets by `dt` [s] and set targets, anchors and paces of the links; `recorded` (B, 7) are their poses."""
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] != DRIVEN:
             continue
-        _relax_tree(scene, state, room, tree, recorded, dt)
+        if state.given[tree] == GIVEN and dt > 0.0:
+            _take_given(scene, state, room, tree, recorded, dt)
+        else:
+            _relax_tree(scene, state, room, tree, recorded, dt)
         motion = 0.0
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
             way = sub(link_centre(room, recorded, body), link_centre(room, state.recorded.poses, body))

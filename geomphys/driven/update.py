@@ -20,7 +20,7 @@ from geomphys.driven.objective import is_stiff, link_centre
 from geomphys.driven.postures import copy_tree
 from geomphys.driven.reachability import look_back, way_of_pair_is_free
 from geomphys.driven.sqp import ANY_WAY, search
-from geomphys.driven.state import NEVER_FREE, SHIFTS, STARTED_FREE, STAYS, DrivenRoom, DrivenState
+from geomphys.driven.state import NEVER_FREE, SHIFTS, STARTED_FREE, STAYS, WAS_GIVEN, DrivenRoom, DrivenState
 from geomphys.driven.stepping import look, place
 from geomphys.driven.targets import aim, clear_offsets, note_offsets
 from geomphys.jit.kernel import kernel, outlined
@@ -134,7 +134,9 @@ def update_driven(
     state.started[0] = NEVER_FREE if first and not done.converged else STARTED_FREE
     yielded = done.yielded
     for tree in range(len(scene.trees.role)):
-        yielded = yielded or (state.bent[tree] == 1 and is_stiff(scene, tree))
+        if state.bent[tree] == 0 and state.given[tree] == WAS_GIVEN:
+            state.given[tree] = 0
+        yielded = yielded or (state.bent[tree] == 1 and state.given[tree] == 0 and is_stiff(scene, tree))
     return Outcome(done.rounds, done.method, done.rescues, done.converged, yielded)
 
 

@@ -7,32 +7,22 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import find_near, near_pairs_of_trees
+from geomphys.collision.detect import find_near
 from geomphys.collision.sweep import apart, update_boxes
-from geomphys.driven.coupling import relax_offset
-from geomphys.driven.postures import is_recorded
+from geomphys.driven.coupling import relax
+from geomphys.driven.postures import copy_tree, is_recorded
+from geomphys.driven.state import GIVEN, WAS_GIVEN
+from geomphys.engine.coupled_motion import advance_together
+from geomphys.engine.coupled_state import Coupled
+from geomphys.engine.coupled_unknowns import end_unknown, first_unknown, load_unknowns, pose_driven
 from geomphys.engine.methods import give_way_by_method
 from geomphys.engine.state import Knobs, Machine
 from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.vec3 import (
-    add,
-    add_scaled,
-    dot,
-    norm,
-    quat_conjugate,
-    quat_from_rotation_vector,
-    quat_mul,
-    quat_rotate,
-    quat_unit,
-    rotation_vector,
-    scale,
-    slerp,
-    sub,
-)
+from geomphys.numerics.vec3 import add, add_scaled, norm, scale, slerp, sub
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
 from geomphys.scene.kinematics import orientation_of, place_tree, pose_tree, position_of, set_pose
 from geomphys.simulated.driven_paths import carried_on, is_even
-from geomphys.simulated.update import simulate
+from geomphys.simulated.update import begin_frame, end_frame
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -40,7 +30,8 @@ Ints = NDArray[np.int64]
 TURN = 1.0 / 240.0  # s: where they may meet, driven and simulated bodies take turns at least so often
 SPARE = 0.01  # share of a turn by which one may be longer: times of messages are rounded
 MOST_TURNS = 16  # in a frame
-NEAR = 1e-3  # m: bodies that come no nearer do not meet
+NEAR = 6e-3  # m: bodies that come no nearer do not meet
+LEAST_OVERLAP = 4e-6  # m: a driven body gives way to a simulated one that is deeper in it
 LEAST_MOTION = 1e-9  # m: of both in a frame together; slower, one turn a frame will do
 
 
@@ -127,38 +118,6 @@ def bend_way(scene: Scene, m: Machine, dt: float, part: int, parts: int) -> None
                     m.recorded[body, i] += aside
 
 
-@outlined
-def pull_freely(scene: Scene, m: Machine, dt: float) -> None:
-    """Note the couplings of driven trees as they are, and the speeds that (6) gives them in `dt` if nothing is met."""
-    trees = scene.trees
-    for tree in range(len(trees.role)):
-        if trees.role[tree] != DRIVEN:
-            continue
-        for i in range(3):
-            x, v = m.driven.offset[tree, i], m.driven.speed[tree, i]
-            m.coupling[tree, i] = x
-            m.coupling[tree, 3 + i] = relax_offset(trees, tree, x, v, dt)[1]
-
-
-@kernel
-def want_velocities(scene: Scene, m: Machine, dt: float) -> None:
-    """Velocities of driven bodies at which they want to move, whatever holds them back: as recorded, and as (6) pulls."""
-    bodies = scene.bodies
-    for body in range(len(bodies.role)):
-        if bodies.role[body] != DRIVEN:
-            continue
-        tree = bodies.tree[body]
-        com = (bodies.com[body, 0], bodies.com[body, 1], bodies.com[body, 2])
-        q0, q1 = orientation_of(m.start, body), orientation_of(m.corrected, body)
-        c0 = add(position_of(m.start, body), quat_rotate(q0, com))
-        c1 = add(position_of(m.corrected, body), quat_rotate(q1, com))
-        turn = rotation_vector(quat_mul(q1, quat_conjugate(q0)))
-        for i in range(3):
-            pulled = m.driven.offset[tree, i] - m.coupling[tree, i]
-            m.velocity[body, i] = (c1[i] - c0[i] - pulled) / dt + m.coupling[tree, 3 + i]
-            m.velocity[body, 3 + i] = turn[i] / dt
-
-
 @kernel
 def place_simulated(scene: Scene, m: Machine, tree: int, poses: Floats) -> None:
     """Pieces and boxes of a simulated tree at its row of `poses` (B, 7)."""
@@ -166,54 +125,6 @@ def place_simulated(scene: Scene, m: Machine, tree: int, poses: Floats) -> None:
     for frames in (p.base, p.frames, p.moved):
         place_tree(scene, tree, poses, frames)
     update_boxes(scene, p.base, m.boxes, tree)
-
-
-@kernel
-def _meets_driven(scene: Scene, m: Machine, tree: int) -> bool:
-    """Whether a simulated tree overlaps a driven one as that ended the last frame."""
-    near = m.room.near
-    near.filled[0] = 0
-    for other in range(len(scene.trees.role)):
-        if scene.trees.role[other] == DRIVEN:
-            update_boxes(scene, m.room.places.frames, m.boxes, other)
-            near_pairs_of_trees(
-                scene, m.room.places.frames, m.boxes, other, tree, 0.0, math.inf, near, m.axes, m.scratch
-            )
-    for k in range(near.filled[0]):  # noqa: SIM110 - a kernel cannot take a generator
-        if near.separation[k] < 0.0:
-            return True
-    return False
-
-
-@outlined
-def predict_simulated(scene: Scene, m: Machine, dt: float) -> None:
-    """Put simulated bodies where they go by their velocity within the frame: what driven bodies have to keep clear of.
-
-    Kept clear of where it is now, a ball that rolls ahead of a hand would never be reached by it. One that comes at a
-    hand stays where it is: it is to hit it.
-    """
-    bodies = scene.bodies
-    for tree in range(len(scene.trees.role)):
-        if scene.trees.role[tree] != SIMULATED:
-            continue
-        body = scene.trees.body_start[tree]
-        for k in range(7):
-            m.recorded[body, k] = m.corrected[body, k]
-        speed = (m.velocity[body, 0], m.velocity[body, 1], m.velocity[body, 2])
-        spin = (m.velocity[body, 3], m.velocity[body, 4], m.velocity[body, 5])
-        if dot(speed, speed) + dot(spin, spin) == 0.0:
-            continue
-        com = (bodies.com[body, 0], bodies.com[body, 1], bodies.com[body, 2])
-        q = orientation_of(m.corrected, body)
-        centre = add_scaled(add(position_of(m.corrected, body), quat_rotate(q, com)), speed, dt)
-        q = quat_unit(quat_mul(quat_from_rotation_vector(scale(spin, dt)), q))
-        set_pose(m.predicted, body, sub(centre, quat_rotate(q, com)), q)
-        place_simulated(scene, m, tree, m.predicted)
-        if _meets_driven(scene, m, tree):
-            place_simulated(scene, m, tree, m.corrected)
-        else:
-            for k in range(7):
-                m.recorded[body, k] = m.predicted[body, k]
 
 
 @kernel
@@ -259,40 +170,103 @@ def turns_of(scene: Scene, m: Machine, dt: float) -> int:
 
 
 @kernel
-def push_back(scene: Scene, m: Machine, tree: int) -> None:
-    """Let the impulse that a driven tree got change the speed of its offset (6).
+def is_pressed(scene: Scene, m: Machine) -> bool:
+    """Whether some driven tree was pressed or hit by a simulated body in the last part."""
+    for tree in range(len(scene.trees.role)):  # noqa: SIM110 - a kernel cannot take a generator
+        if m.coupled.trees[tree].touched == 1:
+            return True
+    return False
 
-    The driven loop has already taken from it what went against the bodies it met; that is not taken twice.
-    """
-    impulse = (m.impulse[tree, 0], m.impulse[tree, 1], m.impulse[tree, 2])
-    size = norm(impulse)
-    if size == 0.0:
-        return
-    speed = (m.driven.speed[tree, 0], m.driven.speed[tree, 1], m.driven.speed[tree, 2])
-    free = (m.coupling[tree, 3], m.coupling[tree, 4], m.coupling[tree, 5])
-    taken = max(0.0, -dot(sub(free, speed), impulse) / size)
-    back = 1.0 / scene.trees.mass[tree] - taken / size
-    for i in range(3):
-        m.driven.speed[tree, i] += back * impulse[i]
+
+@kernel
+def relax_for_now(c: Coupled, first: int, last: int, dt: float) -> None:
+    """Relax the offsets of unknowns `first` to `last` by (6); `take_back` undoes it."""
+    for k in range(first, last):
+        x = c.unknowns[k]
+        x.solved = x.offset
+        if x.mass > 0.0:
+            x.offset = relax(x.offset, x.rate, x.mass, x.stiffness, x.damping, dt)[0]
+
+
+@kernel
+def take_back(c: Coupled, first: int, last: int) -> None:
+    """Offsets of unknowns `first` to `last` as they were before `relax_for_now`."""
+    for k in range(first, last):
+        c.unknowns[k].offset = c.unknowns[k].solved
+
+
+@kernel
+def lay_paths(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float) -> None:
+    """Poses at the end of a part of the frame of all that is not simulated, driven trees where (6) alone takes them."""
+    c = m.coupled
+    for tree in range(len(scene.trees.role)):
+        if not is_recorded(scene, tree):
+            continue
+        if scene.trees.role[tree] == DRIVEN:
+            relax_for_now(c, 3 * tree, 3 * tree + 3, dt)
+            relax_for_now(c, first_unknown(scene, tree), end_unknown(scene, tree), dt)
+            pose_driven(scene, m, tree, roots, angles, 1.0, c.after)
+            take_back(c, 3 * tree, 3 * tree + 3)
+            take_back(c, first_unknown(scene, tree), end_unknown(scene, tree))
+        for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+            for k in range(7):
+                driven = scene.trees.role[tree] == DRIVEN
+                m.corrected[body, k] = c.after.poses[body, k] if driven else m.recorded[body, k]
+
+
+@kernel
+def choose_coupled(scene: Scene, m: Machine) -> bool:
+    """Let islands that may meet a driven tree be solved together with it; whether there are any."""
+    sim, some = m.simulated, False
+    for k in range(sim.counts[0].pairs):
+        a, b = sim.pairs[k].body[0], sim.pairs[k].body[1]
+        if sim.bodies[b].role == DRIVEN and sim.bodies[a].awake == 1:
+            sim.bodies[sim.bodies[a].island].island_awake = 2
+            m.coupled.trees[sim.bodies[b].tree].solved = 1
+            some = True
+    if some:
+        for s in range(len(sim.free)):
+            body = sim.bodies[sim.free[s]]
+            if body.awake == 1 and sim.bodies[body.island].island_awake == 2:
+                body.awake = 2
+    return some
 
 
 @outlined
-def simulate_bodies(scene: Scene, m: Machine, dt: float, knobs: Knobs, done: int, goes_on: bool) -> tuple[int, int]:
-    """Move the simulated bodies through the frame, or a part of it; what hits a driven tree changes its offset's speed.
+def move_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float, gap: float, goes_on: bool) -> int:
+    """Solve what may meet, driven and simulated, through a part of a frame; returns the impacts.
 
-    `done` are the impacts of the frame's parts so far, if it `goes_on`. Returns the impacts and the flags of `simulate`.
+    Simulated bodies that take part are then at its end. Driven trees that were touched are to go where this took them,
+    but for what else is in their way: `DrivenState.asked`. The frame of the simulated loop is begun.
     """
-    if len(m.simulated.free) == 0 or dt <= 0.0:
-        return 0, 0
-    want_velocities(scene, m, dt)
-    for tree in range(len(m.impulse)):
-        for i in range(3):
-            m.impulse[tree, i] = 0.0
-    impacts, flags = simulate(m.simulated, dt, knobs.max_impacts - done, knobs.gap, goes_on)
+    c, state = m.coupled, m.driven
+    load_unknowns(scene, m, roots, angles, dt)
+    lay_paths(scene, m, roots, angles, dt)
+    m.coupled.solve[0].awake = 1 if begin_frame(m.simulated, dt, gap, goes_on) else 0
+    impacts = 0
+    if choose_coupled(scene, m):
+        impacts = advance_together(scene, m, roots, angles, dt)
+        m.simulated.counts[0].rows = 0
     for tree in range(len(scene.trees.role)):
+        m.room.work.ignored[tree] = 1 if scene.trees.role[tree] == SIMULATED else 0
         if scene.trees.role[tree] == DRIVEN:
-            push_back(scene, m, tree)
-        elif scene.trees.role[tree] == SIMULATED:
+            if c.trees[tree].solved == 0:
+                c.trees[tree].pressed = 0
+            if c.trees[tree].touched == 1:
+                state.given[tree] = GIVEN
+                copy_tree(scene, c.after, tree, state.asked)
+    return impacts
+
+
+@outlined
+def simulate_rest(scene: Scene, m: Machine, most_impacts: int) -> tuple[int, int]:
+    """Move the simulated bodies that met no driven one; ends the frame of the simulated loop. Returns impacts and flags."""
+    impacts, flags = end_frame(m.simulated, most_impacts, m.coupled.solve[0].awake == 1)
+    for tree in range(len(scene.trees.role)):
+        m.room.work.ignored[tree] = 0
+        if m.driven.given[tree] == GIVEN:
+            m.driven.given[tree] = WAS_GIVEN
+        if scene.trees.role[tree] == SIMULATED:
             body = scene.trees.body_start[tree]
             for k in range(7):
                 m.recorded[body, k] = m.corrected[body, k]
@@ -309,7 +283,7 @@ def yield_to_simulated(scene: Scene, m: Machine, knobs: Knobs) -> int:
             update_boxes(scene, p.frames, m.boxes, tree)
     find_near(scene, p.frames, m.boxes, m.still, 0.0, math.inf, near, p.found, m.axes, m.scratch)
     for k in range(near.filled[0]):
-        if near.separation[k] < 0.0 and scene.trees.role[near.tree_b[k]] == SIMULATED:
+        if near.separation[k] < -LEAST_OVERLAP and scene.trees.role[near.tree_b[k]] == SIMULATED:
             note_simulated(scene, m)
             rounds = give_way_by_method(scene, m, knobs.method)
             shift_driven(scene, m)

@@ -13,6 +13,7 @@ from geomphys.collision.penetration import Scratch, make_scratch
 from geomphys.collision.sweep import Boxes, make_boxes
 from geomphys.driven.paper.state import PaperWorkspace
 from geomphys.driven.state import DrivenRoom, DrivenState, make_driven_room, make_driven_state, make_places
+from geomphys.engine.coupled_state import Coupled, make_coupled
 from geomphys.engine.fingertips import Fingertips, make_fingertips
 from geomphys.jit.packed_records import pack
 from geomphys.scene.arrays import Scene
@@ -53,10 +54,8 @@ class Machine(NamedTuple):
     still: Floats  # (T, 2) zeros: no tree moves while its overlaps are measured
     simulated: Simulation
     start: Floats  # (B, 7) poses at the frame's start
-    predicted: Floats  # (B, 7) poses of simulated bodies at the frame's end, by their velocity
-    velocity: Floats  # (B, 6) m/s of the centre of mass and rad/s, world
-    impulse: Floats  # (T, 3) N s that simulated bodies gave to driven trees
-    coupling: Floats  # (T, 6) offset [m] of driven trees before their turn, and its speed [m/s] after a free one
+    velocity: Floats  # (B, 6) m/s of the centre of mass and rad/s, world, of simulated bodies
+    coupled: Coupled
     course: Floats  # (T, 13) of recorded roots, as `note_courses` fills it
     roots: Floats  # (T, 7) recorded root poses within a frame
     angles: Floats  # (Q,) recorded angles within a frame
@@ -83,7 +82,7 @@ def make_machine(scene: Scene, passes: int = 30, is_thumb: Ints | None = None) -
     boxes, axes, scratch = make_boxes(scene, places.base), make_axes(), make_scratch()
     room = make_driven_room(scene, poses, origins, places, near, boxes, axes, scratch, passes)
     corrected, start = poses.copy(), poses.copy()
-    velocity, impulse = scene.initial_velocity.copy(), np.zeros((trees, 3))
+    velocity = scene.initial_velocity.copy()
     return Machine(
         recorded=poses,
         corrected=corrected,
@@ -93,14 +92,12 @@ def make_machine(scene: Scene, passes: int = 30, is_thumb: Ints | None = None) -
         boxes=boxes,
         still=np.zeros((trees, 2)),
         simulated=make_simulation(
-            scene, poses, start=start, end=corrected, reported=velocity, driven_impulse=impulse, frames=places.moved,
+            scene, poses, start=start, end=corrected, reported=velocity, frames=places.moved,
             scratch=scratch,
         ),
         start=start,
-        predicted=poses.copy(),
         velocity=velocity,
-        impulse=impulse,
-        coupling=np.zeros((trees, 6)),
+        coupled=make_coupled(scene, poses, room.links),
         course=np.zeros((trees, 13)),
         roots=np.zeros((trees, 7)),
         angles=np.zeros(dofs),

@@ -16,13 +16,13 @@ from geomphys.driven.groups import Outcome
 from geomphys.driven.postures import is_recorded
 from geomphys.engine.coupled_step import (
     bend_way,
+    is_pressed,
+    move_together,
     note_courses,
     note_simulated,
-    predict_simulated,
-    pull_freely,
     recording_between,
     shift_driven,
-    simulate_bodies,
+    simulate_rest,
     turns_of,
     yield_to_simulated,
 )
@@ -163,10 +163,6 @@ def keep_poses(scene: Scene, m: Machine) -> None:
 @outlined
 def drive(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float, first: bool, knobs: Knobs) -> Outcome:
     """The driven loop's turn: driven bodies go on to the roots (T, 7) and angles (Q,) recorded `dt` [s] later."""
-    if not first:
-        predict_simulated(scene, m, dt)
-    if len(m.simulated.free) > 0:
-        pull_freely(scene, m, dt)
     note_simulated(scene, m)
     done = update_by_method(scene, m, knobs.method, roots, angles, dt)
     shift_driven(scene, m)
@@ -200,15 +196,19 @@ def step(
             keep_poses(scene, m)
         if last and parts > 1:
             place_recording(scene, m, roots, angles)
-        if last:
-            more = drive(scene, m, roots, angles, dt / parts, first, knobs)
-        else:
+        if not last:
             recording_between(
                 scene, m.room.origins, m.driven.recorded.roots, m.driven.recorded.angles, roots, angles, 1.0 / (parts - part),
                 m.roots, m.angles, m.recorded,
             )  # fmt: skip
             bend_way(scene, m, dt, part, parts)
-            more = drive(scene, m, m.roots, m.angles, dt / parts, first, knobs)
+        now_at, bent = (roots, angles) if last else (m.roots, m.angles)
+        t3 = cycles()
+        moves = not first and len(m.simulated.free) > 0 and dt > 0.0
+        if moves:
+            impacts += move_together(scene, m, now_at, bent, dt / parts, knobs.gap, part > 0)
+        simulating += cycles() - t3
+        more = drive(scene, m, now_at, bent, dt / parts, first, knobs)
         done = Outcome(
             done.rounds + more.rounds,
             max(done.method, more.method),
@@ -216,11 +216,10 @@ def step(
             done.converged and more.converged,
             done.yielded or more.yielded,
         )
-        now_at, bent = (roots, angles) if last else (m.roots, m.angles)
         flags |= contain_driven(scene, m, now_at, bent, first)
         t3 = cycles()
-        if not first and len(m.simulated.free) > 0:
-            now, flagged = simulate_bodies(scene, m, dt / parts, knobs, impacts, part > 0)
+        if moves:
+            now, flagged = simulate_rest(scene, m, knobs.max_impacts - impacts)
             impacts, flags = impacts + now, flags | flagged
             if yield_to_simulated(scene, m, knobs) > 0:
                 flags |= contain_driven(scene, m, now_at, bent, first)
@@ -249,7 +248,7 @@ def step(
     if done.yielded:
         numbers[FLAGS] |= FLAG_SHAPE_CHANGED
     touches = block.contact_end[frame + 1] > block.contact_end[frame]
-    if lengths[RECORDED] == 0.0 and touches and lengths[CORRECTION] > BLOCKED_FROM:
+    if lengths[RECORDED] == 0.0 and touches and not is_pressed(scene, m) and lengths[CORRECTION] > BLOCKED_FROM:
         numbers[FLAGS] |= FLAG_BLOCKED
     if first and (lengths[RECORDED] > 0.0 or lengths[RESIDUAL] > LEFT):
         numbers[FLAGS] |= FLAG_STARTED_INSIDE

@@ -102,6 +102,8 @@ class Trees(NamedTuple):
     damping: Floats  # (T,) R
     chains: Ints  # (T,) 1 for an avatar in chains mode
     self_collision: Ints  # (T,)
+    effort: Floats  # (T,) N: the coupling pulls with no more; inf without a limit
+    squeeze: Floats  # (T,) m: how much deeper than recorded contacts with simulated bodies press
 
 
 class Dofs(NamedTuple):
@@ -111,6 +113,7 @@ class Dofs(NamedTuple):
     upper: Floats  # (Q,)
     tree: Ints  # (Q,)
     chain: Ints  # (Q,) index into `Chains`, -1 outside every chain
+    effort: Floats  # (Q,) N or N m: the coupling pulls with no more; inf without a limit
 
 
 class Chains(NamedTuple):

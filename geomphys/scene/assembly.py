@@ -249,7 +249,13 @@ def _trees(trees: Sequence[Tree], body_start: NDArray[np.int64], dof_start: NDAr
         damping=np.array(damping, dtype=np.float64),
         chains=np.array([t.in_chains for t in trees], dtype=np.int64),
         self_collision=np.array(self_collision, dtype=np.int64),
+        effort=np.array([_or_inf(t.table.effort_n) for t in trees], dtype=np.float64),
+        squeeze=np.array([t.table.squeeze for t in trees], dtype=np.float64),
     )
+
+
+def _or_inf(value: float | None) -> float:
+    return float(np.inf) if value is None else value
 
 
 def _chains(trees: Sequence[Tree], body_start: NDArray[np.int64]) -> Chains:
@@ -263,7 +269,7 @@ def _chains(trees: Sequence[Tree], body_start: NDArray[np.int64]) -> Chains:
 
 def _dofs(trees: Sequence[Tree], chains: Chains, body_start: NDArray[np.int64], dof_start: NDArray[np.int64]) -> Dofs:
     lower, upper = np.full(dof_start[-1], -np.inf), np.full(dof_start[-1], np.inf)
-    chain = np.full(dof_start[-1], -1, dtype=np.int64)
+    chain, effort = np.full(dof_start[-1], -1, dtype=np.int64), np.full(dof_start[-1], np.inf)
     chain_of_body = {
         int(b): c for c in range(len(chains.tree)) for b in chains.bodies[slice(*chains.body_start[c : c + 2])]
     }
@@ -274,8 +280,11 @@ def _dofs(trees: Sequence[Tree], chains: Chains, body_start: NDArray[np.int64], 
         lower[columns], upper[columns] = tree.skeleton.lower, tree.skeleton.upper
         for k, joint in enumerate(tree.skeleton.joints):
             if joint is not None and joint.dof >= 0 and joint.mimics is None:
+                effort[dof_start[t] + joint.dof] = joint.effort
                 chain[dof_start[t] + joint.dof] = chain_of_body.get(int(body_start[t]) + k, -1)
-    return Dofs(lower=lower, upper=upper, tree=np.repeat(np.arange(len(trees)), np.diff(dof_start)), chain=chain)
+    return Dofs(
+        lower=lower, upper=upper, tree=np.repeat(np.arange(len(trees)), np.diff(dof_start)), chain=chain, effort=effort
+    )
 
 
 def _cones(trees: Sequence[Tree], body_start: NDArray[np.int64]) -> ReachCones:

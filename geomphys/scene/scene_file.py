@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError, model_validator
 
@@ -80,8 +80,19 @@ class MaterialPair(Table):
 class Coupling(Table):
     """Virtual coupling m A = -K x - R v of the offset x from the recorded pose (equation 6)."""
 
-    stiffness: Annotated[float, Field(ge=1e-3, le=1e9, description="K, N/m")] = 1000.0
+    stiffness: Annotated[
+        float, Field(ge=1e-3, le=1e9, description="K, N/m: what is recorded 1 mm inside presses with K / 1000 N")
+    ] = 1000.0
     damping: Annotated[float, Field(ge=0.0, le=1e9, description="R, N s/m")] = 40.0
+
+
+Effort: TypeAlias = Annotated[float, Field(gt=0.0, le=1e9)] | None
+EFFORT = Field(
+    default=None,
+    description="N: its coupling presses with no more; of joints without an effort limit of their own, N at the fingertip",
+)
+Squeeze: TypeAlias = Annotated[float, Field(ge=0.0, le=0.1)]
+SQUEEZE = Field(default=0.0, description="m: how much deeper than recorded it presses what is simulated")
 
 
 class ObjectTable(Table):
@@ -110,6 +121,8 @@ class ObjectTable(Table):
     delay: Seconds = NO_DELAY
     joints: JointsTable | None = None
     coupling: Coupling | Literal["rigid"] | None = None
+    effort_n: Effort = EFFORT
+    squeeze: Squeeze = SQUEEZE
 
     @property
     def rotation(self) -> Quaternion:
@@ -141,6 +154,9 @@ class ObjectTable(Table):
                 raise fault(f"{key}: {only}simulated has one, this is {kind}")
         if kind != "driven" and self.coupling is not None:
             raise fault(f"coupling: {only}driven has one, this is {kind}")
+        for key, unset in (("effort_n", None), ("squeeze", 0.0)):
+            if kind != "driven" and getattr(self, key) != unset:
+                raise fault(f"{key}: {only}driven has one, this is {kind}")
         if self.urdf is not None:
             if kind != "fixed":
                 raise fault(f"urdf: an articulated object must have class = fixed, this is {kind}")
@@ -192,6 +208,8 @@ class AvatarTable(Table):
     root: RootTable = RootTable()
     joints: JointsTable | None = None
     coupling: Coupling | Literal["rigid"] = Coupling()
+    effort_n: Effort = EFFORT
+    squeeze: Squeeze = SQUEEZE
     self_collision: bool = True
     decomposition: Decomposition = "auto"
     ignore_pairs: Annotated[tuple[Pair, ...], BeforeValidator(sequence)] = ()

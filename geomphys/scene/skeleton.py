@@ -54,6 +54,7 @@ class Joint:
     axis: Floats  # (3,) unit, joint frame
     lower: float  # rad or m, -inf without a limit
     upper: float
+    effort: float  # N or N m, inf without a limit
     dof: int  # column of the angles, -1 for a fixed joint; a mimic joint has its master's
     multiplier: float  # angle = multiplier * dof + offset
     offset: float
@@ -207,6 +208,7 @@ def load_skeleton(path: AnyPath) -> Skeleton:
                 axis=_axis(path, source),
                 lower=lower,
                 upper=upper,
+                effort=_effort(source),
                 dof=dof,
                 multiplier=multiplier,
                 offset=offset,
@@ -330,6 +332,12 @@ def _limits(path: AnyPath, joint: Any) -> tuple[float, float]:
     if lower > upper:
         raise ModelError(f"{path}: joint {joint.name!r} has lower limit {lower} above upper limit {upper}")
     return lower, upper
+
+
+def _effort(joint: Any) -> float:
+    """Largest force [N] or torque [N m] of a joint; inf where the file has none, or none above zero."""
+    given = None if joint.limit is None else joint.limit.effort
+    return float(given) if given is not None and 0.0 < given < np.inf else float(np.inf)
 
 
 def _dof_limits(joints: list[Joint | None], count: int) -> tuple[Floats, Floats]:

@@ -9,7 +9,7 @@ import numpy as np
 from geomphys.collision.scratch import Scratch
 from geomphys.collision.support import place_pieces
 from geomphys.collision.sweep import local_boxes
-from geomphys.scene.arrays import DRIVEN, HULL, SIMULATED, SPHERE, Floats, Scene
+from geomphys.scene.arrays import HULL, SIMULATED, SPHERE, Floats, Scene
 from geomphys.simulated.state import BODY, COUNTS, ENERGY, FRAME, MOTION, PAIR, ROW, SLOT, Records, Simulation
 
 WIDE = 4.0  # a still body wider along x than this many median widths is looked at each time
@@ -80,13 +80,11 @@ def body_records(scene: Scene) -> tuple[Records, Records]:
     """(B,) `MOTION` and (B,) `BODY` with what never changes filled in."""
     source, count = scene.bodies, len(scene.bodies.role)
     motion, bodies = np.zeros(count, MOTION), np.zeros(count, BODY)
-    free, driven = source.role == SIMULATED, source.role == DRIVEN
+    free = source.role == SIMULATED
     motion["centre"][free] = source.com[free]
     motion["inverse_mass"][free] = 1.0 / source.mass[free]
     motion["mass"][free] = source.mass[free]
-    motion["mass"][driven] = scene.trees.mass[source.tree[driven]]
     motion["inertia"], motion["principal"] = source.inertia, source.principal
-    motion["coupling_arm"] = source.com
     motion["reported_spin"] = np.nan
     bodies["role"], bodies["tree"], bodies["material"] = source.role, source.tree, source.material
     bodies["first_piece"], bodies["end_piece"] = source.piece_start[:-1], source.piece_start[1:]
@@ -101,7 +99,6 @@ def make_simulation(
     start: Floats,
     end: Floats,
     reported: Floats,
-    driven_impulse: Floats,
     frames: Floats,
     scratch: Scratch,
     max_pairs: int = MOST_PAIRS,
@@ -115,7 +112,7 @@ def make_simulation(
         The scene.
     poses
         (B, 7) world poses of all bodies at the start; those of what never moves stay.
-    start, end, reported, driven_impulse, frames, scratch
+    start, end, reported, frames, scratch
         Arrays of the caller, as in `Simulation`: each frame is simulated from and to what stands there.
     max_pairs, max_points
         Capacity for pairs of pieces that may meet in a frame, and for contact points. Where it is too small for a
@@ -123,7 +120,7 @@ def make_simulation(
     """
     motion, kinds = body_records(scene)
     motion["position"], motion["orientation"] = poses[:, :3], poses[:, 3:]
-    bodies, trees = len(kinds), len(scene.trees.role)
+    bodies = len(kinds)
     local = piece_local_boxes(scene)
     arms, boxes = piece_arms(scene, motion), piece_boxes(scene, poses, local)
     np.maximum.at(motion["reach"], scene.pieces.body, arms)
@@ -156,7 +153,6 @@ def make_simulation(
         start=start,
         end=end,
         reported=reported,
-        driven_impulse=driven_impulse,
         frames=frames,
         scratch=scratch,
         counts=np.zeros(1, COUNTS),
@@ -170,7 +166,6 @@ def make_simulation(
         displacement=np.zeros((bodies, 6)),
         island_mass=np.zeros(bodies),
         energy=np.zeros(bodies, ENERGY),
-        recoil=np.zeros((trees, 3)),
         queue=np.zeros(pairs, np.int64),
         found=np.zeros(bodies, np.int64),
         old_slots=np.zeros(4, SLOT),

@@ -6,7 +6,6 @@ from geomphys.jit.kernel import kernel, outlined
 from geomphys.scene.arrays import FIXED
 from geomphys.simulated.contact_points import normal_speed
 from geomphys.simulated.driven_paths import load_paths
-from geomphys.simulated.driven_targets import follow_paths, follow_wishes, take_recoil
 from geomphys.simulated.impulse_accumulation import commit
 from geomphys.simulated.impulses import collide
 from geomphys.simulated.motion import load_velocities, refresh
@@ -69,7 +68,6 @@ def resolve(sim: Simulation, t: float, room: int) -> tuple[int, bool]:
     """
     load_velocities(sim)
     load_paths(sim, t)
-    wishes = follow_wishes(sim, t)
     set_limits(sim)
     for k in range(sim.counts[0].pairs):
         sim.pairs[k].hits = 0
@@ -87,13 +85,7 @@ def resolve(sim: Simulation, t: float, room: int) -> tuple[int, bool]:
         collide(sim, sim.velocity, 1.0)
         commit(sim)
         done += 1
-        if wishes:
-            take_recoil(sim, t)
-    stop_slow_approach(sim, t, wishes)
-    if wishes:
-        take_recoil(sim, t)
-        follow_paths(sim)
-        stop_slow_approach(sim, t, False)
+    stop_slow_approach(sim)
     for s in range(len(sim.free)):
         if has_changed(sim, sim.free[s]):
             refresh(sim.motion[sim.free[s]])

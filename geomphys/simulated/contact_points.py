@@ -25,7 +25,7 @@ from geomphys.numerics.vec3 import Vec, add, cross, dot, perpendicular, quat_con
 from geomphys.scene.arrays import Floats
 from geomphys.simulated.motion import point_at
 from geomphys.simulated.state import Motion, Row, Simulation, Slot, has_yielded
-from geomphys.simulated.time_of_impact import look
+from geomphys.simulated.time_of_impact import LOOK_FAR, look_within
 
 NEAR = 4e-4  # m: contact points with no more clearance take part in the solving
 SAME = 4e-6  # m²: squared distance within which a point continues one of the step before
@@ -95,7 +95,8 @@ def clear_slot(slot: Slot) -> None:
     clear_impulses(slot)
     set_vec(slot.local, (0.0, 0.0, 0.0))
     set_vec(slot.friction_force, (0.0, 0.0, 0.0))
-    slot.normal_force = slot.depth = slot.grasp_impulse = 0.0
+    set_vec(slot.slip_debt, (0.0, 0.0, 0.0))
+    slot.normal_force = slot.depth = 0.0
     slot.used = 0
 
 
@@ -179,7 +180,6 @@ def add_row(sim: Simulation, pair: int, count: int, t: float, n: Vec, x: Vec, cl
     r.restitution = p.restitution
     r.since = t
     r.impulse_limit = math.inf
-    r.grip_impulse = 0.0
     fill_masses(a, b, r)
     sim.bodies[p.body[0]].touched = 1
     sim.bodies[p.body[1]].touched = 1
@@ -194,15 +194,20 @@ def add_row(sim: Simulation, pair: int, count: int, t: float, n: Vec, x: Vec, cl
 
 @kernel
 def add_rows(sim: Simulation, pair: int, t: float) -> None:
-    """Look at a pair at time `t` of the frame and, if it is within `NEAR`, append a row for each contact point.
+    """`add_rows_within` of `NEAR`, unless the pair has yielded."""
+    if not has_yielded(sim, pair):
+        add_rows_within(sim, pair, t, NEAR)
+
+
+@outlined
+def add_rows_within(sim: Simulation, pair: int, t: float, margin: float) -> None:
+    """Look at a pair at time `t` of the frame and append a row for each contact point nearer than `margin` [m].
 
     The bases of simulated bodies must stand at `t`.
     """
     p = sim.pairs[pair]
-    if has_yielded(sim, pair):
-        return
-    s, n, pa, pb = look(sim, pair, t)
-    if s > NEAR:
+    s, n, pa, pb = look_within(sim, pair, t, max(LOOK_FAR, margin))
+    if s > margin:
         if p.point_count > 0:
             close_slots(sim, pair, 0)
         return
@@ -217,7 +222,7 @@ def add_rows(sim: Simulation, pair: int, t: float) -> None:
     for m in range(found):
         xa, xb = vec_at(on_a, m), vec_at(on_b, m)
         clearance = dot(n, sub(xa, xb))
-        if clearance <= NEAR:
+        if clearance <= margin:
             add_row(sim, pair, count, t, n, scale(add(xa, xb), 0.5), clearance)
             count += 1
     close_slots(sim, pair, count)

@@ -11,7 +11,6 @@ from geomphys.numerics.row_vectors import (
     set_quat,
     set_quat_from,
     set_vec,
-    set_vec_at,
     set_vec_from,
     vec_from,
     vec_of,
@@ -66,17 +65,14 @@ def begin(sim: Simulation, goes_on: bool) -> None:
     for s in range(len(sim.free)):
         set_free(sim, sim.free[s])
     lay_courses(sim)
-    for tree in range(len(sim.recoil)):
-        set_vec_at(sim.recoil, tree, (0.0, 0.0, 0.0))
     sim.counts[0].rows = 0
     sim.counts[0].lost = 0
     for k in range(sim.counts[0].pairs):
         sim.pairs[k].meetings = 0
         sim.pairs[k].yielded = 0
-        for m in range(4):
-            if not goes_on:
+        if not goes_on:
+            for m in range(4):
                 clear_impulses(sim.slots[k, m])
-            sim.slots[k, m].grasp_impulse = 0.0
 
 
 @kernel

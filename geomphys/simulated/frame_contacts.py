@@ -82,7 +82,7 @@ def deepest_overlap(sim: Simulation, frames: Floats) -> float:
         pair = sim.pairs[k]
         if sim.bodies[pair.body[1]].role == DRIVEN:
             continue
-        if sim.bodies[pair.body[0]].awake == 1:
+        if sim.bodies[pair.body[0]].awake != 0:
             i, j = pair.piece[0], pair.piece[1]
             pair.distance = separation(sim.pieces, frames, i, j, 0.0, vec_of(pair.axis), sim.scratch)[0]
         deepest = max(deepest, -pair.distance)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from geomphys.jit.kernel import kernel
-from geomphys.numerics.row_vectors import add_vec, add_vec_at, vec_of
+from geomphys.numerics.row_vectors import add_vec, vec_of
 from geomphys.numerics.vec3 import Vec, add_scaled, cross, scale
-from geomphys.scene.arrays import DRIVEN
 from geomphys.simulated.state import Row, Simulation, has_changed, is_simulated
 
 
@@ -45,16 +44,12 @@ def give_force(sim: Simulation, k: int, j: Vec, rate: float) -> None:
 
 @kernel
 def note(sim: Simulation, k: int, normal: float, friction: Vec) -> None:
-    """Add an impulse [N s] of row k to its point's sums of the frame, and to those of a driven tree it pushed back."""
+    """Add an impulse [N s] of row k to its point's sums of the frame."""
     r = sim.rows[k]
     slot = sim.slots[r.pair, r.slot]
     slot.normal_impulse = slot.normal_impulse + normal
     add_vec(slot.friction_impulse, friction, 1.0)
     add_vec(slot.normal_impulses, vec_of(r.normal), normal)
-    kind = sim.bodies[r.b]
-    if kind.role == DRIVEN:
-        j = add_scaled(friction, vec_of(r.normal), normal)
-        add_vec_at(sim.driven_impulse, kind.tree, j, -1.0)
 
 
 @kernel
@@ -68,9 +63,6 @@ def commit(sim: Simulation) -> None:
         j = impulse_of(r)
         give_velocity(sim, k, j)
         note(sim, k, normal, add_scaled(j, vec_of(r.normal), -normal))
-        if sim.bodies[sim.rows[k].b].role == DRIVEN:
-            slot = sim.slots[sim.rows[k].pair, sim.rows[k].slot]
-            slot.grasp_impulse = slot.grasp_impulse + normal
         r.normal_impulse = r.tangent_impulse[0] = r.tangent_impulse[1] = 0.0
 
 

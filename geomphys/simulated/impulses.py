@@ -160,8 +160,6 @@ def is_disturbed(sim: Simulation, r: Row) -> bool:
 def settle(sim: Simulation, velocity: Floats, sweeps: int, precision: float) -> int:
     """Solve all rows whose `mode` is 1 together: v_n >= `target_speed`, impulses only push, friction within its cone.
 
-    What a driven body grips with (`grip_impulse`) counts for the cone.
-
     Projected sweeps over the rows (Gauss-Seidel), to and fro so that forces travel up and down a stack, from the
     impulses they hold, which must be in the velocities already.
     Done when no sweep changes a velocity by more than `precision` [m/s]; returns the number of sweeps made. A row whose
@@ -182,7 +180,7 @@ def settle(sim: Simulation, velocity: Floats, sweeps: int, precision: float) -> 
                 visit += 1
                 r.visit = visit
                 change = push_more(sim, velocity, k)
-                cap = r.friction * (r.normal_impulse + r.grip_impulse)
+                cap = r.friction * r.normal_impulse
                 if cap > 0.0 or r.tangent_impulse[0] != 0.0 or r.tangent_impulse[1] != 0.0:
                     change = max(change, rub_more(sim, velocity, k, cap))
                 if change > UNFELT * precision:

@@ -68,7 +68,7 @@ def new_pair(sim: Simulation, k: int, i: int, j: int, a: int, b: int) -> None:
     """Record k of `pairs`, and its slots, for a pair of which nothing is known yet."""
     p = sim.pairs[k]
     p.piece[0], p.piece[1], p.body[0], p.body[1] = i, j, a, b
-    p.point_count = p.meetings = p.resting = p.yielded = 0
+    p.point_count = p.meetings = p.resting = p.yielded = p.met = 0
     set_vec(p.axis, (0.0, 0.0, 0.0))
     p.distance = p.seen_at = p.due = 0.0
     material_a, material_b = sim.bodies[a].material, sim.bodies[b].material

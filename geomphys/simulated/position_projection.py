@@ -1,7 +1,6 @@
 """Surfaces that overlap are moved apart; what touches may go on touching.
 
-Nothing but the poses changes. Where there is no room for all, what overlap must be is shared out, and driven bodies that
-press are let through: they give way at the frame's end.
+Nothing but the poses changes. Where there is no room for all, what overlap must be is shared out.
 """
 
 from __future__ import annotations
@@ -11,16 +10,13 @@ import math
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import add_vec, quat_of, set_quat, set_vec_from, vec_from
 from geomphys.numerics.vec3 import quat_from_rotation_vector, quat_mul, quat_unit
-from geomphys.scene.arrays import DRIVEN
 from geomphys.simulated.contact_points import normal_speed
-from geomphys.simulated.driven_targets import meets_driven
-from geomphys.simulated.impulses import let_go, push_more
+from geomphys.simulated.impulses import push_more
 from geomphys.simulated.motion import refresh
 from geomphys.simulated.state import Simulation, has_changed, has_yielded
 
 SHOVES = 200
 SETTLED = 1e-3  # of the gap kept: the moving apart ends when no sweep changes a distance by more
-WEDGE = 3.0  # gaps: what is left overlapping by more had no room
 TOUCHING = (
     0.75  # gaps: surfaces that overlap by no more only touch: the last digit of whoever wrote down where they are
 )
@@ -33,9 +29,9 @@ def is_short(sim: Simulation, k: int) -> bool:
     """Whether the surfaces of row k are too near each other to stay so.
 
     Things of the scene may touch, as whoever wrote it placed them: to lift one off the other would take energy from
-    nowhere. Driven bodies are kept a gap away: they are to find no overlap, and it is theirs to pay.
+    nowhere.
     """
-    return sim.rows[k].clearance < (0.5 if meets_driven(sim, k) else -TOUCHING) * sim.frame[0].gap
+    return sim.rows[k].clearance < -TOUCHING * sim.frame[0].gap
 
 
 @kernel
@@ -51,8 +47,6 @@ def any_short(sim: Simulation) -> bool:
 def distance_to_keep(sim: Simulation, k: int) -> float:
     """Clearance that the surfaces of row k must have after the moving apart [m]."""
     gap, clearance = sim.frame[0].gap, sim.rows[k].clearance
-    if meets_driven(sim, k):
-        return gap
     return CLEAR * gap if is_short(sim, k) else min(gap, clearance)
 
 
@@ -79,40 +73,6 @@ def sweep_apart(sim: Simulation, give: float) -> bool:
         if most <= SETTLED * gap:
             return True
     return False
-
-
-@kernel
-def is_wedged(sim: Simulation) -> bool:
-    """Mark the islands that the last sweeps left with an overlap. Returns whether there are any."""
-    found = False
-    for s in range(len(sim.free)):
-        sim.bodies[sim.free[s]].wedged = 0
-    for k in range(sim.counts[0].rows):
-        r = sim.rows[k]
-        if r.mode == 1:
-            moved = normal_speed(sim.displacement, r, r.a, r.b)
-            if r.clearance + moved < -WEDGE * sim.frame[0].gap:
-                sim.bodies[sim.bodies[r.a].island].wedged = 1
-                found = True
-    return found
-
-
-@kernel
-def let_driven_through(sim: Simulation) -> bool:
-    """Let go of driven bodies that press on wedged islands: it is they who give way at the frame's end.
-
-    Returns whether there were any.
-    """
-    found = False
-    for k in range(sim.counts[0].rows):
-        r = sim.rows[k]
-        island = sim.bodies[r.a].island
-        presses = r.mode == 1 and sim.rows[k].normal_impulse > 0.0
-        if presses and sim.bodies[island].wedged == 1 and sim.bodies[r.b].role == DRIVEN:
-            sim.pairs[r.pair].yielded = 1
-            found = True
-    let_go(sim)
-    return found
 
 
 @kernel
@@ -156,8 +116,6 @@ def push_apart(sim: Simulation) -> float:
         r.impulse_limit = math.inf
     if not sweep_apart(sim, 0.0):
         sweep_apart(sim, GIVE)
-        if is_wedged(sim) and let_driven_through(sim) and not sweep_apart(sim, 0.0):
-            sweep_apart(sim, GIVE)
         stay_if_useless(sim)
     least = math.inf
     for k in range(count):

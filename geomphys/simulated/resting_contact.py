@@ -9,17 +9,14 @@ parabola, and a body at rest is pushed by exactly its weight.
 
 from __future__ import annotations
 
-import math
-
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import add_vec_from, set_vec, vec_of
-from geomphys.numerics.vec3 import add_scaled, dot, norm, scale
-from geomphys.simulated.contact_points import clear_impulse, normal_speed, push, speed_at
+from geomphys.numerics.vec3 import add_scaled, dot, norm, quat_conjugate, quat_mul, quat_rotate, scale
+from geomphys.simulated.contact_points import clear_impulse, fill_masses, normal_speed, push, speed_at
 from geomphys.simulated.driven_paths import load_paths
-from geomphys.simulated.driven_targets import reload
 from geomphys.simulated.impulse_accumulation import commit, give_force, impulse_of
 from geomphys.simulated.impulses import let_go, settle, settle_normals
-from geomphys.simulated.motion import load_velocities, plan
+from geomphys.simulated.motion import load_velocities, plan, turn_at
 from geomphys.simulated.state import Simulation, has_changed, has_yielded, is_simulated
 
 SWEEPS = 400  # at most; what is left then is small, and the next step goes on from there
@@ -33,7 +30,6 @@ SLOW_PART = (
 )
 WEIGHT_TIME = 0.01  # s: more than twice the longest step
 MOST_YIELDS = 4
-GRIPPED = 1e-4  # m/s: a point that a driven body pressed and that does not part faster is gripped
 
 
 @kernel
@@ -48,12 +44,9 @@ def set_limits(sim: Simulation) -> None:
         a, b = r.a, r.b
         if not has_changed(sim, a) or is_simulated(sim, b) or sim.bodies[b].moves == 0:
             continue
-        if sim.motion[b].inverse_mass > 0.0:
-            r.impulse_limit = math.inf  # it gives way
-        else:
-            v = norm(speed_at(sim.velocity, r, a, b))
-            heft = sim.island_mass[sim.bodies[a].island]
-            r.impulse_limit = 4.0 * heft * (v + WEIGHT_TIME * sim.frame[0].weight)
+        v = norm(speed_at(sim.velocity, r, a, b))
+        heft = sim.island_mass[sim.bodies[a].island]
+        r.impulse_limit = 4.0 * heft * (v + WEIGHT_TIME * sim.frame[0].weight)
 
 
 @kernel
@@ -78,11 +71,8 @@ def yield_squeezed(sim: Simulation) -> bool:
 
 
 @outlined
-def stop_slow_approach(sim: Simulation, t: float, wishes: bool) -> None:
-    """Take the approach out of all touching points of changed bodies at once, with ε = 0.
-
-    `wishes` says that driven bodies are as they want to move at time `t`, not on their paths.
-    """
+def stop_slow_approach(sim: Simulation) -> None:
+    """Take the approach out of all touching points of changed bodies at once, with ε = 0."""
     least = 0.0
     for k in range(sim.counts[0].rows):
         r = sim.rows[k]
@@ -101,7 +91,7 @@ def stop_slow_approach(sim: Simulation, t: float, wishes: bool) -> None:
         if not yield_squeezed(sim):
             break
         clear_rows(sim)
-        reload(sim, t, wishes)
+        load_velocities(sim)
     commit(sim)
 
 
@@ -132,8 +122,6 @@ def choose_held(sim: Simulation, h: float) -> float:
                 fastest = max(fastest, norm(speed))
                 parting = v if v > FAINT else 0.0
                 r.target_speed = -2.0 * max(0.0, clearance - sim.frame[0].gap) / h - parting
-                slot = sim.slots[r.pair, r.slot]
-                r.grip_impulse = h / sim.frame[0].dt * slot.grasp_impulse if abs(v) < GRIPPED else 0.0
                 r.mode = 1
                 sim.pairs[r.pair].resting = 1
     return fastest
@@ -187,6 +175,24 @@ def fall(sim: Simulation, t: float, h: float) -> None:
             set_vec(sim.motion[body].torque, (0.0, 0.0, 0.0))
 
 
+@kernel
+def carry_arms(sim: Simulation, t: float, h: float) -> None:
+    """Turn the arms of held points to the end of the step with the tracked things that carry them.
+
+    Velocities at both ends of the step then have the directions of both ends, and what stands on a turntable goes along
+    its circle; else the table would throw it outwards by ω² r h.
+    """
+    for k in range(sim.counts[0].rows):
+        r = sim.rows[k]
+        path = sim.motion[r.b]
+        if r.mode == 0 or is_simulated(sim, r.b) or vec_of(path.rotation_rate) == (0.0, 0.0, 0.0):
+            continue
+        turn = quat_mul(turn_at(path, t + h), quat_conjugate(turn_at(path, t)))
+        set_vec(r.arm_a, quat_rotate(turn, vec_of(r.arm_a)))
+        set_vec(r.arm_b, quat_rotate(turn, vec_of(r.arm_b)))
+        fill_masses(sim.motion[r.a], path, r)
+
+
 @outlined
 def hold(sim: Simulation, t: float, h: float, sweeps: int) -> None:
     """Contact forces on the changed bodies from time `t` of the frame for `h` seconds, and their motions under them.
@@ -196,6 +202,7 @@ def hold(sim: Simulation, t: float, h: float, sweeps: int) -> None:
     """
     set_limits(sim)
     fastest = choose_held(sim, h)
+    carry_arms(sim, t, h)
     count = sim.counts[0].rows
     for _ in range(MOST_YIELDS):
         fall(sim, t, h)

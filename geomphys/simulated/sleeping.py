@@ -12,7 +12,7 @@ import math
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import add_vec, quat_of, set_quat_from, set_vec, set_vec_from, vec_from, vec_of
 from geomphys.numerics.vec3 import norm, sub
-from geomphys.scene.arrays import DRIVEN, Floats
+from geomphys.scene.arrays import Floats
 from geomphys.simulated.state import Motion, Simulation, is_simulated
 
 REST_TIME = 0.25  # s
@@ -51,11 +51,7 @@ def stirs(sim: Simulation, body: int) -> bool:
         return False
     m = sim.motion[body]
     moving = norm(vec_of(m.velocity)) > 0.0 or norm(vec_of(m.rotation_rate)) > 0.0
-    moving = moving or norm(vec_of(m.acceleration)) > 0.0 or norm(vec_of(m.rotation_change)) > 0.0
-    if sim.bodies[body].role == DRIVEN:
-        told = sim.reported[body]
-        moving = moving or norm(vec_from(told, 0)) > 0.0 or norm(vec_from(told, 3)) > 0.0
-    return moving
+    return moving or norm(vec_of(m.acceleration)) > 0.0 or norm(vec_of(m.rotation_change)) > 0.0
 
 
 @kernel
@@ -96,6 +92,8 @@ def wake(sim: Simulation, first: bool) -> bool:
     any_awake = False
     for s in range(len(sim.free)):
         body = sim.free[s]
+        if not first and sim.bodies[body].awake == 2:
+            continue
         awake = sim.bodies[sim.bodies[body].island].island_awake
         sim.bodies[body].awake = awake
         any_awake = any_awake or awake == 1

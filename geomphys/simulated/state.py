@@ -43,9 +43,8 @@ MOTION = np.dtype(
         ("centre", FLOAT, 3),  # m: reference point in the body frame
         ("inertia", FLOAT, 3),  # kg m²: principal moments
         ("principal", FLOAT, 4),  # x y z w: body_from_principal
-        ("mass", FLOAT),  # kg; of a driven body: that of its coupling
+        ("mass", FLOAT),  # kg, of a simulated body
         ("reported_spin", FLOAT, 3),  # rad/s: angular velocity last written for the caller
-        ("coupling_arm", FLOAT, 3),  # m: centre of mass in the body frame of a driven body
         ("quiet_time", FLOAT),  # s: how long it has been at rest
         ("saved_pose", FLOAT, 7),  # a pose kept for later, reference point and orientation
         ("reported_pose", FLOAT, 7),  # pose last written for the caller
@@ -67,11 +66,10 @@ BODY = np.dtype(
         ("island", INT),  # label shared by bodies that may touch each other within the frame
         ("changed", INT),  # 1: has changed course at this moment
         ("moves", INT),  # 1: may move
-        ("awake", INT),  # 0: rests, and nothing that moves is near
+        ("awake", INT),  # 0: rests, and nothing that moves is near; 1: moves; 2: is moved together with driven bodies
         ("island_awake", INT),  # the same of the island that bears this body's name
         ("fresh", INT),  # 1: stands where the caller put it, not where the frame before left it
         ("touched", INT),  # 1: has had contact points in this step
-        ("wedged", INT),  # 1: what touches the island that bears this body's name leaves it no free place
         ("disturbed", INT),  # number of the visit to a row that last changed its velocity while rows were solved
     ]
 )
@@ -102,9 +100,16 @@ ROW = np.dtype(
         ("restitution", FLOAT),
         ("since", FLOAT),  # s of the frame: since when the point's forces act
         ("impulse_limit", FLOAT),  # N s: largest normal impulse; finite only if b follows a path and might squeeze a
-        ("grip_impulse", FLOAT),  # N s: normal impulse beside `normal_impulse` that friction may count on
         ("mass_t", FLOAT, 3),  # kg: inverse of the matrix `inverse_mass_t`
         ("inverse_mass_most", FLOAT),  # 1/kg: the larger of its eigenvalues
+        # where driven bodies take part
+        ("point", FLOAT, 3),  # m, world
+        ("prescribed", FLOAT, 3),  # m/s along the three axes: relative velocity that the recording alone makes
+        ("first_effect", INT),  # what unknowns of driven trees do to it
+        ("end_effect", INT),
+        ("slip_debt", FLOAT, 3),  # m, world: by how much the point has slipped while it stuck
+        ("inverse_mass_nt", FLOAT, 2),  # 1/kg: what a unit normal impulse changes the two tangential velocities by
+        ("tangent_target", FLOAT, 2),  # m/s: sliding velocity that friction seeks
     ]
 )
 """A contact point that is being solved."""
@@ -125,6 +130,7 @@ PAIR = np.dtype(
         ("due", FLOAT),  # s of the frame: its next meeting
         ("friction", FLOAT),
         ("restitution", FLOAT),
+        ("met", INT),  # 1: was in contact at the last step in which driven bodies took part
     ]
 )
 """A pair of pieces that may meet, and what is remembered of it."""
@@ -139,7 +145,7 @@ SLOT = np.dtype(
         ("normal_impulses", FLOAT, 3),  # N s: normal impulses of the frame as vectors
         ("used", INT),  # 1: the slot holds a point
         ("depth", FLOAT),  # m: minus the clearance when last looked at
-        ("grasp_impulse", FLOAT),  # N s: what a driven body pressed in this frame
+        ("slip_debt", FLOAT, 3),  # m, a's frame: by how much the point has slipped while it stuck
     ]
 )
 """A contact point of a pair, remembered from step to step."""
@@ -212,7 +218,6 @@ class Simulation(NamedTuple):
     start: Floats  # (B, 7) poses at the frame's start
     end: Floats  # (B, 7) poses at its end; those of simulated bodies are written
     reported: Floats  # (B, 6) m/s of the centre of mass and rad/s, world: see `simulate`
-    driven_impulse: Floats  # (T, 3) N s
     # workspace
     frames: Floats  # (P, 12) world_from_piece at some time of the frame
     scratch: Scratch
@@ -227,7 +232,6 @@ class Simulation(NamedTuple):
     displacement: Floats  # (B, 6) small ones, while surfaces are moved apart
     island_mass: Floats  # (B,) kg: of the island with this label
     energy: Records  # (B,) ENERGY
-    recoil: Floats  # (T, 3) m/s: velocity that the impulses of this frame gave to driven trees
     queue: Ints  # (N,) the queue of impacts
     found: Ints  # (B,) bodies near another
     old_slots: Records  # (4,) SLOT

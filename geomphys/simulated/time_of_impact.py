@@ -37,16 +37,22 @@ def place_pair(sim: Simulation, pair: int, t: float) -> None:
     place_piece(sim, p.body[1], p.piece[1], t)
 
 
-@outlined
+@kernel
 def look(sim: Simulation, pair: int, t: float) -> tuple[float, Vec, Vec, Vec]:
+    """`look_within` of `LOOK_FAR`."""
+    return look_within(sim, pair, t, LOOK_FAR)
+
+
+@outlined
+def look_within(sim: Simulation, pair: int, t: float, far: float) -> tuple[float, Vec, Vec, Vec]:
     """Separation [m], normal out of b into a, and witness points of a pair at time `t`; remembered with the pair.
 
-    Beyond `LOOK_FAR` the separation is only a lower bound, that along the normal, and the points are void.
+    Beyond `far` [m] the separation is only a lower bound, that along the normal, and the points are void.
     """
     sim.counts[0].looks += 1
     place_pair(sim, pair, t)
     p = sim.pairs[pair]
-    found = separate(Shapes(sim.pieces, sim.frames), p.piece[0], p.piece[1], LOOK_FAR, vec_of(p.axis), sim.scratch)
+    found = separate(Shapes(sim.pieces, sim.frames), p.piece[0], p.piece[1], far, vec_of(p.axis), sim.scratch)
     set_vec(p.axis, found[1])
     p.distance = found[0]
     p.seen_at = t

@@ -13,7 +13,6 @@ import math
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import vec_of
 from geomphys.numerics.vec3 import norm
-from geomphys.scene.arrays import DRIVEN
 from geomphys.simulated.collisions import resolve
 from geomphys.simulated.contact_points import add_rows
 from geomphys.simulated.energy import note_energies, note_fresh_energies, take_excess
@@ -41,7 +40,6 @@ MISSED = (
 )
 SLOW = 0.05  # m/s: ... and by one if they are slow: lifting them off again takes more energy than they have
 PARTINGS = 20
-MEETS_DRIVEN = 2.0  # gaps: a driven body stops a gap away, and is to be met before
 
 __all__ = ["IMPACT_BOUND", "QUARANTINED", "simulate"]
 
@@ -106,8 +104,6 @@ def queue_pairs(sim: Simulation, t: float, t1: float) -> None:
             p.yielded = sim.bodies[p.body[1]].moves
         if not has_yielded(sim, k):
             target, slack = gap, 0.25 * gap
-            if sim.bodies[p.body[1]].role == DRIVEN:
-                target = MEETS_DRIVEN * gap
             if p.resting == 1:
                 # contact forces keep it: only what they miss counts
                 if sim.pairs[k].seen_at != t:
@@ -276,10 +272,9 @@ def simulate(sim: Simulation, dt: float, max_impacts: int, gap: float, goes_on: 
     sim
         What `make_simulation` made of the scene. Read: `start` and `end`, (B, 7) world poses of all bodies at the
         frame's start and end, between which driven and fixed bodies move evenly; `reported`, (B, 6) world velocity of
-        the centre of mass [m/s] and angular velocity [rad/s], of driven bodies as they want to move; `frames`, (P, 12),
-        world_from_piece of still pieces. Written: the end poses and velocities of simulated bodies; `driven_impulse`,
-        (T, 3) N s, to which impulses that simulated bodies give to driven trees are added; `frames` of moving pieces,
-        where they are at some time of the frame.
+        the centre of mass [m/s] and angular velocity [rad/s] of simulated bodies; `frames`, (P, 12), world_from_piece of
+        still pieces. Written: the end poses and velocities of simulated bodies; `frames` of moving pieces, where they are
+        at some time of the frame.
     dt
         s, above 0.
     max_impacts
@@ -296,14 +291,27 @@ def simulate(sim: Simulation, dt: float, max_impacts: int, gap: float, goes_on: 
     """
     if len(sim.free) == 0:
         return 0, 0
+    awake = begin_frame(sim, dt, gap, goes_on)
+    return end_frame(sim, max_impacts, awake)
+
+
+@outlined
+def begin_frame(sim: Simulation, dt: float, gap: float, goes_on: bool) -> bool:
+    """The first half of `simulate`: which pairs may meet, and which bodies are awake; returns whether any is."""
     f = sim.frame[0]
     f.dt, f.gap, f.touch = dt, gap, TOUCH * gap
     f.weight = norm(vec_of(sim.gravity))
     f.threshold = max(LEAST_THRESHOLD, 2.0 * f.weight * STEP)
     begin(sim, goes_on)
     find_pairs(sim, 0.0, dt)
+    return wake(sim, True)
+
+
+@outlined
+def end_frame(sim: Simulation, max_impacts: int, awake: bool) -> tuple[int, int]:
+    """The second half of `simulate`: bodies that are `awake`, and not moved together with driven ones, move."""
     impacts, flags = 0, 0
-    if wake(sim, True) and sim.counts[0].lost == 0:
+    if awake and sim.counts[0].lost == 0:
         impacts, flags, t = play(sim, max_impacts)
         mark_all(sim)
         drop_rows(sim, t)

@@ -382,9 +382,15 @@ def make_world(*trees: Tree, recording: dict[str, Any] | None = None) -> World:
             damping=np.ones(len(ordered)),
             chains=np.zeros(len(ordered), dtype=np.int64),
             self_collision=np.zeros(len(ordered), dtype=np.int64),
+            effort=np.full(len(ordered), np.inf),
+            squeeze=np.zeros(len(ordered)),
         ),
         dofs=Dofs(
-            np.array(lower, dtype=float), np.array(upper, dtype=float), np.array(dof_tree, dtype=np.int64), nothing
+            np.array(lower, dtype=float),
+            np.array(upper, dtype=float),
+            np.array(dof_tree, dtype=np.int64),
+            nothing,
+            none,
         ),
         chains=Chains(nothing, nothing, nothing),
         cones=ReachCones(nothing, nothing, none, nothing, none),

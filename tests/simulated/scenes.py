@@ -119,11 +119,11 @@ def make_scene(things: Sequence[Thing], gravity: Sequence[float] = (0.0, 0.0, -G
         moving=np.array([int(t.moving or t.role != s.FIXED) for t in things]),
         rest=np.array([[*t.at, *t.turn] for t in things], float), mass=np.array([t.coupling_mass for t in things]),
         stiffness=np.full(n, 1000.0), damping=np.full(n, 40.0), chains=np.zeros(n, np.int64),
-        self_collision=np.zeros(n, np.int64),
+        self_collision=np.zeros(n, np.int64), effort=np.full(n, np.inf), squeeze=np.zeros(n),
     )  # fmt: skip
     return s.Scene(
         gravity=np.array(gravity, float), pieces=build_pieces(placed), bodies=bodies, trees=trees,
-        dofs=s.Dofs(np.zeros(0), np.zeros(0), none, none), chains=s.Chains(none, np.zeros(1, np.int64), none),
+        dofs=s.Dofs(np.zeros(0), np.zeros(0), none, none, np.zeros(0)), chains=s.Chains(none, np.zeros(1, np.int64), none),
         cones=s.ReachCones(np.zeros(1, np.int64), none, np.zeros((0, 3)), np.zeros(1, np.int64), np.zeros((0, 3))),
         materials=s.Materials(RESTITUTION, FRICTION), excluded=np.zeros((0, 0), np.int64),
         initial_velocity=np.array([[*t.v, *t.w] for t in things], float),
@@ -158,7 +158,6 @@ class Player:
         self.scratch = make_scratch()
         self.time = 0.0
         self.impacts = self.flags = 0
-        self.driven_impulse = np.zeros((len(things), 3))
         self.end = self.poses.copy()
         self.set_up()
         self.targets: dict[int, Callable[[float], Sequence[float]]] = {}
@@ -166,7 +165,7 @@ class Player:
     def set_up(self, max_pairs: int = 4096) -> None:
         """Make the simulated loop, with room for so many pairs."""
         self.simulation = make_simulation(
-            self.scene, self.poses, start=self.poses, end=self.end, reported=self.velocity, driven_impulse=self.driven_impulse,
+            self.scene, self.poses, start=self.poses, end=self.end, reported=self.velocity,
             frames=self.frames, scratch=self.scratch, max_pairs=max_pairs,
         )  # fmt: skip
         self.packed = pack(self.simulation)
@@ -184,7 +183,6 @@ class Player:
             self.velocity[body, :3] = (end[body, :3] - self.poses[body, :3]) / dt
             turn = Rotation.from_quat(end[body, 3:]) * Rotation.from_quat(self.poses[body, 3:]).inv()
             self.velocity[body, 3:] = turn.as_rotvec() / dt
-        self.driven_impulse[:] = 0.0
         impacts, flags = self.simulate(dt, max_impacts)
         self.poses[:] = end
         self.time += dt

@@ -55,11 +55,11 @@ def test_in_the_course_of_a_frame_nothing_falls_asleep() -> None:
     assert stage.bodies["awake"][:3].all()
 
 
-def test_a_driven_body_that_wants_to_move_wakes_what_is_near_it() -> None:
+def test_a_driven_body_that_moves_wakes_what_is_near_it() -> None:
     hand = Thing(shape=CUBE, at=(0, 0.100005, 0.05), role=s.DRIVEN)
     stage = resting(hand)
     assert not stage.call(wake, True)
-    stage.player.velocity[4, 1] = -0.1
+    stage.player.simulation.motion["velocity"][4, 1] = -0.1
     assert stage.call(wake, True)
     assert stage.bodies["awake"][:3].tolist() == [1, 1, 0]
 

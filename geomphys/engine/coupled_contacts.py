@@ -1,0 +1,238 @@
+"""Contacts of the shared solve: rows of the simulated loop's pairs, and bounds of driven links and joints.
+
+Of a contact with a driven link, effects of its tree's unknowns on the relative velocity are noted, and the velocity the
+recording alone gives it, as the displacement of the link's point over the step: prescribed velocity.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.collision.detect import find_near
+from geomphys.collision.sweep import update_boxes
+from geomphys.driven.postures import world_axis
+from geomphys.engine.coupled_state import Coupled
+from geomphys.engine.coupled_unknowns import unknown_of_joint
+from geomphys.engine.state import Machine
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import quat_of, set_vec, vec_at, vec_of
+from geomphys.numerics.vec3 import (
+    Quat,
+    Vec,
+    add,
+    cross,
+    dot,
+    quat_conjugate,
+    quat_from_rotation_vector,
+    quat_mul,
+    quat_rotate,
+    rotation_vector,
+    scale,
+    sub,
+)
+from geomphys.scene.arrays import DRIVEN, JOINT_FIXED, JOINT_PRISMATIC, SIMULATED, Scene
+from geomphys.scene.kinematics import orientation_of, place_tree, position_of
+from geomphys.simulated.contact_points import add_rows_within, fill_masses
+from geomphys.simulated.motion import point_at, turn_at
+from geomphys.simulated.state import Row, is_simulated
+
+Floats = NDArray[np.float64]
+
+LIMIT_NEAR = 0.1  # rad or m: limits of joints farther off are not looked at
+
+
+@kernel
+def add_effect(c: Coupled, first: int, unknown: int, axis: int, speed: float) -> None:
+    """Add to what a unit rate of an unknown does along an axis, in the effects from number `first` on."""
+    solve = c.solve[0]
+    for e in range(first, solve.effects):
+        if c.effects[e].unknown == unknown:
+            c.effects[e].speed[axis] += speed
+            return
+    if solve.effects == len(c.effects):
+        solve.lost += 1
+        return
+    effect = c.effects[solve.effects]
+    effect.unknown = unknown
+    set_vec(effect.speed, (0.0, 0.0, 0.0))
+    effect.speed[axis] = speed
+    solve.effects += 1
+
+
+@kernel
+def add_effects(scene: Scene, c: Coupled, first: int, body: int, point: Vec, axis: int, n: Vec) -> None:
+    """Add what the unknowns of a driven body's tree do to the velocity of its `point` along `n` (with its sign)."""
+    tree = scene.bodies.tree[body]
+    for i in range(3):
+        if c.unknowns[3 * tree + i].mass > 0.0:
+            add_effect(c, first, 3 * tree + i, axis, n[i])
+    joint = body
+    while joint >= 0:
+        q = scene.bodies.dof[joint]
+        if q >= 0 and scene.bodies.joint[joint] != JOINT_FIXED:
+            k = unknown_of_joint(scene, q)
+            if c.unknowns[k].mass > 0.0:
+                direction = world_axis(scene, c.now.poses, joint)
+                if scene.bodies.joint[joint] != JOINT_PRISMATIC:
+                    direction = cross(direction, sub(point, position_of(c.now.poses, joint)))
+                add_effect(c, first, k, axis, scene.bodies.multiplier[joint] * dot(direction, n))
+        joint = scene.bodies.parent[joint]
+
+
+@kernel
+def is_solved(scene: Scene, c: Coupled, body: int) -> bool:
+    """Whether a body is a link of a driven tree that takes part in the solve."""
+    tree = scene.bodies.tree[body]
+    return bool(scene.trees.role[tree] == DRIVEN and c.trees[tree].solved == 1)
+
+
+@kernel
+def displacement(scene: Scene, m: Machine, body: int, point: Vec, t: float, h: float) -> Vec:
+    """How far a point of a body that is not simulated is taken in a step by the recording alone [m].
+
+    `t` is the time of the part at which the step of `h` seconds begins.
+    """
+    c = m.coupled
+    if is_solved(scene, c, body):
+        inside = quat_rotate(
+            quat_conjugate(orientation_of(c.now.poses, body)), sub(point, position_of(c.now.poses, body))
+        )
+        there = add(position_of(c.after.poses, body), quat_rotate(orientation_of(c.after.poses, body), inside))
+        return sub(there, point)
+    if m.simulated.bodies[body].moves == 0:
+        return (0.0, 0.0, 0.0)
+    path = m.simulated.motion[body]
+    inside = quat_rotate(quat_conjugate(turn_at(path, t)), sub(point, point_at(path, t)))
+    return sub(add(point_at(path, t + h), quat_rotate(turn_at(path, t + h), inside)), point)
+
+
+@kernel
+def complete_row(scene: Scene, m: Machine, r: Row, t: float, h: float) -> None:
+    """Note of a row what a driven or moving body b does to it."""
+    c, sim = m.coupled, m.simulated
+    point = add(vec_of(r.arm_a), vec_of(sim.motion[r.a].position))
+    set_vec(r.point, point)
+    r.first_effect = c.solve[0].effects
+    set_vec(r.prescribed, (0.0, 0.0, 0.0))
+    debt = vec_of(sim.slots[r.pair, r.slot].slip_debt)
+    set_vec(r.slip_debt, quat_rotate(quat_of(sim.motion[r.a].orientation), debt))
+    if not is_simulated(sim, r.b):
+        way = displacement(scene, m, r.b, point, t, h)
+        axes = (vec_of(r.normal), vec_of(r.tangent), vec_of(r.binormal))
+        for axis in range(3):
+            n = axes[0] if axis == 0 else (axes[1] if axis == 1 else axes[2])
+            r.prescribed[axis] = -dot(way, n) / h
+            if is_solved(scene, c, r.b):
+                add_effects(scene, c, r.first_effect, r.b, point, axis, scale(n, -1.0))
+        for i in range(6):
+            sim.velocity[r.b, i] = 0.0
+    r.end_effect = c.solve[0].effects
+
+
+@outlined
+def find_rows(scene: Scene, m: Machine, t: float, h: float, margin: float) -> None:
+    """Contacts of the simulated bodies that are solved with driven ones, at time `t` of the part, for a step of `h` seconds."""
+    sim = m.simulated
+    m.coupled.solve[0].effects = m.coupled.solve[0].bounds = 0
+    sim.counts[0].rows = 0
+    for k in range(sim.counts[0].pairs):
+        p = sim.pairs[k]
+        if sim.bodies[p.body[0]].awake != 2:
+            continue
+        add_rows_within(sim, k, t, margin)
+    for k in range(sim.counts[0].rows):
+        complete_row(scene, m, sim.rows[k], t, h)
+
+
+@outlined
+def find_bounds(scene: Scene, m: Machine, t: float, h: float, margin: float) -> None:
+    """Bounds of driven trees that take part: against what is not simulated, and limits of their joints."""
+    c, p, near = m.coupled, m.room.places, m.room.near
+    for tree in range(len(scene.trees.role)):
+        if scene.trees.role[tree] == DRIVEN and c.trees[tree].solved == 1:
+            place_tree(scene, tree, c.now.poses, p.frames)
+            update_boxes(scene, p.frames, m.boxes, tree)
+            bound_joints(scene, m, tree, h)
+    find_near(scene, p.frames, m.boxes, m.still, margin, math.inf, near, p.found, m.axes, m.scratch)
+    for k in range(near.filled[0]):
+        a, b = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
+        if scene.bodies.role[b] == SIMULATED or not (is_solved(scene, c, a) or is_solved(scene, c, b)):
+            continue
+        first = c.solve[0].effects
+        n, clearance, prescribed = vec_at(near.normal, k), near.separation[k], 0.0
+        for side in range(2):
+            body = a if side == 0 else b
+            point = vec_at(near.point_a, k) if side == 0 else vec_at(near.point_b, k)
+            sign = 1.0 if side == 0 else -1.0
+            prescribed += sign * dot(displacement(scene, m, body, point, t, h), n) / h
+            if is_solved(scene, c, body):
+                add_effects(scene, c, first, body, point, 0, scale(n, sign))
+        add_bound(c, first, clearance, prescribed)
+
+
+@kernel
+def add_bound(c: Coupled, first: int, clearance: float, prescribed: float) -> None:
+    """Append a bound whose effects are those from number `first` on."""
+    solve = c.solve[0]
+    if solve.bounds == len(c.bounds):
+        solve.lost += 1
+        return
+    g = c.bounds[solve.bounds]
+    solve.bounds += 1
+    g.first_effect, g.end_effect = first, solve.effects
+    g.clearance, g.prescribed, g.impulse = clearance, prescribed, 0.0
+
+
+@kernel
+def bound_joints(scene: Scene, m: Machine, tree: int, h: float) -> None:
+    """Limits of the joints of a tree that are near; none closer than where the recording is."""
+    c = m.coupled
+    for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+        k = unknown_of_joint(scene, q)
+        if c.unknowns[k].mass == 0.0:
+            continue
+        angle, change = c.now.angles[q], c.after.angles[q] - c.now.angles[q]
+        low = min(scene.dofs.lower[q], angle + min(change, 0.0) - max(c.unknowns[k].offset, 0.0))
+        high = max(scene.dofs.upper[q], angle + max(change, 0.0) - min(c.unknowns[k].offset, 0.0))
+        for side in range(2):
+            sign = 1.0 if side == 0 else -1.0
+            clearance = angle - low if side == 0 else high - angle
+            if clearance < LIMIT_NEAR:
+                first = c.solve[0].effects
+                add_effect(c, first, k, 0, sign)
+                add_bound(c, first, clearance, sign * change / h)
+
+
+@kernel
+def half_rotation(scene: Scene, m: Machine, body: int, t: float, h: float) -> Quat:
+    """Rotation of a body over the first half of a step of `h` seconds that begins at time `t` of the part."""
+    sim, c = m.simulated, m.coupled
+    if is_simulated(sim, body):
+        return quat_from_rotation_vector(scale(vec_of(sim.motion[body].angular_velocity), 0.5 * h))
+    if is_solved(scene, c, body):
+        before, after = orientation_of(c.now.poses, body), orientation_of(c.after.poses, body)
+    elif sim.bodies[body].moves == 1:
+        before, after = turn_at(sim.motion[body], t), turn_at(sim.motion[body], t + h)
+    else:
+        return (0.0, 0.0, 0.0, 1.0)
+    return quat_from_rotation_vector(scale(rotation_vector(quat_mul(after, quat_conjugate(before))), 0.5))
+
+
+@outlined
+def turn_arms(scene: Scene, m: Machine, t: float, h: float) -> None:
+    """Take the arms of simulated bodies as they are in the middle of the step, seen from what carries them.
+
+    What turns along with body b of a row keeps its distance from the axis then: else a turntable would throw its load
+    outwards by ω² r h. A ball that rolls on b has its arm as it is.
+    """
+    sim = m.simulated
+    for k in range(sim.counts[0].rows):
+        r = sim.rows[k]
+        half = half_rotation(scene, m, r.b, t, h)
+        set_vec(r.arm_a, quat_rotate(half, sub(vec_of(r.point), vec_of(sim.motion[r.a].position))))
+        if is_simulated(sim, r.b):
+            set_vec(r.arm_b, quat_rotate(half, sub(vec_of(r.point), vec_of(sim.motion[r.b].position))))
+        fill_masses(sim.motion[r.a], sim.motion[r.b], r)

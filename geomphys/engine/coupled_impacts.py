@@ -1,0 +1,111 @@
+"""Impacts of driven and simulated bodies: impulses with the real masses, and when the next one is due."""
+
+from __future__ import annotations
+
+import math
+
+from geomphys.engine.coupled_solve import (
+    IMPACT_PRECISION,
+    IMPACT_SWEEPS,
+    add_responses,
+    bound_response,
+    relative_velocity,
+    solve_contacts,
+)
+from geomphys.engine.coupled_state import Coupled
+from geomphys.engine.coupled_unknowns import begin_impact, end_impact, end_unknown, first_unknown, solves
+from geomphys.engine.state import Machine
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import set_vec_from, vec_of
+from geomphys.numerics.vec3 import dot
+from geomphys.scene.arrays import DRIVEN, Scene
+from geomphys.simulated.contact_points import clear_impulse, fill_masses
+from geomphys.simulated.impulse_accumulation import commit
+from geomphys.simulated.motion import refresh
+from geomphys.simulated.state import Row, Simulation, is_simulated
+
+LEAST_SPLIT = 1e-5  # s
+LEFT_OUT = -1e3  # m/s: target of a contact that does not act
+
+
+@kernel
+def load_coupled(sim: Simulation) -> None:
+    """Write the velocities of the simulated bodies that take part to `velocity` of the simulation."""
+    for s in range(len(sim.free)):
+        body = sim.free[s]
+        if sim.bodies[body].awake == 2:
+            set_vec_from(sim.velocity[body], 0, vec_of(sim.motion[body].velocity))
+            set_vec_from(sim.velocity[body], 3, vec_of(sim.motion[body].angular_velocity))
+
+
+@kernel
+def was_met(sim: Simulation, r: Row) -> bool:
+    """Whether the pair of a row was in contact in the step before."""
+    return bool(sim.pairs[r.pair].met == 1)
+
+
+@outlined
+def resolve_impacts(scene: Scene, m: Machine, h: float) -> int:
+    """Impulses of what touches and comes in faster than the threshold, with restitution where it is new; how many do."""
+    sim, c = m.simulated, m.coupled
+    load_coupled(sim)
+    for tree in range(len(scene.trees.role)):
+        if solves(scene, c, tree):
+            begin_impact(c, 3 * tree, 3 * tree + 3)
+            begin_impact(c, first_unknown(scene, tree), end_unknown(scene, tree))
+    threshold, hits = sim.frame[0].threshold, 0
+    for k in range(sim.counts[0].rows):
+        r = sim.rows[k]
+        touches = r.clearance <= sim.frame[0].touch
+        r.mode = 1 if touches else 0
+        r.target_speed = 0.0
+        v = relative_velocity(sim, c, r)[0]
+        if touches and v < -threshold:
+            hits += 1
+            if not was_met(sim, r):
+                r.target_speed = -r.restitution * v
+    if hits == 0:
+        return 0
+    for k in range(sim.counts[0].rows):
+        r = sim.rows[k]
+        clear_impulse(r)
+        r.tangent_target[0] = r.tangent_target[1] = 0.0
+        fill_masses(sim.motion[r.a], sim.motion[r.b], r)
+        add_responses(sim, c, r)
+    for k in range(c.solve[0].bounds):
+        g = c.bounds[k]
+        bound_response(c, k)
+        g.impulse = 0.0
+        g.target_speed = 0.0 if g.clearance <= sim.frame[0].touch else LEFT_OUT
+    solve_contacts(sim, c, IMPACT_SWEEPS, IMPACT_PRECISION)
+    for tree in range(len(scene.trees.role)):
+        if solves(scene, c, tree):
+            end_impact(c, 3 * tree, 3 * tree + 3)
+            end_impact(c, first_unknown(scene, tree), end_unknown(scene, tree))
+    for k in range(sim.counts[0].rows):
+        r = sim.rows[k]
+        if r.normal_impulse > 0.0 and sim.bodies[r.b].role == DRIVEN:
+            c.trees[sim.bodies[r.b].tree].touched = 1
+    commit(sim)
+    for s in range(len(sim.free)):
+        if sim.bodies[sim.free[s]].awake == 2:
+            refresh(sim.motion[sim.free[s]])
+    load_coupled(sim)
+    return 1
+
+
+@kernel
+def next_impact(sim: Simulation, c: Coupled, h: float) -> float:
+    """When the first of the contacts that come in fast touches, if within `h` seconds; else `h`. Marks them by `mode` 2."""
+    soonest, gap = h, sim.frame[0].gap
+    for k in range(sim.counts[0].rows):
+        r = sim.rows[k]
+        r.mode = 1
+        distance = r.clearance - gap
+        if distance > 0.5 * sim.frame[0].touch:
+            v = relative_velocity(sim, c, r)[0]
+            if v < -sim.frame[0].threshold:
+                r.mode = 2
+                fall = 0.0 if is_simulated(sim, r.b) else dot(vec_of(r.normal), vec_of(sim.gravity))
+                soonest = min(soonest, 2.0 * distance / (-v + math.sqrt(max(0.0, v * v - 2.0 * fall * distance))))
+    return soonest if soonest > LEAST_SPLIT else h

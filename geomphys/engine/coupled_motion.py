@@ -1,0 +1,359 @@
+"""Driven and simulated bodies that may meet, moved through a part of a frame together.
+
+In substeps of at most `STEP`: contacts, impacts with the real masses, the time of the next impact, the shared contact
+solve with the coupling (6) implicit in it, motion. What no contact acts on flies on its parabola and relaxes by (6).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.engine.coupled_contacts import find_bounds, find_rows, turn_arms
+from geomphys.engine.coupled_impacts import load_coupled, next_impact, resolve_impacts
+from geomphys.engine.coupled_solve import (
+    PRECISION,
+    SWEEPS,
+    add_responses,
+    apply,
+    bound_response,
+    impulse_vector,
+    solve_contacts,
+)
+from geomphys.engine.coupled_state import Coupled
+from geomphys.engine.coupled_unknowns import (
+    begin_step,
+    end_step,
+    end_unknown,
+    first_unknown,
+    pose_driven,
+    relax_turn,
+    solves,
+)
+from geomphys.engine.state import Machine
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import (
+    add_vec,
+    add_vec_from,
+    quat_of,
+    set_quat,
+    set_quat_from,
+    set_vec,
+    set_vec_from,
+    vec_from,
+    vec_of,
+)
+from geomphys.numerics.vec3 import (
+    Vec,
+    add,
+    add_scaled,
+    dot,
+    norm,
+    quat_conjugate,
+    quat_rotate,
+    scale,
+    sub,
+)
+from geomphys.scene.arrays import DRIVEN, Scene
+from geomphys.scene.kinematics import orientation_of, position_of
+from geomphys.simulated.contact_points import clear_impulse
+from geomphys.simulated.impulse_accumulation import give_velocity, impulse_of, note
+from geomphys.simulated.motion import move_base, plan, point_at, refresh, turn_at
+from geomphys.simulated.state import Simulation, is_simulated
+
+Floats = NDArray[np.float64]
+
+STEP = 1.0 / 240.0  # s
+LIGHT = 50.0  # times an object's mass: where the implicit mass of what presses is more, steps are half as long
+SPARE = 0.01  # share by which a step may be longer
+MARGIN = 4e-3  # m: contacts nearer than this are rows, and
+MARGIN_STEPS = 1.5  # times what is covered in a step
+ROTATION = 0.1  # rad: no body rotates farther in a step, ...
+FEWEST = 1.0 / 16.0  # ... which is shortened by no more
+SPLITS = 8  # of a step at times of impact
+CORRECTED = 0.2  # share of an overlap, or of slip, that is taken back in a step
+FASTEST_CORRECTION = 0.5  # m/s
+STUCK = 0.9999  # of the friction available: beyond it a point slides
+TOUCHED = 3.0  # gaps: what is nearer has been in contact
+
+
+@outlined
+def place_driven(scene: Scene, m: Machine, roots: Floats, angles: Floats, t: float, h: float, dt: float) -> None:
+    """Poses of driven trees at time `t` of the part, and at `t + h` with the offsets they have at `t`; their motions there."""
+    c = m.coupled
+    for tree in range(len(scene.trees.role)):
+        if not solves(scene, c, tree):
+            continue
+        pose_driven(scene, m, tree, roots, angles, t / dt, c.now)
+        pose_driven(scene, m, tree, roots, angles, min(1.0, (t + h) / dt), c.after)
+        for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+            k = m.simulated.motion[body]
+            k.base_time = t
+            set_vec(k.position, position_of(c.now.poses, body))
+            set_quat(k.orientation, orientation_of(c.now.poses, body))
+            set_vec(k.velocity, (0.0, 0.0, 0.0))
+            set_vec(k.acceleration, (0.0, 0.0, 0.0))
+            set_vec(k.rotation_rate, (0.0, 0.0, 0.0))
+            set_vec(k.rotation_change, (0.0, 0.0, 0.0))
+
+
+@kernel
+def fastest_motion(scene: Scene, m: Machine, h: float) -> float:
+    """Bound on how far anything that takes part goes in a step of `h` seconds [m]."""
+    sim, c, fastest, driven = m.simulated, m.coupled, 0.0, 0.0
+    for s in range(len(sim.free)):
+        body = sim.free[s]
+        if sim.bodies[body].awake == 2:
+            k = sim.motion[body]
+            fastest = max(fastest, h * (norm(vec_of(k.velocity)) + norm(vec_of(k.angular_velocity)) * k.reach))
+    for tree in range(len(scene.trees.role)):
+        if solves(scene, c, tree):
+            for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+                way = sub(position_of(c.after.poses, body), position_of(c.now.poses, body))
+                driven = max(driven, norm(way))
+    return fastest + driven
+
+
+@kernel
+def set_targets(sim: Simulation, c: Coupled, h: float, to_impact: bool) -> None:
+    """What rows and bounds must keep over a step of `h` seconds; one that ends at an impact lets fast ones come near."""
+    gap = sim.frame[0].gap
+    for k in range(sim.counts[0].rows):
+        r = sim.rows[k]
+        distance = r.clearance - gap
+        r.mode = 0 if to_impact and r.mode == 2 else 1
+        r.target_speed = -distance / h if distance > 0.0 else min(-CORRECTED * distance / h, FASTEST_CORRECTION)
+        debt = vec_of(r.slip_debt)
+        r.tangent_target[0] = -CORRECTED * dot(debt, vec_of(r.tangent)) / h
+        r.tangent_target[1] = -CORRECTED * dot(debt, vec_of(r.binormal)) / h
+    for k in range(c.solve[0].bounds):
+        g = c.bounds[k]
+        distance = g.clearance - gap
+        g.target_speed = -distance / h if distance > 0.0 else min(-CORRECTED * distance / h, FASTEST_CORRECTION)
+
+
+@kernel
+def begin_with_forces(sim: Simulation, c: Coupled, h: float) -> None:
+    """Begin rows with the impulses that their points' forces of the step before give in `h` seconds."""
+    for k in range(sim.counts[0].rows):
+        r = sim.rows[k]
+        clear_impulse(r)
+        if r.mode == 0:
+            continue
+        slot = sim.slots[r.pair, r.slot]
+        f = vec_of(slot.friction_force)
+        r.normal_impulse = h * slot.normal_force
+        r.tangent_impulse[0], r.tangent_impulse[1] = h * dot(f, vec_of(r.tangent)), h * dot(f, vec_of(r.binormal))
+        if r.normal_impulse != 0.0:
+            apply(sim, c, r, (r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1]))
+
+
+@kernel
+def touching_points(sim: Simulation, a: int, b: int) -> int:
+    """How many rows of two bodies touch."""
+    count = 0
+    for k in range(sim.counts[0].rows):
+        r = sim.rows[k]
+        if r.a == a and r.b == b and r.clearance <= sim.frame[0].touch:
+            count += 1
+    return count
+
+
+@kernel
+def squeeze_harder(scene: Scene, sim: Simulation, c: Coupled, h: float) -> None:
+    """Let driven links press what they touch by K times `squeeze` more, with their joints, or the root of what has none.
+
+    As if they were recorded that much deeper; what a link's points press is shared between them.
+    """
+    for k in range(sim.counts[0].rows):
+        r = sim.rows[k]
+        tree = sim.bodies[r.b].tree
+        if sim.bodies[r.b].role != DRIVEN or scene.trees.squeeze[tree] == 0.0 or r.clearance > sim.frame[0].touch:
+            continue
+        if math.isinf(scene.trees.stiffness[tree]):
+            continue
+        force = scene.trees.stiffness[tree] * scene.trees.squeeze[tree] / touching_points(sim, r.a, r.b)
+        joints = False
+        for e in range(r.first_effect, r.end_effect):
+            joints = joints or c.effects[e].unknown >= 3 * len(scene.trees.role)
+        for e in range(r.first_effect, r.end_effect):
+            effect = c.effects[e]
+            if joints == (effect.unknown >= 3 * len(scene.trees.role)):
+                x = c.unknowns[effect.unknown]
+                x.solved -= effect.speed[0] * x.inverse_mass * h * force
+
+
+@outlined
+def solve_step(scene: Scene, m: Machine, t: float, h: float, to_impact: bool) -> None:
+    """The shared solve over a step of `h` seconds from time `t` of the part: velocities at its end, impulses in the rows."""
+    sim, c = m.simulated, m.coupled
+    for tree in range(len(scene.trees.role)):
+        if solves(scene, c, tree):
+            begin_step(c, 3 * tree, 3 * tree + 3, h)
+            begin_step(c, first_unknown(scene, tree), end_unknown(scene, tree), h)
+    squeeze_harder(scene, sim, c, h)
+    load_coupled(sim)
+    for s in range(len(sim.free)):
+        if sim.bodies[sim.free[s]].awake == 2:
+            add_vec_from(sim.velocity[sim.free[s]], 0, vec_of(sim.gravity), h)
+    turn_arms(scene, m, t, h)
+    for k in range(sim.counts[0].rows):
+        add_responses(sim, c, sim.rows[k])
+    for k in range(c.solve[0].bounds):
+        bound_response(c, k)
+        c.bounds[k].impulse = 0.0
+    set_targets(sim, c, h, to_impact)
+    begin_with_forces(sim, c, h)
+    sweeps = solve_contacts(sim, c, SWEEPS, PRECISION)
+    solve = c.solve[0]
+    solve.sweeps = max(solve.sweeps, sweeps)
+    if sweeps == SWEEPS:
+        solve.unsettled += 1
+
+
+@outlined
+def move_bodies(scene: Scene, m: Machine, t: float, h: float, dt: float) -> None:
+    """Motions of a step from the solved impulses: of simulated bodies, then of driven trees."""
+    sim, c = m.simulated, m.coupled
+    for s in range(len(sim.free)):
+        body = sim.free[s]
+        if sim.bodies[body].awake == 2:
+            k = sim.motion[body]
+            set_vec_from(k.saved_pose, 0, vec_of(k.position))
+            set_quat_from(k.saved_pose, 3, quat_of(k.orientation))
+            set_vec(k.acceleration, vec_of(sim.gravity))
+            set_vec(k.torque, (0.0, 0.0, 0.0))
+    for tree in range(len(scene.trees.role)):
+        c.trees[tree].pressed = 0 if solves(scene, c, tree) else c.trees[tree].pressed
+    for k in range(sim.counts[0].rows):
+        r = sim.rows[k]
+        if r.normal_impulse == 0.0:
+            continue
+        # what a contact acts on moves with the velocity it has at the end of the step
+        for side in range(2):
+            body = r.a if side == 0 else r.b
+            if is_simulated(sim, body):
+                fall_at_once(sim, body, h)
+        if sim.bodies[r.b].role == DRIVEN:
+            tree = sim.bodies[r.b].tree
+            c.trees[tree].pressed = c.trees[tree].touched = 1
+    for k in range(sim.counts[0].rows):
+        r = sim.rows[k]
+        j = impulse_of(r)
+        slot = sim.slots[r.pair, r.slot]
+        friction = impulse_vector(r)
+        give_velocity(sim, k, j)
+        note(sim, k, r.normal_impulse, friction)
+        slot.normal_force = r.normal_impulse / h
+        set_vec(slot.friction_force, scale(friction, 1.0 / h))
+    for s in range(len(sim.free)):
+        body = sim.free[s]
+        if sim.bodies[body].awake == 2:
+            k = sim.motion[body]
+            refresh(k)
+            plan(k, h)
+            move_base(k, t + h)
+    for tree in range(len(scene.trees.role)):
+        if solves(scene, c, tree):
+            pressed = c.trees[tree].pressed == 1
+            end_step(c, 3 * tree, 3 * tree + 3, h, pressed)
+            end_step(c, first_unknown(scene, tree), end_unknown(scene, tree), h, pressed)
+
+
+@kernel
+def fall_at_once(sim: Simulation, body: int, h: float) -> None:
+    """Let gravity change the velocity of a body before a step instead of during it, if it has not yet."""
+    k = sim.motion[body]
+    a = vec_of(k.acceleration)
+    if a != (0.0, 0.0, 0.0):
+        add_vec(k.velocity, a, h)
+        set_vec(k.acceleration, (0.0, 0.0, 0.0))
+
+
+@kernel
+def carried_point(sim: Simulation, c: Coupled, body: int, point: Vec, t: float, h: float) -> Vec:
+    """Where a point of a body is taken by a step from time `t` that has just been made."""
+    k = sim.motion[body]
+    if is_simulated(sim, body):
+        saved = k.saved_pose
+        inside = quat_rotate(quat_conjugate((saved[3], saved[4], saved[5], saved[6])), sub(point, vec_from(saved, 0)))
+        return add(vec_of(k.position), quat_rotate(quat_of(k.orientation), inside))
+    if sim.bodies[body].role == DRIVEN:
+        q = orientation_of(c.now.poses, body)
+        inside = quat_rotate(quat_conjugate(q), sub(point, position_of(c.now.poses, body)))
+        return add(position_of(c.after.poses, body), quat_rotate(orientation_of(c.after.poses, body), inside))
+    if sim.bodies[body].moves == 0:
+        return point
+    inside = quat_rotate(quat_conjugate(turn_at(k, t)), sub(point, point_at(k, t)))
+    return add(point_at(k, t + h), quat_rotate(turn_at(k, t + h), inside))
+
+
+@outlined
+def note_slip(m: Machine, t: float, h: float) -> None:
+    """Remember by how much points that stick have slipped, for the next step to take back; of what slides, nothing."""
+    sim, c = m.simulated, m.coupled
+    for k in range(sim.counts[0].pairs):
+        sim.pairs[k].met = 0
+    for k in range(sim.counts[0].rows):
+        r = sim.rows[k]
+        slot = sim.slots[r.pair, r.slot]
+        p, x, y = r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1]
+        debt = (0.0, 0.0, 0.0)
+        if p > 0.0 and math.sqrt(x * x + y * y) < STUCK * r.friction * p:
+            n, point = vec_of(r.normal), vec_of(r.point)
+            slip = sub(carried_point(sim, c, r.a, point, t, h), carried_point(sim, c, r.b, point, t, h))
+            debt = add(vec_of(r.slip_debt), add_scaled(slip, n, -dot(slip, n)))
+            debt = quat_rotate(quat_conjugate(quat_of(sim.motion[r.a].orientation)), debt)
+        set_vec(slot.slip_debt, debt)
+        if p > 0.0 or r.clearance <= TOUCHED * sim.frame[0].gap:
+            sim.pairs[r.pair].met = 1
+        clear_impulse(r)
+
+
+@kernel
+def longest_step(scene: Scene, m: Machine) -> float:
+    """How long a step may be [s]: half as long where what presses is much heavier, with its coupling, than what is pressed."""
+    sim, c, lightest, fastest = m.simulated, m.coupled, math.inf, 0.0
+    for s in range(len(sim.free)):
+        k = sim.motion[sim.free[s]]
+        if sim.bodies[sim.free[s]].awake == 2:
+            lightest, fastest = min(lightest, k.mass), max(fastest, norm(vec_of(k.angular_velocity)))
+    h = min(STEP, max(FEWEST * STEP, ROTATION / max(fastest, 1e-9)))
+    for tree in range(len(scene.trees.role)):
+        x = c.unknowns[3 * tree]
+        if solves(scene, c, tree) and x.mass + STEP * (x.damping + STEP * x.stiffness) > LIGHT * lightest:
+            h = min(h, 0.5 * STEP)
+    return h
+
+
+@outlined
+def advance_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float) -> int:
+    """Move what takes part through a part of `dt` seconds, to the recorded `roots` and `angles`; returns the impacts."""
+    count = max(1, math.ceil(dt / longest_step(scene, m) - SPARE))
+    impacts = 0
+    for step in range(count):
+        t, end = dt * step / count, dt * (step + 1) / count
+        splits = 0
+        while t < end:
+            h = end - t
+            place_driven(scene, m, roots, angles, t, h, dt)
+            margin = max(MARGIN, MARGIN_STEPS * fastest_motion(scene, m, h))
+            find_rows(scene, m, t, h, margin)
+            find_bounds(scene, m, t, h, margin)
+            impacts += resolve_impacts(scene, m, h)
+            first = next_impact(m.simulated, m.coupled, h) if splits < SPLITS else h
+            splits += 1 if first < h else 0
+            solve_step(scene, m, t, first, first < h)
+            move_bodies(scene, m, t, first, dt)
+            for tree in range(len(scene.trees.role)):
+                if solves(scene, m.coupled, tree):
+                    pose_driven(scene, m, tree, roots, angles, min(1.0, (t + first) / dt), m.coupled.after)
+            note_slip(m, t, first)
+            t = end if first == h else t + first
+    for tree in range(len(scene.trees.role)):
+        if solves(scene, m.coupled, tree):
+            relax_turn(scene, m.coupled, tree, dt)
+            pose_driven(scene, m, tree, roots, angles, 1.0, m.coupled.after)
+    return impacts

@@ -1,0 +1,166 @@
+"""The contact solve that driven and simulated bodies share: projected Gauss-Seidel on velocities and offset rates.
+
+Every row has a normal impulse p >= 0, which keeps the normal velocity at or above its target, and a friction impulse
+within the disc μ p, which takes the sliding to its target or else opposes it (Moreau 1988, Jean 1999). Rows are swept to
+and fro until no impulse changes a velocity by more than a precision, or a bound is reached.
+"""
+
+from __future__ import annotations
+
+import math
+
+from geomphys.engine.coupled_state import Coupled
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import add_vec_from, set_vec, vec_at, vec_of
+from geomphys.numerics.vec3 import Vec, add, add_scaled, cross, dot, scale
+from geomphys.simulated.contact_points import invert_mass, speed_at
+from geomphys.simulated.state import Row, Simulation, is_simulated
+
+SWEEPS = 50  # of a step: the next one begins with what this one found
+IMPACT_SWEEPS = 300
+PRECISION = 1e-6  # m/s: of a step; what is left of it is taken back as slip or overlap
+IMPACT_PRECISION = 1e-10  # m/s
+
+
+@kernel
+def relative_velocity(sim: Simulation, c: Coupled, r: Row) -> Vec:
+    """Relative velocity at a row along its normal, tangent and binormal [m/s]."""
+    v = speed_at(sim.velocity, r, r.a, r.b)
+    n = dot(vec_of(r.normal), v) + r.prescribed[0]
+    t = dot(vec_of(r.tangent), v) + r.prescribed[1]
+    b = dot(vec_of(r.binormal), v) + r.prescribed[2]
+    for e in range(r.first_effect, r.end_effect):
+        effect = c.effects[e]
+        u = c.unknowns[effect.unknown].solved
+        n, t, b = n + effect.speed[0] * u, t + effect.speed[1] * u, b + effect.speed[2] * u
+    return n, t, b
+
+
+@kernel
+def apply(sim: Simulation, c: Coupled, r: Row, j: Vec) -> None:
+    """Apply impulses j [N s] along normal, tangent and binormal of a row to bodies and unknowns."""
+    d = scale(vec_of(r.normal), j[0])
+    d = add_scaled(add_scaled(d, vec_of(r.tangent), j[1]), vec_of(r.binormal), j[2])
+    for side in range(2):
+        body, sign = (r.a, 1.0) if side == 0 else (r.b, -1.0)
+        if not is_simulated(sim, body):
+            continue
+        v = sim.velocity[body]
+        add_vec_from(v, 0, d, sign * sim.motion[body].inverse_mass)
+        for axis in range(3):
+            add_vec_from(v, 3, vec_at(r.response_a if side == 0 else r.response_b, axis), sign * j[axis])
+    for e in range(r.first_effect, r.end_effect):
+        effect = c.effects[e]
+        c.unknowns[effect.unknown].solved += dot(vec_of(effect.response), j)
+
+
+@kernel
+def add_responses(sim: Simulation, c: Coupled, r: Row) -> None:
+    """Add what unknowns do to the responses of a row, which are those of its simulated bodies."""
+    ra, rb = vec_of(r.arm_a), vec_of(r.arm_b)
+    along = add(cross(vec_at(r.response_a, 0), ra), cross(vec_at(r.response_b, 0), rb))
+    nt, nb = dot(vec_of(r.tangent), along), dot(vec_of(r.binormal), along)
+    nn, tt, tb, bb = 0.0, 0.0, 0.0, 0.0
+    for e in range(r.first_effect, r.end_effect):
+        effect = c.effects[e]
+        light = c.unknowns[effect.unknown].inverse_mass
+        n, t, b = vec_of(effect.speed)
+        set_vec(effect.response, (n * light, t * light, b * light))
+        nn, tt, tb, bb = nn + n * n * light, tt + t * t * light, tb + t * b * light, bb + b * b * light
+        nt, nb = nt + n * t * light, nb + n * b * light
+    r.inverse_mass_n += nn
+    r.inverse_mass_t[0] += tt
+    r.inverse_mass_t[1] += tb
+    r.inverse_mass_t[2] += bb
+    r.inverse_mass_nt[0], r.inverse_mass_nt[1] = nt, nb
+    invert_mass(r)
+
+
+@kernel
+def bound_response(c: Coupled, k: int) -> None:
+    """Note what a unit impulse does to bound k."""
+    g, total = c.bounds[k], 0.0
+    for e in range(g.first_effect, g.end_effect):
+        effect = c.effects[e]
+        total += effect.speed[0] ** 2 * c.unknowns[effect.unknown].inverse_mass
+    g.response = total
+
+
+@kernel
+def press_bound(c: Coupled, k: int) -> float:
+    """One visit to bound k; returns how much it changed the rate of its clearance."""
+    g = c.bounds[k]
+    if g.response <= 0.0:
+        return 0.0
+    v = g.prescribed
+    for e in range(g.first_effect, g.end_effect):
+        effect = c.effects[e]
+        v += effect.speed[0] * c.unknowns[effect.unknown].solved
+    total = max(0.0, g.impulse + (g.target_speed - v) / g.response)
+    change = total - g.impulse
+    if change == 0.0:
+        return 0.0
+    g.impulse = total
+    for e in range(g.first_effect, g.end_effect):
+        effect = c.effects[e]
+        x = c.unknowns[effect.unknown]
+        x.solved += effect.speed[0] * x.inverse_mass * change
+    return float(abs(change) * g.response)
+
+
+@kernel
+def visit(sim: Simulation, c: Coupled, r: Row) -> float:
+    """One visit to a row: its normal impulse, then its friction; returns how much they changed its velocity [m/s]."""
+    n, t, b = relative_velocity(sim, c, r)
+    before = r.normal_impulse
+    after = min(r.impulse_limit, max(0.0, before + (r.target_speed - n) / r.inverse_mass_n))
+    x0, y0, p = r.tangent_impulse[0], r.tangent_impulse[1], after - before
+    cap = r.friction * after
+    x, y, mass = x0, y0, r.inverse_mass_most
+    if cap > 0.0:
+        t += r.inverse_mass_nt[0] * p - r.tangent_target[0]
+        b += r.inverse_mass_nt[1] * p - r.tangent_target[1]
+        i_tt, i_tb, i_bb = vec_of(r.mass_t)
+        x, y = x0 - i_tt * t - i_tb * b, y0 - i_tb * t - i_bb * b  # what ends the sliding, if the disc allows it
+        if x * x + y * y > cap * cap:
+            x, y = x0 - t / mass, y0 - b / mass
+            size = math.sqrt(x * x + y * y)
+            if size > cap:
+                x, y = x * cap / size, y * cap / size
+    else:
+        x, y = 0.0, 0.0
+    if p == 0.0 and x == x0 and y == y0:
+        return 0.0
+    r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1] = after, x, y
+    apply(sim, c, r, (p, x - x0, y - y0))
+    return float(max(abs(p) * r.inverse_mass_n, (abs(x - x0) + abs(y - y0)) * mass))
+
+
+@outlined
+def solve_contacts(sim: Simulation, c: Coupled, sweeps: int, precision: float) -> int:
+    """Solve the rows whose `mode` is 1 and all bounds together, from the impulses they hold, which must be in the velocities.
+
+    Done when no impulse changes a velocity by more than `precision` [m/s], or after so many `sweeps`; returns the sweeps made.
+    """
+    rows, bounds = sim.counts[0].rows, c.solve[0].bounds
+    total = rows + bounds
+    for sweep in range(sweeps):
+        most = 0.0
+        for i in range(total):
+            k = i if sweep & 1 == 0 else total - 1 - i
+            if k >= rows:
+                most = max(most, press_bound(c, k - rows))
+                continue
+            r = sim.rows[k]
+            if r.mode == 1:
+                most = max(most, visit(sim, c, r))
+        if most <= precision:
+            return sweep + 1
+    return sweeps
+
+
+@kernel
+def impulse_vector(r: Row) -> Vec:
+    """World friction impulse of a row [N s]."""
+    t, b, x, y = vec_of(r.tangent), vec_of(r.binormal), r.tangent_impulse[0], r.tangent_impulse[1]
+    return (x * t[0] + y * b[0], x * t[1] + y * b[1], x * t[2] + y * b[2])

@@ -1,0 +1,136 @@
+"""State and workspace of the contact solve that driven and simulated bodies share.
+
+Unknowns of a driven tree are the three offsets of its root and one offset of each joint, from where they were recorded.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.driven.links import Links
+from geomphys.driven.postures import Posture, make_posture
+from geomphys.scene.arrays import DRIVEN, Scene
+
+FLOAT, INT = np.float64, np.int64
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Records: TypeAlias = NDArray[Any]
+
+MOST_EFFECTS = 1 << 15
+MOST_BOUNDS = 1 << 11
+
+UNKNOWN = np.dtype(
+    [
+        ("offset", FLOAT),  # m or rad: x, from where it was recorded
+        ("rate", FLOAT),  # m/s or rad/s: v, of the offset
+        ("solved", FLOAT),  # u, the rate that is being solved for
+        ("recorded_rate", FLOAT),  # w, of the recording in this part of the frame
+        ("recorded_before", FLOAT),  # w of the part before
+        ("mass", FLOAT),  # kg or kg m²: m of (6), for a joint times its lever squared
+        ("stiffness", FLOAT),  # N/m or N m/rad: K
+        ("damping", FLOAT),  # N s/m or N m s/rad: R
+        ("effort", FLOAT),  # N or N m: the spring pulls with no more
+        ("inverse_mass", FLOAT),  # what a unit impulse changes `solved` by; 0: it follows the recording
+        ("pressed", FLOAT),  # N s or N m s: sum of the sizes of impulses on it in the last step
+    ]
+)
+"""Offset of a root along a world axis, or of a joint."""
+
+TREE = np.dtype(
+    [
+        ("solved", INT),  # 1: a simulated body is near, its contacts are solved in this part
+        ("pressed", INT),  # 1: a simulated body pressed it in the last step
+        ("touched", INT),  # 1: one pressed or hit it in this part
+        ("turn", FLOAT, 4),  # x y z w: orientation of the root, from its recorded one
+    ]
+)
+"""How a driven tree takes part."""
+
+EFFECT = np.dtype(
+    [
+        ("unknown", INT),
+        ("speed", FLOAT, 3),  # what a unit rate of it adds to the relative velocity along normal, tangent and binormal
+        ("response", FLOAT, 3),  # what unit impulses along them add to its rate
+    ]
+)
+"""What an unknown and a contact do to each other."""
+
+BOUND = np.dtype(
+    [
+        ("first_effect", INT),
+        ("end_effect", INT),
+        ("clearance", FLOAT),  # m or rad
+        ("prescribed", FLOAT),  # m/s or rad/s: rate of the clearance if no offset changes
+        ("target_speed", FLOAT),
+        ("impulse", FLOAT),  # N s or N m s
+        ("response", FLOAT),  # what a unit impulse changes the rate of the clearance by
+    ]
+)
+"""Frictionless inequality of unknowns: a driven link and something that is not simulated, or the limit of a joint."""
+
+SOLVE = np.dtype(
+    [
+        ("effects", INT),
+        ("bounds", INT),
+        ("lost", INT),  # contacts that found no place in their table
+        ("sweeps", INT),  # most sweeps of a step so far in this frame
+        ("unsettled", INT),  # steps of this frame that ended at the bound on sweeps
+        ("started", INT),  # 1: there was a part before
+        ("part_time", FLOAT),  # s: how long it was
+        ("awake", INT),  # 1: some simulated body is awake in this part
+    ]
+)
+"""How much of the tables is in use, and what the solve did."""
+
+
+class Coupled(NamedTuple):
+    """What the shared contact solve works on, beside the simulated loop's own tables."""
+
+    unknowns: Records  # (3 T + Q,) UNKNOWN: of the roots, then of the joints
+    trees: Records  # (T,) TREE
+    solve: Records  # (1,) SOLVE
+    effects: Records  # EFFECT, of the simulated loop's rows and of the bounds
+    bounds: Records  # BOUND
+    begin: Posture  # the recording at the start of the part
+    now: Posture  # where driven trees are
+    after: Posture  # where they would be at the end of the step with the offsets they have
+
+
+def make_coupled(scene: Scene, poses: Floats, links: Links) -> Coupled:
+    """The workspace of a scene at rest, bodies at `poses` (B, 7)."""
+    trees, dofs = len(scene.trees.role), len(scene.dofs.lower)
+    unknowns = np.zeros(3 * trees + dofs, UNKNOWN)
+    owner = np.concatenate([np.repeat(np.arange(trees), 3), scene.dofs.tree]).astype(np.int64)
+    arm = np.concatenate([np.ones(3 * trees), links.lever * np.sqrt(branches(scene))])
+    yields = np.concatenate([np.ones(3 * trees), links.yields]) * np.isfinite(scene.trees.stiffness[owner])
+    yields *= scene.trees.role[owner] == DRIVEN
+    stiffness = np.where(np.isfinite(scene.trees.stiffness), scene.trees.stiffness, 0.0)
+    unknowns["mass"] = scene.trees.mass[owner] * arm**2 * yields
+    unknowns["stiffness"] = stiffness[owner] * arm**2
+    unknowns["damping"] = scene.trees.damping[owner] * arm**2
+    own = np.concatenate([np.full(3 * trees, np.inf), scene.dofs.effort])
+    at_tip = scene.trees.effort[owner] * arm
+    unknowns["effort"] = np.where(np.isfinite(own), own, at_tip)
+    any_simulated = bool((scene.bodies.role == 1).any()) and bool((scene.bodies.role == DRIVEN).any())
+    records = np.zeros(trees, TREE)
+    records["turn"][:, 3] = 1.0
+    return Coupled(
+        unknowns, records, np.zeros(1, SOLVE), np.zeros(MOST_EFFECTS if any_simulated else 1, EFFECT),
+        np.zeros(MOST_BOUNDS if any_simulated else 1, BOUND), make_posture(scene, poses), make_posture(scene, poses),
+        make_posture(scene, poses),
+    )  # fmt: skip
+
+
+def branches(scene: Scene) -> Ints:
+    """(Q,) how many joints each degree of freedom moves that do not hang on each other: two of a gripper with a mimic joint."""
+    counts = np.zeros(len(scene.dofs.lower), np.int64)
+    for body, q in enumerate(scene.bodies.dof):
+        above = int(scene.bodies.parent[body])
+        while above >= 0 and scene.bodies.dof[above] != q:
+            above = int(scene.bodies.parent[above])
+        if q >= 0 and above < 0:
+            counts[q] += 1
+    return counts

@@ -1,0 +1,202 @@
+"""Offsets of driven trees as unknowns of the contact solve: where they stand, their masses, the poses they make.
+
+The coupling (6), m A = -K x - R v, is taken implicitly over a step of h seconds: without contact the rate becomes
+
+    u = (m v - h K x) / M,   M = m + h R + h² K,
+
+and a contact impulse p along an unknown adds p / M to it. Where nothing presses on a tree (6) is solved in closed form.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.driven.coupling import relax
+from geomphys.driven.postures import Posture, copy_tree
+from geomphys.engine.coupled_state import Coupled
+from geomphys.engine.state import Machine
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import quat_of, set_quat
+from geomphys.numerics.vec3 import (
+    quat_conjugate,
+    quat_from_rotation_vector,
+    quat_mul,
+    quat_unit,
+    rotation_vector,
+    slerp,
+)
+from geomphys.scene.arrays import DRIVEN, Scene
+from geomphys.scene.kinematics import orientation_of, pose_tree, set_pose
+
+Floats = NDArray[np.float64]
+
+JUMP = 0.5  # rad or m: an angle recorded to go farther in a part has changed its branch
+
+
+@kernel
+def unknown_of_joint(scene: Scene, q: int) -> int:
+    """Index of the unknown of a degree of freedom."""
+    return 3 * len(scene.trees.role) + q
+
+
+@kernel
+def first_unknown(scene: Scene, tree: int) -> int:
+    """First unknown of the joints of a tree."""
+    return unknown_of_joint(scene, scene.trees.dof_start[tree])
+
+
+@kernel
+def end_unknown(scene: Scene, tree: int) -> int:
+    """One past the last unknown of the joints of a tree."""
+    return unknown_of_joint(scene, scene.trees.dof_start[tree + 1])
+
+
+@kernel
+def solves(scene: Scene, c: Coupled, tree: int) -> bool:
+    """Whether a tree is driven and takes part."""
+    return bool(scene.trees.role[tree] == DRIVEN and c.trees[tree].solved == 1)
+
+
+@kernel
+def difference(scene: Scene, m: Machine, q: int, value: float) -> float:
+    """An offset of a joint; whole turns of one that goes round are none."""
+    if m.room.links.rounds[q] == 1:
+        value -= 2.0 * math.pi * math.floor(value / (2.0 * math.pi) + 0.5)
+    return value
+
+
+@outlined
+def load_unknowns(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float) -> None:
+    """Offsets, rates and recorded rates of all driven trees for the part of the frame that ends at `roots` and `angles`.
+
+    A tree that was pressed goes on with the velocity it had in the world: what the recording's rate changes by is taken
+    from that of its offset.
+    """
+    c, state = m.coupled, m.driven
+    solve = c.solve[0]
+    for tree in range(len(scene.trees.role)):
+        if scene.trees.role[tree] != DRIVEN:
+            continue
+        t = c.trees[tree]
+        for i in range(3):
+            x = c.unknowns[3 * tree + i]
+            x.offset = state.last.roots[tree, i] - state.recorded.roots[tree, i]
+            if t.touched == 0:
+                x.rate = state.speed[tree, i]
+            x.recorded_before = x.recorded_rate
+            x.recorded_rate = (roots[tree, i] - state.recorded.roots[tree, i]) / dt
+        for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+            x = c.unknowns[unknown_of_joint(scene, q)]
+            before = x.offset
+            x.offset = difference(scene, m, q, state.last.angles[q] - state.recorded.angles[q])
+            if t.touched == 0:
+                x.rate = (x.offset - before) / solve.part_time if solve.started == 1 else 0.0
+            change = angles[q] - state.recorded.angles[q]
+            x.recorded_before = x.recorded_rate
+            x.recorded_rate = change / dt if abs(change) < JUMP else 0.0
+        corrected, recorded = orientation_of(state.last.roots, tree), orientation_of(state.recorded.roots, tree)
+        set_quat(t.turn, (0.0, 0.0, 0.0, 1.0))
+        if corrected != recorded:
+            set_quat(t.turn, quat_mul(corrected, quat_conjugate(recorded)))
+        if t.pressed == 1:
+            keep_world_velocity(scene, c, tree)
+        t.touched = t.solved = 0
+        copy_tree(scene, state.recorded, tree, c.begin)
+    solve.started, solve.part_time = 1, dt
+    solve.sweeps = solve.unsettled = solve.lost = 0
+
+
+@kernel
+def keep_world_velocity(scene: Scene, c: Coupled, tree: int) -> None:
+    """Take the change of the recording's rates off those of a tree's offsets."""
+    for i in range(3):
+        x = c.unknowns[3 * tree + i]
+        x.rate -= x.recorded_rate - x.recorded_before
+    for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+        x = c.unknowns[unknown_of_joint(scene, q)]
+        x.rate -= x.recorded_rate - x.recorded_before
+
+
+@kernel
+def relax_turn(scene: Scene, c: Coupled, tree: int, dt: float) -> None:
+    """Let what the root is rotated by beside its recording go back by (6)."""
+    t = c.trees[tree]
+    if t.turn[0] == 0.0 and t.turn[1] == 0.0 and t.turn[2] == 0.0:
+        return
+    v = rotation_vector(quat_of(t.turn))
+    k, m, r = scene.trees.stiffness[tree], scene.trees.mass[tree], scene.trees.damping[tree]
+    share = relax(1.0, 0.0, m, k, r, dt)[0]
+    set_quat(t.turn, quat_from_rotation_vector((share * v[0], share * v[1], share * v[2])))
+
+
+@outlined
+def pose_driven(
+    scene: Scene, m: Machine, tree: int, roots: Floats, angles: Floats, share: float, into: Posture
+) -> None:
+    """A driven tree at its offsets from the recording a share of the way through the part, into a posture."""
+    c = m.coupled
+    rotation = slerp(orientation_of(c.begin.roots, tree), orientation_of(roots, tree), share)
+    turn = quat_of(c.trees[tree].turn)
+    if turn[0] != 0.0 or turn[1] != 0.0 or turn[2] != 0.0:
+        rotation = quat_unit(quat_mul(turn, rotation))
+    set_pose(into.roots, tree, (0.0, 0.0, 0.0), rotation)
+    for i in range(3):
+        a, b = c.begin.roots[tree, i], roots[tree, i]
+        into.roots[tree, i] = a + share * (b - a) + c.unknowns[3 * tree + i].offset
+    for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+        a, b = c.begin.angles[q], angles[q]
+        if abs(b - a) >= JUMP:
+            a = b
+        into.angles[q] = a + share * (b - a) + c.unknowns[unknown_of_joint(scene, q)].offset
+    pose_tree(scene, m.room.origins, tree, into.roots, into.angles, into.poses)
+
+
+@kernel
+def begin_step(c: Coupled, first: int, last: int, h: float) -> None:
+    """Free rates and masses of unknowns `first` to `last` for a step of `h` seconds by the implicit coupling."""
+    for k in range(first, last):
+        x = c.unknowns[k]
+        x.pressed = 0.0
+        x.solved = x.inverse_mass = 0.0
+        if x.mass == 0.0:
+            continue
+        pull = h * x.stiffness * x.offset
+        whole = x.mass + h * x.damping + h * h * x.stiffness
+        if abs(x.stiffness * x.offset) > x.effort:
+            pull = h * x.effort if x.offset > 0.0 else -h * x.effort
+            whole = x.mass + h * x.damping
+        x.inverse_mass = 1.0 / whole
+        x.solved = (x.mass * x.rate - pull) / whole
+
+
+@kernel
+def begin_impact(c: Coupled, first: int, last: int) -> None:
+    """Rates and real masses of unknowns `first` to `last`, as impulses change them in no time."""
+    for k in range(first, last):
+        x = c.unknowns[k]
+        x.solved = x.rate
+        x.inverse_mass = 1.0 / x.mass if x.mass > 0.0 else 0.0
+
+
+@kernel
+def end_impact(c: Coupled, first: int, last: int) -> None:
+    """Rates of unknowns `first` to `last` are what was solved."""
+    for k in range(first, last):
+        c.unknowns[k].rate = c.unknowns[k].solved
+
+
+@kernel
+def end_step(c: Coupled, first: int, last: int, h: float, pressed: bool) -> None:
+    """Offsets of unknowns `first` to `last` after a step: as solved where they are `pressed`, else by (6) in closed form."""
+    for k in range(first, last):
+        x = c.unknowns[k]
+        if x.mass == 0.0:
+            continue
+        if pressed:
+            x.rate = x.solved
+            x.offset += h * x.rate
+        elif x.offset != 0.0 or x.rate != 0.0:
+            x.offset, x.rate = relax(x.offset, x.rate, x.mass, x.stiffness, x.damping, h)
