@@ -85,16 +85,22 @@ class Manifest:
             return cls(folder)
         except OSError as problem:
             raise OutputError(f"{path}: cannot be read ({problem.strerror})") from problem
-        except ValueError as problem:
+        except (ValueError, RecursionError) as problem:
             raise OutputError(f"{path}: is no manifest of a batch ({problem}); move it away") from problem
+        if not isinstance(content, dict) or "format" not in content:
+            raise OutputError(f"{path}: is no manifest of a batch (it names no format); move it away")
+        if content["format"] != FORMAT:
+            raise OutputError(f"{path}: has format {content['format']!r}, this version knows {FORMAT}; move it away")
+        from pydantic import TypeAdapter, ValidationError
+
         try:
-            if content["format"] != FORMAT:
-                raise OutputError(
-                    f"{path}: has format {content['format']!r}, this version knows {FORMAT}; move it away"
-                )
-            entries = [Entry(**entry) for entry in content["logs"]]
-        except (KeyError, TypeError) as problem:
-            raise OutputError(f"{path}: is no manifest of a batch ({problem}); move it away") from problem
+            entries = TypeAdapter(list[Entry]).validate_python(content.get("logs"))
+        except ValidationError as problem:
+            first = problem.errors(include_url=False)[0]
+            where = ".".join(map(str, ("logs", *first["loc"])))
+            raise OutputError(
+                f"{path}: is no manifest of a batch ({where}: {' '.join(first['msg'].split())}); move it away"
+            ) from problem
         return cls(folder, {entry.out: entry for entry in entries})
 
     def as_dict(self) -> dict[str, Any]:

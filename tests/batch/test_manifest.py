@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -57,3 +58,43 @@ def test_outputs_that_were_touched_are_not_whole(tmp_path: Path) -> None:
     assert not entry.outputs_are_complete(tmp_path)
     (tmp_path / "a.mcap").unlink()
     assert not entry.outputs_are_complete(tmp_path)
+
+
+GOOD = {"log": "a", "out": "a.mcap", "version": "1", "world_sha256": "a", "parameters": {}}
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        [],
+        None,
+        3,
+        {"format": 1},
+        {"format": 1, "logs": 3},
+        {"format": 1, "logs": [3]},
+        {"format": 1, "logs": [{"out": "a.mcap"}]},
+        {"format": 1, "logs": [GOOD | {"out": ["a"]}]},
+        {"format": 1, "logs": [GOOD | {"status": "perhaps"}]},
+        {"format": 1, "logs": [GOOD | {"parameters": 3}]},
+        {"format": 1, "logs": [GOOD | {"metrics": [1]}]},
+        {"format": [1]},
+        "[" * 100_000,
+        "\x00",
+        b"\xff\xfe",
+    ],
+)
+def test_a_damaged_manifest_is_one_line(tmp_path: Path, content: object) -> None:
+    data = (
+        content
+        if isinstance(content, bytes)
+        else (content if isinstance(content, str) else json.dumps(content)).encode()
+    )
+    (tmp_path / "manifest.json").write_bytes(data)
+    with pytest.raises(OutputError, match=r"manifest\.json: (is no manifest of a batch|has format)") as caught:
+        Manifest.load(tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_good_entry_is_read(tmp_path: Path) -> None:
+    (tmp_path / "manifest.json").write_text(json.dumps({"format": 1, "logs": [GOOD]}))
+    assert Manifest.load(tmp_path).entries["a.mcap"].status == "pending"

@@ -1,0 +1,99 @@
+"""Every open, write, fsync and rename of an output, failing one after the other: one line, and nothing half done is left."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.cli.press import Case
+from tests.cli.test_outputs_never_replace_inputs import furnished
+from tests.made import Results
+
+__all__ = ["furnished"]
+
+
+@pytest.mark.parametrize("command", ["replay", "init", "plot", "diff", "decompose", "batch"])
+def test_any_call_that_fails_is_one_line_and_leaves_what_was_there(
+    command: str, furnished: Case, pressed: Results, tmp_path: Path
+) -> None:
+    folder = tmp_path / "outputs"
+    folder.mkdir()
+    name = {"replay": "a.mcap", "init": "a.toml", "plot": "a.png", "diff": "a.html", "decompose": "a.glb"}.get(
+        command, ""
+    )
+    if name:
+        (folder / name).write_bytes(b"an earlier output")
+    out = folder / name
+    words: dict[str, list[object]] = {
+        "replay": [
+            "replay",
+            furnished.log,
+            "-s",
+            furnished.scene,
+            "-o",
+            out,
+            "--rrd",
+            folder / "a.rrd",
+            "--force",
+            "-q",
+        ],
+        "init": ["init", furnished.log, "--urdf", furnished.folder / "cup.urdf", "-o", out, "--force", "-q"],
+        "plot": ["plot", pressed.out, "-o", out, "--force", "-q"],
+        "diff": ["diff", pressed.out, pressed.raised, "--html", out, "--rrd", folder / "d.rrd", "--force", "-q"],
+        "decompose": ["decompose", furnished.folder / "cube.obj", "-o", out, "--force", "-q"],
+        "batch": ["batch", furnished.log, "-s", furnished.scene, "-O", folder, "--force", "-q"],
+    }
+    script = Path(__file__).with_name("file_faults.py")
+    begin = [sys.executable, script, folder, *words[command]]
+    done = subprocess.run([str(word) for word in begin], capture_output=True, text=True, timeout=900)
+    assert done.returncode == 0, done.stderr
+    ends = [json.loads(line) for line in done.stdout.splitlines()]
+    assert {end["call"] for end in ends} >= {"open", "write", "fsync", "replace"}
+    for end in ends:
+        assert end["code"] in (1, 2, 3), end  # 2: diff in trouble; 3: a log of a batch failed
+        assert "Traceback" not in end["said"], end
+        assert end["lost"] == [], end
+        assert not [name for name in end["changed"] if name.endswith(".tmp")], end
+        lines = end["said"].splitlines()
+        assert lines[-1].startswith("geomphys: error: "), end
+        assert command == "batch" or len(lines) == 1, end
+        if command not in (
+            "batch",
+            "diff",
+            "replay",
+        ):  # these write several files; one may be whole before the next fails
+            is_published = end["call"] == "fsync" and end["number"] == 2  # of the folder, after the rename
+            assert end["changed"] == ([name] if is_published else []), end
+
+
+@pytest.mark.parametrize("command", ["init", "diff", "plot", "decompose"])
+def test_a_disk_that_is_full_leaves_one_line_and_no_file(
+    command: str, furnished: Case, pressed: Results, tmp_path: Path
+) -> None:
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=4k", "tmpfs", str(disk)]
+    if shutil.which("mount") is None or subprocess.run(mount, capture_output=True).returncode != 0:
+        pytest.skip("a file system cannot be mounted here")
+    try:
+        (disk / "full").write_bytes(bytes(4096))
+        words: dict[str, list[object]] = {
+            "init": ["init", furnished.log, "--urdf", furnished.folder / "cup.urdf", "-o", disk / "a.toml"],
+            "plot": ["plot", pressed.out, "-o", disk / "a.png"],
+            "diff": ["diff", pressed.out, pressed.raised, "--rrd", disk / "d.rrd"],
+            "decompose": ["decompose", furnished.folder / "cube.obj", "-o", disk / "a.glb"],
+        }
+        begin = [sys.executable, "-P", "-m", "geomphys_cli", *words[command], "-q"]
+        done = subprocess.run([str(word) for word in begin], capture_output=True, text=True, timeout=300)
+        assert done.returncode in (1, 2)
+        (line,) = done.stderr.splitlines()
+        assert line.startswith(f"geomphys: error: {disk}"), line
+        assert "is the disk full" in line
+        assert [path.name for path in disk.iterdir()] == ["full"]
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
