@@ -35,6 +35,7 @@ FLAG_IMPACT_BOUND = 32  # the simulated loop reached its limit of impacts
 FLAG_QUARANTINED = 64  # a body became non-finite and was reset to its last good state
 FLAG_BLOCKED = 128  # the recorded pose is free, but the path to it is obstructed
 FLAG_STARTED_INSIDE = 256  # the first frame overlapped
+FLAG_CATCHING_UP = 1024  # after a gap or a jump of a tracker, the way missed is made up at a bounded speed
 FLAG_WEDGED = 512  # no free pose with the recorded orientation or joint values: those of the last free pose are kept
 
 

@@ -38,7 +38,7 @@ def grip(
     folder: Path, mode: str, *, rate: int = 60, squeeze: float = 0.005, seconds: float = 3.0, effort: float = 100.0,
     mimic: bool = False, about: tuple[float, float, float] = (0.0, 0.0, 0.0), keys: str = "", along: float = 0.0,
 ) -> Grasp:  # fmt: skip
-    """The gripper closes on a cube by 1 s, deeper than its surface by `squeeze`, lifts it 20 cm by 2.3 s; then turns or carries."""
+    """It closes on a cube by 1 s, deeper than its surface by `squeeze`, lifts it 20 cm by 2.3 s; then turns or carries it."""
     folder.mkdir(parents=True, exist_ok=True)
     write_gripper(folder / "gripper.urdf", effort, mimic)
     avatar = (
