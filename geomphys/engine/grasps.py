@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene, World
@@ -51,6 +52,9 @@ class _Body:
     lifted: float = 0.0
     dropped: int = 0
     margin: float = math.inf
+    centre: Floats | None = None  # (3,) m, of mass, in the frame before if it was touched then
+    velocity: Floats | None = None  # (3,) m/s
+    acceleration: Floats | None = None  # (3,) m/s²
     forces: tuple[list[float], list[float]] = ((), ())  # type: ignore[assignment]
 
 
@@ -96,12 +100,16 @@ class GraspMeter:
         was_held = seen.carried_s >= HELD_FOR
         if force <= LEAST_FORCE:
             dropped = was_held and rest <= LEAST_FORCE
-            seen.carried_s = 0.0
+            seen.carried_s, seen.centre, seen.velocity = 0.0, None, None
             seen.dropped += dropped
             if was_held:
                 return [("warning" if dropped else "info", f"{name}: {'dropped' if dropped else 'set down'}")]
             return []
         seen.touched_s += dt
+        velocity, seen.velocity = seen.velocity, self._velocity(body, seen, result, dt)
+        seen.acceleration = (
+            (seen.velocity - velocity) / dt if velocity is not None and seen.velocity is not None else None
+        )
         seen.forces[0].append(force)
         if rest > LEAST_FORCE:
             seen.carried_s = 0.0
@@ -116,9 +124,24 @@ class GraspMeter:
         seen.forces[1].append(force)
         materials, friction = self._scene.bodies.material, self._scene.materials.friction
         available = float((friction[materials[body], materials[other[gripping]]] * forces[gripping]).sum())
-        needed = float(contacts.tangential_impulse[gripping].sum() / dt)
+        sign = np.where(contacts.body_a == body, 1.0, -1.0)
+        pressed = (contacts.normal * (sign * forces)[:, None])[gripping].sum(axis=0)
+        needed = float(np.linalg.norm(self._carrying_force(body, seen) - pressed))
         seen.margin = min(seen.margin, available / needed if needed > LEAST_FORCE else math.inf)
         return [] if was_held else [("info", f"{name}: held with {force:.3g} N")]
+
+    def _velocity(self, body: int, seen: _Body, result: FrameResult, dt: float) -> Floats | None:
+        """Mean velocity (3,) of its centre of mass since the frame before, in which it was touched too."""
+        pose = result.corrected[body]
+        centre = pose[:3] + Rotation.from_quat(pose[3:]).apply(self._scene.bodies.com[body])
+        before, seen.centre = seen.centre, centre
+        return None if before is None else (centre - before) / dt
+
+    def _carrying_force(self, body: int, seen: _Body) -> Floats:
+        """Force (3,) that what carries a body exerts on it [N]: m (a - g)."""
+        acceleration = np.zeros(3) if seen.acceleration is None else seen.acceleration
+        force: Floats = self._scene.bodies.mass[body] * (acceleration - self._scene.gravity)
+        return force
 
     def grasps(self) -> tuple[Grasp, ...]:
         """Of every simulated body that was touched, what became of it so far."""

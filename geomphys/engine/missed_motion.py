@@ -20,7 +20,7 @@ from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
 
 Floats = NDArray[np.float64]
 
-MOST = 1.25  # times the larger recorded speed
+MOST = 1.4  # times the larger recorded speed
 GROWTH = 0.1  # s: in which the speed of catching up grows from zero to that
 SLOWEST = (0.05, 0.2, 0.2)  # m/s, rad/s, rad/s or m/s of joints: what is missed is made up at least so fast
 JUMP_RATIO = 3.0  # times the 99th percentile of the recording's accelerations so far, and
