@@ -13,6 +13,7 @@ from .terminal import counted, fields, heading, printable
 if TYPE_CHECKING:
     from rich.text import Text
 
+    from geomphys.engine.grasps import Grasp
     from geomphys.output.summary import MotionSummary, Summary
 
     from .terminal import Terminal
@@ -33,6 +34,7 @@ FLAG_TEXTS = {
     "quarantined": "where a body was put back to its last good state",
     "blocked": "held back by something in between",
     "started_inside": "began inside something",
+    "catching_up": "caught up with what was missed in a gap or a jump",
 }
 
 
@@ -53,6 +55,8 @@ def _rows(summary: Summary) -> Iterator[tuple[str, Sequence[str | Text]]]:
     if summary.impacts:
         contacts += f", {counted(summary.impacts, 'impact')}"
     yield "Contacts", [contacts, *_quality(summary.quality)]
+    if summary.grasps:
+        yield "Grasped", [_grasp(grasp) for grasp in summary.grasps]
     notes = [
         f"{counted(count, 'frame')} {FLAG_TEXTS[flag]}" for flag, count in summary.flags.items() if flag in FLAG_TEXTS
     ]
@@ -80,6 +84,18 @@ def _rows(summary: Summary) -> Iterator[tuple[str, Sequence[str | Text]]]:
         yield "Space", frames
     if summary.warnings:
         yield "Warnings", _warnings(summary)
+
+
+def _grasp(grasp: Grasp) -> str:
+    """Return what became of a simulated object, and how firmly it was gripped."""
+    if grasp.outcome == "touched":
+        return f"{grasp.body}: touched for {grasp.touched_s:.2f} s, not held"
+    text = f"{grasp.body}: held for {grasp.held_s:.2f} s with {grasp.grip_force_n:.3g} N"
+    if grasp.lifted_m > 0.01:
+        text += f", lifted by {grasp.lifted_m * 1e3:.0f} mm"
+    if grasp.margin < float("inf"):
+        text += f", friction {grasp.margin:.3g} times what was needed at least"
+    return text + (f", dropped {counted(grasp.dropped, 'time')}" if grasp.dropped else "")
 
 
 def _frames(summary: Summary) -> str:

@@ -10,6 +10,7 @@ from itertools import chain
 
 from geomphys.config import Config
 from geomphys.engine.frame_buffer import FRAMES
+from geomphys.engine.grasps import GraspMeter
 from geomphys.engine.log_messages import Message
 from geomphys.engine.pipeline import Pipeline
 from geomphys.errors import LogError
@@ -154,7 +155,7 @@ def run(
             if isinstance(scene, World)
             else load_world(scene, mode=config.mode, seed=config.seed, progress=loading)
         )
-        summarizer = Summarizer(world.body_names, world.findings, config.method)
+        summarizer = Summarizer(world.body_names, world.findings, config.method, GraspMeter(world))
         options = FileSinkOptions(force=force, timing=timing, copied_log=log if copy_input else None)
         sinks = [] if out is None else [make_file_sink(out, options, default=".mcap")]
         sinks += [] if rrd is None else [FILE_SINKS[".rrd"](rrd, options)]

@@ -38,6 +38,7 @@ FLAG_STARTED_INSIDE = 256  # the first frame overlapped
 FLAG_SHAPE_CHANGED = (
     512  # rigid mode: the shape or the orientation yielded too, as a translation would have gone too far
 )
+FLAG_CATCHING_UP = 1024  # after a gap or a jump of a tracker, the way missed is made up at a bounded speed
 
 
 class Contacts(NamedTuple):

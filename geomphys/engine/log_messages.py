@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from geomphys.results import (
     FLAG_BLOCKED,
+    FLAG_CATCHING_UP,
     FLAG_IMPACT_BOUND,
     FLAG_NOT_CONVERGED,
     FLAG_QUARANTINED,
@@ -32,6 +33,7 @@ _TEXTS = {
         "warning",
         "a body in rigid mode yields in shape or orientation too: as one piece it would go too far; see shape_change_rad",
     ),
+    FLAG_CATCHING_UP: ("info", "after a gap or a jump of a tracker, what is driven catches up at a bounded speed"),
     FLAG_BLOCKED: ("info", "something stands between a body and its recorded place"),
 }
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,9 @@ from geomphys.config import Config
 from geomphys.driven.paper.state import make_paper_workspace
 from geomphys.engine.fingertips import thumbs_of
 from geomphys.engine.frame_buffer import Block, contacts_of, make_block, metrics_of, penetrations_of, poses_of
+from geomphys.engine.grasps import GraspMeter
 from geomphys.engine.log_messages import FrameReporter, Message
+from geomphys.engine.missed_motion import MissedMotion
 from geomphys.engine.state import NEAR_PAIRS, Knobs, Method, make_machine
 from geomphys.engine.step import WHOLE, Recording, run_block, run_block_as_published
 from geomphys.errors import GeomphysError
@@ -34,6 +36,7 @@ class Chunk:
     block: Block
     decode_ns: int  # a frame
     motion: Floats  # (n, 5) speeds, jerks and change of shape, as in `Metrics`
+    flags: list[int]  # (n,) beside those of the frames and of the step
     is_last: bool = False
 
 
@@ -57,6 +60,8 @@ class Pipeline:
         self._last_ns: int | None = None
         self._reporter = FrameReporter()
         self._meter = MotionMeter()
+        self._grasps = GraspMeter(world)
+        self._missed = MissedMotion(world.scene)
 
     def _make_block(self) -> Block:
         scene = self.world.scene
@@ -77,17 +82,19 @@ class Pipeline:
         """Run batches of frames, each with what a frame of it took to decode [ns]; yields them with their results."""
         before: Chunk | None = None
         for frames, decode_ns in batches:
+            if not frames:
+                continue
+            first = frames[0].time_ns if self._last_ns is None else self._last_ns
+            times = np.array([first, *(frame.time_ns for frame in frames)], dtype=np.int64)
+            dts = np.diff(times).astype(np.float64) * 1e-9
+            roots, angles = np.stack([f.roots for f in frames]), np.stack([f.angles for f in frames])
+            flags = self._missed.correct(frames, roots, angles, dts)
             while frames:
                 block = self.blocks[1] if before is not None and before.block is self.blocks[0] else self.blocks[0]
-                times = [
-                    frames[0].time_ns if self._last_ns is None else self._last_ns,
-                    *(frame.time_ns for frame in frames),
-                ]
-                dts = np.diff(np.array(times, dtype=np.int64)).astype(np.float64) * 1e-9
-                roots, angles = np.stack([f.roots for f in frames]), np.stack([f.angles for f in frames])
                 count = self.run(roots, angles, dts, block)
-                chunk = Chunk(frames[:count], block, decode_ns, np.zeros((count, 5)))
-                frames = frames[count:]
+                chunk = Chunk(frames[:count], block, decode_ns, np.zeros((count, 5)), flags[:count])
+                frames, flags, dts = frames[count:], flags[count:], dts[count:]
+                roots, angles = roots[count:], angles[count:]
                 self._last_ns = chunk.frames[-1].time_ns
                 self._measure_motion(chunk)
                 if before is not None:
@@ -130,8 +137,8 @@ class Pipeline:
         stages += [
             (name, int(block.cycles[row, k] * scale), int(block.counts[row, k])) for k, name in enumerate(STAGES)
         ]
-        metrics = metrics_of(block, row, frame.held, frame.flags, chunk.motion[row])
-        return FrameResult(
+        metrics = metrics_of(block, row, frame.held, frame.flags | chunk.flags[row], chunk.motion[row])
+        result = FrameResult(
             frame=frame,
             recorded=poses_of(block, block.recorded[row]),
             corrected=poses_of(block, block.corrected[row]),
@@ -142,3 +149,5 @@ class Pipeline:
             timing=(*stages, ("encode", encode_ns, 1)),
             messages=(*self._reporter.report(metrics), *messages),
         )
+        grasped = self._grasps.add(result)
+        return replace(result, messages=(*grasped, *result.messages)) if grasped else result

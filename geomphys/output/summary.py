@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from geomphys import results
+from geomphys.engine.grasps import Grasp, GraspMeter
 from geomphys.engine.log_messages import is_of_flag
 from geomphys.numerics.quantiles import Quantiles
 from geomphys.results import FrameResult, Metrics, Moment
@@ -32,6 +33,7 @@ FLAG_NAMES = {
     results.FLAG_BLOCKED: "blocked",
     results.FLAG_STARTED_INSIDE: "started_inside",
     results.FLAG_SHAPE_CHANGED: "shape_changed",
+    results.FLAG_CATCHING_UP: "catching_up",
 }
 """Name of each bit of `Metrics.flags`."""
 
@@ -115,6 +117,7 @@ class Summary:
     elapsed_s: float  # on the wall clock, reading and writing included, compiling the kernels not
     messages: tuple[Message, ...]
     worst: tuple[Moment, ...]  # where to look first
+    grasps: tuple[Grasp, ...]  # of simulated bodies that driven ones touched, what became of them
     findings: Findings  # of the scene: geometry not shown, bodies without contact, renamed bodies, defaults
     messages_dropped: int  # messages beyond the first MAX_MESSAGES different texts
 
@@ -125,8 +128,11 @@ class Summary:
 
     @property
     def information(self) -> tuple[Message, ...]:
-        """Messages of level info that do not repeat a flag, such as the transforms that were applied."""
-        return tuple(m for m in self.messages if m.level == "info" and not is_of_flag(m.text))
+        """Messages of level info that repeat neither a flag nor a grasp, such as the transforms that were applied."""
+        grasped = tuple(f"{grasp.body}: " for grasp in self.grasps)
+        return tuple(
+            m for m in self.messages if m.level == "info" and not is_of_flag(m.text) and not m.text.startswith(grasped)
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """Every figure by name, nested, of plain Python types: fit for JSON."""
@@ -143,6 +149,7 @@ class Summarizer:
     body_names: tuple[str, ...]
     findings: Findings = field(default_factory=Findings)
     method: str = "exact"
+    grasps: GraspMeter | None = None
     frames: int = 0
     _first_ns: int = 0
     _earliest_ns: int = 0
@@ -173,6 +180,8 @@ class Summarizer:
     def add(self, result: FrameResult) -> None:
         """Count one more frame."""
         metrics, frame = result.metrics, result.frame
+        if self.grasps is not None:
+            self.grasps.add(result)
         if self.frames == 0:
             self._first_ns = self._earliest_ns = self._latest_ns = frame.time_ns
         self._earliest_ns = min(self._earliest_ns, frame.time_ns)
@@ -300,6 +309,7 @@ class Summarizer:
                 for (level, text), (first, count) in self._messages.items()
             ),
             worst=self._worst,
+            grasps=() if self.grasps is None else self.grasps.grasps(),
             findings=self.findings,
             messages_dropped=self._messages_dropped,
         )

@@ -68,6 +68,8 @@ class Grasp:
 
     run: Run
     rate: float
+    left: str = "left"
+    right: str = "right"
 
     def frame(self, t: float) -> int:
         """Index of the frame at a time."""
@@ -81,7 +83,7 @@ class Grasp:
 
     def slip(self, since: float, until: float) -> float:
         """How far what is gripped moves at most in the frame of the jaws [m]."""
-        left, right, held = (self.run.path(name) for name in ("left", "right", "thing"))
+        left, right, held = (self.run.path(name) for name in (self.left, self.right, "thing"))
         middle = 0.5 * (left[:, :3] + right[:, :3])
         inside = Rotation.from_quat(left[:, 3:]).inv().apply(held[:, :3] - middle)
         span = inside[self.frame(since) : self.frame(until) + 1]

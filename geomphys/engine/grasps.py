@@ -1,0 +1,160 @@
+"""What driven bodies do with simulated ones: held, lifted, dropped, or touched and not held; with what force and margin."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from geomphys.results import FrameResult
+from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene, World
+
+Floats = NDArray[np.float64]
+
+HELD_FOR = 0.2  # s: what driven bodies alone carry for so long is held
+LIFTED_BY = 0.01  # m
+LEAST_FORCE = 1e-3  # N: less is none
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grasp:
+    """What became of a simulated object that driven bodies touched. Forces are means over a frame."""
+
+    body: str
+    touched_s: float  # how long driven bodies pressed it
+    held_s: float  # how long they alone carried it; 0: touched but not held
+    lifted_m: float  # how far against gravity while it was held, at most
+    dropped: int  # how often it was let go in the air
+    grip_force_n: float  # median of the sum of normal forces while it was held, else while it was touched
+    margin: float  # least share of available over needed friction while it was held; inf where none was needed
+
+    @property
+    def outcome(self) -> str:
+        """One of dropped, lifted, held, touched."""
+        if self.dropped:
+            return "dropped"
+        if self.held_s < HELD_FOR:
+            return "touched"
+        return "lifted" if self.lifted_m > LIFTED_BY else "held"
+
+
+@dataclass
+class _Body:
+    """A simulated body, and what has been done with it so far."""
+
+    touched_s: float = 0.0
+    held_s: float = 0.0
+    carried_s: float = 0.0  # since it stands on nothing else
+    begin: float = 0.0  # m, its height when that began
+    lifted: float = 0.0
+    dropped: int = 0
+    margin: float = math.inf
+    centre: Floats | None = None  # (3,) m, of mass, in the frame before if it was touched then
+    velocity: Floats | None = None  # (3,) m/s
+    acceleration: Floats | None = None  # (3,) m/s²
+    forces: tuple[list[float], list[float]] = ((), ())  # type: ignore[assignment]
+
+
+class GraspMeter:
+    """Follows the simulated bodies of a world frame by frame; memory grows with the frames in which they are touched only."""
+
+    def __init__(self, world: World) -> None:
+        self._names = world.body_names
+        self._scene: Scene = world.scene
+        role = world.scene.bodies.role
+        driven = bool((role == DRIVEN).any())
+        self._bodies = {int(b): _Body(forces=([], [])) for b in np.flatnonzero(role == SIMULATED) if driven}
+        gravity = float(np.linalg.norm(world.scene.gravity))
+        self._up: Floats = -world.scene.gravity / gravity if gravity > 0.0 else np.array([0.0, 0.0, 1.0])
+        self._time_ns: int | None = None
+        self._carried: set[int] = set()
+
+    def add(self, result: FrameResult) -> tuple[tuple[str, str], ...]:
+        """Take one more frame; returns messages (level, text) of what changed in it."""
+        before, self._time_ns = self._time_ns, result.frame.time_ns
+        if not self._bodies or before is None or self._time_ns <= before:
+            return ()
+        dt = (self._time_ns - before) * 1e-9
+        contacts, role = result.contacts, self._scene.bodies.role
+        gripping = ((role[contacts.body_a] == DRIVEN) | (role[contacts.body_b] == DRIVEN)) & (
+            contacts.normal_impulse > 0.0
+        )
+        near = {*contacts.body_a[gripping].tolist(), *contacts.body_b[gripping].tolist()} & self._bodies.keys()
+        messages: list[tuple[str, str]] = []
+        for body in sorted(near | self._carried):
+            messages += self._follow(body, self._bodies[body], result, dt)
+        self._carried = {body for body in near | self._carried if self._bodies[body].carried_s > 0.0}
+        return tuple(messages)
+
+    def _follow(self, body: int, seen: _Body, result: FrameResult, dt: float) -> list[tuple[str, str]]:
+        contacts, name = result.contacts, self._names[body]
+        mine = (contacts.body_a == body) | (contacts.body_b == body)
+        other = np.where(contacts.body_a == body, contacts.body_b, contacts.body_a)
+        role, forces = self._scene.bodies.role[other], contacts.normal_impulse / dt
+        gripping = mine & (role == DRIVEN) & (forces > 0.0)
+        force, rest = float(forces[gripping].sum()), float(forces[mine & (role != DRIVEN)].sum())
+        height = float(result.corrected[body, :3] @ self._up)
+        was_held = seen.carried_s >= HELD_FOR
+        if force <= LEAST_FORCE:
+            dropped = was_held and rest <= LEAST_FORCE
+            seen.carried_s, seen.centre, seen.velocity = 0.0, None, None
+            seen.dropped += dropped
+            if was_held:
+                return [("warning" if dropped else "info", f"{name}: {'dropped' if dropped else 'set down'}")]
+            return []
+        seen.touched_s += dt
+        velocity, seen.velocity = seen.velocity, self._velocity(body, seen, result, dt)
+        seen.acceleration = (
+            (seen.velocity - velocity) / dt if velocity is not None and seen.velocity is not None else None
+        )
+        seen.forces[0].append(force)
+        if rest > LEAST_FORCE:
+            seen.carried_s = 0.0
+            return [("info", f"{name}: set down")] if was_held else []
+        if seen.carried_s == 0.0:
+            seen.begin = height
+        seen.carried_s += dt
+        seen.lifted = max(seen.lifted, height - seen.begin)
+        if seen.carried_s < HELD_FOR:
+            return []
+        seen.held_s += dt if was_held else seen.carried_s
+        seen.forces[1].append(force)
+        materials, friction = self._scene.bodies.material, self._scene.materials.friction
+        available = float((friction[materials[body], materials[other[gripping]]] * forces[gripping]).sum())
+        sign = np.where(contacts.body_a == body, 1.0, -1.0)
+        pressed = (contacts.normal * (sign * forces)[:, None])[gripping].sum(axis=0)
+        needed = float(np.linalg.norm(self._carrying_force(body, seen) - pressed))
+        seen.margin = min(seen.margin, available / needed if needed > LEAST_FORCE else math.inf)
+        return [] if was_held else [("info", f"{name}: held with {force:.3g} N")]
+
+    def _velocity(self, body: int, seen: _Body, result: FrameResult, dt: float) -> Floats | None:
+        """Mean velocity (3,) of its centre of mass since the frame before, in which it was touched too."""
+        pose = result.corrected[body]
+        centre = pose[:3] + Rotation.from_quat(pose[3:]).apply(self._scene.bodies.com[body])
+        before, seen.centre = seen.centre, centre
+        return None if before is None else (centre - before) / dt
+
+    def _carrying_force(self, body: int, seen: _Body) -> Floats:
+        """Force (3,) that what carries a body exerts on it [N]: m (a - g)."""
+        acceleration = np.zeros(3) if seen.acceleration is None else seen.acceleration
+        force: Floats = self._scene.bodies.mass[body] * (acceleration - self._scene.gravity)
+        return force
+
+    def grasps(self) -> tuple[Grasp, ...]:
+        """Of every simulated body that was touched, what became of it so far."""
+        return tuple(
+            Grasp(
+                body=self._names[body],
+                touched_s=seen.touched_s,
+                held_s=seen.held_s,
+                lifted_m=seen.lifted if seen.held_s > 0.0 else 0.0,
+                dropped=seen.dropped,
+                grip_force_n=float(np.median(seen.forces[1] or seen.forces[0])),
+                margin=seen.margin,
+            )
+            for body, seen in self._bodies.items()
+            if seen.touched_s > 0.0
+        )

@@ -1,0 +1,125 @@
+"""Motion that the recording missed is no speed: after a gap, or a jump of a tracker, a driven tree catches up slowly.
+
+Only where there is something to push: in scenes with simulated bodies. The tree goes on from where it was; the way missed is
+made up at a speed that grows from zero to `MOST` times the larger recorded speed before and after it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from geomphys.numerics.quantiles import Quantiles
+from geomphys.results import FLAG_CATCHING_UP, Frame
+from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
+
+Floats = NDArray[np.float64]
+
+MOST = 1.4  # times the larger recorded speed
+GROWTH = 0.1  # s: in which the speed of catching up grows from zero to that
+SLOWEST = (0.05, 0.2, 0.2)  # m/s, rad/s, rad/s or m/s of joints: what is missed is made up at least so fast
+JUMP_RATIO = 3.0  # times the 99th percentile of the recording's accelerations so far, and
+LEAST_JUMP = 100.0  # m/s²: a tracker that accelerates more has jumped
+LEARNED = 60  # frames until that percentile is trusted
+NOTHING = 1e-9  # m, rad
+
+
+@dataclass
+class _Tree:
+    """A driven tree: where it was recorded, where it was taken to be, and what it has to catch up with."""
+
+    root: Floats  # (7,) recorded in the frame before
+    angles: Floats  # (q,)
+    held: bool = False  # it stood still in a frame that was held
+    velocity: Floats = field(default_factory=lambda: np.zeros(3))  # m/s, recorded
+    speeds: Floats = field(default_factory=lambda: np.zeros(3))  # of root, rotation, joints in the last good frame
+    missed: tuple[Floats, Rotation, Floats] | None = None  # from the recording to where the tree is
+    largest: Floats = field(default_factory=lambda: np.zeros(3))  # recorded speeds since the gap and before
+    catching: float = 0.0  # s, since the gap
+    accelerations: Quantiles = field(default_factory=Quantiles)
+
+
+class MissedMotion:
+    """Follows the recorded frames of a scene's driven trees."""
+
+    def __init__(self, scene: Scene) -> None:
+        roles = scene.trees.role
+        some = bool((roles == SIMULATED).any())
+        self._driven = [int(t) for t in np.flatnonzero(roles == DRIVEN) if some]
+        self._columns = {
+            t: slice(int(scene.trees.dof_start[t]), int(scene.trees.dof_start[t + 1])) for t in self._driven
+        }
+        self._trees: dict[int, _Tree] = {}
+
+    def correct(self, frames: Sequence[Frame], roots: Floats, angles: Floats, dts: Floats) -> list[int]:
+        """Correct frames (n, T, 7), (n, Q), in place; returns flags of each: `FLAG_CATCHING_UP` or 0."""
+        flags = [0] * len(frames)
+        for tree in self._driven:
+            for k, frame in enumerate(frames):
+                if self._follow(tree, frame.held, roots[k, tree], angles[k, self._columns[tree]], float(dts[k])):
+                    flags[k] = FLAG_CATCHING_UP
+        return flags
+
+    def _follow(self, tree: int, held: bool, root: Floats, angles: Floats, dt: float) -> bool:
+        """One frame of a tree: `root` (7,) and `angles` (q,) are corrected; whether they were."""
+        seen = self._trees.get(tree)
+        if seen is None or dt <= 0.0:
+            if seen is None:
+                self._trees[tree] = _Tree(root.copy(), angles.copy(), held)
+            return False
+        turn = Rotation.from_quat(root[3:]) * Rotation.from_quat(seen.root[3:]).inv()
+        change = angles - seen.angles
+        velocity = (root[:3] - seen.root[:3]) / dt
+        speeds = np.array([np.linalg.norm(velocity), turn.magnitude() / dt, np.abs(change).max(initial=0.0) / dt])
+        still = not speeds.any()
+        acceleration = float(np.linalg.norm(velocity - seen.velocity)) / dt
+        jumped = self._jumps(seen, acceleration) and not held
+        if (seen.held and not held) or jumped:
+            before = seen.missed or (np.zeros(3), Rotation.identity(), np.zeros(len(angles)))
+            at = seen.root[:3] + before[0] - root[:3]
+            seen.missed = at, before[1] * turn.inv(), before[2] - change
+            seen.largest, seen.catching, speeds = np.maximum(seen.largest, seen.speeds), 0.0, np.zeros(3)
+        elif not held:
+            seen.speeds = speeds
+            seen.largest = np.maximum(seen.largest, speeds)
+            seen.accelerations.add(acceleration)
+        seen.held = held and (still or seen.held)
+        seen.velocity = np.zeros(3) if held or jumped else velocity
+        seen.root, seen.angles = root.copy(), angles.copy()
+        if seen.missed is None:
+            seen.largest = seen.speeds
+            return False
+        self._catch_up(seen, speeds, dt)
+        if seen.missed is None:
+            return False
+        root[:3] += seen.missed[0]
+        root[3:] = (seen.missed[1] * Rotation.from_quat(root[3:])).as_quat()
+        angles += seen.missed[2]
+        return True
+
+    @staticmethod
+    def _jumps(seen: _Tree, acceleration: float) -> bool:
+        if acceleration < LEAST_JUMP or seen.accelerations.count < LEARNED:
+            return False
+        return acceleration > JUMP_RATIO * seen.accelerations.quantile(0.99)
+
+    @staticmethod
+    def _catch_up(seen: _Tree, speeds: Floats, dt: float) -> None:
+        """Make up for part of what was missed; `speeds` are those of the recording meanwhile."""
+        if seen.missed is None:
+            return
+        seen.catching += dt
+        share = min(1.0, seen.catching / GROWTH)
+        ways = share * dt * np.maximum(MOST * seen.largest - speeds, np.array(SLOWEST))
+        way, turn, change = seen.missed
+        left, angle = float(np.linalg.norm(way)), float(turn.magnitude())
+        way = way * (max(0.0, left - ways[0]) / left if left > NOTHING else 0.0)
+        turn = Rotation.from_rotvec(turn.as_rotvec() * (max(0.0, angle - ways[1]) / angle if angle > NOTHING else 0.0))
+        change = np.sign(change) * np.maximum(0.0, np.abs(change) - ways[2])
+        done = not way.any() and turn.magnitude() == 0.0 and not change.any()
+        seen.missed = None if done or math.isnan(left) else (way, turn, change)

@@ -1,0 +1,101 @@
+"""A parallel gripper grips by its joints: forces, what it carries, limits of effort, and `squeeze`."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from geomphys.config import Config
+from geomphys.load import load_world
+from geomphys.replays import replay
+from tests.laws.replayed import Run, floor, thing
+from tests.laws.test_grasp import CUBE, HALF, LIFTED, SLIP, Grasp, frictions, ramp
+from tests.recording.log_files import joints, pose, write_log
+
+BOX = '<collision><origin xyz="{}"/><geometry><box size="{}"/></geometry></collision>'
+
+
+def write_gripper(path: Path, effort: float, mimic: bool) -> None:
+    """A palm and two fingers on prismatic joints that close along x; one follows the other if it is to `mimic` it."""
+    links = f'<link name="palm">{BOX.format("0 0 0", "0.12 0.05 0.03")}</link>'
+    parts = [links]
+    for name, x, axis in (("left", -0.065, 1), ("right", 0.065, -1)):
+        follows = '<mimic joint="slide_left"/>' if mimic and name == "right" else ""
+        parts.append(f'<link name="{name}">{BOX.format("0 0 -0.045", "0.02 0.04 0.06")}</link>')
+        parts.append(
+            f'<joint name="slide_{name}" type="prismatic"><parent link="palm"/><child link="{name}"/>'
+            f'<origin xyz="{x} 0 -0.016"/><axis xyz="{axis} 0 0"/>'
+            f'<limit lower="-0.02" upper="0.08" effort="{effort}" velocity="1"/>{follows}</joint>'
+        )
+    path.write_text(f'<robot name="gripper">{"".join(parts)}</robot>')
+
+
+def grip(
+    folder: Path, mode: str, *, rate: int = 60, squeeze: float = 0.005, seconds: float = 3.0, effort: float = 100.0,
+    mimic: bool = False, about: tuple[float, float, float] = (0.0, 0.0, 0.0), keys: str = "", along: float = 0.0,
+) -> Grasp:  # fmt: skip
+    """It closes on a cube by 1 s, deeper than its surface by `squeeze`, lifts it 20 cm by 2.3 s; then turns or carries it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_gripper(folder / "gripper.urdf", effort, mimic)
+    avatar = (
+        f'[[avatar]]\nname = "gripper"\nurdf = "gripper.urdf"\nmode = "{mode}"\nmaterial = "human"\n{keys}\n'
+        'root = { topic = "/root" }\njoints = { topic = "/joints" }\n'
+    )
+    things = thing("thing", position=(0, 0, HALF), **CUBE) + floor(material="metal")
+    (folder / "scene.toml").write_text(f'[scene]\nname = "gripper"\n{frictions(0.8)}{avatar}{things}')
+    items = []
+    for t in np.arange(round(seconds * rate) + 1) / rate:
+        share = ramp(t, LIFTED, LIFTED + 1.0, 1.0)
+        turn = Rotation.from_rotvec(np.array(about) * share)
+        at = np.array([along * share, 0, HALF + ramp(t, 1.3, 2.3, 0.2)]) + turn.apply([0, 0, 0.068])
+        closed = ramp(t, 0.3, 1.0, 0.055 - HALF + squeeze)
+        names = ("slide_left",) if mimic else ("slide_left", "slide_right")
+        items.append(pose("/root", 1.0 + t, [float(x) for x in (*at, *turn.as_quat())]))
+        items.append(joints("/joints", 1.0 + t, dict.fromkeys(names, closed)))
+    write_log(folder / "log.mcap", items, encoding="protobuf")
+    world = load_world(folder / "scene.toml")
+    return Grasp(
+        Run(world, list(replay(folder / "log.mcap", world, config=Config()))), rate, "gripper/left", "gripper/right"
+    )
+
+
+@pytest.mark.parametrize("rate", [30, 60, 120, 240])
+@pytest.mark.parametrize("mode", ["chains", "rigid"])
+@pytest.mark.parametrize("mimic", [False, True])
+def test_fingers_press_by_stiffness_times_depth_and_lift(tmp_path: Path, mode: str, rate: int, mimic: bool) -> None:
+    done = grip(tmp_path, mode, rate=rate, mimic=mimic)
+    for t in (1.25, 3.0):
+        for finger in (done.left, done.right):
+            assert done.force(finger, t) == pytest.approx(5.0, rel=0.01)
+    assert done.slip(1.25, 3.0) < SLIP
+    assert done.run.path("thing")[-1, 2] == pytest.approx(HALF + 0.2 - 0.2 * 9.81 / 1000, abs=2e-5)
+
+
+@pytest.mark.parametrize("about", [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)])
+def test_what_it_holds_is_turned_and_carried(tmp_path: Path, about: tuple[float, float, float]) -> None:
+    turn = tuple(0.5 * math.pi * x for x in about)
+    done = grip(tmp_path, "chains", about=turn, seconds=4.0, along=0.3)
+    assert done.slip(1.25, 4.0) < SLIP
+
+
+@pytest.mark.parametrize("rate", [30, 60, 240])
+def test_a_joint_presses_with_no_more_than_its_effort(tmp_path: Path, rate: int) -> None:
+    done = grip(tmp_path, "chains", rate=rate, squeeze=0.012, effort=8.0)
+    assert done.force(done.left, 3.0) == pytest.approx(8.0, rel=0.01)
+    assert done.slip(1.25, 3.0) < SLIP
+
+
+def test_an_avatars_effort_is_that_of_joints_without_one(tmp_path: Path) -> None:
+    done = grip(tmp_path, "chains", squeeze=0.012, effort=0.0, keys="effort_n = 6.0")
+    assert done.force(done.left, 3.0) == pytest.approx(6.0, rel=0.01)
+
+
+@pytest.mark.parametrize("recorded", [0.0005, 0.003])
+def test_squeeze_presses_as_if_it_had_been_recorded_deeper(tmp_path: Path, recorded: float) -> None:
+    done = grip(tmp_path, "chains", squeeze=recorded, keys="squeeze = 0.006")
+    assert done.force(done.left, 3.0) == pytest.approx(1000 * (recorded + 0.006), rel=0.01)
+    assert done.slip(1.25, 3.0) < SLIP
