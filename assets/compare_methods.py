@@ -186,7 +186,9 @@ COLUMNS = (
 WEAKNESS = (
     "What lies between two frames is not seen by the published method. A ball that moves 10 cm a frame goes through a panel of "
     "5 mm, and as no frame overlaps there is nothing to correct: `tests/driven/paper/test_paper_replays.py` holds that it does, "
-    "and that the default method stops it."
+    "and that the default method stops it. The way back to the last free state is long where that was stored long ago: a rigid "
+    "hand that stays hooked on the handle of a door that opens is put to where it was before, up to 390 mm away, and jumps forth "
+    "again. And a first frame that starts inside has no free state to go back to: overlap is left, and said."
 )
 
 HEAD = (
