@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from geomphys.scene.coacd_process import SEARCHES
 from geomphys.scene.meshes import Mesh
 
-_FORMAT_VERSION = 4
+_FORMAT_VERSION = 5
 """Raised when the same mesh and parameters give other pieces than before."""
 _METHODS = ("hull", "parts", "coacd")
 
