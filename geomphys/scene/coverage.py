@@ -19,7 +19,7 @@ Ints = NDArray[np.int64]
 REACH = 1.5e-4
 """Of the mesh's size: how far a piece reaches for the surface at first; twice as far where something stays bare."""
 DOUBLINGS = 6
-GRAIN = 2e-3
+GRAIN = 2e-4
 """Of the mesh's size: smaller parts of triangles are clipped rather than divided to see whether they are bare."""
 MAX_PARTS = 50_000
 """Parts of triangles that are held against the pieces at once; if there are more, they are clipped."""
