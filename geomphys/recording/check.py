@@ -197,4 +197,5 @@ def _poses(plan: Plan, world: World) -> list[PoseMapping]:
             messages=sum(c.messages for c in p.channels),
         )
         for p in plan.poses
+        if not p.is_point
     ]
