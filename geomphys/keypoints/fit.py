@@ -2,10 +2,12 @@
 
 Minimised is, over joint values q within their limits and the root's pose,
 
-    1/2 sum_i w_i |x_i(q, root) - p_i|² + 1/2 sum_j l_j² (r (q_j - rest_j)² + s (q_j - target_j)²)
+    1/2 sum_i w_i |x_i(q, root) - p_i|² + 1/2 sum_j l_j² (r_j (q_j - rest_j)² + s (q_j - target_j)²)
 
-with the points p_i that are seen, the lever l_j of each joint, r = `REST_WEIGHT`, s = `SMOOTHNESS_WEIGHT` and target the values
-of the last frame. The start is the result of the last frame, so of equivalent solutions the near one is found.
+with the points p_i that are seen, the lever l_j of each joint, s = `SMOOTHNESS_WEIGHT` and target the values of the last frame.
+The pull to rest r_j is weak where the points show a joint and stronger where they do not, as the twist of a straight finger:
+there they hold nothing but noise (`weigh_rest`).
+The start is the result of the last frame, so of equivalent solutions the near one is found.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.jit.kernel import kernel
-from geomphys.keypoints.fit_model import REST_WEIGHT, FitModel, FitState
+from geomphys.keypoints.fit_model import REST_WEIGHT, SHOWN, UNSHOWN_WEIGHT, FitModel, FitState
 from geomphys.numerics.vec3 import Vec, add, cross, quat_from_rotation_vector, quat_mul, quat_rotate, quat_unit, sub
 from geomphys.scene.arrays import JOINT_FIXED, JOINT_PRISMATIC
 from geomphys.scene.kinematics import orientation_of, position_of, set_pose
@@ -68,7 +70,7 @@ def objective(model: FitModel, state: FitState, points: Floats, seen: Ints, angl
     smoothness = state.figures[2]
     for j in range(len(angles)):
         rest, near = angles[j] - model.rest[j], angles[j] - state.target[j]
-        total += model.lever[j] ** 2 * (REST_WEIGHT * rest * rest + smoothness * near * near)
+        total += model.lever[j] ** 2 * (state.rest_weight[j] * rest * rest + smoothness * near * near)
     return 0.5 * total
 
 
@@ -142,12 +144,30 @@ def assemble(model: FitModel, state: FitState, points: Floats, seen: Ints, centr
     smoothness = state.figures[2]
     for j in range(len(model.rest)):
         scale = model.lever[j] ** 2
-        hessian[j, j] += scale * (REST_WEIGHT + smoothness)
+        hessian[j, j] += scale * (state.rest_weight[j] + smoothness)
         gradient[j] += scale * (
-            REST_WEIGHT * (state.angles[j] - model.rest[j]) + smoothness * (state.angles[j] - state.target[j])
+            state.rest_weight[j] * (state.angles[j] - model.rest[j]) + smoothness * (state.angles[j] - state.target[j])
         )
     for j in range(len(model.rest), len(gradient)):
         hessian[j, j] += ROOT_RIDGE
+
+
+@kernel
+def weigh_rest(model: FitModel, state: FitState, seen: Ints, centre: Vec) -> None:
+    """Set the pull to rest of each joint by how far the seen points are from its axis, in the posture `state.poses`."""
+    for j in range(len(model.rest)):
+        state.rest_weight[j] = 0.0
+    for i in range(len(model.body)):
+        if seen[i]:
+            count = point_jacobian(model, state, state.poses, model.body[i], centre)
+            for m in range(count):
+                a = state.columns[m]
+                if a < len(model.rest):
+                    u, v, t = state.jacobian[0, a], state.jacobian[1, a], state.jacobian[2, a]
+                    state.rest_weight[a] += model.weight[i] * (u * u + v * v + t * t)
+    for j in range(len(model.rest)):
+        shown = state.rest_weight[j] / (SHOWN * model.lever[j] ** 2)
+        state.rest_weight[j] = REST_WEIGHT + (UNSHOWN_WEIGHT - REST_WEIGHT) / (1.0 + shown * shown)
 
 
 @kernel
@@ -274,8 +294,9 @@ def fit_frame(model: FitModel, state: FitState, points: Floats, seen: Ints, show
         Most iterations.
     """
     pose_links(model, state.root, state.angles, state.poses)
-    cost = objective(model, state, points, seen, state.angles, state.poses)
     centre, damping, iterations = seen_centre(points, seen), 1e-9, 0
+    weigh_rest(model, state, seen, centre)
+    cost = objective(model, state, points, seen, state.angles, state.poses)
     searching = True
     while searching and iterations < limit:
         assemble(model, state, points, seen, centre)
@@ -320,6 +341,8 @@ def measure_uncertainty(model: FitModel, state: FitState, points: Floats, seen: 
     """
     smoothness = state.figures[2]
     state.figures[2] = 0.0
+    for j in range(len(model.rest)):
+        state.rest_weight[j] = REST_WEIGHT
     assemble(model, state, points, seen, seen_centre(points, seen))
     state.figures[2] = smoothness
     joints = len(model.rest)

@@ -11,7 +11,11 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 REST_WEIGHT = 1e-3
-"""Pull to the rest posture, of the pull of one point at the joint's lever: for what the points do not show."""
+"""Pull to the rest posture of a joint that the points show, of the pull of one point at the joint's lever."""
+UNSHOWN_WEIGHT = 0.1
+"""The same of a joint that they do not show: so much that noise does not turn it."""
+SHOWN = 0.05
+"""Between these: the pull of the points on a joint, of that of one point at its lever, at which half of it is left."""
 SMOOTHNESS_WEIGHT = 0.3
 """Pull to the values of the last frame, carried on by its increment (4.1)."""
 
@@ -50,6 +54,7 @@ class FitState(NamedTuple):
     trial_root: Floats  # (7,)
     trial_angles: Floats  # (Q,)
     target: Floats  # (Q,) of the smoothness term
+    rest_weight: Floats  # (Q,) from `REST_WEIGHT` to `UNSHOWN_WEIGHT`, by what the points of the frame show
     jacobian: Floats  # (3, N) of one point; N = Q + 6: joint values, translation and rotation of the root
     columns: Ints  # (N,) columns of it that are not zero
     hessian: Floats  # (N, N)

@@ -99,7 +99,8 @@ class KeypointFitter:
             state.root[:] = given
             if model.fits_root[0]:
                 state.root[:] = self._nearest_root(points, seen)
-            fit_frame(self._model, self._state, points, seen, shown, FIRST_ITERATIONS)
+            for _ in range(2):  # what the points show is not known before
+                fit_frame(self._model, self._state, points, seen, shown, FIRST_ITERATIONS)
             if best is None or state.figures[0] < best[0]:
                 best = (state.figures[0], state.root.copy(), state.angles.copy())
         assert best is not None

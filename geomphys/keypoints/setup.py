@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.keypoints.fit import pose_links
-from geomphys.keypoints.fit_model import FitModel, FitState
+from geomphys.keypoints.fit_model import REST_WEIGHT, FitModel, FitState
 from geomphys.scene.arrays import Scene
 from geomphys.scene.kinematics import joint_origins
 
@@ -74,6 +74,7 @@ def make_state(model: FitModel) -> FitState:
         trial_root=np.zeros(7),
         trial_angles=np.zeros(len(model.rest)),
         target=np.zeros(len(model.rest)),
+        rest_weight=np.full(len(model.rest), REST_WEIGHT),
         jacobian=np.zeros((3, unknowns)),
         columns=np.zeros(unknowns, dtype=np.int64),
         hessian=np.zeros((unknowns, unknowns)),
@@ -89,7 +90,7 @@ def probe_postures(model: FitModel) -> Floats:
     """(n, Q) postures spread over the limits, always the same ones."""
     low = np.where(np.isfinite(model.lower), model.lower, model.rest - 1.0)
     high = np.where(np.isfinite(model.upper), model.upper, model.rest + 1.0)
-    share = np.mod(np.outer(np.arange(1, PROBE_POSTURES + 1), np.sqrt(np.arange(2, len(low) + 2))), 1.0)
+    share = np.mod(np.outer(np.arange(1, PROBE_POSTURES + 1), np.arange(1, len(low) + 1)) * np.sqrt(2.0), 1.0)
     postures: Floats = low + share * (high - low)
     return postures
 
