@@ -136,6 +136,11 @@ class FrameSource:
         return max(0, min(count, round(count * selected / span)))
 
     @property
+    def keypoints(self) -> list[KeypointRoute]:
+        """The points that joint values are fitted to, as of the last frame made."""
+        return self._pass.keypoints
+
+    @property
     def report(self) -> RecordingReport:
         """Report on the frames made so far."""
         return self._pass.report()

@@ -20,7 +20,7 @@ _CAPSULE = (
     '<collision><origin xyz="{half} 0 0" rpy="0 1.5708 0"/>'
     '<geometry><capsule radius="0.007" length="{length}"/></geometry></collision>'
 )
-_PALM = '<collision><geometry><box size="0.05 0.06 0.02"/></geometry></collision>'
+_PALM = '<collision><geometry><box size="0.05 0.06 0.014"/></geometry></collision>'
 
 
 def hand_urdf(*, tips: bool = True, prefix: str = "") -> str:
@@ -46,7 +46,7 @@ def hand_urdf(*, tips: bool = True, prefix: str = "") -> str:
         if finger == "thumb":
             link("thumb_twist", 0)
             link("thumb_spread", 0)
-            joint("thumb_twist", "revolute", "wrist", "0.02 0.03 -0.005", "1 0 0", (-1, 1), "0 0 0.8")
+            joint("thumb_twist", "revolute", "wrist", "0.02 0.03 0", "1 0 0", (-1, 1), "0 0 0.8")
             joint("thumb_spread", "revolute", "thumb_twist", "0 0 0", "0 0 1", (-0.6, 0.6))
             names = ("thumb_metacarpal", "thumb_proximal", "thumb_distal")
             joint(names[0], "revolute", "thumb_spread", "0 0 0", "0 1 0", (-0.5, 0.8))
