@@ -33,6 +33,8 @@ HIDDEN_SHARE = 0.15
 """Share of a hidden direction in the offset or in a surface, above which that part is not changed."""
 NAMED_SHARE = 0.3
 """Share of a hidden direction from which on a component is named."""
+MIN_CHANGE = 0.02
+"""Units of a fit (0.2 mm, 0.1 degrees); a smaller change is none."""
 MIN_DELAY = 0.001
 """s; a smaller change of a delay is none."""
 
@@ -172,7 +174,7 @@ def _stretches(
 
 
 def _fit(world: World, tree: int, root: RootSource | None, recorded: Recorded, unknowns: Unknowns) -> ContactFit:
-    if not recorded.contacts:
+    if not recorded.contacts or unknowns.size == 0:
         return ContactFit(np.zeros(unknowns.size), np.eye(unknowns.size), 0.0, 0.0)
     offset = np.eye(4) if root is None else matrix_from_pose([*root.position, *root.orientation])
     return ContactProblem(world, tree, offset, recorded.contacts, unknowns).fit()
@@ -196,7 +198,7 @@ def _result(
     avatar = world.tree_names[tree]
     offset = None if root is None else [*root.position, *root.orientation]
     first = 6 * unknowns.offset
-    if offset is not None and np.abs(shown[:first]).max(initial=0.0) > 1e-3:
+    if offset is not None and np.abs(shown[:first]).max(initial=0.0) > MIN_CHANGE:
         offset = list(pose_from_matrix(compose(offset_matrix(shown[:6]), matrix_from_pose(offset))))
         changes.append(SceneChange("avatar", avatar, "root", tuple(offset[:3]), tuple(offset[3:])))
     surfaces = {}
@@ -206,8 +208,8 @@ def _result(
         pose = moved_surface(before, part)
         name = world.tree_names[surface]
         surfaces[name] = _described(world, surface, pose)
-        if np.abs(part).max() > 1e-3:
-            turned = tuple(pose[3:]) if np.abs(part[1:]).max() > 1e-3 else None
+        if np.abs(part).max() > MIN_CHANGE:
+            turned = tuple(pose[3:]) if np.abs(part[1:]).max() > MIN_CHANGE else None
             changes.append(SceneChange("object", name, "", tuple(pose[:3]), turned))
     delays, correlation, hidden_lags = _delays(world, tree, root, recorded)
     changes += [SceneChange("avatar", avatar, key, delay=value) for key, value in delays.values() if value is not None]

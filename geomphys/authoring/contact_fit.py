@@ -179,8 +179,7 @@ def moved_surface(pose: Floats, change: Floats) -> Floats:
 def _ridge_step(jacobian: Floats, gaps: Floats, change: Floats, ridge: float) -> Floats:
     """Step to the least of |gaps + jacobian step|² + ridge² |change + step|²."""
     normal = jacobian.T @ jacobian + ridge**2 * np.eye(len(change))
-    step: Floats = -np.linalg.solve(normal, jacobian.T @ gaps + ridge**2 * change)
-    return step
+    return -np.asarray(np.linalg.solve(normal, jacobian.T @ gaps + ridge**2 * change), dtype=np.float64)
 
 
 def _hidden(jacobian: Floats) -> Floats:

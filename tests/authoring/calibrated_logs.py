@@ -87,7 +87,7 @@ def write_log(
             root[:3] += rng.normal(0, noise, 3)
             pose = pose_from_matrix(compose(matrix_from_pose(root), invert(tracker_from_root)))
             _write(writer, tracker, S + round(t * S), {"pose": _pose(pose)})
-            joints = [n for n in world.dof_names]
+            joints = list(world.dof_names)
             _write(writer, glove, S + round((t + lag) * S), {"name": joints, "position": [0.0] * len(joints)})
         writer.finish()
     return path
