@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -33,13 +34,16 @@ def check(log: Path, scene: Path, strict: bool, as_json: bool, **options: Any) -
 
     The exit code is 0 if it can, 1 if it cannot.
     """
-    from geomphys.load import load_world
+    from geomphys.errors import LogError
+    from geomphys.load import load_world, scaled_to_log
     from geomphys.recording.check import check_log
 
     terminal, config = current_terminal(), config_of(options)
     with ProgressBars(terminal) as bars:
         loading = meshes_report(terminal, bars)
         world = load_world(scene, mode=config.mode, seed=config.seed, progress=loading)
+        with suppress(LogError):  # which the check reports
+            world = scaled_to_log(log, world, config, progress=loading)
     report = check_log(log, world, config)
     if as_json:
         terminal.json(report.as_dict())

@@ -27,6 +27,7 @@ GC_THRESHOLD = 50_000
 
 COMMANDS = {
     "init": "Write a first scene file for a log.",
+    "calibrate": "Find tracker offset, heights of surfaces and lags from a log.",
     "replay": "Replay a log in a scene and write the corrected motion.",
     "batch": "Replay many logs, by several processes or a cluster.",
     "diff": "Tell what two results differ in.",

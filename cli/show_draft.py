@@ -31,14 +31,20 @@ def show_draft(terminal: Terminal, draft: SceneDraft, log: Path, out: Path) -> N
             ("But", ["it cannot be replayed yet: nothing in it follows a topic; fill in the lines in comments"])
         )
     names = (shlex.quote(str(log)), shlex.quote(str(out)))
-    rows.append(
-        ("Next", [f"look at the lines of {out} marked CHECK, then", "geomphys check {} --scene {}".format(*names)])
-    )
+    steps = [f"look at the lines of {out} marked CHECK, then", "geomphys check {} --scene {}".format(*names)]
+    if not all(avatar.tall for avatar in draft.avatars):
+        steps.append("geomphys calibrate {} --scene {} --flat T0:T1 --on table --write".format(*names))
+    rows.append(("Next", steps))
     terminal.result(heading(str(out), f" for {log.name}"), fields(rows))
 
 
 def _found(avatar: AvatarDraft) -> Iterator[str]:
     """Yield the inputs of an avatar."""
+    if avatar.keypoints is not None:
+        points = avatar.keypoints
+        yield f"points: {counted(points.links, 'link')} follow {points.topic} ({points.layout}); angles are fitted to them"
+        yield f"root {avatar.root_link}: " + ("fitted too" if avatar.root is None else f"follows {avatar.root.name}")
+        return
     if avatar.root is None:
         yield f"root {avatar.root_link}: stands still, no pose of the log looks like it"
     else:

@@ -124,6 +124,7 @@ def show_check(terminal: Terminal, report: CheckReport) -> None:
         ("Pose", [f"{pose.tree} follows {pose.topic} ({counted(pose.messages, 'message')})"]) for pose in report.poses
     ]
     rows += [("Joints", [line]) for line in _joint_lines(report)]
+    rows += list(_fit_rows(report, terminal.verbose))
     if report.space is not None:
         rows.append(("Space", [_placed(report.space)]))
     recording = report.recording
@@ -167,6 +168,21 @@ def finding_rows(findings: Findings, all_lines: bool) -> Iterator[tuple[str, lis
         )
     if findings.notes:
         yield "Frame ids", _some(list(findings.notes), all_lines)
+
+
+def _fit_rows(report: CheckReport, all_names: bool) -> Iterator[tuple[str, list[str]]]:
+    """Yield what joint values are fitted to points: which points, how near they come, the bone lengths."""
+    for fit in report.recording.fits if report.recording is not None else ():
+        what = f"{counted(len(fit.points), 'link')} of {fit.avatar} follow points of {fit.topic}"
+        yield (
+            "Points",
+            [f"{what}, {1000 * fit.rms_m:.1f} mm from them (rms), {1000 * fit.largest_rms_m:.1f} mm at worst"],
+        )
+        if fit.left_out:
+            yield "No link", [f"{counted(len(fit.left_out), 'point')}: {_list(fit.left_out, all_names)}"]
+        factors = report.keypoint_scale.get(fit.avatar, {})
+        if factors:
+            yield "Bone lengths", ["those of the URDF times " + ", ".join(f"{f:.3f} ({n})" for n, f in factors.items())]
 
 
 def _joint_lines(report: CheckReport) -> Iterator[str]:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from geomphys.analysis.diff.rerun_overlay import write_overlay
     from geomphys.analysis.plots import plot_output
     from geomphys.analysis.stats import Statistics, statistics_of
+    from geomphys.authoring.calibration import Calibration, calibrate
     from geomphys.authoring.convex_pieces import DecomposedMesh, decompose_file, write_pieces
     from geomphys.authoring.scene_draft import SceneDraft, draft_scene
     from geomphys.batch.run import BatchReport, run_batch
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
 _HOME = {
     "AuditReport": "analysis.audit",
     "BatchReport": "batch.run",
+    "Calibration": "authoring.calibration",
     "CheckReport": "recording.check",
     "ClusterError": "errors",
     "Config": "config",
@@ -80,6 +82,7 @@ _HOME = {
     "ViewerError": "errors",
     "World": "scene.arrays",
     "audit_output": "analysis.audit",
+    "calibrate": "authoring.calibration",
     "check_log": "recording.check",
     "compare_outputs": "analysis.diff.compare",
     "decompose_file": "authoring.convex_pieces",
@@ -104,6 +107,7 @@ _HOME = {
 __all__ = [
     "AuditReport",
     "BatchReport",
+    "Calibration",
     "CheckReport",
     "ClusterError",
     "Config",
@@ -134,6 +138,7 @@ __all__ = [
     "World",
     "__version__",
     "audit_output",
+    "calibrate",
     "check_log",
     "compare_outputs",
     "decompose_file",

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-import dataclasses
+import hashlib
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from geomphys.collision.penetration import make_scratch, separation
+from geomphys.config import Config
 from geomphys.errors import ConfigError
 from geomphys.jit.packed_records import pack
 from geomphys.numerics.transforms import compose, frame_from_matrix, matrix_from_frame
+from geomphys.recording.bone_lengths import measure_bones
 from geomphys.scene.arrays import Floats, World
 from geomphys.scene.assembly import assemble, exclude_pairs
 from geomphys.scene.decomposition import Progress
+from geomphys.scene.scaled_urdf import scaled_urdf
 from geomphys.scene.scene_cache import cache_world, load_cached_world
 from geomphys.scene.scene_file import load_scene_file
 from geomphys.scene.source_files import tracked_sources
+from geomphys.storage.cache import user_cache_folder
+from geomphys.storage.output_file import write_file
 from geomphys.storage.remote_files import AnyPath, as_path, is_remote
 
 ZERO_POSE_CLEARANCE = 5e-6
@@ -56,7 +62,7 @@ def load_world(
         return cached
     with tracked_sources() as sources:
         world = _load(path, mode, seed, progress)
-    world = dataclasses.replace(world, source_files=tuple(sources.contents))
+    world = replace(world, source_files=tuple(sources.contents))
     if is_local:
         cache_world(world, sources, mode, seed)
     return world
@@ -65,6 +71,34 @@ def load_world(
 def _load(path: AnyPath, mode: str | None, seed: int, progress: Progress | None) -> World:
     world = assemble(load_scene_file(path), path, mode=mode, seed=seed, progress=progress)
     return exclude_pairs(world, zero_pose_overlaps(world))
+
+
+def scaled_to_log(log: AnyPath, world: World, config: Config, *, progress: Progress | None = None) -> World:
+    """A world whose avatars that are fitted to points have the bone lengths of a log; the same world if there are none.
+
+    Their scaled URDFs are written to a cache folder, under names made of their content.
+
+    Raises LogError, ModelError, MeshError.
+    """
+    if world.keypoint_scale:
+        return world
+    scales = measure_bones(log, world, config)
+    if not scales:
+        return world
+    folder, tables = user_cache_folder("urdfs"), []
+    for table in world.file.avatar:
+        if table.name in scales:
+            text = scaled_urdf(world.urdfs[table.name], scales[table.name].links)
+            path = folder / f"{hashlib.sha256(text).hexdigest()}.urdf"
+            if not path.is_file():
+                write_file(path, text, force=True)
+            table = table.model_copy(update={"urdf": str(path)})
+        tables.append(table)
+    file = world.file.model_copy(update={"avatar": tuple(tables)})
+    scaled = assemble(file, world.path, mode=config.mode, seed=config.seed, progress=progress)
+    factors = {name: scale.branches for name, scale in scales.items()}
+    scaled = replace(scaled, keypoint_scale=factors, source_files=world.source_files)
+    return exclude_pairs(scaled, zero_pose_overlaps(scaled))
 
 
 def zero_pose_overlaps(world: World) -> list[tuple[int, int]]:

@@ -16,7 +16,7 @@ from geomphys.engine.pipeline import Pipeline
 from geomphys.errors import LogError
 from geomphys.jit.kernel import are_compiled
 from geomphys.jit.work import telling
-from geomphys.load import load_world
+from geomphys.load import load_world, scaled_to_log
 from geomphys.output.file_sinks import FILE_SINKS, FileSinkOptions, make_file_sink
 from geomphys.output.provenance import provenance_of
 from geomphys.output.sink import Sink
@@ -69,6 +69,7 @@ def replay(
     """
     config = config or Config()
     world = scene if isinstance(scene, World) else load_world(scene, mode=config.mode, seed=config.seed)
+    world = scaled_to_log(as_path(log), world, config)
     opened: list[Sink] = []
     complete = False
     try:
@@ -155,6 +156,7 @@ def run(
             if isinstance(scene, World)
             else load_world(scene, mode=config.mode, seed=config.seed, progress=loading)
         )
+        world = scaled_to_log(log, world, config, progress=loading)
         summarizer = Summarizer(world.body_names, world.findings, config.method, GraspMeter(world))
         options = FileSinkOptions(force=force, timing=timing, copied_log=log if copy_input else None)
         sinks = [] if out is None else [make_file_sink(out, options, default=".mcap")]

@@ -7,6 +7,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from geomphys.authoring.finger_joints import label_finger_joints
+from geomphys.authoring.keypoint_draft import KeypointDraft
 from geomphys.recording.angle_units import UnitGuess, guess_angle_unit, mirrored_joints
 from geomphys.recording.inspect import TopicInfo
 from geomphys.recording.joint_matching import JointMatch, match_joints
@@ -41,6 +42,7 @@ class AvatarDraft:
     guessed_topic: str  # topic with only similar joint names; "" if there is a better one or none
     two_sides: bool  # whether the topic has both hands and the side of the avatar is unknown
     chains: tuple[tuple[str, str, str], ...]  # name, base link, tip link
+    keypoints: KeypointDraft | None = None  # points that it is fitted to, where no joint values are recorded
 
     @property
     def used(self) -> tuple[JointMatch, ...]:

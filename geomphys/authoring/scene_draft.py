@@ -18,6 +18,7 @@ from geomphys.authoring.avatar_draft import (
     hand_sides,
     is_of_either_hand,
 )
+from geomphys.authoring.keypoint_draft import find_keypoints
 from geomphys.authoring.lowest_link import lowest_link
 from geomphys.authoring.scene_toml import UnusedStreams, scene_text
 from geomphys.errors import LogError, MeshError
@@ -58,7 +59,7 @@ class SceneDraft:
     @property
     def is_replayable(self) -> bool:
         """Whether the scene can be replayed as it is: an avatar follows a topic."""
-        return any(a.root is not None or a.joints_topic for a in self.avatars)
+        return any(a.root is not None or a.joints_topic or a.keypoints is not None for a in self.avatars)
 
     def as_dict(self) -> dict[str, Any]:
         """All of it as plain values."""
@@ -125,12 +126,15 @@ def _draft(log: AnyPath, urdfs: Sequence[Path | str], folder: Path | str, recove
     for skeleton, hand in zip(skeletons, sides, strict=True):
         taken = {a.root.name for a in avatars if a.root is not None}
         free = [p for p in poses if p.name not in taken]
-        avatars.append(_avatar(skeleton, Path(folder), hand, free, joints, avatars))
+        points = [t for t in info.topics if _is_valid_name(t.topic)]
+        avatars.append(_avatar(skeleton, Path(folder), hand, free, joints, points, avatars))
+    fitted = {a.keypoints.topic for a in avatars if a.keypoints is not None}
+    roots = {a.root.name for a in avatars if a.root is not None}
     others = UnusedStreams(
-        poses=tuple(p for p in poses if p.name not in {a.root.name for a in avatars if a.root is not None}),
+        poses=tuple(p for p in poses if p.name not in roots and p.name.split("#")[0] not in fitted),
         joints=tuple(t.topic for t in joints if t.topic not in {a.joints_topic for a in avatars}),
     )
-    space = log_space(info, {a.root.name for a in avatars if a.root is not None})
+    space = log_space(info, roots | {f"{t.topic}#{c}" for t in info.topics if t.topic in fitted for c in t.motions})
     heights = [
         lowest_link(
             log,
@@ -143,8 +147,10 @@ def _draft(log: AnyPath, urdfs: Sequence[Path | str], folder: Path | str, recove
             recover=recover,
         )
         for skeleton, avatar in zip(skeletons, avatars, strict=True)
-        if avatar.root is not None and not avatar.tall
+        if avatar.root is not None and not avatar.tall and avatar.keypoints is None
     ]
+    recorded = RecordedSpace.from_table(space.table)
+    heights += [a.keypoints.lowest_height(recorded) for a in avatars if a.keypoints is not None and a.keypoints.boxes]
     text = scene_text(info, avatars, others, space, min((h for h in heights if h is not None), default=0.0))
     parse_scene(text, Path(folder) / "scene.toml")
     return SceneDraft(text, info, tuple(avatars), others, space)
@@ -156,9 +162,10 @@ def _avatar(
     hand: str,
     poses: Sequence[PoseCandidate],
     topics: Sequence[TopicInfo],
+    points: Sequence[TopicInfo],
     earlier: Sequence[AvatarDraft],
 ) -> AvatarDraft:
-    """Draft an avatar; `earlier` are the avatars drafted before, whose inputs are taken."""
+    """Draft an avatar: joints are among `topics`, points among `points`; `earlier` are the avatars drafted before."""
     joints = find_joints(skeleton, topics, hand, {(a.joints_topic, a.side) for a in earlier})
     matches = joints.matches if joints is not None else ()
     used = [m for m in matches if m.is_used]
@@ -166,6 +173,12 @@ def _avatar(
     recorded = [n for n in topic.joints if _is_valid_name(n)] if topic is not None else []
     if hand:
         recorded = [n for n in recorded if side_of(n) in ("", hand)]
+    keypoints = None
+    if not used:
+        taken = {a.keypoints.topic for a in earlier if a.keypoints is not None}
+        keypoints = find_keypoints(skeleton, points, hand, taken)
+    if keypoints is not None:
+        poses = [p for p in poses if p.name.split("#")[0] != keypoints.topic]
     root, choices = find_root(skeleton, poses, hand, joints)
     angles = guess_angles(skeleton, topic, used or matches)
     mimics = {j.name for j in skeleton.joints if j is not None and j.mimics is not None}
@@ -191,6 +204,7 @@ def _avatar(
         guessed_topic=topic.topic if topic is not None and not used else "",
         two_sides=joints is not None and is_of_either_hand(hand, joints.topic.joints, skeleton.dof_names),
         chains=tuple(_chains(skeleton)),
+        keypoints=keypoints,
     )
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from geomphys.authoring.avatar_draft import AvatarDraft
 from geomphys.authoring.joints_toml import MAX_NAMES, joint_lines, quoted, short_list
+from geomphys.authoring.keypoint_draft import KeypointDraft
 from geomphys.recording.display_names import printable
 from geomphys.recording.inspect import LogInfo, TopicInfo
 from geomphys.recording.recorded_space import RecordedSpace
@@ -74,6 +75,8 @@ def _followers(avatars: Sequence[AvatarDraft]) -> dict[str, str]:
     for avatar in avatars:
         if avatar.root is not None:
             followers.setdefault(avatar.root.name.split("#")[0], []).append(f"root of {avatar.name}")
+        if avatar.keypoints is not None:
+            followers.setdefault(avatar.keypoints.topic, []).append(f"points of {avatar.name}")
         if avatar.joints_topic:
             followers.setdefault(avatar.joints_topic, []).append(f"joints of {avatar.name}")
     return {topic: " -> " + ", ".join(names) for topic, names in followers.items()}
@@ -103,9 +106,10 @@ def _avatar(avatar: AvatarDraft) -> Iterator[str]:
     if avatar.hull:
         yield 'decomposition = "hull"         # CHECK: a mesh of it has holes, so each collides as its convex hull'
     yield ""
-    yield from _root(avatar)
-    yield ""
-    yield from joint_lines(avatar)
+    if avatar.keypoints is None or avatar.root is not None:
+        yield from _root(avatar)
+        yield ""
+    yield from (joint_lines(avatar) if avatar.keypoints is None else _keypoints(avatar.keypoints, avatar.root is None))
     for name, base, tip in avatar.chains:
         yield ""
         yield "[[avatar.chain]]"
@@ -124,16 +128,30 @@ def _root(avatar: AvatarDraft) -> Iterator[str]:
         unused = f"; else: {short_list(avatar.root_choices)}" if avatar.root_choices else ""
         yield f"# CHECK: is it the pose of {printable(avatar.root_link)!r}{unused}"
         yield f"topic = {quoted(avatar.root.name)}"
-    yield f"# CHECK: where {printable(avatar.root_link)!r} is, seen from the tracker: measure it."
+    yield f"# CHECK: where {printable(avatar.root_link)!r} is, seen from the tracker: measure it, or let"
+    yield "# `geomphys calibrate` find it from a recording in which the hand touches something."
     yield "position = [0.0, 0.0, 0.0]"
     yield "orientation = [0.0, 0.0, 0.0, 1.0]"
+
+
+def _keypoints(keypoints: KeypointDraft, fits_root: bool) -> Iterator[str]:
+    yield "[avatar.keypoints]              # joint angles are fitted to these points"
+    yield f"# CHECK: {keypoints.links} links have a point; `geomphys check` lists which"
+    yield f"topic = {quoted(keypoints.topic)}"
+    yield f'layout = "{keypoints.layout}"'
+    yield 'scale = "fingers"              # bone lengths are those of the recording, finger by finger; or "hand", "none"'
+    if fits_root:
+        yield "# The pose of its root is fitted too; a tracker that gives it goes into [avatar.root]."
 
 
 def _example(avatars: Sequence[AvatarDraft], space: SpaceGuess, lowest: float) -> Iterator[str]:
     """An example of an object: a floor for a body, a table for hands."""
     roots = [a.root for a in avatars if a.root is not None]
     recorded = RecordedSpace.from_table(space.table)
-    corners = [recorded.world_position(p) for r in roots for p in (r.low, r.high)] or [(0.0, 0.0, 0.0)]
+    boxes = [(r.low, r.high) for r in roots] + [
+        b for a in avatars if a.keypoints is not None for b in a.keypoints.boxes
+    ]
+    corners = [recorded.world_position(p) for box in boxes for p in box] or [(0.0, 0.0, 0.0)]
     low, high = ([extremum(c[i] for c in corners) for i in range(3)] for extremum in (min, max))
     x, y = (round((a + b) / 2, 2) + 0.0 for a, b in zip(low[:2], high[:2], strict=True))
     if avatars and all(a.tall for a in avatars):
@@ -141,9 +159,11 @@ def _example(avatars: Sequence[AvatarDraft], space: SpaceGuess, lowest: float) -
     else:
         size = [round(min(b - a, 10.0) + 0.8, 1) for a, b in zip(low[:2], high[:2], strict=True)] + [0.05]
         z = round(lowest - 0.025, 3) + 0.0
-        name, reason = "table", "its top is where the recorded links came lowest"
+        name, reason = "table", "a guess: its top is where the recorded links came lowest"
     yield "# CHECK: an example of an object; put your own things here. class: fixed, simulated or driven;"
     yield "# shape: box, sphere, cylinder, capsule, mesh or urdf (`geomphys schema` lists every key)."
+    if name == "table":
+        yield "# Its height is a guess until `geomphys calibrate` has found it."
     yield "[[object]]"
     yield f'name = "{name}"'
     yield 'class = "fixed"'

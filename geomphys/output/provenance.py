@@ -1,7 +1,8 @@
 """Provenance of an output: hashes of the inputs, the seed and all parameters, stored as its metadata record.
 
 The record ``geomphys`` holds strings: ``version``, ``input_sha256``, ``scene_sha256``, ``world_sha256``, ``seed``,
-every field of `Config` under its own name (numbers, true/false and null as in JSON) and ``complete``. It holds no
+every field of `Config` under its own name (numbers, true/false and null as in JSON) and ``complete``; where joint values were
+fitted to points, ``keypoint_scale``: avatar -> finger or ``palm`` -> factor of its lengths, as JSON. It holds no
 wall clock, path or host name, so the same run gives the same bytes.
 """
 
@@ -65,11 +66,14 @@ def provenance_of(log: AnyPath, world: World, config: Config) -> Provenance:
         scene_sha256 = sha256_of_file(world.path)
     except OSError as problem:
         raise SceneError(f"{world.path}: cannot be read ({problem.strerror})") from problem
+    parameters = {name: _parameter_text(value) for name, value in config.as_dict().items()}
+    if world.keypoint_scale:
+        parameters["keypoint_scale"] = json.dumps(world.keypoint_scale, sort_keys=True)
     return Provenance(
         input_sha256=input_sha256,
         scene_sha256=scene_sha256,
         world_sha256=sha256_of_world(world),
-        parameters={name: _parameter_text(value) for name, value in config.as_dict().items()},
+        parameters=parameters,
         files=(*files_of_log(log), *world.source_files),
     )
 

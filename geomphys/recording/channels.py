@@ -36,14 +36,15 @@ def kind_of(channel: LogChannel) -> MessageKind | None:
 def make_message_reader(channel: LogChannel, kind: MessageKind, *, points: bool = False) -> Callable[[bytes], Content]:
     """Make the function from a message's bytes to its content; it raises BadMessageError on bytes that hold none.
 
-    With `points`, the poses that come along with joint values, of a kind that has them.
+    With `points`, the poses that come along with joint values, of a kind that has them, and poses may lack an orientation.
 
     Raises LogError if the channel's schema cannot be read.
     """
     layout = kind.points if points and kind.points is not None else kind.layout
     decode = make_decoder(channel, canonical_type_name(channel.schema_name))
     read = make_extractor(
-        layout, FieldAccess(channel.encoding, lenient=kind.omits_defaults and channel.encoding == "json")
+        layout,
+        FieldAccess(channel.encoding, lenient=kind.omits_defaults and channel.encoding == "json", points=points),
     )
 
     def content(data: bytes) -> Content:

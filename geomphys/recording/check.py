@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from geomphys.config import Config
@@ -73,6 +73,7 @@ class CheckReport:
     zero_pose_overlaps: tuple[tuple[str, str], ...]  # pairs of bodies that are left out for that
     findings: Findings  # about the scene: hidden or non-colliding geometry, renamed bodies, defaults used
     space: SpaceReport | None = None  # None: that of the world, in metres
+    keypoint_scale: dict[str, dict[str, float]] = field(default_factory=dict)  # avatar -> finger -> factor of lengths
 
     def as_dict(self) -> dict[str, Any]:
         """All of it as plain values; `diagnostics` has errors and warnings with their keys."""
@@ -130,6 +131,7 @@ def check_log(log: AnyPath | str, world: World, config: Config | None = None) ->
         zero_pose_overlaps=world.zero_pose_overlaps,
         space=_space(world.file.recording),
         findings=world.findings,
+        keypoint_scale=world.keypoint_scale,
     )
 
 
@@ -183,6 +185,8 @@ def _clock(plan: Plan) -> str | None:
     """Name of the frame clock's topic."""
     if plan.clock is None:
         return None
+    if plan.clock.points:
+        return plan.clock.topic
     return f"{plan.clock.topic}#{plan.clock.child}" if plan.clock.child else plan.clock.topic
 
 
@@ -197,4 +201,5 @@ def _poses(plan: Plan, world: World) -> list[PoseMapping]:
             messages=sum(c.messages for c in p.channels),
         )
         for p in plan.poses
+        if not p.is_point
     ]

@@ -9,7 +9,8 @@ DiagnosticKey = Literal[
     "damaged", "input", "no_frames", "times", "mixed_kinds", "single_message_clock", "position_unit", "up_axis", "angle_unit",
     "no_angles", "angle_sign", "unmatched_recorded", "unmatched_joints", "joints_without_topic", "recorded_mimics",
     "unknown_rename", "unknown_ignore", "several_gloves", "held", "unplaced", "bad_messages", "bad_samples", "late",
-    "lost_frames", "out_of_order", "duplicates", "outside_limits", "files", "uneven_joints", "other_frames", "scene",
+    "lost_frames", "out_of_order", "duplicates", "outside_limits", "files", "uneven_joints", "other_frames", "fit",
+    "scene",
 ]  # fmt: skip
 
 MEANINGS: Final[dict[DiagnosticKey, str]] = {
@@ -43,6 +44,7 @@ MEANINGS: Final[dict[DiagnosticKey, str]] = {
     "files": "parts of a bag folder that are not as its metadata says",
     "uneven_joints": "joint messages that have not one position for each name",
     "other_frames": "poses of other frames on a topic that is followed for one",
+    "fit": "points of a hand or body that its links do not fit, or joints that they do not show",
     "scene": "anything of the scene itself: the size of a mesh, what is shown and cannot touch",
 }
 """Key -> its meaning, as listed in the documentation."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from operator import attrgetter, itemgetter
 from typing import Any, TypeVar
 
-from geomphys.recording.samples import NAN
+from geomphys.recording.samples import MISSING, NAN
 from geomphys.recording.stamps import json_stamp, stamp_of
 
 Fetch = Callable[[Any], Any]
@@ -22,8 +22,12 @@ TEXT_NUMBERS = ("NaN", "Infinity", "-Infinity")
 class FieldAccess:
     """How fields are fetched from messages of an encoding."""
 
-    def __init__(self, encoding: str, *, lenient: bool) -> None:
-        """With `lenient` (json only), absent fields are zero or empty, as protobuf's JSON omits default values."""
+    def __init__(self, encoding: str, *, lenient: bool, points: bool = False) -> None:
+        """With `lenient` (json only), absent fields are zero or empty, as protobuf's JSON omits default values.
+
+        With `points` poses may lack their orientation, and one without a position is missing.
+        """
+        self.points = points
         self.times = TIME_FIELDS.get(encoding)
         self.lenient = lenient or encoding == "flatbuffer"
         self.has_presence = encoding == "protobuf"
@@ -51,7 +55,8 @@ class FieldAccess:
                 groups.append((self.required(parent) if parent else None, []))
                 last = parent
             groups[-1][1].append(leaf)
-        return _lenient_numbers(groups) if self.lenient else _strict_numbers(groups)
+        numbers = _lenient_numbers(groups) if self.lenient else _strict_numbers(groups)
+        return _point_numbers(numbers, groups[:1]) if self.points else numbers
 
     def stamp(self, path: str) -> Callable[[Any], int | None]:
         """Fetch a stamp in ns; None for one that is not there."""
@@ -183,6 +188,26 @@ def _lenient_numbers(groups: Sequence[tuple[Fetch | None, list[str]]]) -> Callab
             return fetch(m)
 
     return numbers
+
+
+def _point_numbers(
+    numbers: Callable[[Any], Values], position: Sequence[tuple[Fetch | None, list[str]]]
+) -> Callable[[Any], Values]:
+    """Fetch the numbers of a pose: with the orientation 0 0 0 1 where it has none, all NaN where it has no position."""
+    only_position, parent = _strict_numbers(position), position[0][0]
+
+    def fetch(m: Any) -> Values:
+        try:
+            if parent is not None and parent(m) is None:
+                return MISSING
+            return numbers(m)
+        except (KeyError, TypeError):
+            try:
+                return (*only_position(m), 0.0, 0.0, 0.0, 1.0)
+            except (KeyError, TypeError):
+                return MISSING
+
+    return fetch
 
 
 _ONLY_FLOATS = {float}

@@ -19,7 +19,8 @@ from geomphys.recording.clock import FrameClock, RateClock, TopicClock
 from geomphys.recording.clock_agreement import check_clock_agreement, log_times_agree
 from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.input_plan import Plan, is_static, make_plan
-from geomphys.recording.input_problems import input_problems
+from geomphys.recording.input_problems import input_problems, without_lost_points
+from geomphys.recording.keypoint_routes import KeypointRoute
 from geomphys.recording.message_times import MessageTimes, Watermark
 from geomphys.recording.pose_tuples import PoseTuple
 from geomphys.recording.reader import LogReader, RawMessage, open_log
@@ -77,6 +78,7 @@ class FrameSource:
         problem = next(input_problems(self.reader, self.plan, self.prescan), None)
         if problem is not None:
             raise LogError(problem)
+        without_lost_points(self.plan, self.prescan)
         recorded = world.file.recording
         self.space = RecordedSpace.from_table(recorded)
         self.transforms = plan_transforms(self.reader, self.plan, self.prescan, recorded.frame)
@@ -134,6 +136,11 @@ class FrameSource:
         return max(0, min(count, round(count * selected / span)))
 
     @property
+    def keypoints(self) -> list[KeypointRoute]:
+        """The points that joint values are fitted to, as of the last frame made."""
+        return self._pass.keypoints
+
+    @property
     def report(self) -> RecordingReport:
         """Report on the frames made so far."""
         return self._pass.report()
@@ -142,7 +149,8 @@ class FrameSource:
 class LogPass:
     """One pass over the log."""
 
-    def __init__(self, source: FrameSource) -> None:
+    def __init__(self, source: FrameSource, *, fits: bool = True) -> None:
+        """Without `fits`, joint values are not fitted to points."""
         self.source, self.world, self.config = source, source.world, source.config
         self.times = source.times.fresh_copy()
         delay = round(self.config.max_delay * 1e9)
@@ -152,11 +160,13 @@ class LogPass:
         self.gap = gap
         self.clock: FrameClock = TopicClock() if self.config.rate is None else RateClock(self.config.rate)
         routing = build_routing_table(source, gap)
-        self.routes, self.roots, self.joints, self.tracks = routing
+        self.routes, self.poses, self.joints, self.tracks = routing
+        self.roots = [p for p in self.poses if not p.input.is_point]
+        self.keypoints = [KeypointRoute(k, self.poses, self.world, fits=fits) for k in source.plan.keypoints]
         self.default_roots = np.ascontiguousarray(scene.trees.rest, dtype=np.float64)
         self.default_angles = np.zeros(len(scene.dofs.lower))
         self.prismatic = source.prismatic
-        earliest_delay = min([0, *(root.delay for root in self.roots), *(joints.delay for joints in self.joints)])
+        earliest_delay = min([0, *(pose.delay for pose in self.poses), *(joints.delay for joints in self.joints)])
         self.lookahead = gap + delay - earliest_delay + gap * self.tracks.moving
         self.recorded = np.zeros(len(self.default_angles), dtype=bool)
         for route in self.joints:
@@ -179,7 +189,7 @@ class LogPass:
 
         The log is read until they are known.
         """
-        waiting = [root for root in self.roots if root.moving]
+        waiting = [pose for pose in self.poses if pose.moving]
         if not waiting:
             return
         watermark, keys = Watermark(), set(self.routes)
@@ -190,9 +200,9 @@ class LogPass:
                 break
         else:
             waiting = list(self._awaiting_first(waiting, 2**62))
-        for root in self.roots:
-            if root.moving:
-                yield (root.input.topic, root.input.child), root.stream.first
+        for pose in self.poses:
+            if pose.moving:
+                yield (pose.input.topic, pose.input.child), pose.stream.first
 
     def _awaiting_first(self, roots: list[RootRoute], time: int) -> Iterator[RootRoute]:
         """Roots whose first pose is not known yet when the log has been read up to a time [ns]."""
@@ -259,7 +269,9 @@ class LogPass:
             if route.expected_parents:
                 self._process_transform(raw, route, pose, times_seen)
             roots = route.roots.get(pose.child, ())
-            is_clock_message = route.clock and (not route.clock_child or route.clock_child == pose.child)
+            is_clock_message = route.clock and (
+                not route.clock_child or route.clock_child == pose.child or pose.child in route.clock_points
+            )
             if not roots and not is_clock_message:
                 route.unused_poses += 1
                 continue
@@ -319,14 +331,14 @@ class LogPass:
             self.first_time = time
         self.last_frame_time = time
         elapsed = time - self.first_time
-        for root in self.roots:
-            root.resolve(time, time + self.gap)
+        for pose in self.poses:
+            pose.resolve(time, time + self.gap)
         self.tracks.discard_before(time)
         if config.end is not None and elapsed > config.end * 1e9:
             return None
         if config.start is not None and elapsed < config.start * 1e9:
-            for root in self.roots:
-                root.stream.advance(time)
+            for pose in self.poses:
+                pose.stream.advance(time)
             for joints in self.joints:
                 if joints.stream is not None:
                     joints.stream.advance(time)
@@ -334,10 +346,10 @@ class LogPass:
         is_held = before_first = False
         roots, angles = self.default_roots.copy(), self.default_angles.copy()
         for root in self.roots:
-            pose = root.stream.at(time)
-            roots[root.input.source.tree] = root.world_from_root(pose.value)
-            is_held |= pose.held
-            before_first |= pose.before_first
+            value = root.stream.at(time)
+            roots[root.input.source.tree] = root.world_from_root(value.value)
+            is_held |= value.held
+            before_first |= value.before_first
         for joints in self.joints:
             if joints.stream is None:
                 continue
@@ -345,6 +357,8 @@ class LogPass:
             angles[joints.columns] = np.where(np.isnan(row.value), 0.0, row.value) if row.before_first else row.value
             is_held |= row.held
             before_first |= row.before_first
+        for keypoints in self.keypoints:
+            is_held |= keypoints.add_posture(time, roots, angles)
         flags = FLAG_HELD * is_held | FLAG_BEFORE_FIRST * before_first | self._limits(angles)
         frame = Frame(self.count, time, roots, angles, is_held, flags)
         self.count += 1

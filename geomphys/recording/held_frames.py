@@ -27,7 +27,7 @@ class HeldStream(NamedTuple):
 
 def held_frames_warning(source: FrameSource, log_pass: LogPass) -> str:
     """The warning on held frames; "" if there are none."""
-    held_streams = [*_held_roots(source, log_pass), *_held_joints(source, log_pass)]
+    held_streams = [*_held_roots(source, log_pass), *_held_joints(source, log_pass), *_held_fits(source, log_pass)]
     if not log_pass.held_frames:
         return ""
     message = f"{log_pass.held_frames} frames are held: a stream had no good sample near them"
@@ -75,6 +75,17 @@ def _held_joints(source: FrameSource, log_pass: LogPass) -> Iterator[HeldStream]
                     int(stream.longest_gap[k]),
                 ),
             )
+
+
+def _held_fits(source: FrameSource, log_pass: LogPass) -> Iterator[HeldStream]:
+    for route in log_pass.keypoints:
+        if route.held_frames:
+            longest = max((r.stream.longest_gap for r in route.routes), key=lambda gap: gap.length)
+            name = (
+                f"topic {printable(route.input.topic)}, the points of {printable(source.world.tree_names[route.tree])}"
+            )
+            gap = f"the fit lacks points; the longest gap of one is {longest.length / 1e9:.3f} s"
+            yield HeldStream(route.held_frames, name, longest.length, longest.start, gap)
 
 
 def _topic(route: RootRoute | JointRoute) -> str:

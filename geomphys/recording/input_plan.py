@@ -12,10 +12,14 @@ from dataclasses import dataclass, field
 from geomphys.config import Config
 from geomphys.recording.channels import kind_of, unsupported_reason
 from geomphys.recording.display_names import did_you_mean, join_names
+from geomphys.recording.keypoint_matching import match_points
 from geomphys.recording.reader import LogChannel, LogReader
-from geomphys.recording.samples import CONTENT_NAMES, JOINTS, PART_PLACEHOLDERS, POSES, ContentType
+from geomphys.recording.samples import CONTENT_NAMES, JOINTS, PART_PLACEHOLDERS, POINTS, POSES, ContentType
 from geomphys.scene.arrays import World
-from geomphys.scene.topic_sources import JointSource, RootSource
+from geomphys.scene.topic_sources import JointSource, KeypointSource, RootSource
+
+MIN_POINTS = 3
+"""Points that a fit needs at least."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,7 @@ class PoseInput:
     topic: str
     child: str  # `Pose.child` of its poses; "" for those of messages that hold one
     channels: tuple[LogChannel, ...]
+    is_point: bool = False  # a point that joint values are fitted to
 
     @property
     def content(self) -> ContentType | None:
@@ -68,6 +73,19 @@ class JointInput:
 
 
 @dataclass(frozen=True)
+class KeypointInput:
+    """Points that a tree's joint values are fitted to, and the channels they come from."""
+
+    source: KeypointSource
+    topic: str
+    channels: tuple[LogChannel, ...]
+    points: tuple[PoseInput, ...]
+    links: tuple[str, ...]  # of each point
+    weights: tuple[float, ...]  # of each point
+    left_out: tuple[str, ...] = ()  # points of the log or the layout without a link
+
+
+@dataclass(frozen=True)
 class ClockInput:
     """The topic that gives the frames."""
 
@@ -75,6 +93,7 @@ class ClockInput:
     child: str
     channels: tuple[LogChannel, ...]
     delay: float = 0.0  # s, added to its times
+    points: frozenset[str] = frozenset()  # children of which any gives a frame
 
 
 @dataclass
@@ -83,6 +102,7 @@ class Plan:
 
     poses: list[PoseInput] = field(default_factory=list)
     joints: list[JointInput] = field(default_factory=list)
+    keypoints: list[KeypointInput] = field(default_factory=list)  # their points are among `poses`
     clock: ClockInput | None = None  # None: the span of the log itself
     problems: list[str] = field(default_factory=list)
 
@@ -102,6 +122,8 @@ def make_plan(reader: LogReader, world: World, config: Config) -> Plan:
         _plan_root(plan, reader, world, root)
     for joints in sorted(world.joints, key=lambda s: s.tree):
         _plan_joints(plan, reader, world, joints)
+    for keypoints in sorted(world.keypoints, key=lambda s: s.tree):
+        _plan_keypoints(plan, reader, world, keypoints)
     _plan_clock(plan, reader, world, config)
     return plan
 
@@ -164,6 +186,39 @@ def _plan_joints(plan: Plan, reader: LogReader, world: World, source: JointSourc
     plan.joints.append(JointInput(source, topic, side.lower(), channels, degrees))
 
 
+def _plan_keypoints(plan: Plan, reader: LogReader, world: World, source: KeypointSource) -> None:
+    """Look up the points that a tree's joint values are fitted to."""
+    topic, side = split_topic(source.topic, reader.topics)
+    user = f"the keypoints of {world.tree_names[source.tree]!r}"
+    channels = _understood(plan, reader, topic, user, POINTS, "points")
+    if not channels:
+        return
+    if _what(channels[0]) == "glove" and any(j.topic == topic for j in plan.joints):
+        plan.problems.append(f"{reader.path}: topic {topic!r} feeds both joints and keypoints: use one of them")
+        return
+    rows = slice(*world.scene.trees.body_start[source.tree : source.tree + 2])
+    links = [name.split("/", 1)[1] for name in world.body_names[rows]]
+    matches = match_points(reader, channels, source, side.lower(), links, world.tree_names[source.tree])
+    if len(matches.links) < MIN_POINTS:
+        what = f"{len(matches.links)} of its points have a link of {world.tree_names[source.tree]!r}"
+        plan.problems.append(
+            f"{reader.path}: topic {topic!r}: {what}, at least {MIN_POINTS} are needed: "
+            f'say which by links = {{ point = "link" }}; its points are {join_names(matches.left_out)}'
+        )
+        return
+    names = list(matches.links)
+    root = RootSource(
+        tree=source.tree, topic=topic, position=(0.0, 0.0, 0.0), orientation=(0.0, 0.0, 0.0, 1.0), delay=source.delay
+    )
+    points = tuple(PoseInput(root, topic, name, channels, is_point=True) for name in names)
+    plan.poses += points
+    plan.keypoints.append(
+        KeypointInput(
+            source, topic, channels, points, tuple(matches.links.values()), matches.weights, tuple(matches.left_out)
+        )
+    )
+
+
 def _plan_clock(plan: Plan, reader: LogReader, world: World, config: Config) -> None:
     """Choose the frame clock."""
     name = config.clock if config.clock is not None else default_clock(world)
@@ -188,18 +243,24 @@ def _plan_clock(plan: Plan, reader: LogReader, world: World, config: Config) -> 
             plan.problems.append(f"{reader.path}: topic {topic!r}, the frame clock, has no message")
         return
     delays = [*((s.topic, s.delay) for s in world.roots), *((s.topic, s.delay) for s in world.joints)]
+    delays += [(s.topic, s.delay) for s in world.keypoints]
     delay = dict(reversed(delays)).get(name, 0.0)
+    tracked = next((k for k in plan.keypoints if k.source.topic == name), None)
+    if tracked is not None:
+        children = [point.child for point in tracked.points]
+        plan.clock = ClockInput(topic, children[0], tracked.channels, delay, frozenset(children))
+        return
     plan.clock = ClockInput(topic, pose_part(channels[0], child), channels, delay)
 
 
 def default_clock(world: World) -> str | None:
     """Name the topic that gives the frames if the user does not.
 
-    That is the first avatar's root, else its joints; without an avatar that follows a topic, the first object's pose,
+    That is the first avatar's root, else its points or joints; without an avatar that follows a topic, the first object's pose,
     else the first object's joints.
     """
     roots = sorted((s.tree, s.topic) for s in world.roots)
-    joints = sorted((s.tree, s.topic) for s in world.joints)
+    joints = sorted([*((s.tree, s.topic) for s in world.joints), *((s.tree, s.topic) for s in world.keypoints)])
     for avatar in range(world.avatar_count):
         for tree, topic in (*roots, *joints):
             if tree == avatar:

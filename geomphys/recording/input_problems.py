@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from itertools import compress
 
 from geomphys.recording.display_names import did_you_mean, join_names, printable
-from geomphys.recording.input_plan import Plan
+from geomphys.recording.input_plan import MIN_POINTS, Plan, PoseInput
 from geomphys.recording.name_words import side_of
 from geomphys.recording.reader import LogReader
 from geomphys.recording.stream_prescan import Prescan, joint_key
@@ -13,7 +15,16 @@ from geomphys.recording.stream_prescan import Prescan, joint_key
 
 def input_problems(reader: LogReader, plan: Plan, prescan: Prescan) -> Iterator[str]:
     """Say which poses never come, or never well, and which topics have no joint of the tree that follows them."""
+    for keypoints in plan.keypoints:
+        good = [p for p in keypoints.points if _has_good(prescan, p)]
+        if len(good) < MIN_POINTS:
+            yield (
+                f"{reader.path}: topic {keypoints.topic!r} has {len(good)} points with a link and a good position, at least "
+                f"{MIN_POINTS} are needed: all others are missing, NaN or marked as not valid"
+            )
     for pose in plan.poses:
+        if pose.is_point:
+            continue
         facts = prescan.streams.get((pose.topic, pose.child))
         names = sorted(prescan.names.get(pose.topic, ()), key=lambda n: (len(n) if n.isdigit() else 0, n))
         if facts is None:
@@ -49,6 +60,28 @@ def input_problems(reader: LogReader, plan: Plan, prescan: Prescan) -> Iterator[
             f"{reader.path}: topic {joints.topic!r} has none of the joints {join_names(sorted(awaited))}; it has "
             f"{join_names(names)}; {_remedy(names, awaited)}"
         )
+
+
+def _has_good(prescan: Prescan, point: PoseInput) -> bool:
+    facts = prescan.streams.get((point.topic, point.child))
+    return facts is not None and facts.value is not None
+
+
+def without_lost_points(plan: Plan, prescan: Prescan) -> None:
+    """Take points that never have a good position out of the plan; they are listed as left out."""
+    for k, keypoints in enumerate(plan.keypoints):
+        good = [_has_good(prescan, point) for point in keypoints.points]
+        plan.keypoints[k] = replace(
+            keypoints,
+            points=tuple(compress(keypoints.points, good)),
+            links=tuple(compress(keypoints.links, good)),
+            weights=tuple(compress(keypoints.weights, good)),
+            left_out=(
+                *keypoints.left_out,
+                *(f"{p.child} (never seen)" for p, is_good in zip(keypoints.points, good, strict=True) if not is_good),
+            ),
+        )
+    plan.poses = [p for p in plan.poses if not p.is_point or _has_good(prescan, p)]
 
 
 def _remedy(recorded: Iterable[str], awaited: Iterable[str]) -> str:

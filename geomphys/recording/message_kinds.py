@@ -5,7 +5,8 @@ where its data is. Facts about types that have no page of their own:
 
 - *vicon_receiver/Position*: ``x_trans`` … are mm, as Vicon's DataStream has them; ``x_rot, y_rot, z_rot, w`` are a quaternion in
   that order. Later versions have a header.
-- *ManusGlove*: ``ergonomics`` are angles in degrees by name, ``raw_nodes`` poses by ``node_id``; it has a ``side`` and no stamp.
+- *ManusGlove*: ``ergonomics`` are angles in degrees by name, ``raw_nodes`` poses by ``node_id``, ``chain_type`` and
+  ``joint_type``; it has a ``side`` and no stamp.
 - *mocap4r2_msgs/RigidBodies*: ``rigidbodies`` with ``rigid_body_name`` and ``pose``.
 - *NamedPoseArray*: of motion_capture_tracking_interfaces a list ``poses`` of ``name`` and ``pose``; of teleop_ros2_interfaces
   the lists ``name``, ``pose`` and ``is_valid``.
@@ -98,7 +99,9 @@ KINDS: tuple[MessageKind, ...] = (
     MessageKind(
         ("manus_ros2_msgs/msg/ManusGlove", "manus_ros2/msg/ManusGlove"), _ROS, "glove",
         JointLayout(items="ergonomics", name="type", value="value", side="side"), has_stamp=False,
-        points=PoseLayout(items="raw_nodes", pose=STAMPED_POSE, number="node_id"),
+        points=PoseLayout(
+            items="raw_nodes", pose=STAMPED_POSE, number="node_id", child=("chain_type", "joint_type"), side="side"
+        ),
     ),
     MessageKind(("geometry_msgs/msg/PoseStamped",), _ROS, "pose", _in_header(STAMPED_POSE)),
     MessageKind(

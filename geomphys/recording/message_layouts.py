@@ -38,7 +38,8 @@ class PoseLayout:
     stamp: str = ""
     frame: str = ""  # frame id
     child: tuple[str, ...] = ()  # paths of the child frame id or body name; several are joined with "/"
-    number: str = ""  # path of a whole number that is its name
+    number: str = ""  # path of a whole number that is its name, or the beginning of it
+    side: str = ""  # path of the side of the message, with which names begin
     names: tuple[str, ...] = ()  # names of the items of a list, in their order
     valid: str = ""  # path of a flag; false: no pose
     item_headers: bool = False  # each item has a stamp and frame of its own
@@ -139,8 +140,10 @@ def _pose_list_extractor(layout: PoseLayout, access: FieldAccess) -> Extractor:
     child = access.text(layout.child) if layout.child else None
     if layout.number:
         number = access.required(layout.number)
-        child = lambda x: str(int(number(x)))  # noqa: E731
+        text = child
+        child = lambda x: str(int(number(x))) + (f"/{text(x)}" if text is not None else "")  # noqa: E731
     valid, has_item_headers = access.required(layout.valid) if layout.valid else None, layout.item_headers
+    side = access.text((layout.side,)) if layout.side else None
 
     def read(m: Any) -> Content:
         if has_item_headers and child is not None:
@@ -148,10 +151,11 @@ def _pose_list_extractor(layout: PoseLayout, access: FieldAccess) -> Extractor:
         stamp_ns, frame_id, join_names = stamp(m), frame(m), items(m)
         if join_names is None:
             return [Pose(stamp_ns, name, MISSING, frame_id) for name in names]
+        prefix = f"{_side(side(m))}/" if side is not None else ""
         return [
             Pose(
                 stamp_ns,
-                child(x) if child is not None else names[i] if i < len(names) else str(i),
+                prefix + child(x) if child is not None else names[i] if i < len(names) else str(i),
                 numbers(x) if x is not None and (valid is None or valid(x)) else MISSING,
                 frame_id,
             )

@@ -34,6 +34,11 @@ _AFTER_FINGER = {"finger", "tip", "joint", "j", "cmc", "tm", "mcp", "pip", "dip"
                  "yaw", "pitch", "roll", "l", "r"}  # fmt: skip
 
 
+_ABBREVIATED = ("ff", "mf", "rf", "lf", "th")
+_AFTER_ABBREVIATION = _AFTER_FINGER | {"base", "hub", "knuckle", "metacarpal"}
+"""Links in the style of the Shadow and Adroit hands: ``ffproximal``, ``thhub``."""
+
+
 def words(name: str) -> list[str]:
     """Words of a name in one spelling: ``IndexMCPStretch`` and ``index_mcp_flex`` are the same three."""
     parts = re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|[0-9]+", name[:MAX_LENGTH])
@@ -77,4 +82,6 @@ def _split(word: str) -> list[str]:
     for finger in _NAMED:
         if word.startswith(finger) and word[len(finger) :] in _AFTER_FINGER:
             return [finger, word[len(finger) :]]
+    if word[:2] in _ABBREVIATED and word[2:] in _AFTER_ABBREVIATION:
+        return [word[:2], word[2:]]
     return [word]

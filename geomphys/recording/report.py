@@ -13,6 +13,7 @@ import numpy as np
 from geomphys.recording.channels import kind_of
 from geomphys.recording.diagnostics import Diagnostic, DiagnosticKey
 from geomphys.recording.display_names import closest_name, join_names, printable
+from geomphys.recording.fit_report import FitReport, fit_report
 from geomphys.recording.held_frames import held_frames_warning
 from geomphys.recording.input_plan import split_topic
 from geomphys.recording.routes import JointRoute
@@ -37,6 +38,7 @@ class StreamReport:
     gaps: int  # longer than `max_gap`
     longest_gap_s: float
     bad_samples: int  # NaN, too large, or a without unit quaternion
+    is_point: bool = False  # a point that joint values are fitted to; its `held_frames` hold no frame by themselves
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,7 @@ class RecordingReport:
     space: str | None = None  # frame id of the recorded space; None where no pose names a frame
     transforms: tuple[TransformUse, ...] = ()  # poses that are given in other frames
     ignored: tuple[str, ...] = ()  # recorded joints that `ignore` leaves out
+    fits: tuple[FitReport, ...] = ()  # of avatars whose joint values are fitted to points
 
     def as_dict(self) -> dict[str, Any]:
         """All of it as plain values."""
@@ -100,12 +103,12 @@ def make_report(source: FrameSource, log_pass: LogPass) -> RecordingReport:
         held_frames=log_pass.held_frames,
         first_ns=log_pass.first_time if log_pass.count else None,
         last_ns=log_pass.last_time if log_pass.count else None,
-        out_of_order=sum(r.out_of_order for r in log_pass.roots) + sum(r.out_of_order for r in log_pass.joints),
+        out_of_order=sum(r.out_of_order for r in log_pass.poses) + sum(r.out_of_order for r in log_pass.joints),
         late=log_pass.late,
         lost_frames=log_pass.lost_frames,
-        duplicates=sum(r.stream.duplicates for r in log_pass.roots)
+        duplicates=sum(r.stream.duplicates for r in log_pass.poses)
         + sum(r.stream.duplicates for r in log_pass.joints if r.stream is not None),
-        bad_samples=sum(s.bad_samples for s in streams),
+        bad_samples=sum(s.bad_samples for s in streams if not s.is_point),
         bad_messages=log_pass.bad_messages,
         streams=streams,
         unmatched_recorded=unmatched_recorded,
@@ -117,6 +120,7 @@ def make_report(source: FrameSource, log_pass: LogPass) -> RecordingReport:
         warnings=(),
         space=next(iter(source.transforms.spaces), None),
         transforms=source.transforms.uses,
+        fits=tuple(fit_report(source.world, route) for route in log_pass.keypoints),
         ignored=tuple(sorted({n for r in log_pass.joints for n in _names(source, r) if r.input.source.ignores(n)})),
     )
     return dataclasses.replace(report, warnings=tuple(_warnings(source, log_pass, report)))
@@ -125,11 +129,13 @@ def make_report(source: FrameSource, log_pass: LogPass) -> RecordingReport:
 def _streams(source: FrameSource, log_pass: LogPass) -> Iterator[StreamReport]:
     """Figures of each stream: roots, then joints, in the order of the scene."""
     world = source.world
-    for root in log_pass.roots:
+    for root in log_pass.poses:
         s, i = root.stream, root.input
         topic = f"{i.topic}#{i.child}" if i.child else i.topic
         name = world.tree_names[i.source.tree]
-        yield StreamReport(topic, name, s.constant, s.held_frames, s.gaps, s.longest_gap.length / 1e9, s.bad)
+        yield StreamReport(
+            topic, name, s.constant, s.held_frames, s.gaps, s.longest_gap.length / 1e9, s.bad, i.is_point
+        )
     for joints in log_pass.joints:
         topic = joints.input.topic
         for k, column in enumerate(joints.columns):
@@ -200,6 +206,7 @@ def _warnings(source: FrameSource, log_pass: LogPass, report: RecordingReport) -
     yield from (Diagnostic(text, "files") for text in source.reader.notes)
     yield from time_warnings(source, log_pass)
     yield from length_mismatch_warnings(source, log_pass)
+    yield from (Diagnostic(text, "fit") for report_of_fit in report.fits for text in report_of_fit.warnings())
     held_frames = held_frames_warning(source, log_pass)
     if held_frames:
         yield Diagnostic(held_frames, "held")
@@ -226,7 +233,7 @@ def _warnings(source: FrameSource, log_pass: LogPass, report: RecordingReport) -
     yield from _name_warnings(source, log_pass, report)
     counts: tuple[tuple[int, DiagnosticKey, str], ...] = (
         (
-            sum(root.untransformed for root in log_pass.roots),
+            sum(root.untransformed for root in log_pass.poses),
             "unplaced",
             "poses have no transform of their frame near enough in time",
         ),

@@ -267,4 +267,5 @@ class ChannelRoutes:
     clock: bool = False
     clock_delay: int = 0  # ns
     clock_child: str = ""  # frames are made only at poses of this child or gloves of this side
+    clock_points: frozenset[str] = frozenset()  # or at poses of any of these children
     unused_poses: int = 0  # poses without a consumer

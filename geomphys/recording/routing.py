@@ -17,7 +17,7 @@ class RoutingTable(NamedTuple):
     """Routes by channel key, and the streams and transforms they feed."""
 
     routes: dict[int, ChannelRoutes]
-    roots: list[RootRoute]
+    poses: list[RootRoute]  # of roots and of points
     joints: list[JointRoute]
     tracks: TransformBuffer
 
@@ -34,9 +34,10 @@ def build_routing_table(source: FrameSource, gap: int) -> RoutingTable:
     routing = RoutingTable({}, [], [], tracks)
     routes = routing.routes
     for pose in plan.poses:
-        root = RootRoute(pose, prescan, tracks, gap, holds_bad_samples=is_frame_clock(pose.topic, pose.child))
+        holds_bad_samples = not pose.is_point and is_frame_clock(pose.topic, pose.child)
+        root = RootRoute(pose, prescan, tracks, gap, holds_bad_samples=holds_bad_samples)
         root.stream.first = source.first_space_poses.get((pose.topic, pose.child), root.stream.first)
-        routing.roots.append(root)
+        routing.poses.append(root)
         child = prescan.implied_children.get(pose.topic, "") if pose.is_only_child else pose.child
         for channel in pose.channels:
             routes.setdefault(channel.key, ChannelRoutes()).roots.setdefault(child, []).append(root)
@@ -55,6 +56,7 @@ def build_routing_table(source: FrameSource, gap: int) -> RoutingTable:
         route = routes.setdefault(channel.key, ChannelRoutes())
         route.clock = True
         route.clock_child = (clock.child or prescan.implied_children.get(clock.topic, "")) if clock is not None else ""
+        route.clock_points = clock.points if clock is not None else frozenset()
         route.clock_delay = round(clock.delay * 1e9) if clock is not None else 0
     _route_transforms(source, routing)
     return routing

@@ -24,7 +24,7 @@ def time_warnings(source: FrameSource, log_pass: LogPass) -> Iterator[Diagnostic
 
 def largest_disorder(log_pass: LogPass) -> str:
     """The topic with the largest step back in time; ends a sentence, "" if there is none."""
-    all_routes: list[RootRoute | JointRoute] = [*log_pass.roots, *log_pass.joints]
+    all_routes: list[RootRoute | JointRoute] = [*log_pass.poses, *log_pass.joints]
     worst = max((r for r in all_routes if r.out_of_order), key=lambda r: r.max_disorder, default=None)
     if worst is None:
         return ""
@@ -33,7 +33,7 @@ def largest_disorder(log_pass: LogPass) -> str:
 
 def most_repeated(source: FrameSource, log_pass: LogPass) -> str:
     """The topic with the most duplicate times and the remedy, where most of its messages are lost; ends a sentence, or ""."""
-    streams = [(r.stream.duplicates, r.input.topic) for r in log_pass.roots]
+    streams = [(r.stream.duplicates, r.input.topic) for r in log_pass.poses]
     streams += [(r.stream.duplicates, r.input.topic) for r in log_pass.joints if r.stream is not None]
     count, topic = max(streams, default=(0, ""))
     total = sum(c.messages for c in source.reader.of_topic(topic))

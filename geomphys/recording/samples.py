@@ -24,6 +24,8 @@ CONTENT_NAMES: dict[ContentType, str] = {
 """What the messages of a topic can be used for, as people read it."""
 JOINTS: tuple[ContentType, ...] = ("joints", "glove")
 POSES: tuple[ContentType, ...] = ("pose", "transform", "transforms", "poses", "named_poses")
+POINTS: tuple[ContentType, ...] = ("transform", "transforms", "poses", "named_poses", "glove")
+"""Contents that can hold several points."""
 PART_PLACEHOLDERS: dict[ContentType, str] = {"transforms": "CHILD_FRAME", "poses": "INDEX", "named_poses": "NAME"}
 """Content with several poses -> placeholder of the part to name, as ``topic#part``."""
 

@@ -11,12 +11,13 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from geomphys.config import Config
-from geomphys.recording.channels import Content, JointSample, kind_of, make_message_reader
+from geomphys.recording.channels import Content, JointSample, MessageKind, kind_of, make_message_reader
 from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.display_names import add_names
 from geomphys.recording.input_plan import Plan
 from geomphys.recording.message_layouts import PoseLayout
 from geomphys.recording.message_times import EARLY_CLOCK, MessageTimes
+from geomphys.recording.point_reader import make_point_reader
 from geomphys.recording.pose_tuples import PoseTuple
 from geomphys.recording.reader import LogChannel, LogReader, RawMessage
 from geomphys.recording.streams import VALUE_LIMIT, validated_pose
@@ -135,8 +136,10 @@ def _probes(plan: Plan, prescan: Prescan, *, zero_stamps_resolved: bool) -> dict
         kind = kind_of(c)
         if kind is None:
             continue
-        prescan.readers[key] = make_message_reader(c, kind)
-        has_literal_names = not isinstance(kind.layout, PoseLayout) or kind.layout.has_literal_names
+        prescan.readers[key] = _reader(plan, c, kind)
+        of_points = any(c in k.channels for k in plan.keypoints)
+        layout = kind.points if of_points and kind.points is not None else kind.layout
+        has_literal_names = not isinstance(layout, PoseLayout) or layout.has_literal_names
         names = {n: n.rsplit("\0", 1)[-1].encode() if has_literal_names else b"" for n in sorted(awaited[key])}
         is_child_implied = any(p.is_only_child and c in p.channels for p in plan.poses)
         timed_children = set(awaited[key])
@@ -146,6 +149,14 @@ def _probes(plan: Plan, prescan: Prescan, *, zero_stamps_resolved: bool) -> dict
             c, names, zero_stamps_resolved or not kind.has_stamp, is_child_implied, frozenset(timed_children)
         )
     return probes
+
+
+def _reader(plan: Plan, channel: LogChannel, kind: MessageKind) -> Callable[[bytes], Content]:
+    """The reader of a channel: of its points where joint values are fitted to them."""
+    if any(channel in keypoints.channels for keypoints in plan.keypoints):
+        followed = {p.child for p in plan.poses if not p.is_point and channel in p.channels}
+        return make_point_reader(channel, whole=followed)
+    return make_message_reader(channel, kind)
 
 
 def _joint_keys(names: dict[str, int], side: str) -> list[str]:

@@ -139,7 +139,7 @@ def _build_plan(
         if steps:
             links = [tree.link(step.edge) for step in steps]
             through = tuple(dict.fromkeys(topic for link in links for topic in link.topics))
-            name = f"{pose.topic}#{pose.child}" if pose.child else pose.topic
+            name = f"{pose.topic}#{pose.child}" if pose.child and not pose.is_point else pose.topic
             uses.append(TransformUse(name, frame, spaces[0], through, not all(link.static for link in links)))
     return TransformPlan(path, spaces, tree, frames.steps_by_frame, tuple(dict.fromkeys(uses)))
 

@@ -59,7 +59,7 @@ def space_warnings(source: FrameSource, log_pass: LogPass) -> Iterator[str]:
     """Warnings if the up axis or unit of the poses differs from the scene's, by `guess_space`."""
     table = source.world.file.recording
     stated = table.model_fields_set
-    motions = [m for r in log_pass.roots if (m := r.samples.motion()) is not None]
+    motions = [m for r in log_pass.poses if (m := r.samples.motion()) is not None]
     names = [n for p in source.plan.poses for n in (p.topic, p.child, p.channels[0].schema_name)]
     guess = guess_space(motions, names)
     if guess.unit_reason and "unit" not in stated and (guess.is_unit_certain or not stated):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from difflib import get_close_matches
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,11 +29,11 @@ from geomphys.scene.chains import link_index
 from geomphys.scene.decomposition import Progress
 from geomphys.scene.findings import Findings, NotShown
 from geomphys.scene.frame_ids import make_frame_ids_unique
+from geomphys.scene.joint_sources import joint_sources, keypoint_sources
 from geomphys.scene.materials import MaterialTable, material_table
 from geomphys.scene.pieces import PosedShape, build_pieces
-from geomphys.scene.recording_tables import JointsTable
 from geomphys.scene.scene_file import AvatarTable, Coupling, ObjectTable, SceneFile
-from geomphys.scene.topic_sources import JointSource, RootSource
+from geomphys.scene.topic_sources import RootSource
 from geomphys.scene.trees import Tree, TreeBody, read_avatar, read_object
 from geomphys.scene.unit_warnings import unit_warnings
 from geomphys.storage.remote_files import AnyPath
@@ -106,7 +105,8 @@ def assemble(
             for k, t in enumerate(trees)
             if t.topic is not None
         ),
-        joints=tuple(_joint_sources(trees, dof_start, path)),
+        joints=tuple(joint_sources(trees, dof_start, path)),
+        keypoints=tuple(keypoint_sources(trees, path)),
         urdfs={t.name: t.skeleton.path for t in trees if t.skeleton is not None},
         zero_pose_overlaps=(),
         triangles=tuple(b.visual for b in bodies),
@@ -321,55 +321,6 @@ def _velocities(trees: Sequence[Tree], body_start: NDArray[np.int64]) -> Floats:
             rows[body_start[t], :3] = tree.table.velocity or 0.0
             rows[body_start[t], 3:] = tree.table.angular_velocity or 0.0
     return rows
-
-
-def _joint_sources(trees: Sequence[Tree], dof_start: NDArray[np.int64], path: AnyPath) -> Iterator[JointSource]:
-    for t, tree in enumerate(trees):
-        table: JointsTable | None = tree.table.joints
-        if table is None or tree.skeleton is None:
-            continue
-        mimics = tuple(j.name for j in tree.skeleton.joints if j is not None and j.dof >= 0 and j.mimics is not None)
-        names = [*tree.skeleton.dof_names, *mimics]
-        for recorded, joint in table.rename.items():
-            _check_joint(joint, names, f"joints.rename.{recorded} = {joint!r}", tree, path)
-        for key in ("sign", "scale", "offset"):
-            for joint, value in getattr(table, key).items():
-                what = f"joints.{key}.{joint} = {value}"
-                _check_joint(joint, names, what, tree, path)
-                if joint in mimics:
-                    raise SceneError(
-                        f"{path}: {tree.name!r}: {what}: this joint follows another by the URDF, its recorded values "
-                        "are not used: leave it out"
-                    )
-        factors = {joint: float(value) for joint, value in table.scale.items()}
-        for joint, value in table.sign.items():
-            factors[joint] = value * factors.get(joint, 1.0)
-        yield JointSource(
-            tree=t,
-            topic=table.topic,
-            unit=table.unit,
-            rename=dict(table.rename),
-            dofs={name: int(dof_start[t]) + k for k, name in enumerate(tree.skeleton.dof_names)},
-            mimics=mimics,
-            ignore=table.ignore,
-            factors=factors,
-            offsets=dict(table.offset),
-            delay=table.delay,
-            continuous=tuple(
-                j.name
-                for j in tree.skeleton.joints
-                if j is not None and j.type == "continuous" and j.dof >= 0 and j.mimics is None
-            ),
-        )
-
-
-def _check_joint(joint: str, names: Sequence[str], what: str, tree: Tree, path: AnyPath) -> None:
-    """Raise SceneError unless `joint` is a moving joint of the tree."""
-    if joint in names or tree.skeleton is None:
-        return
-    close = get_close_matches(joint, names, n=1)
-    hint = f"did you mean {close[0]!r}?" if close else f"it has {', '.join(names[:8])}"
-    raise SceneError(f"{path}: {tree.name!r}: {what}: no moving joint of this name in {tree.skeleton.path}, {hint}")
 
 
 def _start_offsets(counts: Iterator[int] | Sequence[int]) -> NDArray[np.int64]:

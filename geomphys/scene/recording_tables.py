@@ -108,6 +108,28 @@ class JointsTable(Table):
         return self
 
 
+class KeypointsTable(Table):
+    """Topic of tracked points of a hand or body, to which joint values are fitted; without `root` its pose too."""
+
+    topic: Text
+    delay: Seconds = NO_DELAY
+    layout: Literal["openxr", "manus", "mediapipe"] | None = Field(
+        default=None, description="order or names of the points of a hand"
+    )
+    links: dict[Text, Text] = Field(
+        default_factory=dict, description="index or name of a point = link whose origin it is; goes before layout"
+    )
+    scale: Literal["fingers", "hand", "none"] = Field(
+        default="fingers", description="bone lengths from the recording: a factor for each finger, one for all, or none"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> KeypointsTable:
+        if self.layout is None and not self.links:
+            raise fault('keypoints: needs layout = "openxr", "manus" or "mediapipe", or links = { point = "link" }')
+        return self
+
+
 def rotation_of(orientation: Quaternion, rpy: Angles | None, up: Axis | None) -> Quaternion:
     """Rotation x y z w given in one of three forms."""
     if rpy is not None:

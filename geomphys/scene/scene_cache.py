@@ -18,7 +18,7 @@ from geomphys.scene.arrays import Bodies, Chains, Dofs, Materials, Pieces, Reach
 from geomphys.scene.findings import DefaultPair, Findings, NotShown, RenamedFrame
 from geomphys.scene.scene_file import load_scene_file
 from geomphys.scene.source_files import Sources, track_sources
-from geomphys.scene.topic_sources import JointSource, RootSource
+from geomphys.scene.topic_sources import JointSource, KeypointSource, RootSource
 from geomphys.storage.cache import Store, sources, user_cache_folder
 from geomphys.storage.remote_files import AnyPath
 
@@ -38,6 +38,7 @@ RECORDS = (
     Materials,
     RootSource,
     JointSource,
+    KeypointSource,
     Findings,
     NotShown,
     RenamedFrame,

@@ -14,6 +14,7 @@ from geomphys.scene.git_lfs import IS_POINTER, is_lfs_pointer
 from geomphys.scene.recording_tables import (
     NO_DELAY,
     JointsTable,
+    KeypointsTable,
     RecordingTable,
     RootTable,
     Table,
@@ -207,6 +208,7 @@ class AvatarTable(Table):
     density: Density = Field(default=1000.0, description="kg/m³, of its links")
     root: RootTable = RootTable()
     joints: JointsTable | None = None
+    keypoints: KeypointsTable | None = None
     coupling: Coupling | Literal["rigid"] = Coupling()
     effort_n: Effort = EFFORT
     squeeze: Squeeze = SQUEEZE
@@ -219,6 +221,8 @@ class AvatarTable(Table):
     @model_validator(mode="after")
     def _check(self) -> AvatarTable:
         check_unique((c.name for c in self.chain), "two chains are named {!r}")
+        if self.joints is not None and self.keypoints is not None:
+            raise fault("has both joints and keypoints, each of which gives its joint values: keep one of them")
         return self
 
 
@@ -255,6 +259,7 @@ _TABLES: dict[str, type[BaseModel]] = {
     "reach_cone": ReachConeTable,
     "root": RootTable,
     "joints": JointsTable,
+    "keypoints": KeypointsTable,
     "coupling": Coupling,
 }
 

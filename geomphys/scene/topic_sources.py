@@ -41,3 +41,16 @@ class JointSource:
     def covers(self, name: str) -> bool:
         """Whether an `ignore` pattern matches a name: a joint of this name is then expected to be missing."""
         return any(fnmatchcase(name, pattern) for pattern in self.ignore)
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeypointSource:
+    """Topic of the points that a tree's joint values are fitted to."""
+
+    tree: int
+    topic: str  # `topic`, or `topic#side` of a glove
+    layout: str | None  # "openxr", "manus", "mediapipe"
+    links: Mapping[str, str]  # index or name of a point -> link
+    scale: str  # "fingers", "hand" or "none"
+    fits_root: bool  # whether the root's pose is fitted too
+    delay: float = 0.0  # s, added to the times of its samples

@@ -19,6 +19,7 @@ LAYERS = (
     "numerics",
     "scene",
     "collision",
+    "keypoints",
     "recording",
     "load",
     "driven simulated",

@@ -120,7 +120,7 @@ def test_every_kind_moves_what_follows_it(tmp_path, name, encoding):
 @pytest.mark.parametrize("package", ["manus_ros2_msgs", "manus_ros2"])
 @pytest.mark.parametrize("encoding", ["cdr", "ros1", "json"])
 def test_raw_nodes_of_a_glove_are_poses(package, encoding):
-    assert read(make(f"{package}/msg/ManusGlove", encoding), points=True) == [Pose(None, "3", SEVEN, "")]
+    assert read(make(f"{package}/msg/ManusGlove", encoding), points=True) == [Pose(None, "left/3/Index/MCP", SEVEN, "")]
 
 
 def test_a_position_of_vicon_is_in_millimetres_and_named_by_subject_and_segment():

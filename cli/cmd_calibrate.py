@@ -1,0 +1,129 @@
+"""``geomphys calibrate``: finds tracker offset, heights of surfaces and lags from a log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import click
+
+from .command import command, current_terminal
+from .options import INPUT, json_option, scene_option
+from .terminal import fields, heading
+
+if TYPE_CHECKING:
+    from geomphys.authoring.calibration import Calibration
+
+    from .terminal import Terminal
+
+
+class StretchType(click.ParamType[tuple[float, float]]):
+    """``T0:T1``, seconds."""
+
+    name = "T0:T1"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, float]:
+        """Parse a stretch."""
+        try:
+            begin, end = (float(part) for part in str(value).split(":"))
+        except ValueError:
+            self.fail(f"{value!r} is not T0:T1 in seconds, as 2.5:4", param, ctx)
+        if not 0 <= begin < end:
+            self.fail(f"{value!r}: the end must come after the begin, and neither is negative", param, ctx)
+        return begin, end
+
+
+class TouchType(click.ParamType[tuple[float, str]]):
+    """``T`` or ``T=LINK``."""
+
+    name = "T[=LINK]"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, str]:
+        """Parse a touch."""
+        time, _, link = str(value).partition("=")
+        try:
+            seconds = float(time)
+        except ValueError:
+            self.fail(f"{value!r} is not a time in seconds, with or without a link: 3.2 or 3.2=index_tip", param, ctx)
+        if seconds < 0:
+            self.fail(f"{value!r}: is before the first frame", param, ctx)
+        return seconds, link
+
+
+@command(
+    "calibrate",
+    examples="""
+    geomphys calibrate hand.mcap --scene desk.toml --flat 2:4 --flat 6:8 --on table
+    geomphys calibrate hand.mcap --scene desk.toml --flat 2:4 --on table --only surface --write
+    geomphys calibrate hand.mcap --scene desk.toml --touch 3.2=index_tip --touch 5=thumb_tip --on table --json
+    """,
+)
+@click.argument("log", type=INPUT)
+@scene_option
+@click.option(
+    "--flat",
+    "flats",
+    type=StretchType(),
+    multiple=True,
+    help="From when to when the hand lay flat, s from the first frame.",
+)
+@click.option(
+    "--touch", "touches", type=TouchType(), multiple=True, help="When a link touched; default the lowest one."
+)
+@click.option(
+    "--on", multiple=True, metavar="OBJECT", help="The object that was touched: its height and tilt are sought too."
+)
+@click.option(
+    "--only", type=click.Choice(["offset", "surface"]), help="Seek only this: the other is right in the scene file."
+)
+@click.option("--avatar", metavar="NAME", help="The avatar. Default: the first.")
+@click.option("--write", is_flag=True, help="Write what the log shows into SCENE; its comments stay.")
+@json_option
+def calibrate(
+    log: Path,
+    scene: Path,
+    flats: tuple[tuple[float, float], ...],
+    touches: tuple[tuple[float, str], ...],
+    on: tuple[str, ...],
+    only: Literal["offset", "surface"] | None,
+    avatar: str | None,
+    write: bool,
+    as_json: bool,
+) -> None:
+    """Find where the tracker sits on the hand, how high and tilted a surface is, and the lag between topics.
+
+    The hand lay flat, or a link touched, at the times that you name; without any, slow moments near a surface count.
+    Penetration and float are made zero alike. What the log does not show is named and left as it is.
+    """
+    import geomphys
+
+    terminal = current_terminal()
+    found = geomphys.calibrate(log, scene, flats=flats, touches=touches, on=on, only=only, avatar=avatar)
+    if write and found.changes:
+        found = found.write()
+    if as_json:
+        terminal.json(found.as_dict())
+    else:
+        _show(terminal, found, write)
+
+
+def _show(terminal: Terminal, found: Calibration, write: bool) -> None:
+    rows: list[tuple[str, list[str]]] = []
+    if found.offset_m is not None and found.offset_rpy_deg is not None:
+        at = ", ".join(f"{1000 * v:.1f}" for v in found.offset_m)
+        rows.append(("Offset", [f"[{at}] mm, rpy [{', '.join(f'{v:.2f}' for v in found.offset_rpy_deg)}] degrees"]))
+    for name, surface in found.surfaces.items():
+        rows.append((name, [f"{1000 * surface.height_m:.1f} mm high, tilted by {surface.tilt_deg:.2f} degrees"]))
+    for topic, delay in found.delay_s.items():
+        rows.append(("Delay", [f"{topic}: {1000 * delay:.1f} ms (correlation {found.correlation[topic]:.2f})"]))
+    left = f"{1000 * found.residual_m:.2f} mm, {1000 * found.residual_p90_m:.2f} mm at the 90th percentile"
+    rows.append(("Left over", [f"{left}, in {found.frames} frames of contact"]))
+    if found.unobservable:
+        rows.append(("Not shown", list(found.unobservable)))
+    if found.written:
+        rows.append(("Written", [found.scene]))
+    elif not found.changes:
+        rows.append(("Nothing", ["of this log changes the scene"]))
+    elif not write:
+        rows.append(("Next", ["--write puts this into the scene file"]))
+    terminal.result(heading(Path(found.log).name, f" in {Path(found.scene).name}"), fields(rows))

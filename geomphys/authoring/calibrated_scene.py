@@ -1,0 +1,100 @@
+"""Writes calibrated values into a scene file (TOML): the keys that change, with a comment; all else stays as it is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from geomphys.errors import SceneError
+from geomphys.numerics.transforms import rotation_from_quaternion
+from geomphys.storage.output_file import write_file
+
+LENGTH_DIGITS = 5
+ANGLE_DIGITS = 3
+QUATERNION_DIGITS = 8
+
+
+@dataclass(frozen=True)
+class SceneChange:
+    """New values of one table of a scene file."""
+
+    kind: str  # "avatar" or "object"
+    name: str
+    key: str  # table of the avatar: root, joints, keypoints; "" for an object itself
+    position: tuple[float, ...] | None = None  # m
+    orientation: tuple[float, ...] | None = None  # x y z w
+    delay: float | None = None  # s
+
+
+def write_changes(path: Path, changes: Sequence[SceneChange], comment: str) -> None:
+    """Write changes into a scene file.
+
+    A rotation is written in the form the file has, `rpy` or `orientation`; `up` is replaced by `orientation`.
+
+    Raises
+    ------
+    SceneError
+        The file has no such table.
+    OutputError
+        It cannot be written.
+    """
+    import tomlkit
+    from tomlkit.exceptions import TOMLKitError
+
+    try:
+        document = tomlkit.parse(path.read_text(encoding="utf-8"))
+    except (OSError, TOMLKitError, UnicodeDecodeError) as problem:
+        raise SceneError(f"{path}: cannot be read to be changed ({type(problem).__name__})") from problem
+    for change in changes:
+        _apply(_table(document, path, change), change, comment)
+    write_file(path, tomlkit.dumps(document).encode(), force=True)
+
+
+def _table(document: Any, path: Path, change: SceneChange) -> Any:
+    """The table of a change."""
+    for table in document.get(change.kind, []):
+        if table.get("name") == change.name:
+            found = table.get(change.key) if change.key else table
+            if found is not None:
+                return found
+    raise SceneError(f"{path}: has no {change.key or change.kind} of {change.name!r} to be changed")
+
+
+def _apply(table: Any, change: SceneChange, comment: str) -> None:
+    if change.position is not None:
+        _set(table, "position", [_rounded(v, LENGTH_DIGITS) for v in change.position], comment)
+    if change.orientation is not None:
+        if "rpy" in table:
+            _set(table, "rpy", [_rounded(v, ANGLE_DIGITS) for v in rpy_degrees(change.orientation)], comment)
+        else:
+            table.pop("up", None)
+            _set(table, "orientation", [_rounded(v, QUATERNION_DIGITS) for v in change.orientation], comment)
+    if change.delay is not None:
+        _set(table, "delay", _rounded(change.delay, 4), comment)
+
+
+def _set(table: Any, key: str, value: Any, comment: str) -> None:
+    """Set a key, and comment it where the table is not on one line."""
+    import tomlkit
+    from tomlkit.items import InlineTable
+
+    item = tomlkit.item(value)
+    if not isinstance(table, InlineTable):
+        item.comment(comment)
+    table[key] = item
+
+
+def _rounded(value: float, digits: int) -> float:
+    return round(float(value), digits) + 0.0
+
+
+def rpy_degrees(quaternion: Sequence[float]) -> tuple[float, float, float]:
+    """Roll, pitch, yaw about fixed axes, degrees."""
+    m = rotation_from_quaternion(quaternion)
+    roll, pitch = np.arctan2(m[2, 1], m[2, 2]), np.arctan2(-m[2, 0], np.hypot(m[0, 0], m[1, 0]))
+    yaw = np.arctan2(m[1, 0], m[0, 0])
+    return float(np.degrees(roll)), float(np.degrees(pitch)), float(np.degrees(yaw))

@@ -1,0 +1,191 @@
+"""Fits the offset of a tracker and the poses of surfaces to frames of contact: robust Gauss-Newton, and what the frames show.
+
+Unknown are small changes: of the root link seen from the tracker (translation and rotation about the tracker's axes), and of
+each surface (height along the world's z, tilt about x and y through its position). The residuals are the gaps of the links
+that touch, penetration and float alike. A change has length 1 where it is `LENGTH` or `ANGLE`.
+
+Every stretch counts as one measurement, however many frames and points it has: their errors are not independent. The singular
+values of the Jacobian say which changes the stretches show: a direction whose unit changes their gaps by less than `INSENSITIVE`
+(root of the sum of squares) is one that they do not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.authoring.contact_frames import Contact
+from geomphys.authoring.surface_gaps import GapMeter, PointGaps
+from geomphys.numerics.transforms import (
+    compose,
+    invert,
+    matrix_from_pose,
+    pose_from_matrix,
+    quaternion_product,
+    rotation_about,
+)
+from geomphys.scene.arrays import World
+
+Floats = NDArray[np.float64]
+
+LENGTH = 0.01
+"""m; unit of translations."""
+ANGLE = 0.1
+"""rad; unit of rotations."""
+INSENSITIVE = 2.5e-3
+"""m; a unit change that moves the gaps by less is not shown: of what an error of 0.5 mm makes 2 mm."""
+EXPECTED = 3.0
+"""Units; changes of this size are expected: what the frames hardly show stays near zero."""
+STAGES = ((0.03, 0.03), (0.015, 0.01), (0.008, 0.005), (0.004, 0.003), (0.002, 0.0015))
+"""m; how much higher than the lowest a point may be and count as touching, and the scale of the robust loss; in turn."""
+ITERATIONS = 12
+"""Steps of a stage."""
+MAX_STEP = 4.0
+"""Units; longest step."""
+
+
+class Unknowns(NamedTuple):
+    """Which changes are sought."""
+
+    offset: bool  # of the tracker
+    surfaces: tuple[int, ...]  # trees
+
+    @property
+    def size(self) -> int:
+        """Number of changes."""
+        return 6 * self.offset + 3 * len(self.surfaces)
+
+
+class ContactFit(NamedTuple):
+    """Result of a fit."""
+
+    change: Floats  # (N,) in units: 6 of the offset if it is sought, then 3 a surface
+    hidden: Floats  # (N, M) orthonormal directions that the frames do not show
+    residual: float  # m, median of the absolute gaps
+    spread: float  # m, 90th percentile
+
+
+class ContactProblem:
+    """Gaps of the frames of contact as functions of the changes."""
+
+    def __init__(
+        self, world: World, tree: int, tracker_from_root: Floats, contacts: Sequence[Contact], unknowns: Unknowns
+    ) -> None:
+        """`tracker_from_root` (4, 4) is the offset as the frames have it."""
+        self.tree, self.contacts, self.unknowns = tree, contacts, unknowns
+        self._meter = GapMeter(world)
+        self._offset, self._from_root = tracker_from_root, invert(tracker_from_root)
+
+    def fit(self) -> ContactFit:
+        """Fit all stages."""
+        change = np.zeros(self.unknowns.size)
+        for band, scale in STAGES:
+            for _ in range(ITERATIONS):
+                gaps, jacobian, shares = self.linearise(change, band)
+                weights = shares / (1.0 + (gaps / scale) ** 2)  # Cauchy
+                root = np.sqrt(weights)
+                step = _ridge_step(jacobian * root[:, None], gaps * root, change, scale / EXPECTED)
+                length = float(np.abs(step).max(initial=0.0))
+                change = change + step * min(1.0, MAX_STEP / max(length, 1e-12))
+                if length < 1e-3:
+                    break
+        gaps, jacobian, shares = self.linearise(change, STAGES[-1][0])
+        absolute = np.abs(gaps)
+        residual, spread = (float(np.percentile(absolute, share)) if len(gaps) else 0.0 for share in (50, 90))
+        return ContactFit(change, _hidden(jacobian * np.sqrt(shares)[:, None]), residual, spread)
+
+    def linearise(self, change: Floats, band: float) -> tuple[Floats, Floats, Floats]:
+        """Gaps (m,) of the points that touch, their derivatives (m, N), and the share of each in its stretch (m,)."""
+        offset, surfaces = self._split(change)
+        root_from_root = self._from_root @ offset_matrix(offset) @ self._offset
+        gaps, rows, stretches = [], [], []
+        for contact in self.contacts:
+            roots = contact.frame.roots.copy()
+            before = matrix_from_pose(roots[self.tree])
+            roots[self.tree] = pose_from_matrix(compose(before, root_from_root))
+            for surface, part in surfaces.items():
+                roots[surface] = moved_surface(roots[surface], part)
+            found = self._meter.measure(self.tree, contact.surface, roots, contact.frame.angles)
+            world_from_tracker = compose(before, self._from_root)
+            for k in _touching(found, contact, band):
+                gaps.append(found.gap[k])
+                stretches.append(contact.stretch)
+                rows.append(self._row(world_from_tracker, roots, contact.surface, found.normal[k], found.point[k]))
+        counts = np.bincount(stretches) if stretches else np.zeros(1)
+        shares = 1.0 / counts[np.array(stretches, dtype=np.int64)]
+        return np.array(gaps), np.array(rows).reshape(len(rows), len(change)), shares
+
+    def _row(self, world_from_tracker: Floats, roots: Floats, surface: int, normal: Floats, point: Floats) -> Floats:
+        """Derivative (N,) of a gap."""
+        row: list[float] = []
+        if self.unknowns.offset:
+            axes = world_from_tracker[:3, :3]
+            arm = point - world_from_tracker[:3, 3]
+            row += list(LENGTH * (normal @ axes))
+            row += [ANGLE * float(normal @ np.cross(axes[:, k], arm)) for k in range(3)]
+        for moved in self.unknowns.surfaces:
+            if moved != surface:
+                row += [0.0, 0.0, 0.0]
+                continue
+            arm = point - roots[surface, :3]
+            row += [-LENGTH * float(normal[2])]
+            row += [-ANGLE * float(normal @ np.cross(np.eye(3)[k], arm)) for k in range(2)]
+        return np.array(row)
+
+    def _split(self, change: Floats) -> tuple[Floats, dict[int, Floats]]:
+        """Change of the offset (6,) and of each surface (3,)."""
+        first = 6 * self.unknowns.offset
+        offset = change[:first] if first else np.zeros(6)
+        parts = {s: change[first + 3 * k : first + 3 * k + 3] for k, s in enumerate(self.unknowns.surfaces)}
+        return offset, parts
+
+
+def _touching(found: PointGaps, contact: Contact, band: float) -> list[int]:
+    """Points that touch: the lowest one of a touch, of a hand that lies flat all that are at most `band` higher."""
+    gap = found.gap if contact.link < 0 else np.where(found.link == contact.link, found.gap, np.inf)
+    if not np.isfinite(gap).any():
+        return []
+    if contact.is_touch:
+        return [int(gap.argmin())]
+    return [int(k) for k in np.flatnonzero(gap <= gap.min() + band)]
+
+
+def offset_matrix(change: Floats) -> Floats:
+    """(4, 4) of a change of the offset (6,) in units: a rotation about the tracker's origin, then a translation."""
+    matrix = np.eye(4)
+    turn = ANGLE * change[3:6]
+    angle = float(np.linalg.norm(turn))
+    if angle > 0.0:
+        matrix[:3, :3] = rotation_about(turn / angle, angle)
+    matrix[:3, 3] = LENGTH * change[:3]
+    return matrix
+
+
+def moved_surface(pose: Floats, change: Floats) -> Floats:
+    """Pose (7,) of a surface after a change (3,) in units."""
+    moved = pose.copy()
+    moved[2] += LENGTH * change[0]
+    turn = ANGLE * np.array([change[1], change[2], 0.0])
+    angle = float(np.linalg.norm(turn))
+    if angle > 0.0:
+        quaternion = np.array([*(np.sin(angle / 2) * turn / angle), np.cos(angle / 2)])
+        moved[3:] = quaternion_product(quaternion, pose[3:])
+    return moved
+
+
+def _ridge_step(jacobian: Floats, gaps: Floats, change: Floats, ridge: float) -> Floats:
+    """Step to the least of |gaps + jacobian step|² + ridge² |change + step|²."""
+    normal = jacobian.T @ jacobian + ridge**2 * np.eye(len(change))
+    return -np.asarray(np.linalg.solve(normal, jacobian.T @ gaps + ridge**2 * change), dtype=np.float64)
+
+
+def _hidden(jacobian: Floats) -> Floats:
+    """(N, M) orthonormal directions that the frames do not show."""
+    _, s, vt = np.linalg.svd(jacobian, full_matrices=True)
+    values = np.zeros(len(vt))
+    values[: len(s)] = s
+    hidden: Floats = vt[values <= INSENSITIVE].T
+    return hidden

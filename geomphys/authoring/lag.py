@@ -1,0 +1,90 @@
+"""Lag between two streams: the shift at which their changes of speed correlate best, where that is significant and distinct.
+
+Speeds themselves correlate over long times (a hand closes after it has arrived), which says little about clocks. So what is
+correlated are the derivatives of the smoothed logarithms of the speeds: starts, stops and impacts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+MAX_LAG = 0.3
+"""s; shifts that are tried."""
+RATE = 500.0
+"""Hz; speeds are resampled at this rate."""
+SMOOTHING = 0.015
+"""s; standard deviation of the smoothing."""
+INDEPENDENT = 0.03
+"""s; samples this far apart count as independent."""
+SIGNIFICANT = 6.0
+"""Least correlation, in standard deviations of that of independent signals."""
+DISTINCT = 2.0
+"""By what factor the best shift correlates better than those away from its peak."""
+PEAK_WIDTH = 0.06
+"""s; how far from the best shift another peak begins."""
+
+
+class Lag(NamedTuple):
+    """How much later the second stream is than the first."""
+
+    seconds: float
+    correlation: float
+    is_shown: bool
+
+
+def find_lag(times: Floats, first: Sequence[Floats], second: Floats) -> Lag:
+    """Lag of a stream behind another.
+
+    Parameters
+    ----------
+    times
+        (n,) s, increasing.
+    first
+        Speeds (n,) of the first stream, of any units: linear and angular, say. Their correlations are added.
+    second
+        (n,) speed of the second stream.
+    """
+    if len(times) < 3 or times[-1] - times[0] < 4 * MAX_LAG:
+        return Lag(0.0, 0.0, False)
+    even = np.arange(times[0], times[-1], 1.0 / RATE)
+    other = _changes(np.interp(even, times, second))
+    signals = [_changes(np.interp(even, times, speed)) for speed in first]
+    signals = [s for s in signals if s.any()]
+    if not signals or not other.any():
+        return Lag(0.0, 0.0, False)
+    reach = int(MAX_LAG * RATE)
+    shifts = np.arange(-reach, reach + 1)
+    found = np.array([sum(_correlation(s, other, int(k)) for s in signals) for k in shifts]) / np.sqrt(len(signals))
+    best = int(found.argmax())
+    if not 0 < best < len(shifts) - 1:
+        return Lag(shifts[best] / RATE, float(found[best]), False)
+    away = np.abs(shifts - shifts[best]) > PEAK_WIDTH * RATE
+    threshold = SIGNIFICANT / np.sqrt((times[-1] - times[0]) / INDEPENDENT)
+    is_shown = found[best] > max(threshold, DISTINCT * found[away].max(initial=0.0))
+    low, middle, high = found[best - 1 : best + 2]
+    bend = low - 2.0 * middle + high
+    shift = shifts[best] + (0.5 * (low - high) / bend if bend < 0 else 0.0)
+    return Lag(float(shift / RATE), float(found[best]), bool(is_shown))
+
+
+def _changes(speed: Floats) -> Floats:
+    """Derivative of the smoothed logarithm of a speed, of unit variance; zeros for one that is constant."""
+    from scipy.ndimage import gaussian_filter1d
+
+    floor = 0.1 * float(np.median(speed)) + 1e-9 * max(float(speed.max(initial=0.0)), 1e-9)
+    change = np.diff(gaussian_filter1d(np.log(speed + floor), SMOOTHING * RATE))
+    spread = float(change.std())
+    unit: Floats = change / spread if spread > 1e-12 else np.zeros_like(change)
+    return unit
+
+
+def _correlation(a: Floats, b: Floats, shift: int) -> float:
+    """Mean product of a(t) and b(t + shift) where both are known."""
+    x, y = (a[: len(a) - shift], b[shift:]) if shift >= 0 else (a[-shift:], b[: len(b) + shift])
+    return float(np.mean(x * y))

@@ -1,0 +1,125 @@
+"""Distances of points on the links of an avatar from a surface: what a calibration makes zero.
+
+A link is sampled by points with a radius: corners of boxes and hulls, the centres of spheres and of the caps of capsules, rims of
+cylinders. The surface is taken as the plane at the point of it that is nearest to the link.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.collision.penetration import Scratch, make_scratch, separation
+from geomphys.jit.kernel import kernel
+from geomphys.jit.packed_records import pack
+from geomphys.numerics.transforms import apply, matrix_from_frame, matrix_from_pose
+from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, HULL, SPHERE, Scene, World
+from geomphys.scene.kinematics import joint_origins, place_tree, pose_tree
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+FAR = 10.0
+"""m; gaps are measured up to this."""
+BEYOND_NEAREST = 0.05
+"""m; links that are farther than this beyond the nearest one need not be measured."""
+RIM_POINTS = 24
+
+
+class GapWorkspace(NamedTuple):
+    """Arrays of `measure_planes`."""
+
+    origins: Floats  # (B, 7) joint origins
+    poses: Floats  # (B, 7)
+    frames: Floats  # (P, 12)
+    planes: Floats  # (B, 7) gap [m], normal out of the surface, point of the surface
+
+
+@kernel
+def measure_planes(
+    scene: Scene, space: GapWorkspace, scratch: Scratch, tree: int, surface: int, roots: Floats, angles: Floats
+) -> None:
+    """Gap of each link of a tree from the bodies of another, negative inside, into `space.planes`; `FAR` if it is far.
+
+    `roots` (T, 7) and `angles` (Q,) are world poses of roots and joint values.
+    """
+    for t in (tree, surface):
+        pose_tree(scene, space.origins, t, roots, angles, space.poses)
+        place_tree(scene, t, space.poses, space.frames)
+    starts, pieces, limit = scene.trees.body_start, scene.bodies.piece_start, FAR
+    for body in range(starts[tree], starts[tree + 1]):
+        space.planes[body, 0] = FAR
+        for i in range(pieces[body], pieces[body + 1]):
+            for j in range(pieces[starts[surface]], pieces[starts[surface + 1]]):
+                gap, n, _, pb = separation(scene.pieces, space.frames, i, j, limit, (0.0, 0.0, 0.0), scratch)
+                if gap < min(space.planes[body, 0], limit):
+                    space.planes[body, 0] = gap
+                    space.planes[body, 1], space.planes[body, 2], space.planes[body, 3] = n
+                    space.planes[body, 4], space.planes[body, 5], space.planes[body, 6] = pb
+                    limit = min(limit, gap + BEYOND_NEAREST)
+
+
+class PointGaps(NamedTuple):
+    """Gaps of the n sampled points of the links that are near a surface."""
+
+    link: Ints  # (n,)
+    gap: Floats  # (n,) m, negative inside
+    normal: Floats  # (n, 3) out of the surface, world frame
+    point: Floats  # (n, 3) on the link, world frame
+
+
+class GapMeter:
+    """Measures gaps in a world."""
+
+    def __init__(self, world: World) -> None:
+        scene = world.scene
+        self.space = GapWorkspace(
+            origins=joint_origins(scene),
+            poses=np.zeros((len(scene.bodies.parent), 7)),
+            frames=np.zeros((len(scene.pieces.kind), 12)),
+            planes=np.zeros((len(scene.bodies.parent), 7)),
+        )
+        self._scene, self._space, self._scratch = pack(scene), pack(self.space), pack(make_scratch())
+        self._starts = scene.trees.body_start
+        self._bodies, self._centres, self._radii = _sample(scene)
+
+    def measure(self, tree: int, surface: int, roots: Floats, angles: Floats) -> PointGaps:
+        """Gaps of points on the links of `tree` from `surface`, both indices of trees, for the poses of a frame."""
+        measure_planes(self._scene, self._space, self._scratch, tree, surface, roots, angles)
+        first, last = self._starts[tree : tree + 2]
+        planes = self.space.planes
+        used = np.flatnonzero((self._bodies >= first) & (self._bodies < last))
+        used = used[planes[self._bodies[used], 0] < FAR]
+        bodies = self._bodies[used]
+        poses = matrix_from_pose(self.space.poses[bodies])
+        centres = np.einsum("nij,nj->ni", poses[:, :3, :3], self._centres[used]) + poses[:, :3, 3]
+        normal, radii = planes[bodies, 1:4], self._radii[used]
+        gap = np.einsum("ni,ni->n", normal, centres - planes[bodies, 4:7]) - radii
+        return PointGaps(bodies - first, gap, normal, centres - radii[:, None] * normal)
+
+
+def _sample(scene: Scene) -> tuple[Ints, Floats, Floats]:
+    """Body (n,), centre (n, 3) in its frame and radius (n,) of the sampled points of all pieces."""
+    pieces = scene.pieces
+    bodies, centres, radii = [], [], []
+    for i, kind in enumerate(pieces.kind):
+        radius, half = pieces.size[i, 0], pieces.size[i, 1]
+        if kind == SPHERE:
+            points, r = np.zeros((1, 3)), radius
+        elif kind == CAPSULE:
+            points, r = np.array([[0, 0, -half], [0, 0, half]]), radius
+        elif kind == CYLINDER:
+            turn = 2 * np.pi * np.arange(RIM_POINTS) / RIM_POINTS
+            rim = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), np.full(RIM_POINTS, half)])
+            points, r = np.concatenate([rim, rim * [1, 1, -1]]), 0.0
+        else:
+            assert kind in (BOX, HULL)
+            points, r = pieces.vertices[slice(*pieces.vertex_start[i : i + 2])], 0.0
+        centres.append(apply(matrix_from_frame(pieces.local[i]), points))
+        bodies.append(np.full(len(points), pieces.body[i]))
+        radii.append(np.full(len(points), r))
+    if not bodies:
+        return np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0)
+    return np.concatenate(bodies), np.concatenate(centres), np.concatenate(radii)

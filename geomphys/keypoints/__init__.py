@@ -1,0 +1,1 @@
+"""Joint values from tracked points: bone lengths once a recording, then a damped Gauss-Newton fit each frame."""

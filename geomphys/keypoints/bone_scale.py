@@ -1,0 +1,118 @@
+"""Factors from the bone lengths of a model to those of recorded points: for each finger or limb, or one for all.
+
+A *branch* is the part of the tree below the last link from which several moving chains hang: a finger of a hand, a limb. What
+is in no branch is the *base*: the palm. A *segment* is a pair of points whose distance no joint changes. A factor is the
+least-squares one of the segments' lengths L to the medians m of the recorded distances: sum(L m) / sum(L²). A branch that
+shows fewer than two segments takes the factor of all segments together.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.keypoints.fit_model import FitModel
+from geomphys.keypoints.setup import RIGID, point_distances
+
+Floats = NDArray[np.float64]
+
+MIN_LENGTH = 0.005
+"""m; shorter segments do not count."""
+MAX_SAMPLES = 4096
+"""Frames of which distances are kept: every one, then every second …"""
+MIN_SAMPLES = 10
+"""Distances that a segment needs."""
+DIGITS = 3
+"""Decimal places of a factor: 0.05 % of a length."""
+BASE = "base"
+"""Name of what is in no branch."""
+
+
+class Segment(NamedTuple):
+    """Two points that keep their distance."""
+
+    first: int  # point
+    second: int
+    length: float  # m, of the model
+    branch: str
+
+
+def branch_names(model: FitModel, links: tuple[str, ...]) -> list[str]:
+    """Branch of each link (B,): the name of its first link, or `BASE`."""
+    count = len(model.parent)
+    children: list[list[int]] = [[] for _ in range(count)]
+    for link in range(1, count):
+        children[model.parent[link]].append(link)
+    chains = [0] * count  # tips with a moving joint above them, through or below a link
+    for link in reversed(range(count)):
+        chains[link] = sum(chains[c] for c in children[link]) or int(model.column[link] >= 0)
+    names = [BASE] * count
+    for link in range(1, count):
+        parent = model.parent[link]
+        if names[parent] != BASE:
+            names[link] = names[parent]
+        elif chains[link] == 1 and chains[parent] > 1:
+            names[link] = links[link]
+    return names
+
+
+def find_segments(model: FitModel, branches: list[str]) -> list[Segment]:
+    """All pairs of points that keep their distance in any posture and are not at one place."""
+    distances = point_distances(model)
+    spread, length = np.ptp(distances, axis=0), np.mean(distances, axis=0)
+    found = []
+    for i in range(len(model.body)):
+        for j in range(i + 1, len(model.body)):
+            if spread[i, j] < RIGID and length[i, j] > MIN_LENGTH:
+                branch = {branches[model.body[i]], branches[model.body[j]]}
+                name = branch.pop() if len(branch) == 1 else BASE
+                found.append(Segment(i, j, float(length[i, j]), name))
+    return found
+
+
+class DistanceSamples:
+    """Recorded lengths of segments, of at most `MAX_SAMPLES` frames that are spread evenly over the recording."""
+
+    def __init__(self, segments: list[Segment]) -> None:
+        self.segments = segments
+        self.rows: list[Floats] = []
+        self.stride, self.count = 1, 0
+
+    def add(self, points: Floats, seen: NDArray[np.int64]) -> None:
+        """Add a frame: points (K, 3) m, and which of them are seen."""
+        if self.count % self.stride == 0:
+            a = [s.first for s in self.segments]
+            b = [s.second for s in self.segments]
+            known = (seen[a] != 0) & (seen[b] != 0)
+            self.rows.append(np.where(known, np.linalg.norm(points[a] - points[b], axis=1), np.nan))
+            if len(self.rows) >= MAX_SAMPLES:
+                del self.rows[1::2]
+                self.stride *= 2
+        self.count += 1
+
+    def factors(self, mode: str) -> dict[str, float]:
+        """Branch -> factor, for the branches that have a segment and the base; {} if nothing was seen.
+
+        `mode` is "fingers" or "hand".
+        """
+        table = np.array(self.rows).reshape(len(self.rows), len(self.segments))
+        known = [
+            (s, float(np.nanmedian(table[:, k])))
+            for k, s in enumerate(self.segments)
+            if np.count_nonzero(~np.isnan(table[:, k])) >= MIN_SAMPLES
+        ]
+        if not known:
+            return {}
+        overall = _factor(known)
+        factors = {}
+        for branch in sorted({BASE, *(s.branch for s in self.segments)}):
+            own = [(s, m) for s, m in known if s.branch == branch]
+            factors[branch] = _factor(own) if mode == "fingers" and len(own) >= 2 else overall
+        return factors
+
+
+def _factor(measured: list[tuple[Segment, float]]) -> float:
+    """Least-squares factor of the lengths."""
+    return round(sum(s.length * m for s, m in measured) / sum(s.length**2 for s, _ in measured), DIGITS)

@@ -1,0 +1,359 @@
+"""Fits joint values, and where no tracker gives it the pose of the root, to the points of a frame: damped Gauss-Newton.
+
+Minimised is, over joint values q within their limits and the root's pose,
+
+    1/2 sum_i w_i |x_i(q, root) - p_i|² + 1/2 sum_j l_j² (r_j (q_j - rest_j)² + s (q_j - target_j)²)
+
+with the points p_i that are seen, the lever l_j of each joint, s = `SMOOTHNESS_WEIGHT` and target the values of the last frame.
+The pull to rest r_j is weak where the points show a joint and stronger where they do not, as the twist of a straight finger:
+there they hold nothing but noise (`weigh_rest`).
+The start is the result of the last frame, so of equivalent solutions the near one is found.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.jit.kernel import kernel
+from geomphys.keypoints.fit_model import REST_WEIGHT, SHOWN, UNSHOWN_WEIGHT, FitModel, FitState
+from geomphys.numerics.vec3 import Vec, add, cross, quat_from_rotation_vector, quat_mul, quat_rotate, quat_unit, sub
+from geomphys.scene.arrays import JOINT_FIXED, JOINT_PRISMATIC
+from geomphys.scene.kinematics import orientation_of, position_of, set_pose
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+STEP_TOLERANCE = 1e-4
+"""rad (and m · 10); a smaller step ends the search."""
+MAX_STEP = 0.5
+"""rad; longest step of a joint value."""
+ROOT_RIDGE = 1e-9
+"""Added to the Hessian of the root, so that what no point shows has a solution: no motion."""
+
+
+@kernel
+def pose_links(model: FitModel, root: Floats, angles: Floats, poses: Floats) -> None:
+    """Forward kinematics: world poses (B, 7) of the links from the root's pose (7,) and the joint values (Q,)."""
+    for k in range(7):
+        poses[0, k] = root[k]
+    for body in range(1, len(model.parent)):
+        parent = model.parent[body]
+        q = orientation_of(poses, parent)
+        p = add(position_of(poses, parent), quat_rotate(q, position_of(model.origin, body)))
+        q = quat_mul(q, orientation_of(model.origin, body))
+        if model.kind[body] != JOINT_FIXED:
+            value = model.offset[body]
+            if model.column[body] >= 0:
+                value += model.multiplier[body] * angles[model.column[body]]
+            axis = (model.axis[body, 0], model.axis[body, 1], model.axis[body, 2])
+            if model.kind[body] == JOINT_PRISMATIC:
+                t = quat_rotate(q, axis)
+                p = (p[0] + value * t[0], p[1] + value * t[1], p[2] + value * t[2])
+            else:
+                s = math.sin(0.5 * value)
+                q = quat_mul(q, (axis[0] * s, axis[1] * s, axis[2] * s, math.cos(0.5 * value)))
+        set_pose(poses, body, p, q)
+
+
+@kernel
+def objective(model: FitModel, state: FitState, points: Floats, seen: Ints, angles: Floats, poses: Floats) -> float:
+    """Value of the objective for posed links."""
+    total = 0.0
+    for i in range(len(model.body)):
+        if seen[i]:
+            body = model.body[i]
+            x, y, z = poses[body, 0] - points[i, 0], poses[body, 1] - points[i, 1], poses[body, 2] - points[i, 2]
+            total += model.weight[i] * (x * x + y * y + z * z)
+    smoothness = state.figures[2]
+    for j in range(len(angles)):
+        rest, near = angles[j] - model.rest[j], angles[j] - state.target[j]
+        total += model.lever[j] ** 2 * (state.rest_weight[j] * rest * rest + smoothness * near * near)
+    return 0.5 * total
+
+
+@kernel
+def point_jacobian(model: FitModel, state: FitState, poses: Floats, body: int, centre: Vec) -> int:
+    """Derivative (3, N) of a link's origin with respect to the unknowns.
+
+    Fills `state.jacobian` at the columns that it lists in `state.columns`; returns their number. The root turns about `centre`.
+    """
+    columns, jacobian = state.columns, state.jacobian
+    x, count, link = position_of(poses, body), 0, body
+    unknowns = len(model.rest)
+    while link > 0:
+        column = model.column[link]
+        if column >= 0 and model.kind[link] != JOINT_FIXED:
+            axis = quat_rotate(
+                orientation_of(poses, link), (model.axis[link, 0], model.axis[link, 1], model.axis[link, 2])
+            )
+            if model.kind[link] != JOINT_PRISMATIC:
+                axis = cross(axis, sub(x, position_of(poses, link)))
+            known = False
+            for k in range(count):
+                known = known or columns[k] == column
+            for k in range(3):
+                value = model.multiplier[link] * axis[k]
+                jacobian[k, column] = value + (jacobian[k, column] if known else 0.0)
+            if not known:
+                columns[count] = column
+                count += 1
+        link = model.parent[link]
+    if model.fits_root[0]:
+        r = sub(x, centre)
+        for k in range(3):
+            for m in range(6):
+                jacobian[k, unknowns + m] = 0.0
+            jacobian[k, unknowns + k] = 1.0
+            columns[count] = unknowns + k
+            columns[count + 3] = unknowns + 3 + k
+            count += 1
+        count += 3
+        jacobian[0, unknowns + 4], jacobian[0, unknowns + 5] = r[2], -r[1]
+        jacobian[1, unknowns + 3], jacobian[1, unknowns + 5] = -r[2], r[0]
+        jacobian[2, unknowns + 3], jacobian[2, unknowns + 4] = r[1], -r[0]
+    return count
+
+
+@kernel
+def assemble(model: FitModel, state: FitState, points: Floats, seen: Ints, centre: Vec) -> None:
+    """Gradient and Gauss-Newton Hessian of the objective at `state.angles` and `state.poses`."""
+    hessian, gradient, jacobian, columns = state.hessian, state.gradient, state.jacobian, state.columns
+    for a in range(len(gradient)):
+        gradient[a] = 0.0
+        for b in range(a + 1):
+            hessian[a, b] = 0.0
+    for i in range(len(model.body)):
+        if not seen[i]:
+            continue
+        body, w = model.body[i], model.weight[i]
+        count = point_jacobian(model, state, state.poses, body, centre)
+        x = w * (state.poses[body, 0] - points[i, 0])
+        y = w * (state.poses[body, 1] - points[i, 1])
+        z = w * (state.poses[body, 2] - points[i, 2])
+        for m in range(count):
+            a = columns[m]
+            u, v, t = jacobian[0, a], jacobian[1, a], jacobian[2, a]
+            gradient[a] += u * x + v * y + t * z
+            for n in range(m + 1):
+                b = columns[n]
+                value = w * (u * jacobian[0, b] + v * jacobian[1, b] + t * jacobian[2, b])
+                hessian[max(a, b), min(a, b)] += value
+    smoothness = state.figures[2]
+    for j in range(len(model.rest)):
+        scale = model.lever[j] ** 2
+        hessian[j, j] += scale * (state.rest_weight[j] + smoothness)
+        gradient[j] += scale * (
+            state.rest_weight[j] * (state.angles[j] - model.rest[j]) + smoothness * (state.angles[j] - state.target[j])
+        )
+    for j in range(len(model.rest), len(gradient)):
+        hessian[j, j] += ROOT_RIDGE
+
+
+@kernel
+def weigh_rest(model: FitModel, state: FitState, seen: Ints, centre: Vec) -> None:
+    """Set the pull to rest of each joint by how far the seen points are from its axis, in the posture `state.poses`."""
+    for j in range(len(model.rest)):
+        state.rest_weight[j] = 0.0
+    for i in range(len(model.body)):
+        if seen[i]:
+            count = point_jacobian(model, state, state.poses, model.body[i], centre)
+            for m in range(count):
+                a = state.columns[m]
+                if a < len(model.rest):
+                    u, v, t = state.jacobian[0, a], state.jacobian[1, a], state.jacobian[2, a]
+                    state.rest_weight[a] += model.weight[i] * (u * u + v * v + t * t)
+    for j in range(len(model.rest)):
+        shown = state.rest_weight[j] / (SHOWN * model.lever[j] ** 2)
+        state.rest_weight[j] = REST_WEIGHT + (UNSHOWN_WEIGHT - REST_WEIGHT) / (1.0 + shown * shown)
+
+
+@kernel
+def factorise(state: FitState, damping: float) -> bool:
+    """Cholesky factor of the Hessian (lower triangle) of the free unknowns, its diagonal times 1 + damping."""
+    hessian, factor, free = state.hessian, state.factor, state.free
+    for i in range(len(free)):
+        if not free[i]:
+            continue
+        for j in range(i + 1):
+            if not free[j]:
+                continue
+            total = hessian[i, j]
+            if i == j:
+                total *= 1.0 + damping
+            for k in range(j):
+                if free[k]:
+                    total -= factor[i, k] * factor[j, k]
+            if i == j:
+                if not total > 0.0:
+                    return False
+                factor[i, i] = math.sqrt(total)
+            else:
+                factor[i, j] = total / factor[j, j]
+    return True
+
+
+@kernel
+def substitute(state: FitState) -> None:
+    """Solve factor factorᵀ x = `state.step` in place, for the free unknowns."""
+    factor, x, free = state.factor, state.step, state.free
+    n = len(x)
+    for i in range(n):
+        if free[i]:
+            for k in range(i):
+                if free[k]:
+                    x[i] -= factor[i, k] * x[k]
+            x[i] /= factor[i, i]
+    for i in range(n - 1, -1, -1):
+        if free[i]:
+            for k in range(i + 1, n):
+                if free[k]:
+                    x[i] -= factor[k, i] * x[k]
+            x[i] /= factor[i, i]
+
+
+@kernel
+def choose_free(model: FitModel, state: FitState, shown: Ints) -> None:
+    """Mark the unknowns of a step: joints that a seen point shows, or none ever does; not those that press on a limit."""
+    for j in range(len(model.rest)):
+        at_lower = state.angles[j] <= model.lower[j] and state.gradient[j] > 0.0
+        at_upper = state.angles[j] >= model.upper[j] and state.gradient[j] < 0.0
+        state.free[j] = int(shown[j] != 0 and not at_lower and not at_upper)
+    for j in range(len(model.rest), len(state.free)):
+        state.free[j] = model.fits_root[0]
+
+
+@kernel
+def try_step(model: FitModel, state: FitState, centre: Vec) -> float:
+    """Take `state.step` from the current posture to the trial posture; returns the largest change (rad, or m · 10)."""
+    n, largest, trial_root = len(model.rest), 0.0, state.trial_root
+    for j in range(n):
+        state.trial_angles[j] = state.angles[j]
+        if state.free[j]:
+            change = min(max(state.step[j], -MAX_STEP), MAX_STEP)
+            value = min(max(state.angles[j] + change, model.lower[j]), model.upper[j])
+            state.trial_angles[j] = value
+            largest = max(largest, abs(value - state.angles[j]))
+    for k in range(7):
+        trial_root[k] = state.root[k]
+    if model.fits_root[0]:
+        shift = (state.step[n], state.step[n + 1], state.step[n + 2])
+        turn = (state.step[n + 3], state.step[n + 4], state.step[n + 5])
+        rotation = quat_from_rotation_vector(turn)
+        p = sub((state.root[0], state.root[1], state.root[2]), centre)
+        p = add(add(quat_rotate(rotation, p), centre), shift)
+        q = quat_unit(quat_mul(rotation, (state.root[3], state.root[4], state.root[5], state.root[6])))
+        trial_root[0], trial_root[1], trial_root[2] = p
+        trial_root[3], trial_root[4], trial_root[5], trial_root[6] = q
+        for k in range(3):
+            largest = max(largest, abs(turn[k]), 10.0 * abs(shift[k]))
+    pose_links(model, trial_root, state.trial_angles, state.trial_poses)
+    return largest
+
+
+@kernel
+def accept_trial(state: FitState) -> None:
+    """Make the trial posture the current one."""
+    for j in range(len(state.angles)):
+        state.angles[j] = state.trial_angles[j]
+    for k in range(7):
+        state.root[k] = state.trial_root[k]
+    for body in range(len(state.poses)):
+        for k in range(7):
+            state.poses[body, k] = state.trial_poses[body, k]
+
+
+@kernel
+def seen_centre(points: Floats, seen: Ints) -> Vec:
+    """Mean of the seen points; the origin if there are none."""
+    x, y, z, count = 0.0, 0.0, 0.0, 0
+    for i in range(len(seen)):
+        if seen[i]:
+            x, y, z, count = x + points[i, 0], y + points[i, 1], z + points[i, 2], count + 1
+    count = max(count, 1)
+    return (x / count, y / count, z / count)
+
+
+@kernel
+def fit_frame(model: FitModel, state: FitState, points: Floats, seen: Ints, shown: Ints, limit: int) -> None:
+    """Fit the points of a frame, from the posture in `state.angles` and `state.root`, which become those of the result.
+
+    Parameters
+    ----------
+    model, state
+        `state.target` and `state.figures[2]` (smoothness) are set by the caller; `state.figures` are filled.
+    points
+        (K, 3) m, world frame.
+    seen
+        (K,) 1 for points that count.
+    shown
+        (Q,) 1 for joints that may move.
+    limit
+        Most iterations.
+    """
+    pose_links(model, state.root, state.angles, state.poses)
+    centre, damping, iterations = seen_centre(points, seen), 1e-9, 0
+    weigh_rest(model, state, seen, centre)
+    cost = objective(model, state, points, seen, state.angles, state.poses)
+    searching = True
+    while searching and iterations < limit:
+        assemble(model, state, points, seen, centre)
+        choose_free(model, state, shown)
+        is_better = False
+        while not is_better and damping < 1e6:
+            iterations += 1
+            if factorise(state, damping):
+                for j in range(len(state.step)):
+                    state.step[j] = -state.gradient[j]
+                substitute(state)
+                largest = try_step(model, state, centre)
+                trial_cost = objective(model, state, points, seen, state.trial_angles, state.trial_poses)
+                if trial_cost <= cost:
+                    is_better = True
+                    searching = largest > STEP_TOLERANCE and cost - trial_cost > 1e-6 * cost
+                    cost = trial_cost
+                    accept_trial(state)
+                    damping = max(0.1 * damping, 1e-9)
+                    continue
+                if largest < STEP_TOLERANCE:
+                    break
+            damping = max(10.0 * damping, 1e-4)
+        searching = searching and is_better
+    total, count = 0.0, 0
+    for i in range(len(seen)):
+        if seen[i]:
+            body = model.body[i]
+            for k in range(3):
+                total += (state.poses[body, k] - points[i, k]) ** 2
+            count += 1
+    state.figures[0] = math.sqrt(total / max(count, 1))
+    state.figures[1] = iterations
+
+
+@kernel
+def measure_uncertainty(model: FitModel, state: FitState, points: Floats, seen: Ints, shares: Floats) -> None:
+    """How little the points of the last frame say about each joint.
+
+    `shares` (Q,) becomes the variance that is left of the pull to rest alone: 1 where the points say nothing, near 0 where they
+    determine the value. Uses the workspace; the posture stays.
+    """
+    smoothness = state.figures[2]
+    state.figures[2] = 0.0
+    for j in range(len(model.rest)):
+        state.rest_weight[j] = REST_WEIGHT
+    assemble(model, state, points, seen, seen_centre(points, seen))
+    state.figures[2] = smoothness
+    joints = len(model.rest)
+    for j in range(len(state.free)):
+        state.free[j] = 1 if j < joints else model.fits_root[0]
+    for j in range(joints):
+        shares[j] = 1.0
+    if factorise(state, 0.0):
+        for j in range(joints):
+            for k in range(len(state.step)):
+                state.step[k] = 0.0
+            state.step[j] = 1.0
+            substitute(state)
+            shares[j] = state.step[j] * REST_WEIGHT * model.lever[j] ** 2

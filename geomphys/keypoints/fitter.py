@@ -1,0 +1,183 @@
+"""Fits the points of a recording frame by frame: first posture, warm starts, what is held, what the points do not show."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.jit.packed_records import pack
+from geomphys.keypoints.fit import fit_frame, measure_uncertainty, pose_links
+from geomphys.keypoints.fit_model import SMOOTHNESS_WEIGHT, FitModel
+from geomphys.keypoints.setup import make_state, rigid_points
+from geomphys.numerics.transforms import quaternion_from_rotation
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+FIRST_ITERATIONS = 200
+ITERATIONS = 30
+MAX_INCREMENT = 0.5
+"""rad or m; a larger one of the last frame is not carried on."""
+ROOT_POINTS = 3
+"""Points that show the pose of the root, at least."""
+ROOT_SPREAD = 0.005
+"""m; root mean square distance of these points from a line, at least."""
+PROBED_FRAMES = 16
+"""Every so many frames it is measured what the points show."""
+NOT_SHOWN = 0.5
+"""Share of the variance of the pull to rest that is left where the points do not show a joint."""
+
+
+MAX_PATTERNS = 4096
+"""Patterns of seen points that are remembered."""
+
+
+class FittedPosture(NamedTuple):
+    """The posture of a frame."""
+
+    root: Floats  # (7,) world pose
+    angles: Floats  # (Q,)
+    held: bool  # the points lack what the fit needs: all or part of the posture is the last one
+
+
+class KeypointFitter:
+    """Joint values of one tree, and the pose of its root where the model has it unknown, over the frames of a recording."""
+
+    def __init__(self, model: FitModel) -> None:
+        self.model, self.state = model, make_state(model)
+        self._model, self._state = pack(model), pack(self.state)
+        self.started = False
+        self._palm = _rigid_group(model)
+        self._root_shown: dict[bytes, bool] = {}  # by which points are seen
+        self.is_shown = model.shown_by.any(axis=1)  # (Q,) by any of the points
+        self.frames = self.probed = 0
+        self.unshown = np.zeros(
+            len(model.rest), dtype=np.int64
+        )  # (Q,) probed frames in which the points do not show it
+        self.squares = 0.0  # m², sum of mean square distances
+        self.largest = 0.0  # m, largest root mean square distance of a frame
+
+    def fit(self, points: Floats, seen: Ints, root: Floats) -> FittedPosture:
+        """Fit the points of the next frame.
+
+        Parameters
+        ----------
+        points
+            (K, 3) m, world frame.
+        seen
+            (K,) 1 for those that count.
+        root
+            (7,) world pose of the root; used where the model does not have it unknown.
+        """
+        state, model = self.state, self.model
+        shown = np.ascontiguousarray((model.shown_by @ seen > 0) | ~self.is_shown).astype(np.int64)
+        held = bool((shown == 0).any())
+        if not model.fits_root[0]:
+            state.root[:] = root
+        if not seen.any() or (model.fits_root[0] and not self._shows_root(seen)):
+            state.increment[:] = 0.0
+            pose_links(self._model, state.root, state.angles, state.poses)
+            return FittedPosture(state.root.copy(), state.angles.copy(), True)
+        if not self.started:
+            self._start(points, seen, shown)
+        else:
+            self._carry_on(points, seen, shown)
+        self._count(points, seen)
+        return FittedPosture(state.root.copy(), state.angles.copy(), held)
+
+    def _start(self, points: Floats, seen: Ints, shown: Ints) -> None:
+        """First posture: the best from several starts, each with the rigid motion that brings its points nearest."""
+        state, model = self.state, self.model
+        low = np.where(np.isfinite(model.lower), model.lower, model.rest)
+        high = np.where(np.isfinite(model.upper), model.upper, model.rest)
+        state.figures[2] = 0.0
+        given, best = state.root.copy(), None
+        for share in (0.0, 0.25, 0.5):
+            state.angles[:] = np.clip(model.rest + share * ((low + high) / 2 - model.rest), model.lower, model.upper)
+            state.root[:] = given
+            if model.fits_root[0]:
+                state.root[:] = self._nearest_root(points, seen)
+            for _ in range(2):  # what the points show is not known before
+                fit_frame(self._model, self._state, points, seen, shown, FIRST_ITERATIONS)
+            if best is None or state.figures[0] < best[0]:
+                best = (state.figures[0], state.root.copy(), state.angles.copy())
+        assert best is not None
+        state.figures[0], state.root[:], state.angles[:] = best
+        state.increment[:] = 0.0
+        self.started = True
+        pose_links(self._model, state.root, state.angles, state.poses)
+
+    def _carry_on(self, points: Floats, seen: Ints, shown: Ints) -> None:
+        """Posture of a later frame, from the last one."""
+        state, model = self.state, self.model
+        last_angles = state.angles.copy()
+        carried = np.where(np.abs(state.increment) < MAX_INCREMENT, state.increment, 0.0)
+        state.target[:] = np.clip(last_angles + carried, model.lower, model.upper)
+        state.figures[2] = SMOOTHNESS_WEIGHT
+        fit_frame(self._model, self._state, points, seen, shown, ITERATIONS)
+        state.increment[:] = state.angles - last_angles
+
+    def _shows_root(self, seen: Ints) -> bool:
+        """Whether the seen points show the pose of the root: enough of those that are rigid with each other, not in a line.
+
+        Where there are too few of these at all, half of all points have to be seen.
+        """
+        key = seen.tobytes()
+        if key not in self._root_shown:
+            if len(self._root_shown) >= MAX_PATTERNS:
+                self._root_shown.clear()
+            group = self._palm & (seen != 0) if _spans(self.model, self._palm) else seen != 0
+            enough = ROOT_POINTS if _spans(self.model, self._palm) else max(ROOT_POINTS, len(seen) // 2)
+            self._root_shown[key] = bool(group.sum() >= enough and _spans(self.model, group))
+        return self._root_shown[key]
+
+    def _nearest_root(self, points: Floats, seen: Ints) -> Floats:
+        """Pose of the root (7,) that brings the points of the current angles nearest to those seen (Kabsch 1976)."""
+        pose = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+        pose_links(self._model, pose, self.state.angles, self.state.poses)
+        use = seen != 0
+        own, other = self.state.poses[self.model.body[use], :3], points[use]
+        own_centre, other_centre = own.mean(axis=0), other.mean(axis=0)
+        u, _, vt = np.linalg.svd((own - own_centre).T @ (other - other_centre))
+        flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt)) or 1.0])
+        rotation = (u @ flip @ vt).T
+        pose[:3] = other_centre - rotation @ own_centre
+        pose[3:] = quaternion_from_rotation(rotation)
+        return pose
+
+    def _count(self, points: Floats, seen: Ints) -> None:
+        """Add the frame to the figures of the fit."""
+        distance = float(self.state.figures[0])
+        self.squares, self.largest = self.squares + distance * distance, max(self.largest, distance)
+        if self.frames % PROBED_FRAMES == 0:
+            shares = np.ones(len(self.model.rest))
+            measure_uncertainty(self._model, self._state, points, seen, shares)
+            self.unshown += shares > NOT_SHOWN
+            self.probed += 1
+        self.frames += 1
+
+
+def _rigid_group(model: FitModel) -> NDArray[np.bool_]:
+    """(K,) the largest group of points that no joint moves against each other, found from each point in turn."""
+    rigid, best = rigid_points(model), np.zeros(len(model.body), dtype=bool)
+    for first in range(len(model.body)):
+        group = [first]
+        for other in np.flatnonzero(rigid[first]):
+            if other != first and all(rigid[other, member] for member in group):
+                group.append(int(other))
+        if len(group) > best.sum():
+            best = np.isin(np.arange(len(best)), group)
+    return best
+
+
+def _spans(model: FitModel, group: NDArray[np.bool_]) -> bool:
+    """Whether points are not in a line, in the posture at rest."""
+    if group.sum() < ROOT_POINTS:
+        return False
+    poses = np.zeros((len(model.parent), 7))
+    pose_links(model, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), model.rest, poses)
+    points = poses[model.body[group], :3]
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) / np.sqrt(len(points))
+    return bool(spread[1] > ROOT_SPREAD)

@@ -1,0 +1,71 @@
+"""The report on a fit of joint values to points: how near they come, what has no link, what the points do not show."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from geomphys.recording.display_names import join_names, printable
+from geomphys.recording.keypoint_routes import KeypointRoute
+from geomphys.scene.arrays import World
+
+SELDOM_SHOWN = 0.05
+"""Share of the frames from which on it is reported that the points do not show a joint."""
+FAR_M = 0.02
+"""m; root mean square distance of a fit from which on it is a warning."""
+MAX_NAMES = 8
+
+
+@dataclass(frozen=True)
+class UnshownJoint:
+    """A joint that the points do not show in part of the frames: there it stays near its rest, or its last value."""
+
+    joint: str
+    share: float  # of the frames
+
+
+@dataclass(frozen=True)
+class FitReport:
+    """The fit of one avatar."""
+
+    avatar: str
+    topic: str
+    points: dict[str, str]  # point -> link
+    left_out: tuple[str, ...]  # points without a link
+    rms_m: float  # root mean square distance of the points from their links, over all frames
+    largest_rms_m: float  # the same of the worst frame
+    held_frames: int
+    unshown: tuple[UnshownJoint, ...]
+
+    def warnings(self) -> Iterator[str]:
+        """What a user should know of the fit."""
+        if self.rms_m > FAR_M:
+            yield (
+                f"the links of {printable(self.avatar)} stay {1000 * self.rms_m:.0f} mm (root mean square) from the points of "
+                f"topic {printable(self.topic)}: check `layout` and `links`, the side of the hand, and `root`"
+            )
+        if self.unshown:
+            worst = sorted(self.unshown, key=lambda joint: -joint.share)
+            names = join_names([f"{u.joint} ({100 * u.share:.0f} %)" for u in worst], MAX_NAMES)
+            yield f"joints that the points do not show in part of the frames, and that stay near rest there: {names}"
+
+
+def fit_report(world: World, route: KeypointRoute) -> FitReport:
+    """Report on the frames fitted so far."""
+    fitter = route.fitter
+    assert fitter is not None
+    share = fitter.unshown / max(fitter.probed, 1)
+    names = world.dof_names[route.columns]
+    return FitReport(
+        avatar=world.tree_names[route.tree],
+        topic=route.input.source.topic,
+        points={p.child: link for p, link in zip(route.input.points, route.input.links, strict=True)},
+        left_out=route.input.left_out,
+        rms_m=math.sqrt(fitter.squares / max(fitter.frames, 1)),
+        largest_rms_m=fitter.largest,
+        held_frames=route.held_frames,
+        unshown=tuple(UnshownJoint(names[k], float(share[k])) for k in np.flatnonzero(share > SELDOM_SHOWN)),
+    )

@@ -1,0 +1,54 @@
+"""Samples the points of a tree at the frames and fits its joint values to them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.keypoints.fitter import KeypointFitter
+from geomphys.keypoints.setup import make_model
+from geomphys.recording.input_plan import KeypointInput
+from geomphys.recording.routes import RootRoute
+from geomphys.scene.arrays import World
+
+Floats = NDArray[np.float64]
+
+
+class KeypointRoute:
+    """The points of one tree: a stream each, and the fit of the frame."""
+
+    def __init__(self, source: KeypointInput, poses: Sequence[RootRoute], world: World, *, fits: bool) -> None:
+        """`poses` are all routes of the pass, among them those of the points; without `fits` only `points` are filled."""
+        self.input = source
+        self.tree = source.source.tree
+        by_child = {(p.input.topic, p.input.child, p.input.source.tree): p for p in poses if p.input.is_point}
+        self.routes = [by_child[p.topic, p.child, p.source.tree] for p in source.points]
+        rows = slice(*world.scene.trees.body_start[self.tree : self.tree + 2])
+        self.links = [name.split("/", 1)[1] for name in world.body_names[rows]]
+        bodies = np.array([self.links.index(link) for link in source.links], dtype=np.int64)
+        weights = np.array(source.weights)
+        self.model = make_model(world.scene, self.tree, bodies, weights, fits_root=source.source.fits_root)
+        self.fitter = KeypointFitter(self.model) if fits else None
+        self.columns = slice(*world.scene.trees.dof_start[self.tree : self.tree + 2])
+        self.points = np.zeros((len(self.routes), 3))  # of the last frame, m, world frame
+        self.seen = np.zeros(len(self.routes), dtype=np.int64)
+        self.held_frames = 0
+
+    def add_posture(self, time: int, roots: Floats, angles: Floats) -> bool:
+        """Put the posture at a frame time [ns] into `roots` (T, 7) and `angles` (Q,); whether it is held."""
+        waiting = self.fitter is not None and not self.fitter.started
+        for k, route in enumerate(self.routes):
+            sample = route.stream.at(time)
+            self.seen[k] = not sample.held or (waiting and sample.before_first)
+            self.points[k] = route.world_from_root(sample.value)[:3]
+        if self.fitter is None:
+            return False
+        is_early = waiting and any(r.stream.last is None for r in self.routes)
+        fitted = self.fitter.fit(self.points, self.seen, roots[self.tree])
+        roots[self.tree] = fitted.root
+        angles[self.columns] = fitted.angles
+        held = fitted.held or (is_early and not any(r.stream.last is not None for r in self.routes))
+        self.held_frames += held
+        return held

@@ -1,0 +1,110 @@
+"""Logs of a tracked hand that rests on a table in several ways, with the tracker's offset and the table known."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+from mcap.writer import Writer
+
+from geomphys.authoring.surface_gaps import GapMeter
+from geomphys.load import load_world
+from geomphys.numerics.transforms import compose, invert, matrix_from_pose, pose_from_matrix, quaternion_from_rpy
+from tests.keypoints.hands import hand_urdf
+
+S = 10**9
+OFFSET = ((0.02, -0.01, 0.035), (5.0, -10.0, 20.0))
+"""Position [m] and rpy [degrees] of the root link seen from the tracker."""
+HEIGHT = 0.75
+"""m, of the table's top."""
+HELD = 0.5
+"""s that the hand rests in each way."""
+MOVED = 0.5
+"""s between two."""
+FLAT = ((0, 0, 0), (0, 0, 50), (0, 0, -40))
+"""Ways to rest, rpy [degrees] of the root link: palm down, turned about the vertical."""
+ALL_WAYS = (*FLAT, (85, 0, 0), (0, 75, 20), (-80, 10, 0), (0, 60, 120), (95, 10, 60), (10, 80, -70))
+"""Palm down, on either side, on the fingertips."""
+SCENE = """# my desk
+[[avatar]]
+name = "hand"
+urdf = "hand.urdf"
+root = {{ topic = "/tracker", position = {position}, rpy = {rpy} }}   # measured with a ruler
+joints = {{ topic = "/glove" }}
+
+[[object]]
+name = "table"
+class = "fixed"
+box = [2.0, 2.0, 0.1]      # oak
+position = [0.1, 0.0, {z}]
+rpy = {tilt}
+"""
+
+
+def write_scene(folder: Path, *, position=OFFSET[0], rpy=OFFSET[1], height=HEIGHT, tilt=(0.0, 0.0, 0.0)) -> Path:
+    (folder / "hand.urdf").write_text(hand_urdf())
+    path = folder / "scene.toml"
+    path.write_text(SCENE.format(position=list(position), rpy=list(rpy), z=height - 0.05, tilt=list(tilt)))
+    return path
+
+
+def write_log(
+    folder: Path, ways=ALL_WAYS, *, rate=60.0, noise=0.0, lag=0.0, height=HEIGHT, tilt=(0.0, 0.0, 0.0), outliers=0
+) -> Path:
+    """A log ``/tracker`` and ``/glove`` of a hand that rests on the table of `write_scene` in each of `ways`, from 0.5 s on."""
+    world = load_world(write_scene(folder, height=height, tilt=tilt))
+    meter, rng = GapMeter(world), np.random.default_rng(5)
+    roots = world.scene.trees.rest.copy()
+    angles = np.zeros(len(world.dof_names))
+    tracker_from_root = matrix_from_pose([*OFFSET[0], *quaternion_from_rpy(OFFSET[1])])
+    resting = []
+    for k, rotation in enumerate(ways):
+        roots[0] = [0.1 * np.cos(2.4 * k), 0.1 * np.sin(2.4 * k), height + 0.2, *quaternion_from_rpy(rotation)]
+        for _ in range(30):
+            roots[0, 2] -= meter.measure(0, 1, roots, angles).gap.min()
+        resting.append(roots[0].copy())
+    path = folder / "log.mcap"
+    total = len(ways) * (HELD + MOVED) + MOVED
+    frames = int(total * rate)
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        tracker = writer.register_channel(
+            "/tracker", "json", writer.register_schema("geometry_msgs/msg/PoseStamped", "jsonschema", b"{}")
+        )
+        glove = writer.register_channel(
+            "/glove", "json", writer.register_schema("sensor_msgs/msg/JointState", "jsonschema", b"{}")
+        )
+        for k in range(frames):
+            t = k / rate
+            number = min(int(t / (HELD + MOVED)), len(ways) - 1)
+            since = t - number * (HELD + MOVED)
+            root = resting[number].copy()
+            root[2] += 0.15 * np.sin(np.pi * since / MOVED) if since < MOVED else 0.0
+            if outliers and k % outliers == 0:
+                root[2] += 0.02
+            root[:3] += rng.normal(0, noise, 3)
+            pose = pose_from_matrix(compose(matrix_from_pose(root), invert(tracker_from_root)))
+            _write(writer, tracker, S + round(t * S), {"pose": _pose(pose)})
+            joints = list(world.dof_names)
+            _write(writer, glove, S + round((t + lag) * S), {"name": joints, "position": [0.0] * len(joints)})
+        writer.finish()
+    return path
+
+
+def stretches(ways=ALL_WAYS) -> list[tuple[float, float]]:
+    """The stretches of `write_log` in which the hand rests."""
+    return [(k * (HELD + MOVED) + MOVED + 0.05, (k + 1) * (HELD + MOVED) - 0.05) for k in range(len(ways))]
+
+
+def _pose(pose: np.ndarray) -> dict[str, object]:
+    return {
+        "position": dict(zip("xyz", map(float, pose[:3]), strict=True)),
+        "orientation": dict(zip("xyzw", map(float, pose[3:]), strict=True)),
+    }
+
+
+def _write(writer: Writer, channel: int, ns: int, message: dict[str, object]) -> None:
+    header = {"stamp": {"sec": ns // S, "nanosec": ns % S}, "frame_id": "world"}
+    writer.add_message(channel, ns, json.dumps({"header": header, **message}).encode(), ns)

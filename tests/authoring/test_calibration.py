@@ -1,0 +1,164 @@
+"""Calibration: what is injected comes back on logs that show it, and is named and left alone on logs that do not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import geomphys
+from geomphys.authoring.contact_frames import collect
+from geomphys.authoring.lag import find_lag
+from geomphys.config import Config
+from geomphys.numerics.transforms import quaternion_from_rpy
+from tests.authoring.calibrated_logs import ALL_WAYS, FLAT, HEIGHT, OFFSET, stretches, write_log, write_scene
+
+_RNG = np.random.default_rng(4)
+WAYS = (*ALL_WAYS, *(tuple(map(float, _RNG.uniform(-80, 80, 3))) for _ in range(6)))
+
+
+def angle_to_truth(rpy):
+    dot = abs(float(np.dot(quaternion_from_rpy(rpy), quaternion_from_rpy(OFFSET[1]))))
+    return float(np.degrees(2 * np.arccos(min(dot, 1.0))))
+
+
+@pytest.fixture(scope="module")
+def rich(tmp_path_factory):
+    """A log that shows everything, with 1 mm of noise and what lies 20 mm off in it."""
+    folder = tmp_path_factory.mktemp("rich")
+    return folder, write_log(folder, WAYS, noise=0.001)
+
+
+@pytest.fixture(scope="module")
+def flat(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("flat")
+    return folder, write_log(folder, FLAT)
+
+
+def calibrated(folder, log, *, ways=WAYS, only=None, **errors):
+    scene = write_scene(folder, **errors)
+    found = stretches(ways)
+    return geomphys.calibrate(
+        log, scene, flats=found[:3], touches=[(a + 0.1, "") for a, _ in found[3:]], on=["table"], only=only
+    )
+
+
+@pytest.mark.parametrize("errors", [
+    {"position": (0.05, -0.04, 0.005), "rpy": (10, -15, 25), "height": 0.80},
+    {"position": (-0.01, 0.02, 0.06), "rpy": (0, -5, 15), "height": 0.70},
+])  # fmt: skip
+def test_offset_tilt_and_height_come_back_together(rich, errors):
+    found = calibrated(*rich, **errors)
+    np.testing.assert_allclose(found.offset_m, OFFSET[0], atol=0.002)
+    assert angle_to_truth(found.offset_rpy_deg) < 1.0
+    assert found.surfaces["table"].height_m == pytest.approx(HEIGHT, abs=0.002)
+    assert found.surfaces["table"].tilt_deg < 1.0
+    assert found.residual_m < 0.002
+    assert found.unobservable == ("delay of /glove",)
+
+
+def test_a_flat_hand_shows_height_or_offset_but_not_which(flat):
+    found = calibrated(*flat, ways=FLAT, height=0.70)
+    assert "offset along z with height of 'table'" in found.unobservable
+    assert {"offset along x", "offset along y", "rotation of the offset about z"} & {
+        part for line in found.unobservable for part in line.split(" with ")
+    } == {"offset along x", "offset along y", "rotation of the offset about z"}
+    np.testing.assert_allclose(found.offset_m, OFFSET[0], atol=1e-3)
+    assert found.surfaces["table"].height_m == pytest.approx(0.70, abs=1e-4)
+    assert not [c for c in found.changes if c.kind == "object"]
+
+
+def test_it_shows_the_height_where_the_offset_is_right(flat):
+    found = calibrated(*flat, ways=FLAT, only="surface", height=0.70)
+    assert found.surfaces["table"].height_m == pytest.approx(HEIGHT, abs=0.001)
+    assert found.offset_m == pytest.approx(OFFSET[0])
+
+
+def test_a_tilted_table_is_found(tmp_path):
+    log = write_log(tmp_path, ((0, 3, 0), (0, 3, 40)), tilt=(0.0, 3.0, 0.0))
+    scene = write_scene(tmp_path)
+    ways = [(0.55, 0.95), (1.55, 1.95)]
+    found = geomphys.calibrate(log, scene, flats=ways[:1], on=["table"], only="surface")
+    assert found.surfaces["table"].tilt_deg == pytest.approx(3.0, abs=0.5)
+
+
+def test_slow_moments_count_where_nothing_is_named(flat):
+    folder, log = flat
+    scene = write_scene(folder, height=0.72)
+    found = geomphys.calibrate(log, scene, on=["table"], only="surface")
+    assert found.surfaces["table"].height_m == pytest.approx(HEIGHT, abs=0.001)
+
+
+def test_it_is_written_and_the_rest_of_the_file_stays(flat):
+    folder, log = flat
+    scene = write_scene(folder, height=0.70)
+    before = scene.read_text()
+    found = calibrated(folder, log, ways=FLAT, only="surface", height=0.70).write()
+    after = scene.read_text()
+    assert found.written
+    changed = [(a, b) for a, b in zip(before.splitlines(), after.splitlines(), strict=True) if a != b]
+    assert all(a.split(" = ")[0] == b.split(" = ")[0] in ("position", "rpy") for a, b in changed)
+    assert "# my desk" in after
+    assert "# measured with a ruler" in after
+    assert "# oak" in after
+    assert "# calibrated: 0.0 mm left over" in after
+    again = geomphys.calibrate(log, scene, flats=stretches(FLAT), on=["table"], only="surface")
+    assert again.surfaces["table"].height_m == pytest.approx(HEIGHT, abs=0.001)
+    assert geomphys.calibrate(log, scene, flats=stretches(FLAT), on=["table"], only="surface").changes == again.changes
+
+
+@pytest.mark.parametrize(("call", "message"), [
+    ({"flats": [(0.5, 1.0)], "on": ["desk"]}, r"on 'desk': the scene has no such object; it has table"),
+    ({"flats": [(90.0, 91.0)], "on": ["table"]}, r"has no good frame from 90 to 91 s"),
+    ({"touches": [(0.7, "index_nail")], "on": ["table"]}, r"no link 'index_nail'"),
+    ({"avatar": "foot"}, r"avatar 'foot': the scene has hand"),
+])  # fmt: skip
+def test_what_is_not_there_is_named(flat, call, message):
+    folder, log = flat
+    with pytest.raises(geomphys.GeomphysError, match=message):
+        geomphys.calibrate(log, write_scene(folder), **call)
+
+
+def events(seed, times, lag=0.0):
+    """A speed with starts and stops at random times."""
+    rng = np.random.default_rng(seed)
+    at = np.cumsum(rng.uniform(0.1, 0.6, 100))
+    height = rng.uniform(0.2, 1.0, 100)
+    return sum(h * np.exp(-(((times - lag - a) / 0.06) ** 2)) for a, h in zip(at, height, strict=True)) + 0.01
+
+
+@pytest.mark.parametrize("lag", [-0.08, -0.013, 0.0, 0.08])
+def test_a_lag_comes_back(lag):
+    times = np.arange(0, 12, 1 / 100)
+    rng = np.random.default_rng(0)
+    second = events(1, times, lag) + 0.02 * rng.random(len(times))
+    found = find_lag(times, [events(1, times), events(7, times)], second)
+    assert found.is_shown
+    assert found.seconds == pytest.approx(lag, abs=0.005)
+
+
+def test_the_lag_of_streams_that_move_on_their_own_is_not_shown():
+    times = np.arange(0, 12, 1 / 100)
+    assert not any(find_lag(times, [events(k, times)], events(k + 50, times)).is_shown for k in range(12))
+    assert not find_lag(times, [events(1, times)], np.zeros(len(times))).is_shown
+    assert not find_lag(times[:50], [events(1, times[:50])], events(1, times[:50])).is_shown
+
+
+@pytest.mark.parametrize("lag", [0.08, -0.08])
+def test_a_lag_of_a_real_glove(shared_dir, tmp_path, lag):
+    scene = tmp_path / "scene.toml"
+    urdf = shared_dir / "models" / "human_hands" / "dfki_glove_right.urdf"
+    scene.write_text(
+        f'[[avatar]]\nname = "hand"\nurdf = "{urdf}"\nroot = {{ topic = "/tracker/right_hand" }}\n'
+        f'joints = {{ topic = "/glove/joint_states", delay = {lag} }}\n'
+    )
+    found = geomphys.calibrate(shared_dir / "recordings" / "dfki_pillow_a_ros2.mcap", scene)
+    assert found.delay_s["/glove/joint_states"] == pytest.approx(0.0, abs=0.005)
+
+
+def test_frames_are_thinned(flat):
+    folder, log = flat
+    world = geomphys.load_world(write_scene(folder))
+    from geomphys.authoring.contact_frames import MAX_FRAMES, Stretch
+
+    recorded = collect(log, world, Config(), 0, [(Stretch(0.0, 3.0), 1)], [1])
+    assert MAX_FRAMES // 2 <= len(recorded.contacts) <= MAX_FRAMES
