@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from geomphys import __version__
 from geomphys.config import Config
 from geomphys.errors import LogError, OutputError
+from geomphys.output.attached_files import scene_files
 from geomphys.output.encoders import (
     JOINT_STATE_DEFINITION,
     STRING_DEFINITION,
@@ -30,6 +31,7 @@ from geomphys.output.input_copy import InputCopy
 from geomphys.output.proto.geomphys_pb2 import Contacts, FrameMetrics, PenetrationDepths, Timing
 from geomphys.output.provenance import METADATA_RECORD, Provenance
 from geomphys.output.sink import ContextManaged
+from geomphys.output.surface_encoder import encode_surfaces
 from geomphys.output.urdf_description import descriptions
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import DRIVEN, FIXED, World
@@ -39,6 +41,7 @@ from geomphys.storage.remote_files import AnyPath
 _MAX_TIME_NS = (1 << 31) * 1_000_000_000  # ns; a ROS 2 stamp counts seconds in 31 bits
 
 _PROTOBUF_CHANNELS: dict[str, type[Message]] = {
+    "/meshes": SceneUpdate,
     "/tf": FrameTransforms,
     "/recorded/tf": FrameTransforms,
     "/contacts": Contacts,
@@ -90,7 +93,7 @@ class McapSink(ContextManaged):
         output = OutputFile(self._path, force=self._force, inputs=provenance.files, partial=True)
         self._world, self._provenance = world, provenance
         self._descriptions = descriptions(world)
-        self._attachments = _attachments(world)
+        self._files = scene_files(world)
         self._input = InputCopy(self._input_path, config.recover) if self._input_path else None
         self._output = output
         self._file = Writer(output.stream)
@@ -207,19 +210,12 @@ class McapSink(ContextManaged):
         self._frame_encoder = FrameEncoder(world.body_names)
 
     def _write_static_messages(self, time: int) -> None:
-        """Write the robot descriptions and attachments at the time of the first frame."""
+        """Write the robot descriptions, the display meshes and the attachments at the time of the first frame."""
         self._started = True
         for topic, text in self._descriptions.items():
             self._write_message(topic, encode_string(text), time, 0)
-        for name, media_type, data in self._attachments:
-            self._file.add_attachment(0, time, name, media_type, data)  # time of creation is not recorded
-
-
-def _attachments(world: World) -> list[tuple[str, str, bytes]]:
-    """Name, media type and bytes of the scene file and the URDFs (``TREE.urdf``)."""
-    files = [(world.path.name, "application/toml", world.path)]
-    files += [(f"{tree}.urdf", "application/xml", path) for tree, path in sorted(world.urdfs.items())]
-    try:
-        return [(name, media_type, path.read_bytes()) for name, media_type, path in files]
-    except OSError as problem:
-        raise OutputError(f"{problem.filename}: cannot be attached to the output ({problem.strerror})") from problem
+        self._write_message("/meshes", encode_surfaces(self._world, time), time, 0)
+        for file in self._files:
+            self._file.add_attachment(
+                0, time, file.name, file.media_type, file.data
+            )  # time of creation is not recorded

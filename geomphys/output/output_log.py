@@ -150,7 +150,7 @@ class OutputLog:
         return {key: value for key, value in self.metadata.items() if key not in NON_PARAMETER_KEYS}
 
     def attachments(self) -> dict[str, bytes]:
-        """Name -> bytes of the attached files: the scene and the URDFs."""
+        """Name -> bytes of the attached files: the scene, the URDFs and the meshes."""
         with self._reading() as (_, reader):
             return {attachment.name: attachment.data for attachment in reader.iter_attachments()}
 
