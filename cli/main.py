@@ -37,6 +37,8 @@ COMMANDS = {
     "info": "Show what a log holds.",
     "view": "Open a result in the rerun viewer.",
     "snapshot": "Make a picture of one frame, without a screen.",
+    "video": "Make a video: recorded and corrected motion side by side.",
+    "export": "Write a result as tables: Parquet, CSV, LeRobot.",
     "decompose": "Cut meshes into convex pieces.",
     "bench": "Measure frame times, stage by stage, and those of other engines.",
     "schema": "Print the JSON Schema of the scene file.",

@@ -16,8 +16,10 @@ if TYPE_CHECKING:
     from geomphys.analysis.diff.difference import OutputDifference
     from geomphys.analysis.diff.html_report import write_page
     from geomphys.analysis.diff.rerun_overlay import write_overlay
+    from geomphys.analysis.lerobot import export_lerobot
     from geomphys.analysis.plots import plot_output
     from geomphys.analysis.stats import Statistics, statistics_of
+    from geomphys.analysis.tables import export_tables
     from geomphys.authoring.convex_pieces import DecomposedMesh, decompose_file, write_pieces
     from geomphys.authoring.scene_draft import SceneDraft, draft_scene
     from geomphys.batch.run import BatchReport, run_batch
@@ -46,6 +48,7 @@ if TYPE_CHECKING:
     from geomphys.scene.arrays import Scene, World
     from geomphys.scene.scene_file import scene_json_schema
     from geomphys.viewer.snapshot import take_snapshot
+    from geomphys.viewer.video import VideoConfig, make_video
     from geomphys.viewer.view import view_result
 
 _HOME = {
@@ -77,6 +80,7 @@ _HOME = {
     "Statistics": "analysis.stats",
     "Summarizer": "output.summary",
     "Summary": "output.summary",
+    "VideoConfig": "viewer.video",
     "ViewerError": "errors",
     "World": "scene.arrays",
     "audit_output": "analysis.audit",
@@ -84,8 +88,11 @@ _HOME = {
     "compare_outputs": "analysis.diff.compare",
     "decompose_file": "authoring.convex_pieces",
     "draft_scene": "authoring.scene_draft",
+    "export_lerobot": "analysis.lerobot",
+    "export_tables": "analysis.tables",
     "inspect_log": "recording.inspect",
     "load_world": "load",
+    "make_video": "viewer.video",
     "open_output": "output.output_log",
     "plot_output": "analysis.plots",
     "replay": "replays",
@@ -130,6 +137,7 @@ __all__ = [
     "Statistics",
     "Summarizer",
     "Summary",
+    "VideoConfig",
     "ViewerError",
     "World",
     "__version__",
@@ -138,8 +146,11 @@ __all__ = [
     "compare_outputs",
     "decompose_file",
     "draft_scene",
+    "export_lerobot",
+    "export_tables",
     "inspect_log",
     "load_world",
+    "make_video",
     "open_output",
     "plot_output",
     "replay",
