@@ -148,6 +148,7 @@ written_options = _combine_options(
         "--no-timing", is_flag=True, help="No /timing channel, nor its plots: equal inputs then give equal bytes."
     ),
     click.option("--copy-input", is_flag=True, help="Copy the channels of the log into the output, below /input."),
+    click.option("--ros2", is_flag=True, help="Write a ROS 2 bag: TFMessage, MarkerArray; for ros2 bag play and RViz."),
     click.option(
         "--fail-on-penetration",
         type=click.FloatRange(min=0.0),

@@ -116,6 +116,10 @@ class OutputLog:
             summary = reader.get_summary()
             if summary is None or summary.statistics is None:
                 raise DamagedLogError(f"{path}: has no summary, so it was not closed; replay the log again")
+            if reader.get_header().profile == "ros2":
+                raise LogError(
+                    f"{path}: is a bag for ROS 2 tools (--ros2), which has no metrics; replay without --ros2 for this command"
+                )
             records = [dict(record.metadata) for record in reader.iter_metadata() if record.name == METADATA_RECORD]
         statistics = summary.statistics
         if not records:
