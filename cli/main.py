@@ -32,7 +32,7 @@ COMMANDS = {
     "diff": "Tell what two results differ in.",
     "stats": "Show percentiles of results: penetration, correction, speeds, times.",
     "plot": "Draw a result's curves: times, penetration, correction, contacts.",
-    "audit": "Check a result with another engine, on the original triangles.",
+    "audit": "Check a result with another engine, or measure any motion: a gate in CI.",
     "check": "Tell whether a log can be replayed in a scene, and how well.",
     "info": "Show what a log holds.",
     "view": "Open a result in the rerun viewer.",

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from geomphys.analysis.diff.html_report import write_page
     from geomphys.analysis.diff.rerun_overlay import write_overlay
     from geomphys.analysis.lerobot import export_lerobot
+    from geomphys.analysis.motion_audit import MotionAudit, audit_motion
     from geomphys.analysis.plots import plot_output
     from geomphys.analysis.stats import Statistics, statistics_of
     from geomphys.analysis.tables import export_tables
@@ -70,6 +71,7 @@ _HOME = {
     "MeshError": "errors",
     "Metrics": "results",
     "ModelError": "errors",
+    "MotionAudit": "analysis.motion_audit",
     "OutputDifference": "analysis.diff.difference",
     "OutputError": "errors",
     "OutputLog": "output.output_log",
@@ -83,6 +85,7 @@ _HOME = {
     "VideoConfig": "viewer.video",
     "ViewerError": "errors",
     "World": "scene.arrays",
+    "audit_motion": "analysis.motion_audit",
     "audit_output": "analysis.audit",
     "check_log": "recording.check",
     "compare_outputs": "analysis.diff.compare",
@@ -127,6 +130,7 @@ __all__ = [
     "MeshError",
     "Metrics",
     "ModelError",
+    "MotionAudit",
     "OutputDifference",
     "OutputError",
     "OutputLog",
@@ -141,6 +145,7 @@ __all__ = [
     "ViewerError",
     "World",
     "__version__",
+    "audit_motion",
     "audit_output",
     "check_log",
     "compare_outputs",

@@ -286,6 +286,17 @@ def open_output(path: AnyPath | str) -> OutputLog:
     return OutputLog(as_path(path))
 
 
+def is_output(path: AnyPath | str) -> bool:
+    """Whether a file is MCAP with the metadata of an output; False for what cannot be read."""
+    path = as_path(path)
+    try:
+        with path.open("rb") as stream:
+            reader = SeekingReader(stream, record_size_limit=RECORD_LIMIT)
+            return any(record.name == METADATA_RECORD for record in reader.iter_metadata())
+    except (OSError, *_DAMAGE):
+        return False
+
+
 class _FrameDecoder:
     """Assembles a frame from the messages between one /tf and the next."""
 
