@@ -71,13 +71,9 @@ def audit(
 
     check_outputs(junit, force=force, inputs=(motion, scene))
     terminal = current_terminal()
-    if is_output(motion):
+    if scene is None or is_output(motion):
         claim, found = _audit_output(terminal, motion, scene, recorded, max_penetration, as_json)
     else:
-        if scene is None:
-            raise click.UsageError(
-                f"{motion}: is no output of geomphys; name the scene it is to be measured in with --scene"
-            )
         if recorded:
             raise click.UsageError(f"{motion}: is no output of geomphys; --recorded is for outputs")
         if junit is not None and max_penetration is None:

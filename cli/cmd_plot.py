@@ -7,11 +7,11 @@ from pathlib import Path
 import click
 
 from .command import command, current_terminal
-from .options import INPUT_FILE, OUTPUT_FILE, check_outputs, force_option
+from .options import INPUT_FILE, OUTPUT_FILE, check_ending, check_outputs, force_option
 from .progress import progress_bar
 
 PANELS = ["time", "penetration", "correction", "contacts"]
-FORMATS = {".png", ".svg", ".pdf"}
+FORMATS = (".png", ".svg", ".pdf")
 
 
 @command(
@@ -49,8 +49,7 @@ FORMATS = {".png", ".svg", ".pdf"}
 def plot(result: Path, out: Path, panels: tuple[str, ...], scale: str, force: bool) -> None:
     """Draw OUT over its frames: frame time by stage, penetration, correction, contacts (extra: plots)."""
     check_outputs(out, force=force, inputs=(result,))
-    if str(out) != "-" and out.suffix.lower() not in FORMATS:
-        raise click.UsageError(f"{out}: ends in {out.suffix!r}; choose {', '.join(sorted(FORMATS))}")
+    check_ending(out, *FORMATS)
 
     import geomphys
 

@@ -12,6 +12,7 @@ from .command import StopAtFrame, command, current_terminal
 from .options import (
     INPUT,
     OUTPUT_FILE,
+    check_ending,
     check_outputs,
     config_of,
     config_options,
@@ -76,9 +77,11 @@ def replay(
     recorded, bit for bit.
     """
     terminal = current_terminal()
-    check_outputs(out, force=force, inputs=(log, scene), partial=True, not_as=".rrd")
-    check_outputs(rrd, force=force, inputs=(log, scene), partial=True, not_as=".mcap")
+    check_outputs(out, force=force, inputs=(log, scene), partial=True)
+    check_outputs(rrd, force=force, inputs=(log, scene), partial=True)
     check_outputs(out, rrd, force=True)
+    check_ending(out, ".mcap")
+    check_ending(rrd, ".rrd")
     config = config_of(options)
 
     os.environ.setdefault("RUST_LOG", "off")  # the rerun SDK's own messages are raised as errors anyway

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from .command import command, current_terminal
-from .options import INPUT_FILE, OUTPUT_FILE, check_outputs, force_option
+from .options import INPUT_FILE, OUTPUT_FILE, check_ending, check_outputs, force_option
 
 
 @command(
@@ -44,5 +44,6 @@ def snapshot(
     from geomphys.viewer.snapshot import take_snapshot
 
     check_outputs(out, force=force, inputs=(result,))
+    check_ending(out, ".png")
     take_snapshot(result, out, frame=frame, size=size, focus=focus, whole_window=whole)
     current_terminal().note(f"wrote {out}")

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from .command import StopAtFrame, command, current_terminal
-from .options import INPUT_FILE, OUTPUT_FILE, SECONDS, check_outputs, force_option
+from .options import INPUT_FILE, OUTPUT_FILE, SECONDS, check_ending, check_outputs, force_option
 from .progress import progress_bar
 
 FORMATS = (".mp4", ".gif")
@@ -56,8 +56,7 @@ def video(
 ) -> None:
     """Make a video of OUT (.mcap): as recorded left, corrected right. Needs neither a screen nor a graphics driver."""
     check_outputs(out, force=force, inputs=(result,))
-    if out.suffix.lower() not in FORMATS:
-        raise click.UsageError(f"{out}: ends in {out.suffix!r}; choose {' or '.join(FORMATS)}")
+    check_ending(out, *FORMATS)
     from geomphys.errors import ConfigError
     from geomphys.viewer.video import VideoConfig, make_video
 

@@ -124,7 +124,8 @@ class OutputLog:
         statistics = summary.statistics
         if not records:
             raise LogError(
-                f"{path}: is no output of geomphys: it has no metadata record {METADATA_RECORD!r}; replay a log first"
+                f"{path}: is no output of geomphys: it has no metadata record {METADATA_RECORD!r}; replay a log first, "
+                "or audit it with --scene"
             )
         self.metadata: dict[str, str] = records[0]
         channels = sorted(summary.channels.items())

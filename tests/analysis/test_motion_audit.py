@@ -89,7 +89,6 @@ def test_what_cannot_be_audited_is_wrong_usage(pressed: Results, tmp_path: Path,
 
     log, scene = str(pressed.log), str(pressed.scene)
     for arguments, text in (
-        ([log], "name the scene"),
         ([log, "-s", scene, "--recorded"], "--recorded is for outputs"),
         ([log, "-s", scene, "--junit", str(tmp_path / "j.xml")], "nothing to claim"),
         ([log, "-s", scene, "--max-penetration", "1", "--junit", log], "is an input"),
