@@ -23,7 +23,9 @@ from geomphys.bench.machine import describe_machine  # noqa: E402
 from geomphys.config import Config  # noqa: E402
 from geomphys.engine.frame_buffer import FRAMES  # noqa: E402
 from geomphys.engine.pipeline import Pipeline  # noqa: E402
+from geomphys.replays import run  # noqa: E402
 from geomphys.results import Metrics  # noqa: E402
+from geomphys.viewer.video import VideoConfig, make_video  # noqa: E402
 
 REPEATS = 5
 """Passes over a recording; of a frame's times the smallest counts, the one that was disturbed least."""
@@ -40,6 +42,7 @@ def main() -> None:
     chosen = [e for e in EXPERIMENTS if not given.only or e.name in given.only]
     sections = [section(experiment, given.out / "pictures", given.repeats) for experiment in chosen]
     if not given.only:
+        draw_video(given.out / "pictures" / "hand_mug.gif")
         (given.out / "figures.md").write_text(page([*sections, comparison()]))
 
 
@@ -76,6 +79,17 @@ def section(experiment: Experiment, pictures: Path, repeats: int) -> str:
         if shot.later is not None:
             drawn[name] = f"frames {shot.frame:,} and {shot.later:,}: corrected"
     return text_of(experiment, metrics, us, drawn)
+
+
+def draw_video(out: Path) -> None:
+    """The video that opens the README: a hand closes on a mug."""
+    from tempfile import TemporaryDirectory
+
+    print(f"{out.name} …", flush=True)
+    with TemporaryDirectory() as folder:
+        result = Path(folder) / "hand_mug.mcap"
+        run(HERE.parent / "recordings" / "hand_mug.mcap", HERE / "scenes" / "hand_mug.toml", out=result)
+        make_video(result, out, VideoConfig(start=3.0, end=6.4, rate=10.0, size=(360, 270)), force=True)
 
 
 def text_of(experiment: Experiment, metrics: Sequence[Metrics], us: np.ndarray, drawn: Mapping[str, str]) -> str:

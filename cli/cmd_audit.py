@@ -1,4 +1,4 @@
-"""``geomphys audit``: checks an output for overlaps with python-fcl on the original triangles."""
+"""``geomphys audit``: checks an output with python-fcl on the original triangles, or measures the motion of a log."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from .command import command, current_terminal
-from .options import INPUT_FILE, json_option
+from .options import INPUT, INPUT_FILE, OUTPUT_FILE, check_outputs, force_option, json_option
 from .progress import progress_bar
 from .terminal import counted, fields, heading, printable
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from geomphys.analysis.audit import AuditReport
+    from geomphys.analysis.motion_audit import MotionAudit
 
     from .terminal import Terminal
 
@@ -31,24 +32,69 @@ OVERLAPS_SHOWN = 10
     geomphys audit corrected.mcap
     geomphys audit corrected.mcap --scene table.toml --json
     geomphys audit corrected.mcap --recorded
+    geomphys audit hand.mcap --scene table.toml --max-penetration 2 --junit report.xml
     """,
 )
-@click.argument("output", metavar="OUT", type=INPUT_FILE)
+@click.argument("motion", metavar="OUT|LOG", type=INPUT)
 @click.option(
     "--scene", "-s", type=INPUT_FILE, metavar="SCENE", help="The scene file. Default: the one attached to OUT."
 )
-@click.option("--recorded", is_flag=True, help="Test the motion as it was recorded instead of the corrected one.")
+@click.option("--recorded", is_flag=True, help="Of OUT: test the motion as it was recorded, not the corrected one.")
+@click.option(
+    "--max-penetration",
+    type=click.FloatRange(min=0.0),
+    metavar="MM",
+    help="End with exit code 4 if bodies overlap by more than this (mm) in any frame.",
+)
+@click.option("--junit", type=OUTPUT_FILE, metavar="FILE", help="Write what was claimed and found as JUnit XML.")
+@force_option
 @json_option
-def audit(output: Path, scene: Path | None, recorded: bool, as_json: bool) -> int:
-    """Check OUT with python-fcl on the original triangles: in which frames do which bodies overlap?
+def audit(
+    motion: Path,
+    scene: Path | None,
+    recorded: bool,
+    max_penetration: float | None,
+    junit: Path | None,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Check OUT with python-fcl on the original triangles: in which frames do which bodies overlap? Or measure LOG.
 
-    Nothing of the pipeline's collision detection is used. A depth is an upper bound, found by moving one body out.
+    Of an output nothing of the pipeline's collision detection is used; a depth is an upper bound, found by moving one body
+    out. The exit code is 4 if bodies overlap by more than --max-penetration; without it by more than 0.01 mm, simulated
+    ones by more than 0.1 mm.
 
-    The exit code is 4 if bodies overlap by more than 0.01 mm, simulated ones by more than 0.1 mm.
+    Of any other log, with --scene, the motion is measured as it was recorded: penetration, self-overlap, speed, jerk. The
+    exit code is 4 if it goes deeper than --max-penetration.
     """
+    from geomphys.output.output_log import is_output
+
+    check_outputs(junit, force=force, inputs=(motion, scene))
+    terminal = current_terminal()
+    if scene is None or is_output(motion):
+        claim, found = _audit_output(terminal, motion, scene, recorded, max_penetration, as_json)
+    else:
+        if recorded:
+            raise click.UsageError(f"{motion}: is no output of geomphys; --recorded is for outputs")
+        if junit is not None and max_penetration is None:
+            raise click.UsageError("--junit has nothing to claim: add --max-penetration MM")
+        claim, found = _audit_log(terminal, motion, scene, max_penetration, as_json)
+    if junit is not None:
+        from geomphys.analysis.junit import Claim, write_junit
+
+        write_junit(junit, [Claim(motion.name, claim, found)], force=force, inputs=(motion,))
+    if found:
+        terminal.error(f"{motion}: {found}")
+        return EXIT_OVERLAPS
+    return 0
+
+
+def _audit_output(
+    terminal: Terminal, output: Path, scene: Path | None, recorded: bool, limit_mm: float | None, as_json: bool
+) -> tuple[str, str]:
+    """Audit an output; return the claim, and what breaks it or ""."""
     import geomphys
 
-    terminal = current_terminal()
     with progress_bar(terminal, output.name) as bar:
         report = geomphys.audit_output(output, scene=scene, recorded=recorded, progress=bar)
     if as_json:
@@ -57,14 +103,63 @@ def audit(output: Path, scene: Path | None, recorded: bool, as_json: bool) -> in
         _show(terminal, report)
     if not report.same_world:
         terminal.warning(f"{scene}: is not the scene, with its meshes, that {output} was made in")
-    if report.frames_broken and report.deepest is not None:
-        deepest = report.deepest
-        terminal.error(
-            f"{output}: {counted(report.frames_broken, 'frame')} with an overlap, the deepest in frame {deepest.frame}: "
-            f"{deepest.body_a} in {deepest.body_b}, up to {MM * deepest.depth_at_most_m:.3g} mm"
-        )
-        return EXIT_OVERLAPS
-    return 0
+    claim = "free of overlaps" if limit_mm is None else f"penetration at most {limit_mm:g} mm"
+    deepest = report.deepest
+    broken = report.frames_broken > 0
+    if limit_mm is not None:
+        broken = deepest is not None and MM * deepest.depth_at_most_m > limit_mm
+    if not broken or deepest is None:
+        return claim, ""
+    frames = counted(report.frames_broken, "frame")
+    return claim, (
+        f"{frames} with an overlap, the deepest in frame {deepest.frame}: "
+        f"{deepest.body_a} in {deepest.body_b}, up to {MM * deepest.depth_at_most_m:.3g} mm"
+    )
+
+
+def _audit_log(terminal: Terminal, log: Path, scene: Path, limit_mm: float | None, as_json: bool) -> tuple[str, str]:
+    """Measure the motion of a log; return the claim, and what breaks it or ""."""
+    import geomphys
+
+    with progress_bar(terminal, log.name) as bar:
+        report = geomphys.audit_motion(log, scene, progress=bar)
+    if as_json:
+        terminal.json(report.as_dict())
+    else:
+        _show_motion(terminal, report)
+    claim = "" if limit_mm is None else f"penetration at most {limit_mm:g} mm"
+    if limit_mm is None or MM * report.max_penetration_m <= limit_mm:
+        return claim, ""
+    return (
+        claim,
+        f"goes {MM * report.max_penetration_m:.3g} mm deep in frame {report.deepest_frame}, allowed are {limit_mm:g} mm",
+    )
+
+
+def _show_motion(terminal: Terminal, report: MotionAudit) -> None:
+    """Print the measures of a motion."""
+    volume = report.intersection_volume_m3
+    depth = [
+        f"up to {MM * report.max_penetration_m:.3g} mm, inside something in {counted(report.frames_penetrating, 'frame')}, "
+        f"over 2 mm in {report.share_deep:.1%}"
+    ]
+    if report.deepest_frame is not None and volume is not None:
+        depth.append(f"in frame {report.deepest_frame:,} {1e6 * volume:.3g} cm³ in common")
+    rows: list[tuple[str, list[str | Text]]] = [
+        ("Frames", [f"{report.frames:,} in {report.duration_s:.2f} s, {report.held_frames:,} held"]),
+        ("Penetration", list(depth)),
+        ("Self-overlap", [f"up to {MM * report.max_self_overlap_m:.3g} mm"]),
+        ("Speed", [f"up to {report.max_speed_m_s:.3g} m/s"]),
+        ("Jerk", [f"median {report.jerk_p50_m_s3:.3g} m/s³, 99 % below {report.jerk_p99_m_s3:.3g} m/s³"]),
+    ]
+    if report.pairs:
+        texts: list[str | Text] = [
+            f"frame {p.frame:,}: {printable(p.body_a)} in {printable(p.body_b)}, {MM * p.largest_m:.3g} mm, "
+            f"{counted(p.frames, 'frame')}"
+            for p in report.pairs[:OVERLAPS_SHOWN]
+        ]
+        rows.append(("Deepest", texts))
+    terminal.result(heading(Path(report.log).name, " as it was recorded"), fields(rows))
 
 
 def _show(terminal: Terminal, report: AuditReport) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from .command import command, current_terminal
-from .options import INPUT_FILE, OUTPUT_FILE, check_outputs, force_option, json_option
+from .options import INPUT_FILE, OUTPUT_FILE, check_ending, check_outputs, force_option, json_option
 from .progress import progress_bar
 
 EXIT_SAME = 0
@@ -82,6 +82,8 @@ def diff(
     """
     terminal = current_terminal()
     check_outputs(html, rrd, force=force, inputs=(a, b, scene))
+    check_ending(html, ".html", ".htm")
+    check_ending(rrd, ".rrd")
 
     import geomphys
 

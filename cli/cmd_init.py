@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from .command import command, current_terminal
-from .options import INPUT, check_outputs, force_option, json_option, urdf_option
+from .options import INPUT, check_ending, check_outputs, force_option, json_option, urdf_option
 
 
 @command(
@@ -43,6 +43,7 @@ def init(log: Path, urdfs: tuple[Path, ...], out: Path, recover: bool, as_json: 
 
     terminal, printed = current_terminal(), str(out) == "-"
     check_outputs(out, force=force, inputs=(log, *urdfs))
+    check_ending(out, ".toml")
     draft = draft_scene(log, urdfs, folder=Path() if printed else out.parent, recover=recover)
     draft.write(out, force=force)
     if printed:

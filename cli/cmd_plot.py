@@ -7,11 +7,11 @@ from pathlib import Path
 import click
 
 from .command import command, current_terminal
-from .options import INPUT_FILE, OUTPUT_FILE, check_outputs, force_option
+from .options import INPUT_FILE, OUTPUT_FILE, check_ending, check_outputs, force_option
 from .progress import progress_bar
 
 PANELS = ["penetration", "correction", "contacts", "time"]
-FORMATS = {".png", ".svg", ".pdf"}
+FORMATS = (".png", ".svg", ".pdf")
 
 
 @command(
@@ -52,8 +52,7 @@ def plot(result: Path, out: Path, panels: tuple[str, ...], scale: str, force: bo
     Frames that were held or blocked are shaded.
     """
     check_outputs(out, force=force, inputs=(result,))
-    if str(out) != "-" and out.suffix.lower() not in FORMATS:
-        raise click.UsageError(f"{out}: ends in {out.suffix!r}; choose {', '.join(sorted(FORMATS))}")
+    check_ending(out, *FORMATS)
 
     import geomphys
 

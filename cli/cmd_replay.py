@@ -12,6 +12,7 @@ from .command import command, current_terminal
 from .options import (
     INPUT,
     OUTPUT_FILE,
+    check_ending,
     check_outputs,
     config_of,
     config_options,
@@ -65,6 +66,7 @@ def replay(
     rrd: Path | None,
     no_timing: bool,
     copy_input: bool,
+    ros2: bool,
     fail_on_penetration: float | None,
     force: bool,
     as_json: bool,
@@ -76,9 +78,11 @@ def replay(
     recorded, bit for bit.
     """
     terminal = current_terminal()
-    check_outputs(out, force=force, inputs=(log, scene), partial=True, not_as=".rrd")
-    check_outputs(rrd, force=force, inputs=(log, scene), partial=True, not_as=".mcap")
+    check_outputs(out, force=force, inputs=(log, scene), partial=True)
+    check_outputs(rrd, force=force, inputs=(log, scene), partial=True)
     check_outputs(out, rrd, force=True)
+    check_ending(out, ".mcap")
+    check_ending(rrd, ".rrd")
     config = config_of(options)
 
     os.environ.setdefault("RUST_LOG", "off")  # the rerun SDK's own messages are raised as errors anyway
@@ -119,6 +123,7 @@ def replay(
             timing=not no_timing,
             force=force,
             copy_input=copy_input,
+            ros2=ros2,
             loading=loading,
             compiling=compiling if needs_compile else None,
             progress=progress,

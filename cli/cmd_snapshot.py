@@ -7,19 +7,21 @@ from pathlib import Path
 import click
 
 from .command import command, current_terminal
-from .options import INPUT_FILE, OUTPUT_FILE, check_outputs, force_option
+from .options import INPUT_FILE, OUTPUT_FILE, check_ending, check_outputs, force_option
 
 
 @command(
     "snapshot",
     examples="""
-    geomphys snapshot corrected.rrd -o frame.png --frame 1200
+    geomphys snapshot corrected.mcap -o frame.png --frame 1200
+    geomphys snapshot corrected.mcap -o finger.png --frame 1200 --focus hand/index_distal
     geomphys snapshot corrected.mcap -o window.png --frame 1200 --whole --size 1920 1080
     """,
 )
 @click.argument("result", metavar="OUT", type=INPUT_FILE)
 @click.option("--output", "-o", "out", type=OUTPUT_FILE, required=True, metavar="PNG", help="The picture to write.")
 @click.option("--frame", type=click.IntRange(min=0), default=0, show_default=True, help="Which frame, from 0.")
+@click.option("--focus", metavar="BODY", help="Body, avatar or object to look at. Default: what touches or was moved.")
 @click.option("--whole", is_flag=True, help="The viewer's whole window, plots and all, not only the scene.")
 @click.option(
     "--size",
@@ -28,13 +30,20 @@ from .options import INPUT_FILE, OUTPUT_FILE, check_outputs, force_option
     default=(1280, 960),
     show_default=True,
     metavar="W H",
-    help="Width and height of the viewer's window.",
+    help="Width and height of the picture, or of the viewer's window.",
 )
 @force_option
-def snapshot(result: Path, out: Path, frame: int, whole: bool, size: tuple[int, int], force: bool) -> None:
-    """Make a picture of one frame of OUT (.rrd or .mcap), as the rerun viewer shows it."""
+def snapshot(
+    result: Path, out: Path, frame: int, focus: str | None, whole: bool, size: tuple[int, int], force: bool
+) -> None:
+    """Make a picture of one frame of OUT, without a screen.
+
+    Of a .mcap in software: that needs no graphics driver. The recorded pose is a ghost, contacts are red dots. A .rrd, and
+    --whole, are drawn by the rerun viewer.
+    """
     from geomphys.viewer.snapshot import take_snapshot
 
     check_outputs(out, force=force, inputs=(result,))
-    take_snapshot(result, out, frame=frame, size=size, whole_window=whole)
+    check_ending(out, ".png")
+    take_snapshot(result, out, frame=frame, size=size, focus=focus, whole_window=whole)
     current_terminal().note(f"wrote {out}")

@@ -156,6 +156,7 @@ written_options = _combine_options(
         "--no-timing", is_flag=True, help="No /timing channel, nor its plots: equal inputs then give equal bytes."
     ),
     click.option("--copy-input", is_flag=True, help="Copy the channels of the log into the output, below /input."),
+    click.option("--ros2", is_flag=True, help="Write a ROS 2 bag: TFMessage, MarkerArray; for ros2 bag play and RViz."),
     click.option(
         "--fail-on-penetration",
         type=click.FloatRange(min=0.0),
@@ -174,20 +175,21 @@ def config_of(options: dict[str, Any]) -> Config:
     return Config(**{name: options.pop(name) for name in names})
 
 
+def check_ending(path: Path | None, *endings: str) -> None:
+    """Refuse, as wrong usage, an output whose name ends in none of `endings` (lower case, with a dot); ``-`` is no name."""
+    if path is not None and str(path) != "-" and path.suffix.lower() not in endings:
+        found = path.suffix or "no suffix"
+        raise click.UsageError(f"{path}: ends in {found}; what is written there ends in {' or '.join(endings)}")
+
+
 def check_outputs(
-    *paths: Path | None, force: bool, inputs: tuple[AnyPath | None, ...] = (), partial: bool = False, not_as: str = ""
+    *paths: Path | None, force: bool, inputs: tuple[AnyPath | None, ...] = (), partial: bool = False
 ) -> None:
     """Refuse, as wrong usage, outputs that exist (without `force`), have no folder, are inputs, or one another.
 
-    `partial`: the finished part of one may be left beside it. `not_as` is the ending of an output of another kind, which
-    would be taken for one.
+    `partial`: the finished part of one may be left beside it.
     """
     outputs = [path for path in paths if path is not None]
-    for path in outputs:
-        if not_as and path.suffix.lower() == not_as:
-            raise click.UsageError(
-                f"{path}: ends in {not_as}, but that is not what is written there; choose another ending"
-            )
     if not outputs:
         return
     from geomphys.errors import OutputError

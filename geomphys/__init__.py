@@ -16,8 +16,11 @@ if TYPE_CHECKING:
     from geomphys.analysis.diff.difference import OutputDifference
     from geomphys.analysis.diff.html_report import write_page
     from geomphys.analysis.diff.rerun_overlay import write_overlay
+    from geomphys.analysis.lerobot import export_lerobot
+    from geomphys.analysis.motion_audit import MotionAudit, audit_motion
     from geomphys.analysis.plots import plot_output
     from geomphys.analysis.stats import Statistics, statistics_of
+    from geomphys.analysis.tables import export_tables
     from geomphys.authoring.calibration import Calibration, calibrate
     from geomphys.authoring.convex_pieces import DecomposedMesh, decompose_file, write_pieces
     from geomphys.authoring.scene_draft import SceneDraft, draft_scene
@@ -47,6 +50,7 @@ if TYPE_CHECKING:
     from geomphys.scene.arrays import Scene, World
     from geomphys.scene.scene_file import scene_json_schema
     from geomphys.viewer.snapshot import take_snapshot
+    from geomphys.viewer.video import VideoConfig, make_video
     from geomphys.viewer.view import view_result
 
 _HOME = {
@@ -69,6 +73,7 @@ _HOME = {
     "MeshError": "errors",
     "Metrics": "results",
     "ModelError": "errors",
+    "MotionAudit": "analysis.motion_audit",
     "OutputDifference": "analysis.diff.difference",
     "OutputError": "errors",
     "OutputLog": "output.output_log",
@@ -79,16 +84,21 @@ _HOME = {
     "Statistics": "analysis.stats",
     "Summarizer": "output.summary",
     "Summary": "output.summary",
+    "VideoConfig": "viewer.video",
     "ViewerError": "errors",
     "World": "scene.arrays",
+    "audit_motion": "analysis.motion_audit",
     "audit_output": "analysis.audit",
     "calibrate": "authoring.calibration",
     "check_log": "recording.check",
     "compare_outputs": "analysis.diff.compare",
     "decompose_file": "authoring.convex_pieces",
     "draft_scene": "authoring.scene_draft",
+    "export_lerobot": "analysis.lerobot",
+    "export_tables": "analysis.tables",
     "inspect_log": "recording.inspect",
     "load_world": "load",
+    "make_video": "viewer.video",
     "open_output": "output.output_log",
     "plot_output": "analysis.plots",
     "replay": "replays",
@@ -124,6 +134,7 @@ __all__ = [
     "MeshError",
     "Metrics",
     "ModelError",
+    "MotionAudit",
     "OutputDifference",
     "OutputError",
     "OutputLog",
@@ -134,17 +145,22 @@ __all__ = [
     "Statistics",
     "Summarizer",
     "Summary",
+    "VideoConfig",
     "ViewerError",
     "World",
     "__version__",
+    "audit_motion",
     "audit_output",
     "calibrate",
     "check_log",
     "compare_outputs",
     "decompose_file",
     "draft_scene",
+    "export_lerobot",
+    "export_tables",
     "inspect_log",
     "load_world",
+    "make_video",
     "open_output",
     "plot_output",
     "replay",

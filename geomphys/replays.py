@@ -13,7 +13,7 @@ from geomphys.engine.frame_buffer import FRAMES
 from geomphys.engine.grasps import GraspMeter
 from geomphys.engine.log_messages import Message
 from geomphys.engine.pipeline import Pipeline
-from geomphys.errors import LogError
+from geomphys.errors import ConfigError, LogError
 from geomphys.jit.kernel import are_compiled
 from geomphys.jit.work import telling
 from geomphys.load import load_world, scaled_to_log
@@ -101,6 +101,7 @@ def run(
     timing: bool = True,
     force: bool = False,
     copy_input: bool = False,
+    ros2: bool = False,
     loading: Progress | None = None,
     compiling: Callable[[int, int], None] | None = None,
     progress: Callable[[int, int | None], None] | None = None,
@@ -125,6 +126,8 @@ def run(
         Whether outputs that exist are replaced.
     copy_input : bool
         Whether `out` also holds the channels of the log.
+    ros2 : bool
+        Whether `out` is a ROS 2 bag; not together with `copy_input`, as a log's channels may be of other kinds.
     loading : callable, optional
         Called during the first convex decomposition of meshes, with a description and the fraction done. What it
         raises ends the replay; finished decompositions stay in the cache.
@@ -148,6 +151,10 @@ def run(
         An output exists without `force`, is an input, or cannot be written.
     """
     log, config = as_path(log), config or Config()
+    if ros2 and copy_input:
+        raise ConfigError(
+            "ros2 and copy_input exclude each other: a log's channels may be of kinds that ROS 2 does not read"
+        )
     out, rrd = (None if path is None else as_path(path) for path in (out, rrd))
     check_targets([path for path in (out, rrd) if path is not None], force=force, inputs=(log,), partial=True)
     with telling(compiling):
@@ -158,7 +165,7 @@ def run(
         )
         world = scaled_to_log(log, world, config, progress=loading)
         summarizer = Summarizer(world.body_names, world.findings, config.method, GraspMeter(world))
-        options = FileSinkOptions(force=force, timing=timing, copied_log=log if copy_input else None)
+        options = FileSinkOptions(force=force, timing=timing, copied_log=log if copy_input else None, ros2=ros2)
         sinks = [] if out is None else [make_file_sink(out, options, default=".mcap")]
         sinks += [] if rrd is None else [FILE_SINKS[".rrd"](rrd, options)]
         start = time.perf_counter()

@@ -139,7 +139,7 @@ def audit_output(
         deepest=deepest,
         overlaps=tuple(listed_overlaps),
         overlaps_dropped=dropped,
-        same_world=sha256_of_world(world) == log.metadata.get("world_sha256"),
+        same_world=scene is None or sha256_of_world(world) == log.metadata.get("world_sha256"),
     )
 
 

@@ -49,6 +49,7 @@ class Job:
     config: Config
     timing: bool
     copy_input: bool
+    ros2: bool
     running: AnyPath
     """Folder on the outputs' file system for incomplete files; behind a URL it holds only `STOP`."""
     version: str = __version__
@@ -126,6 +127,7 @@ def _replay(job: Job, work_folder: Path) -> Outcome:
             config=job.config,
             timing=job.timing,
             copy_input=job.copy_input,
+            ros2=job.ros2,
             progress=_StopFileCheck(job.running / STOP),
         )
     except _StopRequestedError:

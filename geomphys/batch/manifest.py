@@ -36,7 +36,7 @@ class Entry:
     world_sha256: str
     """Of the scene with its meshes and URDFs."""
     parameters: dict[str, Any]
-    """Every parameter of the replay, and ``timing`` and ``copy_input``."""
+    """Every parameter of the replay, and ``timing``, ``copy_input`` and ``ros2``."""
     out_sha256: str | None = None
     rrd_sha256: str | None = None
     metrics: dict[str, Any] | None = None

@@ -57,6 +57,7 @@ def run_batch(
     rrd: bool = False,
     timing: bool = True,
     copy_input: bool = False,
+    ros2: bool = False,
     jobs: int | None = None,
     scheduler: str | None = None,
     resume: bool = False,
@@ -83,7 +84,7 @@ def run_batch(
         All parameters; None: the defaults.
     rrd : bool
         Whether to write ``NAME.rrd`` too.
-    timing, copy_input : bool
+    timing, copy_input, ros2 : bool
         See `geomphys.run`.
     jobs : int, optional
         Most processes at once; None: one a processor.
@@ -123,7 +124,7 @@ def run_batch(
     world, scene_sha256 = load_world(scene, mode=config.mode, seed=config.seed, progress=loading), sha256_of_file(scene)
     check_outputs(planned, folder, rrd=rrd, resume=resume, force=force, inputs=world.source_files)
     world_sha256 = sha256_of_world(world)
-    parameters = {**json.loads(json.dumps(config.as_dict())), "timing": timing, "copy_input": copy_input}
+    parameters = {**json.loads(json.dumps(config.as_dict())), "timing": timing, "copy_input": copy_input, "ros2": ros2}
     requested = [
         Entry(
             log=str(plan.log),
@@ -158,6 +159,7 @@ def run_batch(
                 config=config,
                 timing=timing,
                 copy_input=copy_input,
+                ros2=ros2,
                 running=running,
             )
             for entry in todo

@@ -18,6 +18,7 @@ from google.protobuf.message import Message
 from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
 
+from geomphys.output.cdr import HEADER, NS_PER_S, CdrWriter
 from geomphys.output.contact_arrows import arrow_lengths, arrow_orientations
 from geomphys.output.proto.geomphys_pb2 import Contacts, FrameMetrics, PenetrationDepths, Timing
 from geomphys.output.urdf_description import WORLD
@@ -44,8 +45,6 @@ int32 sec
 uint32 nanosec
 """
 _LEVELS = {"info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR}
-NS_PER_S = 1_000_000_000
-_CDR_HEADER = b"\x00\x01\x00\x00"  # little endian, no options
 
 
 class TransformsEncoder:
@@ -82,25 +81,27 @@ class JointStateEncoder:
     """sensor_msgs/msg/JointState in CDR with fixed names; velocity and effort are empty."""
 
     def __init__(self, names: Sequence[str]) -> None:
-        data = bytearray(_CDR_HEADER + bytes(8))  # the stamp takes the 8 bytes
-        data += _cdr_string("", len(data))
-        data += _cdr_align(len(data), 4) + struct.pack("<I", len(names))
+        message = CdrWriter()
+        message.header(0, "")
+        message.numbers("I", len(names))
         for name in names:
-            data += _cdr_string(name, len(data))
-        data += _cdr_align(len(data), 4) + struct.pack("<I", len(names))
+            message.string(name)
+        message.numbers("I", len(names))
         if names:
-            data += _cdr_align(len(data), 8)
-        self._names = bytes(data[12:])
+            message.align(8)
+        self._names = bytes(message.data()[12:])
 
     def encode(self, positions: Floats, time_ns: int) -> bytes:
         """The message with `positions` (n,) [rad or m]."""
         stamp = struct.pack("<iI", *divmod(time_ns, NS_PER_S))
-        return _CDR_HEADER + stamp + self._names + positions.astype("<f8").tobytes() + bytes(8)
+        return HEADER + stamp + self._names + positions.astype("<f8").tobytes() + bytes(8)
 
 
 def encode_string(text: str) -> bytes:
     """std_msgs/msg/String in CDR."""
-    return _CDR_HEADER + _cdr_string(text, 4)
+    message = CdrWriter()
+    message.string(text)
+    return bytes(message.data())
 
 
 class ContactPointsEncoder:
@@ -246,13 +247,3 @@ def _set_time(stamp: Timestamp, time_ns: int) -> None:
 def _serialized(message: Message) -> bytes:
     data: bytes = message.SerializeToString()
     return data
-
-
-def _cdr_align(position: int, size: int) -> bytes:
-    """Padding at `position` to a multiple of `size`, counted from after the four bytes of the header."""
-    return bytes(-(position - 4) % size)
-
-
-def _cdr_string(text: str, position: int) -> bytes:
-    data = text.encode() + b"\0"
-    return _cdr_align(position, 4) + struct.pack("<I", len(data)) + data

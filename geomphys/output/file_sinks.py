@@ -19,6 +19,7 @@ class FileSinkOptions(NamedTuple):
     force: bool = False  # replace a file that exists
     timing: bool = True  # write stage times, the only content that differs between two runs
     copied_log: AnyPath | None = None  # log whose channels are copied into the output
+    ros2: bool = False  # write MCAP that ROS 2 tools read
 
 
 SinkFactory = Callable[[AnyPath, FileSinkOptions], Sink]
@@ -44,6 +45,10 @@ def make_file_sink(path: AnyPath, options: FileSinkOptions, *, default: str) -> 
 
 @file_sink(".mcap")
 def _mcap(path: AnyPath, options: FileSinkOptions) -> Sink:
+    if options.ros2:
+        from geomphys.output.ros2_sink import Ros2Sink
+
+        return Ros2Sink(path, force=options.force)
     from geomphys.output.mcap_sink import McapSink
 
     return McapSink(path, force=options.force, timing=options.timing, copy_input=options.copied_log)

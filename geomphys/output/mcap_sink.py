@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from geomphys import __version__
 from geomphys.config import Config
 from geomphys.errors import LogError, OutputError
+from geomphys.output.attached_files import scene_files
 from geomphys.output.encoders import (
     JOINT_STATE_DEFINITION,
     STRING_DEFINITION,
@@ -30,6 +31,7 @@ from geomphys.output.input_copy import InputCopy
 from geomphys.output.proto.geomphys_pb2 import Contacts, FrameMetrics, PenetrationDepths, Timing
 from geomphys.output.provenance import METADATA_RECORD, Provenance
 from geomphys.output.sink import ContextManaged
+from geomphys.output.surface_encoder import encode_surfaces
 from geomphys.output.urdf_description import descriptions
 from geomphys.output.worst_moments import log_text
 from geomphys.results import FrameResult
@@ -40,6 +42,7 @@ from geomphys.storage.remote_files import AnyPath
 _MAX_TIME_NS = (1 << 31) * 1_000_000_000  # ns; a ROS 2 stamp counts seconds in 31 bits
 
 _PROTOBUF_CHANNELS: dict[str, type[Message]] = {
+    "/meshes": SceneUpdate,
     "/tf": FrameTransforms,
     "/recorded/tf": FrameTransforms,
     "/contacts": Contacts,
@@ -77,6 +80,9 @@ class McapSink(ContextManaged):
         written (before 0 or after 2038), the disk is full.
     """
 
+    profile = ""
+    """Profile of the file, as MCAP calls it."""
+
     def __init__(
         self, path: AnyPath, *, timing: bool = True, force: bool = False, copy_input: AnyPath | None = None
     ) -> None:
@@ -91,11 +97,11 @@ class McapSink(ContextManaged):
         output = OutputFile(self._path, force=self._force, inputs=provenance.files, partial=True)
         self._world, self._provenance = world, provenance
         self._descriptions = descriptions(world)
-        self._attachments = _attachments(world)
+        self._files = scene_files(world)
         self._input = InputCopy(self._input_path, config.recover) if self._input_path else None
         self._output = output
         self._file = Writer(output.stream)
-        self._file.start(library=f"geomphys {__version__}")
+        self._file.start(profile=self.profile, library=f"geomphys {__version__}")
         self._declare_channels()
         self._prepare_messages()
         self._started = False
@@ -186,22 +192,29 @@ class McapSink(ContextManaged):
                 data = build_file_descriptor_set(kind).SerializeToString(deterministic=True)
                 schemas[name] = file.register_schema(name, "protobuf", data)
             self._channels[topic] = file.register_channel(topic, "protobuf", schemas[name])
-        self._joints: list[tuple[str, JointStateEncoder, int, int]] = []
         joint_state = file.register_schema("sensor_msgs/msg/JointState", "ros2msg", JOINT_STATE_DEFINITION)
-        for tree in range(self._world.avatar_count):
-            topic = (
-                "/joint_states" if self._world.avatar_count == 1 else f"/{self._world.tree_names[tree]}/joint_states"
-            )
-            start, end = (int(column) for column in self._world.scene.trees.dof_start[tree : tree + 2])
+        self._joints = self._joint_encoders()
+        for topic, *_ in self._joints:
             self._channels[topic] = file.register_channel(topic, "cdr", joint_state)
-            self._joints.append((topic, JointStateEncoder(self._world.dof_names[start:end]), start, end))
+
+    def _joint_encoders(self) -> list[tuple[str, JointStateEncoder, int, int]]:
+        """Topic of each avatar's joints, its encoder, first column of its values and the column after the last."""
+        world, found = self._world, []
+        for tree in range(world.avatar_count):
+            topic = "/joint_states" if world.avatar_count == 1 else f"/{world.tree_names[tree]}/joint_states"
+            start, end = (int(column) for column in world.scene.trees.dof_start[tree : tree + 2])
+            found.append((topic, JointStateEncoder(world.dof_names[start:end]), start, end))
+        return found
+
+    def _moving_bodies(self) -> NDArray[np.int64]:
+        """Bodies whose pose is written every frame."""
+        bodies, trees = self._world.scene.bodies, self._world.scene.trees
+        return np.flatnonzero((bodies.role != FIXED) | (trees.moving[bodies.tree] != 0))
 
     def _prepare_messages(self) -> None:
         world = self._world
-        bodies, trees = world.scene.bodies, world.scene.trees
-        moves = (bodies.role != FIXED) | (trees.moving[bodies.tree] != 0)
-        self._moving: NDArray[np.int64] = np.flatnonzero(moves)
-        self._driven: NDArray[np.int64] = np.flatnonzero(bodies.role == DRIVEN)
+        self._moving = self._moving_bodies()
+        self._driven: NDArray[np.int64] = np.flatnonzero(world.scene.bodies.role == DRIVEN)
         names = world.frame_names
         self._first_transforms = TransformsEncoder(names)
         self._transforms = TransformsEncoder([names[b] for b in self._moving])
@@ -211,19 +224,14 @@ class McapSink(ContextManaged):
         self._frame_encoder = FrameEncoder(world.body_names)
 
     def _write_static_messages(self, time: int) -> None:
-        """Write the robot descriptions and attachments at the time of the first frame."""
+        """Write the robot descriptions, the display meshes and the attachments at the time of the first frame."""
         self._started = True
         for topic, text in self._descriptions.items():
             self._write_message(topic, encode_string(text), time, 0)
-        for name, media_type, data in self._attachments:
-            self._file.add_attachment(0, time, name, media_type, data)  # time of creation is not recorded
+        self._write_surfaces(time)
+        for file in self._files:
+            # the time of creation, 0, is not recorded
+            self._file.add_attachment(0, time, file.name, file.media_type, file.data)
 
-
-def _attachments(world: World) -> list[tuple[str, str, bytes]]:
-    """Name, media type and bytes of the scene file and the URDFs (``TREE.urdf``)."""
-    files = [(world.path.name, "application/toml", world.path)]
-    files += [(f"{tree}.urdf", "application/xml", path) for tree, path in sorted(world.urdfs.items())]
-    try:
-        return [(name, media_type, path.read_bytes()) for name, media_type, path in files]
-    except OSError as problem:
-        raise OutputError(f"{problem.filename}: cannot be attached to the output ({problem.strerror})") from problem
+    def _write_surfaces(self, time: int) -> None:
+        self._write_message("/meshes", encode_surfaces(self._world, time), time, 0)

@@ -116,11 +116,16 @@ class OutputLog:
             summary = reader.get_summary()
             if summary is None or summary.statistics is None:
                 raise DamagedLogError(f"{path}: has no summary, so it was not closed; replay the log again")
+            if reader.get_header().profile == "ros2":
+                raise LogError(
+                    f"{path}: is a bag for ROS 2 tools (--ros2), which has no metrics; replay without --ros2 for this command"
+                )
             records = [dict(record.metadata) for record in reader.iter_metadata() if record.name == METADATA_RECORD]
         statistics = summary.statistics
         if not records:
             raise LogError(
-                f"{path}: is no output of geomphys: it has no metadata record {METADATA_RECORD!r}; replay a log first"
+                f"{path}: is no output of geomphys: it has no metadata record {METADATA_RECORD!r}; replay a log first, "
+                "or audit it with --scene"
             )
         self.metadata: dict[str, str] = records[0]
         channels = sorted(summary.channels.items())
@@ -150,7 +155,7 @@ class OutputLog:
         return {key: value for key, value in self.metadata.items() if key not in NON_PARAMETER_KEYS}
 
     def attachments(self) -> dict[str, bytes]:
-        """Name -> bytes of the attached files: the scene and the URDFs."""
+        """Name -> bytes of the attached files: the scene, the URDFs and the meshes."""
         with self._reading() as (_, reader):
             return {attachment.name: attachment.data for attachment in reader.iter_attachments()}
 
@@ -280,6 +285,17 @@ class OutputLog:
 def open_output(path: AnyPath | str) -> OutputLog:
     """Open an output log; raises LogError if it is none, DamagedLogError if it is damaged."""
     return OutputLog(as_path(path))
+
+
+def is_output(path: AnyPath | str) -> bool:
+    """Whether a file is MCAP with the metadata of an output; False for what cannot be read."""
+    path = as_path(path)
+    try:
+        with path.open("rb") as stream:
+            reader = SeekingReader(stream, record_size_limit=RECORD_LIMIT)
+            return any(record.name == METADATA_RECORD for record in reader.iter_metadata())
+    except (OSError, *_DAMAGE):
+        return False
 
 
 class _FrameDecoder:

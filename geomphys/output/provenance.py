@@ -83,6 +83,17 @@ def files_of_log(path: AnyPath) -> tuple[AnyPath, ...]:
     return tuple(sorted(p for p in path.rglob("*") if p.is_file())) if path.is_dir() else (path,)
 
 
+def recorded_provenance(record: dict[str, str]) -> Provenance:
+    """The provenance that the metadata record of an output tells; "" for what it lacks."""
+    return Provenance(
+        version=record.get("version", ""),
+        input_sha256=record.get("input_sha256", ""),
+        scene_sha256=record.get("scene_sha256", ""),
+        world_sha256=record.get("world_sha256", ""),
+        parameters={k: v for k, v in record.items() if k not in NON_PARAMETER_KEYS},
+    )
+
+
 def sha256_of_file(path: AnyPath) -> str:
     """SHA-256 of a file's bytes; OSError if it cannot be read."""
     with open_sequential(path) as stream:

@@ -49,18 +49,6 @@ _COLOUR_NAMES = {
     colours.DEPTH: "violet",
 }
 
-_METRICS = {
-    "Penetration [m]": {"recorded": "recorded_penetration_m", "remaining": "residual_penetration_m"},
-    "Correction [m]": {"largest": "correction_m"},
-    "Contacts": {"contacts": "contacts"},
-}
-_METRIC_COLOURS = {
-    "recorded_penetration_m": (*colours.GHOST[:3], 255),
-    "residual_penetration_m": (70, 200, 120, 255),
-    "correction_m": colours.CORRECTED,
-    "contacts": colours.IN_CONTACT,
-}
-
 
 def blueprint(
     eye: Viewpoint,
@@ -130,55 +118,20 @@ def legend() -> str:
     return "".join(f"- **{colour}**: {meaning}\n" for colour, meaning in rows)
 
 
-def mcap_blueprint(eye: Viewpoint, joint_topics: Sequence[str]) -> Blueprint:
-    """Layout for an output log read by the viewer's own MCAP importer."""
-    import rerun as rr
-    import rerun.blueprint as rrb
-    from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
-
-    def line(title: str, name: str) -> Any:
-        mapping = VisualizerComponentMapping(
-            target="Scalars:scalars",
-            source_kind=ComponentSourceKind.SourceComponent,
-            source_component="geomphys.FrameMetrics:message",
-            selector=f".{name}",
-        )
-        look = rr.SeriesLines(names=title, widths=1.5, colors=_METRIC_COLOURS[name])
-        return look.visualizer(mappings=[mapping])
-
-    plots = [
-        _plot(rrb, None, origin="/metrics", name=title, overrides={"/metrics": [line(*one) for one in lines.items()]})
-        for title, lines in _METRICS.items()
-    ]
-    plots += [_plot(rrb, None, origin=f"{topic}/position", name=topic) for topic in joint_topics]
-    time = rrb.TimePanel(state="collapsed", timeline="message_log_time", loop_mode="all")
-    return _layout(rrb, _scene(rrb, "/", eye, background=(38, 40, 44)), [*plots, _log(rrb, "/log")], time)
-
-
-def _scene(rrb: Any, origin: str, eye: Viewpoint, background: tuple[int, int, int] = (244, 244, 246)) -> Any:
+def _scene(rrb: Any, origin: str, eye: Viewpoint) -> Any:
     return rrb.Spatial3DView(
         origin=origin,
         name="Scene",
         eye_controls=rrb.EyeControls3D(position=eye.position, look_target=eye.target, eye_up=(0.0, 0.0, 1.0)),
         line_grid=False,
-        background=rrb.Background(color=background),
-        defaults=_solid(),
+        background=rrb.Background(color=(244, 244, 246)),
     )
-
-
-def _solid() -> list[Any]:
-    """Defaults that draw the primitives of URDFs solid instead of as wireframes."""
-    import rerun as rr
-
-    shapes = (rr.Boxes3D, rr.Capsules3D, rr.Cylinders3D, rr.Ellipsoids3D)
-    return [shape.from_fields(fill_mode="solid") for shape in shapes]
 
 
 def _plot(rrb: Any, span: Any, **options: Any) -> Any:
     """A time series view; the legend is at the top left, where recordings mostly have no contact yet."""
     legend = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)
-    axis = rrb.TimeAxis(link="LinkToGlobal") if span is None else rrb.TimeAxis(view_range=span)
-    return rrb.TimeSeriesView(axis_x=axis, plot_legend=legend, **options)
+    return rrb.TimeSeriesView(axis_x=rrb.TimeAxis(view_range=span), plot_legend=legend, **options)
 
 
 def _log(rrb: Any, origin: str) -> Any:

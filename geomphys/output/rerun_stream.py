@@ -91,14 +91,6 @@ class RerunStream:
             with _strict(self._path):
                 self._stream.send_columns(_entity(path), times.at(rows), columns)
 
-    def send_output_log(self, path: Path, unix: bool) -> None:
-        """Send an output log as the viewer's own importer reads it; `unix` says whether its times count from 1970."""
-        import rerun as rr
-
-        with _strict(self._path):
-            reader = rr.chunk.McapReader(path, timeline_type="timestamp_ns" if unix else "duration_ns")
-            self._stream.send_chunks(reader.stream())
-
     def finish(self, properties: Mapping[str, str], view: Blueprint) -> None:
         """Write properties (under ``geomphys``) and blueprint, and end the file.
 

@@ -64,9 +64,10 @@ def urdf_for_viewers(path: AnyPath, frames: dict[str, str], colour: Colour) -> s
     except (OSError, SafeTree.ParseError, DefusedXmlException, etree.XMLSyntaxError) as problem:
         raise ModelError(f"{path}: cannot be read as a URDF ({problem})") from problem
     _drop_above_free_joint(tree)
-    for kind in ("visual", "collision"):
-        for element in list(tree.iter(kind)):
-            _make_drawable(element)
+    for link in tree.iter("link"):
+        _keep_shown_geometry(link)
+    for element in list(tree.iter("visual")):
+        _make_drawable(element)
     for link in tree.iter("link"):
         _rename(link, "name", frames)
     for joint in tree.iter("joint"):
@@ -84,6 +85,17 @@ def urdf_for_viewers(path: AnyPath, frames: dict[str, str], colour: Colour) -> s
     return text + "\n"
 
 
+def _keep_shown_geometry(link: etree._Element) -> None:
+    """Leave a link's visuals, or its collision geometry as visuals if there are none: both drawn in one place flicker."""
+    collisions = link.findall("collision")
+    has_visual = bool(link.findall("visual"))
+    for collision in collisions:
+        if has_visual:
+            link.remove(collision)
+        else:
+            collision.tag = "visual"
+
+
 def _drop_above_free_joint(robot: etree._Element) -> None:
     """Take out the links above a floating or planar joint that all hangs on, and the joints there."""
     above = links_above_free_joint(joint_ends(robot))
@@ -97,7 +109,7 @@ def _drop_above_free_joint(robot: etree._Element) -> None:
 
 
 def _make_drawable(element: etree._Element) -> None:
-    """Write a visual or collision element in shapes that every viewer knows; one that has none is taken out."""
+    """Write a visual in shapes that every viewer knows; one that has none is taken out."""
     parent, geometry = element.getparent(), element.find("geometry")
     if parent is None or parent.tag != "link" or (geometry is not None and geometry.find("mesh") is not None):
         return
@@ -112,7 +124,7 @@ def _make_drawable(element: etree._Element) -> None:
 
 
 def _capsule_parts(element: etree._Element, shape: etree._Element) -> list[etree._Element]:
-    """A visual or collision element of a capsule as one of a cylinder and two of spheres."""
+    """A visual of a capsule as one of a cylinder and two of spheres."""
     radius, length = float(shape.get("radius", "0")), float(shape.get("length", "0"))
     origin = element.find("origin")
     middle, rpy = ([0.0] * 3, [0.0] * 3) if origin is None else (_numbers(origin.get(key)) for key in ("xyz", "rpy"))

@@ -54,8 +54,11 @@ def assemble(
     mode: str | None = None,
     seed: int = 0,
     progress: Progress | None = None,
+    surfaces_only: bool = False,
 ) -> World:
     """Read everything a scene file names and build its `World`.
+
+    With `surfaces_only` the convex pieces of meshes are their hulls: enough to show a world or to test its triangles.
 
     `Scene.excluded` holds links joined directly and `ignore_pairs`; pairs that overlap in the zero pose are added by
     `exclude_pairs`.
@@ -65,7 +68,7 @@ def assemble(
     SceneError, ModelError, MeshError
         With the file, the key or element, and the value that is wrong.
     """
-    loader = GeometryLoader(seed, progress)
+    loader = GeometryLoader(seed, progress, surfaces_only)
     prefix_frames = len(file.avatar) > 1
     trees = [read_avatar(a, path, loader, prefix_frames, mode or a.mode) for a in file.avatar]
     trees += [read_object(o, path, loader) for o in file.object]

@@ -57,10 +57,15 @@ class BodyGeometry:
 
 @dataclass(eq=False)
 class GeometryLoader:
-    """Loads the geometry of bodies; each mesh is read and decomposed once."""
+    """Loads the geometry of bodies; each mesh is read and decomposed once.
+
+    With `surfaces_only` no mesh is decomposed: each has its convex hull as its only piece. Surfaces are as they would be
+    otherwise.
+    """
 
     seed: int
     progress: Progress | None = None
+    surfaces_only: bool = False
     _meshes: dict[tuple[AnyPath, tuple[float, float, float]], Mesh] = field(default_factory=dict)
     _decompositions: dict[MeshUse, Decomposed] = field(default_factory=dict)
     _solids: dict[MeshUse, tuple[list[Convex], MassProperties, Triangles]] = field(default_factory=dict)
@@ -138,6 +143,8 @@ class GeometryLoader:
 
         Raises MeshError.
         """
+        if self.surfaces_only:
+            return
         new: dict[MeshUse, tuple[MeshShape, str]] = {}
         for shape, method, name in uses:
             key = (shape.path, shape.scale, method)
@@ -173,8 +180,10 @@ class GeometryLoader:
     ) -> tuple[list[Convex], MassProperties, Triangles]:
         mesh = self.mesh(shape, name)
         self.decompose_meshes([(shape, method, name)])
-        decomposition = self._decompositions[shape.path, shape.scale, method]
-        hulls = [Hull(corners) for corners in decomposition.hulls]
+        if self.surfaces_only:
+            hulls = [Hull(mesh.hull_vertices)]
+        else:
+            hulls = [Hull(corners) for corners in self._decompositions[shape.path, shape.scale, method].hulls]
         if mesh.is_closed and (method != "hull" or mesh.is_convex):
             solid = oriented_outwards(mesh)
             surface = (solid.vertices, solid.faces)

@@ -1,4 +1,8 @@
-"""Takes a picture of one frame of a result with the rerun viewer, without a screen."""
+"""Takes a picture of one frame of a result, without a screen.
+
+An output log is drawn in software, which needs no graphics driver and gives the same picture on every machine. A rerun
+recording, and the whole window, are drawn by the rerun viewer without a window, which needs a Vulkan driver.
+"""
 
 from __future__ import annotations
 
@@ -10,16 +14,18 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
+from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from geomphys.errors import InputError, ViewerError
+from geomphys.errors import ConfigError, InputError, ViewerError
 from geomphys.output.output_log import open_output
+from geomphys.output.output_results import results_of_output
+from geomphys.output.output_world import world_of_output
 from geomphys.storage.child_process import ending_with_this_process
 from geomphys.storage.output_file import check_target, write_file
 from geomphys.storage.remote_files import AnyPath
-from geomphys.viewer.view import ADDRESS, as_recording, offline_environment, uses_unix_time, viewer_command
+from geomphys.viewer.frame_picture import FramePainter, viewpoint_of
+from geomphys.viewer.view import ADDRESS, as_recording, offline_environment, viewer_command
 
 if TYPE_CHECKING:
     from rerun.experimental import ViewerClient
@@ -35,46 +41,75 @@ WINDOW_TIMEOUT_S = 15.0
 
 
 def take_snapshot(
-    result: AnyPath, out: AnyPath, *, frame: int = 0, size: tuple[int, int] = (1280, 960), whole_window: bool = False
+    result: AnyPath,
+    out: AnyPath,
+    *,
+    frame: int = 0,
+    size: tuple[int, int] = (1280, 960),
+    focus: str | None = None,
+    whole_window: bool = False,
 ) -> None:
     """Write a picture of a frame as PNG.
 
     Parameters
     ----------
     result : Path
-        A rerun recording (``.rrd``) or an output log (``.mcap``).
+        An output log (``.mcap``) or a rerun recording (``.rrd``).
     out : Path
         The picture; replaced if it is there.
     frame : int
         The frame's number.
     size : (int, int)
-        Width and height of the viewer's window in points.
+        Width and height of the picture, or of the viewer's window in points.
+    focus : str, optional
+        Body, avatar or object of an output log to look at; None: what is in contact or was corrected.
     whole_window : bool
-        Whether the picture shows the whole window with its plots; otherwise only the scene.
+        Whether the picture shows the viewer's whole window with its plots; otherwise only the scene.
 
     Raises
     ------
     InputError
         The file is no result, or has no such frame.
+    ConfigError
+        There is no body of the name in focus.
     ViewerError
-        There is no Vulkan driver, or the viewer does not draw the frame.
+        The viewer is needed and there is no Vulkan driver, or it does not draw the frame.
     OutputError
         The picture cannot be written.
     """
     check_target(out, force=True, inputs=(result,))
-    log = open_output(result) if result.suffix == ".mcap" else None
-    time_ns = log.time_of(frame) if log is not None else 0
-    with as_recording(result) as recording, _headless_viewer(recording, size) as client:
-        _wait_for_load(client, result)
-        if log is None:
-            _check_frame(client, result, frame)
-            client.set_time("frame", sequence=frame, play_state="paused")
-        elif uses_unix_time(log):
-            client.set_time("message_log_time", timestamp=np.datetime64(time_ns, "ns"), play_state="paused")
-        else:
-            client.set_time("message_log_time", duration=np.timedelta64(time_ns, "ns"), play_state="paused")
-        picture = _settled_picture(client, result, whole_window)
+    if result.suffix == ".mcap" and not whole_window:
+        picture = _drawn(result, frame, size, focus)
+    elif focus is not None:
+        raise ConfigError("focus: only pictures of the scene of an output log (.mcap) can be focused")
+    else:
+        picture = _seen_in_viewer(result, frame, size, whole_window)
     write_file(out, picture, force=True, inputs=(result,))
+
+
+def _drawn(path: AnyPath, frame: int, size: tuple[int, int], focus: str | None) -> bytes:
+    """PNG of a frame of an output log, drawn in software."""
+    from PIL import Image
+
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such file; name a .rrd or .mcap that geomphys replay wrote")
+    output = open_output(path)
+    output.time_of(frame)  # raises if there is no such frame
+    world = world_of_output(output)
+    result = next(results_of_output(output, world, first=frame, last=frame))
+    pixels = FramePainter(world).picture(result, viewpoint_of(world, [result], focus), size)
+    data = BytesIO()
+    Image.fromarray(pixels).save(data, "PNG", optimize=False)
+    return data.getvalue()
+
+
+def _seen_in_viewer(path: AnyPath, frame: int, size: tuple[int, int], whole_window: bool) -> bytes:
+    """PNG of a frame as the rerun viewer draws it."""
+    with as_recording(path) as recording, _headless_viewer(recording, size) as client:
+        _wait_for_load(client, path)
+        _check_frame(client, path, frame)
+        client.set_time("frame", sequence=frame, play_state="paused")
+        return _settled_picture(client, path, whole_window)
 
 
 @contextlib.contextmanager
@@ -93,6 +128,8 @@ def _headless_viewer(recording: AnyPath, size: tuple[int, int]) -> Iterator[View
         process = subprocess.Popen(guarded, env=environment, stdout=messages, stderr=messages, start_new_session=True)
         try:
             yield _connect(ViewerClient, f"rerun+http://{ADDRESS}:{port}/proxy", process, messages)
+        except ConnectionError as problem:
+            raise ViewerError(_failure_reason(process, messages)) from problem
         finally:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGTERM)
@@ -123,12 +160,12 @@ def _failure_reason(process: subprocess.Popen[bytes], messages: Any) -> str:
     text = messages.read().decode(errors="replace")
     if "adapter" in text.lower() or "vulkan" in text.lower():
         return (
-            "the rerun viewer found no graphics adapter; install a Vulkan driver "
-            "(a software one will do: mesa-vulkan-drivers on Debian and Ubuntu)"
+            "the rerun viewer found no graphics adapter; a snapshot of the output log (.mcap) needs none, "
+            "or install a Vulkan driver (a software one will do: mesa-vulkan-drivers on Debian and Ubuntu)"
         )
     lines = [line for line in text.splitlines() if line.strip()]
-    said = lines[-1].strip() if lines else "it said nothing"
-    return f"the rerun viewer did not start (exit code {process.poll()}): {said}"
+    said = "".join(c for c in lines[-1].strip() if c.isprintable())[:200] if lines else "it said nothing"
+    return f"the rerun viewer failed (exit code {process.poll()}): {said}"
 
 
 def _wait_for_load(client: ViewerClient, result: AnyPath) -> None:

@@ -141,7 +141,7 @@ def test_several_processes_begin_with_the_largest_logs(tmp_path: Path) -> None:
     logs = [*(tmp_path / name for name in ("a.mcap", "gone.mcap", "b.mcap", "bag")), as_path("s3://bucket/c.mcap")]
     job = Job(
         log=bag, scene=bag, scene_sha256="", world_sha256="", out=bag, rrd=None, config=geomphys.Config(), timing=True,
-        copy_input=False, running=bag,
+        copy_input=False, ros2=False, running=bag,
     )  # fmt: skip
     assert [index for index, _ in largest_first([replace(job, log=log) for log in logs])] == [2, 3, 0, 1, 4]
 

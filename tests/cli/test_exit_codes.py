@@ -147,3 +147,27 @@ def test_schema_is_json_schema(capsys: pytest.CaptureFixture[str]) -> None:
     schema = json.loads(capsys.readouterr().out)
     assert schema["type"] == "object"
     assert {"scene", "object", "avatar", "material_pair"} <= set(schema["properties"])
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["replay", "{log}", "-s", "{scene}", "-o", "{folder}/out.bag"],
+        ["replay", "{log}", "-s", "{scene}", "--rrd", "{folder}/out.mcap"],
+        ["diff", "{log}", "{log}", "--html", "{folder}/page.pdf"],
+        ["snapshot", "{log}", "-o", "{folder}/out.jpg"],
+        ["plot", "{log}", "-o", "{folder}/out.txt"],
+        ["video", "{log}", "-o", "{folder}/out.avi"],
+    ],
+    ids=lambda words: words[0],
+)
+def test_a_wrong_ending_is_wrong_usage(case: Case, tmp_path: Path, capsys, words: list[str]) -> None:
+    given = [word.format(log=case.log, scene=case.scene, folder=tmp_path) for word in words]
+    assert run(given) == 2
+    assert "what is written there ends in ." in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_package_runs_as_a_module() -> None:
+    said = subprocess.run([sys.executable, "-m", "geomphys", "--version"], capture_output=True, text=True, check=True)
+    assert said.stdout.startswith("geomphys ")

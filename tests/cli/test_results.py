@@ -18,6 +18,10 @@ def test_the_same_is_0(pressed: Results, capsys: pytest.CaptureFixture[str]) -> 
     assert "the same" in output.out
     assert "60 frames compared" in output.out
     assert output.err == ""
+    assert run(["diff", str(pressed.out), str(pressed.out), "--json"]) == 0
+    brief = json.loads(capsys.readouterr().out)
+    assert brief["channels"]["/tf"]["max_m"] == 0.0
+    assert brief["channels"]["/tf"]["bodies"] == {}
 
 
 def test_different_is_1_and_says_where(pressed: Results, capsys: pytest.CaptureFixture[str]) -> None:

@@ -18,6 +18,7 @@ from mcap_ros2.decoder import DecoderFactory as Ros2
 
 from geomphys.config import Config
 from geomphys.errors import DamagedLogError, GeomphysError, OutputError
+from geomphys.output.attached_files import INDEX
 from geomphys.output.mcap_sink import McapSink
 from geomphys.output.provenance import Provenance
 from geomphys.results import METHODS, FrameResult
@@ -97,6 +98,7 @@ def test_channels_are_those_promised(out: Path) -> None:
     assert channels(out) == {
         "/robot_description": ("std_msgs/msg/String", "cdr"),
         "/objects/robot_description": ("std_msgs/msg/String", "cdr"),
+        "/meshes": ("foxglove.SceneUpdate", "protobuf"),
         "/tf": ("foxglove.FrameTransforms", "protobuf"),
         "/recorded/tf": ("foxglove.FrameTransforms", "protobuf"),
         "/joint_states": ("sensor_msgs/msg/JointState", "cdr"),
@@ -182,7 +184,8 @@ def test_metadata_and_attachments(out: Path, world: World, provenance: Provenanc
     assert record["complete"] == "true"
     with out.open("rb") as stream:
         attached = {a.name: a.data for a in make_reader(stream).iter_attachments()}
-    assert attached == {"scene.toml": world.path.read_bytes(), "hand.urdf": world.urdfs["hand"].read_bytes()}
+    meshes = {name: data for name, data in attached.items() if name.startswith("meshes/") or name == INDEX}
+    assert attached == {"scene.toml": world.path.read_bytes(), "hand.urdf": world.urdfs["hand"].read_bytes()} | meshes
 
 
 def test_the_same_frames_give_the_same_bytes(

@@ -76,7 +76,7 @@ class OutputDifference:
             "tolerance_m": self.tolerance.m,
             "tolerance_rad": self.tolerance.rad,
             "frames": dataclasses.asdict(self.frames),
-            "channels": {name: _channel(channel) for name, channel in self.channels.items()},
+            "channels": {name: _channel(channel, self.equal) for name, channel in self.channels.items()},
             "parameters": {name: {"a": a, "b": b} for name, (a, b) in self.parameters.items()},
             "attachments": list(self.attachments),
             "motion": None if self.motion is None else _sides([dataclasses.asdict(motion) for motion in self.motion]),
@@ -93,8 +93,8 @@ def _sides(values: list[Any]) -> dict[str, Any]:
     return dict(zip(("a", "b"), values, strict=True))
 
 
-def _channel(channel: ChannelDifference) -> dict[str, Any]:
-    """A channel: overall measures, then those of its parts under the name of their kind."""
+def _channel(channel: ChannelDifference, brief: bool) -> dict[str, Any]:
+    """A channel: overall measures, then those of its parts (`brief`: of those that differ) under the name of their kind."""
     overall: dict[str, Any] = {"equal": channel.equal}
     overall |= _figures(channel.overall_m, "_m") | _figures(channel.overall_rad, "_rad")
     overall["first_frame"] = channel.first_frame
@@ -104,7 +104,9 @@ def _channel(channel: ChannelDifference) -> dict[str, Any]:
     if channel.only_a or channel.only_b:
         overall |= {"only_a": list(channel.only_a), "only_b": list(channel.only_b)}
     if channel.kind != "lines":
-        overall[channel.kind] = {name: _part(channel, name) for name in channel.parts()}
+        parts = {name: _part(channel, name) for name in channel.parts()}
+        shown = {name: part for name, part in parts.items() if part["frames"] or part["first_frame"] is not None}
+        overall[channel.kind] = shown if brief else parts
     return overall
 
 

@@ -1,0 +1,186 @@
+"""Draws a frame of a result in software: bodies, the recorded motion as a ghost, contacts; and chooses where it is seen from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.errors import ConfigError
+from geomphys.numerics.transforms import rotation_from_quaternion
+from geomphys.output import colours, frame_columns
+from geomphys.output.camera import ContactFrame, Viewpoint, choose_viewpoint
+from geomphys.output.vertex_normals import with_vertex_normals
+from geomphys.results import FrameResult
+from geomphys.scene.arrays import DRIVEN, FIXED, World
+from geomphys.scene.tessellation import sphere_triangles
+from geomphys.viewer.ray_caster import Camera, Surface, render
+
+Floats = NDArray[np.float64]
+Motion = Literal["corrected", "recorded"]
+
+MARK_PIXELS = 4.0
+"""Radius of a contact, px of a picture 960 px high."""
+_SURROUNDINGS = 2.5
+"""Half-width of the view about a body in focus, of the body's own."""
+
+
+class FramePainter:
+    """Draws frames of results in one world.
+
+    Parameters
+    ----------
+    world : World
+    """
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        palette = colours.colours_of_trees(world.file)
+        self._colours = [palette[world.tree_names[tree]] for tree in world.scene.bodies.tree]
+        self._meshes = [with_vertex_normals(vertices, faces) for vertices, faces in world.triangles]
+        self._ball = sphere_triangles(1.0, 12)
+
+    def picture(
+        self, result: FrameResult, eye: Viewpoint, size: tuple[int, int], motion: Motion = "corrected"
+    ) -> NDArray[np.uint8]:
+        """Pixels (height, width, 3) of a frame.
+
+        Driven bodies have the colour of their state, as in the rerun recording. With `motion` ``corrected`` the recorded
+        poses of corrected bodies are drawn translucent; with ``recorded`` driven bodies are drawn where they were
+        recorded, faintly also where they are inside something, without contacts.
+        """
+        world = self._world
+        driven = world.scene.bodies.role == DRIVEN
+        moved = driven & frame_columns.is_corrected(result.recorded[None], result.corrected[None])[0]
+        touched = frame_columns.in_contact([result], len(driven))[0]
+        poses = result.corrected if motion == "corrected" else result.recorded
+        paint: list[colours.Colour] = list(self._colours)
+        for body in np.flatnonzero(driven):
+            if motion == "recorded":
+                paint[body] = (*colours.GHOST[:3], 255) if moved[body] else paint[body]
+            elif touched[body]:
+                paint[body] = colours.IN_CONTACT
+            elif moved[body]:
+                paint[body] = colours.CORRECTED
+        solid = [self._surface(body, poses[body], paint[body]) for body in range(len(driven))]
+        marks: list[Surface] = []
+        camera = Camera(eye.position, eye.target, *size)
+        ghosts = [self._surface(body, result.recorded[body], colours.GHOST) for body in np.flatnonzero(moved).tolist()]
+        if motion == "corrected":
+            radius = MARK_PIXELS * camera.pixel_size() * camera.height / 960.0
+            marks = [self._mark(point, radius) for point in result.contacts.point]
+        return render(camera, solid, ghosts, marks)
+
+    def _surface(self, body: int, pose: Floats, colour: colours.Colour) -> Surface:
+        points, faces, normals = self._meshes[body]
+        rotation = rotation_from_quaternion(pose[3:])
+        return Surface(
+            (points @ rotation.T + pose[:3])[faces], (normals @ rotation.T)[faces], np.array(colour[:3]) / 255.0
+        )
+
+    def _mark(self, point: Floats, radius: float) -> Surface:
+        vertices, faces = self._ball
+        return Surface((radius * vertices + point)[faces], vertices[faces], np.array(colours.CONTACT[:3]) / 255.0)
+
+
+class _Box(NamedTuple):
+    low: Floats  # (B, 3) body frame, m
+    high: Floats
+    solid: NDArray[np.bool_]  # (B,) bodies that have a surface
+
+
+def viewpoint_of(world: World, results: Sequence[FrameResult], focus: str | None = None) -> Viewpoint:
+    """Where to look at frames from: near what moves there, from where little stands in the way.
+
+    Parameters
+    ----------
+    world : World
+    results : sequence of FrameResult
+        At least one; a sample of the frames to be seen.
+    focus : str, optional
+        Body (`object`, `object/link`, `avatar/link`), avatar or object to look at.
+
+    Raises
+    ------
+    ConfigError
+        There is no such body.
+    """
+    boxes = _boxes(world)
+    bodies = _bodies_in_focus(world, results, boxes, focus)
+    points = np.concatenate([_corners(boxes, result.corrected, bodies) for result in results])
+    points = np.concatenate([points, *[_corners(boxes, result.recorded, bodies) for result in results]])
+    if focus is not None:
+        middle = (points.min(axis=0) + points.max(axis=0)) / 2
+        points = middle + _SURROUNDINGS * (points - middle)
+    contacts = [
+        ContactFrame(result.contacts.point[:: max(1, len(result.contacts.point) // 4)], np.zeros((0, 3, 3)))
+        for result in results[:: max(1, len(results) // 8)]
+        if len(result.contacts.point)
+    ]
+    return choose_viewpoint(points, _static_triangles(world, results[0]), contacts)
+
+
+def sample_of(results: Iterable[FrameResult], count: int = 64) -> list[FrameResult]:
+    """Fewer than `2 * count` results, evenly spread over a sequence of unknown length."""
+    sample: list[FrameResult] = []
+    stride = 1
+    for number, result in enumerate(results):
+        if number % stride == 0:
+            sample.append(result)
+            if len(sample) >= 2 * count:
+                sample, stride = sample[::2], 2 * stride
+    return sample
+
+
+def _bodies_in_focus(world: World, results: Sequence[FrameResult], boxes: _Box, focus: str | None) -> NDArray[np.int64]:
+    """Bodies to be seen: those named; else driven trees in contact or corrected, else what is driven, moves, is there."""
+    scene = world.scene
+    if focus is not None:
+        named = [b for b, name in enumerate(world.body_names) if focus in (name, name.split("/")[0])]
+        if not named:
+            raise ConfigError(f"no body {focus!r} in the scene; it has {', '.join(world.body_names[:12])} …")
+        return np.array([b for b in named if boxes.solid[b]] or named)
+    driven = scene.bodies.role == DRIVEN
+    busy = np.zeros(len(driven), bool)
+    for result in results:
+        busy |= frame_columns.in_contact([result], len(driven))[0]
+        busy |= frame_columns.is_corrected(result.recorded[None], result.corrected[None])[0]
+    trees = np.unique(scene.bodies.tree[busy & driven])
+    moving = (scene.bodies.role != FIXED) | (scene.trees.moving[scene.bodies.tree] != 0)
+    for candidates in (np.isin(scene.bodies.tree, trees), driven, moving, np.ones(len(driven), bool)):
+        found = np.flatnonzero(candidates & boxes.solid)
+        if len(found):
+            return found
+    return np.arange(len(driven))
+
+
+def _boxes(world: World) -> _Box:
+    shapes = [vertices if len(vertices) else np.zeros((1, 3)) for vertices, _ in world.triangles]
+    return _Box(
+        np.array([s.min(axis=0) for s in shapes]).reshape(-1, 3),
+        np.array([s.max(axis=0) for s in shapes]).reshape(-1, 3),
+        np.array([len(faces) > 0 for _, faces in world.triangles], bool),
+    )
+
+
+def _corners(boxes: _Box, poses: Floats, bodies: NDArray[np.int64]) -> Floats:
+    """Corners (8 n, 3) of the boxes of bodies, world frame."""
+    unit = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    low, high = boxes.low[bodies], boxes.high[bodies]
+    corners = low[:, None] + (high - low)[:, None] * unit
+    placed = np.einsum("bij,bkj->bki", rotation_from_quaternion(poses[bodies, 3:]), corners)
+    flat: Floats = (placed + poses[bodies, None, :3]).reshape(-1, 3)
+    return flat
+
+
+def _static_triangles(world: World, result: FrameResult) -> Floats:
+    """Triangles (n, 3, 3) of bodies that never move, world frame."""
+    bodies, moving = world.scene.bodies, world.scene.trees.moving
+    found = [np.zeros((0, 3, 3))]
+    for body in np.flatnonzero((bodies.role == FIXED) & (moving[bodies.tree] == 0)):
+        vertices, faces = world.triangles[body]
+        pose = result.corrected[body]
+        found.append((vertices @ rotation_from_quaternion(pose[3:]).T + pose[:3])[faces])
+    return np.concatenate(found)
