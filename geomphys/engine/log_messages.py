@@ -30,7 +30,7 @@ _TEXTS = {
     FLAG_QUARANTINED: ("error", "a body became non-finite and was put back to its last good state"),
     FLAG_SHAPE_CHANGED: (
         "warning",
-        "a body in rigid mode yields in shape or orientation too: as one piece it would go too far; see shape_change_rad",
+        "a body that moves in one piece yields in shape or orientation too: else it would go too far; see shape_change_rad",
     ),
     FLAG_BLOCKED: ("info", "something stands between a body and its recorded place"),
 }
