@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from .command import command, current_terminal
-from .options import INPUT_FILE, check_outputs, force_option, json_option
+from .options import INPUT_FILE, SEED, check_outputs, force_option, json_option
 from .progress import ProgressBars, meshes_report
 from .terminal import printable
 
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     show_default="0.02, but 1 to 5 mm",
     help="Concavity a piece may keep, of half the longest side; a replay takes the default.",
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the search.")
+@click.option("--seed", type=SEED, default=0, show_default=True, help="Seed of the search.")
 @force_option
 @json_option
 def decompose(path: Path, out: Path | None, threshold: float | None, seed: int, force: bool, as_json: bool) -> None:

@@ -57,7 +57,9 @@ INPUT_FILE = PathOrUrl(exists=True, dir_okay=False, readable=True, path_type=Pat
 LOCAL_FILE = click.Path(exists=True, dir_okay=False, readable=True, path_type=Path)
 OUTPUT_FILE = PathOrUrl(dir_okay=False, path_type=Path)
 OUTPUT_FOLDER = PathOrUrl(file_okay=False, path_type=Path)
-SECONDS = click.FloatRange(min=0.0)
+SECONDS = click.FloatRange(min=0.0, max=1e9)
+HZ = click.FloatRange(min=1e-3, max=1e5)
+SEED = click.IntRange(min=0, max=2**31 - 1)
 
 
 def _combine_options(*options: Callable[[Any], Any]) -> Callable[[F], F]:
@@ -134,10 +136,10 @@ config_options = _combine_options(
         help="Which time of a message counts.",
     ),
     click.option("--clock", metavar="TOPIC", help="Topic whose messages are the frames. Default: the first avatar's."),
-    click.option("--rate", type=click.FloatRange(min=0.0, min_open=True), metavar="HZ", help="Frames at a fixed rate."),
+    click.option("--rate", type=HZ, metavar="HZ", help="Frames at a fixed rate."),
     click.option("--start", type=SECONDS, metavar="S", help="Begin S seconds after the first frame."),
     click.option("--end", type=SECONDS, metavar="S", help="End S seconds after the first frame."),
-    click.option("--seed", type=int, default=0, show_default=True, help="Seed of everything random."),
+    click.option("--seed", type=SEED, default=0, show_default=True, help="Seed of everything random."),
     click.option(
         "--max-gap",
         type=SECONDS,

@@ -34,12 +34,11 @@ from geomphys.output.sink import ContextManaged
 from geomphys.output.surface_encoder import encode_surfaces
 from geomphys.output.urdf_description import descriptions
 from geomphys.output.worst_moments import log_text
+from geomphys.recording.stamps import WRITABLE_TIMES
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import DRIVEN, FIXED, World
 from geomphys.storage.output_file import OutputFile
 from geomphys.storage.remote_files import AnyPath
-
-_MAX_TIME_NS = (1 << 31) * 1_000_000_000  # ns; a ROS 2 stamp counts seconds in 31 bits
 
 _PROTOBUF_CHANNELS: dict[str, type[Message]] = {
     "/meshes": SceneUpdate,
@@ -112,7 +111,7 @@ class McapSink(ContextManaged):
         if self._output is None:
             raise OutputError(f"{self._path}: a frame was written before the output was opened")
         time = result.frame.time_ns
-        if not 0 <= time < _MAX_TIME_NS:
+        if time not in WRITABLE_TIMES:
             raise OutputError(
                 f"{self._path}: frame {result.frame.index}: the time {time / 1e9} s cannot be written, it must lie "
                 "between 0 (1970) and 2**31 s (2038); shift the log's clock"

@@ -20,6 +20,7 @@ from geomphys.recording.input_plan import JointInput, Plan, make_plan
 from geomphys.recording.reader import open_log
 from geomphys.recording.recorded_space import RecordedSpace
 from geomphys.recording.report import RecordingReport
+from geomphys.recording.stamps import WRITABLE_TIMES
 from geomphys.scene.arrays import World
 from geomphys.scene.findings import Findings
 from geomphys.scene.recording_tables import RecordingTable
@@ -138,8 +139,12 @@ def check_log(log: AnyPath | str, world: World, config: Config | None = None) ->
 def _scan_frames(log: AnyPath, world: World, config: Config) -> tuple[RecordingReport, tuple[JointMapping, ...]]:
     """Make all frames; returns their report and the joint mappings."""
     with FrameSource(log, world, config) as source:
-        for _ in source:
-            pass
+        for frame in source:
+            if frame.time_ns not in WRITABLE_TIMES:
+                raise LogError(
+                    f"{log}: frame {frame.index}: the time {frame.time_ns / 1e9} s cannot be written to an output, it must "
+                    "lie between 0 (1970) and 2**31 s (2038); shift the log's clock"
+                )
         names = {i.topic: source.prescan.names.get(i.topic, set()) for i in source.plan.joints}
         prismatic = source.prismatic
         mapped = [

@@ -10,6 +10,8 @@ NEVER = -(2**62)
 """ns; a time before all others."""
 STAMP_LIMIT = 2**62
 """ns; a stamp from here on (the year 2116) is none."""
+WRITABLE_TIMES = range(2**31 * 10**9)
+"""ns; times of frames that an output can have: a ROS 2 stamp counts seconds in 31 bits, to 2038."""
 NANOSECONDS_FROM = 10**17
 """A bare whole number from here on counts nanoseconds (since 1973 or later), one below counts seconds."""
 _SECONDS = ("sec", "secs", "seconds")

@@ -17,7 +17,16 @@ from tests.made import Results
 __all__ = ["furnished"]
 
 
-@pytest.mark.parametrize("command", ["replay", "init", "plot", "diff", "decompose", "batch"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        "init",
+        "plot",
+        "diff",
+        "decompose",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("replay", "batch")),
+    ],
+)
 def test_any_call_that_fails_is_one_line_and_leaves_what_was_there(
     command: str, furnished: Case, pressed: Results, tmp_path: Path
 ) -> None:

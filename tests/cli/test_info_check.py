@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from geomphys_cli.main import run
+from mcap.writer import Writer
 
 from tests.cli.press import FRAMES, SCENE, Case, write_log
 
@@ -103,3 +104,27 @@ def test_a_wrong_scene_is_1_and_names_the_place(
     assert error.count("\n") == 1
     assert "wrong.toml" in error or "gone.obj" in error
     assert says in error
+
+
+def test_check_and_replay_agree_on_times_past_2038(
+    case: Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What cannot be written is found by the check."""
+    log = tmp_path / "late.mcap"
+    with log.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema("foxglove.PoseInFrame", "jsonschema", b'{"type": "object"}')
+        channel = writer.register_channel("/tracker/finger", "json", schema)
+        for frame in range(3):
+            seconds = 2**31 - 1 + frame
+            pose = {"position": {"x": 0, "y": 0, "z": 1}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
+            message = {"timestamp": {"sec": seconds, "nsec": 0}, "frame_id": "world", "pose": pose}
+            writer.add_message(channel, seconds * 10**9, json.dumps(message).encode(), seconds * 10**9)
+        writer.finish()
+    assert run(["check", str(log), "-s", str(case.scene)]) == 1
+    checked = capsys.readouterr()
+    assert run(["replay", str(log), "-s", str(case.scene), "-o", str(tmp_path / "out.mcap"), "-q"]) == 1
+    replayed = capsys.readouterr()
+    for said in (checked.out + checked.err, replayed.err):
+        assert "frame 1: the time 2147483648.0 s cannot be written" in said

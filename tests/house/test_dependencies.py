@@ -8,6 +8,7 @@ import tomllib
 from importlib.metadata import packages_distributions
 
 import pytest
+from packaging.requirements import Requirement
 
 from tests.house.sources import ROOT, imports, modules
 
@@ -77,3 +78,17 @@ def test_exceptions_are_needed() -> None:
     everything, used = set().union(*declared().values()), set().union(*imported("geomphys", "cli").values())
     assert set(NOT_IMPORTED) <= everything - used
     assert set(BROUGHT_BY_OTHERS) <= used - everything
+
+
+def test_the_tested_set_has_hashes_and_what_the_package_asks_for() -> None:
+    lines = (ROOT / ".ci" / "tested-py311-linux-x86_64.txt").read_text().splitlines()
+    rows = [
+        re.fullmatch(r"([a-z0-9-]+)==(\S+) --hash=sha256:[0-9a-f]{64}", line)
+        for line in lines
+        if not line.startswith("#")
+    ]
+    assert all(rows)
+    tested = {row[1]: row[2] for row in rows if row}
+    for text in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]:
+        wanted = Requirement(text)
+        assert wanted.specifier.contains(tested[re.sub(r"[-_.]+", "-", wanted.name).lower()]), text

@@ -1,0 +1,87 @@
+"""Odd surroundings: absurd numbers, no home, no passwd entry, closed streams, the C locale, names that are not UTF-8."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from geomphys_cli.main import run
+
+import geomphys
+from tests.cli.press import Case
+
+COMMAND = [sys.executable, "-P", "-m", "geomphys_cli"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--seed", "9" * 30],
+        ["--seed", "-1"],
+        ["--rate", "1e300"],
+        ["--rate", "1e-300"],
+        ["--rate", "1e9"],
+        ["--rate", "nan"],
+        ["--max-gap", "1e300"],
+        ["--max-gap", "inf"],
+        ["--start", "1e300"],
+        ["--end", "nan"],
+    ],
+)
+def test_absurd_numbers_are_wrong_usage(case: Case, words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["replay", str(case.log), "-s", str(case.scene), *words]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("geomphys: error: ")
+    assert said.count("\n") == 1
+    assert words[0].strip("-") in said
+
+
+@pytest.mark.parametrize("stream", ["stdout", "stderr", "stdin"])
+def test_a_stream_that_is_closed_is_no_traceback(case: Case, tmp_path: Path, stream: str) -> None:
+    number = {"stdin": 0, "stdout": 1, "stderr": 2}[stream]
+    words = ["replay", str(case.log), "-s", str(case.scene), "-o", str(tmp_path / "out.mcap"), "-q"]
+    shell = " ".join(f"'{word}'" for word in [*COMMAND, *words]) + f" {number}>&-"
+    done = subprocess.run(["/bin/sh", "-c", shell], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr + done.stdout
+    assert geomphys.open_output(tmp_path / "out.mcap").complete
+
+
+def test_a_name_that_is_not_utf_8_in_the_c_locale(case: Case, tmp_path: Path) -> None:
+    log = tmp_path / os.fsdecode(b"take\xff\xe9.mcap")
+    log.write_bytes(case.log.read_bytes())
+    out = tmp_path / os.fsdecode(b"out\xff.mcap")
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("LC_")} | {"LC_ALL": "C"}
+    for words in (
+        ["replay", log, "-s", case.scene, "-o", out],
+        ["info", log],
+        ["check", log, "-s", case.scene],
+        ["stats", out],
+    ):
+        for more in ([], ["--json"]):
+            begin = [*COMMAND, *words, *more, *(["--force"] if words[0] == "replay" else [])]
+            done = subprocess.run(begin, capture_output=True, timeout=300, env=environment)
+            assert done.returncode == 0, done.stderr
+            assert b"Traceback" not in done.stderr
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root becomes another user")
+def test_no_home_and_no_passwd_entry(case: Case) -> None:
+    """A container that runs as some number: the caches go to the temporary folder."""
+    for path in (case.log, *case.log.parents):
+        if path.stat().st_uid == 0 and path.parts[:2] == ("/", "tmp") and len(path.parts) > 2:
+            path.chmod(path.stat().st_mode | (0o055 if path.is_dir() else 0o044))
+    code = (
+        "import os, sys, tempfile; from geomphys.storage.cache import user_cache_folder; from geomphys_cli.main import run\n"
+        "assert run(sys.argv[1:]) == 0\n"
+        "user_cache_folder.cache_clear(); os.setgid(54321); os.setuid(54321)\n"
+        "for name in ('HOME', 'XDG_CACHE_HOME'): os.environ.pop(name, None)\n"
+        "print(user_cache_folder('worlds')); sys.exit(run(sys.argv[1:]))"
+    )
+    words = ["info", str(case.log)]
+    done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert "geomphys-54321" in done.stdout
