@@ -31,6 +31,8 @@ Floats = NDArray[np.float64]
 
 HIDDEN_SHARE = 0.15
 """Share of a hidden direction in the offset or in a surface, above which that part is not changed."""
+MOSTLY_HIDDEN = 0.5
+"""Share of a component (squared) in hidden directions, above which the component is not changed at all."""
 NAMED_SHARE = 0.3
 """Share of a hidden direction from which on a component is named."""
 MIN_CHANGE = 0.02
@@ -175,7 +177,8 @@ def _stretches(
 
 def _fit(world: World, tree: int, root: RootSource | None, recorded: Recorded, unknowns: Unknowns) -> ContactFit:
     if not recorded.contacts or unknowns.size == 0:
-        return ContactFit(np.zeros(unknowns.size), np.eye(unknowns.size), 0.0, 0.0)
+        pivots = {surface: np.zeros(3) for surface in unknowns.surfaces}
+        return ContactFit(np.zeros(unknowns.size), np.eye(unknowns.size), pivots, 0.0, 0.0)
     offset = np.eye(4) if root is None else matrix_from_pose([*root.position, *root.orientation])
     return ContactProblem(world, tree, offset, recorded.contacts, unknowns).fit()
 
@@ -205,7 +208,7 @@ def _result(
     for k, surface in enumerate(unknowns.surfaces):
         part = shown[first + 3 * k : first + 3 * k + 3]
         before = world.scene.trees.rest[surface]
-        pose = moved_surface(before, part)
+        pose = moved_surface(before, part, fit.pivots[surface])
         name = world.tree_names[surface]
         surfaces[name] = _described(world, surface, pose)
         if np.abs(part).max() > MIN_CHANGE:
@@ -250,7 +253,7 @@ def _shown_part(change: Floats, hidden: Floats) -> Floats:
     u, s, _ = np.linalg.svd(hidden, full_matrices=False)
     directions = u[:, s > HIDDEN_SHARE]
     part: Floats = change - directions @ (directions.T @ change)
-    return part
+    return np.where((hidden**2).sum(axis=1) > MOSTLY_HIDDEN, 0.0, part)
 
 
 def _named(groups: Sequence[tuple[tuple[str, ...], slice]], hidden: Floats) -> list[str]:
