@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from geomphys.authoring.calibrated_scene import SceneChange, rpy_degrees, write_changes
 from geomphys.authoring.contact_fit import ContactFit, ContactProblem, Unknowns, moved_surface, offset_matrix
 from geomphys.authoring.contact_frames import Recorded, Stretch, collect
-from geomphys.authoring.lag import find_lag
+from geomphys.authoring.time_shift import find_time_shift
 from geomphys.config import Config
 from geomphys.errors import ConfigError
 from geomphys.load import load_world, scaled_to_log
@@ -212,8 +212,8 @@ def _result(
         name = world.tree_names[surface]
         surfaces[name] = _described(world, surface, pose)
         if np.abs(part).max() > MIN_CHANGE:
-            turned = tuple(pose[3:]) if np.abs(part[1:]).max() > MIN_CHANGE else None
-            changes.append(SceneChange("object", name, "", tuple(pose[:3]), turned))
+            rotated = tuple(pose[3:]) if np.abs(part[1:]).max() > MIN_CHANGE else None
+            changes.append(SceneChange("object", name, "", tuple(pose[:3]), rotated))
     delays, correlation, hidden_lags = _delays(world, tree, root, recorded)
     changes += [SceneChange("avatar", avatar, key, delay=value) for key, value in delays.values() if value is not None]
     return Calibration(
@@ -227,7 +227,7 @@ def _result(
         correlation=correlation,
         frames=len(recorded.contacts),
         residual_m=fit.residual,
-        residual_p90_m=fit.spread,
+        residual_p90_m=fit.percentile_90,
         unobservable=(*_named(groups, fit.hidden), *hidden_lags),
         changes=tuple(changes),
     )
@@ -264,23 +264,21 @@ def _named(groups: Sequence[tuple[tuple[str, ...], slice]], hidden: Floats) -> l
 
 def _separated(hidden: Floats) -> list[list[int]]:
     """Components of the hidden directions, in a basis with few components each (reduced row echelon form)."""
-    rows = hidden.T.copy()
-    found, row = [], 0
-    for column in np.argsort(-np.abs(rows).max(axis=0, initial=0.0), kind="stable"):
-        if row == len(rows):
+    rows, pivots = hidden.T.copy(), 0
+    free = np.ones(len(hidden), dtype=bool)
+    while pivots < len(rows):
+        largest = np.abs(rows[pivots:]) * free
+        best, column = (int(k) for k in np.unravel_index(int(largest.argmax()), largest.shape))
+        if largest[best, column] < HIDDEN_SHARE:
             break
-        best = row + int(np.abs(rows[row:, column]).argmax())
-        if abs(rows[best, column]) < HIDDEN_SHARE:
-            continue
-        rows[[row, best]] = rows[[best, row]]
-        rows[row] /= rows[row, column]
+        rows[[pivots, pivots + best]] = rows[[pivots + best, pivots]]
+        rows[pivots] /= rows[pivots, column]
         for other in range(len(rows)):
-            if other != row:
-                rows[other] -= rows[other, column] * rows[row]
-        row += 1
-    for entry in rows[:row]:
-        entry = entry / np.abs(entry).max()
-        found.append([int(k) for k in np.flatnonzero(np.abs(entry) > NAMED_SHARE)])
+            if other != pivots:
+                rows[other] -= rows[other, column] * rows[pivots]
+        free[column] = False
+        pivots += 1
+    found = [[int(k) for k in np.flatnonzero(np.abs(row) > NAMED_SHARE * np.abs(row).max())] for row in rows[:pivots]]
     return sorted(found)
 
 
@@ -311,12 +309,12 @@ def _delays(
         speeds = recorded.points if key == "keypoints" else recorded.joints
         if len(speeds) != len(recorded.times):
             speeds = recorded.joints
-        lag = find_lag(
+        found = find_time_shift(
             np.array(recorded.times), [np.array(recorded.linear), np.array(recorded.angular)], np.array(speeds)
         )
-        correlation[topic] = lag.correlation
-        if not lag.is_shown:
+        correlation[topic] = found.correlation
+        if not found.is_shown:
             hidden.append(f"delay of {topic}")
             continue
-        delays[topic] = (key, round(delay - lag.seconds, 4) if abs(lag.seconds) >= MIN_DELAY else delay)
+        delays[topic] = (key, round(delay - found.seconds, 4) if abs(found.seconds) >= MIN_DELAY else delay)
     return delays, correlation, hidden

@@ -35,8 +35,8 @@ LENGTH = 0.01
 """m; unit of translations."""
 ANGLE = 0.1
 """rad; unit of rotations."""
-INSENSITIVE = 3.5e-3
-"""m; a unit change that moves the gaps by less is not shown: of what an error of 0.7 mm makes 2 mm."""
+INSENSITIVE = 2.5e-3
+"""m; a unit change that moves the gaps by less is not shown: of what an error of 0.5 mm makes 2 mm."""
 EXPECTED = 3.0
 """Units; changes of this size are expected: what the frames hardly show stays near zero."""
 STAGES = ((0.03, 0.03), (0.015, 0.01), (0.008, 0.005), (0.004, 0.003), (0.002, 0.0015))
@@ -66,7 +66,7 @@ class ContactFit(NamedTuple):
     hidden: Floats  # (N, M) orthonormal directions that the frames do not show
     pivots: dict[int, Floats]  # surface -> middle of its contacts (3,), which it tilts about
     residual: float  # m, median of the absolute gaps
-    spread: float  # m, 90th percentile
+    percentile_90: float  # m, 90th percentile
 
 
 class ContactProblem:
@@ -96,8 +96,8 @@ class ContactProblem:
                     break
         gaps, jacobian, shares = self.linearise(change, STAGES[-1][0])
         absolute = np.abs(gaps)
-        residual, spread = (float(np.percentile(absolute, share)) if len(gaps) else 0.0 for share in (50, 90))
-        return ContactFit(change, _hidden(jacobian * np.sqrt(shares)[:, None]), self.pivots, residual, spread)
+        residual, percentile_90 = (float(np.percentile(absolute, share)) if len(gaps) else 0.0 for share in (50, 90))
+        return ContactFit(change, _hidden(jacobian * np.sqrt(shares)[:, None]), self.pivots, residual, percentile_90)
 
     def _middle(self, surface: int) -> Floats:
         """Mean of the lowest points of the contacts with a surface, (3,) world frame."""
@@ -167,10 +167,10 @@ def _touching(found: PointGaps, contact: Contact, band: float) -> list[int]:
 def offset_matrix(change: Floats) -> Floats:
     """(4, 4) of a change of the offset (6,) in units: a rotation about the tracker's origin, then a translation."""
     matrix = np.eye(4)
-    turn = ANGLE * change[3:6]
-    angle = float(np.linalg.norm(turn))
+    rotation = ANGLE * change[3:6]
+    angle = float(np.linalg.norm(rotation))
     if angle > 0.0:
-        matrix[:3, :3] = rotation_about(turn / angle, angle)
+        matrix[:3, :3] = rotation_about(rotation / angle, angle)
     matrix[:3, 3] = LENGTH * change[:3]
     return matrix
 
@@ -178,12 +178,12 @@ def offset_matrix(change: Floats) -> Floats:
 def moved_surface(pose: Floats, change: Floats, pivot: Floats) -> Floats:
     """Pose (7,) of a surface after a change (3,) in units: a rotation about `pivot` (3,), then a translation."""
     moved = pose.copy()
-    turn = ANGLE * np.array([change[1], change[2], 0.0])
-    angle = float(np.linalg.norm(turn))
+    rotation = ANGLE * np.array([change[1], change[2], 0.0])
+    angle = float(np.linalg.norm(rotation))
     if angle > 0.0:
-        quaternion = np.array([*(np.sin(angle / 2) * turn / angle), np.cos(angle / 2)])
+        quaternion = np.array([*(np.sin(angle / 2) * rotation / angle), np.cos(angle / 2)])
         moved[3:] = quaternion_product(quaternion, pose[3:])
-        moved[:3] = pivot + rotation_about(turn / angle, angle) @ (pose[:3] - pivot)
+        moved[:3] = pivot + rotation_about(rotation / angle, angle) @ (pose[:3] - pivot)
     moved[2] += LENGTH * change[0]
     return moved
 
