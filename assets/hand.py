@@ -52,7 +52,27 @@ def make(folder: Path) -> int:
     write_urdf(
         folder / "hand.urdf", "hand", note, {"skin": (0.85, 0.66, 0.55), "sleeve": (0.32, 0.38, 0.47)}, links, joints
     )
+    tips, ends = fingertips()
+    write_urdf(
+        folder / "hand_tips.urdf",
+        "hand",
+        "The same hand from the palm on, with links without geometry at the wrist and the fingertips, for points. MIT.",
+        {"skin": (0.85, 0.66, 0.55), "sleeve": (0.32, 0.38, 0.47)},
+        [link for link in links if link.name not in ("forearm", "wrist")] + tips,
+        [joint for joint in joints if not joint.name.startswith("wrist")] + ends,
+    )
     return total
+
+
+def fingertips() -> tuple[list[Link], list[Joint]]:
+    """A link at the end of the last bone of each finger, and one at the wrist, the origin of the palm."""
+    lengths = {"thumb": THUMB_BONES[-1], **{finger: f[2][-1] for finger, f in FINGERS.items()}}
+    links = [Link(f"{finger}_tip") for finger in lengths]
+    joints = [
+        Joint(f"{finger}_tip_end", segments(finger)[-1], f"{finger}_tip", (length * MM, 0.0, 0.0))
+        for finger, length in lengths.items()
+    ]
+    return [Link("wrist"), *links], [Joint("wrist_end", "palm", "wrist", (0.0, 0.0, 0.0)), *joints]
 
 
 def phalanges() -> dict[str, Solid]:

@@ -15,6 +15,7 @@ import gallery_hand
 import hand_ball
 import hand_lift
 import hand_mug
+import keypoint_hands
 import mcap_files
 import robot_glove
 import two_arms
@@ -37,13 +38,19 @@ def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path(__file__).resolve().parent, help="folder to write into")
-    parser.add_argument("--only", choices=sorted(EXPERIMENTS), help="one recording instead of all")
+    parser.add_argument(
+        "--only", choices=sorted([*EXPERIMENTS, *keypoint_hands.SOURCES]), help="one recording instead of all"
+    )
     options = parser.parse_args()
     for name, (make, encoding) in EXPERIMENTS.items():
         if options.only in (None, name):
             path = options.out / f"{name}.mcap"
             mcap_files.write(path, make(), encoding)
             print(f"{name}: {encoding}, {path.stat().st_size / 1e3:.0f} kB")
+    for name in keypoint_hands.SOURCES:
+        if options.only in (None, name):
+            path = keypoint_hands.write(name, options.out / f"{name}.mcap")
+            print(f"{name}: json, {path.stat().st_size / 1e3:.0f} kB")
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from geomphys.authoring.calibrated_scene import SceneChange, rpy_degrees, write_changes
 from geomphys.authoring.contact_fit import ContactFit, ContactProblem, Unknowns, moved_surface, offset_matrix
 from geomphys.authoring.contact_frames import Recorded, Stretch, collect
-from geomphys.authoring.lag import find_lag
+from geomphys.authoring.time_shift import find_time_shift
 from geomphys.config import Config
 from geomphys.errors import ConfigError
 from geomphys.load import load_world, scaled_to_log
@@ -31,6 +31,8 @@ Floats = NDArray[np.float64]
 
 HIDDEN_SHARE = 0.15
 """Share of a hidden direction in the offset or in a surface, above which that part is not changed."""
+MOSTLY_HIDDEN = 0.5
+"""Share of a component (squared) in hidden directions, above which the component is not changed at all."""
 NAMED_SHARE = 0.3
 """Share of a hidden direction from which on a component is named."""
 MIN_CHANGE = 0.02
@@ -175,7 +177,8 @@ def _stretches(
 
 def _fit(world: World, tree: int, root: RootSource | None, recorded: Recorded, unknowns: Unknowns) -> ContactFit:
     if not recorded.contacts or unknowns.size == 0:
-        return ContactFit(np.zeros(unknowns.size), np.eye(unknowns.size), 0.0, 0.0)
+        pivots = {surface: np.zeros(3) for surface in unknowns.surfaces}
+        return ContactFit(np.zeros(unknowns.size), np.eye(unknowns.size), pivots, 0.0, 0.0)
     offset = np.eye(4) if root is None else matrix_from_pose([*root.position, *root.orientation])
     return ContactProblem(world, tree, offset, recorded.contacts, unknowns).fit()
 
@@ -205,12 +208,12 @@ def _result(
     for k, surface in enumerate(unknowns.surfaces):
         part = shown[first + 3 * k : first + 3 * k + 3]
         before = world.scene.trees.rest[surface]
-        pose = moved_surface(before, part)
+        pose = moved_surface(before, part, fit.pivots[surface])
         name = world.tree_names[surface]
         surfaces[name] = _described(world, surface, pose)
         if np.abs(part).max() > MIN_CHANGE:
-            turned = tuple(pose[3:]) if np.abs(part[1:]).max() > MIN_CHANGE else None
-            changes.append(SceneChange("object", name, "", tuple(pose[:3]), turned))
+            rotated = tuple(pose[3:]) if np.abs(part[1:]).max() > MIN_CHANGE else None
+            changes.append(SceneChange("object", name, "", tuple(pose[:3]), rotated))
     delays, correlation, hidden_lags = _delays(world, tree, root, recorded)
     changes += [SceneChange("avatar", avatar, key, delay=value) for key, value in delays.values() if value is not None]
     return Calibration(
@@ -224,7 +227,7 @@ def _result(
         correlation=correlation,
         frames=len(recorded.contacts),
         residual_m=fit.residual,
-        residual_p90_m=fit.spread,
+        residual_p90_m=fit.percentile_90,
         unobservable=(*_named(groups, fit.hidden), *hidden_lags),
         changes=tuple(changes),
     )
@@ -250,7 +253,7 @@ def _shown_part(change: Floats, hidden: Floats) -> Floats:
     u, s, _ = np.linalg.svd(hidden, full_matrices=False)
     directions = u[:, s > HIDDEN_SHARE]
     part: Floats = change - directions @ (directions.T @ change)
-    return part
+    return np.where((hidden**2).sum(axis=1) > MOSTLY_HIDDEN, 0.0, part)
 
 
 def _named(groups: Sequence[tuple[tuple[str, ...], slice]], hidden: Floats) -> list[str]:
@@ -261,23 +264,21 @@ def _named(groups: Sequence[tuple[tuple[str, ...], slice]], hidden: Floats) -> l
 
 def _separated(hidden: Floats) -> list[list[int]]:
     """Components of the hidden directions, in a basis with few components each (reduced row echelon form)."""
-    rows = hidden.T.copy()
-    found, row = [], 0
-    for column in np.argsort(-np.abs(rows).max(axis=0, initial=0.0), kind="stable"):
-        if row == len(rows):
+    rows, pivots = hidden.T.copy(), 0
+    free = np.ones(len(hidden), dtype=bool)
+    while pivots < len(rows):
+        largest = np.abs(rows[pivots:]) * free
+        best, column = (int(k) for k in np.unravel_index(int(largest.argmax()), largest.shape))
+        if largest[best, column] < HIDDEN_SHARE:
             break
-        best = row + int(np.abs(rows[row:, column]).argmax())
-        if abs(rows[best, column]) < HIDDEN_SHARE:
-            continue
-        rows[[row, best]] = rows[[best, row]]
-        rows[row] /= rows[row, column]
+        rows[[pivots, pivots + best]] = rows[[pivots + best, pivots]]
+        rows[pivots] /= rows[pivots, column]
         for other in range(len(rows)):
-            if other != row:
-                rows[other] -= rows[other, column] * rows[row]
-        row += 1
-    for entry in rows[:row]:
-        entry = entry / np.abs(entry).max()
-        found.append([int(k) for k in np.flatnonzero(np.abs(entry) > NAMED_SHARE)])
+            if other != pivots:
+                rows[other] -= rows[other, column] * rows[pivots]
+        free[column] = False
+        pivots += 1
+    found = [[int(k) for k in np.flatnonzero(np.abs(row) > NAMED_SHARE * np.abs(row).max())] for row in rows[:pivots]]
     return sorted(found)
 
 
@@ -308,12 +309,12 @@ def _delays(
         speeds = recorded.points if key == "keypoints" else recorded.joints
         if len(speeds) != len(recorded.times):
             speeds = recorded.joints
-        lag = find_lag(
+        found = find_time_shift(
             np.array(recorded.times), [np.array(recorded.linear), np.array(recorded.angular)], np.array(speeds)
         )
-        correlation[topic] = lag.correlation
-        if not lag.is_shown:
+        correlation[topic] = found.correlation
+        if not found.is_shown:
             hidden.append(f"delay of {topic}")
             continue
-        delays[topic] = (key, round(delay - lag.seconds, 4) if abs(lag.seconds) >= MIN_DELAY else delay)
+        delays[topic] = (key, round(delay - found.seconds, 4) if abs(found.seconds) >= MIN_DELAY else delay)
     return delays, correlation, hidden

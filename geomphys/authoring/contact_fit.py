@@ -1,8 +1,8 @@
 """Fits the offset of a tracker and the poses of surfaces to frames of contact: robust Gauss-Newton, and what the frames show.
 
-Unknown are small changes: of the root link seen from the tracker (translation and rotation about the tracker's axes), and of
-each surface (height along the world's z, tilt about x and y through its position). The residuals are the gaps of the links
-that touch, penetration and float alike. A change has length 1 where it is `LENGTH` or `ANGLE`.
+Unknown are small changes: of the root link seen from the tracker (translation and rotation about the tracker's axes), and
+of each surface (height along the world's z, tilt about x and y through the middle of the contacts). The residuals are the
+gaps of the links that touch, penetration and float alike. A change has length 1 where it is `LENGTH` or `ANGLE`.
 
 Every stretch counts as one measurement, however many frames and points it has: their errors are not independent. The singular
 values of the Jacobian say which changes the stretches show: a direction whose unit changes their gaps by less than `INSENSITIVE`
@@ -64,8 +64,9 @@ class ContactFit(NamedTuple):
 
     change: Floats  # (N,) in units: 6 of the offset if it is sought, then 3 a surface
     hidden: Floats  # (N, M) orthonormal directions that the frames do not show
+    pivots: dict[int, Floats]  # surface -> middle of its contacts (3,), which it tilts about
     residual: float  # m, median of the absolute gaps
-    spread: float  # m, 90th percentile
+    percentile_90: float  # m, 90th percentile
 
 
 class ContactProblem:
@@ -78,6 +79,7 @@ class ContactProblem:
         self.tree, self.contacts, self.unknowns = tree, contacts, unknowns
         self._meter = GapMeter(world)
         self._offset, self._from_root = tracker_from_root, invert(tracker_from_root)
+        self.pivots = {surface: self._middle(surface) for surface in unknowns.surfaces}
 
     def fit(self) -> ContactFit:
         """Fit all stages."""
@@ -94,8 +96,17 @@ class ContactProblem:
                     break
         gaps, jacobian, shares = self.linearise(change, STAGES[-1][0])
         absolute = np.abs(gaps)
-        residual, spread = (float(np.percentile(absolute, share)) if len(gaps) else 0.0 for share in (50, 90))
-        return ContactFit(change, _hidden(jacobian * np.sqrt(shares)[:, None]), residual, spread)
+        residual, percentile_90 = (float(np.percentile(absolute, share)) if len(gaps) else 0.0 for share in (50, 90))
+        return ContactFit(change, _hidden(jacobian * np.sqrt(shares)[:, None]), self.pivots, residual, percentile_90)
+
+    def _middle(self, surface: int) -> Floats:
+        """Mean of the lowest points of the contacts with a surface, (3,) world frame."""
+        points = []
+        for contact in self.contacts:
+            if contact.surface == surface:
+                found = self._meter.measure(self.tree, surface, contact.frame.roots, contact.frame.angles)
+                points += [found.point[k] for k in _touching(found, contact, 0.0)]
+        return np.mean(points, axis=0) if points else np.zeros(3)
 
     def linearise(self, change: Floats, band: float) -> tuple[Floats, Floats, Floats]:
         """Gaps (m,) of the points that touch, their derivatives (m, N), and the share of each in its stretch (m,)."""
@@ -107,7 +118,7 @@ class ContactProblem:
             before = matrix_from_pose(roots[self.tree])
             roots[self.tree] = pose_from_matrix(compose(before, root_from_root))
             for surface, part in surfaces.items():
-                roots[surface] = moved_surface(roots[surface], part)
+                roots[surface] = moved_surface(roots[surface], part, self.pivots[surface])
             found = self._meter.measure(self.tree, contact.surface, roots, contact.frame.angles)
             world_from_tracker = compose(before, self._from_root)
             for k in _touching(found, contact, band):
@@ -130,7 +141,7 @@ class ContactProblem:
             if moved != surface:
                 row += [0.0, 0.0, 0.0]
                 continue
-            arm = point - roots[surface, :3]
+            arm = point - self.pivots[surface]
             row += [-LENGTH * float(normal[2])]
             row += [-ANGLE * float(normal @ np.cross(np.eye(3)[k], arm)) for k in range(2)]
         return np.array(row)
@@ -156,23 +167,24 @@ def _touching(found: PointGaps, contact: Contact, band: float) -> list[int]:
 def offset_matrix(change: Floats) -> Floats:
     """(4, 4) of a change of the offset (6,) in units: a rotation about the tracker's origin, then a translation."""
     matrix = np.eye(4)
-    turn = ANGLE * change[3:6]
-    angle = float(np.linalg.norm(turn))
+    rotation = ANGLE * change[3:6]
+    angle = float(np.linalg.norm(rotation))
     if angle > 0.0:
-        matrix[:3, :3] = rotation_about(turn / angle, angle)
+        matrix[:3, :3] = rotation_about(rotation / angle, angle)
     matrix[:3, 3] = LENGTH * change[:3]
     return matrix
 
 
-def moved_surface(pose: Floats, change: Floats) -> Floats:
-    """Pose (7,) of a surface after a change (3,) in units."""
+def moved_surface(pose: Floats, change: Floats, pivot: Floats) -> Floats:
+    """Pose (7,) of a surface after a change (3,) in units: a rotation about `pivot` (3,), then a translation."""
     moved = pose.copy()
-    moved[2] += LENGTH * change[0]
-    turn = ANGLE * np.array([change[1], change[2], 0.0])
-    angle = float(np.linalg.norm(turn))
+    rotation = ANGLE * np.array([change[1], change[2], 0.0])
+    angle = float(np.linalg.norm(rotation))
     if angle > 0.0:
-        quaternion = np.array([*(np.sin(angle / 2) * turn / angle), np.cos(angle / 2)])
+        quaternion = np.array([*(np.sin(angle / 2) * rotation / angle), np.cos(angle / 2)])
         moved[3:] = quaternion_product(quaternion, pose[3:])
+        moved[:3] = pivot + rotation_about(rotation / angle, angle) @ (pose[:3] - pivot)
+    moved[2] += LENGTH * change[0]
     return moved
 
 

@@ -126,11 +126,11 @@ def collect(
                 if abs(gaps[best]) < NEAR_M:
                     slow.append(Contact(frame, surfaces[best], -1, True))
     for k, (stretch, surface) in enumerate(stretches):
-        if not buckets[k].kept and k in nearest:
+        if not buckets[k].retained and k in nearest:
             buckets[k].add(Contact(nearest[k][1], surface, links[k], True, k))
-        if not buckets[k].kept:
+        if not buckets[k].retained:
             raise LogError(f"{log}: has no good frame from {stretch.begin:g} to {stretch.end:g} s after its first")
-    recorded.contacts = [contact for bucket in buckets for contact in bucket.kept]
+    recorded.contacts = [contact for bucket in buckets for contact in bucket.retained]
     recorded.contacts += _rests(slow)
     return recorded
 
@@ -148,7 +148,7 @@ def _rests(slow: Sequence[Contact]) -> list[Contact]:
         bucket = _Thinned()
         for contact in run:
             bucket.add(contact._replace(stretch=k))
-        found += bucket.kept
+        found += bucket.retained
     return found
 
 
@@ -156,14 +156,14 @@ class _Thinned:
     """At most `MAX_FRAMES` contacts, evenly spread: every one, then every second …"""
 
     def __init__(self) -> None:
-        self.kept: list[Contact] = []
+        self.retained: list[Contact] = []
         self.stride, self.count = 1, 0
 
     def add(self, contact: Contact) -> None:
         if self.count % self.stride == 0:
-            self.kept.append(contact)
-            if len(self.kept) > MAX_FRAMES:
-                del self.kept[1::2]
+            self.retained.append(contact)
+            if len(self.retained) > MAX_FRAMES:
+                del self.retained[1::2]
                 self.stride *= 2
         self.count += 1
 

@@ -111,8 +111,8 @@ def _sample(scene: Scene) -> tuple[Ints, Floats, Floats]:
         elif kind == CAPSULE:
             points, r = np.array([[0, 0, -half], [0, 0, half]]), radius
         elif kind == CYLINDER:
-            turn = 2 * np.pi * np.arange(RIM_POINTS) / RIM_POINTS
-            rim = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), np.full(RIM_POINTS, half)])
+            angle = 2 * np.pi * np.arange(RIM_POINTS) / RIM_POINTS
+            rim = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(RIM_POINTS, half)])
             points, r = np.concatenate([rim, rim * [1, 1, -1]]), 0.0
         else:
             assert kind in (BOX, HULL)

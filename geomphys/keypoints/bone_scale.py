@@ -61,11 +61,11 @@ def branch_names(model: FitModel, links: tuple[str, ...]) -> list[str]:
 def find_segments(model: FitModel, branches: list[str]) -> list[Segment]:
     """All pairs of points that keep their distance in any posture and are not at one place."""
     distances = point_distances(model)
-    spread, length = np.ptp(distances, axis=0), np.mean(distances, axis=0)
+    variation, length = np.ptp(distances, axis=0), np.mean(distances, axis=0)
     found = []
     for i in range(len(model.body)):
         for j in range(i + 1, len(model.body)):
-            if spread[i, j] < RIGID and length[i, j] > MIN_LENGTH:
+            if variation[i, j] < RIGID and length[i, j] > MIN_LENGTH:
                 branch = {branches[model.body[i]], branches[model.body[j]]}
                 name = branch.pop() if len(branch) == 1 else BASE
                 found.append(Segment(i, j, float(length[i, j]), name))

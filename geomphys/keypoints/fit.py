@@ -240,15 +240,15 @@ def try_step(model: FitModel, state: FitState, centre: Vec) -> float:
         trial_root[k] = state.root[k]
     if model.fits_root[0]:
         shift = (state.step[n], state.step[n + 1], state.step[n + 2])
-        turn = (state.step[n + 3], state.step[n + 4], state.step[n + 5])
-        rotation = quat_from_rotation_vector(turn)
+        rotation_step = (state.step[n + 3], state.step[n + 4], state.step[n + 5])
+        rotation = quat_from_rotation_vector(rotation_step)
         p = sub((state.root[0], state.root[1], state.root[2]), centre)
         p = add(add(quat_rotate(rotation, p), centre), shift)
         q = quat_unit(quat_mul(rotation, (state.root[3], state.root[4], state.root[5], state.root[6])))
         trial_root[0], trial_root[1], trial_root[2] = p
         trial_root[3], trial_root[4], trial_root[5], trial_root[6] = q
         for k in range(3):
-            largest = max(largest, abs(turn[k]), 10.0 * abs(shift[k]))
+            largest = max(largest, abs(rotation_step[k]), 10.0 * abs(shift[k]))
     pose_links(model, trial_root, state.trial_angles, state.trial_poses)
     return largest
 

@@ -22,7 +22,7 @@ MAX_INCREMENT = 0.5
 """rad or m; a larger one of the last frame is not carried on."""
 ROOT_POINTS = 3
 """Points that show the pose of the root, at least."""
-ROOT_SPREAD = 0.005
+ROOT_EXTENT = 0.005
 """m; root mean square distance of these points from a line, at least."""
 PROBED_FRAMES = 16
 """Every so many frames it is measured what the points show."""
@@ -83,7 +83,7 @@ class KeypointFitter:
         if not self.started:
             self._start(points, seen, shown)
         else:
-            self._carry_on(points, seen, shown)
+            self._fit_next(points, seen, shown)
         self._count(points, seen)
         return FittedPosture(state.root.copy(), state.angles.copy(), held)
 
@@ -109,12 +109,12 @@ class KeypointFitter:
         self.started = True
         pose_links(self._model, state.root, state.angles, state.poses)
 
-    def _carry_on(self, points: Floats, seen: Ints, shown: Ints) -> None:
+    def _fit_next(self, points: Floats, seen: Ints, shown: Ints) -> None:
         """Posture of a later frame, from the last one."""
         state, model = self.state, self.model
         last_angles = state.angles.copy()
-        carried = np.where(np.abs(state.increment) < MAX_INCREMENT, state.increment, 0.0)
-        state.target[:] = np.clip(last_angles + carried, model.lower, model.upper)
+        predicted = np.where(np.abs(state.increment) < MAX_INCREMENT, state.increment, 0.0)
+        state.target[:] = np.clip(last_angles + predicted, model.lower, model.upper)
         state.figures[2] = SMOOTHNESS_WEIGHT
         fit_frame(self._model, self._state, points, seen, shown, ITERATIONS)
         state.increment[:] = state.angles - last_angles
@@ -179,5 +179,5 @@ def _spans(model: FitModel, group: NDArray[np.bool_]) -> bool:
     poses = np.zeros((len(model.parent), 7))
     pose_links(model, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), model.rest, poses)
     points = poses[model.body[group], :3]
-    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) / np.sqrt(len(points))
-    return bool(spread[1] > ROOT_SPREAD)
+    extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) / np.sqrt(len(points))
+    return bool(extent[1] > ROOT_EXTENT)

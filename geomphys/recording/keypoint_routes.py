@@ -1,4 +1,8 @@
-"""Samples the points of a tree at the frames and fits its joint values to them."""
+"""Samples the points of a tree at the frames and fits its joint values to them.
+
+The nodes of a Manus glove are given in the hand: with a tracker for the root they are fitted by themselves, and only the joint
+values count.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +13,7 @@ from numpy.typing import NDArray
 
 from geomphys.keypoints.fitter import KeypointFitter
 from geomphys.keypoints.setup import make_model
+from geomphys.recording.channels import kind_of
 from geomphys.recording.input_plan import KeypointInput
 from geomphys.recording.routes import RootRoute
 from geomphys.scene.arrays import World
@@ -29,7 +34,11 @@ class KeypointRoute:
         self.links = [name.split("/", 1)[1] for name in world.body_names[rows]]
         bodies = np.array([self.links.index(link) for link in source.links], dtype=np.int64)
         weights = np.array(source.weights)
-        self.model = make_model(world.scene, self.tree, bodies, weights, fits_root=source.source.fits_root)
+        kind = kind_of(source.channels[0])
+        self.in_hand = kind is not None and kind.content == "glove"  # a glove does not know where the hand is
+        self.keeps_root = not source.source.fits_root
+        fits_root = source.source.fits_root or self.in_hand
+        self.model = make_model(world.scene, self.tree, bodies, weights, fits_root=fits_root)
         self.fitter = KeypointFitter(self.model) if fits else None
         self.columns = slice(*world.scene.trees.dof_start[self.tree : self.tree + 2])
         self.points = np.zeros((len(self.routes), 3))  # of the last frame, m, world frame
@@ -47,7 +56,8 @@ class KeypointRoute:
             return False
         is_early = waiting and any(r.stream.last is None for r in self.routes)
         fitted = self.fitter.fit(self.points, self.seen, roots[self.tree])
-        roots[self.tree] = fitted.root
+        if not self.keeps_root:
+            roots[self.tree] = fitted.root
         angles[self.columns] = fitted.angles
         held = fitted.held or (is_early and not any(r.stream.last is not None for r in self.routes))
         self.held_frames += held

@@ -314,7 +314,9 @@ def _name_warnings(source: FrameSource, log_pass: LogPass, report: RecordingRepo
 
 def _unfed_avatars(source: FrameSource) -> Iterator[str]:
     """Avatars without a joint topic though the log has unused joint values."""
-    world, used = source.world, {i.topic for i in source.plan.joints}
+    world, plan = source.world, source.plan
+    used = {i.topic for i in plan.joints} | {k.topic for k in plan.keypoints}
+    fed = {i.source.tree for i in plan.joints} | {k.source.tree for k in plan.keypoints}
     unused = sorted(
         {
             c.topic
@@ -327,6 +329,6 @@ def _unfed_avatars(source: FrameSource) -> Iterator[str]:
     )
     for tree in range(world.avatar_count if unused else 0):
         joints = int((world.scene.dofs.tree == tree).sum())
-        if joints and all(i.source.tree != tree for i in source.plan.joints):
+        if joints and tree not in fed:
             text = f"the {joints} joints of {world.tree_names[tree]} stand still at 0, nothing feeds them; the log has "
             yield Diagnostic(f"{text}joint values on {join_names(unused, MAX_NAMES)}", "joints_without_topic")

@@ -7,7 +7,7 @@ import pytest
 
 import geomphys
 from geomphys.authoring.contact_frames import collect
-from geomphys.authoring.lag import find_lag
+from geomphys.authoring.time_shift import find_time_shift
 from geomphys.config import Config
 from geomphys.numerics.transforms import quaternion_from_rpy
 from tests.authoring.calibrated_logs import ALL_WAYS, FLAT, HEIGHT, OFFSET, stretches, write_log, write_scene
@@ -131,16 +131,16 @@ def test_a_lag_comes_back(lag):
     times = np.arange(0, 12, 1 / 100)
     rng = np.random.default_rng(0)
     second = events(1, times, lag) + 0.02 * rng.random(len(times))
-    found = find_lag(times, [events(1, times), events(7, times)], second)
+    found = find_time_shift(times, [events(1, times), events(7, times)], second)
     assert found.is_shown
     assert found.seconds == pytest.approx(lag, abs=0.005)
 
 
 def test_the_lag_of_streams_that_move_on_their_own_is_not_shown():
     times = np.arange(0, 12, 1 / 100)
-    assert not any(find_lag(times, [events(k, times)], events(k + 50, times)).is_shown for k in range(12))
-    assert not find_lag(times, [events(1, times)], np.zeros(len(times))).is_shown
-    assert not find_lag(times[:50], [events(1, times[:50])], events(1, times[:50])).is_shown
+    assert not any(find_time_shift(times, [events(k, times)], events(k + 50, times)).is_shown for k in range(12))
+    assert not find_time_shift(times, [events(1, times)], np.zeros(len(times))).is_shown
+    assert not find_time_shift(times[:50], [events(1, times[:50])], events(1, times[:50])).is_shown
 
 
 @pytest.mark.parametrize("lag", [0.08, -0.08])

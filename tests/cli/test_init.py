@@ -23,7 +23,8 @@ def test_init_writes_a_scene_that_check_accepts(
     told = capsys.readouterr().out
     assert "follows /tracker/wrist" in told
     assert "22 by name from /glove/joint_states, rad" in told
-    assert told.rstrip().endswith(f"geomphys check {words[1]} --scene scene.toml")
+    assert f"geomphys check {words[1]} --scene scene.toml\n" in told
+    assert told.rstrip().endswith(f"geomphys calibrate {words[1]} --scene scene.toml --flat T0:T1 --on table --write")
     assert run(["check", words[1], "--scene", "scene.toml", "--strict"]) == 0
     before = Path("scene.toml").read_bytes()
     assert run(words) == 2

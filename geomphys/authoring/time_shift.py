@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-MAX_LAG = 0.3
+MAX_TIME_SHIFT = 0.3
 """s; shifts that are tried."""
 RATE = 500.0
 """Hz; speeds are resampled at this rate."""
@@ -30,7 +30,7 @@ PEAK_WIDTH = 0.06
 """s; how far from the best shift another peak begins."""
 
 
-class Lag(NamedTuple):
+class TimeShift(NamedTuple):
     """How much later the second stream is than the first."""
 
     seconds: float
@@ -38,7 +38,7 @@ class Lag(NamedTuple):
     is_shown: bool
 
 
-def find_lag(times: Floats, first: Sequence[Floats], second: Floats) -> Lag:
+def find_time_shift(times: Floats, first: Sequence[Floats], second: Floats) -> TimeShift:
     """Lag of a stream behind another.
 
     Parameters
@@ -50,27 +50,27 @@ def find_lag(times: Floats, first: Sequence[Floats], second: Floats) -> Lag:
     second
         (n,) speed of the second stream.
     """
-    if len(times) < 3 or times[-1] - times[0] < 4 * MAX_LAG:
-        return Lag(0.0, 0.0, False)
+    if len(times) < 3 or times[-1] - times[0] < 4 * MAX_TIME_SHIFT:
+        return TimeShift(0.0, 0.0, False)
     even = np.arange(times[0], times[-1], 1.0 / RATE)
     other = _changes(np.interp(even, times, second))
     signals = [_changes(np.interp(even, times, speed)) for speed in first]
     signals = [s for s in signals if s.any()]
     if not signals or not other.any():
-        return Lag(0.0, 0.0, False)
-    reach = int(MAX_LAG * RATE)
+        return TimeShift(0.0, 0.0, False)
+    reach = int(MAX_TIME_SHIFT * RATE)
     shifts = np.arange(-reach, reach + 1)
     found = np.array([sum(_correlation(s, other, int(k)) for s in signals) for k in shifts]) / np.sqrt(len(signals))
     best = int(found.argmax())
     if not 0 < best < len(shifts) - 1:
-        return Lag(shifts[best] / RATE, float(found[best]), False)
+        return TimeShift(shifts[best] / RATE, float(found[best]), False)
     away = np.abs(shifts - shifts[best]) > PEAK_WIDTH * RATE
     threshold = SIGNIFICANT / np.sqrt((times[-1] - times[0]) / INDEPENDENT)
     is_shown = found[best] > max(threshold, DISTINCT * found[away].max(initial=0.0))
     low, middle, high = found[best - 1 : best + 2]
-    bend = low - 2.0 * middle + high
-    shift = shifts[best] + (0.5 * (low - high) / bend if bend < 0 else 0.0)
-    return Lag(float(shift / RATE), float(found[best]), bool(is_shown))
+    curvature = low - 2.0 * middle + high
+    shift = shifts[best] + (0.5 * (low - high) / curvature if curvature < 0 else 0.0)
+    return TimeShift(float(shift / RATE), float(found[best]), bool(is_shown))
 
 
 def _changes(speed: Floats) -> Floats:
@@ -79,8 +79,8 @@ def _changes(speed: Floats) -> Floats:
 
     floor = 0.1 * float(np.median(speed)) + 1e-9 * max(float(speed.max(initial=0.0)), 1e-9)
     change = np.diff(gaussian_filter1d(np.log(speed + floor), SMOOTHING * RATE))
-    spread = float(change.std())
-    unit: Floats = change / spread if spread > 1e-12 else np.zeros_like(change)
+    deviation = float(change.std())
+    unit: Floats = change / deviation if deviation > 1e-12 else np.zeros_like(change)
     return unit
 
 

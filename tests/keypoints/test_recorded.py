@@ -1,0 +1,91 @@
+"""Real recordings as points: by forward kinematics, with noise, dropouts, bones of other lengths; the fingertips come back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from geomphys.config import Config
+from geomphys.load import load_world, scaled_to_log
+from geomphys.numerics.transforms import matrix_from_pose
+from geomphys.recording.frames import FrameSource
+from geomphys.recording.message_kinds import HAND_JOINTS
+from geomphys.recording.point_labels import label_names, links_of_labels
+from geomphys.scene.scaled_urdf import scaled_urdf
+from geomphys.scene.skeleton import load_skeleton
+from tests.keypoints.hands import write_points
+
+NOISE_M, DROPOUTS, LENGTHS = 0.001, 0.1, 0.15
+
+
+def frames_of(log, scene):
+    world = scaled_to_log(log, load_world(scene), Config())
+    with FrameSource(log, world, Config()) as source:
+        return world, list(source)
+
+
+def link_positions(urdf, frames, links):
+    skeleton = load_skeleton(urdf)
+    roots = matrix_from_pose(np.array([f.roots[0] for f in frames]))
+    poses = skeleton.forward(np.array([f.angles[: len(skeleton.dof_names)] for f in frames]), roots)
+    return {label: poses[:, skeleton.index(link), :3, 3] for label, link in links.items()}
+
+
+def errors(folder: Path, log: Path, urdf: Path, root: str, joints: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of the fingertips (frames · tips,) m, and how much farther links move in a frame than any point does."""
+    recorded = folder / "recorded.toml"
+    tables = f'root = {{ topic = "{root}" }}\njoints = {{ topic = "{joints}" }}'
+    recorded.write_text(f'[[avatar]]\nname = "hand"\nurdf = "{urdf}"\n{tables}\n')
+    _, frames = frames_of(log, recorded)
+    rng, skeleton = np.random.default_rng(seed), load_skeleton(urdf)
+    links = links_of_labels([link.name for link in skeleton.links], "")
+    other = folder / "other.urdf"
+    other.write_bytes(scaled_urdf(urdf, {link.name: 1 + rng.uniform(-LENGTHS, LENGTHS) for link in skeleton.links}))
+    true = link_positions(other, frames, links)
+    labels = [label.point for label in label_names(HAND_JOINTS).values()]
+    points = np.full((len(frames), len(labels), 3), np.nan)
+    for k, label in enumerate(labels):
+        if label in true:
+            points[:, k] = true[label] + rng.normal(0, NOISE_M, (len(frames), 3))
+    lost = rng.random(points.shape[:2]) < DROPOUTS
+    rate = (len(frames) - 1) / (frames[-1].time_ns - frames[0].time_ns) * 1e9
+    made = write_points(folder / "points.mcap", np.where(lost[..., None], np.nan, points), rate=rate)
+    fitted = folder / "fitted.toml"
+    fitted.write_text(
+        f'[[avatar]]\nname = "hand"\nurdf = "{urdf}"\nkeypoints = {{ topic = "/hand", layout = "openxr" }}\n'
+    )
+    world, found = frames_of(made, fitted)
+    assert len(found) == len(frames)
+    reached = link_positions(Path(world.urdfs["hand"]), found, links)
+    ends = [n for n in links if n.endswith("_tip")] or [n for n in links if n.endswith(("_dip", "_ip"))]
+    tips = np.concatenate([np.linalg.norm(reached[n] - true[n], axis=1) for n in ends])
+    steps = [np.linalg.norm(np.diff(positions, axis=0), axis=1) for positions in reached.values()]
+    shown = np.max([np.linalg.norm(np.diff(positions, axis=0), axis=1) for positions in true.values()], axis=0)
+    return tips, np.max(steps, axis=0) - shown
+
+
+CASES = [
+    ("leap_grab_protobuf.mcap", "human_hands/leap_grab_right.urdf", "/tracker/right_hand", "/glove/right/joint_states"),
+    ("adroit_door_00_ros2.mcap", "adroit/adroit_hand.urdf", "/tracker/wrist", "/glove/joint_states"),
+    ("leap_pinch_57fps_json.mcap", "human_hands/leap_pinch_57fps_right.urdf", "/tracker/right_hand", "/glove/right/joint_states"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("log", "urdf", "root", "joints"), CASES, ids=[case[0] for case in CASES])
+def test_fingertips_of_real_recordings(shared_dir, tmp_path, log, urdf, root, joints):
+    tips, jumps = errors(tmp_path, shared_dir / "recordings" / log, shared_dir / "models" / urdf, root, joints, 1)
+    assert np.median(tips) < 0.002
+    assert np.percentile(tips, 95) < 0.005
+    assert np.percentile(jumps, 99) < 0.008
+
+
+def test_fingertips_of_a_recording_of_the_project(root, tmp_path):
+    hand = root / "assets" / "hand" / "hand.urdf"
+    tips, jumps = errors(
+        tmp_path, root / "recordings" / "hand_ball.mcap", hand, "/tracker/wrist", "/glove/joint_states", 2
+    )
+    assert np.median(tips) < 0.002
+    assert np.percentile(tips, 95) < 0.005
+    assert np.percentile(jumps, 99) < 0.008
