@@ -1,12 +1,13 @@
 # make demo    a recorded hand, put on the table it sank into: out/gallery_hand.mcap and .rrd
 # make test    the tests but the slow ones; make test-all: all of them
 # make test-numba   the tests that compile, with the oldest numba allowed
+# make distribution   wheel and sdist, each tried in an environment of its own, outside the checkout
 # make check   format, lint, types, documents
 # make fuzz    hostile bytes through every loader, for FUZZ_SECONDS of processor time (default 600): out/fuzz/
 # make bench   frame times per stage
 # make figures the experiments' pictures and frame times: assets/docs/figures.md
 # make methods the published method beside ours on the recordings: assets/docs/methods.md
-# make format  put the code, assets/docs/modules.md and assets/docs/cli.md into shape
+# make format  put the code and the generated pages of assets/docs/ into shape
 # make clean   remove what the others made
 #
 # Another Python than python3:  make demo PYTHON=python3.12
@@ -18,7 +19,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 MESHES := $(shell find assets -type f 2>/dev/null)
 
 .DELETE_ON_ERROR:
-.PHONY: demo test test-all test-numba check fuzz bench figures methods format clean
+.PHONY: demo distribution test test-all test-numba check fuzz bench figures methods format clean
 
 demo: $(VENV)/.runtime out/gallery_hand.mcap
 	@echo
@@ -41,6 +42,9 @@ test-numba: $(VENV)/.test
 	$(PYTHON) -m venv --clear out/venv-numba
 	out/venv-numba/bin/python -m pip --disable-pip-version-check --quiet install --editable '.[test]' 'numba==$(OLDEST_NUMBA).*'
 	out/venv-numba/bin/python -m pytest tests/simulated tests/driven tests/engine/test_pipeline.py
+
+distribution:
+	.ci/check_distribution $(PYTHON)
 
 check: $(VENV)/.test
 	$(BIN)/ruff format --check .
@@ -66,6 +70,7 @@ format: $(VENV)/.test
 	$(BIN)/ruff check --fix .
 	$(BIN)/python tests/house/listing.py
 	$(BIN)/python tests/house/reference.py
+	$(BIN)/python tests/house/output_reference.py
 
 clean:
 	rm -rf $(VENV) out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

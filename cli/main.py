@@ -26,6 +26,7 @@ GC_THRESHOLD = 50_000
 """Allocations between garbage collections; the default of 700 costs 10 % of a short replay."""
 
 COMMANDS = {
+    "demo": "Replay the recording that comes with the package.",
     "init": "Write a first scene file for a log.",
     "calibrate": "Find tracker offset, heights of surfaces and lags from a log.",
     "replay": "Replay a log in a scene and write the corrected motion.",

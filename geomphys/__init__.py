@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from geomphys.analysis.tables import export_tables
     from geomphys.authoring.calibration import Calibration, calibrate
     from geomphys.authoring.convex_pieces import DecomposedMesh, decompose_file, write_pieces
+    from geomphys.authoring.demo_files import demo_files
     from geomphys.authoring.scene_draft import SceneDraft, draft_scene
     from geomphys.batch.run import BatchReport, run_batch
     from geomphys.bench.run import run_bench
@@ -93,6 +94,7 @@ _HOME = {
     "check_log": "recording.check",
     "compare_outputs": "analysis.diff.compare",
     "decompose_file": "authoring.convex_pieces",
+    "demo_files": "authoring.demo_files",
     "draft_scene": "authoring.scene_draft",
     "export_lerobot": "analysis.lerobot",
     "export_tables": "analysis.tables",
@@ -155,6 +157,7 @@ __all__ = [
     "check_log",
     "compare_outputs",
     "decompose_file",
+    "demo_files",
     "draft_scene",
     "export_lerobot",
     "export_tables",

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from geomphys.scene.scene_file import parse_scene
-from tests.house import inputs
+from tests.house import inputs, output_reference
 from tests.house.listing import DOCUMENT, LIST, listing
 from tests.house.reference import REFERENCE, reference
 from tests.house.sources import ROOT, files, modules, tree
@@ -131,6 +131,10 @@ def test_the_table_of_inputs_is_that_of_the_code() -> None:
     assert inputs.with_table(text) == text, "run: python tests/house/inputs.py"
 
 
+def test_the_reference_of_outputs_is_fresh() -> None:
+    assert output_reference.PAGE.read_text() == output_reference.page(), "run: python tests/house/output_reference.py"
+
+
 def test_the_reference_of_the_command_line_is_fresh() -> None:
     assert REFERENCE.read_text() == reference(), "run: python tests/house/reference.py"
 
@@ -161,9 +165,12 @@ def test_changelog_has_the_version() -> None:
 
 def test_packages_are_all_installed() -> None:
     listed = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"])
-    present = {"geomphys_cli"} | {
-        ".".join(path.parent.relative_to(ROOT).parts) for path in (ROOT / "geomphys").rglob("__init__.py")
-    }
+    demo = {name for name in listed if name.partition(".")[0] == "geomphys_demo"}  # data only
+    present = (
+        {"geomphys_cli"}
+        | demo
+        | {".".join(path.parent.relative_to(ROOT).parts) for path in (ROOT / "geomphys").rglob("__init__.py")}
+    )
     assert listed == present
 
 
