@@ -12,6 +12,7 @@ from pathlib import Path
 import avatar_box
 import finger_snip
 import gallery_hand
+import gripper_cube
 import hand_ball
 import hand_lift
 import hand_mug
@@ -30,6 +31,7 @@ EXPERIMENTS = {
     "hand_mug": (hand_mug.make, "ros2"),
     "hand_ball": (hand_ball.make, "json"),
     "hand_lift": (hand_lift.make, "protobuf"),
+    "gripper_cube": (gripper_cube.make, "ros2"),
     "robot_glove": (robot_glove.make, "ros2"),
 }
 

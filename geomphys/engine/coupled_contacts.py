@@ -37,6 +37,7 @@ from geomphys.scene.arrays import DRIVEN, JOINT_FIXED, JOINT_PRISMATIC, SIMULATE
 from geomphys.scene.kinematics import orientation_of, place_tree, position_of
 from geomphys.simulated.contact_points import add_rows_within, fill_masses
 from geomphys.simulated.motion import point_at, turn_at
+from geomphys.simulated.resting_contact import turns_along
 from geomphys.simulated.state import Row, is_simulated
 
 Floats = NDArray[np.float64]
@@ -232,6 +233,9 @@ def turn_arms(scene: Scene, m: Machine, t: float, h: float) -> None:
     for k in range(sim.counts[0].rows):
         r = sim.rows[k]
         half = half_rotation(scene, m, r.b, t, h)
+        spin = scale(rotation_vector(half), 2.0 / h)
+        if not turns_along(vec_of(sim.motion[r.a].angular_velocity), spin):
+            half = (0.0, 0.0, 0.0, 1.0)
         set_vec(r.arm_a, quat_rotate(half, sub(vec_of(r.point), vec_of(sim.motion[r.a].position))))
         if is_simulated(sim, r.b):
             set_vec(r.arm_b, quat_rotate(half, sub(vec_of(r.point), vec_of(sim.motion[r.b].position))))

@@ -55,7 +55,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CONTACT_GAPS = 3.0  # surfaces nearer than this many gaps are in contact
-LEFT = 1e-5  # m: an overlap that is left is told of from here on
+LEFT = 1e-5  # m: an overlap of a driven body that is left is told of from here on,
+SUNK = 1e-4  # m: and of simulated ones from here on
 BLOCKED_FROM = 1e-4  # m: what touches something this far from its recorded place, that is free, is blocked
 
 KINEMATICS, RECORDED_DEPTH, OVERLAP, IMPULSES, CONTACTS, WHOLE = range(6)
@@ -243,7 +244,7 @@ def step(
         done.rescues,
         flags,
     )
-    if not done.converged or (left if first else lengths[RESIDUAL]) > LEFT:
+    if not done.converged or left > LEFT or (not first and lengths[RESIDUAL] > SUNK):
         numbers[FLAGS] |= FLAG_NOT_CONVERGED
     if done.yielded:
         numbers[FLAGS] |= FLAG_SHAPE_CHANGED

@@ -57,6 +57,8 @@ def set_free(sim: Simulation, body: int) -> None:
     still = same and spin == (0.0, 0.0, 0.0) and vec_from(told, 0) == (0.0, 0.0, 0.0)
     if not still and m.quiet_time >= REST_TIME:
         m.quiet_time = 0.0
+    if not same or (sim.bodies[body].awake == 0 and not still):
+        m.slow_time = 0.0
 
 
 @kernel
@@ -139,7 +141,7 @@ def finish(sim: Simulation) -> int:
                 told[i] = 0.0
         if broken:
             flags = QUARANTINED
-        note_rest(sim, m, told)
+        note_rest(sim, body, told)
         set_vec(m.reported_spin, vec_from(told, 3))
         for i in range(7):
             m.reported_pose[i] = pose[i]

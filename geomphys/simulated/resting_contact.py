@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import add_vec_from, set_vec, vec_of
-from geomphys.numerics.vec3 import add_scaled, dot, norm, quat_conjugate, quat_mul, quat_rotate, scale
+from geomphys.numerics.vec3 import Vec, add_scaled, dot, norm, quat_conjugate, quat_mul, quat_rotate, scale, sub
 from geomphys.simulated.contact_points import clear_impulse, fill_masses, normal_speed, push, speed_at
 from geomphys.simulated.driven_paths import load_paths
 from geomphys.simulated.impulse_accumulation import commit, give_force, impulse_of
@@ -30,6 +30,7 @@ SLOW_PART = (
 )
 WEIGHT_TIME = 0.01  # s: more than twice the longest step
 MOST_YIELDS = 4
+ALONG = 0.1  # of the rate of what carries it: what rotates at another rate is not carried round
 
 
 @kernel
@@ -176,6 +177,12 @@ def fall(sim: Simulation, t: float, h: float) -> None:
 
 
 @kernel
+def turns_along(spin: Vec, carrier: Vec) -> bool:
+    """Whether what rotates at `spin` [rad/s] is carried round by what rotates at `carrier`; a ball that rolls is not."""
+    return norm(sub(spin, carrier)) <= ALONG * norm(carrier)
+
+
+@kernel
 def carry_arms(sim: Simulation, t: float, h: float) -> None:
     """Turn the arms of held points to the end of the step with the tracked things that carry them.
 
@@ -185,7 +192,10 @@ def carry_arms(sim: Simulation, t: float, h: float) -> None:
     for k in range(sim.counts[0].rows):
         r = sim.rows[k]
         path = sim.motion[r.b]
-        if r.mode == 0 or is_simulated(sim, r.b) or vec_of(path.rotation_rate) == (0.0, 0.0, 0.0):
+        spin = vec_of(path.rotation_rate)
+        if r.mode == 0 or is_simulated(sim, r.b) or spin == (0.0, 0.0, 0.0):
+            continue
+        if not turns_along(vec_of(sim.motion[r.a].angular_velocity), spin):
             continue
         turn = quat_mul(turn_at(path, t + h), quat_conjugate(turn_at(path, t)))
         set_vec(r.arm_a, quat_rotate(turn, vec_of(r.arm_a)))

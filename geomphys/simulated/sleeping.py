@@ -19,15 +19,29 @@ REST_TIME = 0.25  # s
 REST_WAY = 4e-9  # m
 REST_SPEED = 1e-6  # m/s, of any point
 REST_PULL = 1e-3  # m/s²
+SLOW_SPEED = 2e-3  # m/s, of any point: what something bears and that moves no faster for
+SLOW_TIME = 1.0  # s is at rest too: rolling resistance, which there is no other of, would have stopped it
 
 
 @kernel
-def note_rest(sim: Simulation, m: Motion, told: Floats) -> None:
+def is_quiet(m: Motion) -> bool:
+    """Whether a simulated body has been at rest, or slow, for long enough to sleep; `m` is its record of `motion`."""
+    return bool(m.quiet_time >= REST_TIME or m.slow_time >= SLOW_TIME)
+
+
+@kernel
+def note_rest(sim: Simulation, body: int, told: Floats) -> None:
     """Count for how long a simulated body has been at rest at the frame's end, and take what motion is left away.
 
-    `m` is its record of `motion`, `told` that of the velocities for the caller.
+    `told` is its record of the velocities for the caller.
     """
+    m, kind = sim.motion[body], sim.bodies[body]
     fastest = norm(vec_of(m.velocity)) + norm(vec_of(m.angular_velocity)) * m.reach
+    borne = kind.touched == 1 and sim.frame[0].weight > 0.0
+    if fastest < SLOW_SPEED and (borne or kind.awake == 0):
+        m.slow_time = m.slow_time + sim.frame[0].dt
+    else:
+        m.slow_time = 0.0
     square = 0.0
     for i in range(4):
         change = m.orientation[i] - m.rest_pose[3 + i]
@@ -83,7 +97,7 @@ def wake(sim: Simulation, first: bool) -> bool:
         sim.bodies[sim.free[s]].island_awake = 0
     for s in range(len(sim.free)):
         body = sim.free[s]
-        if sim.motion[body].quiet_time < REST_TIME or (not first and sim.bodies[body].awake == 1):
+        if not is_quiet(sim.motion[body]) or (not first and sim.bodies[body].awake == 1):
             wake_island(sim, body)
     for k in range(sim.counts[0].pairs):
         b = sim.pairs[k].body[1]

@@ -46,6 +46,7 @@ MOTION = np.dtype(
         ("mass", FLOAT),  # kg, of a simulated body
         ("reported_spin", FLOAT, 3),  # rad/s: angular velocity last written for the caller
         ("quiet_time", FLOAT),  # s: how long it has been at rest
+        ("slow_time", FLOAT),  # s: how long it has hardly moved while something bore it
         ("saved_pose", FLOAT, 7),  # a pose kept for later, reference point and orientation
         ("reported_pose", FLOAT, 7),  # pose last written for the caller
         ("rest_pose", FLOAT, 7),  # reference point and orientation since when it has been at rest
