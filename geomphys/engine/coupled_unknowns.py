@@ -103,10 +103,20 @@ def load_unknowns(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
             set_quat(t.turn, quat_mul(corrected, quat_conjugate(recorded)))
         if t.pressed == 1:
             keep_world_velocity(scene, c, tree)
+        forget_bad_rates(c, 3 * tree, 3 * tree + 3)
+        forget_bad_rates(c, first_unknown(scene, tree), end_unknown(scene, tree))
         t.touched = t.solved = 0
         copy_tree(scene, state.recorded, tree, c.begin)
     solve.started, solve.part_time = 1, dt
     solve.sweeps = solve.unsettled = solve.lost = 0
+
+
+@kernel
+def forget_bad_rates(c: Coupled, first: int, last: int) -> None:
+    """Rates of unknowns `first` to `last` that are not finite are none."""
+    for k in range(first, last):
+        if not math.isfinite(c.unknowns[k].rate):
+            c.unknowns[k].rate = 0.0
 
 
 @kernel
