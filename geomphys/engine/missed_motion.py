@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from geomphys.numerics.quantiles import Quantiles
+from geomphys.numerics.transforms import angle_between
 from geomphys.results import FLAG_CATCHING_UP, Frame
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
 
@@ -58,12 +59,39 @@ class MissedMotion:
 
     def correct(self, frames: Sequence[Frame], roots: Floats, angles: Floats, dts: Floats) -> list[int]:
         """Correct frames (n, T, 7), (n, Q), in place; returns flags of each: `FLAG_CATCHING_UP` or 0."""
-        flags = [0] * len(frames)
+        flags, held = [0] * len(frames), np.array([frame.held for frame in frames])
         for tree in self._driven:
-            for k, frame in enumerate(frames):
-                if self._follow(tree, frame.held, roots[k, tree], angles[k, self._columns[tree]], float(dts[k])):
-                    flags[k] = FLAG_CATCHING_UP
+            own, k = angles[:, self._columns[tree]], 0
+            while k < len(frames):
+                k += self._follow_steady(tree, ~held[k:], roots[k:, tree], own[k:], dts[k:])
+                if k < len(frames):
+                    if self._follow(tree, frames[k].held, roots[k, tree], own[k], float(dts[k])):
+                        flags[k] = FLAG_CATCHING_UP
+                    k += 1
         return flags
+
+    def _follow_steady(self, tree: int, good: NDArray[np.bool_], roots: Floats, angles: Floats, dts: Floats) -> int:
+        """The next frames of a tree, up to the first in which it may miss something; returns how many."""
+        seen = self._trees.get(tree)
+        if seen is None or seen.missed is not None or seen.held:
+            return 0
+        steps = np.where(dts > 0.0, dts, 1.0)
+        velocities = np.diff(roots[:, :3], axis=0, prepend=seen.root[None, :3]) / steps[:, None]
+        changes = np.linalg.norm(np.diff(velocities, axis=0, prepend=seen.velocity[None]), axis=1) / steps
+        steady = good & (dts > 0.0) & (changes < LEAST_JUMP)
+        count = len(steady) if steady.all() else int(np.argmin(steady))
+        if count == 0:
+            return 0
+        for value in changes[:count].tolist():
+            seen.accelerations.add(value)
+        last, step = count - 1, float(steps[count - 1])
+        before = (roots[last - 1], angles[last - 1]) if last else (seen.root, seen.angles)
+        turn = float(angle_between(roots[last, 3:], before[0][3:]))
+        change = float(np.abs(angles[last] - before[1]).max(initial=0.0))
+        seen.speeds = np.array([np.linalg.norm(velocities[last]), turn / step, change / step])
+        seen.largest, seen.velocity = seen.speeds, velocities[last]
+        seen.root, seen.angles = roots[last].copy(), angles[last].copy()
+        return count
 
     def _follow(self, tree: int, held: bool, root: Floats, angles: Floats, dt: float) -> bool:
         """One frame of a tree: `root` (7,) and `angles` (q,) are corrected; whether they were."""
