@@ -79,6 +79,8 @@ class GraspMeter:
             return ()
         dt = (self._time_ns - before) * 1e-9
         contacts, role = result.contacts, self._scene.bodies.role
+        if not self._carried and not contacts.normal_impulse.any():
+            return ()
         gripping = ((role[contacts.body_a] == DRIVEN) | (role[contacts.body_b] == DRIVEN)) & (
             contacts.normal_impulse > 0.0
         )
