@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 
 from geomphys.errors import ConfigError, MeshError
 from geomphys.scene.coacd_process import convex_parts
+from geomphys.scene.congruence import translation_between
 from geomphys.scene.convexity import is_nearly_convex
-from geomphys.scene.coverage import REACH, grow_to_cover, uncovered_distance
+from geomphys.scene.coverage import REACH, grow_to_cover, piece_protrusion, uncovered_distance
 from geomphys.scene.hulls import polytope
 from geomphys.scene.meshes import Mesh, oriented_outwards, require_closed
 from geomphys.scene.piece_cache import ConvexPieces, archive_name, read_pieces, write_pieces
@@ -48,6 +49,8 @@ MANY_TRIANGLES, VERY_MANY_TRIANGLES = 2_000, 10_000
 """Parts of more triangles are made simpler and searched less thoroughly; of very many, or with screw holes, quickly."""
 MAX_UNCOVERED = 1e-4
 """Of the mesh's longest side: how far its surface may stick out of its pieces"""
+MAX_PROTRUSION = 3.0
+"""Of the concavity: pieces that stand out farther are those of a mesh that really cuts through itself"""
 MAX_SHELLS = 1000
 """shells of a mesh that are cut one by one; a mesh of more is cut as a whole"""
 PROGRESS_INTERVAL = 0.2
@@ -256,11 +259,18 @@ def _decompose_job(job: _Job, threads: int, stop: Event) -> ConvexPieces:
         return ConvexPieces(tuple(part.hull_vertices for part in parts), "hull" if len(parts) == 1 else "parts", 0.0)
     hulls: list[Floats] = []
     uncovered_m = 0.0
+    cut: list[tuple[Mesh, list[Floats]]] = []
     for part, mesh, limit, is_whole in zip(parts, filled, concavity, whole, strict=True):
         if is_whole:
             hulls.append(part.hull_vertices)
             continue
+        twins = ((pieces, translation_between(other, part)) for other, pieces in cut)
+        found = next(((pieces, offset) for pieces, offset in twins if offset is not None), None)
+        if found is not None:  # motors and screws come in sets
+            hulls += [points + found[1] for points in found[0]]
+            continue
         made, left = _cut(job, part, mesh, limit, threads, stop)
+        cut.append((part, made))
         hulls, uncovered_m = hulls + made, max(uncovered_m, left)
     return ConvexPieces(tuple(hulls), "coacd", uncovered_m)
 
@@ -272,7 +282,7 @@ def _cut(
 
     CoACD takes thin triangles, of which CAD meshes are full, for a mesh that cuts through itself, and would cut a surface of
     voxels in its place: three times as slow, for pieces that stand out twice as far. So it does that only where it fails
-    at the mesh as it is.
+    at the mesh as it is, or its pieces stand out much too far.
     """
     share = min(max(job.threshold * job.mesh.size / part.size, MIN_THRESHOLD), 1.0)
     search = "medium" if len(filled.faces) > MANY_TRIANGLES else "thorough"
@@ -282,6 +292,7 @@ def _cut(
     plain = simplified(filled, tolerance) if tolerance else filled
     reach = REACH * part.size + tolerance
     uncovered_m = job.mesh.size
+    coarse: tuple[list[Floats], float] | None = None  # pieces that cover the part and stand out too far
     for remesh in (False, True):
         try:
             made = convex_parts(
@@ -296,6 +307,8 @@ def _cut(
                 stop=stop,
             )
         except MeshError:
+            if coarse is not None and not stop.is_set():
+                return coarse
             if remesh or stop.is_set():
                 raise
             continue
@@ -305,7 +318,11 @@ def _cut(
         hulls = grow_to_cover(part.vertices, part.faces, solid, reach)
         uncovered_m = uncovered_distance(part.vertices, part.faces, hulls)
         if uncovered_m <= MAX_UNCOVERED * job.mesh.size:
-            return hulls, uncovered_m
+            if remesh or piece_protrusion(part.vertices, part.faces, hulls) <= MAX_PROTRUSION * concavity:
+                return hulls, uncovered_m
+            coarse = hulls, uncovered_m
+    if coarse is not None:
+        return coarse
     raise MeshError(
         f"{job.mesh.name}: its convex pieces leave {uncovered_m * 1e3:.3g} mm of it uncovered: repair the mesh (does it cut "
         'through itself?) or use decomposition = "hull"'
