@@ -160,8 +160,8 @@ def test_duckdb_joins_contacts_to_poses(landed: Results, tmp_path: Path) -> None
     import duckdb
 
     geomphys.export_tables(landed.out, tmp_path)
-    contacts, joined = duckdb.sql(
+    ((contacts, joined),) = duckdb.sql(
         f"""SELECT (SELECT count(*) FROM '{tmp_path}/contacts.parquet'), count(*) FROM '{tmp_path}/contacts.parquet' c
         JOIN '{tmp_path}/poses.parquet' p ON p.frame = c.frame AND p.contact_body = c.body_a"""
-    ).fetchone()
+    ).fetchall()
     assert contacts == joined > 50
