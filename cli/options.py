@@ -181,7 +181,9 @@ def check_ending(path: Path | None, *endings: str) -> None:
     """Refuse, as wrong usage, an output whose name ends in none of `endings` (lower case, with a dot); ``-`` is no name."""
     if path is not None and str(path) != "-" and path.suffix.lower() not in endings:
         found = path.suffix or "no suffix"
-        raise click.UsageError(f"{path}: ends in {found}; what is written there ends in {' or '.join(endings)}")
+        raise click.UsageError(
+            f"{path}: ends in {found}; what is written there ends in {' or '.join(endings)}; choose another ending"
+        )
 
 
 def check_outputs(

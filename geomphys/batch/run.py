@@ -18,7 +18,7 @@ from geomphys.batch.manifest import Entry, Manifest
 from geomphys.batch.plan import PlannedLog, plan_logs
 from geomphys.batch.remote_lock import LOCK, lock_or_refuse, remote_lock_held
 from geomphys.config import Config
-from geomphys.errors import OutputError
+from geomphys.errors import OutputError, RefusedTargetError
 from geomphys.load import load_world
 from geomphys.output.provenance import files_of_log, sha256_of_file, sha256_of_log, sha256_of_world
 from geomphys.scene.arrays import World
@@ -212,6 +212,9 @@ def check_outputs(
             path = folder / f"{plan.name}{suffix}"
             if is_remote(path) or path.parent.is_dir():
                 may_replace = force or f"{plan.name}.mcap" in claimed
+                check_target(path, force=True, inputs=read)
+                if path.exists() and not may_replace:
+                    raise RefusedTargetError(f"{path}: exists; choose another folder, or add --resume or --force")
                 check_target(path, force=may_replace, inputs=read, partial=True)
 
 

@@ -64,9 +64,11 @@ def urdf_for_viewers(path: AnyPath, frames: dict[str, str], colour: Colour) -> s
     except (OSError, SafeTree.ParseError, DefusedXmlException, etree.XMLSyntaxError) as problem:
         raise ModelError(f"{path}: cannot be read as a URDF ({problem})") from problem
     _drop_above_free_joint(tree)
+    for element in list(tree.iter("visual")):
+        _make_drawable(element)
     for link in tree.iter("link"):
         _keep_shown_geometry(link)
-    for element in list(tree.iter("visual")):
+    for element in list(tree.iter("visual")):  # those that were collision geometry
         _make_drawable(element)
     for link in tree.iter("link"):
         _rename(link, "name", frames)
