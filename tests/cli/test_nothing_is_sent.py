@@ -57,8 +57,8 @@ def test_the_watch_sees_a_lookup_and_a_connection(tmp_path: Path) -> None:
     assert third["packets"] == []
 
 
-def test_no_command_sends_anything(furnished: Case, pressed: Results, tmp_path: Path) -> None:
-    recording = tmp_path / "made.rrd"
+def test_no_command_sends_anything(furnished: Case, pressed: Results, root: Path, tmp_path: Path) -> None:
+    recording, points = tmp_path / "made.rrd", root / "recordings/webxr_hand.mcap"
     geomphys.run(pressed.log, pressed.scene, rrd=recording)
     words: dict[str, list[object]] = {
         "init": [furnished.log, "--urdf", furnished.folder / "cup.urdf", "-o", "-"],
@@ -71,6 +71,10 @@ def test_no_command_sends_anything(furnished: Case, pressed: Results, tmp_path: 
         "check": [furnished.log, "-s", furnished.scene],
         "info": [furnished.log],
         "snapshot": [recording, "-o", tmp_path / "b.png"],
+        "video": [pressed.out, "-o", tmp_path / "a.gif", "--to", "0.1", "--size", "64", "64"],
+        "export": [pressed.out, "-o", tmp_path / "tables"],
+        "calibrate": [points, "-s", root / "assets/scenes/webxr_hand.toml", "--flat", "1:2", "--on", "table"],
+        "demo": [],
         "decompose": [furnished.folder / "cube.obj", "-o", tmp_path / "a.glb"],
     }
     browser = [*COMMAND, "view", recording, "--web"]
