@@ -21,10 +21,8 @@ __all__ = ["furnished"]
     "command",
     [
         "init",
-        "plot",
-        "diff",
         "decompose",
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("replay", "batch")),
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("plot", "diff", "replay", "batch")),
     ],
 )
 def test_any_call_that_fails_is_one_line_and_leaves_what_was_there(
