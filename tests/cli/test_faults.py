@@ -110,7 +110,7 @@ def test_with_a_recording_for_rerun_neither_name_holds_a_part(case: Case, tmp_pa
     assert not list(folder.glob(".out*"))
 
 
-@pytest.mark.parametrize("kills", [2, pytest.param(KILLS, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kills", [1, pytest.param(KILLS, marks=pytest.mark.slow)])
 def test_a_batch_that_is_killed_leaves_whole_outputs_and_is_resumed(case: Case, tmp_path: Path, kills: int) -> None:
     (tmp_path / "logs").mkdir()
     for name in "abc":
