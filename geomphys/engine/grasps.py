@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +55,7 @@ class _Body:
     centre: Floats | None = None  # (3,) m, of mass, in the frame before if it was touched then
     velocity: Floats | None = None  # (3,) m/s
     acceleration: Floats | None = None  # (3,) m/s²
-    forces: tuple[list[float], list[float]] = ((), ())  # type: ignore[assignment]
+    forces: tuple[list[float], list[float]] = field(default_factory=lambda: ([], []))
 
 
 class GraspMeter:
@@ -66,7 +66,7 @@ class GraspMeter:
         self._scene: Scene = world.scene
         role = world.scene.bodies.role
         driven = bool((role == DRIVEN).any())
-        self._bodies = {int(b): _Body(forces=([], [])) for b in np.flatnonzero(role == SIMULATED) if driven}
+        self._bodies = {int(b): _Body() for b in np.flatnonzero(role == SIMULATED) if driven}
         gravity = float(np.linalg.norm(world.scene.gravity))
         self._up: Floats = -world.scene.gravity / gravity if gravity > 0.0 else np.array([0.0, 0.0, 1.0])
         self._time_ns: int | None = None
