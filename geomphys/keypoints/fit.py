@@ -21,7 +21,7 @@ from geomphys.jit.kernel import kernel
 from geomphys.keypoints.fit_model import REST_WEIGHT, SHOWN, UNSHOWN_WEIGHT, FitModel, FitState
 from geomphys.numerics.vec3 import Vec, add, cross, quat_from_rotation_vector, quat_mul, quat_rotate, quat_unit, sub
 from geomphys.scene.arrays import JOINT_FIXED, JOINT_PRISMATIC
-from geomphys.scene.kinematics import orientation_of, position_of, set_pose
+from geomphys.scene.kinematics import orientation_of, pose_child, position_of
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -40,22 +40,10 @@ def pose_links(model: FitModel, root: Floats, angles: Floats, poses: Floats) -> 
     for k in range(7):
         poses[0, k] = root[k]
     for body in range(1, len(model.parent)):
-        parent = model.parent[body]
-        q = orientation_of(poses, parent)
-        p = add(position_of(poses, parent), quat_rotate(q, position_of(model.origin, body)))
-        q = quat_mul(q, orientation_of(model.origin, body))
-        if model.kind[body] != JOINT_FIXED:
-            value = model.offset[body]
-            if model.column[body] >= 0:
-                value += model.multiplier[body] * angles[model.column[body]]
-            axis = (model.axis[body, 0], model.axis[body, 1], model.axis[body, 2])
-            if model.kind[body] == JOINT_PRISMATIC:
-                t = quat_rotate(q, axis)
-                p = (p[0] + value * t[0], p[1] + value * t[1], p[2] + value * t[2])
-            else:
-                s = math.sin(0.5 * value)
-                q = quat_mul(q, (axis[0] * s, axis[1] * s, axis[2] * s, math.cos(0.5 * value)))
-        set_pose(poses, body, p, q)
+        value = model.offset[body]
+        if model.column[body] >= 0:
+            value += model.multiplier[body] * angles[model.column[body]]
+        pose_child(poses, body, model.parent[body], model.origin, model.axis, (model.kind[body], value))
 
 
 @kernel

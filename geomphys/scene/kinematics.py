@@ -80,17 +80,15 @@ def joint_value(scene: Scene, body: int, angles: Floats) -> float:
 
 
 @kernel
-def pose_body(scene: Scene, origins: Floats, body: int, angles: Floats, poses: Floats) -> None:
-    """Pose of one body (not a root) from its parent's and its joint's angle; see `pose_tree`."""
-    parent = scene.bodies.parent[body]
+def pose_child(poses: Floats, body: int, parent: int, origins: Floats, axes: Floats, joint: tuple[int, float]) -> None:
+    """Pose of a body from its parent's: poses, origins (B, 7), axes (B, 3), `joint` its kind and its value [rad or m]."""
+    kind, value = joint
     p, q = position_of(poses, parent), orientation_of(poses, parent)
     t = quat_rotate(q, position_of(origins, body))
     p = (p[0] + t[0], p[1] + t[1], p[2] + t[2])
     q = quat_mul(q, orientation_of(origins, body))
-    kind = scene.bodies.joint[body]
     if kind != JOINT_FIXED:
-        value = joint_value(scene, body, angles)
-        axis = (scene.bodies.axis[body, 0], scene.bodies.axis[body, 1], scene.bodies.axis[body, 2])
+        axis = (axes[body, 0], axes[body, 1], axes[body, 2])
         if kind == JOINT_PRISMATIC:
             t = quat_rotate(q, axis)
             p = (p[0] + value * t[0], p[1] + value * t[1], p[2] + value * t[2])
@@ -98,6 +96,14 @@ def pose_body(scene: Scene, origins: Floats, body: int, angles: Floats, poses: F
             s = math.sin(0.5 * value)
             q = quat_mul(q, (axis[0] * s, axis[1] * s, axis[2] * s, math.cos(0.5 * value)))
     set_pose(poses, body, p, q)
+
+
+@kernel
+def pose_body(scene: Scene, origins: Floats, body: int, angles: Floats, poses: Floats) -> None:
+    """Pose of one body (not a root) from its parent's and its joint's angle; see `pose_tree`."""
+    bodies = scene.bodies
+    joint = (bodies.joint[body], joint_value(scene, body, angles))
+    pose_child(poses, body, bodies.parent[body], origins, bodies.axis, joint)
 
 
 @outlined
