@@ -14,7 +14,7 @@ from geomphys.jit.kernel import kernel
 from geomphys.jit.packed_records import pack
 from geomphys.numerics.vec3 import add_scaled, slerp, sub
 from geomphys.scene.arrays import SIMULATED, Scene, World
-from geomphys.scene.kinematics import orientation_of, place_tree, position_of, set_pose
+from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, position_of, set_pose
 
 Floats = NDArray[np.float64]
 
@@ -28,18 +28,17 @@ def deepest_at(scene: Scene, m: Machine, before: Floats, after: Floats, share: f
     """Largest depth over mean thickness of a driven piece and one of another tree that is not simulated, at poses (B, 7) a
     share of the way from `before` to `after`.
     """
+    pieces = m.workspace.piece_frames
     for tree in range(len(scene.trees.role)):
         if scene.trees.moving[tree] == 0:
             continue
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
             p, q = position_of(before, body), slerp(orientation_of(before, body), orientation_of(after, body), share)
             set_pose(m.corrected, body, add_scaled(p, sub(position_of(after, body), p), share), q)
-        place_tree(scene, tree, m.corrected, m.room.places.frames)
-        update_boxes(scene, m.room.places.frames, m.boxes, tree)
-    near, worst = m.room.near, 0.0
-    find_near(
-        scene, m.room.places.frames, m.boxes, m.still, 0.0, math.inf, near, m.room.places.found, m.axes, m.scratch
-    )  # fmt: skip
+        pose_pieces_of_tree(scene, tree, m.corrected, pieces.frames)
+        update_boxes(scene, pieces.frames, m.boxes, tree)
+    near, worst = m.workspace.near, 0.0
+    find_near(scene, pieces.frames, m.boxes, m.still, 0.0, math.inf, near, pieces.found, m.axes, m.scratch)
     for k in range(near.filled[0]):
         a, b = near.tree_a[k], near.tree_b[k]
         if a != b and scene.trees.role[a] != SIMULATED and scene.trees.role[b] != SIMULATED:

@@ -16,7 +16,7 @@ from geomphys.jit.kernel import kernel
 from geomphys.jit.packed_records import pack
 from geomphys.numerics.transforms import apply, matrix_from_frame, matrix_from_pose
 from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, HULL, SPHERE, Scene, World
-from geomphys.scene.kinematics import joint_origins, place_tree, pose_tree
+from geomphys.scene.kinematics import joint_origins, pose_pieces_of_tree, pose_tree
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -47,7 +47,7 @@ def measure_planes(
     """
     for t in (tree, surface):
         pose_tree(scene, space.origins, t, roots, angles, space.poses)
-        place_tree(scene, t, space.poses, space.frames)
+        pose_pieces_of_tree(scene, t, space.poses, space.frames)
     starts, pieces, limit = scene.trees.body_start, scene.bodies.piece_start, FAR
     for body in range(starts[tree], starts[tree + 1]):
         space.planes[body, 0] = FAR

@@ -194,7 +194,7 @@ def near_pairs_within_tree(
 
 @outlined
 def find_near(
-    scene: Scene, frames: Floats, boxes: Boxes, reach: Floats, room: float, enough: float, near: Near, found: Ints,
+    scene: Scene, frames: Floats, boxes: Boxes, reach: Floats, margin: float, enough: float, near: Near, found: Ints,
     axes: Axes, scratch: Scratch,
 ) -> None:  # fmt: skip
     """All pairs of pieces with a driven one among them that may meet.
@@ -205,8 +205,8 @@ def find_near(
         The scene, its pieces' world frames (P, 12) and their boxes.
     reach
         (T, 2) m; how far the pieces of each tree may move before the answer is used: in the world, and by bending only.
-    room
-        m; pairs farther apart than the reach of both and `room` are left out.
+    margin
+        m; pairs farther apart than the reach of both and `margin` are left out.
     enough
         m; pairs that a remembered direction shows to be this far apart are not measured: `separation` and `normal` are that
         bound and direction, `exact` is 0. inf: all are measured.
@@ -224,13 +224,15 @@ def find_near(
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] != DRIVEN:
             continue
-        count = near_trees(boxes, tree, reach[tree, 0] + widest + room, found)
+        count = near_trees(boxes, tree, reach[tree, 0] + widest + margin, found)
         for k in range(count):
             other = found[k]
             if scene.trees.role[other] == DRIVEN and other < tree:
                 continue
-            limit = reach[tree, 0] + reach[other, 0] + room
+            limit = reach[tree, 0] + reach[other, 0] + margin
             if not apart(boxes.tree_low, boxes.tree_high, boxes.tree_low, boxes.tree_high, tree, other, limit):
                 near_pairs_of_trees(scene, frames, boxes, tree, other, limit, enough, near, axes, scratch)
         if scene.trees.chains[tree] == 1 and scene.trees.self_collision[tree] == 1:
-            near_pairs_within_tree(scene, frames, boxes, tree, 2.0 * reach[tree, 1] + room, enough, near, axes, scratch)
+            near_pairs_within_tree(
+                scene, frames, boxes, tree, 2.0 * reach[tree, 1] + margin, enough, near, axes, scratch
+            )

@@ -28,7 +28,7 @@ FEW = 24
 
 
 @kernel
-def push(scratch: Scratch, count: int, face: int, key: float) -> None:
+def enqueue(scratch: Scratch, count: int, face: int, key: float) -> None:
     """Add a face at distance `key` to the heap of `count` faces."""
     at = count
     while at > 0:
@@ -269,7 +269,7 @@ def expand(
     curved = a.kind == CYLINDER or b.kind == CYLINDER
     tight = 1e-7 if curved else 1e-12
     floor = size * (1e-11 if curved else 2e-15)
-    loose, loosest = 1e-6, 1e-11 * size
+    relative, absolute = 1e-6, 1e-11 * size
     best, outward = np.inf, (0.0, 0.0, 1.0)
     if not first_tetrahedron(a, b, rot, t, count, scratch):
         return False, best, outward, vec_of(scratch.corners[0].on_a)
@@ -284,7 +284,7 @@ def expand(
             i, j, k = 1, 2, 3
         distance = set_face(scratch, f, i, j, k)
         if distance < np.inf:
-            push(scratch, waiting, f, distance)
+            enqueue(scratch, waiting, f, distance)
             waiting += 1
     join(scratch, 0, 0, 2, 2)
     join(scratch, 0, 1, 3, 0)
@@ -308,9 +308,9 @@ def expand(
             known |= w == vec_of(scratch.corners[scratch.faces[f].corner[k]].difference)
         slack = tight * abs(min(high, best)) + floor
         if (known or high - low <= slack) and high <= best + slack:
-            return high - lowest <= loose * abs(high) + loosest, high, n, foot(scratch, n, f, faces)
+            return high - lowest <= relative * abs(high) + absolute, high, n, foot(scratch, n, f, faces)
         if known or low >= best - slack:
-            return best - lowest <= loose * abs(best) + loosest, best, outward, foot(scratch, outward, f, faces)
+            return best - lowest <= relative * abs(best) + absolute, best, outward, foot(scratch, outward, f, faces)
         if high < best:
             best, outward, nearest, deepest = high, n, f, p
         if curved and used >= FEW:
@@ -331,10 +331,10 @@ def expand(
         for g in range(start, faces):
             distance = scratch.faces[g].distance
             if distance <= best and waiting < MAX_FACES:
-                push(scratch, waiting, g, distance)
+                enqueue(scratch, waiting, g, distance)
                 waiting += 1
     return (
-        waiting == 0 and best - lowest <= loose * abs(best) + loosest,
+        waiting == 0 and best - lowest <= relative * abs(best) + absolute,
         best,
         outward,
         foot(scratch, outward, nearest, faces),

@@ -130,7 +130,7 @@ def feature(shapes: Shapes, p: int, d: Vec, out: Floats) -> tuple[int, Vec]:
 @kernel
 def clip(points: Floats, count: int, out: Floats, origin: Vec, inward: Vec) -> int:
     """Part of a polygon, or of a line of two points, on the inner side of a plane; returns its number of corners."""
-    kept = 0
+    written = 0
     last = count - 1
     previous = vec_at(points, last)
     before = dot(inward, sub(previous, origin))
@@ -138,44 +138,49 @@ def clip(points: Floats, count: int, out: Floats, origin: Vec, inward: Vec) -> i
         here = vec_at(points, i)
         now = dot(inward, sub(here, origin))
         if (before >= 0.0) != (now >= 0.0) and (count > 2 or i == 1):
-            set_vec_at(out, kept, add_scaled(previous, sub(here, previous), before / (before - now)))
-            kept += 1
+            set_vec_at(out, written, add_scaled(previous, sub(here, previous), before / (before - now)))
+            written += 1
         if now >= 0.0:
-            set_vec_at(out, kept, here)
-            kept += 1
+            set_vec_at(out, written, here)
+            written += 1
         previous, before = here, now
-    return kept
+    return written
 
 
 @outlined
 def touching(shapes: Shapes, a: int, b: int, found: Separation, out_a: Floats, out_b: Floats, scratch: Scratch) -> int:
     """`manifold` of pieces where they are, for what was `found`."""
     s, n, pa, pb = found
-    mine, theirs, from_a, from_b = scratch.polygons[0], scratch.polygons[1], scratch.polygons[2], scratch.polygons[3]
+    reference, incident, from_a, from_b = (
+        scratch.polygons[0],
+        scratch.polygons[1],
+        scratch.polygons[2],
+        scratch.polygons[3],
+    )
     set_vec_at(out_a, 0, pa)
     set_vec_at(out_b, 0, pb)
-    count, face = feature(shapes, a, neg(n), mine)
-    others, other_face = feature(shapes, b, n, theirs)
+    count, face = feature(shapes, a, neg(n), reference)
+    others, other_face = feature(shapes, b, n, incident)
     if count == 1 or others == 1:
         return 1
     # the feature that is clipped is A's, unless B's is a line and A's is not
     d = n
     swapped = others < count and others <= 2
     if swapped:
-        mine, theirs, count, others, other_face, d = theirs, mine, others, count, face, neg(n)
+        reference, incident, count, others, other_face, d = incident, reference, others, count, face, neg(n)
     if others == 2:
-        first, second = vec_at(theirs, 0), vec_at(theirs, 1)
-        count = shared_part(mine, first, second, n, from_b)
+        first, second = vec_at(incident, 0), vec_at(incident, 1)
+        count = shared_part(reference, first, second, n, from_b)
     else:
         if abs(dot(other_face, n)) < STEEP:
             return 1
-        count = inside(mine, count, theirs, others, d, scratch.polygons[4])
-        level = dot(other_face, vec_at(theirs, 0))
+        count = inside(reference, count, incident, others, d, scratch.polygons[4])
+        level = dot(other_face, vec_at(incident, 0))
         for i in range(count):
-            p = vec_at(mine, i)
+            p = vec_at(reference, i)
             set_vec_at(from_b, i, add_scaled(p, n, (level - dot(other_face, p)) / dot(other_face, n)))
     for i in range(count):
-        set_vec_at(from_a, i, vec_at(mine, i))
+        set_vec_at(from_a, i, vec_at(reference, i))
     if swapped:
         from_a, from_b = from_b, from_a
     slop = min(SLOP, SLOP_PART * min(shapes.pieces.reach[a], shapes.pieces.reach[b]))
@@ -183,12 +188,12 @@ def touching(shapes: Shapes, a: int, b: int, found: Separation, out_a: Floats, o
 
 
 @kernel
-def shared_part(mine: Floats, first: Vec, second: Vec, n: Vec, out: Floats) -> int:
-    """Two lines seen along n: cuts the line `mine` to what lies beside the other; 0 points if they cross.
+def shared_part(reference: Floats, first: Vec, second: Vec, n: Vec, out: Floats) -> int:
+    """Two lines seen along n: cuts the line `reference` to what lies beside the other; 0 points if they cross.
 
-    Writes the points of the other line behind those of `mine`, along n, to `out`.
+    Writes the points of the other line behind those of `reference`, along n, to `out`.
     """
-    p, q = vec_at(mine, 0), vec_at(mine, 1)
+    p, q = vec_at(reference, 0), vec_at(reference, 1)
     e, f = sub(second, first), sub(q, p)
     length, other = norm(e), norm(f)
     if length == 0.0 or other == 0.0 or abs(dot(n, cross(e, f))) > SKEW * length * other:
@@ -204,25 +209,25 @@ def shared_part(mine: Floats, first: Vec, second: Vec, n: Vec, out: Floats) -> i
         along = low if i == 0 else high
         point = add_scaled(p, f, (along - x) / (y - x))
         there = add_scaled(first, e, along)
-        set_vec_at(mine, i, point)
+        set_vec_at(reference, i, point)
         set_vec_at(out, i, add_scaled(point, n, dot(n, sub(there, point))))
     return 2
 
 
 @kernel
-def inside(mine: Floats, count: int, theirs: Floats, others: int, d: Vec, spare: Floats) -> int:
+def inside(reference: Floats, count: int, incident: Floats, others: int, d: Vec, buffer: Floats) -> int:
     """Clip a polygon or line by the outline of a face, both seen along the face's outward direction `d`; in place."""
-    source, target = mine, spare
+    source, target = reference, buffer
     for k in range(others):
-        origin = vec_at(theirs, k)
-        edge = sub(vec_at(theirs, k + 1 if k + 1 < others else 0), origin)
+        origin = vec_at(incident, k)
+        edge = sub(vec_at(incident, k + 1 if k + 1 < others else 0), origin)
         count = clip(source, count, target, origin, cross(d, edge))
         source, target = target, source
         if count == 0:
             return 0
-    if others % 2 == 1:  # it ended up in `spare`
+    if others % 2 == 1:  # it ended up in `buffer`
         for i in range(count):
-            set_vec_at(mine, i, vec_at(source, i))
+            set_vec_at(reference, i, vec_at(source, i))
     return count
 
 
@@ -234,29 +239,29 @@ def chosen(
 
     Where none is as deep as `s`, the pair that stands in the first row of the output is the deepest.
     """
-    kept = 0
+    written = 0
     deepest = np.inf
     for i in range(count):
         p, q = vec_at(from_a, i), vec_at(from_b, i)
         gap = dot(n, sub(p, q))
         if gap <= s + slop:
             deepest = min(deepest, gap)
-            set_vec_at(from_a, kept, p)
-            set_vec_at(from_b, kept, q)
-            kept += 1
+            set_vec_at(from_a, written, p)
+            set_vec_at(from_b, written, q)
+            written += 1
     near = 1e-3 * slop
     if deepest > s + near:
-        set_vec_at(from_a, kept, vec_at(out_a, 0))
-        set_vec_at(from_b, kept, vec_at(out_b, 0))
-        kept += 1
+        set_vec_at(from_a, written, vec_at(out_a, 0))
+        set_vec_at(from_b, written, vec_at(out_b, 0))
+        written += 1
         deepest = s
     first = 0
-    for i in range(kept - 1, -1, -1):
+    for i in range(written - 1, -1, -1):
         if dot(n, sub(vec_at(from_a, i), vec_at(from_b, i))) <= deepest + near:
             first = i
     o = vec_at(from_a, first)
     far, second = 0.0, first
-    for i in range(kept):
+    for i in range(written):
         e = sub(vec_at(from_a, i), o)
         if dot(e, e) > far:
             far = dot(e, e)
@@ -270,7 +275,7 @@ def chosen(
     set_vec_at(out_b, 1, vec_at(from_b, second))
     left, right = 0.0, 0.0
     third, fourth = -1, -1
-    for i in range(kept):
+    for i in range(written):
         side = dot(n, cross(edge, sub(vec_at(from_a, i), o)))
         if side > left:
             left = side

@@ -82,8 +82,8 @@ def ordered(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, scratch: Sc
     size = vec_at(shapes.pieces.size, b)
     rot = rotation_of(shapes, b)
     if kind_b <= CAPSULE:
-        turned = rotation_of(shapes, a)
-        u, v = (turned[2], turned[5], turned[8]), (rot[2], rot[5], rot[8])
+        rot_a = rotation_of(shapes, a)
+        u, v = (rot_a[2], rot_a[5], rot_a[8]), (rot[2], rot[5], rot[8])
         return segments(pa, u, h, r, pb, v, size[1], size[0])
     c = rotate_back(rot, sub(pa, pb))
     if kind_b == BOX:

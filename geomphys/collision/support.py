@@ -38,14 +38,14 @@ class Core(NamedTuple):
 
 
 @kernel
-def place_pieces(pieces: Pieces, poses: Floats, frames: Floats) -> None:
+def pose_pieces(pieces: Pieces, poses: Floats, frames: Floats) -> None:
     """Write world_from_piece of every piece into `frames` (P, 12), given the bodies' world poses (B, 7)."""
     for p in range(len(pieces.kind)):
-        place_piece(pieces, poses, frames, p)
+        pose_piece(pieces, poses, frames, p)
 
 
 @kernel
-def place_piece(pieces: Pieces, poses: Floats, frames: Floats, p: int) -> None:
+def pose_piece(pieces: Pieces, poses: Floats, frames: Floats, p: int) -> None:
     """Write world_from_piece of piece `p` into its row of `frames` (P, 12), given the bodies' world poses (B, 7)."""
     b = pieces.body[p]
     q: Quat = (poses[b, 3], poses[b, 4], poses[b, 5], poses[b, 6])

@@ -116,26 +116,26 @@ def update_boxes(scene: Scene, frames: Floats, boxes: Boxes, tree: int) -> None:
 
 
 @kernel
-def apart(low_a: Floats, high_a: Floats, low_b: Floats, high_b: Floats, i: int, j: int, room: float) -> bool:
-    """Whether box i of the first set and box j of the second are farther apart than `room` along some axis."""
+def apart(low_a: Floats, high_a: Floats, low_b: Floats, high_b: Floats, i: int, j: int, margin: float) -> bool:
+    """Whether box i of the first set and box j of the second are farther apart than `margin` along some axis."""
     return (
-        low_a[i, 0] > high_b[j, 0] + room
-        or low_b[j, 0] > high_a[i, 0] + room
-        or low_a[i, 1] > high_b[j, 1] + room
-        or low_b[j, 1] > high_a[i, 1] + room
-        or low_a[i, 2] > high_b[j, 2] + room
-        or low_b[j, 2] > high_a[i, 2] + room
+        low_a[i, 0] > high_b[j, 0] + margin
+        or low_b[j, 0] > high_a[i, 0] + margin
+        or low_a[i, 1] > high_b[j, 1] + margin
+        or low_b[j, 1] > high_a[i, 1] + margin
+        or low_a[i, 2] > high_b[j, 2] + margin
+        or low_b[j, 2] > high_a[i, 2] + margin
     )
 
 
 @kernel
-def near_trees(boxes: Boxes, tree: int, room: float, found: Ints) -> int:
-    """Trees whose boxes come within `room` [m] of that of `tree`, itself left out; returns their number.
+def near_trees(boxes: Boxes, tree: int, margin: float, found: Ints) -> int:
+    """Trees whose boxes come within `margin` [m] of that of `tree`, itself left out; returns their number.
 
     They are written to `found`: the sorted still ones by low x, then the others.
     """
     count = 0
-    low, high = boxes.tree_low[tree, 0] - room, boxes.tree_high[tree, 0] + room
+    low, high = boxes.tree_low[tree, 0] - margin, boxes.tree_high[tree, 0] + margin
     start = np.searchsorted(boxes.sorted_low, low - boxes.widest[0])
     for k in range(start, len(boxes.sorted_still)):
         if boxes.sorted_low[k] > high:
@@ -143,14 +143,14 @@ def near_trees(boxes: Boxes, tree: int, room: float, found: Ints) -> int:
         other = boxes.sorted_still[k]
         if other == tree:
             continue
-        if not apart(boxes.tree_low, boxes.tree_high, boxes.tree_low, boxes.tree_high, tree, other, room):
+        if not apart(boxes.tree_low, boxes.tree_high, boxes.tree_low, boxes.tree_high, tree, other, margin):
             found[count] = other
             count += 1
     for k in range(len(boxes.others)):
         other = boxes.others[k]
         if other == tree:
             continue
-        if not apart(boxes.tree_low, boxes.tree_high, boxes.tree_low, boxes.tree_high, tree, other, room):
+        if not apart(boxes.tree_low, boxes.tree_high, boxes.tree_low, boxes.tree_high, tree, other, margin):
             found[count] = other
             count += 1
     return count

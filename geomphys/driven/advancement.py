@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from geomphys.collision.detect import Axes, pair_separation
 from geomphys.collision.extent import gap_along
 from geomphys.collision.penetration import Scratch
-from geomphys.collision.support import place_piece, shapes_of
+from geomphys.collision.support import pose_piece, shapes_of
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import (
     Vec,
@@ -61,7 +61,7 @@ def _centre(scene: Scene, poses: Floats, piece: int) -> Vec:
 
 
 @kernel
-def turn_between(before: Floats, after: Floats, body: int) -> float:
+def rotation_between(before: Floats, after: Floats, body: int) -> float:
     """Angle [rad] by which a body turns from one row of poses (B, 7) to another."""
     square = 0.0
     for k in range(3, 7):
@@ -84,31 +84,31 @@ def pair_motion(scene: Scene, before: Floats, after: Floats, a: int, b: int) -> 
     """How far two pieces move against each other at most [m], and the part of it that comes of turning."""
     pieces = scene.pieces
     way = norm(sub(centre_motion(scene, before, after, a), centre_motion(scene, before, after, b)))
-    spin = turn_between(before, after, pieces.body[a]) * pieces.reach[a]
-    spin += turn_between(before, after, pieces.body[b]) * pieces.reach[b]
-    return way + spin, spin
+    swing = rotation_between(before, after, pieces.body[a]) * pieces.reach[a]
+    swing += rotation_between(before, after, pieces.body[b]) * pieces.reach[b]
+    return way + swing, swing
 
 
 @kernel
-def _place(scene: Scene, before: Floats, after: Floats, piece: int, t: float, frames: Floats) -> None:
+def _pose_between(scene: Scene, before: Floats, after: Floats, piece: int, t: float, frames: Floats) -> None:
     """Row of `frames` of a piece a share `t` of its body's way: its own centre goes straight."""
     body, local = scene.pieces.body[piece], scene.pieces.local
     q = slerp(orientation_of(before, body), orientation_of(after, body), t)
     c0, c1 = _centre(scene, before, piece), _centre(scene, after, piece)
-    turned = rot_mul(rot_from_quat(q), frame_rotation(local, piece))
+    world_rotation = rot_mul(rot_from_quat(q), frame_rotation(local, piece))
     for k in range(9):
-        frames[piece, k] = turned[k]
+        frames[piece, k] = world_rotation[k]
     c = (scene.pieces.centre[piece, 0], scene.pieces.centre[piece, 1], scene.pieces.centre[piece, 2])
-    at = sub(add_scaled(c0, sub(c1, c0), t), rotate(turned, c))
+    at = sub(add_scaled(c0, sub(c1, c0), t), rotate(world_rotation, c))
     for k in range(3):
         frames[piece, 9 + k] = at[k]
 
 
 @kernel
-def _turned_with(before: Floats, after: Floats, body: int, share: float, n: Vec) -> Vec:
+def _attached_direction(before: Floats, after: Floats, body: int, share: float, n: Vec) -> Vec:
     """A direction carried along by a body that makes a `share` of its turn."""
-    turn = quat_mul(orientation_of(after, body), quat_conjugate(orientation_of(before, body)))
-    return quat_rotate(slerp((0.0, 0.0, 0.0, 1.0), turn, share), n)
+    rotation = quat_mul(orientation_of(after, body), quat_conjugate(orientation_of(before, body)))
+    return quat_rotate(slerp((0.0, 0.0, 0.0, 1.0), rotation, share), n)
 
 
 @outlined
@@ -120,12 +120,14 @@ def is_parted_before(
     Then it parts them all the way, but for what may be passed. `motion` [m] is how far they go against each other at most;
     `frames` (P, 12) is scratch.
     """
-    turn = turn_between(before, after, scene.pieces.body[a]) + turn_between(before, after, scene.pieces.body[b])
+    rotation = rotation_between(before, after, scene.pieces.body[a]) + rotation_between(
+        before, after, scene.pieces.body[b]
+    )
     deep = passing_depth(scene, a, b)
-    if turn * motion > deep:
+    if rotation * motion > deep:
         return False
-    place_piece(scene.pieces, before, frames, a)
-    place_piece(scene.pieces, before, frames, b)
+    pose_piece(scene.pieces, before, frames, a)
+    pose_piece(scene.pieces, before, frames, b)
     return gap_along(shapes_of(scene.pieces, frames), a, b, n) > -deep
 
 
@@ -137,19 +139,21 @@ def way_is_free(
 
     `frames` (P, 12) is scratch; rows `a` and `b` are written. Whether they overlap at either end is not asked for.
     """
-    motion, spin = pair_motion(scene, before, after, a, b)
+    motion, swing = pair_motion(scene, before, after, a, b)
     if motion == 0.0:
         return True
     deep = passing_depth(scene, a, b)
     body_a, body_b = scene.pieces.body[a], scene.pieces.body[b]
-    turn_a, turn_b = turn_between(before, after, body_a), turn_between(before, after, body_b)
-    carrier = body_a if turn_a > turn_b else body_b
+    angle_a, angle_b = rotation_between(before, after, body_a), rotation_between(before, after, body_b)
+    reference = body_a if angle_a > angle_b else body_b
     apart = norm(sub(_centre(scene, before, a), _centre(scene, before, b)))
-    bend = (turn_a + turn_b) * spin + max(turn_a, turn_b) * (max(turn_a, turn_b) * apart + 2.0 * (motion - spin))
+    curvature = (angle_a + angle_b) * swing + max(angle_a, angle_b) * (
+        max(angle_a, angle_b) * apart + 2.0 * (motion - swing)
+    )
     t, moved_by = 0.0, 1.0
     for _ in range(MOMENTS):
-        _place(scene, before, after, a, t, frames)
-        _place(scene, before, after, b, t, frames)
+        _pose_between(scene, before, after, a, t, frames)
+        _pose_between(scene, before, after, b, t, frames)
         left = motion * (1.0 - t)
         s, n, _, _ = pair_separation(scene.pieces, frames, a, b, left + deep, axes, scratch)
         if s > left:
@@ -160,11 +164,13 @@ def way_is_free(
         if s > -deep:
             far = 1.0 - t
             for _ in range(5):
-                if bend * far * far / 8.0 <= 0.5 * deep + max(s, 0.0) and far > moved_by:
-                    _place(scene, before, after, a, t + far, frames)
-                    _place(scene, before, after, b, t + far, frames)
+                if curvature * far * far / 8.0 <= 0.5 * deep + max(s, 0.0) and far > moved_by:
+                    _pose_between(scene, before, after, a, t + far, frames)
+                    _pose_between(scene, before, after, b, t + far, frames)
                     if (
-                        gap_along(shapes_of(scene.pieces, frames), a, b, _turned_with(before, after, carrier, far, n))
+                        gap_along(
+                            shapes_of(scene.pieces, frames), a, b, _attached_direction(before, after, reference, far, n)
+                        )
                         > -deep
                     ):
                         moved_by = far

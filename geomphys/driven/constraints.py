@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from geomphys.driven.objective import pivot_of
 from geomphys.driven.postures import Posture, joint_effect, point_of, vec_of
 from geomphys.driven.reach_cones import cone_bound, cone_row
-from geomphys.driven.state import BENDS, HAS_ROW, NO_ROW, STAYS, WANTED, DrivenRoom
+from geomphys.driven.state import ARTICULATED, HAS_ROW, LOCKED, NO_ROW, REQUESTED, DrivenWorkspace
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import Vec, cross, dot, norm, quat_conjugate, quat_rotate, sub
 from geomphys.scene.arrays import DRIVEN, JOINT_FIXED, Scene
@@ -34,38 +34,38 @@ def row_limit(step: float) -> float:
 
 @kernel
 def _add_effect(
-    scene: Scene, room: DrivenRoom, poses: Floats, body: int, point: Vec, n: Vec, sign: float, row: Floats
+    scene: Scene, ws: DrivenWorkspace, poses: Floats, body: int, point: Vec, n: Vec, sign: float, row: Floats
 ) -> None:
     """Add to a row how a point of a body moves along n with each unknown."""
     tree = scene.bodies.tree[body]
-    if scene.trees.role[tree] != DRIVEN or room.work.kind[tree] == STAYS:
+    if scene.trees.role[tree] != DRIVEN or ws.work.kind[tree] == LOCKED:
         return
-    first = room.work.first[tree]
+    first = ws.work.first[tree]
     for k in range(3):
         row[first + k] += sign * n[k]
-    if room.work.kind[tree] != BENDS:
+    if ws.work.kind[tree] != ARTICULATED:
         return
-    turn = cross(sub(point, pivot_of(room, poses, tree)), n)
+    moment = cross(sub(point, pivot_of(ws, poses, tree)), n)
     for k in range(3):
-        row[first + 3 + k] += sign * turn[k]
+        row[first + 3 + k] += sign * moment[k]
     joint = body
     while joint >= 0:
         q = scene.bodies.dof[joint]
-        if scene.bodies.joint[joint] != JOINT_FIXED and q >= 0 and room.work.column[q] >= 0:
-            row[room.work.column[q]] += sign * joint_effect(scene, poses, joint, point, n)
+        if scene.bodies.joint[joint] != JOINT_FIXED and q >= 0 and ws.work.column[q] >= 0:
+            row[ws.work.column[q]] += sign * joint_effect(scene, poses, joint, point, n)
         joint = scene.bodies.parent[joint]
 
 
 @kernel
 def _add_row(
-    scene: Scene, room: DrivenRoom, poses: Floats, a: int, b: int, n: Vec, pa: Vec, pb: Vec, m: int, unknowns: int
+    scene: Scene, ws: DrivenWorkspace, poses: Floats, a: int, b: int, n: Vec, pa: Vec, pb: Vec, m: int, unknowns: int
 ) -> None:  # fmt: skip
     """Row m: how the pieces a and b come apart along n."""
-    row = room.problem.least.rows[m]
+    row = ws.problem.least.rows[m]
     for j in range(unknowns):
         row[j] = 0.0
-    _add_effect(scene, room, poses, scene.pieces.body[a], pa, n, 1.0, row)
-    _add_effect(scene, room, poses, scene.pieces.body[b], pb, n, -1.0, row)
+    _add_effect(scene, ws, poses, scene.pieces.body[a], pa, n, 1.0, row)
+    _add_effect(scene, ws, poses, scene.pieces.body[b], pb, n, -1.0, row)
 
 
 @kernel
@@ -75,22 +75,22 @@ def needed(gap: float, s: float) -> float:
 
 
 @kernel
-def _moves(room: DrivenRoom, tree: int) -> bool:
-    return bool(room.work.kind[tree] != STAYS)
+def _moves(ws: DrivenWorkspace, tree: int) -> bool:
+    return bool(ws.work.kind[tree] != LOCKED)
 
 
 @kernel
-def concerns(room: DrivenRoom, k: int) -> bool:
+def concerns(ws: DrivenWorkspace, k: int) -> bool:
     """Whether a tree that yields is in the near pair k."""
-    return _moves(room, room.near.tree_a[k]) or _moves(room, room.near.tree_b[k])
+    return _moves(ws, ws.near.tree_a[k]) or _moves(ws, ws.near.tree_b[k])
 
 
 @kernel
-def forget_spots(room: DrivenRoom) -> None:
+def forget_spots(ws: DrivenWorkspace) -> None:
     """No pair has touched yet."""
-    for i in range(len(room.work.spot)):
-        room.work.spot[i, 0] = -1
-    room.work.spot_next[0] = 0
+    for i in range(len(ws.work.spot)):
+        ws.work.spot[i, 0] = -1
+    ws.work.spot_next[0] = 0
 
 
 @kernel
@@ -100,13 +100,13 @@ def _inside(poses: Floats, body: int, point: Vec) -> Vec:
 
 
 @outlined
-def _remember_spot(scene: Scene, room: DrivenRoom, poses: Floats, k: int) -> None:
+def _remember_spot(scene: Scene, ws: DrivenWorkspace, poses: Floats, k: int) -> None:
     """Keep where the near pair k is nearest, in place of a spot of its that is the same."""
-    near, work = room.near, room.work
+    near, work = ws.near, ws.work
     a, b = near.a[k], near.b[k]
     la = _inside(poses, scene.pieces.body[a], vec_of(near.point_a, k))
     lb = _inside(poses, scene.pieces.body[b], vec_of(near.point_b, k))
-    place = -1
+    slot = -1
     for i in range(len(work.spot)):
         if work.spot[i, 0] < 0:
             break
@@ -114,24 +114,24 @@ def _remember_spot(scene: Scene, room: DrivenRoom, poses: Floats, k: int) -> Non
             row = work.spot_at[i]
             far = norm(sub((row[3], row[4], row[5]), la)) + norm(sub((row[6], row[7], row[8]), lb))
             if far < SAME_SPOT:
-                place = i
+                slot = i
                 break
-    if place < 0:
-        place = work.spot_next[0]
-        work.spot_next[0] = (place + 1) % len(work.spot)
-    work.spot[place, 0], work.spot[place, 1] = a, b
+    if slot < 0:
+        slot = work.spot_next[0]
+        work.spot_next[0] = (slot + 1) % len(work.spot)
+    work.spot[slot, 0], work.spot[slot, 1] = a, b
     for i in range(3):
-        work.spot_at[place, i] = near.normal[k, i]
-        work.spot_at[place, 3 + i], work.spot_at[place, 6 + i] = la[i], lb[i]
+        work.spot_at[slot, i] = near.normal[k, i]
+        work.spot_at[slot, 3 + i], work.spot_at[slot, 6 + i] = la[i], lb[i]
 
 
 @outlined
-def _add_spots(scene: Scene, room: DrivenRoom, poses: Floats, k: int, gap: float, m: int, unknowns: int) -> int:
+def _add_spots(scene: Scene, ws: DrivenWorkspace, poses: Floats, k: int, gap: float, m: int, unknowns: int) -> int:
     """Rows for where the near pair k touched in passes before: a face on another is else nearest at its corners in turn."""
-    near, work = room.near, room.work
+    near, work = ws.near, ws.work
     a, b = near.a[k], near.b[k]
     for i in range(len(work.spot)):
-        if work.spot[i, 0] < 0 or m == len(room.problem.least.bounds):
+        if work.spot[i, 0] < 0 or m == len(ws.problem.least.bounds):
             break
         if work.spot[i, 0] != a or work.spot[i, 1] != b:
             continue
@@ -144,16 +144,16 @@ def _add_spots(scene: Scene, room: DrivenRoom, poses: Floats, k: int, gap: float
             continue
         if norm(sub(pa, vec_of(near.point_a, k))) + norm(sub(pb, vec_of(near.point_b, k))) < SAME_SPOT:
             continue
-        _add_row(scene, room, poses, a, b, n, pa, pb, m, unknowns)
-        room.problem.least.bounds[m] = needed(gap, s)
+        _add_row(scene, ws, poses, a, b, n, pa, pb, m, unknowns)
+        ws.problem.least.bounds[m] = needed(gap, s)
         m += 1
     return m
 
 
 @outlined
-def add_term(room: DrivenRoom, row: Floats, unknowns: int, weight: float, r: float) -> None:
+def add_term(ws: DrivenWorkspace, row: Floats, unknowns: int, weight: float, r: float) -> None:
     """Add ½ weight (row x + r)² to the objective."""
-    h, g = room.problem.hessian, room.problem.gradient
+    h, g = ws.problem.hessian, ws.problem.gradient
     for i in range(unknowns):
         if row[i] != 0.0:
             g[i] += weight * r * row[i]
@@ -162,73 +162,73 @@ def add_term(room: DrivenRoom, row: Floats, unknowns: int, weight: float, r: flo
 
 
 @kernel
-def want_touching(room: DrivenRoom) -> None:
+def want_touching(ws: DrivenWorkspace) -> None:
     """Only pairs that touch get a row at first: others turn out to be in the way, or not."""
-    near = room.near
+    near = ws.near
     for k in range(near.filled[0]):
-        room.rowed[k] = WANTED if near.exact[k] == 1 and near.separation[k] < ON and concerns(room, k) else NO_ROW
+        ws.rowed[k] = REQUESTED if near.exact[k] == 1 and near.separation[k] < ON and concerns(ws, k) else NO_ROW
 
 
 @outlined
-def add_pairs(scene: Scene, room: DrivenRoom, now: Posture, gap: float, m: int, unknowns: int, soft: bool) -> int:
+def add_pairs(scene: Scene, ws: DrivenWorkspace, now: Posture, gap: float, m: int, unknowns: int, soft: bool) -> int:
     """Rows, from row m on, of the near pairs that are to have one, as measured at `now`; returns the number of rows.
 
     `soft`: pairs that overlap get a dear term in the objective instead.
     """
-    near = room.near
+    near = ws.near
     for k in range(near.filled[0]):
-        if room.rowed[k] != WANTED or m == len(room.problem.least.bounds):
+        if ws.rowed[k] != REQUESTED or m == len(ws.problem.least.bounds):
             continue
         s, n = near.separation[k], vec_of(near.normal, k)
         pa, pb = vec_of(near.point_a, k), vec_of(near.point_b, k)
-        room.rowed[k] = HAS_ROW
-        _add_row(scene, room, now.poses, near.a[k], near.b[k], n, pa, pb, m, unknowns)
+        ws.rowed[k] = HAS_ROW
+        _add_row(scene, ws, now.poses, near.a[k], near.b[k], n, pa, pb, m, unknowns)
         if soft and s < 0.0:
-            add_term(room, room.problem.least.rows[m], unknowns, DEAR, s - gap)
+            add_term(ws, ws.problem.least.rows[m], unknowns, DEAR, s - gap)
             continue
-        room.problem.least.bounds[m] = needed(gap, s)
+        ws.problem.least.bounds[m] = needed(gap, s)
         m += 1
         if s < TOUCHING:
-            m = _add_spots(scene, room, now.poses, k, gap, m, unknowns)
-            _remember_spot(scene, room, now.poses, k)
+            m = _add_spots(scene, ws, now.poses, k, gap, m, unknowns)
+            _remember_spot(scene, ws, now.poses, k)
     return m
 
 
 @outlined
-def add_cones(scene: Scene, room: DrivenRoom, recorded: Floats, now: Posture, m: int, unknowns: int) -> int:
+def add_cones(scene: Scene, ws: DrivenWorkspace, recorded: Floats, now: Posture, m: int, unknowns: int) -> int:
     """Rows that keep limbs of compound joints in their reach cones; returns the number of rows."""
     for cone in range(len(scene.cones.limb)):
         tree = scene.bodies.tree[scene.cones.joints[scene.cones.joint_start[cone]]]
-        if room.work.kind[tree] != BENDS or m == len(room.problem.least.bounds):
+        if ws.work.kind[tree] != ARTICULATED or m == len(ws.problem.least.bounds):
             continue
-        row = room.problem.least.rows[m]
+        row = ws.problem.least.rows[m]
         for j in range(unknowns):
             row[j] = 0.0
-        g = cone_row(scene, room.work.unit, cone, now.angles, room.work.column, row)
+        g = cone_row(scene, ws.work.unit, cone, now.angles, ws.work.column, row)
         lacks = cone_bound(scene, cone, recorded) + CONE_MARGIN - g
-        room.problem.least.bounds[m] = lacks if lacks > 2.0 * CONE_MARGIN else min(lacks, 0.0)
+        ws.problem.least.bounds[m] = lacks if lacks > 2.0 * CONE_MARGIN else min(lacks, 0.0)
         m += 1
     return m
 
 
 @outlined
-def bound_unknowns(scene: Scene, room: DrivenRoom, now: Posture, step: float, firm: bool) -> None:
+def bound_unknowns(scene: Scene, ws: DrivenWorkspace, now: Posture, step: float, firm: bool) -> None:
     """The step bound, and limits of joints; `firm`: joints beyond theirs have to come back."""
-    low, high, work = room.problem.low, room.problem.high, room.work
+    low, high, work = ws.problem.low, ws.problem.high, ws.work
     for tree in range(len(work.kind)):
-        if work.kind[tree] == STAYS:
+        if work.kind[tree] == LOCKED:
             continue
         first = work.first[tree]
         for k in range(3):
             low[first + k], high[first + k] = -step, step
-        if work.kind[tree] != BENDS:
+        if work.kind[tree] != ARTICULATED:
             continue
         for k in range(3, 6):
             low[first + k], high[first + k] = -step / ROOT_ARM, step / ROOT_ARM
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
             i = work.column[q]
             if i >= 0:
-                lever = room.links.lever[q]
+                lever = ws.links.lever[q]
                 most, back, forth = step / lever, work.low[q] - now.angles[q], work.high[q] - now.angles[q]
                 low[i] = max(-most, min(back, most if firm else 0.0))
                 high[i] = min(most, max(forth, -most if firm else 0.0))

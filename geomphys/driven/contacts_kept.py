@@ -10,18 +10,18 @@ from __future__ import annotations
 from geomphys.collision.detect import Near, measure_near
 from geomphys.driven.constraints import add_term
 from geomphys.driven.postures import Posture, joint_effect, vec_of
-from geomphys.driven.state import BENDS, DrivenRoom
+from geomphys.driven.state import ARTICULATED, DrivenWorkspace
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.scene.arrays import DRIVEN, FIXED, JOINT_FIXED, Scene
 
 RECORDED_ON = 2e-3  # m: a link recorded this near touches
-PULL = 2.0  # mean weights
+TOUCH_WEIGHT = 2.0  # mean weights
 
 
 @kernel
-def note_touch(scene: Scene, room: DrivenRoom, tip: int, body: int, gap: float) -> None:
+def note_touch(scene: Scene, ws: DrivenWorkspace, tip: int, body: int, gap: float) -> None:
     """Keep a recorded contact, with the smallest gap."""
-    work = room.work
+    work = ws.work
     for i in range(work.touches[0]):
         if work.touch[i, 0] == tip and work.touch[i, 1] == body:
             work.touch_gap[i] = min(work.touch_gap[i], gap)
@@ -33,9 +33,9 @@ def note_touch(scene: Scene, room: DrivenRoom, tip: int, body: int, gap: float) 
 
 
 @outlined
-def note_touches(scene: Scene, room: DrivenRoom, near: Near) -> None:
+def note_touches(scene: Scene, ws: DrivenWorkspace, near: Near) -> None:
     """Recorded contacts of tips of chains, from the near pairs of the recorded poses."""
-    room.work.touches[0] = 0
+    ws.work.touches[0] = 0
     for k in range(near.filled[0]):
         body_a, body_b = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
         if near.separation[k] > RECORDED_ON or near.tree_a[k] == near.tree_b[k]:
@@ -44,53 +44,53 @@ def note_touches(scene: Scene, room: DrivenRoom, near: Near) -> None:
             body_a, body_b = body_b, body_a
         if scene.bodies.role[body_b] != FIXED or scene.trees.chains[scene.bodies.tree[body_a]] == 0:
             continue
-        tip = room.links.holder[body_a]
-        if room.links.tip[tip] == 1:
-            note_touch(scene, room, tip, body_b, near.separation[k])
+        tip = ws.links.holder[body_a]
+        if ws.links.tip[tip] == 1:
+            note_touch(scene, ws, tip, body_b, near.separation[k])
 
 
 @outlined
-def measure_touches(scene: Scene, room: DrivenRoom, limit: float) -> None:
+def measure_touches(scene: Scene, ws: DrivenWorkspace, limit: float) -> None:
     """Measure the nearest of the near pairs of each tip with what it touched in the recording, within `limit` [m]."""
-    work, near = room.work, room.near
+    work, near = ws.work, ws.near
     for i in range(work.touches[0]):
         tip, other = work.touch[i, 0], work.touch[i, 1]
-        if work.kind[scene.bodies.tree[tip]] != BENDS:
+        if work.kind[scene.bodies.tree[tip]] != ARTICULATED:
             continue
         nearest = limit
         for k in range(near.filled[0]):
-            if near.separation[k] < nearest and _is_touch(scene, room, k, tip, other):
-                s = measure_near(scene.pieces, room.places.frames, k, nearest, near, room.axes, room.scratch)
+            if near.separation[k] < nearest and _is_touch(scene, ws, k, tip, other):
+                s = measure_near(scene.pieces, ws.piece_frames.frames, k, nearest, near, ws.axes, ws.scratch)
                 nearest = min(nearest, s)
 
 
 @kernel
-def _is_touch(scene: Scene, room: DrivenRoom, k: int, tip: int, other: int) -> bool:
+def _is_touch(scene: Scene, ws: DrivenWorkspace, k: int, tip: int, other: int) -> bool:
     """Whether the near pair k is of a tip, or what hangs on it, and another body."""
-    a, b, holder = scene.pieces.body[room.near.a[k]], scene.pieces.body[room.near.b[k]], room.links.holder
+    a, b, holder = scene.pieces.body[ws.near.a[k]], scene.pieces.body[ws.near.b[k]], ws.links.holder
     return bool((holder[a] == tip and b == other) or (holder[b] == tip and a == other))
 
 
 @outlined
-def add_touches(scene: Scene, room: DrivenRoom, now: Posture, unknowns: int) -> float:
+def add_touches(scene: Scene, ws: DrivenWorkspace, now: Posture, unknowns: int) -> float:
     """Terms of the recorded contacts of trees that bend; returns their energy."""
-    work, near, energy = room.work, room.near, 0.0
-    spare = room.problem.least.rows[len(room.problem.least.bounds) - 1]
+    work, near, energy = ws.work, ws.near, 0.0
+    row = ws.problem.least.rows[len(ws.problem.least.bounds) - 1]
     for i in range(work.touches[0]):
         tip, other = work.touch[i, 0], work.touch[i, 1]
-        if work.kind[scene.bodies.tree[tip]] != BENDS:
+        if work.kind[scene.bodies.tree[tip]] != ARTICULATED:
             continue
         nearest, found = 1.0, -1
         for k in range(near.filled[0]):
-            if near.exact[k] == 1 and near.separation[k] < nearest and _is_touch(scene, room, k, tip, other):
+            if near.exact[k] == 1 and near.separation[k] < nearest and _is_touch(scene, ws, k, tip, other):
                 nearest, found = near.separation[k], k
         if found < 0:
             continue
         off = nearest - max(work.touch_gap[i], 0.0)
         for j in range(unknowns):
-            spare[j] = 0.0
+            row[j] = 0.0
         n, sign, point = vec_of(near.normal, found), 1.0, vec_of(near.point_a, found)
-        if room.links.holder[scene.pieces.body[near.a[found]]] != tip:
+        if ws.links.holder[scene.pieces.body[near.a[found]]] != tip:
             sign, point = -1.0, vec_of(near.point_b, found)
         joint = tip
         while joint >= 0:
@@ -98,8 +98,8 @@ def add_touches(scene: Scene, room: DrivenRoom, now: Posture, unknowns: int) -> 
             if q >= 0 and scene.dofs.chain[q] < 0 and scene.bodies.joint[joint] != JOINT_FIXED:
                 break
             if q >= 0 and scene.bodies.joint[joint] != JOINT_FIXED and work.column[q] >= 0:
-                spare[work.column[q]] += sign * joint_effect(scene, now.poses, joint, point, n)
+                row[work.column[q]] += sign * joint_effect(scene, now.poses, joint, point, n)
             joint = scene.bodies.parent[joint]
-        add_term(room, spare, unknowns, PULL, off)
-        energy += 0.5 * PULL * off * off
+        add_term(ws, row, unknowns, TOUCH_WEIGHT, off)
+        energy += 0.5 * TOUCH_WEIGHT * off * off
     return energy

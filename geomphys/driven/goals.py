@@ -15,8 +15,8 @@ from geomphys.driven.qp import solve_quadratic
 from geomphys.driven.starts import (
     JUMP,
 )
-from geomphys.driven.state import BENDS, GIVEN, SHIFTS, STAYS, DrivenRoom, DrivenState
-from geomphys.driven.stepping import copy_moving, place, step_to_trial
+from geomphys.driven.state import ARTICULATED, GIVEN, LOCKED, RIGID, DrivenState, DrivenWorkspace
+from geomphys.driven.stepping import copy_moving, pose_with_pieces, step_to_trial
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import quat_rotate, sub
 from geomphys.scene.arrays import DRIVEN, Scene
@@ -31,67 +31,67 @@ STRETCH = math.radians(10.0)  # beyond the range in which the recording used a j
 
 
 @outlined
-def take_limits(scene: Scene, state: DrivenState, room: DrivenRoom, angles: Floats) -> None:
-    """Limits of joints, that leave room for what was recorded and for where joints were; and angles carried on."""
-    work, last = room.work, state.last.angles
+def take_limits(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: Floats) -> None:
+    """Limits of joints, widened to what was recorded and to where joints were; and extrapolated angles."""
+    work, last = ws.work, state.last.angles
     for q in range(len(angles)):
         work.low[q] = min(scene.dofs.lower[q], angles[q])
         work.high[q] = max(scene.dofs.upper[q], angles[q])
-        work.carried[q] = angles[q]
+        work.extrapolated[q] = angles[q]
         work.used_low[q] = min(state.used_low[q], angles[q]) - STRETCH
         work.used_high[q] = max(state.used_high[q], angles[q]) + STRETCH
         if state.started[0] == 1:
             change = angles[q] - state.recorded.angles[q]
             if abs(change) > JUMP:
                 change = 0.0
-            work.carried[q] = min(max(last[q] + change, work.low[q]), work.high[q])
+            work.extrapolated[q] = min(max(last[q] + change, work.low[q]), work.high[q])
 
 
 @outlined
-def _fit(scene: Scene, state: DrivenState, room: DrivenRoom, tree: int, roots: Floats, angles: Floats) -> None:
+def _fit(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, roots: Floats, angles: Floats) -> None:
     """Bring the bent tree in `goal` as near to its targets as it can be, whatever is in the way."""
-    work, goal, target = room.work, room.work.goal, room.work.target
+    work, goal, target = ws.work, ws.work.goal, ws.work.target
     root = scene.trees.body_start[tree]
     if scene.trees.body_start[tree + 1] == root + 1:
         q = orientation_of(target, root)
-        set_pose(goal.roots, tree, sub(position_of(target, root), quat_rotate(q, vec_of(room.links.centre, root))), q)
+        set_pose(goal.roots, tree, sub(position_of(target, root), quat_rotate(q, vec_of(ws.links.centre, root))), q)
         return
     for other in range(len(work.kind)):
-        work.kind[other] = BENDS if other == tree else STAYS
+        work.kind[other] = ARTICULATED if other == tree else LOCKED
     copy_tree(scene, state.last, tree, work.now)
     for j in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
-        work.now.angles[j] = work.carried[j]
+        work.now.angles[j] = work.extrapolated[j]
     for k in range(7):
         work.now.roots[tree, k] = roots[tree, k]
-    pose_tree(scene, room.origins, tree, work.now.roots, work.now.angles, work.now.poses)
+    pose_tree(scene, ws.origins, tree, work.now.roots, work.now.angles, work.now.poses)
     for _ in range(FIT_PASSES):
-        n = number_unknowns(scene, room)
-        assemble(scene, room, work.now, False)
-        bound_unknowns(scene, room, work.now, FIT_STEP, True)
-        m = add_cones(scene, room, angles, work.now, 0, n)
-        if solve_quadratic(room.problem, n, m)[0] != SOLVED:
+        n = number_unknowns(scene, ws)
+        assemble(scene, ws, work.now, False)
+        bound_unknowns(scene, ws, work.now, FIT_STEP, True)
+        m = add_cones(scene, ws, angles, work.now, 0, n)
+        if solve_quadratic(ws.problem, n, m)[0] != SOLVED:
             break
-        far = step_to_trial(scene, room)
-        copy_moving(scene, room, work.trial, work.now)
+        far = step_to_trial(scene, ws)
+        copy_moving(scene, ws, work.trial, work.now)
         if far < FITTED:
             break
     copy_tree(scene, work.now, tree, goal)
 
 
 @kernel
-def take_branch(scene: Scene, room: DrivenRoom, tree: int, angles: Floats, posture: Posture) -> None:
+def take_branch(scene: Scene, ws: DrivenWorkspace, tree: int, angles: Floats, posture: Posture) -> None:
     """Of equal angles, whole turns apart and within limits, take those nearest to the recorded ones."""
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
-        turns = math.floor((angles[q] - posture.angles[q]) / (2.0 * math.pi) + 0.5)
-        there = posture.angles[q] + turns * 2.0 * math.pi
-        if room.links.rounds[q] == 1 and turns != 0.0 and room.work.low[q] <= there <= room.work.high[q]:
+        revolutions = math.floor((angles[q] - posture.angles[q]) / (2.0 * math.pi) + 0.5)
+        there = posture.angles[q] + revolutions * 2.0 * math.pi
+        if ws.links.rounds[q] == 1 and revolutions != 0.0 and ws.work.low[q] <= there <= ws.work.high[q]:
             posture.angles[q] = there
 
 
 @outlined
-def set_goals(scene: Scene, state: DrivenState, room: DrivenRoom, roots: Floats, angles: Floats) -> None:
+def set_goals(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats) -> None:
     """What the coupling asks every driven tree for, placed."""
-    work = room.work
+    work = ws.work
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] != DRIVEN:
             continue
@@ -101,13 +101,13 @@ def set_goals(scene: Scene, state: DrivenState, room: DrivenRoom, roots: Floats,
             work.goal.angles[q] = angles[q]
         if state.given[tree] == GIVEN:
             copy_tree(scene, state.asked, tree, work.goal)
-        elif state.bent[tree] == 1:
-            _fit(scene, state, room, tree, roots, angles)
-            take_branch(scene, room, tree, angles, work.goal)
+        elif state.deformed[tree] == 1:
+            _fit(scene, state, ws, tree, roots, angles)
+            take_branch(scene, ws, tree, angles, work.goal)
         else:
             for i in range(3):
                 if state.offset[tree, i] != 0.0:  # -0.0 + 0.0 would be 0.0
                     work.goal.roots[tree, i] += state.offset[tree, i]
-        place(scene, room, work.goal, tree)
+        pose_with_pieces(scene, ws, work.goal, tree)
     for tree in range(len(scene.trees.role)):
-        work.kind[tree] = SHIFTS if scene.trees.role[tree] == DRIVEN else STAYS
+        work.kind[tree] = RIGID if scene.trees.role[tree] == DRIVEN else LOCKED

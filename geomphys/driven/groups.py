@@ -15,13 +15,13 @@ from geomphys.driven.postures import Posture, copy_tree, is_recorded, vec_of
 from geomphys.driven.reachability import FREE, forget_pairs, judge, list_pairs, look_back, measure_drift
 from geomphys.driven.sqp import ANY_WAY, EVERY_STEP, STRAIGHT, Found, search
 from geomphys.driven.starts import ALONG, choose_shallowest, choose_start, hold_back
-from geomphys.driven.state import BENDS, SHIFTS, STAYS, DrivenRoom, DrivenState
-from geomphys.driven.stepping import copy_moving, place_moving
+from geomphys.driven.state import ARTICULATED, LOCKED, RIGID, DrivenState, DrivenWorkspace
+from geomphys.driven.stepping import copy_moving, pose_yielding
 from geomphys.driven.way_out import find_way_out
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import norm, slerp, sub
 from geomphys.scene.arrays import DRIVEN, Scene
-from geomphys.scene.kinematics import orientation_of, place_tree, pose_tree, position_of, set_pose
+from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, pose_tree, position_of, set_pose
 
 Floats = NDArray[np.float64]
 
@@ -38,25 +38,25 @@ class Outcome(NamedTuple):
 
     rounds: int
     method: int  # as in results.METHODS
-    rescues: int  # steps cut into parts, and searches for a way out
+    fallbacks: int  # steps cut into parts, and searches for a way out
     converged: bool
     yielded: bool  # a tree in one piece gave up its shape or turn
 
 
 @outlined
-def settle(scene: Scene, state: DrivenState, room: DrivenRoom, tree: int, source: Posture) -> None:
+def settle(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, source: Posture) -> None:
     """A driven tree's place is known: everything else of the frame finds it there."""
-    work = room.work
+    work = ws.work
     for target in (state.last, work.before, work.now, work.trial, work.start, work.best):
         copy_tree(scene, source, tree, target)
-    place_tree(scene, tree, source.poses, room.places.frames)
-    update_boxes(scene, room.places.frames, room.boxes, tree)
+    pose_pieces_of_tree(scene, tree, source.poses, ws.piece_frames.frames)
+    update_boxes(scene, ws.piece_frames.frames, ws.boxes, tree)
 
 
 @outlined
-def set_around(scene: Scene, state: DrivenState, room: DrivenRoom, recorded: Floats, share: float) -> None:
+def set_around(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, share: float) -> None:
     """Place what is not driven and moves a share of its way through the step."""
-    work, p = room.work, room.places
+    work, p = ws.work, ws.piece_frames
     for tree in range(len(scene.trees.role)):
         if scene.trees.moving[tree] == 0 or scene.trees.role[tree] == DRIVEN:
             continue
@@ -72,32 +72,32 @@ def set_around(scene: Scene, state: DrivenState, room: DrivenRoom, recorded: Flo
                 )
             for posture in (work.now, work.trial, work.start, work.best, work.goal):
                 set_pose(posture.poses, body, at, q)
-        place_tree(scene, tree, work.now.poses, p.frames)
-        update_boxes(scene, p.frames, room.boxes, tree)
-    measure_drift(scene, room, work.before.poses, work.now.poses)
-    forget_pairs(room)
+        pose_pieces_of_tree(scene, tree, work.now.poses, p.frames)
+        update_boxes(scene, p.frames, ws.boxes, tree)
+    measure_drift(scene, ws, work.before.poses, work.now.poses)
+    forget_pairs(ws)
 
 
 @outlined
-def choose_kinds(scene: Scene, state: DrivenState, room: DrivenRoom, group: int, bend: bool) -> bool:
+def choose_kinds(scene: Scene, state: DrivenState, ws: DrivenWorkspace, group: int, articulate: bool) -> bool:
     """How the trees of a group may yield; whether some of them only shift."""
-    work, shifts = room.work, False
+    work, shifts = ws.work, False
     for tree in range(len(work.kind)):
-        work.kind[tree] = STAYS
+        work.kind[tree] = LOCKED
         if scene.trees.role[tree] != DRIVEN or work.hit[tree] == 0 or work.group[tree] != group:
             continue
-        bends = bend or not is_stiff(scene, tree) or state.bent[tree] == 1
-        work.kind[tree] = BENDS if bends else SHIFTS
-        shifts = shifts or not bends
+        articulated = articulate or not is_stiff(scene, tree) or state.deformed[tree] == 1
+        work.kind[tree] = ARTICULATED if articulated else RIGID
+        shifts = shifts or not articulated
     return shifts
 
 
 @kernel
-def is_shifted_too_far(scene: Scene, state: DrivenState, room: DrivenRoom, roots: Floats) -> bool:
+def is_shifted_too_far(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats) -> bool:
     """Whether a hand in one piece is shifted farther than its recorded depth excuses."""
-    work = room.work
+    work = ws.work
     for tree in range(len(work.kind)):
-        if work.kind[tree] != SHIFTS or scene.trees.dof_start[tree + 1] == scene.trees.dof_start[tree]:
+        if work.kind[tree] != RIGID or scene.trees.dof_start[tree + 1] == scene.trees.dof_start[tree]:
             continue
         offset = sub(vec_of(work.best.roots, tree), vec_of(roots, tree))
         limit = min(max(SHIFT_OF_DEPTH * work.depth[tree], LEAST_SHIFT), MOST_SHIFT)
@@ -107,96 +107,96 @@ def is_shifted_too_far(scene: Scene, state: DrivenState, room: DrivenRoom, roots
 
 
 @outlined
-def _search_straight(scene: Scene, room: DrivenRoom, angles: Floats, gap: float, tethered: bool) -> Found:
-    """Search from the free start in `Workspace.now`; what is found can be reached straight from where the step began.
+def _search_straight(scene: Scene, ws: DrivenWorkspace, angles: Floats, gap: float, tethered: bool) -> Found:
+    """Search from the free start in `SearchWorkspace.now`; what is found can be reached straight from where the step began.
 
     Only where that turns out not to be so is it asked for in every pass.
     """
-    work = room.work
-    copy_moving(scene, room, work.now, work.start)
-    place_moving(scene, room, work.now)
-    found = search(scene, room, angles, gap, PASSES, True, tethered, EVERY_STEP)
-    place_moving(scene, room, work.best)
-    if judge(scene, room, work.best) == FREE:
+    work = ws.work
+    copy_moving(scene, ws, work.now, work.start)
+    pose_yielding(scene, ws, work.now)
+    found = search(scene, ws, angles, gap, PASSES, True, tethered, EVERY_STEP)
+    pose_yielding(scene, ws, work.best)
+    if judge(scene, ws, work.best) == FREE:
         return found
-    copy_moving(scene, room, work.start, work.now)
-    place_moving(scene, room, work.now)
-    again = search(scene, room, angles, gap, PASSES, True, tethered, STRAIGHT)
+    copy_moving(scene, ws, work.start, work.now)
+    pose_yielding(scene, ws, work.now)
+    again = search(scene, ws, angles, gap, PASSES, True, tethered, STRAIGHT)
     return Found(again.free, found.passes + again.passes, again.converged, again.energy, again.paced)
 
 
 @outlined
 def _attempt(
-    scene: Scene, state: DrivenState, room: DrivenRoom, roots: Floats, angles: Floats, gap: float, shifts: bool
+    scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats, gap: float, shifts: bool
 ) -> Found:
     """Search from a free start, or where trees shift, from one that overlaps if what it comes to can be reached."""
-    work, passes = room.work, 0
-    chosen = choose_start(scene, state, room, roots, angles)
+    work, passes = ws.work, 0
+    chosen = choose_start(scene, state, ws, roots, angles)
     if chosen < 0:
         if not shifts:
             return Found(False, 0, False, math.inf, False)
-        choose_shallowest(scene, state, room, roots, angles)
-        place_moving(scene, room, work.now)
-        loose = search(scene, room, angles, gap, SHIFT_PASSES, False, False, ANY_WAY)
-        passes = loose.passes
-        if not loose.free:
-            return loose
-        copy_moving(scene, room, work.best, work.now)
-        place_moving(scene, room, work.now)
-        if judge(scene, room, work.now) != FREE:
+        choose_shallowest(scene, state, ws, roots, angles)
+        pose_yielding(scene, ws, work.now)
+        relaxed = search(scene, ws, angles, gap, SHIFT_PASSES, False, False, ANY_WAY)
+        passes = relaxed.passes
+        if not relaxed.free:
+            return relaxed
+        copy_moving(scene, ws, work.best, work.now)
+        pose_yielding(scene, ws, work.now)
+        if judge(scene, ws, work.now) != FREE:
             return Found(False, passes, False, math.inf, False)
     if chosen >= ALONG:
-        hold_back(scene, state, room, roots, angles)
-    found = _search_straight(scene, room, angles, gap, chosen >= ALONG)
+        hold_back(scene, state, ws, roots, angles)
+    found = _search_straight(scene, ws, angles, gap, chosen >= ALONG)
     return Found(found.free, found.passes + passes, found.converged, found.energy, found.paced)
 
 
 @outlined
-def _give_way_in_part(scene: Scene, room: DrivenRoom, angles: Floats, gap: float) -> Found:
+def _give_way_in_part(scene: Scene, ws: DrivenWorkspace, angles: Floats, gap: float) -> Found:
     """Where something has moved a little into the trees that yield, in a part of a step, they are pushed out."""
-    work = room.work
-    copy_moving(scene, room, work.before, work.now)
-    place_moving(scene, room, work.now)
-    return search(scene, room, angles, gap, PASSES, False, False, EVERY_STEP)
+    work = ws.work
+    copy_moving(scene, ws, work.before, work.now)
+    pose_yielding(scene, ws, work.now)
+    return search(scene, ws, angles, gap, PASSES, False, False, EVERY_STEP)
 
 
 @kernel
-def _move_before(scene: Scene, room: DrivenRoom) -> None:
+def _move_before(scene: Scene, ws: DrivenWorkspace) -> None:
     """What is not driven begins the next part where it is."""
     for tree in range(len(scene.trees.role)):
         if scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
             for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
                 for k in range(7):
-                    room.work.before.poses[body, k] = room.work.now.poses[body, k]
+                    ws.work.before.poses[body, k] = ws.work.now.poses[body, k]
 
 
 @outlined
 def _in_parts(
-    scene: Scene, state: DrivenState, room: DrivenRoom, roots: Floats, angles: Floats, recorded: Floats, gap: float
+    scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats, recorded: Floats, gap: float
 ) -> tuple[bool, int]:
     """Let what is round a group move in parts of the step, and the group with it: (whether it came free, passes)."""
-    work, passes = room.work, 0
+    work, passes = ws.work, 0
     for parts in PARTS:
         free = True
         for part in range(1, parts + 1):
-            set_around(scene, state, room, recorded, part / parts if part < parts else 1.0)
-            list_pairs(scene, room)
-            found = _attempt(scene, state, room, roots, angles, gap, False)
+            set_around(scene, state, ws, recorded, part / parts if part < parts else 1.0)
+            list_pairs(scene, ws)
+            found = _attempt(scene, state, ws, roots, angles, gap, False)
             passes += found.passes
             if not found.free:
-                found = _give_way_in_part(scene, room, angles, gap)
+                found = _give_way_in_part(scene, ws, angles, gap)
                 passes += found.passes
             if not found.free:
                 free = False
                 break
-            copy_moving(scene, room, work.best, work.before)
-            _move_before(scene, room)
+            copy_moving(scene, ws, work.best, work.before)
+            _move_before(scene, ws)
         if free:
             return True, passes
         for tree in range(len(work.kind)):
-            if is_recorded(scene, tree) and (work.kind[tree] != STAYS or scene.trees.role[tree] != DRIVEN):
+            if is_recorded(scene, tree) and (work.kind[tree] != LOCKED or scene.trees.role[tree] != DRIVEN):
                 copy_tree(scene, state.last, tree, work.before)
-    set_around(scene, state, room, recorded, 1.0)
+    set_around(scene, state, ws, recorded, 1.0)
     return False, passes
 
 
@@ -204,7 +204,7 @@ def _in_parts(
 def solve_group(
     scene: Scene,
     state: DrivenState,
-    room: DrivenRoom,
+    ws: DrivenWorkspace,
     group: int,
     roots: Floats,
     angles: Floats,
@@ -212,110 +212,110 @@ def solve_group(
     gap: float,
 ) -> Outcome:
     """Find the posture of the trees of a group."""
-    work = room.work
-    shifts = choose_kinds(scene, state, room, group, False)
-    list_pairs(scene, room)
-    found = _attempt(scene, state, room, roots, angles, gap, shifts)
-    passes, method, rescues = found.passes, LEAST_DISTANCE, 0
-    if shifts and (not found.free or is_shifted_too_far(scene, state, room, roots)):
-        choose_kinds(scene, state, room, group, True)
-        found = _attempt(scene, state, room, roots, angles, gap, False)
+    work = ws.work
+    shifts = choose_kinds(scene, state, ws, group, False)
+    list_pairs(scene, ws)
+    found = _attempt(scene, state, ws, roots, angles, gap, shifts)
+    passes, method, fallbacks = found.passes, LEAST_DISTANCE, 0
+    if shifts and (not found.free or is_shifted_too_far(scene, state, ws, roots)):
+        choose_kinds(scene, state, ws, group, True)
+        found = _attempt(scene, state, ws, roots, angles, gap, False)
         passes += found.passes
     converged = found.converged
     if not found.free:
-        method, rescues = INTERPOLATED, 1
-        free, more = _in_parts(scene, state, room, roots, angles, recorded, gap)
+        method, fallbacks = INTERPOLATED, 1
+        free, more = _in_parts(scene, state, ws, roots, angles, recorded, gap)
         passes += more
         converged = free
         if not free:
-            copy_moving(scene, room, work.before, work.now)
-            place_moving(scene, room, work.now)
-            rescues += 1
-            if find_way_out(scene, room, gap, state.started[0] == 1):
-                copy_moving(scene, room, work.best, work.now)
-                place_moving(scene, room, work.now)
+            copy_moving(scene, ws, work.before, work.now)
+            pose_yielding(scene, ws, work.now)
+            fallbacks += 1
+            if find_way_out(scene, ws, gap, state.started[0] == 1):
+                copy_moving(scene, ws, work.best, work.now)
+                pose_yielding(scene, ws, work.now)
                 for tree in range(len(work.kind)):
-                    work.pace[tree] = math.inf
-                more_found = search(scene, room, angles, gap, PASSES, False, False, EVERY_STEP)
+                    work.deviation_limit[tree] = math.inf
+                more_found = search(scene, ws, angles, gap, PASSES, False, False, EVERY_STEP)
                 passes, converged = passes + more_found.passes, more_found.free
             else:
-                copy_moving(scene, room, work.now, work.best)
+                copy_moving(scene, ws, work.now, work.best)
     yielded = False
     for tree in range(len(work.kind)):
-        if work.kind[tree] != STAYS:
-            yielded = yielded or (work.kind[tree] == BENDS and is_stiff(scene, tree))
+        if work.kind[tree] != LOCKED:
+            yielded = yielded or (work.kind[tree] == ARTICULATED and is_stiff(scene, tree))
             work.hit[tree] = 0
-            take_branch(scene, room, tree, angles, work.best)
-            pose_tree(scene, room.origins, tree, work.best.roots, work.best.angles, work.best.poses)
-            settle(scene, state, room, tree, work.best)
-    return Outcome(passes, method, rescues, converged, yielded)
+            take_branch(scene, ws, tree, angles, work.best)
+            pose_tree(scene, ws.origins, tree, work.best.roots, work.best.angles, work.best.poses)
+            settle(scene, state, ws, tree, work.best)
+    return Outcome(passes, method, fallbacks, converged, yielded)
 
 
 @outlined
-def _set_joints_to_zero(scene: Scene, room: DrivenRoom, source: Posture, target: Posture) -> None:
+def _set_joints_to_zero(scene: Scene, ws: DrivenWorkspace, source: Posture, target: Posture) -> None:
     """Copy the trees that yield, with their joints at zero or as near as limits allow: links that overlap there never collide."""
-    for tree in range(len(room.work.kind)):
-        if room.work.kind[tree] == STAYS:
+    for tree in range(len(ws.work.kind)):
+        if ws.work.kind[tree] == LOCKED:
             continue
         copy_tree(scene, source, tree, target)
-        if room.work.kind[tree] == BENDS:
+        if ws.work.kind[tree] == ARTICULATED:
             for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
-                target.angles[q] = min(max(0.0, room.work.low[q]), room.work.high[q])
-            pose_tree(scene, room.origins, tree, target.roots, target.angles, target.poses)
+                target.angles[q] = min(max(0.0, ws.work.low[q]), ws.work.high[q])
+            pose_tree(scene, ws.origins, tree, target.roots, target.angles, target.poses)
 
 
 @outlined
-def solve_first(scene: Scene, state: DrivenState, room: DrivenRoom, angles: Floats, gap: float) -> Outcome:
+def solve_first(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: Floats, gap: float) -> Outcome:
     """The first frame: nothing was anywhere before, so any way out will do."""
-    work, passes, rescues, converged = room.work, 0, 0, True
+    work, passes, fallbacks, converged = ws.work, 0, 0, True
     for tree in range(len(work.kind)):
-        work.pace[tree] = math.inf
-    look_back(scene, room, work.goal)
+        work.deviation_limit[tree] = math.inf
+    look_back(scene, ws, work.goal)
     for tree in range(len(work.kind)):
         work.hit[tree], work.group[tree] = 0, 0
     overlaps = False
-    for k in range(room.near.filled[0]):
-        if room.near.separation[k] < 0.0:
-            work.hit[room.near.tree_a[k]] = work.hit[room.near.tree_b[k]] = 1
+    for k in range(ws.near.filled[0]):
+        if ws.near.separation[k] < 0.0:
+            work.hit[ws.near.tree_a[k]] = work.hit[ws.near.tree_b[k]] = 1
             overlaps = True
     for tree in range(len(work.kind)):
         if scene.trees.role[tree] == DRIVEN:
-            settle(scene, state, room, tree, work.goal)
+            settle(scene, state, ws, tree, work.goal)
     if not overlaps:
         return Outcome(0, GLOBAL, 0, True, False)
     found = Found(False, 0, False, math.inf, False)
-    for bend in (False, True):
-        shifts = choose_kinds(scene, state, room, 0, bend)
-        if bend and not shifts and found.free:
+    for articulate in (False, True):
+        shifts = choose_kinds(scene, state, ws, 0, articulate)
+        if articulate and not shifts and found.free:
             break
-        if bend and found.free and not is_shifted_too_far(scene, state, room, work.goal.roots):
-            choose_kinds(scene, state, room, 0, False)
+        if articulate and found.free and not is_shifted_too_far(scene, state, ws, work.goal.roots):
+            choose_kinds(scene, state, ws, 0, False)
             break
-        copy_moving(scene, room, work.goal, work.now)
-        place_moving(scene, room, work.now)
-        found = search(scene, room, angles, gap, FIRST_PASSES, False, False, ANY_WAY)
+        copy_moving(scene, ws, work.goal, work.now)
+        pose_yielding(scene, ws, work.now)
+        found = search(scene, ws, angles, gap, FIRST_PASSES, False, False, ANY_WAY)
         passes += found.passes
         if not shifts:
             break
     converged = found.free
     if not found.free:
-        rescues = 1
-        _set_joints_to_zero(scene, room, work.goal, work.now)
-        place_moving(scene, room, work.now)
-        found = search(scene, room, angles, gap, FIRST_PASSES, False, False, ANY_WAY)
+        fallbacks = 1
+        _set_joints_to_zero(scene, ws, work.goal, work.now)
+        pose_yielding(scene, ws, work.now)
+        found = search(scene, ws, angles, gap, FIRST_PASSES, False, False, ANY_WAY)
         passes, converged = passes + found.passes, found.free
     if not found.free:
-        copy_moving(scene, room, work.goal, work.now)
-        place_moving(scene, room, work.now)
-        converged = find_way_out(scene, room, gap, False)
+        copy_moving(scene, ws, work.goal, work.now)
+        pose_yielding(scene, ws, work.now)
+        converged = find_way_out(scene, ws, gap, False)
         if converged:
-            copy_moving(scene, room, work.best, work.now)
-            place_moving(scene, room, work.now)
-            found = search(scene, room, angles, gap, PASSES, False, False, EVERY_STEP)
+            copy_moving(scene, ws, work.best, work.now)
+            pose_yielding(scene, ws, work.now)
+            found = search(scene, ws, angles, gap, PASSES, False, False, EVERY_STEP)
             passes, converged = passes + found.passes, found.free
         else:
-            copy_moving(scene, room, work.now, work.best)
+            copy_moving(scene, ws, work.now, work.best)
     for tree in range(len(work.kind)):
-        if work.kind[tree] != STAYS:
-            settle(scene, state, room, tree, work.best)
-    return Outcome(passes, LEAST_DISTANCE if rescues == 0 else INTERPOLATED, rescues, converged, False)
+        if work.kind[tree] != LOCKED:
+            settle(scene, state, ws, tree, work.best)
+    return Outcome(passes, LEAST_DISTANCE if fallbacks == 0 else INTERPOLATED, fallbacks, converged, False)

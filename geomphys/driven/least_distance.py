@@ -100,7 +100,7 @@ def _project(p: LeastDistance, n: int, count: int, row: int) -> float:
 
 
 @kernel
-def _turn_columns(a: Floats, n: int, i: int, j: int, c: float, s: float) -> None:
+def _rotate_columns(a: Floats, n: int, i: int, j: int, c: float, s: float) -> None:
     """Turn columns i and j of `a` by the rotation (c, s)."""
     for k in range(n):
         u, v = a[k, i], a[k, j]
@@ -118,7 +118,7 @@ def _add(p: LeastDistance, n: int, count: int, row: int) -> int:
             continue
         c, s = u / length, v / length
         p.projected[j - 1], p.projected[j] = length, 0.0
-        _turn_columns(p.basis, n, j - 1, j, c, s)
+        _rotate_columns(p.basis, n, j - 1, j, c, s)
     for i in range(count + 1):
         p.triangle[i, count] = p.projected[i]
     p.active[count] = row
@@ -127,17 +127,17 @@ def _add(p: LeastDistance, n: int, count: int, row: int) -> int:
 
 
 @kernel
-def _drop(p: LeastDistance, n: int, count: int, place: int) -> int:
-    """Let the active row at `place` go and make the triangle a triangle again."""
-    p.is_active[p.active[place]] = 0
-    for j in range(place + 1, count):
+def _drop(p: LeastDistance, n: int, count: int, index: int) -> int:
+    """Let the active row at `index` go and make the triangle a triangle again."""
+    p.is_active[p.active[index]] = 0
+    for j in range(index + 1, count):
         for i in range(count):
             p.triangle[i, j - 1] = p.triangle[i, j]
         p.active[j - 1] = p.active[j]
         p.multiplier[j - 1] = p.multiplier[j]
     p.multiplier[count - 1] = p.multiplier[count]
     count -= 1
-    for j in range(place, count):
+    for j in range(index, count):
         u, v = p.triangle[j, j], p.triangle[j + 1, j]
         length = math.hypot(u, v)
         if v == 0.0 or length == 0.0:
@@ -147,7 +147,7 @@ def _drop(p: LeastDistance, n: int, count: int, place: int) -> int:
             a, b = p.triangle[j, k], p.triangle[j + 1, k]
             p.triangle[j, k] = c * a + s * b
             p.triangle[j + 1, k] = c * b - s * a
-        _turn_columns(p.basis, n, j, j + 1, c, s)
+        _rotate_columns(p.basis, n, j, j + 1, c, s)
     return count
 
 
@@ -162,7 +162,7 @@ def begin_least_distance(p: LeastDistance, n: int, m: int) -> None:
 
 
 @outlined
-def meet_rows(p: LeastDistance, n: int, m: int, tolerance: float, count: int) -> tuple[int, int]:
+def satisfy_rows(p: LeastDistance, n: int, m: int, tolerance: float, count: int) -> tuple[int, int]:
     """Go on from a solution with `count` active rows to one for the first `m` rows: as `solve_least_distance`."""
     for _ in range(10 * (n + m) + 20):
         row = _most_violated(p, n, m, tolerance)
@@ -218,4 +218,4 @@ def solve_least_distance(p: LeastDistance, n: int, m: int, tolerance: float) -> 
         (SOLVED or INFEASIBLE, number of active rows; `p.active` and `p.multiplier` hold them).
     """
     begin_least_distance(p, n, m)
-    return meet_rows(p, n, m, tolerance, 0)
+    return satisfy_rows(p, n, m, tolerance, 0)

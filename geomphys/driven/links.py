@@ -27,7 +27,7 @@ class Links(NamedTuple):
 
     weight: Floats  # (B,) 1 on average over links with geometry
     centre: Floats  # (B, 3) m, mean of the surface, link frame
-    spread: Floats  # (B, 9) m², covariance of the surface about the centre, link frame, row by row
+    second_moment: Floats  # (B, 9) m², covariance of the surface about the centre, link frame, row by row
     pivot: Ints  # (T,) the link about whose centre the root turns: what carries the chains, else the heaviest
     lever: Floats  # (Q,) m per rad: how far a joint moves the farthest centre beyond it; 1 for prismatic joints
     yields: Ints  # (Q,) 1 for joints that are unknowns of the problem
@@ -74,9 +74,9 @@ def _link_surface(scene: Scene, body: int) -> tuple[float, Floats, Floats]:
     area, first, second = 0.0, np.zeros(3), np.zeros((3, 3))
     for i in range(scene.bodies.piece_start[body], scene.bodies.piece_start[body + 1]):
         a, m, s = _surface(scene, i)
-        turn, shift = scene.pieces.local[i, :9].reshape(3, 3), scene.pieces.local[i, 9:]
-        m = turn @ m
-        second += turn @ s @ turn.T + np.outer(m, shift) + np.outer(shift, m) + a * np.outer(shift, shift)
+        rotation, shift = scene.pieces.local[i, :9].reshape(3, 3), scene.pieces.local[i, 9:]
+        m = rotation @ m
+        second += rotation @ s @ rotation.T + np.outer(m, shift) + np.outer(shift, m) + a * np.outer(shift, shift)
         first += m + a * shift
         area += a
     if area == 0.0:
@@ -89,12 +89,12 @@ def _pivot(scene: Scene, tree: int, weight: Floats) -> int:
     """The link that carries most chains; without chains the heaviest one that the root carries."""
     first, last = int(scene.trees.body_start[tree]), int(scene.trees.body_start[tree + 1])
     if scene.trees.chains[tree] == 1:
-        carried = np.zeros(last - first, np.int64)
+        children = np.zeros(last - first, np.int64)
         for chain in np.flatnonzero(scene.chains.tree == tree):
             base = int(scene.bodies.parent[scene.chains.bodies[scene.chains.body_start[chain]]])
-            carried[base - first] += 1
-        if carried.any():
-            return first + int(np.argmax(carried))
+            children[base - first] += 1
+        if children.any():
+            return first + int(np.argmax(children))
     stays = [first]
     for body in range(first + 1, last):
         if scene.bodies.parent[body] in stays and scene.bodies.joint[body] == JOINT_FIXED:
@@ -115,10 +115,10 @@ def _zero_poses(scene: Scene) -> Floats:
 def make_links(scene: Scene) -> Links:
     """Measure the links of a scene's driven trees."""
     bodies, dofs = len(scene.bodies.role), len(scene.dofs.lower)
-    weight, centre, spread = np.zeros(bodies), np.zeros((bodies, 3)), np.zeros((bodies, 9))
+    weight, centre, second_moment = np.zeros(bodies), np.zeros((bodies, 3)), np.zeros((bodies, 9))
     for body in np.flatnonzero(scene.bodies.role == DRIVEN):
         weight[body], centre[body], covariance = _link_surface(scene, int(body))
-        spread[body] = covariance.reshape(9)
+        second_moment[body] = covariance.reshape(9)
     if (weight > 0.0).any():
         weight /= weight[weight > 0.0].mean()
     pivot = scene.trees.body_start[:-1].copy()
@@ -148,10 +148,10 @@ def make_links(scene: Scene) -> Links:
     for k in range(bodies):
         if scene.bodies.parent[k] >= 0 and scene.bodies.joint[k] == JOINT_FIXED:
             holder[k] = holder[scene.bodies.parent[k]]
-    return Links(weight, centre, spread, pivot, lever, yields, _whole_turns(scene), tip, holder)
+    return Links(weight, centre, second_moment, pivot, lever, yields, _full_rotations(scene), tip, holder)
 
 
-def _whole_turns(scene: Scene) -> Ints:
+def _full_rotations(scene: Scene) -> Ints:
     """(Q,) 1 for degrees of freedom that turn one joint, as far as they go themselves."""
     rounds, moved = np.zeros(len(scene.dofs.lower), np.int64), np.zeros(len(scene.dofs.lower), np.int64)
     for body in range(len(scene.bodies.parent)):
@@ -170,8 +170,8 @@ def _find_tips(scene: Scene, tip: Ints) -> None:
     moves = np.zeros(len(tip), np.int64)
     for body in range(len(tip) - 1, -1, -1):
         parent = scene.bodies.parent[body]
-        turns = scene.bodies.joint[body] != JOINT_FIXED and scene.bodies.dof[body] >= 0
-        if scene.bodies.role[body] == DRIVEN and turns and moves[body] == 0:
+        rotates = scene.bodies.joint[body] != JOINT_FIXED and scene.bodies.dof[body] >= 0
+        if scene.bodies.role[body] == DRIVEN and rotates and moves[body] == 0:
             tip[body] = 1
-        if parent >= 0 and (turns or moves[body] == 1):
+        if parent >= 0 and (rotates or moves[body] == 1):
             moves[parent] = 1

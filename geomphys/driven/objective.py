@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.driven.postures import Posture, point_of, vec_of, world_axis
-from geomphys.driven.state import BENDS, STAYS, DrivenRoom
+from geomphys.driven.state import ARTICULATED, LOCKED, DrivenWorkspace
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import (
     Quat,
@@ -41,7 +41,7 @@ from geomphys.scene.kinematics import orientation_of, position_of
 Floats = NDArray[np.float64]
 
 SHAPE = 30.0  # times: how much dearer shape and turn are where a tree moves in one piece
-TURN_ARM = 0.05  # m, of its turn
+ROTATION_ARM = 0.05  # m, of its turn
 SMOOTH = 0.3  # of lever²: a joint's departure from what was recorded since the last frame
 UNUSUAL = 1.0  # lever²: a joint bent farther than the recording ever bends it
 BEYOND = 1e4  # lever²: a joint beyond its limits
@@ -55,20 +55,20 @@ def is_stiff(scene: Scene, tree: int) -> bool:
 
 
 @kernel
-def link_centre(room: DrivenRoom, poses: Floats, body: int) -> Vec:
+def link_centre(ws: DrivenWorkspace, poses: Floats, body: int) -> Vec:
     """Centre of a link in the world."""
-    return point_of(poses, body, vec_of(room.links.centre, body))
+    return point_of(poses, body, vec_of(ws.links.centre, body))
 
 
 @kernel
-def pivot_of(room: DrivenRoom, poses: Floats, tree: int) -> Vec:
+def pivot_of(ws: DrivenWorkspace, poses: Floats, tree: int) -> Vec:
     """The point about which the root turns."""
-    return link_centre(room, poses, room.links.pivot[tree])
+    return link_centre(ws, poses, ws.links.pivot[tree])
 
 
 @kernel
-def _spread(room: DrivenRoom, body: int) -> Rot:
-    s = room.links.spread
+def _second_moment(ws: DrivenWorkspace, body: int) -> Rot:
+    s = ws.links.second_moment
     return (s[body, 0], s[body, 1], s[body, 2], s[body, 3], s[body, 4], s[body, 5], s[body, 6], s[body, 7], s[body, 8])
 
 
@@ -78,35 +78,35 @@ def _transposed(r: Rot) -> Rot:
 
 
 @kernel
-def _misfit(room: DrivenRoom, poses: Floats, body: int, c: Vec, q: Quat) -> tuple[Vec, Vec, float]:
+def _misfit(ws: DrivenWorkspace, poses: Floats, body: int, c: Vec, q: Quat) -> tuple[Vec, Vec, float]:
     """Force and torque about its centre that pull a link off (c, q), per weight, and twice its energy."""
-    away = sub(link_centre(room, poses, body), c)
-    mine, wanted = rot_from_quat(orientation_of(poses, body)), rot_from_quat(q)
-    s = _spread(room, body)
-    n = rot_mul(rot_mul(mine, s), _transposed(wanted))
+    away = sub(link_centre(ws, poses, body), c)
+    current, desired = rot_from_quat(orientation_of(poses, body)), rot_from_quat(q)
+    s = _second_moment(ws, body)
+    n = rot_mul(rot_mul(current, s), _transposed(desired))
     torque = (n[7] - n[5], n[2] - n[6], n[3] - n[1])
     energy = dot(away, away) + 2.0 * (s[0] + s[4] + s[8]) - 2.0 * (n[0] + n[4] + n[8])
     return away, torque, energy
 
 
 @kernel
-def tree_energy(scene: Scene, room: DrivenRoom, poses: Floats, tree: int) -> float:
+def tree_energy(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> float:
     """E of a tree, without what is dearer in one piece."""
     energy = 0.0
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-        w = room.links.weight[body]
+        w = ws.links.weight[body]
         if w > 0.0:
-            _, _, e = _misfit(room, poses, body, vec_of(room.work.target, body), orientation_of(room.work.target, body))
+            _, _, e = _misfit(ws, poses, body, vec_of(ws.work.target, body), orientation_of(ws.work.target, body))
             energy += 0.5 * w * e
     return energy
 
 
 @kernel
-def _gather(scene: Scene, room: DrivenRoom, poses: Floats, tree: int) -> float:
+def _gather(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> float:
     """Composite inertias and forces of a tree about its pivot; returns E."""
-    inertia, force, links, target = room.work.inertia, room.work.force, room.links, room.work.target
+    inertia, force, links, target = ws.work.inertia, ws.work.force, ws.links, ws.work.target
     first, last = scene.trees.body_start[tree], scene.trees.body_start[tree + 1]
-    pivot, energy = pivot_of(room, poses, tree), 0.0
+    pivot, energy = pivot_of(ws, poses, tree), 0.0
     for body in range(first, last):
         w = links.weight[body]
         for k in range(10):
@@ -115,11 +115,11 @@ def _gather(scene: Scene, room: DrivenRoom, poses: Floats, tree: int) -> float:
             force[body, k] = 0.0
         if w == 0.0:
             continue
-        away, torque, e = _misfit(room, poses, body, vec_of(target, body), orientation_of(target, body))
+        away, torque, e = _misfit(ws, poses, body, vec_of(target, body), orientation_of(target, body))
         energy += 0.5 * w * e
-        r = sub(link_centre(room, poses, body), pivot)
-        turned = rot_from_quat(orientation_of(poses, body))
-        c = rot_mul(rot_mul(turned, _spread(room, body)), _transposed(turned))
+        r = sub(link_centre(ws, poses, body), pivot)
+        world_rotation = rot_from_quat(orientation_of(poses, body))
+        c = rot_mul(rot_mul(world_rotation, _second_moment(ws, body)), _transposed(world_rotation))
         trace, square = c[0] + c[4] + c[8], dot(r, r)
         inertia[body, 0] = w
         for k in range(3):
@@ -144,13 +144,13 @@ def _gather(scene: Scene, room: DrivenRoom, poses: Floats, tree: int) -> float:
 
 
 @kernel
-def _gather_shape(scene: Scene, room: DrivenRoom, poses: Floats, tree: int) -> float:
+def _gather_shape(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> float:
     """Composite forces of a tree whose links are to be where its root sees them; returns the energy."""
-    force, links, target = room.work.force, room.links, room.work.target
+    force, links, target = ws.work.force, ws.links, ws.work.target
     first, last = scene.trees.body_start[tree], scene.trees.body_start[tree + 1]
-    pivot, energy = pivot_of(room, poses, tree), 0.0
+    pivot, energy = pivot_of(ws, poses, tree), 0.0
     root = position_of(poses, first)
-    turn = quat_mul(orientation_of(poses, first), quat_conjugate(orientation_of(target, first)))
+    rotation = quat_mul(orientation_of(poses, first), quat_conjugate(orientation_of(target, first)))
     middle = quat_rotate(orientation_of(target, first), vec_of(links.centre, first))
     aim = sub(vec_of(target, first), middle)
     for body in range(first, last):
@@ -159,10 +159,10 @@ def _gather_shape(scene: Scene, room: DrivenRoom, poses: Floats, tree: int) -> f
             force[body, k] = 0.0
         if w == 0.0:
             continue
-        c = add(root, quat_rotate(turn, sub(vec_of(target, body), aim)))
-        away, torque, e = _misfit(room, poses, body, c, quat_mul(turn, orientation_of(target, body)))
+        c = add(root, quat_rotate(rotation, sub(vec_of(target, body), aim)))
+        away, torque, e = _misfit(ws, poses, body, c, quat_mul(rotation, orientation_of(target, body)))
         energy += 0.5 * w * e
-        moment = add(cross(sub(link_centre(room, poses, body), pivot), away), torque)
+        moment = add(cross(sub(link_centre(ws, poses, body), pivot), away), torque)
         for k in range(3):
             force[body, k] = w * away[k]
             force[body, 3 + k] = w * moment[k]
@@ -188,45 +188,45 @@ def _momentum(inertia: Floats, body: int, v: Vec, w: Vec) -> tuple[Vec, Vec]:
     row = inertia[body]
     m, h = row[0], (row[1], row[2], row[3])
     p = add(scale(v, m), cross(w, h))
-    turned = (
+    world_rotation = (
         row[4] * w[0] + row[7] * w[1] + row[8] * w[2],
         row[7] * w[0] + row[5] * w[1] + row[9] * w[2],
         row[8] * w[0] + row[9] * w[1] + row[6] * w[2],
     )
-    return p, add(cross(h, v), turned)
+    return p, add(cross(h, v), world_rotation)
 
 
 @kernel
-def _joint_column(scene: Scene, room: DrivenRoom, joint: int) -> int:
+def _joint_column(scene: Scene, ws: DrivenWorkspace, joint: int) -> int:
     """Column of the joint above a body, -1: it has none."""
     q = scene.bodies.dof[joint]
     if q < 0 or scene.bodies.joint[joint] == JOINT_FIXED:
         return -1
-    return int(room.work.column[q])
+    return int(ws.work.column[q])
 
 
 @kernel
-def _add_joints(scene: Scene, room: DrivenRoom, poses: Floats, tree: int, factor: float) -> None:
+def _add_joints(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int, factor: float) -> None:
     """Hessian of a tree's joints among each other and with its root; the former `factor` times."""
-    h, first, pivot = room.problem.hessian, room.work.first[tree], pivot_of(room, poses, tree)
+    h, first, pivot = ws.problem.hessian, ws.work.first[tree], pivot_of(ws, poses, tree)
     root = scene.trees.body_start[tree]
     for body in range(root + 1, scene.trees.body_start[tree + 1]):
-        i = _joint_column(scene, room, body)
-        if i < 0 or room.work.inertia[body, 0] == 0.0:
+        i = _joint_column(scene, ws, body)
+        if i < 0 or ws.work.inertia[body, 0] == 0.0:
             continue
         v, w = _twist(scene, poses, body, pivot)
-        p, spin = _momentum(room.work.inertia, body, v, w)
+        p, angular = _momentum(ws.work.inertia, body, v, w)
         for k in range(3):
             h[first + k, i] += p[k]
             h[i, first + k] += p[k]
-            h[first + 3 + k, i] += spin[k]
-            h[i, first + 3 + k] += spin[k]
+            h[first + 3 + k, i] += angular[k]
+            h[i, first + 3 + k] += angular[k]
         other = body
         while other > root:
-            j = _joint_column(scene, room, other)
+            j = _joint_column(scene, ws, other)
             if j >= 0:
                 v, w = _twist(scene, poses, other, pivot)
-                value = factor * (dot(v, p) + dot(w, spin))
+                value = factor * (dot(v, p) + dot(w, angular))
                 h[i, j] += value
                 if other != body:
                     h[j, i] += value
@@ -234,85 +234,85 @@ def _add_joints(scene: Scene, room: DrivenRoom, poses: Floats, tree: int, factor
 
 
 @kernel
-def _add_joint_gradient(scene: Scene, room: DrivenRoom, poses: Floats, tree: int, factor: float) -> None:
+def _add_joint_gradient(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int, factor: float) -> None:
     """Gradient of a tree's joints from its composite forces."""
-    pivot, force = pivot_of(room, poses, tree), room.work.force
+    pivot, force = pivot_of(ws, poses, tree), ws.work.force
     for body in range(scene.trees.body_start[tree] + 1, scene.trees.body_start[tree + 1]):
-        i = _joint_column(scene, room, body)
+        i = _joint_column(scene, ws, body)
         if i < 0:
             continue
         v, w = _twist(scene, poses, body, pivot)
         f, t = vec_of(force, body), (force[body, 3], force[body, 4], force[body, 5])
-        room.problem.gradient[i] += factor * (dot(v, f) + dot(w, t))
+        ws.problem.gradient[i] += factor * (dot(v, f) + dot(w, t))
 
 
 @kernel
-def _add_turn(scene: Scene, room: DrivenRoom, poses: Floats, tree: int) -> float:
+def _add_rotation(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> float:
     """The root's turn of a tree in one piece is dear."""
-    root, first = scene.trees.body_start[tree], room.work.first[tree]
-    stiffness = SHAPE * room.work.inertia[root, 0] * TURN_ARM * TURN_ARM
-    turn = rotation_vector(
-        quat_mul(orientation_of(poses, root), quat_conjugate(orientation_of(room.work.target, root)))
+    root, first = scene.trees.body_start[tree], ws.work.first[tree]
+    stiffness = SHAPE * ws.work.inertia[root, 0] * ROTATION_ARM * ROTATION_ARM
+    rotation = rotation_vector(
+        quat_mul(orientation_of(poses, root), quat_conjugate(orientation_of(ws.work.target, root)))
     )
     for k in range(3):
-        room.problem.hessian[first + 3 + k, first + 3 + k] += stiffness
-        room.problem.gradient[first + 3 + k] += stiffness * turn[k]
-    return 0.5 * stiffness * dot(turn, turn)
+        ws.problem.hessian[first + 3 + k, first + 3 + k] += stiffness
+        ws.problem.gradient[first + 3 + k] += stiffness * rotation[k]
+    return 0.5 * stiffness * dot(rotation, rotation)
 
 
 @kernel
-def _add_smoothness(scene: Scene, room: DrivenRoom, angles: Floats, tree: int) -> float:
+def _add_smoothness(scene: Scene, ws: DrivenWorkspace, angles: Floats, tree: int) -> float:
     """Joints go on as they were recorded to, and stay near the range in which they were used."""
-    energy, work = 0.0, room.work
+    energy, work = 0.0, ws.work
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         i = work.column[q]
         if i < 0:
             continue
-        away = angles[q] - work.carried[q]
-        weight = SMOOTH * room.links.lever[q] ** 2
-        room.problem.hessian[i, i] += weight
-        room.problem.gradient[i] += weight * away
+        away = angles[q] - work.extrapolated[q]
+        weight = SMOOTH * ws.links.lever[q] ** 2
+        ws.problem.hessian[i, i] += weight
+        ws.problem.gradient[i] += weight * away
         energy += 0.5 * weight * away * away
         away = angles[q] - min(max(angles[q], work.used_low[q]), work.used_high[q])
         if away != 0.0:
-            weight = UNUSUAL * room.links.lever[q] ** 2
-            room.problem.hessian[i, i] += weight
-            room.problem.gradient[i] += weight * away
+            weight = UNUSUAL * ws.links.lever[q] ** 2
+            ws.problem.hessian[i, i] += weight
+            ws.problem.gradient[i] += weight * away
             energy += 0.5 * weight * away * away
     return energy
 
 
 @kernel
-def _limit_energy(scene: Scene, room: DrivenRoom, angles: Floats, tree: int) -> float:
+def _limit_energy(scene: Scene, ws: DrivenWorkspace, angles: Floats, tree: int) -> float:
     """What it costs to be beyond limits: only ever where a joint was before its recording came back within."""
-    energy, work = 0.0, room.work
+    energy, work = 0.0, ws.work
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         if work.column[q] >= 0:
             beyond = angles[q] - min(max(angles[q], work.low[q]), work.high[q])
-            energy += 0.5 * BEYOND * (room.links.lever[q] * beyond) ** 2
+            energy += 0.5 * BEYOND * (ws.links.lever[q] * beyond) ** 2
     return energy
 
 
 @outlined
-def assemble(scene: Scene, room: DrivenRoom, now: Posture, smooth: bool) -> float:
+def assemble(scene: Scene, ws: DrivenWorkspace, now: Posture, smooth: bool) -> float:
     """Hessian and gradient of all trees in the problem at a posture; returns the energy.
 
     `smooth`: joints are also to go on as they were recorded to.
     """
-    h, g, work = room.problem.hessian, room.problem.gradient, room.work
+    h, g, work = ws.problem.hessian, ws.problem.gradient, ws.work
     energy, poses = 0.0, now.poses
     for tree in range(len(work.kind)):
         kind = work.kind[tree]
-        if kind == STAYS:
+        if kind == LOCKED:
             continue
         root, first = scene.trees.body_start[tree], work.first[tree]
-        energy += _gather(scene, room, poses, tree)
+        energy += _gather(scene, ws, poses, tree)
         composite, force = work.inertia[root], work.force[root]
         mass = composite[0]
         for k in range(3):
             h[first + k, first + k] += mass + TINY
             g[first + k] += force[k]
-        if kind != BENDS:
+        if kind != ARTICULATED:
             continue
         x, y, z = composite[1], composite[2], composite[3]
         skew = (0.0, z, -y, -z, 0.0, x, y, -x, 0.0)  # ω x h: how the first moment couples a turn to a shift
@@ -330,39 +330,39 @@ def assemble(scene: Scene, room: DrivenRoom, now: Posture, smooth: bool) -> floa
             for j in range(3):
                 h[first + 3 + i, first + 3 + j] += moments[3 * i + j]
         stiff = is_stiff(scene, tree)
-        _add_joint_gradient(scene, room, poses, tree, 1.0)
-        _add_joints(scene, room, poses, tree, 1.0 + SHAPE if stiff else 1.0)
+        _add_joint_gradient(scene, ws, poses, tree, 1.0)
+        _add_joints(scene, ws, poses, tree, 1.0 + SHAPE if stiff else 1.0)
         if stiff:
-            energy += _add_turn(scene, room, poses, tree)
-            energy += SHAPE * _gather_shape(scene, room, poses, tree)
-            _add_joint_gradient(scene, room, poses, tree, SHAPE)
-        energy += _limit_energy(scene, room, now.angles, tree)
+            energy += _add_rotation(scene, ws, poses, tree)
+            energy += SHAPE * _gather_shape(scene, ws, poses, tree)
+            _add_joint_gradient(scene, ws, poses, tree, SHAPE)
+        energy += _limit_energy(scene, ws, now.angles, tree)
         if smooth:
-            energy += _add_smoothness(scene, room, now.angles, tree)
+            energy += _add_smoothness(scene, ws, now.angles, tree)
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
             if work.column[q] >= 0:
-                h[work.column[q], work.column[q]] += TINY * room.links.lever[q] ** 2
+                h[work.column[q], work.column[q]] += TINY * ws.links.lever[q] ** 2
     return energy
 
 
 @kernel
-def number_unknowns(scene: Scene, room: DrivenRoom) -> int:
+def number_unknowns(scene: Scene, ws: DrivenWorkspace) -> int:
     """Give every tree that yields its columns, and clear the problem; returns their number."""
-    work, n = room.work, 0
+    work, n = ws.work, 0
     for q in range(len(work.column)):
         work.column[q] = -1
     for tree in range(len(work.kind)):
-        if scene.trees.role[tree] != DRIVEN or work.kind[tree] == STAYS:
+        if scene.trees.role[tree] != DRIVEN or work.kind[tree] == LOCKED:
             continue
         work.first[tree] = n
-        n += 3 if work.kind[tree] != BENDS else 6
-        if work.kind[tree] == BENDS:
+        n += 3 if work.kind[tree] != ARTICULATED else 6
+        if work.kind[tree] == ARTICULATED:
             for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
-                if room.links.yields[q] == 1:
+                if ws.links.yields[q] == 1:
                     work.column[q] = n
                     n += 1
     for i in range(n):
-        room.problem.gradient[i] = 0.0
+        ws.problem.gradient[i] = 0.0
         for j in range(n):
-            room.problem.hessian[i, j] = 0.0
+            ws.problem.hessian[i, j] = 0.0
     return n

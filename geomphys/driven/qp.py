@@ -20,7 +20,7 @@ from geomphys.driven.least_distance import (
     LeastDistance,
     begin_least_distance,
     make_least_distance,
-    meet_rows,
+    satisfy_rows,
 )
 from geomphys.jit.kernel import kernel, outlined
 
@@ -150,7 +150,7 @@ def go_on(p: Quadratic, n: int, first: int, m: int, count: int) -> tuple[int, in
         if not _normalise(p, n, i):
             status = INFEASIBLE
     for _ in range(2 * n + 2):
-        found, count = meet_rows(p.least, n, m, TOLERANCE, count)
+        found, count = satisfy_rows(p.least, n, m, TOLERANCE, count)
         _read_solution(p, n)
         if found != SOLVED:
             status = found

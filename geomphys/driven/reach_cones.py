@@ -122,7 +122,7 @@ def nearest_inside(directions: Floats, first: int, last: int, d: Vec, margin: fl
 
 
 @kernel
-def _turn(axis: Vec, angle: float, v: Vec) -> Vec:
+def _rotated(axis: Vec, angle: float, v: Vec) -> Vec:
     """V turned by `angle` about a unit axis (Rodrigues)."""
     s, c = math.sin(angle), math.cos(angle)
     return add_scaled(add_scaled(scale(v, c), cross(axis, v), s), axis, dot(axis, v) * (1.0 - c))
@@ -134,7 +134,7 @@ def _in_first(scene: Scene, v: Vec, body: int, first: int, angles: Floats) -> Ve
     while True:
         if scene.bodies.joint[body] != JOINT_FIXED:
             axis = (scene.bodies.axis[body, 0], scene.bodies.axis[body, 1], scene.bodies.axis[body, 2])
-            v = _turn(axis, joint_value(scene, body, angles), v)
+            v = _rotated(axis, joint_value(scene, body, angles), v)
         if body == first:
             return v
         v = rotate(frame_rotation(scene.bodies.origin, body), v)
@@ -164,9 +164,9 @@ def cone_bound(scene: Scene, cone: int, recorded: Floats) -> float:
 
 
 @kernel
-def cone_effect(scene: Scene, cone: int, angles: Floats, place: int, d: Vec, inward: Vec) -> float:
-    """∂g/∂q of the joint in row `place` of `cones.joints`: inward · (axis × d)."""
-    body = scene.cones.joints[place]
+def cone_effect(scene: Scene, cone: int, angles: Floats, index: int, d: Vec, inward: Vec) -> float:
+    """∂g/∂q of the joint in row `index` of `cones.joints`: inward · (axis × d)."""
+    body = scene.cones.joints[index]
     axis = (scene.bodies.axis[body, 0], scene.bodies.axis[body, 1], scene.bodies.axis[body, 2])
     axis = _in_first(scene, axis, body, scene.cones.joints[scene.cones.joint_start[cone]], angles)
     return float(scene.bodies.multiplier[body] * dot(inward, cross(axis, d)))
@@ -182,8 +182,8 @@ def cone_row(scene: Scene, lever: Floats, cone: int, angles: Floats, column: Int
     start = scene.cones.direction_start
     d = limb_direction(scene, cone, angles)
     g, _, inward = signed_angle(scene.cones.directions, start[cone], start[cone + 1], d)
-    for place in range(scene.cones.joint_start[cone], scene.cones.joint_start[cone + 1]):
-        q = scene.bodies.dof[scene.cones.joints[place]]
+    for index in range(scene.cones.joint_start[cone], scene.cones.joint_start[cone + 1]):
+        q = scene.bodies.dof[scene.cones.joints[index]]
         if column[q] >= 0:
-            row[column[q]] += cone_effect(scene, cone, angles, place, d, inward) / lever[q]
+            row[column[q]] += cone_effect(scene, cone, angles, index, d, inward) / lever[q]
     return g

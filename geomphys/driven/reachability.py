@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from geomphys.collision.detect import NOWHERE, append_pair, find_near, measure_near, pair_bound, pair_separation
 from geomphys.collision.sweep import update_boxes
-from geomphys.driven.advancement import centre_motion, is_parted_before, pair_motion, turn_between, way_is_free
+from geomphys.driven.advancement import centre_motion, is_parted_before, pair_motion, rotation_between, way_is_free
 from geomphys.driven.constraints import concerns
 from geomphys.driven.postures import Posture, vec_of
-from geomphys.driven.state import STAYS, DrivenRoom
-from geomphys.driven.stepping import find_concerned, measure_motion, place
+from geomphys.driven.state import LOCKED, DrivenWorkspace
+from geomphys.driven.stepping import find_concerned, measure_motion, pose_with_pieces
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import norm
 from geomphys.scene.arrays import DRIVEN, Scene
@@ -26,7 +26,7 @@ from geomphys.scene.arrays import DRIVEN, Scene
 Floats = NDArray[np.float64]
 
 FREE, TAKEN, UNCERTAIN = 0, 1, 2  # a posture, or what stands against it
-AMPLE, SPARE = 2.0, 12e-3  # times the motion of the goal, and m: how far postures may go for which pairs are listed
+AMPLE, MARGIN = 2.0, 12e-3  # times the motion of the goal, and m: how far postures may go for which pairs are listed
 
 
 @kernel
@@ -37,12 +37,12 @@ def _note_travel(scene: Scene, before: Floats, after: Floats, tree: int, travel:
     """
     far = 0.0
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-        turn = turn_between(before, after, body)
+        rotation = rotation_between(before, after, body)
         for i in range(scene.bodies.piece_start[body], scene.bodies.piece_start[body + 1]):
             shift = centre_motion(scene, before, after, i)
             for k in range(3):
                 travel[i, k] = shift[k]
-            travel[i, 3] = turn * scene.pieces.reach[i]
+            travel[i, 3] = rotation * scene.pieces.reach[i]
             far = max(far, norm(shift) + travel[i, 3])
     return far
 
@@ -55,9 +55,9 @@ def _pair_travel(travel: Floats, a: int, b: int) -> float:
 
 
 @outlined
-def measure_drift(scene: Scene, room: DrivenRoom, before: Floats, after: Floats) -> None:
+def measure_drift(scene: Scene, ws: DrivenWorkspace, before: Floats, after: Floats) -> None:
     """How far the pieces of what is not driven go from poses `before` (B, 7) to `after`: into `drift` and `travel`."""
-    work = room.work
+    work = ws.work
     for tree in range(len(scene.trees.role)):
         if scene.trees.moving[tree] == 0 or scene.trees.role[tree] == DRIVEN:
             continue
@@ -79,71 +79,71 @@ def _farthest(scene: Scene, motion: Floats, tree: int) -> float:
 
 
 @outlined
-def look_back(scene: Scene, room: DrivenRoom, posture: Posture) -> float:
+def look_back(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> float:
     """Near pairs of the trees that yield, placed at `posture`, which they may have met on the way from where the step began.
 
     Returns the least separation; it is measured where pairs overlap, and a lower bound elsewhere.
     """
-    p, work = room.places, room.work
-    measure_motion(scene, room, work.before, posture)
+    p, work = ws.piece_frames, ws.work
+    measure_motion(scene, ws, work.before, posture)
     for tree in range(len(work.kind)):
         p.reach[tree, 0] = p.reach[tree, 1] = -math.inf if work.ignored[tree] == 1 else 0.0
-        if work.kind[tree] != STAYS:
+        if work.kind[tree] != LOCKED:
             p.reach[tree, 0] = p.reach[tree, 1] = _farthest(scene, work.motion, tree)
-            update_boxes(scene, p.frames, room.boxes, tree)
+            update_boxes(scene, p.frames, ws.boxes, tree)
         elif work.ignored[tree] == 0 and scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
             p.reach[tree, 0] = _farthest(scene, work.drift, tree)
-    return find_concerned(scene, room, 0.0)
+    return find_concerned(scene, ws, 0.0)
 
 
 @kernel
-def way_of_pair_is_free(scene: Scene, room: DrivenRoom, posture: Posture, k: int) -> bool:
+def way_of_pair_is_free(scene: Scene, ws: DrivenWorkspace, posture: Posture, k: int) -> bool:
     """Whether the near pair k, apart at `posture`, got there from where the step began without passing through."""
-    near, work = room.near, room.work
+    near, work = ws.near, ws.work
     a, b, s = near.a[k], near.b[k], near.separation[k]
-    if s > _moved(scene, room, a) + _moved(scene, room, b):
+    if s > _moved(scene, ws, a) + _moved(scene, ws, b):
         return True
     motion, _ = pair_motion(scene, work.before.poses, posture.poses, a, b)
     if s > motion or is_parted_before(
-        scene, work.before.poses, posture.poses, a, b, vec_of(near.normal, k), motion, room.places.moved
+        scene, work.before.poses, posture.poses, a, b, vec_of(near.normal, k), motion, ws.piece_frames.moved
     ):
         return True
     return way_is_free(
-        scene, work.before.poses, posture.poses, a, b, room.places.moved, room.axes, room.scratch
+        scene, work.before.poses, posture.poses, a, b, ws.piece_frames.moved, ws.axes, ws.scratch
     )  # fmt: skip
 
 
 @kernel
-def _moved(scene: Scene, room: DrivenRoom, piece: int) -> float:
+def _moved(scene: Scene, ws: DrivenWorkspace, piece: int) -> float:
     """How far a piece has gone since the step began."""
     tree = scene.bodies.tree[scene.pieces.body[piece]]
     if scene.trees.role[tree] != DRIVEN:
-        return float(room.work.drift[piece])
-    return float(room.work.motion[piece]) if room.work.kind[tree] != STAYS else 0.0
+        return float(ws.work.drift[piece])
+    return float(ws.work.motion[piece]) if ws.work.kind[tree] != LOCKED else 0.0
 
 
 @kernel
-def forget_pairs(room: DrivenRoom) -> None:
+def forget_pairs(ws: DrivenWorkspace) -> None:
     """No pairs are listed for what is round the trees now."""
-    for tree in range(len(room.work.covered)):
-        room.work.covered[tree] = -1.0
+    for tree in range(len(ws.work.covered)):
+        ws.work.covered[tree] = -1.0
 
 
 @outlined
-def list_pairs(scene: Scene, room: DrivenRoom) -> None:
+def list_pairs(scene: Scene, ws: DrivenWorkspace) -> None:
     """List the pairs that the trees that yield may meet on the way to a posture about the goal; places them at the goal.
 
     None is measured: a bound of how far they are apart will do, also where they overlap.
     """
-    p, work = room.places, room.work
-    measure_motion(scene, room, work.before, work.goal)
+    p, work = ws.piece_frames, ws.work
+    measure_motion(scene, ws, work.before, work.goal)
     for tree in range(len(work.kind)):
         work.covered[tree] = 0.0
         p.reach[tree, 0] = p.reach[tree, 1] = -math.inf if work.ignored[tree] == 1 else 0.0
-        if work.kind[tree] != STAYS:
-            place(scene, room, work.goal, tree)
-            update_boxes(scene, p.frames, room.boxes, tree)
-            work.covered[tree] = AMPLE * _farthest(scene, work.motion, tree) + SPARE
+        if work.kind[tree] != LOCKED:
+            pose_with_pieces(scene, ws, work.goal, tree)
+            update_boxes(scene, p.frames, ws.boxes, tree)
+            work.covered[tree] = AMPLE * _farthest(scene, work.motion, tree) + MARGIN
             p.reach[tree, 0] = p.reach[tree, 1] = work.covered[tree]
         elif work.ignored[tree] == 0 and scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
             p.reach[tree, 0] = _farthest(scene, work.drift, tree)
@@ -152,19 +152,19 @@ def list_pairs(scene: Scene, room: DrivenRoom) -> None:
             for i in range(first, scene.bodies.piece_start[scene.trees.body_start[tree + 1]]):
                 for k in range(4):
                     work.travel[i, k] = work.from_goal[i, k] = 0.0
-    room.listed.lost[0] = 0
-    find_near(scene, p.frames, room.boxes, p.reach, 0.0, -math.inf, room.listed, p.found, room.axes, room.scratch)
-    if room.listed.lost[0] > 0:  # what was left out is looked for again each time
+    ws.listed.lost[0] = 0
+    find_near(scene, p.frames, ws.boxes, p.reach, 0.0, -math.inf, ws.listed, p.found, ws.axes, ws.scratch)
+    if ws.listed.lost[0] > 0:  # what was left out is looked for again each time
         for tree in range(len(work.kind)):
             work.covered[tree] = -1.0
 
 
 @kernel
-def _note_travels(scene: Scene, room: DrivenRoom, posture: Posture) -> bool:
+def _note_travels(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> bool:
     """How far the trees that yield go to a posture, from where the step began and from the goal; whether pairs are listed."""
-    work, covers = room.work, True
+    work, covers = ws.work, True
     for tree in range(len(work.kind)):
-        if work.kind[tree] != STAYS:
+        if work.kind[tree] != LOCKED:
             far = _note_travel(scene, work.before.poses, posture.poses, tree, work.travel)
             far += _note_travel(scene, work.goal.poses, posture.poses, tree, work.from_goal)
             covers = covers and far <= work.covered[tree]
@@ -172,11 +172,11 @@ def _note_travels(scene: Scene, room: DrivenRoom, posture: Posture) -> bool:
 
 
 @outlined
-def look_listed(scene: Scene, room: DrivenRoom, reach: float, enough: float) -> tuple[bool, float]:
+def look_listed(scene: Scene, ws: DrivenWorkspace, reach: float, enough: float) -> tuple[bool, float]:
     """As `look` at the iterate, which is placed, from the listed pairs: (whether they are all that count, least separation)."""
-    work, listed, near, least = room.work, room.listed, room.near, math.inf
+    work, listed, near, least = ws.work, ws.listed, ws.near, math.inf
     for tree in range(len(work.kind)):
-        if work.kind[tree] != STAYS:
+        if work.kind[tree] != LOCKED:
             far = _note_travel(scene, work.goal.poses, work.now.poses, tree, work.from_goal)
             if far + reach > work.covered[tree]:
                 return False, least
@@ -184,94 +184,94 @@ def look_listed(scene: Scene, room: DrivenRoom, reach: float, enough: float) -> 
     for k in range(listed.filled[0]):
         a, b, limit = listed.a[k], listed.b[k], 0.0
         for tree in (listed.tree_a[k], listed.tree_b[k]):
-            limit += reach if work.kind[tree] != STAYS else 0.0
+            limit += reach if work.kind[tree] != LOCKED else 0.0
         s, n = listed.separation[k] - _pair_travel(work.from_goal, a, b), vec_of(listed.normal, k)
         if s > limit or limit == 0.0:
             continue
         if s < enough:
-            s, n = pair_bound(scene.pieces, room.places.frames, a, b, room.axes)
+            s, n = pair_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.axes)
         if s > limit:
             continue
         append_pair(near, a, b, listed.tree_a[k], listed.tree_b[k], s, n, NOWHERE, NOWHERE)
         last = near.filled[0] - 1
         near.exact[last] = 0
         if s < enough:
-            s = measure_near(scene.pieces, room.places.frames, last, limit, near, room.axes, room.scratch)
+            s = measure_near(scene.pieces, ws.piece_frames.frames, last, limit, near, ws.axes, ws.scratch)
         least = min(least, s)
     return True, least
 
 
 @outlined
-def _judge_listed(scene: Scene, room: DrivenRoom, posture: Posture) -> int:
+def _judge_listed(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
     """As `judge`, where the listed pairs are all that the posture can meet."""
-    work, listed, p = room.work, room.listed, room.places
+    work, listed, p = ws.work, ws.listed, ws.piece_frames
     for k in range(listed.filled[0]):
         a, b = listed.a[k], listed.b[k]
-        if work.kind[listed.tree_a[k]] == STAYS and work.kind[listed.tree_b[k]] == STAYS:
+        if work.kind[listed.tree_a[k]] == LOCKED and work.kind[listed.tree_b[k]] == LOCKED:
             continue
         motion = _pair_travel(work.travel, a, b)
         if listed.separation[k] - _pair_travel(work.from_goal, a, b) > motion:
             continue
-        s, n = pair_bound(scene.pieces, p.frames, a, b, room.axes)
+        s, n = pair_bound(scene.pieces, p.frames, a, b, ws.axes)
         if s < 0.0:
-            s, n, _, _ = pair_separation(scene.pieces, p.frames, a, b, motion, room.axes, room.scratch)
+            s, n, _, _ = pair_separation(scene.pieces, p.frames, a, b, motion, ws.axes, ws.scratch)
         if s < 0.0:
             return TAKEN
         if s <= motion and not is_parted_before(
             scene, work.before.poses, posture.poses, a, b, n, motion, p.moved
         ) and not way_is_free(
-            scene, work.before.poses, posture.poses, a, b, p.moved, room.axes, room.scratch
+            scene, work.before.poses, posture.poses, a, b, p.moved, ws.axes, ws.scratch
         ):  # fmt: skip
             return UNCERTAIN
     return FREE
 
 
 @outlined
-def judge_anew(scene: Scene, room: DrivenRoom, posture: Posture) -> int:
+def judge_anew(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
     """As `judge`, for any posture."""
-    if look_back(scene, room, posture) < 0.0:
+    if look_back(scene, ws, posture) < 0.0:
         return TAKEN
-    for k in range(room.near.filled[0]):
-        if concerns(room, k) and not way_of_pair_is_free(scene, room, posture, k):
+    for k in range(ws.near.filled[0]):
+        if concerns(ws, k) and not way_of_pair_is_free(scene, ws, posture, k):
             return UNCERTAIN
     return FREE
 
 
 @outlined
-def judge(scene: Scene, room: DrivenRoom, posture: Posture) -> int:
+def judge(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
     """FREE, TAKEN or UNCERTAIN: a posture of the trees that yield, which pairs were listed for and whose pieces are placed."""
-    if _note_travels(scene, room, posture):
-        return _judge_listed(scene, room, posture)
-    return judge_anew(scene, room, posture)
+    if _note_travels(scene, ws, posture):
+        return _judge_listed(scene, ws, posture)
+    return judge_anew(scene, ws, posture)
 
 
 @kernel
-def _carrier_separation(scene: Scene, room: DrivenRoom, k: int, limit: float) -> float:
+def _reference_separation(scene: Scene, ws: DrivenWorkspace, k: int, limit: float) -> float:
     """Separation [m] of the listed pair k as its pieces are placed, or a bound above `limit`."""
-    a, b = room.listed.a[k], room.listed.b[k]
-    s = room.listed.separation[k] - _pair_travel(room.work.from_goal, a, b)
+    a, b = ws.listed.a[k], ws.listed.b[k]
+    s = ws.listed.separation[k] - _pair_travel(ws.work.from_goal, a, b)
     if s < limit:
-        s, _ = pair_bound(scene.pieces, room.places.frames, a, b, room.axes)
+        s, _ = pair_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.axes)
     if s < limit:
-        s, _, _, _ = pair_separation(scene.pieces, room.places.frames, a, b, limit, room.axes, room.scratch)
+        s, _, _, _ = pair_separation(scene.pieces, ws.piece_frames.frames, a, b, limit, ws.axes, ws.scratch)
     return s
 
 
 @outlined
-def note_carriers(scene: Scene, room: DrivenRoom) -> None:
+def note_reference_bodies(scene: Scene, ws: DrivenWorkspace) -> None:
     """The nearest bodies that the recording moves, of the listed pairs at the posture that was judged last."""
-    listed, carriers = room.listed, room.work.carriers
-    for i in range(len(carriers)):
-        carriers[i] = -1
-    for i in range(len(carriers)):
+    listed, reference_bodies = ws.listed, ws.work.reference_bodies
+    for i in range(len(reference_bodies)):
+        reference_bodies[i] = -1
+    for i in range(len(reference_bodies)):
         least = math.inf
         for k in range(listed.filled[0]):
             body = scene.pieces.body[listed.b[k]]
-            if scene.bodies.role[body] == DRIVEN or room.work.drift[listed.b[k]] == 0.0:
+            if scene.bodies.role[body] == DRIVEN or ws.work.drift[listed.b[k]] == 0.0:
                 continue
             known = False
             for j in range(i):
-                known = known or carriers[j] == body
-            s = math.inf if known else _carrier_separation(scene, room, k, least)
+                known = known or reference_bodies[j] == body
+            s = math.inf if known else _reference_separation(scene, ws, k, least)
             if s < least:
-                least, carriers[i] = s, body
+                least, reference_bodies[i] = s, body

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.detect import measure_near, pair_separation
-from geomphys.collision.support import place_piece
+from geomphys.collision.support import pose_piece
 from geomphys.driven.advancement import is_parted_before, passing_depth, way_is_free
 from geomphys.driven.constraints import (
     ON,
@@ -32,7 +32,7 @@ from geomphys.driven.objective import assemble, link_centre, number_unknowns
 from geomphys.driven.postures import Posture, vec_of
 from geomphys.driven.qp import go_on, solve_quadratic
 from geomphys.driven.reachability import look_listed
-from geomphys.driven.state import NO_ROW, SHIFTS, STAYS, WANTED, DrivenRoom
+from geomphys.driven.state import LOCKED, NO_ROW, REQUESTED, RIGID, DrivenWorkspace
 from geomphys.driven.stepping import (
     allowed_depth,
     apply_solution,
@@ -41,9 +41,9 @@ from geomphys.driven.stepping import (
     look,
     look_again,
     measure_motion,
-    pace_left,
-    place_frames,
-    turns_back,
+    pose_yielding_pieces,
+    reverses,
+    share_within_rate,
 )
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import norm, sub
@@ -58,7 +58,7 @@ SMALL_STEP = 1e-3  # m at least
 MOST_STEP = 0.03  # m
 LEAST_STEP = 3e-4  # m
 HALVINGS = 6
-SPARE = (
+MARGIN = (
     2e-3  # m: pairs are looked for this much farther than they have to be, so that a list of them serves more passes
 )
 ROUNDS = 12  # of rows added in a pass
@@ -70,7 +70,7 @@ EVERY_STEP, STRAIGHT, ANY_WAY = 0, 1, 2  # what a search certifies
 
 
 class Found(NamedTuple):
-    """What a search gave; the posture is in `Workspace.best`."""
+    """What a search gave; the posture is in `SearchWorkspace.best`."""
 
     free: bool  # whether there is one
     passes: int
@@ -80,25 +80,25 @@ class Found(NamedTuple):
 
 
 @outlined
-def _step_is_safe(scene: Scene, room: DrivenRoom, way: int) -> tuple[bool, float]:
+def _step_is_safe(scene: Scene, ws: DrivenWorkspace, way: int) -> tuple[bool, float]:
     """Whether all near pairs come free, or all but, from the iterate to the trial: (whether, least separation there).
 
     `way` is what is certified: as in `search`.
     """
-    near, work, least = room.near, room.work, math.inf
+    near, work, least = ws.near, ws.work, math.inf
     for k in range(near.filled[0]):
-        if not concerns(room, k):
+        if not concerns(ws, k):
             continue
         a, b, s = near.a[k], near.b[k], near.separation[k]
         motion = work.motion[a] + work.motion[b]
         if s > motion:
             least = min(least, s - motion)
             continue
-        beside = gap_on_its_side(scene, room, k, motion)
+        beside = gap_on_its_side(scene, ws, k, motion)
         if beside >= 0.0 and way != STRAIGHT:
             least = min(least, beside)
             continue
-        there, n, _, _ = pair_separation(scene.pieces, room.places.frames, a, b, motion, room.axes, room.scratch)
+        there, n, _, _ = pair_separation(scene.pieces, ws.piece_frames.frames, a, b, motion, ws.axes, ws.scratch)
         least = min(least, there)
         if way == ANY_WAY:
             if there < -1e-3 and there < s - 1e-3:
@@ -108,146 +108,153 @@ def _step_is_safe(scene: Scene, room: DrivenRoom, way: int) -> tuple[bool, float
             return False, least
         short = s + there >= motion or beside > -passing_depth(scene, a, b)
         short = short or is_parted_before(
-            scene, work.now.poses, work.trial.poses, a, b, n, motion, room.places.moved
+            scene, work.now.poses, work.trial.poses, a, b, n, motion, ws.piece_frames.moved
         )  # fmt: skip
         if not short and not way_is_free(
-            scene, work.now.poses, work.trial.poses, a, b, room.places.moved, room.axes, room.scratch
+            scene, work.now.poses, work.trial.poses, a, b, ws.piece_frames.moved, ws.axes, ws.scratch
         ):  # fmt: skip
             return False, least
         if way == STRAIGHT and not way_is_free(
-            scene, work.before.poses, work.trial.poses, a, b, room.places.moved, room.axes, room.scratch
+            scene, work.before.poses, work.trial.poses, a, b, ws.piece_frames.moved, ws.axes, ws.scratch
         ):  # fmt: skip
             return False, least
     return True, least
 
 
 @kernel
-def _only_shifts(room: DrivenRoom) -> bool:
+def _only_shifts(ws: DrivenWorkspace) -> bool:
     only = True
-    for tree in range(len(room.work.kind)):
-        only = only and (room.work.kind[tree] == STAYS or room.work.kind[tree] == SHIFTS)
+    for tree in range(len(ws.work.kind)):
+        only = only and (ws.work.kind[tree] == LOCKED or ws.work.kind[tree] == RIGID)
     return only
 
 
 @kernel
-def _measure_at_iterate(scene: Scene, room: DrivenRoom, k: int, limit: float) -> float:
+def _measure_at_iterate(scene: Scene, ws: DrivenWorkspace, k: int, limit: float) -> float:
     """Separation of the near pair k at the iterate [m], measured within `limit`, while pieces are placed at the trial."""
-    near, moved = room.near, room.places.moved
+    near, moved = ws.near, ws.piece_frames.moved
     if near.exact[k] == 0:
-        place_piece(scene.pieces, room.work.now.poses, moved, near.a[k])
-        place_piece(scene.pieces, room.work.now.poses, moved, near.b[k])
-    return measure_near(scene.pieces, moved, k, limit, near, room.axes, room.scratch)
+        pose_piece(scene.pieces, ws.work.now.poses, moved, near.a[k])
+        pose_piece(scene.pieces, ws.work.now.poses, moved, near.b[k])
+    return measure_near(scene.pieces, moved, k, limit, near, ws.axes, ws.scratch)
 
 
 @outlined
-def _want_met(scene: Scene, room: DrivenRoom, gap: float, limit: float) -> bool:
+def _request_rows(scene: Scene, ws: DrivenWorkspace, gap: float, limit: float) -> bool:
     """Want rows for near pairs without one that the solution takes into each other, a share of the way at most; any?"""
-    near, work, some = room.near, room.work, False
-    apply_solution(scene, room, 1.0)
-    far = measure_motion(scene, room, work.now, work.trial)
+    near, work, some = ws.near, ws.work, False
+    apply_solution(scene, ws, 1.0)
+    far = measure_motion(scene, ws, work.now, work.trial)
     if far > limit:
-        apply_solution(scene, room, 0.98 * limit / far)
-        measure_motion(scene, room, work.now, work.trial)
-    place_frames(scene, room, work.trial)
+        apply_solution(scene, ws, 0.98 * limit / far)
+        measure_motion(scene, ws, work.now, work.trial)
+    pose_yielding_pieces(scene, ws, work.trial)
     for k in range(near.filled[0]):
-        if room.rowed[k] != NO_ROW or not concerns(room, k):
+        if ws.rowed[k] != NO_ROW or not concerns(ws, k):
             continue
         a, b = near.a[k], near.b[k]
         motion = work.motion[a] + work.motion[b]
         if near.separation[k] > motion:
             continue
-        beside = gap_on_its_side(scene, room, k, motion)
+        beside = gap_on_its_side(scene, ws, k, motion)
         if beside >= 0.25 * gap:
             continue
-        there, n, _, _ = pair_separation(scene.pieces, room.places.frames, a, b, motion, room.axes, room.scratch)
+        there, n, _, _ = pair_separation(scene.pieces, ws.piece_frames.frames, a, b, motion, ws.axes, ws.scratch)
         if there >= 0.25 * gap and is_parted_before(
-            scene, work.now.poses, work.trial.poses, a, b, n, motion, room.places.moved
+            scene, work.now.poses, work.trial.poses, a, b, n, motion, ws.piece_frames.moved
         ):
             continue
-        s = _measure_at_iterate(scene, room, k, motion)
+        s = _measure_at_iterate(scene, ws, k, motion)
         if s > motion:
             continue
         if there < 0.25 * gap or (
             s + there < motion and beside <= -passing_depth(scene, a, b) and not way_is_free(
-                scene, work.now.poses, work.trial.poses, a, b, room.places.moved, room.axes, room.scratch
+                scene, work.now.poses, work.trial.poses, a, b, ws.piece_frames.moved, ws.axes, ws.scratch
             )
         ):  # fmt: skip
-            room.rowed[k], some = WANTED, True
+            ws.rowed[k], some = REQUESTED, True
     return some
 
 
 @outlined
 def _solve_linear(
-    scene: Scene, room: DrivenRoom, recorded: Floats, gap: float, step: float, touching: bool, loose: bool
+    scene: Scene, ws: DrivenWorkspace, recorded: Floats, gap: float, step: float, touching: bool, relaxed: bool
 ) -> float:
     """Build and solve the quadratic problem at the iterate; returns the energy there.
 
     Pairs get rows as they turn out to be in the way. What cannot be met at once is asked for softly then.
     """
-    work, limit, energy = room.work, row_limit(step), 0.0
+    work, limit, energy = ws.work, row_limit(step), 0.0
     for attempt in range(2):
-        n = number_unknowns(scene, room)
-        energy = assemble(scene, room, work.now, not loose)
+        n = number_unknowns(scene, ws)
+        energy = assemble(scene, ws, work.now, not relaxed)
         if touching:
-            energy += add_touches(scene, room, work.now, n)
-        bound_unknowns(scene, room, work.now, step, attempt == 0)
-        want_touching(room)
-        m = add_pairs(scene, room, work.now, gap, 0, n, attempt == 1)
-        m = add_cones(scene, room, recorded, work.now, m, n)
-        status, m, count = solve_quadratic(room.problem, n, m)
+            energy += add_touches(scene, ws, work.now, n)
+        bound_unknowns(scene, ws, work.now, step, attempt == 0)
+        want_touching(ws)
+        m = add_pairs(scene, ws, work.now, gap, 0, n, attempt == 1)
+        m = add_cones(scene, ws, recorded, work.now, m, n)
+        status, m, count = solve_quadratic(ws.problem, n, m)
         for _ in range(ROUNDS):
-            if status != SOLVED or not _want_met(scene, room, gap, limit):
+            if status != SOLVED or not _request_rows(scene, ws, gap, limit):
                 break
-            more = add_pairs(scene, room, work.now, gap, m, n, False)
-            status, m, count = go_on(room.problem, n, m, more, count)
+            more = add_pairs(scene, ws, work.now, gap, m, n, False)
+            status, m, count = go_on(ws.problem, n, m, more, count)
         if status == SOLVED:
             return energy
-    for i in range(len(room.problem.x)):
-        room.problem.x[i] = 0.0
+    for i in range(len(ws.problem.x)):
+        ws.problem.x[i] = 0.0
     return energy
 
 
 @kernel
-def _first_step(scene: Scene, room: DrivenRoom) -> float:
+def _first_step(scene: Scene, ws: DrivenWorkspace) -> float:
     """The step bound to begin with: by how far links are from their targets, so that few pairs have to be looked at."""
-    far, work = 0.0, room.work
+    far, work = 0.0, ws.work
     for tree in range(len(work.kind)):
-        if work.kind[tree] == STAYS:
+        if work.kind[tree] == LOCKED:
             continue
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-            far = max(far, norm(sub(link_centre(room, work.now.poses, body), vec_of(work.target, body))))
+            far = max(far, norm(sub(link_centre(ws, work.now.poses, body), vec_of(work.target, body))))
     return min(max(AMPLE * far, SMALL_STEP), FIRST_STEP)
 
 
 @outlined
-def _keep_wishes(scene: Scene, room: DrivenRoom, source: Floats, target: Floats) -> None:
+def _copy_targets(scene: Scene, ws: DrivenWorkspace, source: Floats, target: Floats) -> None:
     """Copy targets (B, 7) of the trees that yield."""
-    for tree in range(len(room.work.kind)):
-        if room.work.kind[tree] != STAYS:
+    for tree in range(len(ws.work.kind)):
+        if ws.work.kind[tree] != LOCKED:
             for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
                 for k in range(7):
                     target[body, k] = source[body, k]
 
 
 @outlined
-def _stay(scene: Scene, room: DrivenRoom, posture: Posture) -> None:
+def _stay(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> None:
     """From now on links are to stay where a posture has them."""
-    for tree in range(len(room.work.kind)):
-        if room.work.kind[tree] != STAYS:
+    for tree in range(len(ws.work.kind)):
+        if ws.work.kind[tree] != LOCKED:
             for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
                 q = orientation_of(posture.poses, body)
-                set_pose(room.work.target, body, link_centre(room, posture.poses, body), q)
+                set_pose(ws.work.target, body, link_centre(ws, posture.poses, body), q)
 
 
 @outlined
 def search(
-    scene: Scene, room: DrivenRoom, recorded: Floats, gap: float, passes: int, touching: bool, tethered: bool, way: int
+    scene: Scene,
+    ws: DrivenWorkspace,
+    recorded: Floats,
+    gap: float,
+    passes: int,
+    touching: bool,
+    tethered: bool,
+    way: int,
 ) -> Found:
-    """Search from the posture in `Workspace.now`, whose pieces are placed.
+    """Search from the posture in `SearchWorkspace.now`, whose pieces are placed.
 
     Parameters
     ----------
-    scene, room
+    scene, ws
         The scene and the workspace: `kind` says who yields and how, `target`, `anchor`, `pace` where to.
     recorded
         (Q,) rad, recorded angles: what is recorded beyond a reach cone is its bound.
@@ -258,53 +265,53 @@ def search(
     touching
         Whether recorded contacts are to be kept.
     tethered
-        Whether the trees may get no farther from `Workspace.start` than their pace.
+        Whether the trees may get no farther from `SearchWorkspace.start` than their pace.
     way
         What is certified: EVERY_STEP; STRAIGHT: also the straight way from where the step of the frame began; ANY_WAY:
         nothing, and the start may overlap, as nothing was anywhere before.
     """
-    work, best, loose = room.work, math.inf, way == ANY_WAY
-    step = FIRST_STEP if loose else _first_step(scene, room)
+    work, best, relaxed = ws.work, math.inf, way == ANY_WAY
+    step = FIRST_STEP if relaxed else _first_step(scene, ws)
     found, converged, paced, done = False, False, False, False
-    shifting, count, listed = _only_shifts(room), 0, 0.0
-    forget_spots(room)
-    _keep_wishes(scene, room, work.target, work.wish)
-    for i in range(len(room.problem.went)):
-        room.problem.went[i] = 0.0
+    shifting, count, listed = _only_shifts(ws), 0, 0.0
+    forget_spots(ws)
+    _copy_targets(scene, ws, work.target, work.cached_target)
+    for i in range(len(ws.problem.went)):
+        ws.problem.went[i] = 0.0
     while True:
         limit = row_limit(step)
         if listed >= limit:
-            least = look_again(scene, room, limit, ON)
+            least = look_again(scene, ws, limit, ON)
         else:
-            listed, known, least = limit + SPARE, False, 0.0
+            listed, known, least = limit + MARGIN, False, 0.0
             if count == 0:
-                known, least = look_listed(scene, room, listed, ON)
+                known, least = look_listed(scene, ws, listed, ON)
             if not known:
-                least = look(scene, room, listed, ON)
+                least = look(scene, ws, listed, ON)
         if touching and not paced:
-            measure_touches(scene, room, limit)
-        energy = _solve_linear(scene, room, recorded, gap, step, touching and not paced, loose or paced)
+            measure_touches(scene, ws, limit)
+        energy = _solve_linear(scene, ws, recorded, gap, step, touching and not paced, relaxed or paced)
         if least >= 0.0 and (energy < best or done or paced):
             found, best = True, energy
-            copy_moving(scene, room, work.now, work.best)
+            copy_moving(scene, ws, work.now, work.best)
         if done or count == min(passes, work.passes[0]):
             break
         count += 1
         share, safe, there, far, stopped = 1.0, False, 0.0, 0.0, False
         for _ in range(HALVINGS):
-            apply_solution(scene, room, share)
-            far = measure_motion(scene, room, work.now, work.trial)
+            apply_solution(scene, ws, share)
+            far = measure_motion(scene, ws, work.now, work.trial)
             if far > limit:
                 share *= 0.98 * limit / far
                 continue
-            left = 1.0 if loose or paced else pace_left(scene, room, tethered)
+            left = 1.0 if relaxed or paced else share_within_rate(scene, ws, tethered)
             stopped = left < 1.0
             if stopped:
                 share *= left * 0.999
-                apply_solution(scene, room, share)
-                far = measure_motion(scene, room, work.now, work.trial)
-            place_frames(scene, room, work.trial)
-            safe, there = _step_is_safe(scene, room, way)
+                apply_solution(scene, ws, share)
+                far = measure_motion(scene, ws, work.now, work.trial)
+            pose_yielding_pieces(scene, ws, work.trial)
+            safe, there = _step_is_safe(scene, ws, way)
             if safe:
                 break
             share *= 0.5
@@ -312,11 +319,11 @@ def search(
             converged = least >= 0.0
             break
         listed -= far
-        back = turns_back(scene, room, share)
-        copy_moving(scene, room, work.trial, work.now)
+        back = reverses(scene, ws, share)
+        copy_moving(scene, ws, work.trial, work.now)
         if stopped:
             paced = True
-            _stay(scene, room, work.now)
+            _stay(scene, ws, work.now)
         if (share < 1.0 and not stopped) or back:
             step = max(0.5 * step, LEAST_STEP)
         elif far > 0.5 * step:
@@ -326,5 +333,5 @@ def search(
         )
         if there >= 0.0 and (settled or paced):
             converged, done = True, True
-    _keep_wishes(scene, room, work.wish, work.target)
+    _copy_targets(scene, ws, work.cached_target, work.target)
     return Found(found, count, converged, best, paced)

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from geomphys.driven.objective import pivot_of, tree_energy
 from geomphys.driven.postures import Posture
-from geomphys.driven.reachability import FREE, judge, look_back, note_carriers
-from geomphys.driven.state import BENDS, STAYS, DrivenRoom, DrivenState
-from geomphys.driven.stepping import copy_moving, place, place_moving
+from geomphys.driven.reachability import FREE, judge, look_back, note_reference_bodies
+from geomphys.driven.state import ARTICULATED, LOCKED, DrivenState, DrivenWorkspace
+from geomphys.driven.stepping import copy_moving, pose_with_pieces, pose_yielding
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import add, add_scaled, quat_conjugate, quat_mul, quat_rotate, quat_unit, slerp, sub
 from geomphys.scene.arrays import Scene
@@ -25,129 +25,131 @@ Floats = NDArray[np.float64]
 
 HELD_BACK = 6  # bisections
 JUMP = 0.5  # rad or m: an angle recorded to go farther in a step has changed its branch
-CARRIED, SHAPED, LAST, ALONG = 0, 1, 2, 3  # kinds of starts; ALONG + i: with the i-th of what moves near it
+EXTRAPOLATED, SHAPED, LAST, ALONG = 0, 1, 2, 3  # kinds of starts; ALONG + i: with the i-th of what moves near it
 
 
 @kernel
-def _keep_pivot(scene: Scene, room: DrivenRoom, posture: Posture, tree: int) -> None:
+def _keep_pivot(scene: Scene, ws: DrivenWorkspace, posture: Posture, tree: int) -> None:
     """Shift a tree to where its pivot was when the step began."""
-    pose_tree(scene, room.origins, tree, posture.roots, posture.angles, posture.poses)
-    way = sub(pivot_of(room, room.work.before.poses, tree), pivot_of(room, posture.poses, tree))
+    pose_tree(scene, ws.origins, tree, posture.roots, posture.angles, posture.poses)
+    way = sub(pivot_of(ws, ws.work.before.poses, tree), pivot_of(ws, posture.poses, tree))
     for i in range(3):
         posture.roots[tree, i] += way[i]
 
 
 @outlined
 def _make_start(
-    scene: Scene, state: DrivenState, room: DrivenRoom, tree: int, roots: Floats, angles: Floats, kind: int
+    scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, roots: Floats, angles: Floats, kind: int
 ) -> bool:
-    """Write a tree's start of a kind to `Workspace.start`; False if there is none."""
-    work, start = room.work, room.work.start
-    before, bends = work.before, work.kind[tree] == BENDS
+    """Write a tree's start of a kind to `SearchWorkspace.start`; False if there is none."""
+    work, start = ws.work, ws.work.start
+    before, articulated = work.before, work.kind[tree] == ARTICULATED
     p, q = position_of(roots, tree), orientation_of(roots, tree)
     for j in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         start.angles[j] = angles[j]
-        if bends:
-            start.angles[j] = work.carried[j] if kind == CARRIED else before.angles[j]
+        if articulated:
+            start.angles[j] = work.extrapolated[j] if kind == EXTRAPOLATED else before.angles[j]
     set_pose(start.roots, tree, p, q)
-    if not bends:
-        if kind == CARRIED:
+    if not articulated:
+        if kind == EXTRAPOLATED:
             for i in range(3):
                 start.roots[tree, i] += before.roots[tree, i] - state.recorded.roots[tree, i]
             return True
-        _keep_pivot(scene, room, start, tree)
-    elif kind in (CARRIED, SHAPED):
+        _keep_pivot(scene, ws, start, tree)
+    elif kind in (EXTRAPOLATED, SHAPED):
         old = orientation_of(state.recorded.roots, tree)
-        turn = quat_mul(q, quat_conjugate(old))
+        rotation = quat_mul(q, quat_conjugate(old))
         arm = sub(position_of(before.roots, tree), position_of(state.recorded.roots, tree))
         set_pose(
             start.roots,
             tree,
-            add(p, quat_rotate(turn, arm)),
-            quat_unit(quat_mul(turn, orientation_of(before.roots, tree))),
+            add(p, quat_rotate(rotation, arm)),
+            quat_unit(quat_mul(rotation, orientation_of(before.roots, tree))),
         )
     else:
         set_pose(start.roots, tree, position_of(before.roots, tree), orientation_of(before.roots, tree))
     if kind < ALONG:
-        return bool(kind != SHAPED or (bends and scene.trees.dof_start[tree + 1] > scene.trees.dof_start[tree]))
-    body = work.carriers[kind - ALONG]
+        return bool(kind != SHAPED or (articulated and scene.trees.dof_start[tree + 1] > scene.trees.dof_start[tree]))
+    body = work.reference_bodies[kind - ALONG]
     if body < 0:
         return False
-    turn = quat_mul(orientation_of(start.poses, body), quat_conjugate(orientation_of(before.poses, body)))
-    if bends:
+    rotation = quat_mul(orientation_of(start.poses, body), quat_conjugate(orientation_of(before.poses, body)))
+    if articulated:
         arm = sub(position_of(start.roots, tree), position_of(before.poses, body))
-        at = add(position_of(start.poses, body), quat_rotate(turn, arm))
-        set_pose(start.roots, tree, at, quat_unit(quat_mul(turn, orientation_of(start.roots, tree))))
+        at = add(position_of(start.poses, body), quat_rotate(rotation, arm))
+        set_pose(start.roots, tree, at, quat_unit(quat_mul(rotation, orientation_of(start.roots, tree))))
     else:
-        pivot = pivot_of(room, before.poses, tree)
-        moved = add(position_of(start.poses, body), quat_rotate(turn, sub(pivot, position_of(before.poses, body))))
+        pivot = pivot_of(ws, before.poses, tree)
+        moved = add(position_of(start.poses, body), quat_rotate(rotation, sub(pivot, position_of(before.poses, body))))
         for i in range(3):
             start.roots[tree, i] += moved[i] - pivot[i]
     return True
 
 
 @kernel
-def _cost(scene: Scene, room: DrivenRoom, posture: Posture) -> float:
+def _cost(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> float:
     """Energy of the trees that yield."""
     energy = 0.0
-    for tree in range(len(room.work.kind)):
-        if room.work.kind[tree] != STAYS:
-            energy += tree_energy(scene, room, posture.poses, tree)
+    for tree in range(len(ws.work.kind)):
+        if ws.work.kind[tree] != LOCKED:
+            energy += tree_energy(scene, ws, posture.poses, tree)
     return energy
 
 
 @kernel
-def _place_start(scene: Scene, state: DrivenState, room: DrivenRoom, roots: Floats, angles: Floats, kind: int) -> bool:
+def _pose_start(
+    scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats, kind: int
+) -> bool:
     """Place the starts of a kind of the trees that yield; False if there are none."""
-    work, some = room.work, False
+    work, some = ws.work, False
     for tree in range(len(work.kind)):
-        if work.kind[tree] != STAYS:
-            some = _make_start(scene, state, room, tree, roots, angles, kind) or some
+        if work.kind[tree] != LOCKED:
+            some = _make_start(scene, state, ws, tree, roots, angles, kind) or some
     if some:
-        place_moving(scene, room, work.start)
+        pose_yielding(scene, ws, work.start)
     return some
 
 
 @outlined
-def choose_start(scene: Scene, state: DrivenState, room: DrivenRoom, roots: Floats, angles: Floats) -> int:
-    """The free and certified start nearest to the targets, into `Workspace.now`; returns its kind, -1 if there is none."""
-    work, best, chosen = room.work, math.inf, -1
-    for i in range(len(work.carriers)):
-        work.carriers[i] = -1
-    for kind in range(ALONG + len(work.carriers)):
-        if not _place_start(scene, state, room, roots, angles, kind):
+def choose_start(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats) -> int:
+    """The free and certified start nearest to the targets, into `SearchWorkspace.now`; returns its kind, -1 if there is none."""
+    work, best, chosen = ws.work, math.inf, -1
+    for i in range(len(work.reference_bodies)):
+        work.reference_bodies[i] = -1
+    for kind in range(ALONG + len(work.reference_bodies)):
+        if not _pose_start(scene, state, ws, roots, angles, kind):
             continue
-        cost = _cost(scene, room, work.start)
+        cost = _cost(scene, ws, work.start)
         if cost >= best and kind != LAST:
             continue
-        verdict = judge(scene, room, work.start)
+        verdict = judge(scene, ws, work.start)
         if kind == LAST:
-            note_carriers(scene, room)
+            note_reference_bodies(scene, ws)
         if verdict == FREE and cost < best:
             best, chosen = cost, kind
-            copy_moving(scene, room, work.start, work.now)
+            copy_moving(scene, ws, work.start, work.now)
     return chosen
 
 
 @outlined
-def choose_shallowest(scene: Scene, state: DrivenState, room: DrivenRoom, roots: Floats, angles: Floats) -> None:
-    """The start that overlaps least, free or not, into `Workspace.now`; `choose_start` was called before."""
+def choose_shallowest(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats) -> None:
+    """The start that overlaps least, free or not, into `SearchWorkspace.now`; `choose_start` was called before."""
     shallowest = -math.inf
-    for kind in range(ALONG + len(room.work.carriers)):
-        if not _place_start(scene, state, room, roots, angles, kind):
+    for kind in range(ALONG + len(ws.work.reference_bodies)):
+        if not _pose_start(scene, state, ws, roots, angles, kind):
             continue
-        least = look_back(scene, room, room.work.start)
+        least = look_back(scene, ws, ws.work.start)
         if least > shallowest:
             shallowest = least
-            copy_moving(scene, room, room.work.start, room.work.now)
+            copy_moving(scene, ws, ws.work.start, ws.work.now)
 
 
 @kernel
-def _blend(scene: Scene, room: DrivenRoom, share: float) -> None:
-    """`Workspace.start`: a share of the way from `Workspace.trial` to `Workspace.best`, of the trees that yield."""
-    work = room.work
+def _blend(scene: Scene, ws: DrivenWorkspace, share: float) -> None:
+    """`SearchWorkspace.start`: yielding trees a share of the way from `.trial` to `.best`."""
+    work = ws.work
     for tree in range(len(work.kind)):
-        if work.kind[tree] == STAYS:
+        if work.kind[tree] == LOCKED:
             continue
         p0, p1 = position_of(work.trial.roots, tree), position_of(work.best.roots, tree)
         q = orientation_of(work.trial.roots, tree)
@@ -156,23 +158,23 @@ def _blend(scene: Scene, room: DrivenRoom, share: float) -> None:
         set_pose(work.start.roots, tree, add_scaled(p0, sub(p1, p0), share), q)
         for j in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
             work.start.angles[j] = work.trial.angles[j] + share * (work.best.angles[j] - work.trial.angles[j])
-        place(scene, room, work.start, tree)
+        pose_with_pieces(scene, ws, work.start, tree)
 
 
 @outlined
-def hold_back(scene: Scene, state: DrivenState, room: DrivenRoom, roots: Floats, angles: Floats) -> None:
-    """A start that goes along with something, in `Workspace.now`: go along only as far as it takes."""
-    work, low, high = room.work, 0.0, 1.0
-    copy_moving(scene, room, work.now, work.best)
+def hold_back(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats) -> None:
+    """A start that goes along with something, in `SearchWorkspace.now`: go along only as far as it takes."""
+    work, low, high = ws.work, 0.0, 1.0
+    copy_moving(scene, ws, work.now, work.best)
     for tree in range(len(work.kind)):
-        if work.kind[tree] != STAYS:
-            _make_start(scene, state, room, tree, roots, angles, LAST)
-    copy_moving(scene, room, work.start, work.trial)
+        if work.kind[tree] != LOCKED:
+            _make_start(scene, state, ws, tree, roots, angles, LAST)
+    copy_moving(scene, ws, work.start, work.trial)
     for _ in range(HELD_BACK):
         middle = 0.5 * (low + high)
-        _blend(scene, room, middle)
-        if judge(scene, room, work.start) == FREE:
+        _blend(scene, ws, middle)
+        if judge(scene, ws, work.start) == FREE:
             high = middle
-            copy_moving(scene, room, work.start, work.now)
+            copy_moving(scene, ws, work.start, work.now)
         else:
             low = middle

@@ -1,4 +1,4 @@
-"""What the driven loop carries from frame to frame, and its room."""
+"""What the driven loop carries from frame to frame, and its workspace."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ Ints = NDArray[np.int64]
 PAIRS = 1 << 14  # most pairs of pieces that can be near at once
 ROWS = 1024  # most rows of a quadratic problem
 SPOTS = 512  # contact spots remembered in a search
-CARRIERS = 3  # bodies with which a tree may be taken along
+REFERENCE_BODIES = 3  # bodies with which a tree may be taken along
 TOUCHES = 64  # recorded contacts of a frame
 
-# rows of near pairs (DrivenRoom.rowed)
-NO_ROW, WANTED, HAS_ROW = 0, 1, 2
+# rows of near pairs (DrivenWorkspace.rowed)
+NO_ROW, REQUESTED, HAS_ROW = 0, 1, 2
 
 # whether some frame before this one ended free of overlap (DrivenState.started)
 NEVER_FREE, STARTED_FREE = 2, 1
 
-# how a tree may yield (Workspace.kind)
-STAYS, SHIFTS, BENDS = 0, 1, 2
+# how a tree may yield (SearchWorkspace.kind)
+LOCKED, RIGID, ARTICULATED = 0, 1, 2
 
 
 # where a tree goes is given (DrivenState.given), or was given before and its shape is still off by that
@@ -44,19 +44,19 @@ class DrivenState(NamedTuple):
     started: Ints  # (1,) 0 before the first frame, then NEVER_FREE or STARTED_FREE
     offset: Floats  # (T, 3) m, of each tree's root from its recorded place
     speed: Floats  # (T, 3) m/s, of the pivot's offset; impulses change it
-    kept_speed: Floats  # (T, 3) m/s, what it was at the end of the last step
+    last_speed: Floats  # (T, 3) m/s, what it was at the end of the last step
     last: Posture  # everything at the end of the last step, corrected
     recorded: Posture  # the recording of the last step
     shift: Floats  # (B, 6) offset of each link: of its centre [m] and its turn [rad, rotation vector in the world]
     rate: Floats  # (B, 6) and their rates
-    bent: Ints  # (T,) 1: the offsets are more than a translation of the tree
+    deformed: Ints  # (T,) 1: the offsets are more than a translation of the tree
     used_low: Floats  # (Q,) the least angle recorded so far
     used_high: Floats  # (Q,) and the largest
     given: Ints  # (T,) GIVEN: where it goes in this step, but for what is in its way, is `asked`; WAS_GIVEN; 0
     asked: Posture
 
 
-class Places(NamedTuple):
+class PieceFrames(NamedTuple):
     """Frames of all pieces."""
 
     base: Floats  # (P, 12) world_from_piece as recorded
@@ -66,26 +66,26 @@ class Places(NamedTuple):
     found: Ints  # (T,) scratch
 
 
-class Workspace(NamedTuple):
+class SearchWorkspace(NamedTuple):
     """Scratch of the search for a posture."""
 
-    before: Posture  # where the step begins, what is round included
+    before: Posture  # where the step begins, of trees that do not yield too
     now: Posture  # the iterate
     trial: Posture  # where it would go
     best: Posture  # the best free iterate
     start: Posture  # a free start
     goal: Posture  # what the coupling asks for
     target: Floats  # (B, 7) where each link is to go: its centre, its orientation
-    wish: Floats  # (B, 7) `target`, kept
+    cached_target: Floats  # (B, 7) `target`, saved while another is tried
     anchor: Floats  # (B, 3) m, where each link's centre would be with the offset of the last frame
-    pace: Floats  # (T,) m: how far the links of a tree may get from there
+    deviation_limit: Floats  # (T,) m: how far the links of a tree may get from there
     kind: Ints  # (T,) how it may yield: STAYS, SHIFTS, BENDS
-    wanted: Ints  # (T,) `kind`, kept
+    cached_kind: Ints  # (T,) `kind`, saved while another is tried
     group: Ints  # (T,) the trees that are solved together have one number; -1: none
     first: Ints  # (T,) first column of a tree
     column: Ints  # (Q,) of a joint, -1: none
-    carried: Floats  # (Q,) angles of the last step and what was recorded since
-    low: Floats  # (Q,) limits, which leave room for what was recorded and where joints were
+    extrapolated: Floats  # (Q,) angles of the last step and what was recorded since
+    low: Floats  # (Q,) limits, widened to what was recorded and to where joints were
     high: Floats  # (Q,)
     used_low: Floats  # (Q,) range in which a joint is natural
     used_high: Floats  # (Q,)
@@ -106,20 +106,20 @@ class Workspace(NamedTuple):
     touches: Ints  # (1,)
     unit: Floats  # (Q,) ones
     passes: Ints  # (1,) bound on the passes of a search
-    carriers: Ints  # (n,) bodies that move by the recording and are near
+    reference_bodies: Ints  # (n,) bodies that move by the recording and are near
     ignored: Ints  # (T,) 1: trees that are in nobody's way
 
 
-class DrivenRoom(NamedTuple):
+class DrivenWorkspace(NamedTuple):
     """Fixed facts and scratch of the driven loop."""
 
     origins: Floats  # (B, 7) joint origins
     links: Links
-    places: Places
+    piece_frames: PieceFrames
     near: Near
     listed: Near  # as the trees that yield are at their goals: see `reachability`
     rowed: Ints  # (n,) of the near pairs: NO_ROW, WANTED or HAS_ROW
-    work: Workspace
+    work: SearchWorkspace
     problem: Quadratic
     boxes: Boxes
     axes: Axes
@@ -129,51 +129,51 @@ class DrivenRoom(NamedTuple):
 def make_driven_state(scene: Scene, poses: Floats) -> DrivenState:
     """The state before the first frame; `poses` (B, 7) are those at rest."""
     trees, bodies, dofs = len(scene.trees.role), len(scene.bodies.role), len(scene.dofs.lower)
-    offset, speed, kept = (np.zeros((trees, 3)) for _ in range(3))
+    offset, speed, last_speed = (np.zeros((trees, 3)) for _ in range(3))
     return DrivenState(
-        np.zeros(1, np.int64), offset, speed, kept, make_posture(scene, poses), make_posture(scene, poses),
+        np.zeros(1, np.int64), offset, speed, last_speed, make_posture(scene, poses), make_posture(scene, poses),
         np.zeros((bodies, 6)), np.zeros((bodies, 6)), np.zeros(trees, np.int64), np.full(dofs, np.inf), np.full(dofs, -np.inf),
         np.zeros(trees, np.int64), make_posture(scene, poses),
     )  # fmt: skip
 
 
-def make_places(scene: Scene) -> Places:
-    """Room for the frames of all pieces."""
+def make_piece_frames(scene: Scene) -> PieceFrames:
+    """Arrays for the frames of all pieces."""
     trees, pieces = len(scene.trees.role), len(scene.pieces.kind)
     base, frames, moved = (np.zeros((pieces, 12)) for _ in range(3))
-    return Places(base, frames, moved, np.zeros((trees, 2)), np.zeros(trees, np.int64))
+    return PieceFrames(base, frames, moved, np.zeros((trees, 2)), np.zeros(trees, np.int64))
 
 
-def make_workspace(scene: Scene, poses: Floats, passes: int) -> Workspace:
-    """Room for a search of up to `passes` passes in a scene."""
+def make_search_workspace(scene: Scene, poses: Floats, passes: int) -> SearchWorkspace:
+    """Workspace of a search of up to `passes` passes in a scene."""
     trees, bodies = len(scene.trees.role), len(scene.bodies.role)
     dofs, pieces = len(scene.dofs.lower), len(scene.pieces.kind)
     before, now, trial, best, start, goal = (make_posture(scene, poses) for _ in range(6))
-    kind, wanted, group, first, hit = (np.zeros(trees, np.int64) for _ in range(5))
-    carried, low, high, used_low, used_high = (np.zeros(dofs) for _ in range(5))
-    return Workspace(
+    kind, cached_kind, group, first, hit = (np.zeros(trees, np.int64) for _ in range(5))
+    extrapolated, low, high, used_low, used_high = (np.zeros(dofs) for _ in range(5))
+    return SearchWorkspace(
         before, now, trial, best, start, goal, np.zeros((bodies, 7)), np.zeros((bodies, 7)), np.zeros((bodies, 3)),
-        np.zeros(trees), kind, wanted, group, first, np.full(dofs, -1), carried, low, high, used_low, used_high,
+        np.zeros(trees), kind, cached_kind, group, first, np.full(dofs, -1), extrapolated, low, high, used_low, used_high,
         np.zeros((bodies, 10)), np.zeros((bodies, 6)), np.zeros(pieces), np.zeros(pieces), np.zeros((pieces, 4)),
         np.zeros((pieces, 4)), np.zeros(trees), np.zeros(trees), hit,
         np.full((SPOTS, 2), -1), np.zeros((SPOTS, 9)), np.zeros(1, np.int64), np.zeros((TOUCHES, 2), np.int64),
-        np.zeros(TOUCHES), np.zeros(1, np.int64), np.ones(dofs), np.array([passes]), np.full(CARRIERS, -1),
+        np.zeros(TOUCHES), np.zeros(1, np.int64), np.ones(dofs), np.array([passes]), np.full(REFERENCE_BODIES, -1),
         np.zeros(trees, np.int64),
     )  # fmt: skip
 
 
-def make_driven_room(
+def make_driven_workspace(
     scene: Scene,
     poses: Floats,
     origins: Floats,
-    places: Places,
+    piece_frames: PieceFrames,
     near: Near,
     boxes: Boxes,
     axes: Axes,
     scratch: Scratch,
     passes: int,
-) -> DrivenRoom:
-    """Room for a scene, round what the machine shares with the other loops."""
+) -> DrivenWorkspace:
+    """Workspace for a scene, on arrays that the machine shares with the other loops."""
     unknowns = 6 * int((scene.trees.role == DRIVEN).sum()) + int(
         sum(
             scene.trees.dof_start[t + 1] - scene.trees.dof_start[t]
@@ -181,8 +181,8 @@ def make_driven_room(
             if scene.trees.role[t] == DRIVEN
         )
     )
-    return DrivenRoom(
-        origins, make_links(scene), places, near, make_near(len(near.a)), np.zeros(len(near.a), np.int64),
-        make_workspace(scene, poses, passes),
+    return DrivenWorkspace(
+        origins, make_links(scene), piece_frames, near, make_near(len(near.a)), np.zeros(len(near.a), np.int64),
+        make_search_workspace(scene, poses, passes),
         make_quadratic(max(unknowns, 1), ROWS), boxes, axes, scratch,
     )  # fmt: skip

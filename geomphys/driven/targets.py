@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from geomphys.driven.coupling import relax_offset
 from geomphys.driven.objective import link_centre
 from geomphys.driven.postures import is_recorded, vec_of
-from geomphys.driven.state import GIVEN, DrivenRoom, DrivenState
+from geomphys.driven.state import GIVEN, DrivenState, DrivenWorkspace
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import (
     Vec,
@@ -32,9 +32,9 @@ from geomphys.scene.kinematics import orientation_of, set_pose
 Floats = NDArray[np.float64]
 
 NO_SHIFT = 1e-6  # m: link offsets below this,
-NO_TURN = 1e-6  # rad, and this are none
-PACE = 1.9  # times its recorded motion, or
-LEAST_PACE = 1.4e-3  # m: how far beside the way that the coupling takes it the offset of a link may get in a frame
+NO_ROTATION = 1e-6  # rad, and this are none
+DEVIATION_PER_MOTION = 1.9  # times its recorded motion, or
+LEAST_DEVIATION = 1.4e-3  # m: how far beside the way that the coupling takes it the offset of a link may get in a frame
 MOVED = 1e-7  # m or rad: what differs by less from where the coupling asks for has not met anything
 
 
@@ -43,7 +43,7 @@ def _has_offset(scene: Scene, state: DrivenState, tree: int) -> bool:
     """Whether some link of a bent tree is off by more than nothing."""
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
         for i in range(3):
-            if abs(state.shift[body, i]) > NO_SHIFT or abs(state.shift[body, 3 + i]) > NO_TURN:
+            if abs(state.shift[body, i]) > NO_SHIFT or abs(state.shift[body, 3 + i]) > NO_ROTATION:
                 return True
     return False
 
@@ -51,37 +51,37 @@ def _has_offset(scene: Scene, state: DrivenState, tree: int) -> bool:
 @kernel
 def clear_offsets(scene: Scene, state: DrivenState, tree: int) -> None:
     """Set a tree's offsets and their rates to zero: it is where it was recorded."""
-    state.bent[tree] = 0
+    state.deformed[tree] = 0
     for i in range(3):
-        state.offset[tree, i] = state.speed[tree, i] = state.kept_speed[tree, i] = 0.0
+        state.offset[tree, i] = state.speed[tree, i] = state.last_speed[tree, i] = 0.0
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
         for i in range(6):
             state.shift[body, i] = state.rate[body, i] = 0.0
 
 
 @kernel
-def _aim(room: DrivenRoom, recorded: Floats, body: int, shift: Vec, turn: Vec) -> None:
+def _aim(ws: DrivenWorkspace, recorded: Floats, body: int, shift: Vec, rotation: Vec) -> None:
     """Target of a link: recorded, with an offset."""
     q = orientation_of(recorded, body)
-    if turn != (0.0, 0.0, 0.0):
-        q = quat_unit(quat_mul(quat_from_rotation_vector(turn), q))
-    set_pose(room.work.target, body, add(link_centre(room, recorded, body), shift), q)
+    if rotation != (0.0, 0.0, 0.0):
+        q = quat_unit(quat_mul(quat_from_rotation_vector(rotation), q))
+    set_pose(ws.work.target, body, add(link_centre(ws, recorded, body), shift), q)
 
 
 @outlined
-def _relax_tree(scene: Scene, state: DrivenState, room: DrivenRoom, tree: int, recorded: Floats, dt: float) -> None:
+def _relax_tree(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, recorded: Floats, dt: float) -> None:
     """Relax the offsets of a tree, and aim its links.
 
     Speeds are kept, so that what impulses change of them until the next step can be told.
     """
     trees, first = scene.trees, scene.trees.body_start[tree]
-    pushed = sub(vec_of(state.speed, tree), vec_of(state.kept_speed, tree))
+    velocity_change = sub(vec_of(state.speed, tree), vec_of(state.last_speed, tree))
     for body in range(first, trees.body_start[tree + 1]):
         old = vec_of(state.shift, body)
-        c = add(link_centre(room, recorded, body), old)
+        c = add(link_centre(ws, recorded, body), old)
         for i in range(3):
-            room.work.anchor[body, i] = c[i]
-    if state.bent[tree] == 0:
+            ws.work.anchor[body, i] = c[i]
+    if state.deformed[tree] == 0:
         for i in range(3):
             state.offset[tree, i], state.speed[tree, i] = relax_offset(
                 trees, tree, state.offset[tree, i], state.speed[tree, i], dt
@@ -90,118 +90,122 @@ def _relax_tree(scene: Scene, state: DrivenState, room: DrivenRoom, tree: int, r
         for body in range(first, trees.body_start[tree + 1]):
             for i in range(3):
                 state.shift[body, i], state.rate[body, i] = state.offset[tree, i], state.speed[tree, i]
-            _aim(room, recorded, body, offset, (0.0, 0.0, 0.0))
+            _aim(ws, recorded, body, offset, (0.0, 0.0, 0.0))
         for i in range(3):
-            state.kept_speed[tree, i] = state.speed[tree, i]
+            state.last_speed[tree, i] = state.speed[tree, i]
         return
     for body in range(first, trees.body_start[tree + 1]):
         for i in range(6):
-            rate = state.rate[body, i] + (pushed[i] if i < 3 else 0.0)
+            rate = state.rate[body, i] + (velocity_change[i] if i < 3 else 0.0)
             state.shift[body, i], state.rate[body, i] = relax_offset(trees, tree, state.shift[body, i], rate, dt)
     for i in range(3):
-        state.kept_speed[tree, i] = state.speed[tree, i]
+        state.last_speed[tree, i] = state.speed[tree, i]
     if not _has_offset(scene, state, tree):
         clear_offsets(scene, state, tree)
     for body in range(first, trees.body_start[tree + 1]):
         s = state.shift[body]
-        _aim(room, recorded, body, (s[0], s[1], s[2]), (s[3], s[4], s[5]))
+        _aim(ws, recorded, body, (s[0], s[1], s[2]), (s[3], s[4], s[5]))
 
 
 @kernel
-def _take_given(scene: Scene, state: DrivenState, room: DrivenRoom, tree: int, recorded: Floats, dt: float) -> None:
+def _take_given(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, recorded: Floats, dt: float) -> None:
     """Offsets of a tree, and their rates, as those of the posture it is given, and its links aimed there."""
     first, asked = scene.trees.body_start[tree], state.asked.poses
     for body in range(first, scene.trees.body_start[tree + 1]):
-        s, c = state.shift[body], link_centre(room, recorded, body)
-        shift = sub(link_centre(room, asked, body), c)
-        turn = rotation_vector(quat_mul(orientation_of(asked, body), quat_conjugate(orientation_of(recorded, body))))
+        s, c = state.shift[body], link_centre(ws, recorded, body)
+        shift = sub(link_centre(ws, asked, body), c)
+        rotation = rotation_vector(
+            quat_mul(orientation_of(asked, body), quat_conjugate(orientation_of(recorded, body)))
+        )
         for i in range(3):
-            room.work.anchor[body, i] = c[i] + s[i]
-            state.rate[body, i], state.rate[body, 3 + i] = (shift[i] - s[i]) / dt, (turn[i] - s[3 + i]) / dt
+            ws.work.anchor[body, i] = c[i] + s[i]
+            state.rate[body, i], state.rate[body, 3 + i] = (shift[i] - s[i]) / dt, (rotation[i] - s[3 + i]) / dt
         for i in range(3):
-            s[i], s[3 + i] = shift[i], turn[i]
-        _aim(room, recorded, body, shift, turn)
+            s[i], s[3 + i] = shift[i], rotation[i]
+        _aim(ws, recorded, body, shift, rotation)
     for i in range(3):
-        state.speed[tree, i] = state.kept_speed[tree, i] = state.rate[room.links.pivot[tree], i]
+        state.speed[tree, i] = state.last_speed[tree, i] = state.rate[ws.links.pivot[tree], i]
 
 
 @outlined
-def aim(scene: Scene, state: DrivenState, room: DrivenRoom, recorded: Floats, dt: float) -> None:
+def aim(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, dt: float) -> None:
     """Relax all offsets by `dt` [s] and set targets, anchors and paces of the links; `recorded` (B, 7) are their poses."""
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] != DRIVEN:
             continue
         if state.given[tree] == GIVEN and dt > 0.0:
-            _take_given(scene, state, room, tree, recorded, dt)
+            _take_given(scene, state, ws, tree, recorded, dt)
         else:
-            _relax_tree(scene, state, room, tree, recorded, dt)
+            _relax_tree(scene, state, ws, tree, recorded, dt)
         motion = 0.0
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-            way = sub(link_centre(room, recorded, body), link_centre(room, state.recorded.poses, body))
+            way = sub(link_centre(ws, recorded, body), link_centre(ws, state.recorded.poses, body))
             motion = max(motion, norm(way))
-        room.work.pace[tree] = max(LEAST_PACE, PACE * motion)
+        ws.work.deviation_limit[tree] = max(LEAST_DEVIATION, DEVIATION_PER_MOTION * motion)
 
 
 @kernel
-def _brake(state: DrivenState, body: int, pushed: Vec, turned: Vec) -> None:
+def _brake(state: DrivenState, body: int, velocity_change: Vec, rotation_change: Vec) -> None:
     """After a contact the offset of a link has no speed left against what it met."""
     for part in range(2):
-        push = pushed if part == 0 else turned
-        size = norm(push)
+        change = velocity_change if part == 0 else rotation_change
+        size = norm(change)
         if size <= MOVED:
             continue
         first = 3 * part
         rate = (state.rate[body, first], state.rate[body, first + 1], state.rate[body, first + 2])
-        against = dot(rate, push) / size
+        against = dot(rate, change) / size
         if against < 0.0:
             for i in range(3):
-                state.rate[body, first + i] -= against * push[i] / size
+                state.rate[body, first + i] -= against * change[i] / size
 
 
 @outlined
-def note_tree(scene: Scene, state: DrivenState, room: DrivenRoom, tree: int, recorded: Floats, bends: bool) -> None:
+def note_tree(
+    scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, recorded: Floats, articulated: bool
+) -> None:
     """Offsets of a tree from its final posture, and their rates."""
     poses, root = state.last.poses, scene.trees.body_start[tree]
     for body in range(root, scene.trees.body_start[tree + 1]):
         for i in range(3):
-            state.rate[body, i] += state.speed[tree, i] - state.kept_speed[tree, i]
+            state.rate[body, i] += state.speed[tree, i] - state.last_speed[tree, i]
     for i in range(3):
         state.offset[tree, i] = state.last.roots[tree, i] - recorded[root, i]
     offset = vec_of(state.offset, tree)
     for body in range(root, scene.trees.body_start[tree + 1]):
-        turn = (0.0, 0.0, 0.0)
+        rotation = (0.0, 0.0, 0.0)
         shift = offset
-        if bends:
+        if articulated:
             q = quat_mul(orientation_of(poses, body), quat_conjugate(orientation_of(recorded, body)))
-            turn = rotation_vector(q)
+            rotation = rotation_vector(q)
             if orientation_of(poses, body) == orientation_of(recorded, body):
-                turn = (0.0, 0.0, 0.0)
-            shift = sub(link_centre(room, poses, body), link_centre(room, recorded, body))
+                rotation = (0.0, 0.0, 0.0)
+            shift = sub(link_centre(ws, poses, body), link_centre(ws, recorded, body))
         s = state.shift[body]
-        _brake(state, body, sub(shift, (s[0], s[1], s[2])), sub(turn, (s[3], s[4], s[5])))
+        _brake(state, body, sub(shift, (s[0], s[1], s[2])), sub(rotation, (s[3], s[4], s[5])))
         for i in range(3):
-            s[i], s[3 + i] = shift[i], turn[i]
-    state.bent[tree] = 1 if bends else 0
-    if not bends:
+            s[i], s[3 + i] = shift[i], rotation[i]
+    state.deformed[tree] = 1 if articulated else 0
+    if not articulated:
         for body in range(root, scene.trees.body_start[tree + 1]):
             for i in range(3):
                 s = state.shift[body]
                 s[i], s[3 + i], state.rate[body, 3 + i] = offset[i], 0.0, 0.0
     for i in range(3):
-        pivot = room.links.pivot[tree]
-        state.speed[tree, i] = state.kept_speed[tree, i] = state.rate[pivot, i]
+        pivot = ws.links.pivot[tree]
+        state.speed[tree, i] = state.last_speed[tree, i] = state.rate[pivot, i]
 
 
 @outlined
 def note_offsets(
-    scene: Scene, state: DrivenState, room: DrivenRoom, roots: Floats, angles: Floats, recorded: Floats
+    scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats, recorded: Floats
 ) -> None:
     """Take offsets from the final posture `state.last`, and remember the recording."""
     for tree in range(len(scene.trees.role)):
         if not is_recorded(scene, tree):
             continue
         if scene.trees.role[tree] == DRIVEN:
-            note_tree(scene, state, room, tree, recorded, is_bent(scene, state, tree, roots, angles))
+            note_tree(scene, state, ws, tree, recorded, is_deformed(scene, state, tree, roots, angles))
         for k in range(7):
             state.recorded.roots[tree, k] = roots[tree, k]
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
@@ -215,7 +219,7 @@ def note_offsets(
 
 
 @kernel
-def is_bent(scene: Scene, state: DrivenState, tree: int, roots: Floats, angles: Floats) -> bool:
+def is_deformed(scene: Scene, state: DrivenState, tree: int, roots: Floats, angles: Floats) -> bool:
     """Whether a tree is off its recording by more than a translation."""
     if orientation_of(state.last.roots, tree) != orientation_of(roots, tree):
         return True

@@ -20,8 +20,8 @@ from geomphys.driven.objective import is_stiff, link_centre
 from geomphys.driven.postures import copy_tree
 from geomphys.driven.reachability import look_back, way_of_pair_is_free
 from geomphys.driven.sqp import ANY_WAY, search
-from geomphys.driven.state import NEVER_FREE, SHIFTS, STARTED_FREE, STAYS, WAS_GIVEN, DrivenRoom, DrivenState
-from geomphys.driven.stepping import look, place
+from geomphys.driven.state import LOCKED, NEVER_FREE, RIGID, STARTED_FREE, WAS_GIVEN, DrivenState, DrivenWorkspace
+from geomphys.driven.stepping import look, pose_with_pieces
 from geomphys.driven.targets import aim, clear_offsets, note_offsets
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.scene.arrays import DRIVEN, Scene
@@ -31,17 +31,17 @@ Floats = NDArray[np.float64]
 
 
 @outlined
-def _go_where_free(scene: Scene, state: DrivenState, room: DrivenRoom) -> bool:
+def _go_where_free(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> bool:
     """Settle the trees whose goals are free and can be reached, put the others back and group them; whether there are any."""
-    work, near = room.work, room.near
-    look_back(scene, room, work.goal)
+    work, near = ws.work, ws.near
+    look_back(scene, ws, work.goal)
     some = False
     for tree in range(len(work.kind)):
         work.hit[tree], work.group[tree] = 0, tree
     for k in range(near.filled[0]):
-        if not concerns(room, k) or (work.hit[near.tree_a[k]] == 1 and work.hit[near.tree_b[k]] == 1):
+        if not concerns(ws, k) or (work.hit[near.tree_a[k]] == 1 and work.hit[near.tree_b[k]] == 1):
             continue
-        if near.separation[k] < 0.0 or not way_of_pair_is_free(scene, room, work.goal, k):
+        if near.separation[k] < 0.0 or not way_of_pair_is_free(scene, ws, work.goal, k):
             work.hit[near.tree_a[k]] = work.hit[near.tree_b[k]] = 1
             some = True
     changed = some
@@ -59,12 +59,12 @@ def _go_where_free(scene: Scene, state: DrivenState, room: DrivenRoom) -> bool:
         if scene.trees.role[tree] != DRIVEN:
             continue
         if work.hit[tree] == 0:
-            settle(scene, state, room, tree, work.goal)
+            settle(scene, state, ws, tree, work.goal)
         else:
             for target in (work.now, work.trial, work.start, work.best):
                 copy_tree(scene, work.before, tree, target)
-            place(scene, room, work.before, tree)
-            update_boxes(scene, room.places.frames, room.boxes, tree)
+            pose_with_pieces(scene, ws, work.before, tree)
+            update_boxes(scene, ws.piece_frames.frames, ws.boxes, tree)
     return some
 
 
@@ -72,7 +72,7 @@ def _go_where_free(scene: Scene, state: DrivenState, room: DrivenRoom) -> bool:
 def update_driven(
     scene: Scene,
     state: DrivenState,
-    room: DrivenRoom,
+    ws: DrivenWorkspace,
     roots: Floats,
     angles: Floats,
     recorded: Floats,
@@ -85,8 +85,8 @@ def update_driven(
     ----------
     scene
         The scene.
-    state, room
-        Carried state, brought up to date (`state.last` is the corrected posture), and scratch (`room.places.frames` holds the
+    state, ws
+        Carried state, brought up to date (`state.last` is the corrected posture), and workspace (`ws.piece_frames.frames`: the
         final frames). What is not driven stands at `state.last.poses` before the step.
     roots, angles, recorded
         (T, 7), (Q,), (B, 7): the recording of this frame and its forward kinematics; of simulated bodies the poses they
@@ -96,7 +96,7 @@ def update_driven(
     gap
         m; clearance kept.
     """
-    work, first = room.work, state.started[0] != STARTED_FREE
+    work, first = ws.work, state.started[0] != STARTED_FREE
     if first:
         for tree in range(len(scene.trees.role)):
             if scene.trees.role[tree] == DRIVEN:
@@ -104,76 +104,76 @@ def update_driven(
     for tree in range(len(scene.trees.role)):
         if scene.trees.moving[tree] == 1:
             copy_tree(scene, state.last, tree, work.before)
-    take_limits(scene, state, room, angles)
-    aim(scene, state, room, recorded, 0.0 if first else dt)
+    take_limits(scene, state, ws, angles)
+    aim(scene, state, ws, recorded, 0.0 if first else dt)
     if first:
         for tree in range(len(scene.trees.role)):
             if scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
                 for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
                     for k in range(7):
                         work.before.poses[body, k] = recorded[body, k]
-    set_around(scene, state, room, recorded, 1.0)
-    set_goals(scene, state, room, roots, angles)
+    set_around(scene, state, ws, recorded, 1.0)
+    set_goals(scene, state, ws, roots, angles)
     done = Outcome(0, GLOBAL, 0, True, False)
     if first:
         for tree in range(len(scene.trees.role)):
             if scene.trees.role[tree] == DRIVEN:
                 copy_tree(scene, work.goal, tree, work.before)
-        done = solve_first(scene, state, room, angles, gap)
-    elif _go_where_free(scene, state, room):
+        done = solve_first(scene, state, ws, angles, gap)
+    elif _go_where_free(scene, state, ws):
         for group in range(len(scene.trees.role)):
             if scene.trees.role[group] != DRIVEN or work.hit[group] == 0 or work.group[group] != group:
                 continue
-            more = solve_group(scene, state, room, group, roots, angles, recorded, gap)
+            more = solve_group(scene, state, ws, group, roots, angles, recorded, gap)
             done = Outcome(
-                done.rounds + more.rounds, max(done.method, more.method), done.rescues + more.rescues,
+                done.rounds + more.rounds, max(done.method, more.method), done.fallbacks + more.fallbacks,
                 done.converged and more.converged, done.yielded or more.yielded,
             )  # fmt: skip
-    _finish(scene, state, room)
-    note_offsets(scene, state, room, roots, angles, recorded)
+    _finish(scene, state, ws)
+    note_offsets(scene, state, ws, roots, angles, recorded)
     state.started[0] = NEVER_FREE if first and not done.converged else STARTED_FREE
     yielded = done.yielded
     for tree in range(len(scene.trees.role)):
-        if state.bent[tree] == 0 and state.given[tree] == WAS_GIVEN:
+        if state.deformed[tree] == 0 and state.given[tree] == WAS_GIVEN:
             state.given[tree] = 0
-        yielded = yielded or (state.bent[tree] == 1 and state.given[tree] == 0 and is_stiff(scene, tree))
-    return Outcome(done.rounds, done.method, done.rescues, done.converged, yielded)
+        yielded = yielded or (state.deformed[tree] == 1 and state.given[tree] == 0 and is_stiff(scene, tree))
+    return Outcome(done.rounds, done.method, done.fallbacks, done.converged, yielded)
 
 
 @kernel
-def _finish(scene: Scene, state: DrivenState, room: DrivenRoom) -> None:
+def _finish(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> None:
     """What is not driven is where it is."""
     for tree in range(len(scene.trees.role)):
         if scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
             for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
                 for k in range(7):
-                    state.last.poses[body, k] = room.work.now.poses[body, k]
+                    state.last.poses[body, k] = ws.work.now.poses[body, k]
 
 
 @outlined
-def give_way(scene: Scene, state: DrivenState, room: DrivenRoom, recorded: Floats, gap: float) -> int:
+def give_way(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, gap: float) -> int:
     """Move driven trees out of what has come into them since `update_driven`, as little as it takes; returns the passes.
 
     `recorded` (B, 7) are the poses of what is not driven now, and those recorded of what is.
     """
-    work = room.work
-    set_around(scene, state, room, recorded, 1.0)
+    work = ws.work
+    set_around(scene, state, ws, recorded, 1.0)
     for tree in range(len(work.kind)):
-        work.kind[tree] = STAYS
+        work.kind[tree] = LOCKED
         if scene.trees.role[tree] != DRIVEN:
             continue
-        work.kind[tree] = SHIFTS
+        work.kind[tree] = RIGID
         copy_tree(scene, state.last, tree, work.now)
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
             q = orientation_of(state.last.poses, body)
-            set_pose(work.target, body, link_centre(room, state.last.poses, body), q)
+            set_pose(work.target, body, link_centre(ws, state.last.poses, body), q)
     passes = 0
-    if look(scene, room, 0.0, 0.0) < 0.0:
-        found = search(scene, room, state.recorded.angles, gap, PASSES, False, False, ANY_WAY)
+    if look(scene, ws, 0.0, 0.0) < 0.0:
+        found = search(scene, ws, state.recorded.angles, gap, PASSES, False, False, ANY_WAY)
         passes = found.passes
         for tree in range(len(work.kind)):
-            if work.kind[tree] != STAYS:
-                settle(scene, state, room, tree, work.best if found.free else state.last)
-    _finish(scene, state, room)
-    note_offsets(scene, state, room, state.recorded.roots, state.recorded.angles, recorded)
+            if work.kind[tree] != LOCKED:
+                settle(scene, state, ws, tree, work.best if found.free else state.last)
+    _finish(scene, state, ws)
+    note_offsets(scene, state, ws, state.recorded.roots, state.recorded.angles, recorded)
     return passes

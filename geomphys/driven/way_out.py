@@ -10,8 +10,8 @@ import math
 
 from geomphys.driven.postures import copy_tree
 from geomphys.driven.reachability import FREE, judge_anew
-from geomphys.driven.state import STAYS, DrivenRoom
-from geomphys.driven.stepping import look, place
+from geomphys.driven.state import LOCKED, DrivenWorkspace
+from geomphys.driven.stepping import look, pose_with_pieces
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import Vec, scale, unit
 from geomphys.scene.arrays import Scene
@@ -30,32 +30,32 @@ def _direction(number: int) -> Vec:
 
 
 @kernel
-def _is_free_at(scene: Scene, room: DrivenRoom, tree: int, way: Vec, gap: float, certified: bool) -> bool:
+def _is_free_at(scene: Scene, ws: DrivenWorkspace, tree: int, way: Vec, gap: float, certified: bool) -> bool:
     """Whether a tree, shifted from `now`, is clear by the gap, and if need be can be reached from where the step began."""
-    work = room.work
+    work = ws.work
     for k in range(7):
         work.start.roots[tree, k] = work.now.roots[tree, k] + (way[k] if k < 3 else 0.0)
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         work.start.angles[q] = work.now.angles[q]
-    place(scene, room, work.start, tree)
-    if look(scene, room, gap, gap) < gap:
+    pose_with_pieces(scene, ws, work.start, tree)
+    if look(scene, ws, gap, gap) < gap:
         return False
-    return not certified or judge_anew(scene, room, work.start) == FREE
+    return not certified or judge_anew(scene, ws, work.start) == FREE
 
 
 @outlined
-def _free_tree(scene: Scene, room: DrivenRoom, tree: int, gap: float, certified: bool) -> bool:
+def _free_tree(scene: Scene, ws: DrivenWorkspace, tree: int, gap: float, certified: bool) -> bool:
     """Find the nearest free place of a tree, into `now`."""
     distance, nearest, towards = NEAREST, math.inf, (0.0, 0.0, 0.0)
     for _ in range(DISTANCES):
         for number in range(26):
             d = _direction(number)
-            if not _is_free_at(scene, room, tree, scale(d, distance), gap, certified):
+            if not _is_free_at(scene, ws, tree, scale(d, distance), gap, certified):
                 continue
             low, high = distance / FARTHER if distance > NEAREST else 0.0, distance
             for _ in range(BISECTIONS):
                 middle = 0.5 * (low + high)
-                if _is_free_at(scene, room, tree, scale(d, middle), gap, certified):
+                if _is_free_at(scene, ws, tree, scale(d, middle), gap, certified):
                     high = middle
                 else:
                     low = middle
@@ -66,29 +66,29 @@ def _free_tree(scene: Scene, room: DrivenRoom, tree: int, gap: float, certified:
         distance *= FARTHER
     if nearest < math.inf:
         for i in range(3):
-            room.work.now.roots[tree, i] += nearest * towards[i]
-    place(scene, room, room.work.now, tree)
+            ws.work.now.roots[tree, i] += nearest * towards[i]
+    pose_with_pieces(scene, ws, ws.work.now, tree)
     return nearest < math.inf
 
 
 @outlined
-def find_way_out(scene: Scene, room: DrivenRoom, gap: float, certified: bool) -> bool:
-    """Shift the trees that yield, one after the other, from `Workspace.now` to free places near it; into `best`.
+def find_way_out(scene: Scene, ws: DrivenWorkspace, gap: float, certified: bool) -> bool:
+    """Shift the trees that yield, one after the other, from `SearchWorkspace.now` to free places near it; into `best`.
 
     Returns whether all are free then; only if `certified` they have to be reached from where the step began.
     """
-    work, free = room.work, True
+    work, free = ws.work, True
     for tree in range(len(work.kind)):
-        work.wanted[tree] = work.kind[tree]  # kept while one tree is looked at alone
+        work.cached_kind[tree] = work.kind[tree]  # kept while one tree is looked at alone
     for tree in range(len(work.kind)):
-        if work.wanted[tree] == STAYS:
+        if work.cached_kind[tree] == LOCKED:
             continue
         for other in range(len(work.kind)):
-            work.kind[other] = work.wanted[other] if other == tree else STAYS
-        if look(scene, room, gap, gap) < 0.0:
-            free = _free_tree(scene, room, tree, gap, certified) and free
+            work.kind[other] = work.cached_kind[other] if other == tree else LOCKED
+        if look(scene, ws, gap, gap) < 0.0:
+            free = _free_tree(scene, ws, tree, gap, certified) and free
     for tree in range(len(work.kind)):
-        work.kind[tree] = work.wanted[tree]
-        if work.kind[tree] != STAYS:
+        work.kind[tree] = work.cached_kind[tree]
+        if work.kind[tree] != LOCKED:
             copy_tree(scene, work.now, tree, work.best)
     return free

@@ -34,10 +34,10 @@ from geomphys.numerics.vec3 import (
     sub,
 )
 from geomphys.scene.arrays import DRIVEN, JOINT_FIXED, JOINT_PRISMATIC, SIMULATED, Scene
-from geomphys.scene.kinematics import orientation_of, place_tree, position_of
+from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, position_of
 from geomphys.simulated.contact_points import add_rows_within, fill_masses
-from geomphys.simulated.motion import point_at, turn_at
-from geomphys.simulated.resting_contact import turns_along
+from geomphys.simulated.motion import orientation_at, point_at
+from geomphys.simulated.resting_contact import rotates_with
 from geomphys.simulated.state import Row, is_simulated
 
 Floats = NDArray[np.float64]
@@ -106,8 +106,8 @@ def displacement(scene: Scene, m: Machine, body: int, point: Vec, t: float, h: f
     if m.simulated.bodies[body].moves == 0:
         return (0.0, 0.0, 0.0)
     path = m.simulated.motion[body]
-    inside = quat_rotate(quat_conjugate(turn_at(path, t)), sub(point, point_at(path, t)))
-    return sub(add(point_at(path, t + h), quat_rotate(turn_at(path, t + h), inside)), point)
+    inside = quat_rotate(quat_conjugate(orientation_at(path, t)), sub(point, point_at(path, t)))
+    return sub(add(point_at(path, t + h), quat_rotate(orientation_at(path, t + h), inside)), point)
 
 
 @kernel
@@ -151,10 +151,10 @@ def find_rows(scene: Scene, m: Machine, t: float, h: float, margin: float) -> No
 @outlined
 def find_bounds(scene: Scene, m: Machine, t: float, h: float, margin: float) -> None:
     """Bounds of driven trees that take part: against what is not simulated, and limits of their joints."""
-    c, p, near = m.coupled, m.room.places, m.room.near
+    c, p, near = m.coupled, m.workspace.piece_frames, m.workspace.near
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN and c.trees[tree].solved == 1:
-            place_tree(scene, tree, c.now.poses, p.frames)
+            pose_pieces_of_tree(scene, tree, c.now.poses, p.frames)
             update_boxes(scene, p.frames, m.boxes, tree)
             bound_joints(scene, m, tree, h)
     find_near(scene, p.frames, m.boxes, m.still, margin, math.inf, near, p.found, m.axes, m.scratch)
@@ -216,14 +216,14 @@ def half_rotation(scene: Scene, m: Machine, body: int, t: float, h: float) -> Qu
     if is_solved(scene, c, body):
         before, after = orientation_of(c.now.poses, body), orientation_of(c.after.poses, body)
     elif sim.bodies[body].moves == 1:
-        before, after = turn_at(sim.motion[body], t), turn_at(sim.motion[body], t + h)
+        before, after = orientation_at(sim.motion[body], t), orientation_at(sim.motion[body], t + h)
     else:
         return (0.0, 0.0, 0.0, 1.0)
     return quat_from_rotation_vector(scale(rotation_vector(quat_mul(after, quat_conjugate(before))), 0.5))
 
 
 @outlined
-def turn_arms(scene: Scene, m: Machine, t: float, h: float) -> None:
+def rotate_arms(scene: Scene, m: Machine, t: float, h: float) -> None:
     """Take the arms of simulated bodies as they are in the middle of the step, seen from what carries them.
 
     What turns along with body b of a row keeps its distance from the axis then: else a turntable would throw its load
@@ -233,8 +233,8 @@ def turn_arms(scene: Scene, m: Machine, t: float, h: float) -> None:
     for k in range(sim.counts[0].rows):
         r = sim.rows[k]
         half = half_rotation(scene, m, r.b, t, h)
-        spin = scale(rotation_vector(half), 2.0 / h)
-        if not turns_along(vec_of(sim.motion[r.a].angular_velocity), spin):
+        omega = scale(rotation_vector(half), 2.0 / h)
+        if not rotates_with(vec_of(sim.motion[r.a].angular_velocity), omega):
             half = (0.0, 0.0, 0.0, 1.0)
         set_vec(r.arm_a, quat_rotate(half, sub(vec_of(r.point), vec_of(sim.motion[r.a].position))))
         if is_simulated(sim, r.b):

@@ -39,9 +39,9 @@ def load_coupled(sim: Simulation) -> None:
 
 
 @kernel
-def was_met(sim: Simulation, r: Row) -> bool:
+def was_touching(sim: Simulation, r: Row) -> bool:
     """Whether the pair of a row was in contact in the step before."""
-    return bool(sim.pairs[r.pair].met == 1)
+    return bool(sim.pairs[r.pair].touching == 1)
 
 
 @outlined
@@ -62,7 +62,7 @@ def resolve_impacts(scene: Scene, m: Machine, h: float) -> int:
         v = relative_velocity(sim, c, r)[0]
         if touches and v < -threshold:
             hits += 1
-            if not was_met(sim, r):
+            if not was_touching(sim, r):
                 r.target_speed = -r.restitution * v
     if hits == 0:
         return 0

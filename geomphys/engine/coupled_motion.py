@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.engine.coupled_contacts import find_bounds, find_rows, turn_arms
+from geomphys.engine.coupled_contacts import find_bounds, find_rows, rotate_arms
 from geomphys.engine.coupled_impacts import load_coupled, next_impact, resolve_impacts
 from geomphys.engine.coupled_solve import (
     PRECISION,
@@ -29,7 +29,7 @@ from geomphys.engine.coupled_unknowns import (
     end_unknown,
     first_unknown,
     pose_driven,
-    relax_turn,
+    relax_rotation,
     solves,
 )
 from geomphys.engine.state import Machine
@@ -60,14 +60,14 @@ from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.scene.kinematics import orientation_of, position_of
 from geomphys.simulated.contact_points import clear_impulse
 from geomphys.simulated.impulse_accumulation import give_velocity, impulse_of, note
-from geomphys.simulated.motion import move_base, plan, point_at, refresh, turn_at
+from geomphys.simulated.motion import move_base, orientation_at, plan, point_at, refresh
 from geomphys.simulated.state import Simulation, is_simulated
 
 Floats = NDArray[np.float64]
 
 STEP = 1.0 / 240.0  # s
 LIGHT = 50.0  # times an object's mass: where the implicit mass of what presses is more, steps are half as long
-SPARE = 0.01  # share by which a step may be longer
+STEP_TOLERANCE = 0.01  # share by which a step may be longer
 MARGIN = 4e-3  # m: contacts nearer than this are rows, and
 MARGIN_STEPS = 1.5  # times what is covered in a step
 ROTATION = 0.1  # rad: no body rotates farther in a step, ...
@@ -80,7 +80,7 @@ TOUCHED = 3.0  # gaps: what is nearer has been in contact
 
 
 @outlined
-def place_driven(scene: Scene, m: Machine, roots: Floats, angles: Floats, t: float, h: float, dt: float) -> None:
+def pose_driven_trees(scene: Scene, m: Machine, roots: Floats, angles: Floats, t: float, h: float, dt: float) -> None:
     """Poses of driven trees at time `t` of the part, and at `t + h` with the offsets they have at `t`; their motions there."""
     c = m.coupled
     for tree in range(len(scene.trees.role)):
@@ -198,7 +198,7 @@ def solve_step(scene: Scene, m: Machine, t: float, h: float, to_impact: bool) ->
     for s in range(len(sim.free)):
         if sim.bodies[sim.free[s]].awake == 2:
             add_vec_from(sim.velocity[sim.free[s]], 0, vec_of(sim.gravity), h)
-    turn_arms(scene, m, t, h)
+    rotate_arms(scene, m, t, h)
     for k in range(sim.counts[0].rows):
         add_responses(sim, c, sim.rows[k])
     for k in range(c.solve[0].bounds):
@@ -273,7 +273,7 @@ def fall_at_once(sim: Simulation, body: int, h: float) -> None:
 
 
 @kernel
-def carried_point(sim: Simulation, c: Coupled, body: int, point: Vec, t: float, h: float) -> Vec:
+def attached_point(sim: Simulation, c: Coupled, body: int, point: Vec, t: float, h: float) -> Vec:
     """Where a point of a body is taken by a step from time `t` that has just been made."""
     k = sim.motion[body]
     if is_simulated(sim, body):
@@ -286,8 +286,8 @@ def carried_point(sim: Simulation, c: Coupled, body: int, point: Vec, t: float, 
         return add(position_of(c.after.poses, body), quat_rotate(orientation_of(c.after.poses, body), inside))
     if sim.bodies[body].moves == 0:
         return point
-    inside = quat_rotate(quat_conjugate(turn_at(k, t)), sub(point, point_at(k, t)))
-    return add(point_at(k, t + h), quat_rotate(turn_at(k, t + h), inside))
+    inside = quat_rotate(quat_conjugate(orientation_at(k, t)), sub(point, point_at(k, t)))
+    return add(point_at(k, t + h), quat_rotate(orientation_at(k, t + h), inside))
 
 
 @outlined
@@ -295,7 +295,7 @@ def note_slip(m: Machine, t: float, h: float) -> None:
     """Remember by how much points that stick have slipped, for the next step to take back; of what slides, nothing."""
     sim, c = m.simulated, m.coupled
     for k in range(sim.counts[0].pairs):
-        sim.pairs[k].met = 0
+        sim.pairs[k].touching = 0
     for k in range(sim.counts[0].rows):
         r = sim.rows[k]
         slot = sim.slots[r.pair, r.slot]
@@ -303,12 +303,12 @@ def note_slip(m: Machine, t: float, h: float) -> None:
         debt = (0.0, 0.0, 0.0)
         if p > 0.0 and math.sqrt(x * x + y * y) < STUCK * r.friction * p:
             n, point = vec_of(r.normal), vec_of(r.point)
-            slip = sub(carried_point(sim, c, r.a, point, t, h), carried_point(sim, c, r.b, point, t, h))
+            slip = sub(attached_point(sim, c, r.a, point, t, h), attached_point(sim, c, r.b, point, t, h))
             debt = add(vec_of(r.slip_debt), add_scaled(slip, n, -dot(slip, n)))
             debt = quat_rotate(quat_conjugate(quat_of(sim.motion[r.a].orientation)), debt)
         set_vec(slot.slip_debt, debt)
         if p > 0.0 or r.clearance <= TOUCHED * sim.frame[0].gap:
-            sim.pairs[r.pair].met = 1
+            sim.pairs[r.pair].touching = 1
         clear_impulse(r)
 
 
@@ -331,14 +331,14 @@ def longest_step(scene: Scene, m: Machine) -> float:
 @outlined
 def advance_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float) -> int:
     """Move what takes part through a part of `dt` seconds, to the recorded `roots` and `angles`; returns the impacts."""
-    count = max(1, math.ceil(dt / longest_step(scene, m) - SPARE))
+    count = max(1, math.ceil(dt / longest_step(scene, m) - STEP_TOLERANCE))
     impacts = 0
     for step in range(count):
         t, end = dt * step / count, dt * (step + 1) / count
         splits = 0
         while t < end:
             h = end - t
-            place_driven(scene, m, roots, angles, t, h, dt)
+            pose_driven_trees(scene, m, roots, angles, t, h, dt)
             margin = max(MARGIN, MARGIN_STEPS * fastest_motion(scene, m, h))
             find_rows(scene, m, t, h, margin)
             find_bounds(scene, m, t, h, margin)
@@ -354,6 +354,6 @@ def advance_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt
             t = end if first == h else t + first
     for tree in range(len(scene.trees.role)):
         if solves(scene, m.coupled, tree):
-            relax_turn(scene, m.coupled, tree, dt)
+            relax_rotation(scene, m.coupled, tree, dt)
             pose_driven(scene, m, tree, roots, angles, 1.0, m.coupled.after)
     return impacts

@@ -44,7 +44,7 @@ TREE = np.dtype(
         ("solved", INT),  # 1: a simulated body is near, its contacts are solved in this part
         ("pressed", INT),  # 1: a simulated body pressed it in the last step
         ("touched", INT),  # 1: one pressed or hit it in this part
-        ("turn", FLOAT, 4),  # x y z w: orientation of the root, from its recorded one
+        ("rotation_offset", FLOAT, 4),  # x y z w: orientation of the root, from its recorded one
     ]
 )
 """How a driven tree takes part."""
@@ -116,7 +116,7 @@ def make_coupled(scene: Scene, poses: Floats, links: Links) -> Coupled:
     unknowns["effort"] = np.where(np.isfinite(own), own, at_tip)
     any_simulated = bool((scene.bodies.role == 1).any()) and bool((scene.bodies.role == DRIVEN).any())
     records = np.zeros(trees, TREE)
-    records["turn"][:, 3] = 1.0
+    records["rotation_offset"][:, 3] = 1.0
     return Coupled(
         unknowns, records, np.zeros(1, SOLVE), np.zeros(MOST_EFFECTS if any_simulated else 1, EFFECT),
         np.zeros(MOST_BOUNDS if any_simulated else 1, BOUND), make_posture(scene, poses), make_posture(scene, poses),

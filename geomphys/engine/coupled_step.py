@@ -16,20 +16,20 @@ from geomphys.engine.coupled_motion import advance_together
 from geomphys.engine.coupled_state import Coupled
 from geomphys.engine.coupled_unknowns import end_unknown, first_unknown, load_unknowns, pose_driven
 from geomphys.engine.methods import give_way_by_method
-from geomphys.engine.state import Knobs, Machine
+from geomphys.engine.state import Machine, StepParameters
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import add, add_scaled, norm, scale, slerp, sub
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
-from geomphys.scene.kinematics import orientation_of, place_tree, pose_tree, position_of, set_pose
-from geomphys.simulated.driven_paths import carried_on, is_even
+from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, pose_tree, position_of, set_pose
+from geomphys.simulated.driven_paths import extrapolated, is_even
 from geomphys.simulated.update import begin_frame, end_frame
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-TURN = 1.0 / 240.0  # s: where they may meet, driven and simulated bodies take turns at least so often
-SPARE = 0.01  # share of a turn by which one may be longer: times of messages are rounded
-MOST_TURNS = 16  # in a frame
+SUBSTEP = 1.0 / 240.0  # s: where they may meet, driven and simulated bodies take turns at least so often
+STEP_TOLERANCE = 0.01  # share of a turn by which one may be longer: times of messages are rounded
+MAX_SUBSTEPS = 16  # in a frame
 NEAR = 6e-3  # m: bodies that come no nearer do not meet
 LEAST_OVERLAP = 4e-6  # m: a driven body gives way to a simulated one that is deeper in it
 LEAST_MOTION = 1e-9  # m: of both in a frame together; slower, one turn a frame will do
@@ -78,31 +78,31 @@ def recording_between(
 
 
 @outlined
-def note_courses(scene: Scene, m: Machine, roots: Floats, dt: float, first: bool) -> None:
+def fit_recorded_paths(scene: Scene, m: Machine, roots: Floats, dt: float, first: bool) -> None:
     """Accelerations that recorded roots (T, 7) have in this frame, judged from the frames before as those of tracked things.
 
-    A row of `course`: root position [m], its mean velocity [m/s], how that changed [m/s²], the frame's time [s], and the
+    A row of `recorded_path`: root position [m], its mean velocity [m/s], how that changed [m/s²], the frame's time [s], and the
     acceleration [m/s²].
     """
     for tree in range(len(scene.trees.role)):
         if not is_recorded(scene, tree):
             continue
-        c = m.course[tree]
+        c = m.recorded_path[tree]
         position, change = position_of(roots, tree), (0.0, 0.0, 0.0)
         velocity = (0.0, 0.0, 0.0)
         if not first and dt > 0.0:
             velocity = scale(sub(position, (c[0], c[1], c[2])), 1.0 / dt)
             if is_even(dt, c[9]):
                 change = scale(sub(velocity, (c[3], c[4], c[5])), 2.0 / (dt + c[9]))
-        pull = carried_on(change, (c[6], c[7], c[8]))
+        acceleration = extrapolated(change, (c[6], c[7], c[8]))
         for i in range(3):
-            c[i], c[3 + i], c[6 + i], c[10 + i] = position[i], velocity[i], change[i], pull[i]
+            c[i], c[3 + i], c[6 + i], c[10 + i] = position[i], velocity[i], change[i], acceleration[i]
         c[9] = 0.0 if first else dt
 
 
 @outlined
-def bend_way(scene: Scene, m: Machine, dt: float, part: int, parts: int) -> None:
-    """Let the end of a part of a frame lie on the parabolas of `note_courses`, not on the way straight from the part before.
+def curve_path(scene: Scene, m: Machine, dt: float, part: int, parts: int) -> None:
+    """Let the end of a part of a frame lie on the parabolas of `fit_recorded_paths`, not on straight lines.
 
     Of a parabola p + v u + a u (u - dt) / 2, parted evenly, that is a dt² (parts - part - 1) / (2 parts²) beside it.
     """
@@ -111,19 +111,19 @@ def bend_way(scene: Scene, m: Machine, dt: float, part: int, parts: int) -> None
         if not is_recorded(scene, tree):
             continue
         for i in range(3):
-            aside = share * m.course[tree, 10 + i]
-            if aside != 0.0:
-                m.roots[tree, i] += aside
+            deviation = share * m.recorded_path[tree, 10 + i]
+            if deviation != 0.0:
+                m.roots[tree, i] += deviation
                 for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-                    m.recorded[body, i] += aside
+                    m.recorded[body, i] += deviation
 
 
 @kernel
-def place_simulated(scene: Scene, m: Machine, tree: int, poses: Floats) -> None:
+def pose_simulated(scene: Scene, m: Machine, tree: int, poses: Floats) -> None:
     """Pieces and boxes of a simulated tree at its row of `poses` (B, 7)."""
-    p = m.room.places
+    p = m.workspace.piece_frames
     for frames in (p.base, p.frames, p.moved):
-        place_tree(scene, tree, poses, frames)
+        pose_pieces_of_tree(scene, tree, poses, frames)
     update_boxes(scene, p.base, m.boxes, tree)
 
 
@@ -139,13 +139,13 @@ def recorded_motion(scene: Scene, m: Machine, tree: int) -> float:
 
 
 @outlined
-def turns_of(scene: Scene, m: Machine, dt: float) -> int:
+def substeps_of(scene: Scene, m: Machine, dt: float) -> int:
     """In how many parts of a frame driven and simulated bodies take turns.
 
     A driven body stands still for the rest of its part once a simulated one is in its way, however fast that is pushed
-    off. Where they may meet, parts are no longer than `TURN`, so that what comes of it does not hang on the frame rate.
+    off. Where they may meet, parts are no longer than `SUBSTEP`, so that what comes of it does not hang on the frame rate.
     """
-    most = math.ceil(dt / TURN - SPARE)
+    most = math.ceil(dt / SUBSTEP - STEP_TOLERANCE)
     if most <= 1:
         return 1
     for tree in range(len(scene.trees.role)):
@@ -165,7 +165,7 @@ def turns_of(scene: Scene, m: Machine, dt: float) -> int:
                 if not apart(
                     m.boxes.body_low, m.boxes.body_high, m.boxes.body_low, m.boxes.body_high, link, body, reach
                 ):
-                    return min(most, MOST_TURNS)
+                    return min(most, MAX_SUBSTEPS)
     return 1
 
 
@@ -248,7 +248,7 @@ def move_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
         impacts = advance_together(scene, m, roots, angles, dt)
         m.simulated.counts[0].rows = 0
     for tree in range(len(scene.trees.role)):
-        m.room.work.ignored[tree] = 1 if scene.trees.role[tree] == SIMULATED else 0
+        m.workspace.work.ignored[tree] = 1 if scene.trees.role[tree] == SIMULATED else 0
         if scene.trees.role[tree] == DRIVEN:
             if c.trees[tree].solved == 0:
                 c.trees[tree].pressed = 0
@@ -263,21 +263,21 @@ def simulate_rest(scene: Scene, m: Machine, most_impacts: int) -> tuple[int, int
     """Move the simulated bodies that met no driven one; ends the frame of the simulated loop. Returns impacts and flags."""
     impacts, flags = end_frame(m.simulated, most_impacts, m.coupled.solve[0].awake == 1)
     for tree in range(len(scene.trees.role)):
-        m.room.work.ignored[tree] = 0
+        m.workspace.work.ignored[tree] = 0
         if m.driven.given[tree] == GIVEN:
             m.driven.given[tree] = WAS_GIVEN
         if scene.trees.role[tree] == SIMULATED:
             body = scene.trees.body_start[tree]
             for k in range(7):
                 m.recorded[body, k] = m.corrected[body, k]
-            place_simulated(scene, m, tree, m.corrected)
+            pose_simulated(scene, m, tree, m.corrected)
     return impacts, flags
 
 
 @outlined
-def yield_to_simulated(scene: Scene, m: Machine, knobs: Knobs) -> int:
+def yield_to_simulated(scene: Scene, m: Machine, params: StepParameters) -> int:
     """Where a simulated body ended inside a driven one, the driven one gives way. Returns the rounds this took."""
-    p, near = m.room.places, m.room.near
+    p, near = m.workspace.piece_frames, m.workspace.near
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
             update_boxes(scene, p.frames, m.boxes, tree)
@@ -285,7 +285,7 @@ def yield_to_simulated(scene: Scene, m: Machine, knobs: Knobs) -> int:
     for k in range(near.filled[0]):
         if near.separation[k] < -LEAST_OVERLAP and scene.trees.role[near.tree_b[k]] == SIMULATED:
             note_simulated(scene, m)
-            rounds = give_way_by_method(scene, m, knobs.method)
+            rounds = give_way_by_method(scene, m, params.method)
             shift_driven(scene, m)
             return rounds
     return 0

@@ -63,7 +63,7 @@ def solves(scene: Scene, c: Coupled, tree: int) -> bool:
 @kernel
 def difference(scene: Scene, m: Machine, q: int, value: float) -> float:
     """An offset of a joint; whole turns of one that goes round are none."""
-    if m.room.links.rounds[q] == 1:
+    if m.workspace.links.rounds[q] == 1:
         value -= 2.0 * math.pi * math.floor(value / (2.0 * math.pi) + 0.5)
     return value
 
@@ -98,9 +98,9 @@ def load_unknowns(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
             x.recorded_before = x.recorded_rate
             x.recorded_rate = change / dt if abs(change) < JUMP else 0.0
         corrected, recorded = orientation_of(state.last.roots, tree), orientation_of(state.recorded.roots, tree)
-        set_quat(t.turn, (0.0, 0.0, 0.0, 1.0))
+        set_quat(t.rotation_offset, (0.0, 0.0, 0.0, 1.0))
         if corrected != recorded:
-            set_quat(t.turn, quat_mul(corrected, quat_conjugate(recorded)))
+            set_quat(t.rotation_offset, quat_mul(corrected, quat_conjugate(recorded)))
         if t.pressed == 1:
             keep_world_velocity(scene, c, tree)
         forget_bad_rates(c, 3 * tree, 3 * tree + 3)
@@ -131,15 +131,15 @@ def keep_world_velocity(scene: Scene, c: Coupled, tree: int) -> None:
 
 
 @kernel
-def relax_turn(scene: Scene, c: Coupled, tree: int, dt: float) -> None:
+def relax_rotation(scene: Scene, c: Coupled, tree: int, dt: float) -> None:
     """Let what the root is rotated by beside its recording go back by (6)."""
     t = c.trees[tree]
-    if t.turn[0] == 0.0 and t.turn[1] == 0.0 and t.turn[2] == 0.0:
+    if t.rotation_offset[0] == 0.0 and t.rotation_offset[1] == 0.0 and t.rotation_offset[2] == 0.0:
         return
-    v = rotation_vector(quat_of(t.turn))
+    v = rotation_vector(quat_of(t.rotation_offset))
     k, m, r = scene.trees.stiffness[tree], scene.trees.mass[tree], scene.trees.damping[tree]
     share = relax(1.0, 0.0, m, k, r, dt)[0]
-    set_quat(t.turn, quat_from_rotation_vector((share * v[0], share * v[1], share * v[2])))
+    set_quat(t.rotation_offset, quat_from_rotation_vector((share * v[0], share * v[1], share * v[2])))
 
 
 @outlined
@@ -149,9 +149,9 @@ def pose_driven(
     """A driven tree at its offsets from the recording a share of the way through the part, into a posture."""
     c = m.coupled
     rotation = slerp(orientation_of(c.begin.roots, tree), orientation_of(roots, tree), share)
-    turn = quat_of(c.trees[tree].turn)
-    if turn[0] != 0.0 or turn[1] != 0.0 or turn[2] != 0.0:
-        rotation = quat_unit(quat_mul(turn, rotation))
+    rotation_offset = quat_of(c.trees[tree].rotation_offset)
+    if rotation_offset[0] != 0.0 or rotation_offset[1] != 0.0 or rotation_offset[2] != 0.0:
+        rotation = quat_unit(quat_mul(rotation_offset, rotation))
     set_pose(into.roots, tree, (0.0, 0.0, 0.0), rotation)
     for i in range(3):
         a, b = c.begin.roots[tree, i], roots[tree, i]
@@ -161,7 +161,7 @@ def pose_driven(
         if abs(b - a) >= JUMP:
             a = b
         into.angles[q] = a + share * (b - a) + c.unknowns[unknown_of_joint(scene, q)].offset
-    pose_tree(scene, m.room.origins, tree, into.roots, into.angles, into.poses)
+    pose_tree(scene, m.workspace.origins, tree, into.roots, into.angles, into.poses)
 
 
 @kernel
@@ -173,13 +173,13 @@ def begin_step(c: Coupled, first: int, last: int, h: float) -> None:
         x.solved = x.inverse_mass = 0.0
         if x.mass == 0.0:
             continue
-        pull = h * x.stiffness * x.offset
+        impulse = h * x.stiffness * x.offset
         whole = x.mass + h * x.damping + h * h * x.stiffness
         if abs(x.stiffness * x.offset) > x.effort:
-            pull = h * x.effort if x.offset > 0.0 else -h * x.effort
+            impulse = h * x.effort if x.offset > 0.0 else -h * x.effort
             whole = x.mass + h * x.damping
         x.inverse_mass = 1.0 / whole
-        x.solved = (x.mass * x.rate - pull) / whole
+        x.solved = (x.mass * x.rate - impulse) / whole
 
 
 @kernel

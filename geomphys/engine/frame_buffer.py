@@ -21,10 +21,10 @@ Ints = NDArray[np.int64]
 
 FRAMES = 64  # a block
 CONTACTS = 1 << 14  # rows for a block
-SPARE = 1 << 12  # rows a frame may need; a block ends early when fewer are left
+RESERVE = 1 << 12  # rows a frame may need; a block ends early when fewer are left
 
 # columns of `Block.lengths` and `Block.numbers`
-RECORDED, RESIDUAL, CORRECTION, TURN, AMPLIFICATION, FINGERTIP_ERROR, PRECISION, ALIGNMENT = range(8)
+RECORDED, RESIDUAL, CORRECTION, ROTATION, AMPLIFICATION, FINGERTIP_ERROR, PRECISION, ALIGNMENT = range(8)
 ITERATIONS, IMPACTS, FALLBACKS, FLAGS, CONTACTS_RECORDED, CONTACTS_KEPT, GRASPS_RECORDED, GRASPS_KEPT = range(8)
 
 
@@ -62,12 +62,12 @@ def make_block(moving: Ints, rest: Floats, dofs: int, frames: int = FRAMES) -> B
 
 
 @kernel
-def has_room(block: Block, frame: int) -> bool:
+def has_capacity(block: Block, frame: int) -> bool:
     """Whether a frame's contacts and depths surely fit."""
     return (
         frame < len(block.angles)
-        and len(block.contact_bodies) - block.contact_end[frame] >= SPARE
-        and len(block.depth_bodies) - block.depth_end[frame] >= SPARE
+        and len(block.contact_bodies) - block.contact_end[frame] >= RESERVE
+        and len(block.depth_bodies) - block.depth_end[frame] >= RESERVE
     )
 
 
@@ -174,7 +174,7 @@ def metrics_of(block: Block, frame: int, held: bool, flags: int, motion: Floats)
         impacts=int(numbers[IMPACTS]),
         fallbacks=int(numbers[FALLBACKS]),
         correction_m=float(lengths[CORRECTION]),
-        correction_rad=float(lengths[TURN]),
+        correction_rad=float(lengths[ROTATION]),
         held=held,
         flags=int(numbers[FLAGS]) | flags,
         recorded_speed_m_s=float(motion[0]),

@@ -47,7 +47,7 @@ class _Body:
 
     touched_s: float = 0.0
     held_s: float = 0.0
-    carried_s: float = 0.0  # since it stands on nothing else
+    supported_s: float = 0.0  # since it stands on nothing else
     begin: float = 0.0  # m, its height when that began
     lifted: float = 0.0
     dropped: int = 0
@@ -70,7 +70,7 @@ class GraspMeter:
         gravity = float(np.linalg.norm(world.scene.gravity))
         self._up: Floats = -world.scene.gravity / gravity if gravity > 0.0 else np.array([0.0, 0.0, 1.0])
         self._time_ns: int | None = None
-        self._carried: set[int] = set()
+        self._supported: set[int] = set()
 
     def add(self, result: FrameResult) -> tuple[tuple[str, str], ...]:
         """Take one more frame; returns messages (level, text) of what changed in it."""
@@ -79,30 +79,30 @@ class GraspMeter:
             return ()
         dt = (self._time_ns - before) * 1e-9
         contacts, role = result.contacts, self._scene.bodies.role
-        if not self._carried and not contacts.normal_impulse.any():
+        if not self._supported and not contacts.normal_impulse.any():
             return ()
         gripping = ((role[contacts.body_a] == DRIVEN) | (role[contacts.body_b] == DRIVEN)) & (
             contacts.normal_impulse > 0.0
         )
         near = {*contacts.body_a[gripping].tolist(), *contacts.body_b[gripping].tolist()} & self._bodies.keys()
         messages: list[tuple[str, str]] = []
-        for body in sorted(near | self._carried):
+        for body in sorted(near | self._supported):
             messages += self._follow(body, self._bodies[body], result, dt)
-        self._carried = {body for body in near | self._carried if self._bodies[body].carried_s > 0.0}
+        self._supported = {body for body in near | self._supported if self._bodies[body].supported_s > 0.0}
         return tuple(messages)
 
     def _follow(self, body: int, seen: _Body, result: FrameResult, dt: float) -> list[tuple[str, str]]:
         contacts, name = result.contacts, self._names[body]
-        mine = (contacts.body_a == body) | (contacts.body_b == body)
+        of_body = (contacts.body_a == body) | (contacts.body_b == body)
         other = np.where(contacts.body_a == body, contacts.body_b, contacts.body_a)
         role, forces = self._scene.bodies.role[other], contacts.normal_impulse / dt
-        gripping = mine & (role == DRIVEN) & (forces > 0.0)
-        force, rest = float(forces[gripping].sum()), float(forces[mine & (role != DRIVEN)].sum())
+        gripping = of_body & (role == DRIVEN) & (forces > 0.0)
+        force, rest = float(forces[gripping].sum()), float(forces[of_body & (role != DRIVEN)].sum())
         height = float(result.corrected[body, :3] @ self._up)
-        was_held = seen.carried_s >= HELD_FOR
+        was_held = seen.supported_s >= HELD_FOR
         if force <= LEAST_FORCE:
             dropped = was_held and rest <= LEAST_FORCE
-            seen.carried_s, seen.centre, seen.velocity = 0.0, None, None
+            seen.supported_s, seen.centre, seen.velocity = 0.0, None, None
             seen.dropped += dropped
             if was_held:
                 return [("warning" if dropped else "info", f"{name}: {'dropped' if dropped else 'set down'}")]
@@ -114,15 +114,15 @@ class GraspMeter:
         )
         seen.forces[0].append(force)
         if rest > LEAST_FORCE:
-            seen.carried_s = 0.0
+            seen.supported_s = 0.0
             return [("info", f"{name}: set down")] if was_held else []
-        if seen.carried_s == 0.0:
+        if seen.supported_s == 0.0:
             seen.begin = height
-        seen.carried_s += dt
+        seen.supported_s += dt
         seen.lifted = max(seen.lifted, height - seen.begin)
-        if seen.carried_s < HELD_FOR:
+        if seen.supported_s < HELD_FOR:
             return []
-        seen.held_s += dt if was_held else seen.carried_s
+        seen.held_s += dt if was_held else seen.supported_s
         seen.forces[1].append(force)
         materials, friction = self._scene.bodies.material, self._scene.materials.friction
         available = float((friction[materials[body], materials[other[gripping]]] * forces[gripping]).sum())

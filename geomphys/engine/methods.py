@@ -31,7 +31,7 @@ def _update(
     dt: float,
 ) -> Outcome:
     if exact is not None:
-        return update_driven(scene, m.driven, m.room, roots, angles, m.recorded, dt, exact)
+        return update_driven(scene, m.driven, m.workspace, roots, angles, m.recorded, dt, exact)
     if paper is not None:
         return update_driven_as_published(scene, m.driven, paper, roots, angles, m.recorded, dt)
     return Outcome(0, GLOBAL, 0, False, False)
@@ -46,7 +46,7 @@ def update_by_method(scene: Scene, m: Machine, method: Method, roots: Floats, an
 @kernel
 def _give_way(exact: float | None, paper: PaperWorkspace | None, scene: Scene, m: Machine) -> int:
     if exact is not None:
-        return give_way(scene, m.driven, m.room, m.recorded, exact)
+        return give_way(scene, m.driven, m.workspace, m.recorded, exact)
     if paper is not None:
         return give_way_as_published(scene, m.driven, paper, m.recorded)
     return 0

@@ -86,9 +86,9 @@ class MissedMotion:
             seen.accelerations.add(value)
         last, step = count - 1, float(steps[count - 1])
         before = (roots[last - 1], angles[last - 1]) if last else (seen.root, seen.angles)
-        turn = float(angle_between(roots[last, 3:], before[0][3:]))
+        rotation = float(angle_between(roots[last, 3:], before[0][3:]))
         change = float(np.abs(angles[last] - before[1]).max(initial=0.0))
-        seen.speeds = np.array([np.linalg.norm(velocities[last]), turn / step, change / step])
+        seen.speeds = np.array([np.linalg.norm(velocities[last]), rotation / step, change / step])
         seen.largest, seen.velocity = seen.speeds, velocities[last]
         seen.root, seen.angles = roots[last].copy(), angles[last].copy()
         return count
@@ -100,17 +100,17 @@ class MissedMotion:
             if seen is None:
                 self._trees[tree] = _Tree(root.copy(), angles.copy(), held)
             return False
-        turn = Rotation.from_quat(root[3:]) * Rotation.from_quat(seen.root[3:]).inv()
+        rotation = Rotation.from_quat(root[3:]) * Rotation.from_quat(seen.root[3:]).inv()
         change = angles - seen.angles
         velocity = (root[:3] - seen.root[:3]) / dt
-        speeds = np.array([np.linalg.norm(velocity), turn.magnitude() / dt, np.abs(change).max(initial=0.0) / dt])
+        speeds = np.array([np.linalg.norm(velocity), rotation.magnitude() / dt, np.abs(change).max(initial=0.0) / dt])
         still = not speeds.any()
         acceleration = float(np.linalg.norm(velocity - seen.velocity)) / dt
         jumped = self._jumps(seen, acceleration) and not held
         if (seen.held and not held) or jumped:
             before = seen.missed or (np.zeros(3), Rotation.identity(), np.zeros(len(angles)))
             at = seen.root[:3] + before[0] - root[:3]
-            seen.missed = at, before[1] * turn.inv(), before[2] - change
+            seen.missed = at, before[1] * rotation.inv(), before[2] - change
             seen.largest, seen.catching, speeds = np.maximum(seen.largest, seen.speeds), 0.0, np.zeros(3)
         elif not held:
             seen.speeds = speeds
@@ -144,10 +144,12 @@ class MissedMotion:
         seen.catching += dt
         share = min(1.0, seen.catching / GROWTH)
         ways = share * dt * np.maximum(MOST * seen.largest - speeds, np.array(SLOWEST))
-        way, turn, change = seen.missed
-        left, angle = float(np.linalg.norm(way)), float(turn.magnitude())
+        way, rotation, change = seen.missed
+        left, angle = float(np.linalg.norm(way)), float(rotation.magnitude())
         way = way * (max(0.0, left - ways[0]) / left if left > NOTHING else 0.0)
-        turn = Rotation.from_rotvec(turn.as_rotvec() * (max(0.0, angle - ways[1]) / angle if angle > NOTHING else 0.0))
+        rotation = Rotation.from_rotvec(
+            rotation.as_rotvec() * (max(0.0, angle - ways[1]) / angle if angle > NOTHING else 0.0)
+        )
         change = np.sign(change) * np.maximum(0.0, np.abs(change) - ways[2])
-        done = not way.any() and turn.magnitude() == 0.0 and not change.any()
-        seen.missed = None if done or math.isnan(left) else (way, turn, change)
+        done = not way.any() and rotation.magnitude() == 0.0 and not change.any()
+        seen.missed = None if done or math.isnan(left) else (way, rotation, change)

@@ -24,7 +24,7 @@ from geomphys.engine.frame_buffer import (
     GRASPS_RECORDED,
     PRECISION,
     RECORDED,
-    TURN,
+    ROTATION,
 )
 from geomphys.engine.state import Machine
 from geomphys.jit.kernel import kernel, outlined
@@ -45,7 +45,7 @@ DEEP = 5e-4  # m: amplification is measured in frames recorded deeper than this
 @kernel
 def _find_contacts(scene: Scene, m: Machine, frames: Floats, contacts: TipContacts) -> int:
     """Fill the contacts of fingertips with pieces at `frames` (P, 12), whose boxes are up to date; returns their number."""
-    near, tips, found = m.room.near, m.fingertips, m.room.places.found
+    near, tips, found = m.workspace.near, m.fingertips, m.workspace.piece_frames.found
     last_tree, others, count = -1, 0, 0
     for i in range(len(tips.link)):
         contacts.gap[i] = math.inf
@@ -101,7 +101,7 @@ def largest_offset(scene: Scene, m: Machine) -> float:
 
     Measured at the six middles of the sides of the box (in its own frame) of each of its pieces.
     """
-    base, frames, largest = m.room.places.base, m.room.places.frames, 0.0
+    base, frames, largest = m.workspace.piece_frames.base, m.workspace.piece_frames.frames, 0.0
     for i in range(len(scene.pieces.kind)):
         if scene.bodies.role[scene.pieces.body[i]] != DRIVEN:
             continue
@@ -123,7 +123,9 @@ def _fingertip_error(scene: Scene, m: Machine, in_contact: bool) -> float:
         for j in range(tips.body_start[i], tips.body_start[i + 1]):
             for piece in range(scene.bodies.piece_start[tips.bodies[j]], scene.bodies.piece_start[tips.bodies[j] + 1]):
                 centre = vec_at(scene.pieces.centre, piece)
-                moved = add(moved, _offset(m.room.places.base, m.room.places.frames, piece, centre))
+                moved = add(
+                    moved, _offset(m.workspace.piece_frames.base, m.workspace.piece_frames.frames, piece, centre)
+                )
                 pieces += 1
         total += norm(scale(moved, 1.0 / pieces))
         count += 1
@@ -137,7 +139,7 @@ def _compare_contacts(m: Machine, lengths: Floats) -> int:
     Points and normals are compared as the recorded object carries them: it may have been corrected too.
     """
     tips, count, distance, rotation = m.fingertips, 0, 0.0, 0.0
-    base, frames = m.room.places.base, m.room.places.frames
+    base, frames = m.workspace.piece_frames.base, m.workspace.piece_frames.frames
     for i in range(len(tips.link)):
         before, after = tips.recorded.gap[i], tips.corrected.gap[i]
         tips.is_retained[i] = int(before <= IN_CONTACT and after <= max(RETAINED, before + ROUNDING))
@@ -178,9 +180,9 @@ def measure_motion(scene: Scene, m: Machine, lengths: Floats, numbers: Ints) -> 
 
     Written to `lengths` and `numbers`, the frame's rows of the block.
     """
-    base, frames, tips = m.room.places.base, m.room.places.frames, m.fingertips
+    base, frames, tips = m.workspace.piece_frames.base, m.workspace.piece_frames.frames, m.fingertips
     lengths[AMPLIFICATION] = lengths[FINGERTIP_ERROR] = lengths[PRECISION] = lengths[ALIGNMENT] = 0.0
-    if lengths[CORRECTION] == 0.0 and lengths[TURN] == 0.0:
+    if lengths[CORRECTION] == 0.0 and lengths[ROTATION] == 0.0:
         count = _find_contacts(scene, m, frames, tips.recorded)
         numbers[CONTACTS_RECORDED] = numbers[CONTACTS_KEPT] = count
         numbers[GRASPS_RECORDED] = numbers[GRASPS_KEPT] = _count_grasps(scene, m, False) if count > 1 else 0

@@ -15,7 +15,7 @@ from geomphys.engine.frame_buffer import Block, contacts_of, make_block, metrics
 from geomphys.engine.grasps import GraspMeter
 from geomphys.engine.log_messages import FrameReporter, Message
 from geomphys.engine.missed_motion import MissedMotion
-from geomphys.engine.state import NEAR_PAIRS, Knobs, Method, make_machine
+from geomphys.engine.state import NEAR_PAIRS, Method, StepParameters, make_machine
 from geomphys.engine.step import WHOLE, Recording, run_block, run_block_as_published
 from geomphys.errors import GeomphysError
 from geomphys.jit.packed_records import pack
@@ -51,9 +51,9 @@ class Pipeline:
         self.machine = make_machine(world.scene, config.max_iterations, thumbs_of(world))
         method, self._run_block = Method(config.gap, None), run_block
         if config.method == "paper":
-            paper = make_paper_workspace(world.scene, self.machine.room, config)
+            paper = make_paper_workspace(world.scene, self.machine.workspace, config)
             method, self._run_block = Method(None, pack(paper)), run_block_as_published
-        self.knobs = Knobs(config.gap, config.max_impacts, method)
+        self.params = StepParameters(config.gap, config.max_impacts, method)
         self.blocks = [self._make_block() for _ in range(2)]
         self._packed = pack(world.scene), pack(self.machine)
         self._packed_blocks = {id(block): pack(block) for block in self.blocks}
@@ -71,8 +71,8 @@ class Pipeline:
     def run(self, roots: Floats, angles: Floats, dts: Floats, block: Block) -> int:
         """Step through frames (n, T, 7), (n, Q), (n,) into `block`; returns how many were done."""
         recording = Recording(roots, angles, dts)
-        count: int = self._run_block(*self._packed, recording, self.knobs, self._packed_blocks[id(block)])
-        if count == 0 or self.machine.room.near.lost[0]:
+        count: int = self._run_block(*self._packed, recording, self.params, self._packed_blocks[id(block)])
+        if count == 0 or self.machine.workspace.near.lost[0]:
             raise GeomphysError(
                 f"more than {NEAR_PAIRS} pairs of convex pieces are near each other at once; decompose the meshes into fewer"
             )

@@ -15,7 +15,7 @@ from geomphys.engine.state import Machine
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.results import FLAG_QUARANTINED
 from geomphys.scene.arrays import DRIVEN, Scene
-from geomphys.scene.kinematics import place_tree
+from geomphys.scene.kinematics import pose_pieces_of_tree
 
 Floats = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ def keep_posture(m: Machine) -> None:
 @outlined
 def _put_back(scene: Scene, m: Machine, tree: int, roots: Floats, angles: Floats, first: bool) -> None:
     """A tree goes back to where it was at the frame's start, at rest; in the first frame to where it was recorded."""
-    p, state = m.room.places, m.driven
+    p, state = m.workspace.piece_frames, m.driven
     root, last = scene.trees.body_start[tree], scene.trees.body_start[tree + 1]
     for k in range(7):
         state.last.roots[tree, k] = roots[tree, k] if first else m.start[root, k]
@@ -74,10 +74,10 @@ def _put_back(scene: Scene, m: Machine, tree: int, roots: Floats, angles: Floats
         for k in range(6):
             state.shift[body, k] = state.rate[body, k] = 0.0
     for i in range(3):
-        state.offset[tree, i] = state.speed[tree, i] = state.kept_speed[tree, i] = 0.0
-    note_tree(scene, state, m.room, tree, m.recorded, not first)
-    place_tree(scene, tree, m.corrected, p.frames)
-    place_tree(scene, tree, m.corrected, p.moved)
+        state.offset[tree, i] = state.speed[tree, i] = state.last_speed[tree, i] = 0.0
+    note_tree(scene, state, m.workspace, tree, m.recorded, not first)
+    pose_pieces_of_tree(scene, tree, m.corrected, p.frames)
+    pose_pieces_of_tree(scene, tree, m.corrected, p.moved)
     update_boxes(scene, p.frames, m.boxes, tree)
 
 

@@ -12,12 +12,18 @@ from geomphys.collision.global_depth import GlobalDepths, make_global_depths
 from geomphys.collision.penetration import Scratch, make_scratch
 from geomphys.collision.sweep import Boxes, make_boxes
 from geomphys.driven.paper.state import PaperWorkspace
-from geomphys.driven.state import DrivenRoom, DrivenState, make_driven_room, make_driven_state, make_places
+from geomphys.driven.state import (
+    DrivenState,
+    DrivenWorkspace,
+    make_driven_state,
+    make_driven_workspace,
+    make_piece_frames,
+)
 from geomphys.engine.coupled_state import Coupled, make_coupled
 from geomphys.engine.fingertips import Fingertips, make_fingertips
 from geomphys.jit.packed_records import pack
 from geomphys.scene.arrays import Scene
-from geomphys.scene.kinematics import joint_origins, place_tree, pose_tree
+from geomphys.scene.kinematics import joint_origins, pose_pieces_of_tree, pose_tree
 from geomphys.simulated.allocation import make_simulation
 from geomphys.simulated.state import Simulation
 
@@ -34,7 +40,7 @@ class Method(NamedTuple):
     paper: PaperWorkspace | None  # of the published method
 
 
-class Knobs(NamedTuple):
+class StepParameters(NamedTuple):
     """What the step needs of the configuration."""
 
     gap: float
@@ -48,7 +54,7 @@ class Machine(NamedTuple):
     recorded: Floats  # (B, 7) poses as recorded
     corrected: Floats  # (B, 7)
     driven: DrivenState
-    room: DrivenRoom
+    workspace: DrivenWorkspace
     depths: GlobalDepths
     boxes: Boxes
     still: Floats  # (T, 2) zeros: no tree moves while its overlaps are measured
@@ -56,7 +62,7 @@ class Machine(NamedTuple):
     start: Floats  # (B, 7) poses at the frame's start
     velocity: Floats  # (B, 6) m/s of the centre of mass and rad/s, world, of simulated bodies
     coupled: Coupled
-    course: Floats  # (T, 13) of recorded roots, as `note_courses` fills it
+    recorded_path: Floats  # (T, 13) of recorded roots, as `note_courses` fills it
     roots: Floats  # (T, 7) recorded root poses within a frame
     angles: Floats  # (Q,) recorded angles within a frame
     posture: Floats  # (Q,) angles at the frame's start
@@ -73,37 +79,37 @@ def make_machine(scene: Scene, passes: int = 30, is_thumb: Ints | None = None) -
     """
     trees, bodies = len(scene.trees.role), len(scene.bodies.role)
     dofs, origins = len(scene.dofs.lower), joint_origins(scene)
-    near, places, packed = make_near(NEAR_PAIRS), make_places(scene), pack(scene)
+    near, piece_frames, packed = make_near(NEAR_PAIRS), make_piece_frames(scene), pack(scene)
     poses = np.zeros((bodies, 7))
     for tree in range(trees):
         pose_tree(packed, origins, tree, scene.trees.rest, np.zeros(dofs), poses)
-        for frames in (places.base, places.frames, places.moved):
-            place_tree(packed, tree, poses, frames)
-    boxes, axes, scratch = make_boxes(scene, places.base), make_axes(), make_scratch()
-    room = make_driven_room(scene, poses, origins, places, near, boxes, axes, scratch, passes)
+        for frames in (piece_frames.base, piece_frames.frames, piece_frames.moved):
+            pose_pieces_of_tree(packed, tree, poses, frames)
+    boxes, axes, scratch = make_boxes(scene, piece_frames.base), make_axes(), make_scratch()
+    workspace = make_driven_workspace(scene, poses, origins, piece_frames, near, boxes, axes, scratch, passes)
     corrected, start = poses.copy(), poses.copy()
     velocity = scene.initial_velocity.copy()
     return Machine(
         recorded=poses,
         corrected=corrected,
         driven=make_driven_state(scene, poses),
-        room=room,
+        workspace=workspace,
         depths=make_global_depths(NEAR_PAIRS),
         boxes=boxes,
         still=np.zeros((trees, 2)),
         simulated=make_simulation(
-            scene, poses, start=start, end=corrected, reported=velocity, frames=places.moved,
+            scene, poses, start=start, end=corrected, reported=velocity, frames=piece_frames.moved,
             scratch=scratch,
         ),
         start=start,
         velocity=velocity,
-        coupled=make_coupled(scene, poses, room.links),
-        course=np.zeros((trees, 13)),
+        coupled=make_coupled(scene, poses, workspace.links),
+        recorded_path=np.zeros((trees, 13)),
         roots=np.zeros((trees, 7)),
         angles=np.zeros(dofs),
         posture=np.zeros(dofs),
         axes=axes,
         scratch=scratch,
-        fingertips=make_fingertips(scene, room.links, is_thumb),
+        fingertips=make_fingertips(scene, workspace.links, is_thumb),
         tip_axes=make_axes(1 << 10),
     )  # fmt: skip

@@ -15,15 +15,15 @@ from geomphys.driven.contacts_kept import RECORDED_ON, note_touches
 from geomphys.driven.groups import Outcome
 from geomphys.driven.postures import is_recorded
 from geomphys.engine.coupled_step import (
-    bend_way,
+    curve_path,
+    fit_recorded_paths,
     is_pressed,
     move_together,
-    note_courses,
     note_simulated,
     recording_between,
     shift_driven,
     simulate_rest,
-    turns_of,
+    substeps_of,
     yield_to_simulated,
 )
 from geomphys.engine.frame_buffer import (
@@ -34,21 +34,21 @@ from geomphys.engine.frame_buffer import (
     ITERATIONS,
     RECORDED,
     RESIDUAL,
-    TURN,
+    ROTATION,
     Block,
-    has_room,
+    has_capacity,
     write_contacts,
     write_depths,
 )
 from geomphys.engine.methods import update_by_method
 from geomphys.engine.motion_measures import measure_motion
 from geomphys.engine.quarantine import contain_driven, keep_posture
-from geomphys.engine.state import Knobs, Machine
+from geomphys.engine.state import Machine, StepParameters
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.jit.stage_clock import cycles
 from geomphys.results import FLAG_BLOCKED, FLAG_NOT_CONVERGED, FLAG_SHAPE_CHANGED, FLAG_STARTED_INSIDE
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
-from geomphys.scene.kinematics import place_tree, pose_tree
+from geomphys.scene.kinematics import pose_pieces_of_tree, pose_tree
 from geomphys.simulated.frame_contacts import deepest_overlap, deepest_overlap_at_start, write_touches
 
 Floats = NDArray[np.float64]
@@ -71,14 +71,14 @@ class Recording(NamedTuple):
 
 
 @outlined
-def place_recording(scene: Scene, m: Machine, roots: Floats, angles: Floats) -> None:
+def pose_recording(scene: Scene, m: Machine, roots: Floats, angles: Floats) -> None:
     """Forward kinematics of all trees the recording moves; their pieces and boxes as recorded."""
     for tree in range(len(scene.trees.role)):
         if not is_recorded(scene, tree):
             continue
-        pose_tree(scene, m.room.origins, tree, roots, angles, m.recorded)
-        place_tree(scene, tree, m.recorded, m.room.places.base)
-        update_boxes(scene, m.room.places.base, m.boxes, tree)
+        pose_tree(scene, m.workspace.origins, tree, roots, angles, m.recorded)
+        pose_pieces_of_tree(scene, tree, m.recorded, m.workspace.piece_frames.base)
+        update_boxes(scene, m.workspace.piece_frames.base, m.boxes, tree)
 
 
 @outlined
@@ -86,17 +86,26 @@ def measure_recorded(scene: Scene, m: Machine) -> float:
     """Overlaps of the recorded poses: fills `near` and `depths`; returns the deepest [m] of driven bodies with fixed and
     other driven ones.
     """
-    near, depth, touching = m.room.near, m.room.work.depth, 0.0
+    near, depth, touching = m.workspace.near, m.workspace.work.depth, 0.0
     for tree in range(len(scene.trees.role)):
         depth[tree] = 0.0
         if scene.trees.role[tree] == DRIVEN and scene.trees.chains[tree] == 1:
             touching = RECORDED_ON
     find_near(
-        scene, m.room.places.base, m.boxes, m.still, touching, math.inf, near, m.room.places.found, m.axes, m.scratch
+        scene,
+        m.workspace.piece_frames.base,
+        m.boxes,
+        m.still,
+        touching,
+        math.inf,
+        near,
+        m.workspace.piece_frames.found,
+        m.axes,
+        m.scratch,
     )
     global_depths(scene.pieces, near, m.depths)
     if touching > 0.0:
-        note_touches(scene, m.room, near)
+        note_touches(scene, m.workspace, near)
     deepest = 0.0
     for k in range(near.filled[0]):
         deep = -near.separation[k]
@@ -112,19 +121,21 @@ def find_contacts(scene: Scene, m: Machine, gap: float, first: bool, block: Bloc
     """Contacts of the final poses, written to `block`; returns the deepest overlaps that are left [m]: of all, of driven
     bodies.
     """
-    places, near = m.room.places, m.room.near
+    piece_frames, near = m.workspace.piece_frames, m.workspace.near
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
-            update_boxes(scene, places.frames, m.boxes, tree)
-    room = CONTACT_GAPS * gap
-    find_near(scene, places.frames, m.boxes, m.still, room, math.inf, near, places.found, m.axes, m.scratch)
-    of_driven = write_contacts(scene, places.frames, near, m.driven.offset, block, frame, m.scratch)
+            update_boxes(scene, piece_frames.frames, m.boxes, tree)
+    margin = CONTACT_GAPS * gap
+    find_near(
+        scene, piece_frames.frames, m.boxes, m.still, margin, math.inf, near, piece_frames.found, m.axes, m.scratch
+    )
+    of_driven = write_contacts(scene, piece_frames.frames, near, m.driven.offset, block, frame, m.scratch)
     deepest = of_driven
     if len(m.simulated.free) > 0:
         left = (
-            deepest_overlap_at_start(m.simulated, places.frames)
+            deepest_overlap_at_start(m.simulated, piece_frames.frames)
             if first
-            else deepest_overlap(m.simulated, places.frames)
+            else deepest_overlap(m.simulated, piece_frames.frames)
         )
         deepest = max(deepest, left)
         block.contact_end[frame + 1] = write_touches(
@@ -136,7 +147,7 @@ def find_contacts(scene: Scene, m: Machine, gap: float, first: bool, block: Bloc
 @kernel
 def measure_correction(scene: Scene, m: Machine, lengths: Floats) -> None:
     """Largest distance and angle of a driven body from where it was recorded, into `lengths`."""
-    far, turn = 0.0, 0.0
+    far, rotation = 0.0, 0.0
     for body in range(len(scene.bodies.role)):
         if scene.bodies.role[body] != DRIVEN:
             continue
@@ -147,8 +158,8 @@ def measure_correction(scene: Scene, m: Machine, lengths: Floats) -> None:
             same += (m.corrected[body, k] - m.recorded[body, k]) ** 2
             opposite += (m.corrected[body, k] + m.recorded[body, k]) ** 2
         far = max(far, np.sqrt(square))
-        turn = max(turn, 4.0 * np.arcsin(min(1.0, 0.5 * np.sqrt(min(same, opposite)))))
-    lengths[CORRECTION], lengths[TURN] = far, turn
+        rotation = max(rotation, 4.0 * np.arcsin(min(1.0, 0.5 * np.sqrt(min(same, opposite)))))
+    lengths[CORRECTION], lengths[ROTATION] = far, rotation
 
 
 @kernel
@@ -162,17 +173,19 @@ def keep_poses(scene: Scene, m: Machine) -> None:
 
 
 @outlined
-def drive(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float, first: bool, knobs: Knobs) -> Outcome:
+def drive(
+    scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float, first: bool, params: StepParameters
+) -> Outcome:
     """The driven loop's turn: driven bodies go on to the roots (T, 7) and angles (Q,) recorded `dt` [s] later."""
     note_simulated(scene, m)
-    done = update_by_method(scene, m, knobs.method, roots, angles, dt)
+    done = update_by_method(scene, m, params.method, roots, angles, dt)
     shift_driven(scene, m)
     return done
 
 
 @kernel
 def step(
-    scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float, knobs: Knobs, block: Block, frame: int
+    scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float, params: StepParameters, block: Block, frame: int
 ) -> None:
     """One frame: from the recorded roots (T, 7) and angles (Q,) to its row of `block`.
 
@@ -182,13 +195,13 @@ def step(
     first = m.driven.started[0] == 0
     t0 = cycles()
     keep_poses(scene, m)
-    place_recording(scene, m, roots, angles)
+    pose_recording(scene, m, roots, angles)
     t1 = cycles()
     lengths[RECORDED] = measure_recorded(scene, m)
     t2 = cycles()
     if len(m.simulated.free) > 0:
-        note_courses(scene, m, roots, dt, first)
-    parts = 1 if first or knobs.method.paper is not None else turns_of(scene, m, dt)
+        fit_recorded_paths(scene, m, roots, dt, first)
+    parts = 1 if first or params.method.paper is not None else substeps_of(scene, m, dt)
     impacts, flags, simulating = 0, 0, 0
     done = Outcome(0, 0, 0, True, False)
     for part in range(parts):
@@ -196,38 +209,38 @@ def step(
         if part > 0:
             keep_poses(scene, m)
         if last and parts > 1:
-            place_recording(scene, m, roots, angles)
+            pose_recording(scene, m, roots, angles)
         if not last:
             recording_between(
-                scene, m.room.origins, m.driven.recorded.roots, m.driven.recorded.angles, roots, angles, 1.0 / (parts - part),
-                m.roots, m.angles, m.recorded,
+                scene, m.workspace.origins, m.driven.recorded.roots, m.driven.recorded.angles, roots, angles,
+                1.0 / (parts - part), m.roots, m.angles, m.recorded,
             )  # fmt: skip
-            bend_way(scene, m, dt, part, parts)
-        now_at, bent = (roots, angles) if last else (m.roots, m.angles)
+            curve_path(scene, m, dt, part, parts)
+        now_at, joint_values = (roots, angles) if last else (m.roots, m.angles)
         t3 = cycles()
         moves = not first and len(m.simulated.free) > 0 and dt > 0.0
         if moves:
-            impacts += move_together(scene, m, now_at, bent, dt / parts, knobs.gap, part > 0)
+            impacts += move_together(scene, m, now_at, joint_values, dt / parts, params.gap, part > 0)
         simulating += cycles() - t3
-        more = drive(scene, m, now_at, bent, dt / parts, first, knobs)
+        more = drive(scene, m, now_at, joint_values, dt / parts, first, params)
         done = Outcome(
             done.rounds + more.rounds,
             max(done.method, more.method),
-            done.rescues + more.rescues,
+            done.fallbacks + more.fallbacks,
             done.converged and more.converged,
             done.yielded or more.yielded,
         )
-        flags |= contain_driven(scene, m, now_at, bent, first)
+        flags |= contain_driven(scene, m, now_at, joint_values, first)
         t3 = cycles()
         if moves:
-            now, flagged = simulate_rest(scene, m, knobs.max_impacts - impacts)
+            now, flagged = simulate_rest(scene, m, params.max_impacts - impacts)
             impacts, flags = impacts + now, flags | flagged
-            if yield_to_simulated(scene, m, knobs) > 0:
-                flags |= contain_driven(scene, m, now_at, bent, first)
+            if yield_to_simulated(scene, m, params) > 0:
+                flags |= contain_driven(scene, m, now_at, joint_values, first)
         simulating += cycles() - t3
     t4 = cycles()
     write_depths(block, frame, m.depths, done.method)
-    lengths[RESIDUAL], left = find_contacts(scene, m, knobs.gap, first, block, frame)
+    lengths[RESIDUAL], left = find_contacts(scene, m, params.gap, first, block, frame)
     measure_correction(scene, m, lengths)
     measure_motion(scene, m, lengths, numbers)
     t5 = cycles()
@@ -241,7 +254,7 @@ def step(
     numbers[ITERATIONS], numbers[IMPACTS], numbers[FALLBACKS], numbers[FLAGS] = (
         done.rounds,
         impacts,
-        done.rescues,
+        done.fallbacks,
         flags,
     )
     if not done.converged or left > LEFT or (not first and lengths[RESIDUAL] > SUNK):
@@ -266,7 +279,7 @@ def run_block(
     scene: Scene,
     m: Machine,
     recording: Recording,
-    knobs: Knobs,
+    params: StepParameters,
     block: Block,
 ) -> int:
     """Step through frames.
@@ -283,19 +296,19 @@ def run_block(
     Returns
     -------
     int
-        How many frames were done before `block` had no more room: at least one.
+        How many frames were done before `block` was full: at least one.
     """
     block.contact_end[0] = block.depth_end[0] = 0
     for frame in range(len(recording.dts)):
-        if not has_room(block, frame):
+        if not has_capacity(block, frame):
             return frame
-        step(scene, m, recording.roots[frame], recording.angles[frame], recording.dts[frame], knobs, block, frame)
-        if m.room.near.lost[0] > 0:  # more than there is room for: the caller ends the replay
+        step(scene, m, recording.roots[frame], recording.angles[frame], recording.dts[frame], params, block, frame)
+        if m.workspace.near.lost[0] > 0:  # the table of near pairs is full: the caller ends the replay
             return frame
     return len(recording.dts)
 
 
 @kernel
-def run_block_as_published(scene: Scene, m: Machine, recording: Recording, knobs: Knobs, block: Block) -> int:
+def run_block_as_published(scene: Scene, m: Machine, recording: Recording, params: StepParameters, block: Block) -> int:
     """`run_block` with a `Method` of the paper: an entry of its own, so that its machine code is found by its name."""
-    return run_block(scene, m, recording, knobs, block)
+    return run_block(scene, m, recording, params, block)

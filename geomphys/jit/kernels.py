@@ -21,7 +21,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import lower_builtin, overload, type_callable
 
-from geomphys.jit.products import Key, Place, symbol_of
+from geomphys.jit.products import CacheEntry, Key, symbol_of
 from geomphys.jit.returns import declared_return
 from geomphys.jit.slots import make_slots, requested, units
 from geomphys.jit.work import complete, undisturbed
@@ -88,17 +88,17 @@ class Kernel:
         return entry(*args)
 
     def _enter(self, kinds: tuple[Any, ...]) -> Any:
-        place = Place(f"{symbol_of(self.key(kinds))}.entry")
-        with undisturbed(), place.locked(wait=True):
-            product = place.find()
+        stored = CacheEntry(f"{symbol_of(self.key(kinds))}.entry")
+        with undisturbed(), stored.locked(wait=True):
+            product = stored.find()
             needs = [] if product is None else product.callees()
             make_slots(needs)
-            dispatcher = place.make(lambda cache: self._compiled(kinds, cache and self.cached))
+            dispatcher = stored.make(lambda cache: self._compiled(kinds, cache and self.cached))
             if not dispatcher.stats.cache_hits:
                 needs = self.needs()
             complete(needs)
             if not dispatcher.stats.cache_hits:
-                place.save(needs)
+                stored.save(needs)
         return dispatcher
 
     def _compiled(self, kinds: tuple[Any, ...], cache: bool) -> Any:
@@ -154,10 +154,10 @@ class Outlined(Kernel):
         """What it is annotated to return."""
         return declared_return(self.py_func)
 
-    def make(self, key: Key, place: Place) -> Any:
+    def make(self, key: Key, stored: CacheEntry) -> Any:
         """Have numba compile it, or load what it has cached."""
         signature = self.returns(*key.types)
-        return place.make(lambda cache: numba.cfunc(signature, cache=cache and self.cached, **OPTIONS)(self.py_func))
+        return stored.make(lambda cache: numba.cfunc(signature, cache=cache and self.cached, **OPTIONS)(self.py_func))
 
 
 @lru_cache(maxsize=256)

@@ -42,7 +42,7 @@ class PackType(types.Type):
         name: str = self.name
         return name
 
-    def place(self, name: str) -> tuple[int, types.Type]:
+    def locate(self, name: str) -> tuple[int, types.Type]:
         """Byte offset of a field in the block, and its type."""
         offset = 0
         for field, kind in self.fields:
@@ -133,15 +133,15 @@ class _PackAttributes(AttributeTemplate):  # type: ignore[misc]
 def _load(builder: Any, block: Any, offset: int) -> Any:
     """A word of the block. It never changes, so LLVM may load it once."""
     word = ir.IntType(64)
-    place = builder.bitcast(builder.gep(block, [ir.Constant(word, offset)]), word.as_pointer())
-    value = builder.load(place)
+    address_of_field = builder.bitcast(builder.gep(block, [ir.Constant(word, offset)]), word.as_pointer())
+    value = builder.load(address_of_field)
     value.set_metadata("invariant.load", builder.module.add_metadata([]))
     return value
 
 
 @lower_getattr_generic(PackType)
 def _lower_attribute(context: Any, builder: Any, kind: PackType, block: Any, name: str) -> Any:
-    offset, field = kind.place(name)
+    offset, field = kind.locate(name)
     address = _load(builder, block, offset)
     if isinstance(field, PackType):
         return builder.inttoptr(address, ir.IntType(8).as_pointer())

@@ -61,7 +61,7 @@ def symbol_of(key: Key) -> str:
     return f"{key.module}.{key.name}.{digest}"
 
 
-class Place:
+class CacheEntry:
     """The folder numba keeps one kernel in, and the product that vouches for what is there.
 
     numba trusts the files it finds, which are pickles. A product holds their digests: files that it does not vouch for are

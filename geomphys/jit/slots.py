@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 import llvmlite.binding
 
-from geomphys.jit.products import Key, Place, symbol_of
+from geomphys.jit.products import CacheEntry, Key, symbol_of
 
 
 class Unit(Protocol):
@@ -16,7 +16,7 @@ class Unit(Protocol):
     loaded: dict[Key, tuple[Any, list[Key]]]
     """numba's functions, and what they jump to."""
 
-    def make(self, key: Key, place: Place) -> Any:
+    def make(self, key: Key, stored: CacheEntry) -> Any:
         """Have numba compile it, or load what it has cached."""
 
     def needs(self) -> list[Key]:

@@ -18,7 +18,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 
-from geomphys.jit.products import Key, Place, plain_key, symbol_of
+from geomphys.jit.products import CacheEntry, Key, plain_key, symbol_of
 from geomphys.jit.slots import Unit, fill_slot, is_loaded, make_slots, units
 
 MOST_PROCESSES = 4
@@ -30,13 +30,13 @@ WORTHWHILE = 6
 LOOK_AGAIN_S = 0.02
 """While others are at all that is left."""
 
-Tell = Callable[[int, int], None]
+Listener = Callable[[int, int], None]
 
-_listeners: list[Tell] = []
+_listeners: list[Listener] = []
 
 
 @contextmanager
-def telling(listener: Tell | None) -> Iterator[None]:
+def telling(listener: Listener | None) -> Iterator[None]:
     """Within the block, `listener` is told how many kernels are compiled, and how many are known to be needed.
 
     What it raises ends the compiling; what is done by then is kept.
@@ -70,7 +70,7 @@ def complete(keys: Sequence[Key]) -> None:
         nonlocal made
         made += 1
         if not helpers and len(waiting) >= WORTHWHILE:
-            missing = [key for key in waiting if Place(f"{symbol_of(key)}.unit").peek() is None]
+            missing = [key for key in waiting if CacheEntry(f"{symbol_of(key)}.unit").peek() is None]
             if len(missing) >= WORTHWHILE:
                 helpers.extend(_helper(missing) for _ in range(processes() - 1))
         for listener in _listeners:
@@ -124,21 +124,21 @@ def work(
 def _provide(key: Key, load: bool) -> list[Key] | None:
     """Compile an outlined kernel or, to `load` it, take it from disk. Returns those it jumps to; None if it is locked."""
     make_slots([key])
-    unit, place = _unit(key), Place(f"{symbol_of(key)}.unit")
+    unit, stored = _unit(key), CacheEntry(f"{symbol_of(key)}.unit")
     if is_loaded(key):
         return unit.loaded[key][1]
-    if not load and (product := place.peek()) is not None:
+    if not load and (product := stored.peek()) is not None:
         return product.callees()
-    with place.locked(wait=False) as free:
+    with stored.locked(wait=False) as free:
         if not free:
             return None
-        product = place.find()
+        product = stored.find()
         needs = [] if product is None else product.callees()
         make_slots(needs)
-        compiled = unit.make(key, place)
+        compiled = unit.make(key, stored)
         if not compiled.cache_hits:
             needs = unit.needs()
-            place.save(needs)
+            stored.save(needs)
     unit.loaded[key] = compiled, needs
     fill_slot(key, compiled.address)
     return needs

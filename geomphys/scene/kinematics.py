@@ -131,7 +131,7 @@ def pose_tree(scene: Scene, origins: Floats, tree: int, roots: Floats, angles: F
 
 
 @outlined
-def place_tree(scene: Scene, tree: int, poses: Floats, frames: Floats) -> None:
+def pose_pieces_of_tree(scene: Scene, tree: int, poses: Floats, frames: Floats) -> None:
     """Frame rows (P, 12) world_from_piece of the pieces of `tree`, from body poses (B, 7)."""
     local = scene.pieces.local
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
@@ -140,9 +140,9 @@ def place_tree(scene: Scene, tree: int, poses: Floats, frames: Floats) -> None:
             continue
         r = rot_from_quat(orientation_of(poses, body))
         for i in range(first, last):
-            turned = rot_mul(r, frame_rotation(local, i))
+            world_rotation = rot_mul(r, frame_rotation(local, i))
             for k in range(9):
-                frames[i, k] = turned[k]
+                frames[i, k] = world_rotation[k]
             t = rotate(r, (local[i, 9], local[i, 10], local[i, 11]))
             for k in range(3):
                 frames[i, 9 + k] = poses[body, k] + t[k]

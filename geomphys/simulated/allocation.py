@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 
 from geomphys.collision.scratch import Scratch
-from geomphys.collision.support import place_pieces
+from geomphys.collision.support import pose_pieces
 from geomphys.collision.sweep import local_boxes
 from geomphys.scene.arrays import HULL, SIMULATED, SPHERE, Floats, Scene
 from geomphys.simulated.state import BODY, COUNTS, ENERGY, FRAME, MOTION, PAIR, ROW, SLOT, Records, Simulation
@@ -48,10 +48,10 @@ def piece_local_boxes(scene: Scene) -> Floats:
 def piece_boxes(scene: Scene, poses: Floats, local: Floats) -> Floats:
     """(P, 6) low and high corner of every piece's box with the bodies at `poses` (B, 7) [m]."""
     frames = np.zeros((len(local), 12))
-    place_pieces(scene.pieces, poses, frames)
-    turn = frames[:, :9].reshape(-1, 3, 3)
-    centre = frames[:, 9:] + np.einsum("pij,pj->pi", turn, local[:, :3])
-    half = np.minimum(np.einsum("pij,pj->pi", np.abs(turn), local[:, 3:6]), local[:, 6:])
+    pose_pieces(scene.pieces, poses, frames)
+    rotation = frames[:, :9].reshape(-1, 3, 3)
+    centre = frames[:, 9:] + np.einsum("pij,pj->pi", rotation, local[:, :3])
+    half = np.minimum(np.einsum("pij,pj->pi", np.abs(rotation), local[:, 3:6]), local[:, 6:])
     return np.concatenate([centre - half, centre + half], axis=1)
 
 
@@ -60,8 +60,8 @@ def body_balls(scene: Scene, local: Floats) -> Floats:
     pieces, balls = scene.pieces, np.zeros((len(scene.bodies.role), 4))
     for body, (first, last) in enumerate(itertools.pairwise(scene.bodies.piece_start)):
         if first < last:
-            turn = pieces.local[first:last, :9].reshape(-1, 3, 3)
-            centres = pieces.local[first:last, 9:] + np.einsum("pij,pj->pi", turn, local[first:last, :3])
+            rotation = pieces.local[first:last, :9].reshape(-1, 3, 3)
+            centres = pieces.local[first:last, 9:] + np.einsum("pij,pj->pi", rotation, local[first:last, :3])
             balls[body, :3] = 0.5 * (centres.min(axis=0) + centres.max(axis=0))
             balls[body, 3] = (np.linalg.norm(centres - balls[body, :3], axis=1) + local[first:last, 6]).max()
     return balls
@@ -85,7 +85,7 @@ def body_records(scene: Scene) -> tuple[Records, Records]:
     motion["inverse_mass"][free] = 1.0 / source.mass[free]
     motion["mass"][free] = source.mass[free]
     motion["inertia"], motion["principal"] = source.inertia, source.principal
-    motion["reported_spin"] = np.nan
+    motion["reported_angular_velocity"] = np.nan
     bodies["role"], bodies["tree"], bodies["material"] = source.role, source.tree, source.material
     bodies["first_piece"], bodies["end_piece"] = source.piece_start[:-1], source.piece_start[1:]
     bodies["moves"] = scene.trees.moving[source.tree]

@@ -46,7 +46,7 @@ def fastest_approach(sim: Simulation) -> int:
 
 
 @outlined
-def resolve(sim: Simulation, t: float, room: int) -> tuple[int, bool]:
+def resolve(sim: Simulation, t: float, budget: int) -> tuple[int, bool]:
     """Resolve the collisions of the changed bodies' contact points at time `t` of the frame.
 
     The fastest goes first; each changes velocities, and what then approaches is a collision again. What approaches
@@ -58,13 +58,13 @@ def resolve(sim: Simulation, t: float, room: int) -> tuple[int, bool]:
         Its rows must be those of time `t`.
     t
         s of the frame.
-    room
+    budget
         Collisions the frame still has room for; beyond, nothing bounces.
 
     Returns
     -------
     tuple
-        Number of collisions resolved; whether `room` was too little.
+        Number of collisions resolved; whether `budget` was too little.
     """
     load_velocities(sim)
     load_paths(sim, t)
@@ -76,7 +76,7 @@ def resolve(sim: Simulation, t: float, room: int) -> tuple[int, bool]:
         chosen = fastest_approach(sim)
         if chosen < 0:
             break
-        if done >= room:
+        if done >= budget:
             full = True
             break
         p = sim.pairs[sim.rows[chosen].pair]

@@ -246,7 +246,7 @@ def normal_speed(velocity: Floats, r: Row, a: int, b: int) -> float:
 
 
 @kernel
-def push(sim: Simulation, velocity: Floats, r: Row, a: int, b: int, axis: int, j: float) -> None:
+def apply_impulse(sim: Simulation, velocity: Floats, r: Row, a: int, b: int, axis: int, j: float) -> None:
     """Apply the impulse +j to a and -j to b [N s] along axis 0 (normal), 1 (tangent) or 2 (binormal) of row `r`."""
     va, vb = velocity[a], velocity[b]
     d = direction_of(r, axis)

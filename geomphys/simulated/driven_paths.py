@@ -24,8 +24,8 @@ UNEVEN = 3.0  # a frame longer or shorter than the one before by this factor say
 def mean_velocities(sim: Simulation, body: int) -> tuple[Vec, Vec]:
     """Mean velocity of the origin [m/s] and mean rate of turning [rad/s] of a body through the frame."""
     start, end, rate = sim.start[body], sim.end[body], 1.0 / sim.frame[0].dt
-    turn = rotation_vector(quat_mul(quat_from(end, 3), quat_conjugate(quat_from(start, 3))))
-    return scale(sub(vec_from(end, 0), vec_from(start, 0)), rate), scale(turn, rate)
+    rotation = rotation_vector(quat_mul(quat_from(end, 3), quat_conjugate(quat_from(start, 3))))
+    return scale(sub(vec_from(end, 0), vec_from(start, 0)), rate), scale(rotation, rate)
 
 
 @kernel
@@ -35,7 +35,7 @@ def is_even(dt: float, last: float) -> bool:
 
 
 @kernel
-def carried_on(a: Vec, before: Vec) -> Vec:
+def extrapolated(a: Vec, before: Vec) -> Vec:
     """What an acceleration that was `before` and then `a`, a frame later, is half a frame after that.
 
     On the straight line through both; no more than twice the smaller, and 0 where their directions differ.
@@ -49,7 +49,7 @@ def carried_on(a: Vec, before: Vec) -> Vec:
 
 
 @kernel
-def lay_courses(sim: Simulation) -> None:
+def fit_paths(sim: Simulation) -> None:
     """Accelerations of the tracked things of the scene for this frame, from those before."""
     dt = sim.frame[0].dt
     for k in range(len(sim.paths)):
@@ -58,19 +58,19 @@ def lay_courses(sim: Simulation) -> None:
             continue
         m = sim.motion[body]
         v, w = mean_velocities(sim, body)
-        last = m.course_time
+        last = m.path_time
         a, b = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         if is_even(dt, last):
             rate = 2.0 / (dt + last)
-            a, b = scale(sub(v, vec_from(m.course, 0)), rate), scale(sub(w, vec_from(m.course, 3)), rate)
-        set_vec(m.acceleration, carried_on(a, vec_from(m.course_change, 0)))
-        set_vec(m.rotation_change, scale(carried_on(b, vec_from(m.course_change, 3)), 0.5))
+            a, b = scale(sub(v, vec_from(m.path_velocity, 0)), rate), scale(sub(w, vec_from(m.path_velocity, 3)), rate)
+        set_vec(m.acceleration, extrapolated(a, vec_from(m.path_acceleration, 0)))
+        set_vec(m.rotation_change, scale(extrapolated(b, vec_from(m.path_acceleration, 3)), 0.5))
         m.step_length = dt
-        set_vec_from(m.course, 0, v)
-        set_vec_from(m.course, 3, w)
-        set_vec_from(m.course_change, 0, a)
-        set_vec_from(m.course_change, 3, b)
-        m.course_time = dt
+        set_vec_from(m.path_velocity, 0, v)
+        set_vec_from(m.path_velocity, 3, w)
+        set_vec_from(m.path_acceleration, 0, a)
+        set_vec_from(m.path_acceleration, 3, b)
+        m.path_time = dt
 
 
 @kernel

@@ -14,10 +14,10 @@ import math
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import set_vec, vec_of
 from geomphys.numerics.vec3 import dot, scale
-from geomphys.simulated.sleeping import stirs
+from geomphys.simulated.sleeping import is_moving
 from geomphys.simulated.state import Motion, Simulation, is_simulated
 
-NOTHING, STILL, STIRRED = 0, 1, 2  # what an island touches
+NOTHING, STILL, MOVING = 0, 1, 2  # what an island touches
 
 
 @kernel
@@ -79,8 +79,8 @@ def add_up(sim: Simulation) -> None:
         island, b = sim.energy[sim.bodies[p.body[0]].island], p.body[1]
         if is_simulated(sim, b):
             continue
-        if stirs(sim, b):
-            island.support = STIRRED
+        if is_moving(sim, b):
+            island.support = MOVING
         elif p.point_count > 0 and island.support == NOTHING:
             island.support = STILL
 

@@ -23,7 +23,7 @@ from geomphys.numerics.vec3 import (
 )
 from geomphys.scene.arrays import Floats
 from geomphys.simulated.contact_points import clear_impulses
-from geomphys.simulated.driven_paths import lay_courses
+from geomphys.simulated.driven_paths import fit_paths
 from geomphys.simulated.integrate import angular_momentum
 from geomphys.simulated.motion import refresh
 from geomphys.simulated.sleeping import REST_TIME, note_rest
@@ -38,23 +38,23 @@ def set_free(sim: Simulation, body: int) -> None:
 
     The angular momentum is kept from the frame before unless the caller changed the angular velocity meanwhile.
     """
-    m, told, start = sim.motion[body], sim.reported[body], sim.start[body]
+    m, reported, start = sim.motion[body], sim.reported[body], sim.start[body]
     q = quat_from(start, 3)
     m.base_time = 0.0
     set_vec(m.position, add(vec_from(start, 0), quat_rotate(q, vec_of(m.centre))))
     set_quat(m.orientation, q)
-    set_vec(m.velocity, vec_from(told, 0))
+    set_vec(m.velocity, vec_from(reported, 0))
     set_vec(m.acceleration, vec_of(sim.gravity))
     set_vec(m.torque, (0.0, 0.0, 0.0))
-    spin = vec_from(told, 3)
-    if spin != vec_of(m.reported_spin) or spin == (0.0, 0.0, 0.0):
-        set_vec(m.angular_momentum, angular_momentum(quat_mul(q, quat_of(m.principal)), vec_of(m.inertia), spin))
+    omega = vec_from(reported, 3)
+    if omega != vec_of(m.reported_angular_velocity) or omega == (0.0, 0.0, 0.0):
+        set_vec(m.angular_momentum, angular_momentum(quat_mul(q, quat_of(m.principal)), vec_of(m.inertia), omega))
     refresh(m)
     same = True
     for i in range(7):
         same = same and start[i] == m.reported_pose[i]
     sim.bodies[body].fresh = 0 if same else 1
-    still = same and spin == (0.0, 0.0, 0.0) and vec_from(told, 0) == (0.0, 0.0, 0.0)
+    still = same and omega == (0.0, 0.0, 0.0) and vec_from(reported, 0) == (0.0, 0.0, 0.0)
     if not still and m.quiet_time >= REST_TIME:
         m.quiet_time = 0.0
     if not same or (sim.bodies[body].awake == 0 and not still):
@@ -66,11 +66,11 @@ def begin(sim: Simulation, goes_on: bool) -> None:
     """Set up the motions of simulated bodies, and clear the sums of the frame before, unless it `goes_on`."""
     for s in range(len(sim.free)):
         set_free(sim, sim.free[s])
-    lay_courses(sim)
+    fit_paths(sim)
     sim.counts[0].rows = 0
     sim.counts[0].lost = 0
     for k in range(sim.counts[0].pairs):
-        sim.pairs[k].meetings = 0
+        sim.pairs[k].encounters = 0
         sim.pairs[k].yielded = 0
         if not goes_on:
             for m in range(4):
@@ -126,23 +126,23 @@ def finish(sim: Simulation) -> int:
     flags = 0
     for s in range(len(sim.free)):
         body = sim.free[s]
-        m, told = sim.motion[body], sim.reported[body]
+        m, reported = sim.motion[body], sim.reported[body]
         pose, before = sim.end[body], sim.start[body]
         q = quat_of(m.orientation)
         set_vec_from(pose, 0, sub(vec_of(m.position), quat_rotate(q, vec_of(m.centre))))
         set_quat_from(pose, 3, q)
-        set_vec_from(told, 0, vec_of(m.velocity))
-        set_vec_from(told, 3, vec_of(m.angular_velocity))
-        broken = not (is_finite(pose, 0, 7) and is_finite(told, 0, 6))
+        set_vec_from(reported, 0, vec_of(m.velocity))
+        set_vec_from(reported, 3, vec_of(m.angular_velocity))
+        broken = not (is_finite(pose, 0, 7) and is_finite(reported, 0, 6))
         if broken or sim.bodies[body].awake == 0:
             for i in range(7):
                 pose[i] = before[i]
             for i in range(6):
-                told[i] = 0.0
+                reported[i] = 0.0
         if broken:
             flags = QUARANTINED
-        note_rest(sim, body, told)
-        set_vec(m.reported_spin, vec_from(told, 3))
+        note_rest(sim, body, reported)
+        set_vec(m.reported_angular_velocity, vec_from(reported, 3))
         for i in range(7):
             m.reported_pose[i] = pose[i]
     return flags

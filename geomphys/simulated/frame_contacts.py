@@ -93,8 +93,8 @@ def deepest_overlap(sim: Simulation, frames: Floats) -> float:
 def centre_of(pieces: Pieces, frames: Floats, i: int) -> Vec:
     """World position of the middle of the ball about a piece."""
     f, c = frames[i], pieces.centre[i]
-    turn = (f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7], f[8])
-    return add((f[9], f[10], f[11]), rotate(turn, (c[0], c[1], c[2])))
+    rotation = (f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7], f[8])
+    return add((f[9], f[10], f[11]), rotate(rotation, (c[0], c[1], c[2])))
 
 
 @outlined

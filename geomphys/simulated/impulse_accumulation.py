@@ -69,17 +69,17 @@ def commit(sim: Simulation) -> None:
 @kernel
 def drop_rows(sim: Simulation, t: float) -> None:
     """Add what the contact forces on changed bodies did until time `t` to the frame's sums, and drop their rows."""
-    kept = 0
+    retained = 0
     for k in range(sim.counts[0].rows):
         r = sim.rows[k]
         if has_changed(sim, r.a):
             slot = sim.slots[r.pair, r.slot]
             elapsed = t - r.since
-            rub = vec_of(slot.friction_force)
-            if elapsed > 0.0 and (slot.normal_force > 0.0 or rub != (0.0, 0.0, 0.0)):
-                note(sim, k, elapsed * slot.normal_force, scale(rub, elapsed))
+            friction_force = vec_of(slot.friction_force)
+            if elapsed > 0.0 and (slot.normal_force > 0.0 or friction_force != (0.0, 0.0, 0.0)):
+                note(sim, k, elapsed * slot.normal_force, scale(friction_force, elapsed))
             continue
-        if kept < k:
-            sim.rows[kept] = sim.rows[k]
-        kept += 1
-    sim.counts[0].rows = kept
+        if retained < k:
+            sim.rows[retained] = sim.rows[k]
+        retained += 1
+    sim.counts[0].rows = retained

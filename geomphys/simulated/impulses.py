@@ -22,7 +22,7 @@ from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import vec_of
 from geomphys.numerics.vec3 import dot
 from geomphys.scene.arrays import Floats
-from geomphys.simulated.contact_points import normal_speed, push, speed_at
+from geomphys.simulated.contact_points import apply_impulse, normal_speed, speed_at
 from geomphys.simulated.state import Row, Simulation, has_yielded
 
 SWEEPS = 300
@@ -39,17 +39,17 @@ def let_go(sim: Simulation) -> None:
 
 
 @kernel
-def rub(sim: Simulation, velocity: Floats, k: int, x: float, y: float) -> None:
+def apply_tangential(sim: Simulation, velocity: Floats, k: int, x: float, y: float) -> None:
     """Add the friction impulse (x, y) [N s] along tangent and binormal of row k."""
     r, a, b = sim.rows[k], sim.rows[k].a, sim.rows[k].b
     r.tangent_impulse[0] = r.tangent_impulse[0] + x
     r.tangent_impulse[1] = r.tangent_impulse[1] + y
-    push(sim, velocity, r, a, b, 1, x)
-    push(sim, velocity, r, a, b, 2, y)
+    apply_impulse(sim, velocity, r, a, b, 1, x)
+    apply_impulse(sim, velocity, r, a, b, 2, y)
 
 
 @kernel
-def rub_once(sim: Simulation, velocity: Floats, k: int, cap: float) -> None:
+def apply_friction_once(sim: Simulation, velocity: Floats, k: int, cap: float) -> None:
     """Friction (10) at a single point: along -v_t, at most `cap` [N s], at most what stops the sliding."""
     r = sim.rows[k]
     v = speed_at(velocity, r, r.a, r.b)
@@ -60,11 +60,11 @@ def rub_once(sim: Simulation, velocity: Floats, k: int, cap: float) -> None:
     x, y = x / speed, y / speed
     k_tt, k_tb, k_bb = vec_of(r.inverse_mass_t)
     j = min(cap, speed / (x * x * k_tt + 2.0 * x * y * k_tb + y * y * k_bb))
-    rub(sim, velocity, k, -j * x, -j * y)
+    apply_tangential(sim, velocity, k, -j * x, -j * y)
 
 
 @kernel
-def rub_more(sim: Simulation, velocity: Floats, k: int, cap: float) -> float:
+def solve_friction(sim: Simulation, velocity: Floats, k: int, cap: float) -> float:
     """One sweep's change of the friction impulse at row k within the disc of radius `cap` [N s].
 
     Returns how much it changed the sliding velocity [m/s].
@@ -83,12 +83,12 @@ def rub_more(sim: Simulation, velocity: Floats, k: int, cap: float) -> float:
         if size > cap:
             x, y = x * cap / size, y * cap / size
     if x != x0 or y != y0:
-        rub(sim, velocity, k, x - x0, y - y0)
+        apply_tangential(sim, velocity, k, x - x0, y - y0)
     return (abs(x - x0) + abs(y - y0)) * mass
 
 
 @kernel
-def push_more(sim: Simulation, velocity: Floats, k: int) -> float:
+def solve_normal(sim: Simulation, velocity: Floats, k: int) -> float:
     """One sweep's change of the normal impulse at row k, which may only push, towards v_n >= `target_speed`.
 
     Returns how much it changed the normal velocity [m/s].
@@ -100,7 +100,7 @@ def push_more(sim: Simulation, velocity: Floats, k: int) -> float:
     change = total - before
     if change != 0.0:
         r.normal_impulse = total
-        push(sim, velocity, r, a, b, 0, change)
+        apply_impulse(sim, velocity, r, a, b, 0, change)
     return abs(change) * mass
 
 
@@ -121,14 +121,14 @@ def collide(sim: Simulation, velocity: Floats, elastic: float) -> None:
             r.target_speed = max(0.0, -elastic * r.restitution * v)
             fastest = max(fastest, -v)
     if members == 1:
-        push_more(sim, velocity, only)
-        rub_once(sim, velocity, only, sim.rows[only].friction * sim.rows[only].normal_impulse)
+        solve_normal(sim, velocity, only)
+        apply_friction_once(sim, velocity, only, sim.rows[only].friction * sim.rows[only].normal_impulse)
         return
     for _ in range(SWEEPS):
         most = 0.0
         for k in range(count):
             if sim.rows[k].mode == 2:
-                most = max(most, push_more(sim, velocity, k))
+                most = max(most, solve_normal(sim, velocity, k))
         if most <= PRECISION * fastest:
             break
     for _ in range(SWEEPS):
@@ -136,7 +136,7 @@ def collide(sim: Simulation, velocity: Floats, elastic: float) -> None:
         for k in range(count):
             if sim.rows[k].mode == 2:
                 r = sim.rows[k]
-                most = max(most, rub_more(sim, velocity, k, r.friction * r.normal_impulse))
+                most = max(most, solve_friction(sim, velocity, k, r.friction * r.normal_impulse))
         if most <= PRECISION * fastest:
             break
 
@@ -179,10 +179,10 @@ def settle(sim: Simulation, velocity: Floats, sweeps: int, precision: float) -> 
             if r.mode == 1 and is_disturbed(sim, r):
                 visit += 1
                 r.visit = visit
-                change = push_more(sim, velocity, k)
+                change = solve_normal(sim, velocity, k)
                 cap = r.friction * r.normal_impulse
                 if cap > 0.0 or r.tangent_impulse[0] != 0.0 or r.tangent_impulse[1] != 0.0:
-                    change = max(change, rub_more(sim, velocity, k, cap))
+                    change = max(change, solve_friction(sim, velocity, k, cap))
                 if change > UNFELT * precision:
                     disturb(sim, r.a, visit)
                     disturb(sim, r.b, visit)
@@ -199,6 +199,6 @@ def settle_normals(sim: Simulation, velocity: Floats, sweeps: int, precision: fl
         most = 0.0
         for k in range(sim.counts[0].rows):
             if sim.rows[k].mode == 1:
-                most = max(most, push_more(sim, velocity, k))
+                most = max(most, solve_normal(sim, velocity, k))
         if most <= precision:
             return

@@ -2,7 +2,7 @@
 
 A free body's angular momentum L is kept as state in the world frame, so it is conserved to the last bit. Its
 orientation follows  q̇ = ½ ω q,  ω = R I⁻¹ Rᵀ L,  by the classical Runge-Kutta scheme of fourth order in turns of at
-most `TURN_STEP`, whatever the frame rate; with three equal moments the turn is exact.
+most `ROTATION_STEP`, whatever the frame rate; with three equal moments the turn is exact.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from geomphys.numerics.vec3 import (
     rot_from_quat,
 )
 
-TURN_STEP = 0.03  # rad: one Runge-Kutta step turns no further; its error per radian is then below 1e-8
+ROTATION_STEP = 0.03  # rad: one Runge-Kutta step turns no further; its error per radian is then below 1e-8
 MOST_STEPS = 20000  # of a call: what turns faster still is followed more coarsely
 
 
@@ -36,9 +36,9 @@ def angular_velocity(q: Quat, inertia: Vec, momentum: Vec) -> Vec:
 
 
 @kernel
-def angular_momentum(q: Quat, inertia: Vec, spin: Vec) -> Vec:
+def angular_momentum(q: Quat, inertia: Vec, omega: Vec) -> Vec:
     """L = R I Rᵀ ω [kg m²/s, world], the inverse of `angular_velocity`."""
-    own = quat_rotate(quat_conjugate(q), spin)
+    own = quat_rotate(quat_conjugate(q), omega)
     return quat_rotate(q, (own[0] * inertia[0], own[1] * inertia[1], own[2] * inertia[2]))
 
 
@@ -57,7 +57,7 @@ def along(q: Quat, r: Quat, h: float) -> Quat:
 
 
 @kernel
-def turn_freely(q: Quat, inertia: Vec, momentum: Vec, torque: Vec, h: float) -> Quat:
+def rotate_freely(q: Quat, inertia: Vec, momentum: Vec, torque: Vec, h: float) -> Quat:
     """Orientation after a time.
 
     Parameters
@@ -85,7 +85,7 @@ def turn_freely(q: Quat, inertia: Vec, momentum: Vec, torque: Vec, h: float) -> 
         return quat_unit(quat_mul(quat_from_rotation_vector((k * momentum[0], k * momentum[1], k * momentum[2])), q))
     least = min(inertia[0], min(inertia[1], inertia[2]))
     angle = (norm(momentum) + norm(torque) * h) * h / least
-    count = max(1, math.ceil(min(angle / TURN_STEP, MOST_STEPS)))
+    count = max(1, math.ceil(min(angle / ROTATION_STEP, MOST_STEPS)))
     step = h / count
     for k in range(count):
         l0 = add_scaled(momentum, torque, k * step)

@@ -29,7 +29,7 @@ def hang_together(sim: Simulation, pair: int, t: float) -> bool:
 
 
 @outlined
-def mark_meeting(sim: Simulation, pair: int, t: float) -> None:
+def mark_connected(sim: Simulation, pair: int, t: float) -> None:
     """Let the bodies count as changed, and no others, that the meeting of a pair at time `t` of the frame concerns."""
     for s in range(len(sim.free)):
         sim.bodies[sim.free[s]].changed = 0

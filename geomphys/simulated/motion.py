@@ -27,7 +27,7 @@ from geomphys.numerics.vec3 import (
     rotate,
     rotation_vector,
 )
-from geomphys.simulated.integrate import angular_velocity, inverse_inertia, turn_freely
+from geomphys.simulated.integrate import angular_velocity, inverse_inertia, rotate_freely
 from geomphys.simulated.state import Motion, Simulation, has_changed
 
 
@@ -41,7 +41,7 @@ def point_at(m: Motion, t: float) -> Vec:
 
 
 @kernel
-def turned_by(m: Motion, t: float) -> Vec:
+def rotation_at(m: Motion, t: float) -> Vec:
     """Rotation vector [rad] of a body from its base time to time `t` of the frame."""
     h = t - m.base_time
     k = h * (h - m.step_length)
@@ -50,16 +50,16 @@ def turned_by(m: Motion, t: float) -> Vec:
 
 
 @kernel
-def fastest_turn(m: Motion) -> float:
+def angular_speed_bound(m: Motion) -> float:
     """Bound on the rate of turning over the step [rad/s]; `m` is a body's record of `motion`."""
     return norm(vec_of(m.rotation_rate)) + norm(vec_of(m.rotation_change)) * m.step_length
 
 
 @kernel
-def turn_at(m: Motion, t: float) -> Quat:
+def orientation_at(m: Motion, t: float) -> Quat:
     """Orientation at time `t` of the frame."""
     q = quat_of(m.orientation)
-    v = turned_by(m, t)
+    v = rotation_at(m, t)
     if v[0] == 0.0 and v[1] == 0.0 and v[2] == 0.0:
         return q
     return quat_unit(quat_mul(quat_from_rotation_vector(v), q))
@@ -79,12 +79,12 @@ def refresh(m: Motion) -> None:
 def plan(m: Motion, h: float) -> None:
     """Lay out how a simulated body turns over the next `h` > 0 seconds, from its angular momentum and torque."""
     q0 = quat_mul(quat_of(m.orientation), quat_of(m.principal))
-    q1 = turn_freely(q0, vec_of(m.inertia), vec_of(m.angular_momentum), vec_of(m.torque), h)
-    turn = rotation_vector(quat_mul(q1, quat_conjugate(q0)))
-    spin = vec_of(m.angular_velocity)
-    rate = (turn[0] / h, turn[1] / h, turn[2] / h)
+    q1 = rotate_freely(q0, vec_of(m.inertia), vec_of(m.angular_momentum), vec_of(m.torque), h)
+    rotation = rotation_vector(quat_mul(q1, quat_conjugate(q0)))
+    omega = vec_of(m.angular_velocity)
+    rate = (rotation[0] / h, rotation[1] / h, rotation[2] / h)
     set_vec(m.rotation_rate, rate)
-    set_vec(m.rotation_change, ((rate[0] - spin[0]) / h, (rate[1] - spin[1]) / h, (rate[2] - spin[2]) / h))
+    set_vec(m.rotation_change, ((rate[0] - omega[0]) / h, (rate[1] - omega[1]) / h, (rate[2] - omega[2]) / h))
     m.step_length = h
 
 
@@ -93,8 +93,8 @@ def move_base(m: Motion, t: float) -> None:
     """Let a simulated body run to time `t` of the frame and make that its base."""
     h = t - m.base_time
     if h != 0.0:
-        p, q = point_at(m, t), turn_at(m, t)
-        m.listed_rotation = m.listed_rotation + norm(turned_by(m, t))
+        p, q = point_at(m, t), orientation_at(m, t)
+        m.listed_rotation = m.listed_rotation + norm(rotation_at(m, t))
         set_vec(m.position, p)
         set_quat(m.orientation, q)
         add_vec(m.velocity, vec_of(m.acceleration), h)
@@ -122,11 +122,11 @@ def load_velocities(sim: Simulation) -> None:
 
 
 @kernel
-def place_piece(sim: Simulation, body: int, piece: int, t: float) -> None:
+def pose_piece(sim: Simulation, body: int, piece: int, t: float) -> None:
     """Frame row of a piece of a body at time `t` of the frame."""
     m, f, local = sim.motion[body], sim.frames[piece], sim.pieces.local[piece]
-    p, r = point_at(m, t), rot_from_quat(turn_at(m, t))
+    p, r = point_at(m, t), rot_from_quat(orientation_at(m, t))
     o, at = rotate(r, vec_of(m.centre)), rotate(r, vec_from(local, 9))
-    turned = rot_mul(r, rot_of(local))
-    set_rot(f, turned)
+    world_rotation = rot_mul(r, rot_of(local))
+    set_rot(f, world_rotation)
     set_vec_from(f, 9, (p[0] - o[0] + at[0], p[1] - o[1] + at[1], p[2] - o[2] + at[2]))

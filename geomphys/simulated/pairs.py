@@ -68,7 +68,7 @@ def new_pair(sim: Simulation, k: int, i: int, j: int, a: int, b: int) -> None:
     """Record k of `pairs`, and its slots, for a pair of which nothing is known yet."""
     p = sim.pairs[k]
     p.piece[0], p.piece[1], p.body[0], p.body[1] = i, j, a, b
-    p.point_count = p.meetings = p.resting = p.yielded = p.met = 0
+    p.point_count = p.encounters = p.resting = p.yielded = p.touching = 0
     set_vec(p.axis, (0.0, 0.0, 0.0))
     p.distance = p.seen_at = p.due = 0.0
     material_a, material_b = sim.bodies[a].material, sim.bodies[b].material
@@ -91,10 +91,10 @@ def append_old(sim: Simulation, old: int) -> None:
 @kernel
 def skip_old(sim: Simulation, old: int) -> int:
     """Go past a pair of the old list that is no longer near; what pushed in this frame stays. Returns the next one."""
-    pushed = False
+    loaded = False
     for m in range(4):
-        pushed = pushed or sim.old_pair_slots[old, m].normal_impulse > 0.0
-    if pushed and sim.counts[0].pairs < len(sim.pairs):
+        loaded = loaded or sim.old_pair_slots[old, m].normal_impulse > 0.0
+    if loaded and sim.counts[0].pairs < len(sim.pairs):
         append_old(sim, old)
         sim.pairs[sim.counts[0].pairs - 1].seen_at = -1.0
         sim.pairs[sim.counts[0].pairs - 1].queue_index = -1
@@ -130,7 +130,7 @@ def add_pair(sim: Simulation, i: int, j: int, a: int, b: int, old: int) -> int:
 
 
 @kernel
-def set_pairs_aside(sim: Simulation) -> None:
+def save_pairs(sim: Simulation) -> None:
     """Make the present pairs the old ones."""
     count = sim.counts[0].pairs
     for k in range(count):
@@ -149,7 +149,7 @@ def find_pairs(sim: Simulation, t: float, until: float) -> None:
     """
     sim.frame[0].span_start = t
     sim.frame[0].span_end = until
-    set_pairs_aside(sim)
+    save_pairs(sim)
     box_all(sim)
     old = 0
     for s in range(len(sim.free)):

@@ -11,11 +11,11 @@ from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import add_vec, quat_of, set_quat, set_vec_from, vec_from
 from geomphys.numerics.vec3 import quat_from_rotation_vector, quat_mul, quat_unit
 from geomphys.simulated.contact_points import normal_speed
-from geomphys.simulated.impulses import push_more
+from geomphys.simulated.impulses import solve_normal
 from geomphys.simulated.motion import refresh
 from geomphys.simulated.state import Simulation, has_changed, has_yielded
 
-SHOVES = 200
+PROJECTION_SWEEPS = 200
 SETTLED = 1e-3  # of the gap kept: the moving apart ends when no sweep changes a distance by more
 TOUCHING = (
     0.75  # gaps: surfaces that overlap by no more only touch: the last digit of whoever wrote down where they are
@@ -52,7 +52,7 @@ def distance_to_keep(sim: Simulation, k: int) -> float:
 
 @kernel
 def sweep_apart(sim: Simulation, give: float) -> bool:
-    """Sweeps over the rows of `push_apart`, from the start. Returns whether they settled.
+    """Sweeps over the rows of `project_positions`, from the start. Returns whether they settled.
 
     With `give` above 0 a row's goal is lower by that share of what its own impulse alone would move it.
     """
@@ -62,14 +62,14 @@ def sweep_apart(sim: Simulation, give: float) -> bool:
             sim.displacement[sim.free[s]][i] = 0.0
     for k in range(count):
         sim.rows[k].normal_impulse = 0.0
-    for _ in range(SHOVES):
+    for _ in range(PROJECTION_SWEEPS):
         most = 0.0
         for k in range(count):
             r = sim.rows[k]
             if sim.rows[k].mode == 1:
                 back = give * r.inverse_mass_n * r.normal_impulse
                 r.target_speed = distance_to_keep(sim, k) - r.clearance - back
-                most = max(most, push_more(sim, sim.displacement, k))
+                most = max(most, solve_normal(sim, sim.displacement, k))
         if most <= SETTLED * gap:
             return True
     return False
@@ -96,13 +96,13 @@ def stay_if_useless(sim: Simulation) -> None:
         if after < before + CLEAR * sim.frame[0].gap:
             for i in range(len(sim.free)):
                 if sim.bodies[sim.free[i]].island == island:
-                    shove = sim.displacement[sim.free[i]]
-                    set_vec_from(shove, 0, (0.0, 0.0, 0.0))
-                    set_vec_from(shove, 3, (0.0, 0.0, 0.0))
+                    displacement = sim.displacement[sim.free[i]]
+                    set_vec_from(displacement, 0, (0.0, 0.0, 0.0))
+                    set_vec_from(displacement, 3, (0.0, 0.0, 0.0))
 
 
 @outlined
-def push_apart(sim: Simulation) -> float:
+def project_positions(sim: Simulation) -> float:
     """Move changed bodies, the lightest most, so that no row stays short; velocities are left alone.
 
     Corrects what a step's straight-line contact missed of a turning body's path, micrometres, and resolves an overlap
@@ -128,10 +128,12 @@ def push_apart(sim: Simulation) -> float:
     for s in range(len(sim.free)):
         body = sim.free[s]
         if has_changed(sim, body):
-            m, shove = sim.motion[body], sim.displacement[body]
-            add_vec(m.position, vec_from(shove, 0), 1.0)
-            turn = vec_from(shove, 3)
-            if turn[0] != 0.0 or turn[1] != 0.0 or turn[2] != 0.0:
-                set_quat(m.orientation, quat_unit(quat_mul(quat_from_rotation_vector(turn), quat_of(m.orientation))))
+            m, displacement = sim.motion[body], sim.displacement[body]
+            add_vec(m.position, vec_from(displacement, 0), 1.0)
+            rotation = vec_from(displacement, 3)
+            if rotation[0] != 0.0 or rotation[1] != 0.0 or rotation[2] != 0.0:
+                set_quat(
+                    m.orientation, quat_unit(quat_mul(quat_from_rotation_vector(rotation), quat_of(m.orientation)))
+                )
                 refresh(m)
     return least

@@ -12,11 +12,11 @@ from __future__ import annotations
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import add_vec_from, set_vec, vec_of
 from geomphys.numerics.vec3 import Vec, add_scaled, dot, norm, quat_conjugate, quat_mul, quat_rotate, scale, sub
-from geomphys.simulated.contact_points import clear_impulse, fill_masses, normal_speed, push, speed_at
+from geomphys.simulated.contact_points import apply_impulse, clear_impulse, fill_masses, normal_speed, speed_at
 from geomphys.simulated.driven_paths import load_paths
 from geomphys.simulated.impulse_accumulation import commit, give_force, impulse_of
 from geomphys.simulated.impulses import let_go, settle, settle_normals
-from geomphys.simulated.motion import load_velocities, plan, turn_at
+from geomphys.simulated.motion import load_velocities, orientation_at, plan
 from geomphys.simulated.state import Simulation, has_changed, has_yielded, is_simulated
 
 SWEEPS = 400  # at most; what is left then is small, and the next step goes on from there
@@ -46,8 +46,8 @@ def set_limits(sim: Simulation) -> None:
         if not has_changed(sim, a) or is_simulated(sim, b) or sim.bodies[b].moves == 0:
             continue
         v = norm(speed_at(sim.velocity, r, a, b))
-        heft = sim.island_mass[sim.bodies[a].island]
-        r.impulse_limit = 4.0 * heft * (v + WEIGHT_TIME * sim.frame[0].weight)
+        effective_mass = sim.island_mass[sim.bodies[a].island]
+        r.impulse_limit = 4.0 * effective_mass * (v + WEIGHT_TIME * sim.frame[0].weight)
 
 
 @kernel
@@ -121,8 +121,8 @@ def choose_held(sim: Simulation, h: float) -> float:
             slowest = -SLOW_PART * sim.frame[0].threshold if held else 0.0
             if clearance <= sim.frame[0].touch or v > slowest:
                 fastest = max(fastest, norm(speed))
-                parting = v if v > FAINT else 0.0
-                r.target_speed = -2.0 * max(0.0, clearance - sim.frame[0].gap) / h - parting
+                separating_speed = v if v > FAINT else 0.0
+                r.target_speed = -2.0 * max(0.0, clearance - sim.frame[0].gap) / h - separating_speed
                 r.mode = 1
                 sim.pairs[r.pair].resting = 1
     return fastest
@@ -143,9 +143,9 @@ def begin_with_old_force(sim: Simulation, k: int, h: float) -> bool:
     r.tangent_impulse[1] = h * dot(f, vec_of(r.binormal))
     if r.normal_impulse == 0.0 and r.tangent_impulse[0] == 0.0 and r.tangent_impulse[1] == 0.0:
         return False
-    push(sim, sim.velocity, r, a, b, 0, r.normal_impulse)
-    push(sim, sim.velocity, r, a, b, 1, r.tangent_impulse[0])
-    push(sim, sim.velocity, r, a, b, 2, r.tangent_impulse[1])
+    apply_impulse(sim, sim.velocity, r, a, b, 0, r.normal_impulse)
+    apply_impulse(sim, sim.velocity, r, a, b, 1, r.tangent_impulse[0])
+    apply_impulse(sim, sim.velocity, r, a, b, 2, r.tangent_impulse[1])
     return True
 
 
@@ -177,13 +177,13 @@ def fall(sim: Simulation, t: float, h: float) -> None:
 
 
 @kernel
-def turns_along(spin: Vec, carrier: Vec) -> bool:
-    """Whether what rotates at `spin` [rad/s] is carried round by what rotates at `carrier`; a ball that rolls is not."""
-    return norm(sub(spin, carrier)) <= ALONG * norm(carrier)
+def rotates_with(omega: Vec, support_omega: Vec) -> bool:
+    """Whether what rotates at `omega` [rad/s] is carried round by what rotates at `support_omega`; a ball that rolls is not."""
+    return norm(sub(omega, support_omega)) <= ALONG * norm(support_omega)
 
 
 @kernel
-def carry_arms(sim: Simulation, t: float, h: float) -> None:
+def advance_arms(sim: Simulation, t: float, h: float) -> None:
     """Turn the arms of held points to the end of the step with the tracked things that carry them.
 
     Velocities at both ends of the step then have the directions of both ends, and what stands on a turntable goes along
@@ -192,14 +192,14 @@ def carry_arms(sim: Simulation, t: float, h: float) -> None:
     for k in range(sim.counts[0].rows):
         r = sim.rows[k]
         path = sim.motion[r.b]
-        spin = vec_of(path.rotation_rate)
-        if r.mode == 0 or is_simulated(sim, r.b) or spin == (0.0, 0.0, 0.0):
+        omega = vec_of(path.rotation_rate)
+        if r.mode == 0 or is_simulated(sim, r.b) or omega == (0.0, 0.0, 0.0):
             continue
-        if not turns_along(vec_of(sim.motion[r.a].angular_velocity), spin):
+        if not rotates_with(vec_of(sim.motion[r.a].angular_velocity), omega):
             continue
-        turn = quat_mul(turn_at(path, t + h), quat_conjugate(turn_at(path, t)))
-        set_vec(r.arm_a, quat_rotate(turn, vec_of(r.arm_a)))
-        set_vec(r.arm_b, quat_rotate(turn, vec_of(r.arm_b)))
+        rotation = quat_mul(orientation_at(path, t + h), quat_conjugate(orientation_at(path, t)))
+        set_vec(r.arm_a, quat_rotate(rotation, vec_of(r.arm_a)))
+        set_vec(r.arm_b, quat_rotate(rotation, vec_of(r.arm_b)))
         fill_masses(sim.motion[r.a], path, r)
 
 
@@ -212,7 +212,7 @@ def hold(sim: Simulation, t: float, h: float, sweeps: int) -> None:
     """
     set_limits(sim)
     fastest = choose_held(sim, h)
-    carry_arms(sim, t, h)
+    advance_arms(sim, t, h)
     count = sim.counts[0].rows
     for _ in range(MOST_YIELDS):
         fall(sim, t, h)

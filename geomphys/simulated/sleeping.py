@@ -18,7 +18,7 @@ from geomphys.simulated.state import Motion, Simulation, is_simulated
 REST_TIME = 0.25  # s
 REST_WAY = 4e-9  # m
 REST_SPEED = 1e-6  # m/s, of any point
-REST_PULL = 1e-3  # m/s²
+REST_ACCELERATION = 1e-3  # m/s²
 SLOW_SPEED = 2e-3  # m/s, of any point: what something bears and that moves no faster for
 SLOW_TIME = 1.0  # s is at rest too: rolling resistance, which there is no other of, would have stopped it
 
@@ -30,10 +30,10 @@ def is_quiet(m: Motion) -> bool:
 
 
 @kernel
-def note_rest(sim: Simulation, body: int, told: Floats) -> None:
+def note_rest(sim: Simulation, body: int, reported: Floats) -> None:
     """Count for how long a simulated body has been at rest at the frame's end, and take what motion is left away.
 
-    `told` is its record of the velocities for the caller.
+    `reported` is its record of the velocities for the caller.
     """
     m, kind = sim.motion[body], sim.bodies[body]
     fastest = norm(vec_of(m.velocity)) + norm(vec_of(m.angular_velocity)) * m.reach
@@ -47,19 +47,19 @@ def note_rest(sim: Simulation, body: int, told: Floats) -> None:
         change = m.orientation[i] - m.rest_pose[3 + i]
         square += change * change
     way = norm(sub(vec_of(m.position), vec_from(m.rest_pose, 0))) + 2.0 * math.sqrt(square) * m.reach
-    if way < REST_WAY and fastest < REST_SPEED and norm(vec_of(m.acceleration)) < REST_PULL:
+    if way < REST_WAY and fastest < REST_SPEED and norm(vec_of(m.acceleration)) < REST_ACCELERATION:
         m.quiet_time = m.quiet_time + sim.frame[0].dt
     else:
         m.quiet_time = 0.0
         set_vec_from(m.rest_pose, 0, vec_of(m.position))
         set_quat_from(m.rest_pose, 3, quat_of(m.orientation))
     if m.quiet_time >= REST_TIME:
-        set_vec_from(told, 0, (0.0, 0.0, 0.0))
-        set_vec_from(told, 3, (0.0, 0.0, 0.0))
+        set_vec_from(reported, 0, (0.0, 0.0, 0.0))
+        set_vec_from(reported, 3, (0.0, 0.0, 0.0))
 
 
 @kernel
-def stirs(sim: Simulation, body: int) -> bool:
+def is_moving(sim: Simulation, body: int) -> bool:
     """Whether a body that is not simulated moves in this frame, or wants to."""
     if sim.bodies[body].moves == 0:
         return False
@@ -101,7 +101,7 @@ def wake(sim: Simulation, first: bool) -> bool:
             wake_island(sim, body)
     for k in range(sim.counts[0].pairs):
         b = sim.pairs[k].body[1]
-        if not is_simulated(sim, b) and stirs(sim, b):
+        if not is_simulated(sim, b) and is_moving(sim, b):
             wake_island(sim, sim.pairs[k].body[0])
     any_awake = False
     for s in range(len(sim.free)):

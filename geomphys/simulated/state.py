@@ -44,15 +44,15 @@ MOTION = np.dtype(
         ("inertia", FLOAT, 3),  # kg m²: principal moments
         ("principal", FLOAT, 4),  # x y z w: body_from_principal
         ("mass", FLOAT),  # kg, of a simulated body
-        ("reported_spin", FLOAT, 3),  # rad/s: angular velocity last written for the caller
+        ("reported_angular_velocity", FLOAT, 3),  # rad/s: angular velocity last written for the caller
         ("quiet_time", FLOAT),  # s: how long it has been at rest
         ("slow_time", FLOAT),  # s: how long it has hardly moved while something bore it
         ("saved_pose", FLOAT, 7),  # a pose kept for later, reference point and orientation
         ("reported_pose", FLOAT, 7),  # pose last written for the caller
         ("rest_pose", FLOAT, 7),  # reference point and orientation since when it has been at rest
-        ("course", FLOAT, 6),  # m/s, rad/s: mean velocities of a tracked thing in the frame before
-        ("course_change", FLOAT, 6),  # m/s², rad/s²: how they had changed
-        ("course_time", FLOAT),  # s: how long that frame was
+        ("path_velocity", FLOAT, 6),  # m/s, rad/s: mean velocities of a tracked thing in the frame before
+        ("path_acceleration", FLOAT, 6),  # m/s², rad/s²: how they had changed
+        ("path_time", FLOAT),  # s: how long that frame was
     ]
 )
 """Motion of a body."""
@@ -120,7 +120,7 @@ PAIR = np.dtype(
         ("piece", INT, 2),  # a of a simulated body, b of any other
         ("body", INT, 2),
         ("point_count", INT),  # contact points now
-        ("meetings", INT),  # times it met in this step
+        ("encounters", INT),  # times it met in this step
         ("resting", INT),  # 1: some point of it is held by contact forces
         ("queue_index", INT),  # where it stands in the queue, -1: nowhere
         ("hits", INT),  # collisions at this moment
@@ -131,7 +131,7 @@ PAIR = np.dtype(
         ("due", FLOAT),  # s of the frame: its next meeting
         ("friction", FLOAT),
         ("restitution", FLOAT),
-        ("met", INT),  # 1: was in contact at the last step in which driven bodies took part
+        ("touching", INT),  # 1: was in contact at the last step in which driven bodies took part
     ]
 )
 """A pair of pieces that may meet, and what is remembered of it."""

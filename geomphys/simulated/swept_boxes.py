@@ -19,10 +19,10 @@ from geomphys.numerics.vec3 import (
 )
 from geomphys.scene.arrays import Floats
 from geomphys.simulated.driven_paths import set_path
-from geomphys.simulated.motion import fastest_turn, point_at, turn_at
+from geomphys.simulated.motion import angular_speed_bound, orientation_at, point_at
 from geomphys.simulated.state import Simulation
 
-ROOM = 2e-3  # m: how much farther than expected a body may go before pairs are looked for again
+MARGIN = 2e-3  # m: how much farther than expected a body may go before pairs are looked for again
 
 
 @kernel
@@ -92,11 +92,11 @@ def box_path(sim: Simulation, body: int) -> None:
     set_path(sim, body)
     m, t0, t1 = sim.motion[body], sim.frame[0].span_start, sim.frame[0].span_end
     h = t1 - t0
-    angle, bend = h * fastest_turn(m), 0.25 * h * h * norm(vec_of(m.rotation_change))
-    aside = 0.125 * h * h * norm(vec_of(m.acceleration))
-    r0, r1 = rot_from_quat(turn_at(m, t0)), rot_from_quat(turn_at(m, t1))
+    angle, rotation_curvature = h * angular_speed_bound(m), 0.25 * h * h * norm(vec_of(m.rotation_change))
+    path_curvature = 0.125 * h * h * norm(vec_of(m.acceleration))
+    r0, r1 = rot_from_quat(orientation_at(m, t0)), rot_from_quat(orientation_at(m, t1))
     for piece in range(kind.first_piece, kind.end_piece):
-        bulge = sim.arm[piece] * min(2.0, 0.125 * angle * angle + bend) + aside
+        bulge = sim.arm[piece] * min(2.0, 0.125 * angle * angle + rotation_curvature) + path_curvature
         box_piece(sim, piece, point_at(m, t0), r0, bulge, False)
         box_piece(sim, piece, point_at(m, t1), r1, bulge, True)
     box_body(sim, body)
@@ -106,20 +106,20 @@ def box_path(sim: Simulation, body: int) -> None:
 def reach_ahead(sim: Simulation, body: int, left: float) -> float:
     """How far any point of a simulated body may get in `left` seconds as it moves now [m]."""
     m = sim.motion[body]
-    pull = max(norm(vec_of(m.acceleration)), sim.frame[0].weight)
-    turn = min(2.0, 2.0 * left * norm(vec_of(m.angular_velocity)))
-    return left * norm(vec_of(m.velocity)) + 0.5 * left * left * pull + turn * m.reach
+    acceleration = max(norm(vec_of(m.acceleration)), sim.frame[0].weight)
+    chord = min(2.0, 2.0 * left * norm(vec_of(m.angular_velocity)))
+    return left * norm(vec_of(m.velocity)) + 0.5 * left * left * acceleration + chord * m.reach
 
 
 @kernel
 def box_free(sim: Simulation, body: int) -> None:
     """Box of a simulated body, and of its pieces, in the span looked at; notes the range it is for."""
     m, kind, t = sim.motion[body], sim.bodies[body], sim.frame[0].span_start
-    reach = reach_ahead(sim, body, sim.frame[0].span_end - t) + ROOM
+    reach = reach_ahead(sim, body, sim.frame[0].span_end - t) + MARGIN
     m.listed_range = reach
     m.listed_rotation = 0.0
     set_vec(m.listed_position, point_at(m, t))
-    r = rot_from_quat(turn_at(m, t))
+    r = rot_from_quat(orientation_at(m, t))
     p = sub(point_at(m, t), rotate(r, vec_of(m.centre)))
     for piece in range(kind.first_piece, kind.end_piece):
         box_piece(sim, piece, p, r, reach, False)

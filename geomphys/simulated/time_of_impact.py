@@ -21,7 +21,7 @@ from geomphys.collision.support import Shapes
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import set_vec, vec_of
 from geomphys.numerics.vec3 import Vec, dot, neg, norm, quat_from_rotation_vector, quat_rotate, sub
-from geomphys.simulated.motion import fastest_turn, place_piece, point_at, turned_by
+from geomphys.simulated.motion import angular_speed_bound, point_at, pose_piece, rotation_at
 from geomphys.simulated.state import Motion, Simulation
 
 MOST_SPANS = 200
@@ -30,11 +30,11 @@ LOOK_FAR = 1e-3  # m: farther apart, a lower bound of the distance is enough
 
 
 @kernel
-def place_pair(sim: Simulation, pair: int, t: float) -> None:
+def pose_pair(sim: Simulation, pair: int, t: float) -> None:
     """Frame rows of the two pieces of a pair at time `t` of the frame."""
     p = sim.pairs[pair]
-    place_piece(sim, p.body[0], p.piece[0], t)
-    place_piece(sim, p.body[1], p.piece[1], t)
+    pose_piece(sim, p.body[0], p.piece[0], t)
+    pose_piece(sim, p.body[1], p.piece[1], t)
 
 
 @kernel
@@ -50,7 +50,7 @@ def look_within(sim: Simulation, pair: int, t: float, far: float) -> tuple[float
     Beyond `far` [m] the separation is only a lower bound, that along the normal, and the points are void.
     """
     sim.counts[0].looks += 1
-    place_pair(sim, pair, t)
+    pose_pair(sim, pair, t)
     p = sim.pairs[pair]
     found = separate(Shapes(sim.pieces, sim.frames), p.piece[0], p.piece[1], far, vec_of(p.axis), sim.scratch)
     set_vec(p.axis, found[1])
@@ -62,35 +62,35 @@ def look_within(sim: Simulation, pair: int, t: float, far: float) -> tuple[float
 @kernel
 def swing(m: Motion, arm: float) -> float:
     """Bound on the acceleration that turning gives a point `arm` from the reference point [m/s²]."""
-    rate = fastest_turn(m)
+    rate = angular_speed_bound(m)
     return (rate * rate + 2.0 * norm(vec_of(m.rotation_change))) * arm
 
 
 @kernel
-def carried_curvature(carrier: Motion, other: Motion, arm: float, t: float, h: float) -> float:
-    """C for a direction fixed in the body `carrier` from time `t` on for `h` s; `arm` is that of the other's piece.
+def attached_curvature(reference: Motion, other: Motion, arm: float, t: float, h: float) -> float:
+    """C for a direction fixed in the body `reference` from time `t` on for `h` s; `arm` is that of the other's piece.
 
     Both bodies are records of `motion`. With d the way from one reference point to a point of the other body, f = n·d, so
     |f''| ≤ |n''| |d| + 2 |n'| |d'| + |d''|.
     """
-    turn = fastest_turn(carrier)
-    drift = sub(vec_of(other.velocity), vec_of(carrier.velocity))
-    pull = norm(sub(vec_of(other.acceleration), vec_of(carrier.acceleration)))
-    since = max(t - other.base_time, t - carrier.base_time) + h
+    angular_speed = angular_speed_bound(reference)
+    drift = sub(vec_of(other.velocity), vec_of(reference.velocity))
+    acceleration = norm(sub(vec_of(other.acceleration), vec_of(reference.acceleration)))
+    since = max(t - other.base_time, t - reference.base_time) + h
     speed = (
         norm(drift)
-        + (norm(vec_of(other.acceleration)) + norm(vec_of(carrier.acceleration))) * since
-        + fastest_turn(other) * arm
+        + (norm(vec_of(other.acceleration)) + norm(vec_of(reference.acceleration))) * since
+        + angular_speed_bound(other) * arm
     )
-    far = norm(sub(point_at(other, t), point_at(carrier, t))) + arm + speed * h
-    return pull + swing(other, arm) + swing(carrier, far) + 2.0 * turn * speed
+    far = norm(sub(point_at(other, t), point_at(reference, t))) + arm + speed * h
+    return acceleration + swing(other, arm) + swing(reference, far) + 2.0 * angular_speed * speed
 
 
 @kernel
-def carried(m: Motion, n: Vec, t0: float, t1: float) -> Vec:
+def attached_direction(m: Motion, n: Vec, t0: float, t1: float) -> Vec:
     """Direction n at t0, turned with a body until t1."""
-    back = quat_rotate(quat_from_rotation_vector(neg(turned_by(m, t0))), n)
-    return quat_rotate(quat_from_rotation_vector(turned_by(m, t1)), back)
+    back = quat_rotate(quat_from_rotation_vector(neg(rotation_at(m, t0))), n)
+    return quat_rotate(quat_from_rotation_vector(rotation_at(m, t1)), back)
 
 
 @kernel
@@ -125,18 +125,18 @@ def span(sim: Simulation, pair: int, n: Vec, f0: float, t0: float, t1: float, en
     a, b = sim.motion[p.body[0]], sim.motion[p.body[1]]
     arm_a, arm_b = sim.arm[p.piece[0]], sim.arm[p.piece[1]]
     sim.counts[0].spans += 1
-    place_pair(sim, pair, t1)
+    pose_pair(sim, pair, t1)
     h = t1 - t0
-    pull = abs(dot(n, sub(vec_of(a.acceleration), vec_of(b.acceleration))))
+    acceleration = abs(dot(n, sub(vec_of(a.acceleration), vec_of(b.acceleration))))
     f = reach_along(sim, pair, n)
-    low = min(f0, f) - 0.125 * (pull + swing(a, arm_a) + swing(b, arm_b)) * h * h
+    low = min(f0, f) - 0.125 * (acceleration + swing(a, arm_a) + swing(b, arm_b)) * h * h
     for side in range(2):
-        carrier, other, arm = (b, a, arm_a) if side == 0 else (a, b, arm_b)
+        reference, other, arm = (b, a, arm_a) if side == 0 else (a, b, arm_b)
         if low >= enough:
             break
-        if fastest_turn(carrier) > 0.0:
-            g = reach_along(sim, pair, carried(carrier, n, t0, t1))
-            bound = min(f0, g) - 0.125 * carried_curvature(carrier, other, arm, t0, h) * h * h
+        if angular_speed_bound(reference) > 0.0:
+            g = reach_along(sim, pair, attached_direction(reference, n, t0, t1))
+            bound = min(f0, g) - 0.125 * attached_curvature(reference, other, arm, t0, h) * h * h
             if bound > low:
                 f, low = g, bound
     return f, low
@@ -184,10 +184,10 @@ def first_touch(sim: Simulation, pair: int, t0: float, t1: float, target: float,
     float
         Time [s of the frame]; inf if it does not happen before `t1`.
     """
-    kept = sim.pairs[pair]
+    cached = sim.pairs[pair]
     t = t0
-    s, n = kept.distance, vec_of(kept.axis)
-    if kept.seen_at != t0:
+    s, n = cached.distance, vec_of(cached.axis)
+    if cached.seen_at != t0:
         s, n, _, _ = look(sim, pair, t)
     for _ in range(MOST_SPANS):
         if s <= target + slack:

@@ -19,27 +19,27 @@ from geomphys.simulated.energy import note_energies, note_fresh_energies, take_e
 from geomphys.simulated.frame import QUARANTINED, begin, finish, mark_all, put_back, undo_put_back
 from geomphys.simulated.impact_queue import empty_queue, put, take_out
 from geomphys.simulated.impulse_accumulation import drop_rows
-from geomphys.simulated.islands import concerns_changed, mark_meeting
+from geomphys.simulated.islands import concerns_changed, mark_connected
 from geomphys.simulated.motion import move_bases
 from geomphys.simulated.pairs import any_beyond_range, find_pairs
-from geomphys.simulated.position_projection import any_short, push_apart
+from geomphys.simulated.position_projection import any_short, project_positions
 from geomphys.simulated.resting_contact import FEW_SWEEPS, SWEEPS, hold
 from geomphys.simulated.sleeping import wake
 from geomphys.simulated.state import Simulation, has_changed, has_yielded, is_simulated
 from geomphys.simulated.time_of_impact import first_touch, look
 
 STEP = 1.0 / 240.0  # s: contact forces are constant for no longer
-SPARE = 0.01  # share of a step by which one may be longer: times of messages are rounded
-TURN_A_STEP = 0.1  # rad: a body that may touch something turns no further in a step
+STEP_TOLERANCE = 0.01  # share of a step by which one may be longer: times of messages are rounded
+ROTATION_PER_STEP = 0.1  # rad: a body that may touch something turns no further in a step
 LEAST_STEP = 1e-6  # s
 LEAST_THRESHOLD = 1e-3  # m/s: also where there is no gravity, slower approaches do not bounce
 TOUCH = 5.0  # gaps: clearance that counts as touching
-MOST_MEETINGS = 40  # of a pair in a step, if one follows its path: beyond, it is squeezed and let go
+MAX_ENCOUNTERS = 40  # of a pair in a step, if one follows its path: beyond, it is squeezed and let go
 MISSED = (
     3.0  # gaps: by how much surfaces that contact forces hold may come nearer within a step if bodies are fast, ...
 )
 SLOW = 0.05  # m/s: ... and by one if they are slow: lifting them off again takes more energy than they have
-PARTINGS = 20
+PROJECTION_ROUNDS = 20
 
 __all__ = ["IMPACT_BOUND", "QUARANTINED", "simulate"]
 
@@ -68,10 +68,10 @@ def part(sim: Simulation, t: float) -> float:
     Returns the least clearance that is left [m], to first order where it is small.
     """
     least = lay_rows(sim, t)
-    for _ in range(PARTINGS):
+    for _ in range(PROJECTION_ROUNDS):
         if not any_short(sim):
             break
-        near = push_apart(sim)
+        near = project_positions(sim)
         for k in range(sim.counts[0].pairs):
             if concerns_changed(sim, k):
                 sim.pairs[k].seen_at = -1.0
@@ -100,7 +100,7 @@ def queue_pairs(sim: Simulation, t: float, t1: float) -> None:
         if not concerns_changed(sim, k):
             continue
         due = math.inf
-        if p.meetings >= MOST_MEETINGS and not is_simulated(sim, p.body[1]):
+        if p.encounters >= MAX_ENCOUNTERS and not is_simulated(sim, p.body[1]):
             p.yielded = sim.bodies[p.body[1]].moves
         if not has_yielded(sim, k):
             target, slack = gap, 0.25 * gap
@@ -125,9 +125,9 @@ def longest_step(sim: Simulation, left: float) -> float:
         for side in range(2):
             body = p.body[side]
             if is_simulated(sim, body) and sim.arm[p.piece[side]] > 0.0:
-                spin = norm(vec_of(sim.motion[body].angular_velocity))
-                if spin * h > TURN_A_STEP:
-                    h = max(LEAST_STEP, TURN_A_STEP / spin)
+                omega = norm(vec_of(sim.motion[body].angular_velocity))
+                if omega * h > ROTATION_PER_STEP:
+                    h = max(LEAST_STEP, ROTATION_PER_STEP / omega)
     return h
 
 
@@ -145,13 +145,13 @@ def look_again(sim: Simulation, t: float, until: float) -> None:
 
 
 @outlined
-def advance(sim: Simulation, t0: float, t1: float, room: int, most_halts: int) -> tuple[int, int, bool]:
+def advance(sim: Simulation, t0: float, t1: float, budget: int, max_stops: int) -> tuple[int, int, bool]:
     """Move the simulated bodies from time `t0` of the frame to `t1`, from impact to impact.
 
     Returns the number of collisions resolved, how often motion halted, and whether a bound was hit; if it was that on
     halts, the bodies stand where the last one left them.
     """
-    impacts, halts, bound = 0, 0, False
+    impacts, stops, bound = 0, 0, False
     t = t0
     mark_all(sim)
     empty_queue(sim)
@@ -161,10 +161,10 @@ def advance(sim: Simulation, t0: float, t1: float, room: int, most_halts: int) -
         part(sim, t)
         if t == t0:
             note_fresh_energies(sim)
-        done, full = resolve(sim, t, room - impacts)
+        done, full = resolve(sim, t, budget - impacts)
         impacts += done
         bound = bound or full
-        hold(sim, t, t1 - t, SWEEPS if halts == 0 else FEW_SWEEPS)
+        hold(sim, t, t1 - t, SWEEPS if stops == 0 else FEW_SWEEPS)
         if any_beyond_range(sim, t):
             look_again(sim, t, sim.frame[0].span_end)
             note_energies(sim)  # islands are no longer what they were
@@ -174,17 +174,17 @@ def advance(sim: Simulation, t0: float, t1: float, room: int, most_halts: int) -
             break
         pair = sim.queue[0]
         t = sim.pairs[pair].due
-        sim.pairs[pair].meetings = sim.pairs[pair].meetings + 1
-        mark_meeting(sim, pair, t)
-        halts += 1
-        if halts > most_halts:
+        sim.pairs[pair].encounters = sim.pairs[pair].encounters + 1
+        mark_connected(sim, pair, t)
+        stops += 1
+        if stops > max_stops:
             mark_all(sim)
             move_bases(sim, t)
-            return impacts, halts, True
+            return impacts, stops, True
     mark_all(sim)
     move_bases(sim, t1)
     take_excess(sim)
-    return impacts, halts, bound
+    return impacts, stops, bound
 
 
 @kernel
@@ -193,7 +193,7 @@ def begin_step(sim: Simulation, t: float, t1: float, steps: int) -> None:
     if steps > 1:
         look_again(sim, t, t1)
     for k in range(sim.counts[0].pairs):
-        sim.pairs[k].meetings = 0
+        sim.pairs[k].encounters = 0
     if t > 0.0:
         for s in range(len(sim.free)):
             sim.bodies[sim.free[s]].fresh = 0
@@ -206,12 +206,12 @@ def play(sim: Simulation, max_impacts: int) -> tuple[int, int, float]:
     Returns the number of collisions, 0 or `IMPACT_BOUND`, and the time of the frame at which the bodies stand.
     """
     dt = sim.frame[0].dt
-    steps = max(1, math.ceil(dt / STEP - SPARE))
-    most_halts = 20 * steps + 2 * max_impacts
-    t, step, looked, impacts, halts, flags = 0.0, 0, 0, 0, 0, 0
+    steps = max(1, math.ceil(dt / STEP - STEP_TOLERANCE))
+    max_stops = 20 * steps + 2 * max_impacts
+    t, step, looked, impacts, stops, flags = 0.0, 0, 0, 0, 0, 0
     if sim.counts[0].pairs == 0:
         steps = 1
-    while step < steps and halts <= most_halts:
+    while step < steps and stops <= max_stops:
         t1 = dt * (step + 1) / steps
         if looked == step:
             looked += 1
@@ -221,9 +221,9 @@ def play(sim: Simulation, max_impacts: int) -> tuple[int, int, float]:
             t1 = t + short
         else:
             step += 1
-        done, halted, full = advance(sim, t, t1, max_impacts - impacts, most_halts - halts)
+        done, halted, full = advance(sim, t, t1, max_impacts - impacts, max_stops - stops)
         impacts += done
-        halts += halted
+        stops += halted
         if full:
             flags = IMPACT_BOUND
         t = t1
@@ -242,15 +242,15 @@ def part_at_end(sim: Simulation, bounded: bool) -> None:
         sim.pairs[k].yielded = 0
     if not left:
         return
-    dt, room = sim.frame[0].dt, -3.0 * sim.frame[0].gap
+    dt, margin = sim.frame[0].dt, -3.0 * sim.frame[0].gap
     mark_all(sim)
     for s in range(len(sim.free)):
         sim.motion[sim.free[s]].base_time = dt
     before = part(sim, dt)
-    if before >= room:
+    if before >= margin:
         return
     for k in range(sim.counts[0].rows):
-        if sim.rows[k].clearance < room:
+        if sim.rows[k].clearance < margin:
             sim.bodies[sim.bodies[sim.rows[k].a].island].island_awake = 2
     for s in range(len(sim.free)):
         body = sim.free[s]

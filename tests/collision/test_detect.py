@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from geomphys.engine.state import make_machine
-from geomphys.engine.step import measure_recorded, place_recording
+from geomphys.engine.step import measure_recorded, pose_recording
 from geomphys.jit.packed_records import pack
 from geomphys.scene.arrays import FIXED
 from tests.driven.logs import Engine, Run, play
@@ -20,7 +20,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 def near_of(run: Run, machine: object, frame: int) -> dict[tuple[int, int], float]:
     """Overlapping pairs of pieces in a recorded frame and their separations [m]."""
     packed, f = pack(machine), run.results[frame].frame
-    place_recording(pack(run.world.scene), packed, f.roots, f.angles)
+    pose_recording(pack(run.world.scene), packed, f.roots, f.angles)
     measure_recorded(pack(run.world.scene), packed)
     near = machine.room.near  # type: ignore[attr-defined]
     return {(int(near.a[k]), int(near.b[k])): float(near.separation[k]) for k in range(near.filled[0])}

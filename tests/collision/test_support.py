@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from geomphys.collision.support import core_of, place_pieces, shapes_of, support
+from geomphys.collision.support import core_of, pose_pieces, shapes_of, support
 from geomphys.jit.kernel import kernel
 from geomphys.jit.packed_records import pack
 from geomphys.scene.arrays import Floats, Pieces
@@ -65,7 +65,7 @@ def test_pieces_stand_where_their_bodies_put_them() -> None:
     places = rng.normal(size=(2, 3))
     poses = np.hstack([places, [r.as_quat() for r in turns]])
     frames = np.zeros((4, 12))
-    place_pieces(pieces, poses, frames)
+    pose_pieces(pieces, poses, frames)
     for k, local in enumerate(locals_):
         expected = pose(places[k // 2], turns[k // 2]) @ local
         assert np.allclose(frames[k], [*expected[:3, :3].reshape(9), *expected[:3, 3]], rtol=0, atol=1e-15)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from geomphys.collision.support import place_pieces
+from geomphys.collision.support import pose_pieces
 from geomphys.collision.sweep import Boxes, make_boxes, near_trees, update_boxes
 from geomphys.jit.packed_records import pack
 from geomphys.scene import arrays as s
@@ -46,7 +46,7 @@ def made(seed: int, still: int, moving: int, spread: float) -> tuple[s.Scene, np
     ]
     scene = make_scene(things)
     frames = np.zeros((len(scene.pieces.kind), 12))
-    place_pieces(scene.pieces, scene.trees.rest, frames)
+    pose_pieces(scene.pieces, scene.trees.rest, frames)
     return scene, frames, make_boxes(scene, frames)
 
 

@@ -153,7 +153,7 @@ def test_a_chain_is_put_back_with_its_posture(tmp_path: Path, monkeypatch: pytes
     )  # fmt: skip
 
     def poison(machine: Any) -> None:
-        machine.driven.bent.fill(1)
+        machine.driven.deformed.fill(1)
         machine.driven.shift.fill(value)
         machine.driven.last.angles.fill(value)
 

@@ -104,14 +104,6 @@ REFUSED = {
 }
 """Words that mean nothing, or another thing, to who knows the field -> the field's words for what they stood for."""
 
-IN_WORK = {"collision", "driven", "engine", "jit", "simulated"}
-"""Folders that are being rewritten; each goes from here once its words are the field's, until none is left."""
-
-ALLOWED = {
-    "scene": "place turned",
-}
-"""Folder -> words that its identifiers still have. Only ever shorter: a word that is found no more must go."""
-
 STANDARD = {"tell", "contacts_kept", "grasps_kept", "CONTACTS_KEPT", "GRASPS_KEPT"}
 """Identifiers that the standard library prescribes (those of a file), and fields of messages that are a contract."""
 
@@ -160,27 +152,11 @@ FOUND = refused_words()
 FOLDERS = sorted({folder_of(package, name) for package in ("geomphys", "cli") for name in modules(package)})
 
 
-@pytest.mark.parametrize("folder", [folder for folder in FOLDERS if folder not in IN_WORK])
+@pytest.mark.parametrize("folder", FOLDERS)
 def test_identifiers_are_in_the_words_of_the_field(folder: str) -> None:
     of_folder = FOUND.get(folder, {})
-    bad = [
-        f"{where} - say {REFUSED[word]}"
-        for word in sorted(of_folder.keys() - set(ALLOWED.get(folder, "").split()))
-        for where in sorted(of_folder[word])
-    ]
+    bad = [f"{where} - say {REFUSED[word]}" for word in sorted(of_folder) for where in sorted(of_folder[word])]
     assert not bad, "\n".join(bad)
-
-
-def test_what_is_allowed_is_still_there() -> None:
-    gone = {
-        folder: sorted(words)
-        for folder, listed in ALLOWED.items()
-        if (words := set(listed.split()) - FOUND.get(folder, {}).keys())
-    }
-    assert not gone, f"these words are gone: take them out of ALLOWED: {gone}"
-    assert not [folder for folder in IN_WORK if not FOUND.get(folder)], (
-        "these folders are done: take them out of IN_WORK"
-    )
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from geomphys.jit.packed_records import pack
 from geomphys.load import load_world
 from geomphys.numerics.transforms import compose, frame_from_matrix, matrix_from_frame, matrix_from_pose
 from geomphys.scene.arrays import World
-from geomphys.scene.kinematics import joint_origins, place_tree, pose_tree
+from geomphys.scene.kinematics import joint_origins, pose_pieces_of_tree, pose_tree
 from geomphys.scene.skeleton import load_skeleton
 from tests.scene.models import joint, link, urdf
 
@@ -70,7 +70,7 @@ def test_pieces_stand_where_their_bodies_carry_them(world: World) -> None:
     scene = world.scene
     poses, frames = np.zeros((len(world.body_names), 7)), np.zeros((len(scene.pieces.kind), 12))
     pose_tree(pack(scene), joint_origins(scene), 0, roots, angles, poses)
-    place_tree(pack(scene), 0, poses, frames)
+    pose_pieces_of_tree(pack(scene), 0, poses, frames)
     for k, body in enumerate(scene.pieces.body):
         expected = compose(matrix_from_pose(poses[body]), matrix_from_frame(scene.pieces.local[k]))
         assert frames[k] == pytest.approx(frame_from_matrix(expected), abs=1e-12)

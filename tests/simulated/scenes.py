@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from geomphys.collision.penetration import make_scratch, separation
-from geomphys.collision.support import place_pieces
+from geomphys.collision.support import pose_pieces
 from geomphys.jit.packed_records import pack
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PosedShape, Shape, Sphere, build_pieces
@@ -154,7 +154,7 @@ class Player:
         self.poses = self.scene.trees.rest.copy()
         self.velocity = self.scene.initial_velocity.copy()
         self.frames = np.zeros((len(self.scene.pieces.kind), 12))
-        place_pieces(self.scene.pieces, self.poses, self.frames)
+        pose_pieces(self.scene.pieces, self.poses, self.frames)
         self.scratch = make_scratch()
         self.time = 0.0
         self.impacts = self.flags = 0
@@ -199,7 +199,7 @@ class Player:
 
     def overlap(self) -> float:
         """Deepest overlap of a simulated body with anything [m]; 0 if there is none."""
-        place_pieces(self.scene.pieces, self.poses, self.frames)
+        pose_pieces(self.scene.pieces, self.poses, self.frames)
         body, role = self.scene.pieces.body, self.scene.bodies.role
         deepest = 0.0
         for i in range(len(body)):

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from geomphys.collision.penetration import separation
-from geomphys.collision.support import place_pieces
+from geomphys.collision.support import pose_pieces
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box, Capsule, Sphere
 from tests.simulated.scenes import Player, Thing, floor
@@ -26,7 +26,7 @@ def least_separation(player: Player, end: np.ndarray) -> float:
         turn = (Rotation.from_quat(end[1, 3:]) * start[1].inv()).as_rotvec()
         poses[1, :3] = player.poses[1, :3] + share * (end[1, :3] - player.poses[1, :3])
         poses[1, 3:] = (Rotation.from_rotvec(share * turn) * start[1]).as_quat()
-        place_pieces(player.scene.pieces, poses, player.frames)
+        pose_pieces(player.scene.pieces, poses, player.frames)
         apart, normal, _, _ = separation(player.scene.pieces, player.frames, 0, 1, 1.0, normal, player.scratch)
         least = min(least, apart)
     return least
@@ -53,7 +53,7 @@ def test_what_meets_in_a_frame_is_found_and_nothing_else(seed: int) -> None:
         end[1, :3] += 0.06 * rng.normal(size=3)
         end[1, 3:] = (Rotation.from_rotvec(0.8 * rng.normal(size=3)) * turn).as_quat()
         least = least_separation(player, end)
-        place_pieces(player.scene.pieces, player.poses, player.frames)
+        pose_pieces(player.scene.pieces, player.poses, player.frames)
         if separation(player.scene.pieces, player.frames, 0, 1, 1.0, (0.0, 0.0, 0.0), player.scratch)[0] < 1e-3:
             continue
         player.targets[1] = lambda _, end=end: end[1]

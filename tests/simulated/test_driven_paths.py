@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from geomphys.simulated.driven_paths import UNEVEN, carried_on, is_even
+from geomphys.simulated.driven_paths import UNEVEN, extrapolated, is_even
 
 
 @pytest.mark.parametrize(
@@ -23,11 +23,11 @@ def test_frames_of_about_the_same_length_tell_of_an_acceleration(last: float, ev
 
 
 def test_an_even_acceleration_goes_on() -> None:
-    assert carried_on((1.0, -2.0, 3.0), (1.0, -2.0, 3.0)) == pytest.approx((1.0, -2.0, 3.0))
+    assert extrapolated((1.0, -2.0, 3.0), (1.0, -2.0, 3.0)) == pytest.approx((1.0, -2.0, 3.0))
 
 
 def test_one_that_grows_grows_on_by_half_a_frame() -> None:
-    assert carried_on((1.2, 0.0, 0.0), (1.0, 0.0, 0.0)) == pytest.approx((1.3, 0.0, 0.0))
+    assert extrapolated((1.2, 0.0, 0.0), (1.0, 0.0, 0.0)) == pytest.approx((1.3, 0.0, 0.0))
 
 
 @pytest.mark.parametrize(
@@ -35,7 +35,7 @@ def test_one_that_grows_grows_on_by_half_a_frame() -> None:
     [((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)), ((1.0, 0.0, 0.0), (0.0, 0.0, 0.0)), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))],
 )
 def test_one_that_turned_round_or_just_began_is_none(now: tuple[float, ...], before: tuple[float, ...]) -> None:
-    assert carried_on(now, before) == (0.0, 0.0, 0.0)
+    assert extrapolated(now, before) == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -43,7 +43,7 @@ def test_it_is_never_more_than_twice_the_smaller_and_never_opposite(seed: int) -
     rng = np.random.default_rng(seed)
     for _ in range(200):
         now, before = (rng.normal(size=3) * 10.0 ** rng.uniform(-3, 3) for _ in range(2))
-        then = np.array(carried_on(tuple(now.tolist()), tuple(before.tolist())))
+        then = np.array(extrapolated(tuple(now.tolist()), tuple(before.tolist())))
         smaller = min(np.linalg.norm(now), np.linalg.norm(before))
         assert np.linalg.norm(then) <= 2.0 * smaller * (1.0 + 1e-12)
         assert then @ now >= 0.0

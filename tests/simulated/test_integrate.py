@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from geomphys.simulated.integrate import angular_momentum, angular_velocity, inverse_inertia, turn_freely
+from geomphys.simulated.integrate import angular_momentum, angular_velocity, inverse_inertia, rotate_freely
 
 Vec = tuple[float, float, float]
 INERTIA: Vec = (1.0e-3, 2.0e-3, 3.5e-3)
@@ -60,7 +60,7 @@ def test_a_body_turns_as_euler_says(seed: int, twist: float) -> None:
 
     step = 1 / 240
     exact = solve_ivp(change, (0.0, step), q.as_quat(), rtol=1e-12, atol=1e-14).y[:, -1]
-    turned = turn_freely(plain(q), INERTIA, tuple(momentum.tolist()), tuple(torque.tolist()), step)
+    turned = rotate_freely(plain(q), INERTIA, tuple(momentum.tolist()), tuple(torque.tolist()), step)
     assert np.linalg.norm(turned) == pytest.approx(1.0, abs=1e-12)
     off = (Rotation.from_quat(turned) * Rotation.from_quat(exact).inv()).magnitude()
     assert off < 1e-7

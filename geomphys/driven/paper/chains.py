@@ -27,7 +27,7 @@ from geomphys.driven.postures import vec_of
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import Vec, add, add_scaled, dot, norm, quat_conjugate, quat_rotate, scale, sub, unit
 from geomphys.scene.arrays import Scene
-from geomphys.scene.kinematics import orientation_of, place_tree, pose_tree, position_of
+from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, pose_tree, position_of
 
 STEPS = 6  # of one chain in a pass
 SHARED_PASSES = 2  # the first ones, in which two links that both can move take half each
@@ -64,7 +64,7 @@ def draw_order(w: PaperWorkspace) -> None:
 def update_tree(scene: Scene, w: PaperWorkspace, tree: int) -> None:
     """Pose a driven tree, its pieces and its boxes at the iterate."""
     pose_tree(scene, w.origins, tree, w.now.roots, w.now.angles, w.now.poses)
-    place_tree(scene, tree, w.now.poses, w.frames)
+    pose_pieces_of_tree(scene, tree, w.now.poses, w.frames)
     update_boxes(scene, w.frames, w.boxes, tree)
 
 

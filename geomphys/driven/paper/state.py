@@ -12,7 +12,7 @@ from geomphys.collision.scratch import Scratch
 from geomphys.collision.sweep import Boxes
 from geomphys.config import Config
 from geomphys.driven.postures import Posture, make_posture
-from geomphys.driven.state import DrivenRoom
+from geomphys.driven.state import DrivenWorkspace
 from geomphys.scene.arrays import JOINT_FIXED, Scene
 
 Floats = NDArray[np.float64]
@@ -109,7 +109,7 @@ def _length_of(scene: Scene, body: int) -> Floats:
     return np.asarray(direction * np.max(centres @ direction + scene.pieces.reach[first:last]))
 
 
-def make_paper_workspace(scene: Scene, shared: DrivenRoom, config: Config) -> PaperWorkspace:
+def make_paper_workspace(scene: Scene, shared: DrivenWorkspace, config: Config) -> PaperWorkspace:
     """Workspace of the published method for a scene.
 
     Parameters
@@ -129,9 +129,9 @@ def make_paper_workspace(scene: Scene, shared: DrivenRoom, config: Config) -> Pa
     return PaperWorkspace(
         gap=config.gap,
         origins=shared.origins,
-        frames=shared.places.frames,
+        frames=shared.piece_frames.frames,
         reach=np.zeros((trees, 2)),
-        found=shared.places.found,
+        found=shared.piece_frames.found,
         near=shared.near,
         boxes=shared.boxes,
         axes=shared.axes,

@@ -22,7 +22,7 @@ from geomphys.driven.state import STARTED_FREE, DrivenState
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import dot, norm, sub
 from geomphys.scene.arrays import DRIVEN, Scene
-from geomphys.scene.kinematics import place_tree
+from geomphys.scene.kinematics import pose_pieces_of_tree
 
 Floats = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ def stand_around(scene: Scene, w: PaperWorkspace, recorded: Floats) -> None:
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
             for k in range(7):
                 w.now.poses[body, k] = recorded[body, k]
-        place_tree(scene, tree, w.now.poses, w.frames)
+        pose_pieces_of_tree(scene, tree, w.now.poses, w.frames)
         update_boxes(scene, w.frames, w.boxes, tree)
 
 
@@ -90,7 +90,7 @@ def note_tree(scene: Scene, state: DrivenState, w: PaperWorkspace, tree: int, ro
         if against < 0.0:
             state.speed[tree, i] -= against * way[i] / size
         state.offset[tree, i] = w.now.roots[tree, i] - roots[tree, i]
-        state.kept_speed[tree, i] = state.speed[tree, i]
+        state.last_speed[tree, i] = state.speed[tree, i]
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         if w.joint_rate[q] * (w.now.angles[q] - w.target.angles[q]) < 0.0:
             w.joint_rate[q] = 0.0

@@ -27,7 +27,7 @@ UPPER, LOWER = 0.3, 0.2  # m
 def workspace(world: World, angles: np.ndarray, low: float = -3.0, high: float = 3.0) -> PaperWorkspace:
     """The method's workspace with an iterate at `angles` and these limits."""
     machine = make_machine(world.scene)
-    w = make_paper_workspace(world.scene, machine.room, Config())
+    w = make_paper_workspace(world.scene, machine.workspace, Config())
     w.now.angles[:] = angles
     w.lower[:], w.upper[:] = low, high
     w.cone_bound[:] = -math.pi

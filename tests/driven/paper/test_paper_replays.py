@@ -179,7 +179,7 @@ def test_what_no_chain_moves_is_moved_by_the_root(tmp_path: Path) -> None:
 def test_a_replay_has_one_method(tmp_path: Path) -> None:
     """The field of the other is None, so that numba leaves its kernels out."""
     world = play(tmp_path, [TABLE, Thing(name="cube", shape=CUBE, role="driven", path=still(0, 0, 0.2))]).world
-    exact, paper = Pipeline(world, Config()).knobs.method, Pipeline(world, PAPER).knobs.method
+    exact, paper = Pipeline(world, Config()).params.method, Pipeline(world, PAPER).params.method
     assert exact.paper is None
     assert paper.exact is None
 
