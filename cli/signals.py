@@ -87,7 +87,7 @@ class Signals:
                     return
             self._frames = 0  # a second one does not wait
             signal.setitimer(signal.ITIMER_REAL, INTERVAL_S, INTERVAL_S)
-        if not self._frames and (signum != signal.SIGALRM or not _is_on_its_way()):
+        if not self._frames and (signum != signal.SIGALRM or not _is_raised()):
             assert self.received is not None
             raise Stopped(self.received)
 
@@ -97,7 +97,7 @@ class Signals:
             self._unraisable(unraisable)
 
 
-def _is_on_its_way() -> bool:
+def _is_raised() -> bool:
     """Whether `Stopped` is being handled: cleanup is under way."""
     error, seen = sys.exc_info()[1], set[int]()
     while error is not None and id(error) not in seen:

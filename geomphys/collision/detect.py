@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.extent import gap_along
-from geomphys.collision.penetration import Scratch, separation
+from geomphys.collision.penetration import Scratch, Separation, separation
 from geomphys.collision.support import shapes_of
 from geomphys.collision.sweep import Boxes, apart, near_trees
 from geomphys.jit.kernel import kernel, outlined
@@ -26,7 +26,7 @@ class Near(NamedTuple):
     """Pairs of pieces that are near each other, in a fixed order. `filled[0]` of them are filled."""
 
     filled: Ints  # (1,)
-    lost: Ints  # (1,) pairs that found no room since it was last set to 0
+    lost: Ints  # (1,) pairs that found the table full since it was last set to 0
     a: Ints  # (n,) pieces
     b: Ints  # (n,)
     tree_a: Ints  # (n,)
@@ -45,7 +45,7 @@ class Axes(NamedTuple):
 
 
 def make_near(size: int) -> Near:
-    """Room for `size` pairs."""
+    """A table for `size` pairs."""
     a, b, tree_a, tree_b = (np.zeros(size, np.int64) for _ in range(4))
     normal, point_a, point_b = (np.zeros((size, 3)) for _ in range(3))
     filled, lost = np.zeros(1, np.int64), np.zeros(1, np.int64)
@@ -53,7 +53,7 @@ def make_near(size: int) -> Near:
 
 
 def make_axes(size: int = 1 << 14) -> Axes:
-    """Room for `size` (a power of two) remembered directions."""
+    """A table for `size` (a power of two) remembered directions."""
     return Axes(np.full((size, 4), -1.0))
 
 
@@ -118,8 +118,9 @@ def pair_bound(pieces: Pieces, frames: Floats, a: int, b: int, axes: Axes) -> tu
 
 
 @kernel
-def append_pair(near: Near, a: int, b: int, tree_a: int, tree_b: int, s: float, n: Vec, pa: Vec, pb: Vec) -> None:
-    """Add a pair to `near`; counts it as lost where there is no room."""
+def append_pair(near: Near, a: int, b: int, tree_a: int, tree_b: int, found: Separation) -> None:
+    """Add a pair to `near`; counts it as lost where the table is full."""
+    s, n, pa, pb = found
     k = near.filled[0]
     if k == len(near.a):
         near.lost[0] += 1
@@ -148,12 +149,12 @@ def near_bodies(
             if bound > limit:
                 continue
             if bound >= enough:
-                append_pair(near, a, b, tree_a, tree_b, bound, along, NOWHERE, NOWHERE)
+                append_pair(near, a, b, tree_a, tree_b, (bound, along, NOWHERE, NOWHERE))
                 near.exact[near.filled[0] - 1] = 0
                 continue
-            s, n, pa, pb = pair_separation(scene.pieces, frames, a, b, limit, axes, scratch)
-            if s <= limit:
-                append_pair(near, a, b, tree_a, tree_b, s, n, pa, pb)
+            found = pair_separation(scene.pieces, frames, a, b, limit, axes, scratch)
+            if found[0] <= limit:
+                append_pair(near, a, b, tree_a, tree_b, found)
 
 
 @kernel
@@ -211,11 +212,11 @@ def find_near(
         m; pairs that a remembered direction shows to be this far apart are not measured: `separation` and `normal` are that
         bound and direction, `exact` is 0. inf: all are measured.
     near
-        The pairs replace what it held; `lost` counts what found no room.
+        The pairs replace what it held; `lost` counts what did not fit.
     found
         (T,) scratch.
     axes, scratch
-        Remembered directions and room for the narrow phase.
+        Remembered directions and workspace of the narrow phase.
     """
     near.filled[0] = 0
     widest = 0.0

@@ -14,7 +14,7 @@ import numpy as np
 from geomphys.collision.penetration import Separation
 from geomphys.collision.scratch import MAX_POLYGON, Scratch
 from geomphys.collision.support import Shapes, position_of, rotation_of
-from geomphys.jit.kernel import inlined, kernel, outlined
+from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import set_vec_at, vec_at
 from geomphys.numerics.vec3 import Vec, add, add_scaled, cross, dot, neg, norm, rotate, rotate_back, scale, sub
 from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, SPHERE, Floats, Pieces
@@ -31,40 +31,6 @@ SKEW = 0.005
 """Sine of the angle from which on two lines cross at a point instead of lying along each other."""
 TILT = 0.01
 """... and from which on a capsule stands on its end instead of lying on its side."""
-
-
-@inlined
-def manifold(
-    pieces: Pieces,
-    frames: Floats,
-    a: int,
-    b: int,
-    s: float,
-    n: Vec,
-    pa: Vec,
-    pb: Vec,
-    points_a: Floats,
-    points_b: Floats,
-    scratch: Scratch,
-) -> int:
-    """Points where the pieces `a` and `b` touch, from what `separation` found for them.
-
-    Parameters
-    ----------
-    frames
-        (P, 12) world_from_piece.
-    s, n, pa, pb
-        Separation [m], unit normal out of B into A, and points of `separation`, world frame.
-    points_a, points_b
-        (>= 4, 3), written: points of A and of B, world frame. points_a - points_b is along n, and its length the
-        separation there, below 0 where they overlap; s at the deepest.
-
-    Returns
-    -------
-    count
-        1 to 4.
-    """
-    return touching(Shapes(pieces, frames), a, b, (s, n, pa, pb), points_a, points_b, scratch)
 
 
 @kernel
@@ -148,8 +114,24 @@ def clip(points: Floats, count: int, out: Floats, origin: Vec, inward: Vec) -> i
 
 
 @outlined
-def touching(shapes: Shapes, a: int, b: int, found: Separation, out_a: Floats, out_b: Floats, scratch: Scratch) -> int:
-    """`manifold` of pieces where they are, for what was `found`."""
+def manifold(shapes: Shapes, a: int, b: int, found: Separation, out_a: Floats, out_b: Floats, scratch: Scratch) -> int:
+    """Points where the pieces `a` and `b` touch, from what `separation` found for them.
+
+    Parameters
+    ----------
+    shapes
+        The pieces and their frames (P, 12), world_from_piece.
+    found
+        Separation s [m], unit normal out of B into A, and points of `separation`, world frame.
+    out_a, out_b
+        (>= 4, 3), written: points of A and of B, world frame. out_a - out_b is along n, and its length the
+        separation there, below 0 where they overlap; s at the deepest.
+
+    Returns
+    -------
+    count
+        1 to 4.
+    """
     s, n, pa, pb = found
     reference, incident, from_a, from_b = (
         scratch.polygons[0],

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from geomphys.collision.manifold import manifold
 from geomphys.collision.penetration import Scratch, make_scratch, separation
+from geomphys.collision.support import Shapes
 from geomphys.jit.kernel import kernel
 from geomphys.jit.packed_records import pack
 from geomphys.scene.arrays import Floats, Pieces
@@ -33,7 +34,7 @@ def _measure(pieces: Pieces, frames: Floats, scratch: Scratch, out: Floats) -> i
     for k in range(3):
         out[0, k], out[1, k], out[2, k] = n[k], pa[k], pb[k]
     out[3, 0] = s
-    return manifold(pieces, frames, 0, 1, s, n, pa, pb, out[4:8], out[8:12], scratch)
+    return manifold(Shapes(pieces, frames), 0, 1, (s, n, pa, pb), out[4:8], out[8:12], scratch)
 
 
 def query(

@@ -83,10 +83,10 @@ def centre_motion(scene: Scene, before: Floats, after: Floats, piece: int) -> Ve
 def pair_motion(scene: Scene, before: Floats, after: Floats, a: int, b: int) -> tuple[float, float]:
     """How far two pieces move against each other at most [m], and the part of it that comes of turning."""
     pieces = scene.pieces
-    way = norm(sub(centre_motion(scene, before, after, a), centre_motion(scene, before, after, b)))
+    path = norm(sub(centre_motion(scene, before, after, a), centre_motion(scene, before, after, b)))
     swing = rotation_between(before, after, pieces.body[a]) * pieces.reach[a]
     swing += rotation_between(before, after, pieces.body[b]) * pieces.reach[b]
-    return way + swing, swing
+    return path + swing, swing
 
 
 @kernel
@@ -132,7 +132,7 @@ def is_parted_before(
 
 
 @outlined
-def way_is_free(
+def path_is_free(
     scene: Scene, before: Floats, after: Floats, a: int, b: int, frames: Floats, axes: Axes, scratch: Scratch
 ) -> bool:
     """Whether the pieces `a` and `b` get from where the poses `before` (B, 7) put them to `after` without passing through.

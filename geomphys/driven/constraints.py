@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from geomphys.collision.penetration import Separation
 from geomphys.driven.objective import pivot_of
 from geomphys.driven.postures import Posture, joint_effect, point_of, vec_of
 from geomphys.driven.reach_cones import cone_bound, cone_row
@@ -21,7 +22,7 @@ ON = 1e-5  # m: pairs this near touch
 TOUCHING = 2e-3  # m: where pairs this near were nearest is remembered
 SAME_SPOT = 1e-3  # m
 CONE_MARGIN = 1e-7  # rad
-DEAR = 1e3  # mean weights: of an overlap that cannot be taken out at once
+OVERLAP_WEIGHT = 1e3  # mean weights: of an overlap that cannot be taken out at once
 NEAR_ENOUGH = 2.5  # times the step bound, and
 NEAR_SLACK = 1e-3  # m: pairs farther apart need no row
 
@@ -58,9 +59,10 @@ def _add_effect(
 
 @kernel
 def _add_row(
-    scene: Scene, ws: DrivenWorkspace, poses: Floats, a: int, b: int, n: Vec, pa: Vec, pb: Vec, m: int, unknowns: int
-) -> None:  # fmt: skip
-    """Row m: how the pieces a and b come apart along n."""
+    scene: Scene, ws: DrivenWorkspace, poses: Floats, a: int, b: int, found: Separation, m: int, unknowns: int
+) -> None:
+    """Row m: how the pieces a and b come apart along the normal that was `found`."""
+    _, n, pa, pb = found
     row = ws.problem.least.rows[m]
     for j in range(unknowns):
         row[j] = 0.0
@@ -144,7 +146,7 @@ def _add_spots(scene: Scene, ws: DrivenWorkspace, poses: Floats, k: int, gap: fl
             continue
         if norm(sub(pa, vec_of(near.point_a, k))) + norm(sub(pb, vec_of(near.point_b, k))) < SAME_SPOT:
             continue
-        _add_row(scene, ws, poses, a, b, n, pa, pb, m, unknowns)
+        _add_row(scene, ws, poses, a, b, (s, n, pa, pb), m, unknowns)
         ws.problem.least.bounds[m] = needed(gap, s)
         m += 1
     return m
@@ -162,11 +164,11 @@ def add_term(ws: DrivenWorkspace, row: Floats, unknowns: int, weight: float, r: 
 
 
 @kernel
-def want_touching(ws: DrivenWorkspace) -> None:
+def request_touching(ws: DrivenWorkspace) -> None:
     """Only pairs that touch get a row at first: others turn out to be in the way, or not."""
     near = ws.near
     for k in range(near.filled[0]):
-        ws.rowed[k] = REQUESTED if near.exact[k] == 1 and near.separation[k] < ON and concerns(ws, k) else NO_ROW
+        ws.row_state[k] = REQUESTED if near.exact[k] == 1 and near.separation[k] < ON and concerns(ws, k) else NO_ROW
 
 
 @outlined
@@ -177,14 +179,14 @@ def add_pairs(scene: Scene, ws: DrivenWorkspace, now: Posture, gap: float, m: in
     """
     near = ws.near
     for k in range(near.filled[0]):
-        if ws.rowed[k] != REQUESTED or m == len(ws.problem.least.bounds):
+        if ws.row_state[k] != REQUESTED or m == len(ws.problem.least.bounds):
             continue
         s, n = near.separation[k], vec_of(near.normal, k)
         pa, pb = vec_of(near.point_a, k), vec_of(near.point_b, k)
-        ws.rowed[k] = HAS_ROW
-        _add_row(scene, ws, now.poses, near.a[k], near.b[k], n, pa, pb, m, unknowns)
+        ws.row_state[k] = HAS_ROW
+        _add_row(scene, ws, now.poses, near.a[k], near.b[k], (s, n, pa, pb), m, unknowns)
         if soft and s < 0.0:
-            add_term(ws, ws.problem.least.rows[m], unknowns, DEAR, s - gap)
+            add_term(ws, ws.problem.least.rows[m], unknowns, OVERLAP_WEIGHT, s - gap)
             continue
         ws.problem.least.bounds[m] = needed(gap, s)
         m += 1

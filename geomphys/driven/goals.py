@@ -100,7 +100,7 @@ def set_goals(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floa
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
             work.goal.angles[q] = angles[q]
         if state.given[tree] == GIVEN:
-            copy_tree(scene, state.asked, tree, work.goal)
+            copy_tree(scene, state.prescribed, tree, work.goal)
         elif state.deformed[tree] == 1:
             _fit(scene, state, ws, tree, roots, angles)
             take_branch(scene, ws, tree, angles, work.goal)

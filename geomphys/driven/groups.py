@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.sweep import update_boxes
+from geomphys.driven.depenetration import find_depenetration
 from geomphys.driven.goals import take_branch
 from geomphys.driven.objective import is_stiff
 from geomphys.driven.postures import Posture, copy_tree, is_recorded, vec_of
-from geomphys.driven.reachability import FREE, forget_pairs, judge, list_pairs, look_back, measure_drift
-from geomphys.driven.sqp import ANY_WAY, EVERY_STEP, STRAIGHT, Found, search
-from geomphys.driven.starts import ALONG, choose_shallowest, choose_start, hold_back
+from geomphys.driven.reachability import FREE, forget_pairs, judge, list_pairs, measure_drift, measure_swept_pairs
+from geomphys.driven.sqp import ANY_PATH, EVERY_STEP, STRAIGHT, Found, search
+from geomphys.driven.starts import ALONG, choose_shallowest, choose_start, shorten_start
 from geomphys.driven.state import ARTICULATED, LOCKED, RIGID, DrivenState, DrivenWorkspace
 from geomphys.driven.stepping import copy_moving, pose_yielding
-from geomphys.driven.way_out import find_way_out
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import norm, slerp, sub
 from geomphys.scene.arrays import DRIVEN, Scene
@@ -137,7 +137,7 @@ def _attempt(
             return Found(False, 0, False, math.inf, False)
         choose_shallowest(scene, state, ws, roots, angles)
         pose_yielding(scene, ws, work.now)
-        relaxed = search(scene, ws, angles, gap, SHIFT_PASSES, False, False, ANY_WAY)
+        relaxed = search(scene, ws, angles, gap, SHIFT_PASSES, False, False, ANY_PATH)
         passes = relaxed.passes
         if not relaxed.free:
             return relaxed
@@ -146,13 +146,13 @@ def _attempt(
         if judge(scene, ws, work.now) != FREE:
             return Found(False, passes, False, math.inf, False)
     if chosen >= ALONG:
-        hold_back(scene, state, ws, roots, angles)
+        shorten_start(scene, state, ws, roots, angles)
     found = _search_straight(scene, ws, angles, gap, chosen >= ALONG)
     return Found(found.free, found.passes + passes, found.converged, found.energy, found.paced)
 
 
 @outlined
-def _give_way_in_part(scene: Scene, ws: DrivenWorkspace, angles: Floats, gap: float) -> Found:
+def _yield_partially(scene: Scene, ws: DrivenWorkspace, angles: Floats, gap: float) -> Found:
     """Where something has moved a little into the trees that yield, in a part of a step, they are pushed out."""
     work = ws.work
     copy_moving(scene, ws, work.before, work.now)
@@ -184,7 +184,7 @@ def _in_parts(
             found = _attempt(scene, state, ws, roots, angles, gap, False)
             passes += found.passes
             if not found.free:
-                found = _give_way_in_part(scene, ws, angles, gap)
+                found = _yield_partially(scene, ws, angles, gap)
                 passes += found.passes
             if not found.free:
                 free = False
@@ -231,7 +231,7 @@ def solve_group(
             copy_moving(scene, ws, work.before, work.now)
             pose_yielding(scene, ws, work.now)
             fallbacks += 1
-            if find_way_out(scene, ws, gap, state.started[0] == 1):
+            if find_depenetration(scene, ws, gap, state.started[0] == 1):
                 copy_moving(scene, ws, work.best, work.now)
                 pose_yielding(scene, ws, work.now)
                 for tree in range(len(work.kind)):
@@ -270,7 +270,7 @@ def solve_first(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: F
     work, passes, fallbacks, converged = ws.work, 0, 0, True
     for tree in range(len(work.kind)):
         work.deviation_limit[tree] = math.inf
-    look_back(scene, ws, work.goal)
+    measure_swept_pairs(scene, ws, work.goal)
     for tree in range(len(work.kind)):
         work.hit[tree], work.group[tree] = 0, 0
     overlaps = False
@@ -293,7 +293,7 @@ def solve_first(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: F
             break
         copy_moving(scene, ws, work.goal, work.now)
         pose_yielding(scene, ws, work.now)
-        found = search(scene, ws, angles, gap, FIRST_PASSES, False, False, ANY_WAY)
+        found = search(scene, ws, angles, gap, FIRST_PASSES, False, False, ANY_PATH)
         passes += found.passes
         if not shifts:
             break
@@ -302,12 +302,12 @@ def solve_first(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: F
         fallbacks = 1
         _set_joints_to_zero(scene, ws, work.goal, work.now)
         pose_yielding(scene, ws, work.now)
-        found = search(scene, ws, angles, gap, FIRST_PASSES, False, False, ANY_WAY)
+        found = search(scene, ws, angles, gap, FIRST_PASSES, False, False, ANY_PATH)
         passes, converged = passes + found.passes, found.free
     if not found.free:
         copy_moving(scene, ws, work.goal, work.now)
         pose_yielding(scene, ws, work.now)
-        converged = find_way_out(scene, ws, gap, False)
+        converged = find_depenetration(scene, ws, gap, False)
         if converged:
             copy_moving(scene, ws, work.best, work.now)
             pose_yielding(scene, ws, work.now)

@@ -41,15 +41,15 @@ class Quadratic(NamedTuple):
     low: Floats  # (n,)
     high: Floats  # (n,)
     x: Floats  # (n,) the solution
-    went: Floats  # (n,) the last step, scaled
+    last_step: Floats  # (n,) the last step, scaled
     least: LeastDistance  # its rows and bounds are C and d on entry
 
 
 def make_quadratic(unknowns: int, rows: int) -> Quadratic:
     """Room for problems of up to `unknowns` and `rows`."""
-    gradient, low, high, x, went = (np.zeros(unknowns) for _ in range(5))
+    gradient, low, high, x, last_step = (np.zeros(unknowns) for _ in range(5))
     square = [np.zeros((unknowns, unknowns)) for _ in range(2)]
-    return Quadratic(square[0], gradient, square[1], low, high, x, went, make_least_distance(unknowns, rows))
+    return Quadratic(square[0], gradient, square[1], low, high, x, last_step, make_least_distance(unknowns, rows))
 
 
 @outlined

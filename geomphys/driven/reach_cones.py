@@ -85,11 +85,11 @@ def signed_angle(directions: Floats, first: int, last: int, d: Vec) -> tuple[flo
     nearest, normal = _nearest(directions, first, last, d)
     angle = math.atan2(norm(cross(d, nearest)), dot(d, nearest))
     inside = dot(normal, d) >= 0.0
-    way = sub(nearest, d)
-    if norm(way) < TOUCHING:
+    path = sub(nearest, d)
+    if norm(path) < TOUCHING:
         inward = unit(add_scaled(normal, d, -dot(normal, d)))
     else:
-        inward = unit(add_scaled(way, d, -dot(way, d)))
+        inward = unit(add_scaled(path, d, -dot(path, d)))
         if inward == (0.0, 0.0, 0.0):
             inward = perpendicular(d)
         if inside:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from geomphys.collision.detect import NOWHERE, append_pair, find_near, measure_near, pair_bound, pair_separation
 from geomphys.collision.sweep import update_boxes
-from geomphys.driven.advancement import centre_motion, is_parted_before, pair_motion, rotation_between, way_is_free
+from geomphys.driven.advancement import centre_motion, is_parted_before, pair_motion, path_is_free, rotation_between
 from geomphys.driven.constraints import concerns
 from geomphys.driven.postures import Posture, vec_of
 from geomphys.driven.state import LOCKED, DrivenWorkspace
@@ -79,7 +79,7 @@ def _farthest(scene: Scene, motion: Floats, tree: int) -> float:
 
 
 @outlined
-def look_back(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> float:
+def measure_swept_pairs(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> float:
     """Near pairs of the trees that yield, placed at `posture`, which they may have met on the way from where the step began.
 
     Returns the least separation; it is measured where pairs overlap, and a lower bound elsewhere.
@@ -97,7 +97,7 @@ def look_back(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> float:
 
 
 @kernel
-def way_of_pair_is_free(scene: Scene, ws: DrivenWorkspace, posture: Posture, k: int) -> bool:
+def path_of_pair_is_free(scene: Scene, ws: DrivenWorkspace, posture: Posture, k: int) -> bool:
     """Whether the near pair k, apart at `posture`, got there from where the step began without passing through."""
     near, work = ws.near, ws.work
     a, b, s = near.a[k], near.b[k], near.separation[k]
@@ -108,7 +108,7 @@ def way_of_pair_is_free(scene: Scene, ws: DrivenWorkspace, posture: Posture, k: 
         scene, work.before.poses, posture.poses, a, b, vec_of(near.normal, k), motion, ws.piece_frames.moved
     ):
         return True
-    return way_is_free(
+    return path_is_free(
         scene, work.before.poses, posture.poses, a, b, ws.piece_frames.moved, ws.axes, ws.scratch
     )  # fmt: skip
 
@@ -172,8 +172,8 @@ def _note_travels(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> bool:
 
 
 @outlined
-def look_listed(scene: Scene, ws: DrivenWorkspace, reach: float, enough: float) -> tuple[bool, float]:
-    """As `look` at the iterate, which is placed, from the listed pairs: (whether they are all that count, least separation)."""
+def measure_listed_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough: float) -> tuple[bool, float]:
+    """`measure_near_pairs` at the posed iterate from the listed pairs: (whether these are all that count, least separation)."""
     work, listed, near, least = ws.work, ws.listed, ws.near, math.inf
     for tree in range(len(work.kind)):
         if work.kind[tree] != LOCKED:
@@ -192,7 +192,7 @@ def look_listed(scene: Scene, ws: DrivenWorkspace, reach: float, enough: float) 
             s, n = pair_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.axes)
         if s > limit:
             continue
-        append_pair(near, a, b, listed.tree_a[k], listed.tree_b[k], s, n, NOWHERE, NOWHERE)
+        append_pair(near, a, b, listed.tree_a[k], listed.tree_b[k], (s, n, NOWHERE, NOWHERE))
         last = near.filled[0] - 1
         near.exact[last] = 0
         if s < enough:
@@ -219,7 +219,7 @@ def _judge_listed(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
             return TAKEN
         if s <= motion and not is_parted_before(
             scene, work.before.poses, posture.poses, a, b, n, motion, p.moved
-        ) and not way_is_free(
+        ) and not path_is_free(
             scene, work.before.poses, posture.poses, a, b, p.moved, ws.axes, ws.scratch
         ):  # fmt: skip
             return UNCERTAIN
@@ -229,10 +229,10 @@ def _judge_listed(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
 @outlined
 def judge_anew(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
     """As `judge`, for any posture."""
-    if look_back(scene, ws, posture) < 0.0:
+    if measure_swept_pairs(scene, ws, posture) < 0.0:
         return TAKEN
     for k in range(ws.near.filled[0]):
-        if concerns(ws, k) and not way_of_pair_is_free(scene, ws, posture, k):
+        if concerns(ws, k) and not path_of_pair_is_free(scene, ws, posture, k):
             return UNCERTAIN
     return FREE
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from geomphys.collision.detect import measure_near, pair_separation
 from geomphys.collision.support import pose_piece
-from geomphys.driven.advancement import is_parted_before, passing_depth, way_is_free
+from geomphys.driven.advancement import is_parted_before, passing_depth, path_is_free
 from geomphys.driven.constraints import (
     ON,
     add_cones,
@@ -23,27 +23,27 @@ from geomphys.driven.constraints import (
     bound_unknowns,
     concerns,
     forget_spots,
+    request_touching,
     row_limit,
-    want_touching,
 )
 from geomphys.driven.contacts_kept import add_touches, measure_touches
 from geomphys.driven.least_distance import SOLVED
 from geomphys.driven.objective import assemble, link_centre, number_unknowns
 from geomphys.driven.postures import Posture, vec_of
 from geomphys.driven.qp import go_on, solve_quadratic
-from geomphys.driven.reachability import look_listed
+from geomphys.driven.reachability import measure_listed_pairs
 from geomphys.driven.state import LOCKED, NO_ROW, REQUESTED, RIGID, DrivenWorkspace
 from geomphys.driven.stepping import (
     allowed_depth,
     apply_solution,
     copy_moving,
     gap_on_its_side,
-    look,
-    look_again,
     measure_motion,
+    measure_near_pairs,
     pose_yielding_pieces,
     reverses,
     share_within_rate,
+    update_separations,
 )
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import norm, sub
@@ -66,7 +66,7 @@ SETTLED = 2e-6  # m: a pass that moves nothing farther ends the search,
 SETTLED_SHIFT = 1e-8  # m, where trees only shift,
 NEARLY = 5e-5  # m, and after
 PATIENCE = 6  # passes
-EVERY_STEP, STRAIGHT, ANY_WAY = 0, 1, 2  # what a search certifies
+EVERY_STEP, STRAIGHT, ANY_PATH = 0, 1, 2  # what a search certifies
 
 
 class Found(NamedTuple):
@@ -80,10 +80,10 @@ class Found(NamedTuple):
 
 
 @outlined
-def _step_is_safe(scene: Scene, ws: DrivenWorkspace, way: int) -> tuple[bool, float]:
+def _step_is_safe(scene: Scene, ws: DrivenWorkspace, mode: int) -> tuple[bool, float]:
     """Whether all near pairs come free, or all but, from the iterate to the trial: (whether, least separation there).
 
-    `way` is what is certified: as in `search`.
+    `mode` is what is certified: as in `search`.
     """
     near, work, least = ws.near, ws.work, math.inf
     for k in range(near.filled[0]):
@@ -95,12 +95,12 @@ def _step_is_safe(scene: Scene, ws: DrivenWorkspace, way: int) -> tuple[bool, fl
             least = min(least, s - motion)
             continue
         beside = gap_on_its_side(scene, ws, k, motion)
-        if beside >= 0.0 and way != STRAIGHT:
+        if beside >= 0.0 and mode != STRAIGHT:
             least = min(least, beside)
             continue
         there, n, _, _ = pair_separation(scene.pieces, ws.piece_frames.frames, a, b, motion, ws.axes, ws.scratch)
         least = min(least, there)
-        if way == ANY_WAY:
+        if mode == ANY_PATH:
             if there < -1e-3 and there < s - 1e-3:
                 return False, least
             continue
@@ -110,11 +110,11 @@ def _step_is_safe(scene: Scene, ws: DrivenWorkspace, way: int) -> tuple[bool, fl
         short = short or is_parted_before(
             scene, work.now.poses, work.trial.poses, a, b, n, motion, ws.piece_frames.moved
         )  # fmt: skip
-        if not short and not way_is_free(
+        if not short and not path_is_free(
             scene, work.now.poses, work.trial.poses, a, b, ws.piece_frames.moved, ws.axes, ws.scratch
         ):  # fmt: skip
             return False, least
-        if way == STRAIGHT and not way_is_free(
+        if mode == STRAIGHT and not path_is_free(
             scene, work.before.poses, work.trial.poses, a, b, ws.piece_frames.moved, ws.axes, ws.scratch
         ):  # fmt: skip
             return False, least
@@ -150,7 +150,7 @@ def _request_rows(scene: Scene, ws: DrivenWorkspace, gap: float, limit: float) -
         measure_motion(scene, ws, work.now, work.trial)
     pose_yielding_pieces(scene, ws, work.trial)
     for k in range(near.filled[0]):
-        if ws.rowed[k] != NO_ROW or not concerns(ws, k):
+        if ws.row_state[k] != NO_ROW or not concerns(ws, k):
             continue
         a, b = near.a[k], near.b[k]
         motion = work.motion[a] + work.motion[b]
@@ -168,11 +168,11 @@ def _request_rows(scene: Scene, ws: DrivenWorkspace, gap: float, limit: float) -
         if s > motion:
             continue
         if there < 0.25 * gap or (
-            s + there < motion and beside <= -passing_depth(scene, a, b) and not way_is_free(
+            s + there < motion and beside <= -passing_depth(scene, a, b) and not path_is_free(
                 scene, work.now.poses, work.trial.poses, a, b, ws.piece_frames.moved, ws.axes, ws.scratch
             )
         ):  # fmt: skip
-            ws.rowed[k], some = REQUESTED, True
+            ws.row_state[k], some = REQUESTED, True
     return some
 
 
@@ -191,7 +191,7 @@ def _solve_linear(
         if touching:
             energy += add_touches(scene, ws, work.now, n)
         bound_unknowns(scene, ws, work.now, step, attempt == 0)
-        want_touching(ws)
+        request_touching(ws)
         m = add_pairs(scene, ws, work.now, gap, 0, n, attempt == 1)
         m = add_cones(scene, ws, recorded, work.now, m, n)
         status, m, count = solve_quadratic(ws.problem, n, m)
@@ -248,7 +248,7 @@ def search(
     passes: int,
     touching: bool,
     tethered: bool,
-    way: int,
+    mode: int,
 ) -> Found:
     """Search from the posture in `SearchWorkspace.now`, whose pieces are placed.
 
@@ -266,28 +266,28 @@ def search(
         Whether recorded contacts are to be kept.
     tethered
         Whether the trees may get no farther from `SearchWorkspace.start` than their pace.
-    way
+    mode
         What is certified: EVERY_STEP; STRAIGHT: also the straight way from where the step of the frame began; ANY_WAY:
         nothing, and the start may overlap, as nothing was anywhere before.
     """
-    work, best, relaxed = ws.work, math.inf, way == ANY_WAY
+    work, best, relaxed = ws.work, math.inf, mode == ANY_PATH
     step = FIRST_STEP if relaxed else _first_step(scene, ws)
     found, converged, paced, done = False, False, False, False
     shifting, count, listed = _only_shifts(ws), 0, 0.0
     forget_spots(ws)
     _copy_targets(scene, ws, work.target, work.cached_target)
-    for i in range(len(ws.problem.went)):
-        ws.problem.went[i] = 0.0
+    for i in range(len(ws.problem.last_step)):
+        ws.problem.last_step[i] = 0.0
     while True:
         limit = row_limit(step)
         if listed >= limit:
-            least = look_again(scene, ws, limit, ON)
+            least = update_separations(scene, ws, limit, ON)
         else:
             listed, known, least = limit + MARGIN, False, 0.0
             if count == 0:
-                known, least = look_listed(scene, ws, listed, ON)
+                known, least = measure_listed_pairs(scene, ws, listed, ON)
             if not known:
-                least = look(scene, ws, listed, ON)
+                least = measure_near_pairs(scene, ws, listed, ON)
         if touching and not paced:
             measure_touches(scene, ws, limit)
         energy = _solve_linear(scene, ws, recorded, gap, step, touching and not paced, relaxed or paced)
@@ -311,7 +311,7 @@ def search(
                 apply_solution(scene, ws, share)
                 far = measure_motion(scene, ws, work.now, work.trial)
             pose_yielding_pieces(scene, ws, work.trial)
-            safe, there = _step_is_safe(scene, ws, way)
+            safe, there = _step_is_safe(scene, ws, mode)
             if safe:
                 break
             share *= 0.5

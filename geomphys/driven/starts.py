@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from geomphys.driven.objective import pivot_of, tree_energy
 from geomphys.driven.postures import Posture
-from geomphys.driven.reachability import FREE, judge, look_back, note_reference_bodies
+from geomphys.driven.reachability import FREE, judge, measure_swept_pairs, note_reference_bodies
 from geomphys.driven.state import ARTICULATED, LOCKED, DrivenState, DrivenWorkspace
 from geomphys.driven.stepping import copy_moving, pose_with_pieces, pose_yielding
 from geomphys.jit.kernel import kernel, outlined
@@ -32,9 +32,9 @@ EXTRAPOLATED, SHAPED, LAST, ALONG = 0, 1, 2, 3  # kinds of starts; ALONG + i: wi
 def _keep_pivot(scene: Scene, ws: DrivenWorkspace, posture: Posture, tree: int) -> None:
     """Shift a tree to where its pivot was when the step began."""
     pose_tree(scene, ws.origins, tree, posture.roots, posture.angles, posture.poses)
-    way = sub(pivot_of(ws, ws.work.before.poses, tree), pivot_of(ws, posture.poses, tree))
+    path = sub(pivot_of(ws, ws.work.before.poses, tree), pivot_of(ws, posture.poses, tree))
     for i in range(3):
-        posture.roots[tree, i] += way[i]
+        posture.roots[tree, i] += path[i]
 
 
 @outlined
@@ -138,7 +138,7 @@ def choose_shallowest(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roo
     for kind in range(ALONG + len(ws.work.reference_bodies)):
         if not _pose_start(scene, state, ws, roots, angles, kind):
             continue
-        least = look_back(scene, ws, ws.work.start)
+        least = measure_swept_pairs(scene, ws, ws.work.start)
         if least > shallowest:
             shallowest = least
             copy_moving(scene, ws, ws.work.start, ws.work.now)
@@ -162,7 +162,7 @@ def _blend(scene: Scene, ws: DrivenWorkspace, share: float) -> None:
 
 
 @outlined
-def hold_back(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats) -> None:
+def shorten_start(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats) -> None:
     """A start that goes along with something, in `SearchWorkspace.now`: go along only as far as it takes."""
     work, low, high = ws.work, 0.0, 1.0
     copy_moving(scene, ws, work.now, work.best)

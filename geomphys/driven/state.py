@@ -52,8 +52,8 @@ class DrivenState(NamedTuple):
     deformed: Ints  # (T,) 1: the offsets are more than a translation of the tree
     used_low: Floats  # (Q,) the least angle recorded so far
     used_high: Floats  # (Q,) and the largest
-    given: Ints  # (T,) GIVEN: where it goes in this step, but for what is in its way, is `asked`; WAS_GIVEN; 0
-    asked: Posture
+    given: Ints  # (T,) GIVEN: where it goes in this step, but for what is in its way, is `prescribed`; WAS_GIVEN; 0
+    prescribed: Posture
 
 
 class PieceFrames(NamedTuple):
@@ -118,7 +118,7 @@ class DrivenWorkspace(NamedTuple):
     piece_frames: PieceFrames
     near: Near
     listed: Near  # as the trees that yield are at their goals: see `reachability`
-    rowed: Ints  # (n,) of the near pairs: NO_ROW, WANTED or HAS_ROW
+    row_state: Ints  # (n,) of the near pairs: NO_ROW, WANTED or HAS_ROW
     work: SearchWorkspace
     problem: Quadratic
     boxes: Boxes

@@ -84,7 +84,7 @@ def find_concerned(scene: Scene, ws: DrivenWorkspace, enough: float) -> float:
 
 
 @outlined
-def look(scene: Scene, ws: DrivenWorkspace, reach: float, enough: float) -> float:
+def measure_near_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough: float) -> float:
     """Near pairs of the trees that yield, within `reach` [m] of each; returns the least separation found.
 
     Pairs that are seen to be `enough` [m] apart are not measured.
@@ -99,7 +99,7 @@ def look(scene: Scene, ws: DrivenWorkspace, reach: float, enough: float) -> floa
 
 
 @outlined
-def look_again(scene: Scene, ws: DrivenWorkspace, limit: float, enough: float) -> float:
+def update_separations(scene: Scene, ws: DrivenWorkspace, limit: float, enough: float) -> float:
     """Bring the near pairs up to date after the step that `measure_motion` was called for; returns the least separation.
 
     A separation, and the gap along a direction, shrinks by no more than both pieces go. Only pairs that may have come nearer
@@ -196,13 +196,13 @@ def gap_on_its_side(scene: Scene, ws: DrivenWorkspace, k: int, motion: float) ->
 
 
 @kernel
-def off_the_way(ws: DrivenWorkspace, poses: Floats, body: int) -> float:
+def distance_from_path(ws: DrivenWorkspace, poses: Floats, body: int) -> float:
     """How far [m] a link's centre is from the straight way that the coupling alone takes it."""
     c, a, b = link_centre(ws, poses, body), vec_of(ws.work.anchor, body), vec_of(ws.work.target, body)
-    way, off = sub(b, a), sub(c, a)
-    square = dot(way, way)
-    share = min(max(dot(off, way) / square, 0.0), 1.0) if square > 0.0 else 0.0
-    return norm(sub(off, scale(way, share)))
+    path, off = sub(b, a), sub(c, a)
+    square = dot(path, path)
+    share = min(max(dot(off, path) / square, 0.0), 1.0) if square > 0.0 else 0.0
+    return norm(sub(off, scale(path, share)))
 
 
 @kernel
@@ -222,7 +222,7 @@ def share_within_rate(scene: Scene, ws: DrivenWorkspace, tethered: bool) -> floa
         if work.kind[tree] == LOCKED or deviation_limit == math.inf:
             continue
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-            before, after = off_the_way(ws, work.now.poses, body), off_the_way(ws, work.trial.poses, body)
+            before, after = distance_from_path(ws, work.now.poses, body), distance_from_path(ws, work.trial.poses, body)
             share = min(share, _share_within(before, after, deviation_limit))
             if tethered:
                 start = link_centre(ws, work.start.poses, body)
@@ -235,7 +235,7 @@ def share_within_rate(scene: Scene, ws: DrivenWorkspace, tethered: bool) -> floa
 @kernel
 def reverses(scene: Scene, ws: DrivenWorkspace, share: float) -> bool:
     """Whether the step goes against the last one; remembers it."""
-    x, went, work = ws.problem.x, ws.problem.went, ws.work
+    x, last_step, work = ws.problem.x, ws.problem.last_step, ws.work
     both, here, last = 0.0, 0.0, 0.0
     for tree in range(len(work.kind)):
         if work.kind[tree] == LOCKED:
@@ -243,12 +243,12 @@ def reverses(scene: Scene, ws: DrivenWorkspace, share: float) -> bool:
         first = work.first[tree]
         for k in range(6 if work.kind[tree] == ARTICULATED else 3):
             v = share * x[first + k] * (1.0 if k < 3 else 0.1)
-            both, here, last = both + v * went[first + k], here + v * v, last + went[first + k] ** 2
-            went[first + k] = v
+            both, here, last = both + v * last_step[first + k], here + v * v, last + last_step[first + k] ** 2
+            last_step[first + k] = v
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
             i = work.column[q]
             if i >= 0:
                 v = share * x[i] * ws.links.lever[q]
-                both, here, last = both + v * went[i], here + v * v, last + went[i] ** 2
-                went[i] = v
+                both, here, last = both + v * last_step[i], here + v * v, last + last_step[i] ** 2
+                last_step[i] = v
     return bool(both < REVERSED * math.sqrt(here * last))

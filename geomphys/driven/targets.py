@@ -110,12 +110,12 @@ def _relax_tree(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int
 @kernel
 def _take_given(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, recorded: Floats, dt: float) -> None:
     """Offsets of a tree, and their rates, as those of the posture it is given, and its links aimed there."""
-    first, asked = scene.trees.body_start[tree], state.asked.poses
+    first, prescribed = scene.trees.body_start[tree], state.prescribed.poses
     for body in range(first, scene.trees.body_start[tree + 1]):
         s, c = state.shift[body], link_centre(ws, recorded, body)
-        shift = sub(link_centre(ws, asked, body), c)
+        shift = sub(link_centre(ws, prescribed, body), c)
         rotation = rotation_vector(
-            quat_mul(orientation_of(asked, body), quat_conjugate(orientation_of(recorded, body)))
+            quat_mul(orientation_of(prescribed, body), quat_conjugate(orientation_of(recorded, body)))
         )
         for i in range(3):
             ws.work.anchor[body, i] = c[i] + s[i]
@@ -139,8 +139,8 @@ def aim(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats,
             _relax_tree(scene, state, ws, tree, recorded, dt)
         motion = 0.0
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-            way = sub(link_centre(ws, recorded, body), link_centre(ws, state.recorded.poses, body))
-            motion = max(motion, norm(way))
+            path = sub(link_centre(ws, recorded, body), link_centre(ws, state.recorded.poses, body))
+            motion = max(motion, norm(path))
         ws.work.deviation_limit[tree] = max(LEAST_DEVIATION, DEVIATION_PER_MOTION * motion)
 
 

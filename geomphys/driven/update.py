@@ -18,10 +18,10 @@ from geomphys.driven.goals import set_goals, take_limits
 from geomphys.driven.groups import GLOBAL, PASSES, Outcome, set_around, settle, solve_first, solve_group
 from geomphys.driven.objective import is_stiff, link_centre
 from geomphys.driven.postures import copy_tree
-from geomphys.driven.reachability import look_back, way_of_pair_is_free
-from geomphys.driven.sqp import ANY_WAY, search
+from geomphys.driven.reachability import measure_swept_pairs, path_of_pair_is_free
+from geomphys.driven.sqp import ANY_PATH, search
 from geomphys.driven.state import LOCKED, NEVER_FREE, RIGID, STARTED_FREE, WAS_GIVEN, DrivenState, DrivenWorkspace
-from geomphys.driven.stepping import look, pose_with_pieces
+from geomphys.driven.stepping import measure_near_pairs, pose_with_pieces
 from geomphys.driven.targets import aim, clear_offsets, note_offsets
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.scene.arrays import DRIVEN, Scene
@@ -34,14 +34,14 @@ Floats = NDArray[np.float64]
 def _go_where_free(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> bool:
     """Settle the trees whose goals are free and can be reached, put the others back and group them; whether there are any."""
     work, near = ws.work, ws.near
-    look_back(scene, ws, work.goal)
+    measure_swept_pairs(scene, ws, work.goal)
     some = False
     for tree in range(len(work.kind)):
         work.hit[tree], work.group[tree] = 0, tree
     for k in range(near.filled[0]):
         if not concerns(ws, k) or (work.hit[near.tree_a[k]] == 1 and work.hit[near.tree_b[k]] == 1):
             continue
-        if near.separation[k] < 0.0 or not way_of_pair_is_free(scene, ws, work.goal, k):
+        if near.separation[k] < 0.0 or not path_of_pair_is_free(scene, ws, work.goal, k):
             work.hit[near.tree_a[k]] = work.hit[near.tree_b[k]] = 1
             some = True
     changed = some
@@ -151,7 +151,7 @@ def _finish(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> None:
 
 
 @outlined
-def give_way(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, gap: float) -> int:
+def yield_driven(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, gap: float) -> int:
     """Move driven trees out of what has come into them since `update_driven`, as little as it takes; returns the passes.
 
     `recorded` (B, 7) are the poses of what is not driven now, and those recorded of what is.
@@ -168,8 +168,8 @@ def give_way(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Fl
             q = orientation_of(state.last.poses, body)
             set_pose(work.target, body, link_centre(ws, state.last.poses, body), q)
     passes = 0
-    if look(scene, ws, 0.0, 0.0) < 0.0:
-        found = search(scene, ws, state.recorded.angles, gap, PASSES, False, False, ANY_WAY)
+    if measure_near_pairs(scene, ws, 0.0, 0.0) < 0.0:
+        found = search(scene, ws, state.recorded.angles, gap, PASSES, False, False, ANY_PATH)
         passes = found.passes
         for tree in range(len(work.kind)):
             if work.kind[tree] != LOCKED:

@@ -121,11 +121,11 @@ def complete_row(scene: Scene, m: Machine, r: Row, t: float, h: float) -> None:
     debt = vec_of(sim.slots[r.pair, r.slot].slip_debt)
     set_vec(r.slip_debt, quat_rotate(quat_of(sim.motion[r.a].orientation), debt))
     if not is_simulated(sim, r.b):
-        way = displacement(scene, m, r.b, point, t, h)
+        travel = displacement(scene, m, r.b, point, t, h)
         axes = (vec_of(r.normal), vec_of(r.tangent), vec_of(r.binormal))
         for axis in range(3):
             n = axes[0] if axis == 0 else (axes[1] if axis == 1 else axes[2])
-            r.prescribed[axis] = -dot(way, n) / h
+            r.prescribed[axis] = -dot(travel, n) / h
             if is_solved(scene, c, r.b):
                 add_effects(scene, c, r.first_effect, r.b, point, axis, scale(n, -1.0))
         for i in range(6):

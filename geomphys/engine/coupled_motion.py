@@ -111,8 +111,8 @@ def fastest_motion(scene: Scene, m: Machine, h: float) -> float:
     for tree in range(len(scene.trees.role)):
         if solves(scene, c, tree):
             for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-                way = sub(position_of(c.after.poses, body), position_of(c.now.poses, body))
-                driven = max(driven, norm(way))
+                path = sub(position_of(c.after.poses, body), position_of(c.now.poses, body))
+                driven = max(driven, norm(path))
     return fastest + driven
 
 

@@ -15,7 +15,7 @@ from geomphys.driven.state import GIVEN, WAS_GIVEN
 from geomphys.engine.coupled_motion import advance_together
 from geomphys.engine.coupled_state import Coupled
 from geomphys.engine.coupled_unknowns import end_unknown, first_unknown, load_unknowns, pose_driven
-from geomphys.engine.methods import give_way_by_method
+from geomphys.engine.methods import yield_by_method
 from geomphys.engine.state import Machine, StepParameters
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import add, add_scaled, norm, scale, slerp, sub
@@ -59,22 +59,21 @@ def note_simulated(scene: Scene, m: Machine) -> None:
 
 
 @outlined
-def recording_between(
-    scene: Scene, origins: Floats, roots0: Floats, angles0: Floats, roots1: Floats, angles1: Floats, w: float,
-    roots: Floats, angles: Floats, poses: Floats,
-) -> None:  # fmt: skip
-    """The recording a share `w` of the way from one moment to another: into `roots` (T, 7), `angles` (Q,) and, by forward
-    kinematics, `poses` (B, 7).
+def recording_between(scene: Scene, m: Machine, roots: Floats, angles: Floats, w: float) -> None:
+    """The recording a share `w` of the way from that of the last step to `roots` (T, 7) and `angles` (Q,).
+
+    Into `m.roots`, `m.angles` and, by forward kinematics, `m.recorded`.
     """
+    last = m.driven.recorded
     for i in range(len(angles)):
-        angles[i] = angles0[i] + w * (angles1[i] - angles0[i])
+        m.angles[i] = last.angles[i] + w * (angles[i] - last.angles[i])
     for tree in range(len(scene.trees.role)):
         if not is_recorded(scene, tree):
             continue
-        q = slerp(orientation_of(roots0, tree), orientation_of(roots1, tree), w)
-        p0, p1 = position_of(roots0, tree), position_of(roots1, tree)
-        set_pose(roots, tree, add_scaled(p0, sub(p1, p0), w), q)
-        pose_tree(scene, origins, tree, roots, angles, poses)
+        q = slerp(orientation_of(last.roots, tree), orientation_of(roots, tree), w)
+        p0, p1 = position_of(last.roots, tree), position_of(roots, tree)
+        set_pose(m.roots, tree, add_scaled(p0, sub(p1, p0), w), q)
+        pose_tree(scene, m.workspace.origins, tree, m.roots, m.angles, m.recorded)
 
 
 @outlined
@@ -132,9 +131,9 @@ def recorded_motion(scene: Scene, m: Machine, tree: int) -> float:
     """How far the recording moves a driven tree in this frame, at most over its bodies [m]."""
     most = 0.0
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-        way = sub(position_of(m.recorded, body), position_of(m.start, body))
+        path = sub(position_of(m.recorded, body), position_of(m.start, body))
         off = (m.driven.offset[tree, 0], m.driven.offset[tree, 1], m.driven.offset[tree, 2])
-        most = max(most, norm(add(way, off)))
+        most = max(most, norm(add(path, off)))
     return most
 
 
@@ -254,7 +253,7 @@ def move_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
                 c.trees[tree].pressed = 0
             if c.trees[tree].touched == 1:
                 state.given[tree] = GIVEN
-                copy_tree(scene, c.after, tree, state.asked)
+                copy_tree(scene, c.after, tree, state.prescribed)
     return impacts
 
 
@@ -285,7 +284,7 @@ def yield_to_simulated(scene: Scene, m: Machine, params: StepParameters) -> int:
     for k in range(near.filled[0]):
         if near.separation[k] < -LEAST_OVERLAP and scene.trees.role[near.tree_b[k]] == SIMULATED:
             note_simulated(scene, m)
-            rounds = give_way_by_method(scene, m, params.method)
+            rounds = yield_by_method(scene, m, params.method)
             shift_driven(scene, m)
             return rounds
     return 0

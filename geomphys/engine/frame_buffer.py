@@ -11,6 +11,7 @@ from geomphys.collision.detect import Near
 from geomphys.collision.global_depth import GlobalDepths
 from geomphys.collision.manifold import manifold
 from geomphys.collision.penetration import Scratch
+from geomphys.collision.support import Shapes
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.jit.stage_clock import STAGES
 from geomphys.results import Contacts, Metrics, Penetrations
@@ -121,7 +122,9 @@ def write_contacts(
         parted = 0.0
         for i in range(3):
             parted += n[i] * (offsets[near.tree_a[k], i] - offsets[near.tree_b[k], i])
-        count = manifold(scene.pieces, frames, near.a[k], near.b[k], s, n, pa, pb, points_a, points_b, scratch)
+        count = manifold(
+            Shapes(scene.pieces, frames), near.a[k], near.b[k], (s, n, pa, pb), points_a, points_b, scratch
+        )
         for j in range(count):
             if row == len(block.contact_bodies):
                 break

@@ -143,13 +143,13 @@ class MissedMotion:
             return
         seen.catching += dt
         share = min(1.0, seen.catching / GROWTH)
-        ways = share * dt * np.maximum(MOST * seen.largest - speeds, np.array(SLOWEST))
-        way, rotation, change = seen.missed
-        left, angle = float(np.linalg.norm(way)), float(rotation.magnitude())
-        way = way * (max(0.0, left - ways[0]) / left if left > NOTHING else 0.0)
+        limits = share * dt * np.maximum(MOST * seen.largest - speeds, np.array(SLOWEST))
+        path, rotation, change = seen.missed
+        left, angle = float(np.linalg.norm(path)), float(rotation.magnitude())
+        path = path * (max(0.0, left - limits[0]) / left if left > NOTHING else 0.0)
         rotation = Rotation.from_rotvec(
-            rotation.as_rotvec() * (max(0.0, angle - ways[1]) / angle if angle > NOTHING else 0.0)
+            rotation.as_rotvec() * (max(0.0, angle - limits[1]) / angle if angle > NOTHING else 0.0)
         )
-        change = np.sign(change) * np.maximum(0.0, np.abs(change) - ways[2])
-        done = not way.any() and rotation.magnitude() == 0.0 and not change.any()
-        seen.missed = None if done or math.isnan(left) else (way, rotation, change)
+        change = np.sign(change) * np.maximum(0.0, np.abs(change) - limits[2])
+        done = not path.any() and rotation.magnitude() == 0.0 and not change.any()
+        seen.missed = None if done or math.isnan(left) else (path, rotation, change)

@@ -211,10 +211,7 @@ def step(
         if last and parts > 1:
             pose_recording(scene, m, roots, angles)
         if not last:
-            recording_between(
-                scene, m.workspace.origins, m.driven.recorded.roots, m.driven.recorded.angles, roots, angles,
-                1.0 / (parts - part), m.roots, m.angles, m.recorded,
-            )  # fmt: skip
+            recording_between(scene, m, roots, angles, 1.0 / (parts - part))
             curve_path(scene, m, dt, part, parts)
         now_at, joint_values = (roots, angles) if last else (m.roots, m.angles)
         t3 = cycles()

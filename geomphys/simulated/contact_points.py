@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from geomphys.collision.manifold import touching
+from geomphys.collision.manifold import manifold
 from geomphys.collision.support import Shapes
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import (
@@ -25,7 +25,7 @@ from geomphys.numerics.vec3 import Vec, add, cross, dot, perpendicular, quat_con
 from geomphys.scene.arrays import Floats
 from geomphys.simulated.motion import point_at
 from geomphys.simulated.state import Motion, Row, Simulation, Slot, has_yielded
-from geomphys.simulated.time_of_impact import LOOK_FAR, look_within
+from geomphys.simulated.time_of_impact import LOOK_FAR, measure_pair_within
 
 NEAR = 4e-4  # m: contact points with no more clearance take part in the solving
 SAME = 4e-6  # m²: squared distance within which a point continues one of the step before
@@ -206,14 +206,14 @@ def add_rows_within(sim: Simulation, pair: int, t: float, margin: float) -> None
     The bases of simulated bodies must stand at `t`.
     """
     p = sim.pairs[pair]
-    s, n, pa, pb = look_within(sim, pair, t, max(LOOK_FAR, margin))
+    s, n, pa, pb = measure_pair_within(sim, pair, t, max(LOOK_FAR, margin))
     if s > margin:
         if p.point_count > 0:
             close_slots(sim, pair, 0)
         return
     i, j = p.piece[0], p.piece[1]
     on_a, on_b = sim.scratch.on_a, sim.scratch.on_b
-    found = touching(Shapes(sim.pieces, sim.frames), i, j, (s, n, pa, pb), on_a, on_b, sim.scratch)
+    found = manifold(Shapes(sim.pieces, sim.frames), i, j, (s, n, pa, pb), on_a, on_b, sim.scratch)
     if sim.counts[0].rows + found > len(sim.rows):
         sim.counts[0].lost += 1
         return

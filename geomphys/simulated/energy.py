@@ -44,7 +44,7 @@ def note_energies(sim: Simulation) -> None:
 
 
 @kernel
-def note_fresh_energies(sim: Simulation) -> None:
+def note_new_energies(sim: Simulation) -> None:
     """Note the energies anew in islands with a body that the caller has just put where it stands.
 
     It may have been somewhat inside another, and has been lifted out of that.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.simulated.contact_points import NEAR
 from geomphys.simulated.state import Simulation, has_changed, has_yielded, is_simulated
-from geomphys.simulated.time_of_impact import look
+from geomphys.simulated.time_of_impact import measure_pair
 
 
 @kernel
@@ -17,14 +17,14 @@ def concerns_changed(sim: Simulation, pair: int) -> bool:
 
 
 @kernel
-def hang_together(sim: Simulation, pair: int, t: float) -> bool:
+def are_connected(sim: Simulation, pair: int, t: float) -> bool:
     """Whether the bodies of a pair have contact points with each other, or will have when they are looked at at `t`."""
     if has_yielded(sim, pair):
         return False
     if sim.pairs[pair].point_count > 0:
         return True
     if sim.pairs[pair].seen_at != t:
-        look(sim, pair, t)
+        measure_pair(sim, pair, t)
     return sim.pairs[pair].distance <= NEAR
 
 
@@ -42,7 +42,7 @@ def mark_connected(sim: Simulation, pair: int, t: float) -> None:
         grows = False
         for k in range(sim.counts[0].pairs):
             a, b = sim.pairs[k].body[0], sim.pairs[k].body[1]
-            if is_simulated(sim, b) and has_changed(sim, a) != has_changed(sim, b) and hang_together(sim, k, t):
+            if is_simulated(sim, b) and has_changed(sim, a) != has_changed(sim, b) and are_connected(sim, k, t):
                 sim.bodies[a].changed = sim.bodies[a].awake
                 sim.bodies[b].changed = sim.bodies[b].awake
                 grows = grows or has_changed(sim, a) == has_changed(sim, b)

@@ -1,7 +1,7 @@
 """Bodies at rest that nothing moving is near are left out of the loop until that changes.
 
 An island sleeps when all its bodies have been at rest for `REST_TIME`: no point of them has gone farther than
-`REST_WAY` from where it was, which is less than would be seen in an hour, whatever it trembles by. Asleep, a body keeps
+`REST_DISTANCE` from where it was, which is less than would be seen in an hour, whatever it trembles by. Asleep, a body keeps
 its pose bit for bit.
 """
 
@@ -16,7 +16,7 @@ from geomphys.scene.arrays import Floats
 from geomphys.simulated.state import Motion, Simulation, is_simulated
 
 REST_TIME = 0.25  # s
-REST_WAY = 4e-9  # m
+REST_DISTANCE = 4e-9  # m
 REST_SPEED = 1e-6  # m/s, of any point
 REST_ACCELERATION = 1e-3  # m/s²
 SLOW_SPEED = 2e-3  # m/s, of any point: what something bears and that moves no faster for
@@ -46,8 +46,8 @@ def note_rest(sim: Simulation, body: int, reported: Floats) -> None:
     for i in range(4):
         change = m.orientation[i] - m.rest_pose[3 + i]
         square += change * change
-    way = norm(sub(vec_of(m.position), vec_from(m.rest_pose, 0))) + 2.0 * math.sqrt(square) * m.reach
-    if way < REST_WAY and fastest < REST_SPEED and norm(vec_of(m.acceleration)) < REST_ACCELERATION:
+    path = norm(sub(vec_of(m.position), vec_from(m.rest_pose, 0))) + 2.0 * math.sqrt(square) * m.reach
+    if path < REST_DISTANCE and fastest < REST_SPEED and norm(vec_of(m.acceleration)) < REST_ACCELERATION:
         m.quiet_time = m.quiet_time + sim.frame[0].dt
     else:
         m.quiet_time = 0.0

@@ -38,13 +38,13 @@ def pose_pair(sim: Simulation, pair: int, t: float) -> None:
 
 
 @kernel
-def look(sim: Simulation, pair: int, t: float) -> tuple[float, Vec, Vec, Vec]:
-    """`look_within` of `LOOK_FAR`."""
-    return look_within(sim, pair, t, LOOK_FAR)
+def measure_pair(sim: Simulation, pair: int, t: float) -> tuple[float, Vec, Vec, Vec]:
+    """`measure_pair_within` of `LOOK_FAR`."""
+    return measure_pair_within(sim, pair, t, LOOK_FAR)
 
 
 @outlined
-def look_within(sim: Simulation, pair: int, t: float, far: float) -> tuple[float, Vec, Vec, Vec]:
+def measure_pair_within(sim: Simulation, pair: int, t: float, far: float) -> tuple[float, Vec, Vec, Vec]:
     """Separation [m], normal out of b into a, and witness points of a pair at time `t`; remembered with the pair.
 
     Beyond `far` [m] the separation is only a lower bound, that along the normal, and the points are void.
@@ -188,7 +188,7 @@ def first_touch(sim: Simulation, pair: int, t0: float, t1: float, target: float,
     t = t0
     s, n = cached.distance, vec_of(cached.axis)
     if cached.seen_at != t0:
-        s, n, _, _ = look(sim, pair, t)
+        s, n, _, _ = measure_pair(sim, pair, t)
     for _ in range(MOST_SPANS):
         if s <= target + slack:
             return t
@@ -198,5 +198,5 @@ def first_touch(sim: Simulation, pair: int, t0: float, t1: float, target: float,
         if after - t <= 1e-14 * max(1.0, t):
             return t
         t = after
-        s, n, _, _ = look(sim, pair, t)
+        s, n, _, _ = measure_pair(sim, pair, t)
     return t

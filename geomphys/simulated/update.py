@@ -15,7 +15,7 @@ from geomphys.numerics.row_vectors import vec_of
 from geomphys.numerics.vec3 import norm
 from geomphys.simulated.collisions import resolve
 from geomphys.simulated.contact_points import add_rows
-from geomphys.simulated.energy import note_energies, note_fresh_energies, take_excess
+from geomphys.simulated.energy import note_energies, note_new_energies, take_excess
 from geomphys.simulated.frame import QUARANTINED, begin, finish, mark_all, put_back, undo_put_back
 from geomphys.simulated.impact_queue import empty_queue, put, take_out
 from geomphys.simulated.impulse_accumulation import drop_rows
@@ -26,7 +26,7 @@ from geomphys.simulated.position_projection import any_short, project_positions
 from geomphys.simulated.resting_contact import FEW_SWEEPS, SWEEPS, hold
 from geomphys.simulated.sleeping import wake
 from geomphys.simulated.state import Simulation, has_changed, has_yielded, is_simulated
-from geomphys.simulated.time_of_impact import first_touch, look
+from geomphys.simulated.time_of_impact import first_touch, measure_pair
 
 STEP = 1.0 / 240.0  # s: contact forces are constant for no longer
 STEP_TOLERANCE = 0.01  # share of a step by which one may be longer: times of messages are rounded
@@ -107,7 +107,7 @@ def queue_pairs(sim: Simulation, t: float, t1: float) -> None:
             if p.resting == 1:
                 # contact forces keep it: only what they miss counts
                 if sim.pairs[k].seen_at != t:
-                    look(sim, k, t)
+                    measure_pair(sim, k, t)
                 target, slack = min(0.0, sim.pairs[k].distance) - missed(sim, k) * gap, 0.5 * gap
             due = first_touch(sim, k, t, t1, target, slack)
         if due < t1:
@@ -132,7 +132,7 @@ def longest_step(sim: Simulation, left: float) -> float:
 
 
 @kernel
-def look_again(sim: Simulation, t: float, until: float) -> None:
+def list_pairs_again(sim: Simulation, t: float, until: float) -> None:
     """Look anew for pairs that may meet from time `t` of the frame `until` another; all bodies then count as changed."""
     mark_all(sim)
     move_bases(sim, t)
@@ -160,13 +160,13 @@ def advance(sim: Simulation, t0: float, t1: float, budget: int, max_stops: int) 
         move_bases(sim, t)
         part(sim, t)
         if t == t0:
-            note_fresh_energies(sim)
+            note_new_energies(sim)
         done, full = resolve(sim, t, budget - impacts)
         impacts += done
         bound = bound or full
         hold(sim, t, t1 - t, SWEEPS if stops == 0 else FEW_SWEEPS)
         if any_beyond_range(sim, t):
-            look_again(sim, t, sim.frame[0].span_end)
+            list_pairs_again(sim, t, sim.frame[0].span_end)
             note_energies(sim)  # islands are no longer what they were
             continue
         queue_pairs(sim, t, t1)
@@ -191,7 +191,7 @@ def advance(sim: Simulation, t0: float, t1: float, budget: int, max_stops: int) 
 def begin_step(sim: Simulation, t: float, t1: float, steps: int) -> None:
     """Begin the step of the frame from `t` to `t1` as if it were a frame of its own: pairs further ahead are none of it."""
     if steps > 1:
-        look_again(sim, t, t1)
+        list_pairs_again(sim, t, t1)
     for k in range(sim.counts[0].pairs):
         sim.pairs[k].encounters = 0
     if t > 0.0:

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from geomphys.collision.manifold import manifold
 from geomphys.collision.penetration import make_scratch, separation
+from geomphys.collision.support import Shapes
 from geomphys.jit.packed_records import pack
 from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PosedShape, Shape, Sphere, build_pieces
 
@@ -56,7 +57,7 @@ class Pair:
         answer = self.answer(first)
         a, b = np.zeros((4, 3)), np.zeros((4, 3))
         n, pa, pb = (tuple(map(float, v)) for v in answer[1:])
-        args = (self.packed, self.frames, first, 1 - first, answer.s, n, pa, pb, a, b, SCRATCH)
+        args = (Shapes(self.packed, self.frames), first, 1 - first, (answer.s, n, pa, pb), a, b, SCRATCH)
         count = manifold(*args)  # type: ignore[arg-type]
         return answer, a[:count], b[:count]
 

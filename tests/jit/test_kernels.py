@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import ast
 
-import pytest
-
 import geomphys.engine.step  # noqa: F401 - brings in all kernels of a frame
 from geomphys.jit.kernels import OPTIONS, Outlined, kernels
 from geomphys.jit.returns import declared_return
@@ -34,15 +32,3 @@ def test_every_outlined_kernel_says_what_it_returns() -> None:
     assert len(outlined) > 30
     for kernel in outlined:
         declared_return(kernel.py_func)
-
-
-@pytest.mark.parametrize("package", ["collision", "simulated", "world", "step", "machine", "interplay"])
-def test_kernels_take_at_most_eight_parameters(package: str) -> None:
-    known = {"find_near", "near_bodies", "near_pairs_of_trees", "near_pairs_within_tree", "append_pair", "manifold"}
-    many = {
-        name: count
-        for (module, name), kernel in kernels.items()
-        if module.split(".")[1] == package and name not in known
-        if (count := kernel.py_func.__code__.co_argcount) > 8
-    }
-    assert not many

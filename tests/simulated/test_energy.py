@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from geomphys.scene.pieces import Box
-from geomphys.simulated.energy import note_energies, note_fresh_energies, take_excess
+from geomphys.simulated.energy import note_energies, note_new_energies, take_excess
 from tests.simulated.scenes import GRAVITY, Player, Thing, floor
 from tests.simulated.stages import Stage
 
@@ -91,11 +91,11 @@ def test_a_body_the_caller_has_just_placed_begins_with_the_energy_it_has() -> No
     stage = sliding()
     stage.bodies["fresh"][0] = 1
     stage.motion["position"][0, 2] += 1e-3
-    stage.call(note_fresh_energies)
+    stage.call(note_new_energies)
     stage.call(take_excess)
     assert stage.motion["velocity"][0] == pytest.approx([0.3, 0, 0], rel=1e-12)
     stage.bodies["fresh"][0] = 0
     stage.motion["position"][0, 2] += 1e-3
-    stage.call(note_fresh_energies)
+    stage.call(note_new_energies)
     stage.call(take_excess)
     assert np.linalg.norm(stage.motion["velocity"][0]) < 0.3

@@ -19,6 +19,7 @@ import numpy as np
 
 from geomphys.collision.detect import find_near
 from geomphys.collision.manifold import manifold
+from geomphys.collision.support import Shapes
 from geomphys.collision.sweep import update_boxes
 from geomphys.driven.paper.descent import descend, is_usable
 from geomphys.driven.paper.link_translation import lies_along, translate_link
@@ -138,7 +139,7 @@ def contacts_of(scene: Scene, w: PaperWorkspace, link: int, count: int) -> tuple
             continue
         n, pa, pb = vec_of(near.normal, k), vec_of(near.point_a, k), vec_of(near.point_b, k)
         found = manifold(
-            scene.pieces, w.frames, near.a[k], near.b[k], s, n, pa, pb, w.points_a, w.points_b, w.scratch
+            Shapes(scene.pieces, w.frames), near.a[k], near.b[k], (s, n, pa, pb), w.points_a, w.points_b, w.scratch
         )  # fmt: skip
         for i in range(found):
             p = vec_of(w.points_a, i) if a == link else vec_of(w.points_b, i)

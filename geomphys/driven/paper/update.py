@@ -83,12 +83,12 @@ def attract(
 @kernel
 def note_tree(scene: Scene, state: DrivenState, w: PaperWorkspace, tree: int, roots: Floats, angles: Floats) -> None:
     """Offsets of a tree at the iterate; what moved it against the speed of its offset takes that speed away."""
-    way = sub(vec_of(w.now.roots, tree), vec_of(w.target.roots, tree))
-    size = norm(way)
-    against = dot(vec_of(state.speed, tree), way) / size if size > MOVED else 0.0
+    path = sub(vec_of(w.now.roots, tree), vec_of(w.target.roots, tree))
+    size = norm(path)
+    against = dot(vec_of(state.speed, tree), path) / size if size > MOVED else 0.0
     for i in range(3):
         if against < 0.0:
-            state.speed[tree, i] -= against * way[i] / size
+            state.speed[tree, i] -= against * path[i] / size
         state.offset[tree, i] = w.now.roots[tree, i] - roots[tree, i]
         state.last_speed[tree, i] = state.speed[tree, i]
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
@@ -140,8 +140,8 @@ def update_driven_as_published(
 
 
 @outlined
-def give_way_as_published(scene: Scene, state: DrivenState, w: PaperWorkspace, recorded: Floats) -> int:
-    """Take driven trees out of what has come into them since; see `give_way`."""
+def yield_as_published(scene: Scene, state: DrivenState, w: PaperWorkspace, recorded: Floats) -> int:
+    """Take driven trees out of what has come into them since; see `yield_driven`."""
     stand_around(scene, w, recorded)
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:

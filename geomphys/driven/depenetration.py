@@ -11,7 +11,7 @@ import math
 from geomphys.driven.postures import copy_tree
 from geomphys.driven.reachability import FREE, judge_anew
 from geomphys.driven.state import LOCKED, DrivenWorkspace
-from geomphys.driven.stepping import look, pose_with_pieces
+from geomphys.driven.stepping import measure_near_pairs, pose_with_pieces
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import Vec, scale, unit
 from geomphys.scene.arrays import Scene
@@ -30,15 +30,15 @@ def _direction(number: int) -> Vec:
 
 
 @kernel
-def _is_free_at(scene: Scene, ws: DrivenWorkspace, tree: int, way: Vec, gap: float, certified: bool) -> bool:
+def _is_free_at(scene: Scene, ws: DrivenWorkspace, tree: int, path: Vec, gap: float, certified: bool) -> bool:
     """Whether a tree, shifted from `now`, is clear by the gap, and if need be can be reached from where the step began."""
     work = ws.work
     for k in range(7):
-        work.start.roots[tree, k] = work.now.roots[tree, k] + (way[k] if k < 3 else 0.0)
+        work.start.roots[tree, k] = work.now.roots[tree, k] + (path[k] if k < 3 else 0.0)
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         work.start.angles[q] = work.now.angles[q]
     pose_with_pieces(scene, ws, work.start, tree)
-    if look(scene, ws, gap, gap) < gap:
+    if measure_near_pairs(scene, ws, gap, gap) < gap:
         return False
     return not certified or judge_anew(scene, ws, work.start) == FREE
 
@@ -72,7 +72,7 @@ def _free_tree(scene: Scene, ws: DrivenWorkspace, tree: int, gap: float, certifi
 
 
 @outlined
-def find_way_out(scene: Scene, ws: DrivenWorkspace, gap: float, certified: bool) -> bool:
+def find_depenetration(scene: Scene, ws: DrivenWorkspace, gap: float, certified: bool) -> bool:
     """Shift the trees that yield, one after the other, from `SearchWorkspace.now` to free places near it; into `best`.
 
     Returns whether all are free then; only if `certified` they have to be reached from where the step began.
@@ -85,7 +85,7 @@ def find_way_out(scene: Scene, ws: DrivenWorkspace, gap: float, certified: bool)
             continue
         for other in range(len(work.kind)):
             work.kind[other] = work.cached_kind[other] if other == tree else LOCKED
-        if look(scene, ws, gap, gap) < 0.0:
+        if measure_near_pairs(scene, ws, gap, gap) < 0.0:
             free = _free_tree(scene, ws, tree, gap, certified) and free
     for tree in range(len(work.kind)):
         work.kind[tree] = work.cached_kind[tree]
