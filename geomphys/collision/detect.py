@@ -137,7 +137,7 @@ def near_bodies(
     scene: Scene, frames: Floats, boxes: Boxes, body_a: int, body_b: int, limit: float, enough: float, near: Near, axes: Axes,
     scratch: Scratch,
 ) -> None:  # fmt: skip
-    """Append the pairs of pieces of two bodies that are within `limit` [m], or cannot be told at once to be beyond."""
+    """Append the pairs of pieces of two bodies within `limit` [m], and those that no remembered direction shows to be beyond."""
     tree_a, tree_b = scene.bodies.tree[body_a], scene.bodies.tree[body_b]
     for a in range(scene.bodies.piece_start[body_a], scene.bodies.piece_start[body_a + 1]):
         if apart(boxes.piece_low, boxes.piece_high, boxes.body_low, boxes.body_high, a, body_b, limit):

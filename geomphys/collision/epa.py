@@ -151,7 +151,7 @@ def outline(scratch: Scratch, face: int, new: int, faces: int, eps: float) -> in
 
     A face sees the corner if that lies more than `eps` [m] above its plane. The outline is met counter-clockwise, so
     each new face stands beside the one before. Returns the number of faces,
-    -1 if the outline does not close or there is no more room.
+    -1 if the outline does not close or the tables are full.
     """
     w = vec_of(scratch.corners[new].difference)
     scratch.faces[face].state = GONE

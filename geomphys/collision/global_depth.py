@@ -30,7 +30,7 @@ class GlobalDepths(NamedTuple):
 
 
 def make_global_depths(size: int) -> GlobalDepths:
-    """Room for `size` pairs of bodies."""
+    """A table for `size` pairs of bodies."""
     ints = [np.zeros(size, np.int64) for _ in range(3)]
     return GlobalDepths(np.zeros(1, np.int64), ints[0], ints[1], np.zeros((size, 3)), ints[2], np.zeros(size))
 

@@ -1,4 +1,4 @@
-"""Whether two pieces can go from one pair of places to another without passing through each other.
+"""Whether two pieces can go from one pair of poses to another without passing through each other.
 
 Both bodies go on straight lines, turning evenly. The way is certified by conservative advancement: from a moment at
 which the pieces are a distance apart nothing can happen before they have moved that far against each other; and where a
@@ -39,7 +39,7 @@ from geomphys.scene.kinematics import frame_rotation, orientation_of, position_o
 
 Floats = NDArray[np.float64]
 
-PASSING = 0.08  # of the mean thickness of two pieces: how deep they may be in each other between two places,
+PASSING = 0.08  # of the mean thickness of two pieces: how deep they may be in each other between two poses,
 MOST_PASSING = 1e-3  # m, but no deeper
 MOMENTS = 48  # at most that are looked at
 

@@ -1,4 +1,4 @@
-"""A way out for what is inside something: the nearest free place, sought along many directions.
+"""Depenetration search: the nearest free translation of a tree that starts inside something, along many directions.
 
 Only the first frame, or what has closed on a tree, may need it. In the first frame nothing was anywhere before, and any
 place will do; later only one that can be reached.
@@ -45,7 +45,7 @@ def _is_free_at(scene: Scene, ws: DrivenWorkspace, tree: int, path: Vec, gap: fl
 
 @outlined
 def _free_tree(scene: Scene, ws: DrivenWorkspace, tree: int, gap: float, certified: bool) -> bool:
-    """Find the nearest free place of a tree, into `now`."""
+    """Find the nearest free translation of a tree, into `now`."""
     distance, nearest, towards = NEAREST, math.inf, (0.0, 0.0, 0.0)
     for _ in range(DISTANCES):
         for number in range(26):
@@ -73,7 +73,7 @@ def _free_tree(scene: Scene, ws: DrivenWorkspace, tree: int, gap: float, certifi
 
 @outlined
 def find_depenetration(scene: Scene, ws: DrivenWorkspace, gap: float, certified: bool) -> bool:
-    """Shift the trees that yield, one after the other, from `SearchWorkspace.now` to free places near it; into `best`.
+    """Shift the trees that yield, one after the other, from `SearchWorkspace.now` to free positions near it; into `best`.
 
     Returns whether all are free then; only if `certified` they have to be reached from where the step began.
     """

@@ -45,7 +45,7 @@ class Outcome(NamedTuple):
 
 @outlined
 def settle(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, source: Posture) -> None:
-    """A driven tree's place is known: everything else of the frame finds it there."""
+    """Fix a driven tree at its final posture, which everything else of the frame sees."""
     work = ws.work
     for target in (state.last, work.before, work.now, work.trial, work.start, work.best):
         copy_tree(scene, source, tree, target)
@@ -55,7 +55,7 @@ def settle(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, sou
 
 @outlined
 def set_around(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, share: float) -> None:
-    """Place what is not driven and moves a share of its way through the step."""
+    """Pose what is not driven and moves, a share of its path through the step."""
     work, p = ws.work, ws.piece_frames
     for tree in range(len(scene.trees.role)):
         if scene.trees.moving[tree] == 0 or scene.trees.role[tree] == DRIVEN:

@@ -27,7 +27,7 @@ PARALLEL = 1e-12  # squared sine of the angle below which a row counts as depend
 
 
 class LeastDistance(NamedTuple):
-    """Room for problems of up to n unknowns and m rows, and their solution."""
+    """Problems of up to n unknowns and m rows, their workspace and solution."""
 
     rows: Floats  # (m, n) C, rows of any length
     bounds: Floats  # (m,) d
@@ -43,7 +43,7 @@ class LeastDistance(NamedTuple):
 
 
 def make_least_distance(unknowns: int, rows: int) -> LeastDistance:
-    """Room for problems of up to `unknowns` and `rows`."""
+    """Arrays for problems of up to `unknowns` and `rows`."""
     n, m = unknowns, rows
     return LeastDistance(
         np.zeros((m, n)),

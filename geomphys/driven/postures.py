@@ -17,7 +17,7 @@ Ints = NDArray[np.int64]
 
 
 class Posture(NamedTuple):
-    """A place of everything: T trees, Q angles, B bodies."""
+    """Poses of everything: T trees, Q angles, B bodies."""
 
     roots: Floats  # (T, 7)
     angles: Floats  # (Q,)

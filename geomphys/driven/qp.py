@@ -33,7 +33,7 @@ BOUND_TOLERANCE = 1e-10  # of an unknown
 
 
 class Quadratic(NamedTuple):
-    """Room for problems of up to n unknowns and m rows, and their solution."""
+    """Problems of up to n unknowns and m rows, their workspace and solution."""
 
     hessian: Floats  # (n, n)
     gradient: Floats  # (n,)
@@ -46,7 +46,7 @@ class Quadratic(NamedTuple):
 
 
 def make_quadratic(unknowns: int, rows: int) -> Quadratic:
-    """Room for problems of up to `unknowns` and `rows`."""
+    """Arrays for problems of up to `unknowns` and `rows`."""
     gradient, low, high, x, last_step = (np.zeros(unknowns) for _ in range(5))
     square = [np.zeros((unknowns, unknowns)) for _ in range(2)]
     return Quadratic(square[0], gradient, square[1], low, high, x, last_step, make_least_distance(unknowns, rows))

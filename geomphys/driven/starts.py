@@ -100,7 +100,7 @@ def _cost(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> float:
 def _pose_start(
     scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats, kind: int
 ) -> bool:
-    """Place the starts of a kind of the trees that yield; False if there are none."""
+    """Pose the starts of a kind of the trees that yield; False if there are none."""
     work, some = ws.work, False
     for tree in range(len(work.kind)):
         if work.kind[tree] != LOCKED:

@@ -1,4 +1,4 @@
-"""What the driven loop carries from frame to frame, and its workspace."""
+"""State of the driven loop from frame to frame, and its workspace."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ GIVEN, WAS_GIVEN = 1, 2
 
 
 class DrivenState(NamedTuple):
-    """What the driven loop carries from frame to frame."""
+    """State of the driven loop from frame to frame."""
 
     started: Ints  # (1,) 0 before the first frame, then NEVER_FREE or STARTED_FREE
-    offset: Floats  # (T, 3) m, of each tree's root from its recorded place
+    offset: Floats  # (T, 3) m, of each tree's root from its recorded position
     speed: Floats  # (T, 3) m/s, of the pivot's offset; impulses change it
     last_speed: Floats  # (T, 3) m/s, what it was at the end of the last step
     last: Posture  # everything at the end of the last step, corrected
@@ -118,7 +118,7 @@ class DrivenWorkspace(NamedTuple):
     piece_frames: PieceFrames
     near: Near
     listed: Near  # as the trees that yield are at their goals: see `reachability`
-    row_state: Ints  # (n,) of the near pairs: NO_ROW, WANTED or HAS_ROW
+    row_state: Ints  # (n,) of the near pairs: NO_ROW, REQUESTED or HAS_ROW
     work: SearchWorkspace
     problem: Quadratic
     boxes: Boxes
@@ -129,37 +129,80 @@ class DrivenWorkspace(NamedTuple):
 def make_driven_state(scene: Scene, poses: Floats) -> DrivenState:
     """The state before the first frame; `poses` (B, 7) are those at rest."""
     trees, bodies, dofs = len(scene.trees.role), len(scene.bodies.role), len(scene.dofs.lower)
-    offset, speed, last_speed = (np.zeros((trees, 3)) for _ in range(3))
     return DrivenState(
-        np.zeros(1, np.int64), offset, speed, last_speed, make_posture(scene, poses), make_posture(scene, poses),
-        np.zeros((bodies, 6)), np.zeros((bodies, 6)), np.zeros(trees, np.int64), np.full(dofs, np.inf), np.full(dofs, -np.inf),
-        np.zeros(trees, np.int64), make_posture(scene, poses),
-    )  # fmt: skip
+        started=np.zeros(1, np.int64),
+        offset=np.zeros((trees, 3)),
+        speed=np.zeros((trees, 3)),
+        last_speed=np.zeros((trees, 3)),
+        last=make_posture(scene, poses),
+        recorded=make_posture(scene, poses),
+        shift=np.zeros((bodies, 6)),
+        rate=np.zeros((bodies, 6)),
+        deformed=np.zeros(trees, np.int64),
+        used_low=np.full(dofs, np.inf),
+        used_high=np.full(dofs, -np.inf),
+        given=np.zeros(trees, np.int64),
+        prescribed=make_posture(scene, poses),
+    )
 
 
 def make_piece_frames(scene: Scene) -> PieceFrames:
     """Arrays for the frames of all pieces."""
     trees, pieces = len(scene.trees.role), len(scene.pieces.kind)
-    base, frames, moved = (np.zeros((pieces, 12)) for _ in range(3))
-    return PieceFrames(base, frames, moved, np.zeros((trees, 2)), np.zeros(trees, np.int64))
+    return PieceFrames(
+        base=np.zeros((pieces, 12)),
+        frames=np.zeros((pieces, 12)),
+        moved=np.zeros((pieces, 12)),
+        reach=np.zeros((trees, 2)),
+        found=np.zeros(trees, np.int64),
+    )
 
 
 def make_search_workspace(scene: Scene, poses: Floats, passes: int) -> SearchWorkspace:
     """Workspace of a search of up to `passes` passes in a scene."""
     trees, bodies = len(scene.trees.role), len(scene.bodies.role)
     dofs, pieces = len(scene.dofs.lower), len(scene.pieces.kind)
-    before, now, trial, best, start, goal = (make_posture(scene, poses) for _ in range(6))
-    kind, cached_kind, group, first, hit = (np.zeros(trees, np.int64) for _ in range(5))
-    extrapolated, low, high, used_low, used_high = (np.zeros(dofs) for _ in range(5))
     return SearchWorkspace(
-        before, now, trial, best, start, goal, np.zeros((bodies, 7)), np.zeros((bodies, 7)), np.zeros((bodies, 3)),
-        np.zeros(trees), kind, cached_kind, group, first, np.full(dofs, -1), extrapolated, low, high, used_low, used_high,
-        np.zeros((bodies, 10)), np.zeros((bodies, 6)), np.zeros(pieces), np.zeros(pieces), np.zeros((pieces, 4)),
-        np.zeros((pieces, 4)), np.zeros(trees), np.zeros(trees), hit,
-        np.full((SPOTS, 2), -1), np.zeros((SPOTS, 9)), np.zeros(1, np.int64), np.zeros((TOUCHES, 2), np.int64),
-        np.zeros(TOUCHES), np.zeros(1, np.int64), np.ones(dofs), np.array([passes]), np.full(REFERENCE_BODIES, -1),
-        np.zeros(trees, np.int64),
-    )  # fmt: skip
+        before=make_posture(scene, poses),
+        now=make_posture(scene, poses),
+        trial=make_posture(scene, poses),
+        best=make_posture(scene, poses),
+        start=make_posture(scene, poses),
+        goal=make_posture(scene, poses),
+        target=np.zeros((bodies, 7)),
+        cached_target=np.zeros((bodies, 7)),
+        anchor=np.zeros((bodies, 3)),
+        deviation_limit=np.zeros(trees),
+        kind=np.zeros(trees, np.int64),
+        cached_kind=np.zeros(trees, np.int64),
+        group=np.zeros(trees, np.int64),
+        first=np.zeros(trees, np.int64),
+        column=np.full(dofs, -1),
+        extrapolated=np.zeros(dofs),
+        low=np.zeros(dofs),
+        high=np.zeros(dofs),
+        used_low=np.zeros(dofs),
+        used_high=np.zeros(dofs),
+        inertia=np.zeros((bodies, 10)),
+        force=np.zeros((bodies, 6)),
+        motion=np.zeros(pieces),
+        drift=np.zeros(pieces),
+        travel=np.zeros((pieces, 4)),
+        from_goal=np.zeros((pieces, 4)),
+        covered=np.zeros(trees),
+        depth=np.zeros(trees),
+        hit=np.zeros(trees, np.int64),
+        spot=np.full((SPOTS, 2), -1),
+        spot_at=np.zeros((SPOTS, 9)),
+        spot_next=np.zeros(1, np.int64),
+        touch=np.zeros((TOUCHES, 2), np.int64),
+        touch_gap=np.zeros(TOUCHES),
+        touches=np.zeros(1, np.int64),
+        unit=np.ones(dofs),
+        passes=np.array([passes]),
+        reference_bodies=np.full(REFERENCE_BODIES, -1),
+        ignored=np.zeros(trees, np.int64),
+    )
 
 
 def make_driven_workspace(
@@ -182,7 +225,15 @@ def make_driven_workspace(
         )
     )
     return DrivenWorkspace(
-        origins, make_links(scene), piece_frames, near, make_near(len(near.a)), np.zeros(len(near.a), np.int64),
-        make_search_workspace(scene, poses, passes),
-        make_quadratic(max(unknowns, 1), ROWS), boxes, axes, scratch,
-    )  # fmt: skip
+        origins=origins,
+        links=make_links(scene),
+        piece_frames=piece_frames,
+        near=near,
+        listed=make_near(len(near.a)),
+        row_state=np.zeros(len(near.a), np.int64),
+        work=make_search_workspace(scene, poses, passes),
+        problem=make_quadratic(max(unknowns, 1), ROWS),
+        boxes=boxes,
+        axes=axes,
+        scratch=scratch,
+    )

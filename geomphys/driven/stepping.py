@@ -46,7 +46,7 @@ def pose_with_pieces(scene: Scene, ws: DrivenWorkspace, posture: Posture, tree: 
 
 @outlined
 def pose_yielding(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> None:
-    """Place the trees that yield."""
+    """Pose the trees that yield, and their pieces."""
     for tree in range(len(ws.work.kind)):
         if ws.work.kind[tree] != LOCKED:
             pose_with_pieces(scene, ws, posture, tree)
@@ -62,7 +62,7 @@ def copy_moving(scene: Scene, ws: DrivenWorkspace, source: Posture, target: Post
 
 @kernel
 def pose_yielding_pieces(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> None:
-    """Place the pieces of the trees that yield, whose poses are known."""
+    """Pose the pieces of the trees that yield, whose link poses are known."""
     for tree in range(len(ws.work.kind)):
         if ws.work.kind[tree] != LOCKED:
             pose_pieces_of_tree(scene, tree, posture.poses, ws.piece_frames.frames)

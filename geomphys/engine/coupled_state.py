@@ -75,7 +75,7 @@ SOLVE = np.dtype(
     [
         ("effects", INT),
         ("bounds", INT),
-        ("lost", INT),  # contacts that found no place in their table
+        ("lost", INT),  # contacts that did not fit in their table
         ("sweeps", INT),  # most sweeps of a step so far in this frame
         ("unsettled", INT),  # steps of this frame that ended at the bound on sweeps
         ("started", INT),  # 1: there was a part before

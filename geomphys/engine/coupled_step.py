@@ -27,8 +27,8 @@ from geomphys.simulated.update import begin_frame, end_frame
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-SUBSTEP = 1.0 / 240.0  # s: where they may meet, driven and simulated bodies take turns at least so often
-STEP_TOLERANCE = 0.01  # share of a turn by which one may be longer: times of messages are rounded
+SUBSTEP = 1.0 / 240.0  # s: where they may meet, driven and simulated bodies alternate at least so often
+STEP_TOLERANCE = 0.01  # share of a substep by which one may be longer: times of messages are rounded
 MAX_SUBSTEPS = 16  # in a frame
 NEAR = 6e-3  # m: bodies that come no nearer do not meet
 LEAST_OVERLAP = 4e-6  # m: a driven body gives way to a simulated one that is deeper in it
@@ -236,7 +236,7 @@ def move_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
     """Solve what may meet, driven and simulated, through a part of a frame; returns the impacts.
 
     Simulated bodies that take part are then at its end. Driven trees that were touched are to go where this took them,
-    but for what else is in their way: `DrivenState.asked`. The frame of the simulated loop is begun.
+    but for what else is in their way: `DrivenState.prescribed`. The frame of the simulated loop is begun.
     """
     c, state = m.coupled, m.driven
     load_unknowns(scene, m, roots, angles, dt)

@@ -51,7 +51,7 @@ class Block(NamedTuple):
 
 
 def make_block(moving: Ints, rest: Floats, dofs: int, frames: int = FRAMES) -> Block:
-    """Room for `frames` frames."""
+    """A buffer for `frames` frames."""
     stages = len(STAGES) + 1
     ints, floats = np.int64, np.float64
     return Block(

@@ -14,7 +14,7 @@ from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene, World
 
 Floats = NDArray[np.float64]
 
-HELD_FOR = 0.2  # s: what driven bodies alone carry for so long is held
+HELD_FOR = 0.2  # s: what driven bodies alone support for so long is held
 LIFTED_BY = 0.01  # m
 LEAST_FORCE = 1e-3  # N: less is none
 

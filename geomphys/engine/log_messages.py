@@ -1,4 +1,4 @@
-"""What a user is told of a replay: messages of frames, made from their flags and figures."""
+"""Log messages of a replay, made from the flags and figures of its frames."""
 
 from __future__ import annotations
 

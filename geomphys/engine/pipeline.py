@@ -43,7 +43,7 @@ class Chunk:
 class Pipeline:
     """A scene ready to run: takes frames, gives results, remembers what lies between.
 
-    Results come one chunk late, so that the last one can be told.
+    Results come one chunk late, so that the last one is known as such.
     """
 
     def __init__(self, world: World, config: Config) -> None:

@@ -62,7 +62,7 @@ class Machine(NamedTuple):
     start: Floats  # (B, 7) poses at the frame's start
     velocity: Floats  # (B, 6) m/s of the centre of mass and rad/s, world, of simulated bodies
     coupled: Coupled
-    recorded_path: Floats  # (T, 13) of recorded roots, as `note_courses` fills it
+    recorded_path: Floats  # (T, 13) of recorded roots, as `fit_recorded_paths` fills it
     roots: Floats  # (T, 7) recorded root poses within a frame
     angles: Floats  # (Q,) recorded angles within a frame
     posture: Floats  # (Q,) angles at the frame's start

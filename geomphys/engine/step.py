@@ -55,9 +55,9 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CONTACT_GAPS = 3.0  # surfaces nearer than this many gaps are in contact
-LEFT = 1e-5  # m: an overlap of a driven body that is left is told of from here on,
+LEFT = 1e-5  # m: an overlap of a driven body that is left is reported from here on,
 SUNK = 1e-4  # m: and of simulated ones from here on
-BLOCKED_FROM = 1e-4  # m: what touches something this far from its recorded place, that is free, is blocked
+BLOCKED_FROM = 1e-4  # m: what touches something this far from its recorded pose, that is free, is blocked
 
 KINEMATICS, RECORDED_DEPTH, OVERLAP, IMPULSES, CONTACTS, WHOLE = range(6)
 
@@ -283,7 +283,7 @@ def run_block(
 
     Parameters
     ----------
-    scene, m, knobs
+    scene, m, params
         The scene, the machine, which is brought up to date, and the configuration.
     recording
         N frames.

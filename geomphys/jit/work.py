@@ -37,7 +37,7 @@ _listeners: list[Listener] = []
 
 @contextmanager
 def telling(listener: Listener | None) -> Iterator[None]:
-    """Within the block, `listener` is told how many kernels are compiled, and how many are known to be needed.
+    """Within the block, `listener` gets how many kernels are compiled, and how many are known to be needed.
 
     What it raises ends the compiling; what is done by then is kept.
     """
@@ -98,7 +98,7 @@ def work(
     keys
         The kernels.
     load
-        Whether they are wanted in this process too.
+        Whether they are needed in this process too.
     newest_first
         The order: processes that begin at different ends meet late.
     before_compiling

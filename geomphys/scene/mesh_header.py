@@ -71,7 +71,7 @@ def _binary_stl_fault(data: bytes) -> str:
     if count > present:
         return f"is cut off: {count} triangles announced, {present} there: fetch or save it again"
     if count == 0 and present:
-        return f"announces no triangles, though the file has room for {present}: save it again"
+        return f"announces no triangles, though the file is long enough for {present}: save it again"
     return ""
 
 

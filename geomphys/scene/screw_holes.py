@@ -26,7 +26,7 @@ SCREW = 1.6e-3
 FINER = 1.6
 """... times: so that a finer threshold fills less"""
 NARROW = 0.97
-"""Of the radius: a ball that has less room does not fit."""
+"""Of the radius: a ball with less clearance does not fit."""
 ROUND = 1.1
 """Of the diameter: what a hole may be wide, by its bounding box along its principal axes"""
 FACING = -0.7

@@ -59,7 +59,7 @@ def resolve(sim: Simulation, t: float, budget: int) -> tuple[int, bool]:
     t
         s of the frame.
     budget
-        Collisions the frame still has room for; beyond, nothing bounces.
+        Collisions that the frame may still have; beyond, nothing bounces.
 
     Returns
     -------

@@ -34,7 +34,7 @@ QUARANTINED = 64
 
 @kernel
 def set_free(sim: Simulation, body: int) -> None:
-    """Motion of a simulated body at the frame's start, from its pose and the velocity told.
+    """Motion of a simulated body at the frame's start, from its pose and the reported velocity.
 
     The angular momentum is kept from the frame before unless the caller changed the angular velocity meanwhile.
     """

@@ -28,7 +28,7 @@ def write_touches(sim: Simulation, poses: Floats, bodies: Ints, values: Floats, 
         (n, 9), written: point [m], unit normal out of b into a, overlap [m], normal and tangential impulse of the
         frame [N s].
     first
-        The first row to write. What finds no room is left out.
+        The first row to write. What does not fit is left out.
 
     Returns
     -------

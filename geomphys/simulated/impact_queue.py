@@ -19,14 +19,14 @@ def comes_before(sim: Simulation, a: int, b: int) -> bool:
 
 @kernel
 def stand(sim: Simulation, k: int, pair: int) -> None:
-    """Let `pair` stand at place k."""
+    """Let `pair` stand at index k."""
     sim.queue[k] = pair
     sim.pairs[pair].queue_index = k
 
 
 @kernel
 def rise(sim: Simulation, k: int) -> None:
-    """Move the pair at place k towards the front until its parent comes before it."""
+    """Move the pair at index k towards the front until its parent comes before it."""
     pair = sim.queue[k]
     while k > 0:
         parent = (k - 1) // 2
@@ -39,7 +39,7 @@ def rise(sim: Simulation, k: int) -> None:
 
 @kernel
 def sink(sim: Simulation, k: int) -> None:
-    """Move the pair at place k towards the back until it comes before its children."""
+    """Move the pair at index k towards the back until it comes before its children."""
     pair, count = sim.queue[k], sim.counts[0].queued
     while True:
         child = 2 * k + 1

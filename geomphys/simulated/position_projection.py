@@ -1,6 +1,6 @@
 """Surfaces that overlap are moved apart; what touches may go on touching.
 
-Nothing but the poses changes. Where there is no room for all, what overlap must be is shared out.
+Nothing but the poses changes. Where not all can be free, the overlap is shared out.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ TOUCHING = (
     0.75  # gaps: surfaces that overlap by no more only touch: the last digit of whoever wrote down where they are
 )
 CLEAR = 0.05  # gaps: what overlaps by more is moved so far apart; a move that gains less is none
-GIVE = 0.02  # where there is no room: share by which rows give in to what pushes back, so that overlap is shared out
+GIVE = 0.02  # where not all can be free: share by which rows give in to what pushes back, so that overlap is shared out
 
 
 @kernel
@@ -77,7 +77,7 @@ def sweep_apart(sim: Simulation, give: float) -> bool:
 
 @kernel
 def stay_if_useless(sim: Simulation) -> None:
-    """Take back the displacements of islands in which the last sweeps gave nothing more room.
+    """Take back the displacements of islands in which the last sweeps increased no clearance.
 
     What is squeezed would else be moved to and fro for ever.
     """

@@ -184,7 +184,7 @@ def rotates_with(omega: Vec, support_omega: Vec) -> bool:
 
 @kernel
 def advance_arms(sim: Simulation, t: float, h: float) -> None:
-    """Turn the arms of held points to the end of the step with the tracked things that carry them.
+    """Rotate the arms of held points to the end of the step with the tracked bodies that support them.
 
     Velocities at both ends of the step then have the directions of both ends, and what stands on a turntable goes along
     its circle; else the table would throw it outwards by ω² r h.

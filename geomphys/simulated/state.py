@@ -167,7 +167,7 @@ COUNTS = np.dtype(
         ("old_pairs", INT),
         ("rows", INT),
         ("queued", INT),
-        ("lost", INT),  # pairs and contact points that found no place in their table
+        ("lost", INT),  # pairs and contact points that did not fit in their table
         ("looks", INT),  # work done so far: narrow phases, ...
         ("spans", INT),  # ... spans of time, ...
         ("sweeps", INT),  # ... sweeps of the solver

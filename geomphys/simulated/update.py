@@ -44,7 +44,7 @@ PROJECTION_ROUNDS = 20
 __all__ = ["IMPACT_BOUND", "QUARANTINED", "simulate"]
 
 IMPACT_BOUND = 32
-"""A bound was hit: of collisions, of halts, or of the room for pairs and contact points."""
+"""A bound was hit: of collisions, of stops, or the capacity for pairs and contact points."""
 
 
 @kernel
@@ -234,7 +234,7 @@ def play(sim: Simulation, max_impacts: int) -> tuple[int, int, float]:
 def part_at_end(sim: Simulation, bounded: bool) -> None:
     """Free bodies that were left overlapping what follows its path: out of it if they can be, else back to the start.
 
-    Something squeezed has no place where it is; where it stood at the frame's start the driven bodies left it room.
+    Something squeezed cannot be free where it is; where it stood at the frame's start the driven bodies left it clear.
     """
     left = bounded
     for k in range(sim.counts[0].pairs):

@@ -466,7 +466,7 @@ def test_a_scene_of_more_than_there_is_memory_for_is_an_error(
 
 
 def test_thousands_of_fixed_objects_need_little_memory(tmp_path: Path) -> None:
-    """The room of the least-distance problem goes with what is driven."""
+    """The workspace of the least-distance problem goes with what is driven."""
     balls = [f'[[object]]\nname = "b{k}"\nclass = "fixed"\nsphere = 0.1\nposition = [{k}, 0, 0]\n' for k in range(1000)]
     (tmp_path / "scene.toml").write_text("".join(balls))
-    assert make_machine(load_world(tmp_path / "scene.toml").scene).room.problem.least.basis.nbytes < 1e6
+    assert make_machine(load_world(tmp_path / "scene.toml").scene).workspace.problem.least.basis.nbytes < 1e6

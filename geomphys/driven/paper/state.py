@@ -117,7 +117,7 @@ def make_paper_workspace(scene: Scene, shared: DrivenWorkspace, config: Config) 
     scene
         The scene.
     shared
-        What the machine shares with it: `shared.places.frames` are the frames it leaves.
+        What the machine shares with it: `shared.piece_frames.frames` are the frames it leaves.
     config
         Clearance, seed of the order of chains, bound on the passes of a frame.
     """
