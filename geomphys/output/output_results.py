@@ -62,7 +62,7 @@ class _Reader:
         recorded[self._rows(frame.recorded, "recorded/")] = frame.recorded.values
         angles = [values for _, (_, values) in sorted(frame.joints.items())]
         joints = np.concatenate([np.zeros(0), *angles])
-        metrics = Metrics(**{name: frame.metrics[name] for name in Metrics._fields})  # type: ignore[arg-type]
+        metrics = Metrics._make(frame.metrics[name] for name in Metrics._fields)
         roots = corrected[self._world.scene.trees.body_start[:-1]]
         return FrameResult(
             frame=Frame(frame.index, frame.time_ns, roots, joints, bool(metrics.held), int(metrics.flags)),

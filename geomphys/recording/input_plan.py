@@ -154,9 +154,8 @@ def split_topic(name: str, topics: Iterable[str]) -> tuple[str, str]:
 
 def _plan_root(plan: Plan, reader: LogReader, world: World, source: RootSource) -> None:
     """Look up the topic of a root's pose."""
-    topic, child = split_topic(source.topic, reader.topics)
     user = f"the root of {world.tree_names[source.tree]!r}"
-    channels = _understood(plan, reader, topic, user, POSES, "a pose")
+    topic, child, channels = _find_channels(plan, reader, source.topic, user, POSES, "a pose")
     if not channels:
         return
     what = _what(channels[0])
@@ -173,9 +172,8 @@ def _plan_root(plan: Plan, reader: LogReader, world: World, source: RootSource) 
 
 def _plan_joints(plan: Plan, reader: LogReader, world: World, source: JointSource) -> None:
     """Look up the topic of a tree's joints."""
-    topic, side = split_topic(source.topic, reader.topics)
     user = f"the joints of {world.tree_names[source.tree]!r}"
-    channels = _understood(plan, reader, topic, user, JOINTS, "joint values")
+    topic, side, channels = _find_channels(plan, reader, source.topic, user, JOINTS, "joint values")
     if not channels:
         return
     glove = _what(channels[0]) == "glove"
@@ -188,9 +186,8 @@ def _plan_joints(plan: Plan, reader: LogReader, world: World, source: JointSourc
 
 def _plan_keypoints(plan: Plan, reader: LogReader, world: World, source: KeypointSource) -> None:
     """Look up the points that a tree's joint values are fitted to."""
-    topic, side = split_topic(source.topic, reader.topics)
     user = f"the keypoints of {world.tree_names[source.tree]!r}"
-    channels = _understood(plan, reader, topic, user, POINTS, "points")
+    topic, side, channels = _find_channels(plan, reader, source.topic, user, POINTS, "points")
     if not channels:
         return
     if _what(channels[0]) == "glove" and any(j.topic == topic for j in plan.joints):
@@ -282,23 +279,24 @@ def _missing(reader: LogReader, topic: str, user: str) -> str:
     return f"{reader.path}: topic {topic!r} for {user} is not in the log{hint}; it has {join_names(topics)}"
 
 
-def _understood(
-    plan: Plan, reader: LogReader, topic: str, user: str, accepted: tuple[ContentType, ...], holds: str
-) -> tuple[LogChannel, ...]:
-    """Channels of a topic with `accepted` content; () and a problem added if there are none."""
+def _find_channels(
+    plan: Plan, reader: LogReader, name: str, user: str, accepted: tuple[ContentType, ...], holds: str
+) -> tuple[str, str, tuple[LogChannel, ...]]:
+    """Topic and part of a source's `name`, and the channels with `accepted` content; () and a problem added if none."""
+    topic, part = split_topic(name, reader.topics)
     channels = reader.of_topic(topic)
     if not channels:
         plan.problems.append(_missing(reader, topic, user))
-        return ()
+        return topic, part, ()
     fitting = tuple(c for c in channels if _what(c) in accepted)
     if not fitting:
         others = sorted({o.topic for o in reader.channels.values() if _what(o) in accepted and o.messages})
         known = f"; of this log {join_names(others)} {'has' if len(others) == 1 else 'have'} {holds}" if others else ""
         reason = unsupported_reason(channels[0], accepted, holds)
         plan.problems.append(f"{reader.path}: topic {topic!r} for {user} {reason}{known}")
-        return ()
+        return topic, part, ()
     fitting = tuple(c for c in fitting if _what(c) == _what(fitting[0]))
     if sum(c.messages for c in fitting) == 0:
         plan.problems.append(f"{reader.path}: topic {topic!r} for {user} has no message")
-        return ()
-    return fitting
+        return topic, part, ()
+    return topic, part, fitting
