@@ -40,6 +40,14 @@ def test_who_only_passes_near_is_not_concerned() -> None:
     assert stage.bodies["changed"][:2].tolist() == [1, 1]
 
 
+def test_one_whose_points_are_not_laid_out_yet_is_concerned_if_it_is_near_enough_for_them() -> None:
+    """The ball rests on the cube, but their pair has no contact points at this moment."""
+    stage = Stage(Player([Thing(shape=CUBE, at=(0, 0, 0.05)), Thing(shape=Sphere(0.05), at=(0, 0, 0.1501)), floor()]))
+    stage.pairs["point_count"][stage.pair(0, 1)] = 0
+    stage.call(mark_connected, stage.pair(0, 2), 0.0)
+    assert stage.bodies["changed"][:2].tolist() == [1, 1]
+
+
 def test_a_body_that_sleeps_is_not_woken_by_a_neighbour_that_met_something() -> None:
     stage = Stage(Player([Thing(shape=CUBE, at=(0, 0, 0.05 + k * 0.1000020)) for k in range(2)] + [floor()]))
     stage.bodies["awake"][1] = 0
