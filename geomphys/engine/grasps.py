@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from geomphys.numerics.transforms import apply, matrix_from_pose
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene, World
 
@@ -134,8 +134,7 @@ class GraspMeter:
 
     def _velocity(self, body: int, seen: _Body, result: FrameResult, dt: float) -> Floats | None:
         """Mean velocity (3,) of its centre of mass since the frame before, in which it was touched too."""
-        pose = result.corrected[body]
-        centre = pose[:3] + Rotation.from_quat(pose[3:]).apply(self._scene.bodies.com[body])
+        centre = apply(matrix_from_pose(result.corrected[body]), self._scene.bodies.com[body])
         before, seen.centre = seen.centre, centre
         return None if before is None else (centre - before) / dt
 

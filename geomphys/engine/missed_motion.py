@@ -9,15 +9,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from geomphys.numerics.quantiles import Quantiles
 from geomphys.numerics.transforms import angle_between
 from geomphys.results import FLAG_CATCHING_UP, Frame
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
+
+if TYPE_CHECKING:  # loading it takes as long as a hundred frames, and most recordings miss nothing
+    from scipy.spatial.transform import Rotation
 
 Floats = NDArray[np.float64]
 
@@ -100,6 +103,8 @@ class MissedMotion:
             if seen is None:
                 self._trees[tree] = _Tree(root.copy(), angles.copy(), held)
             return False
+        from scipy.spatial.transform import Rotation
+
         rotation = Rotation.from_quat(root[3:]) * Rotation.from_quat(seen.root[3:]).inv()
         change = angles - seen.angles
         velocity = (root[:3] - seen.root[:3]) / dt
@@ -139,6 +144,8 @@ class MissedMotion:
     @staticmethod
     def _catch_up(seen: _Tree, speeds: Floats, dt: float) -> None:
         """Make up for part of what was missed; `speeds` are those of the recording meanwhile."""
+        from scipy.spatial.transform import Rotation
+
         if seen.missed is None:
             return
         seen.catching += dt

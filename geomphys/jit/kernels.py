@@ -58,10 +58,8 @@ class Kernel:
         self.py_func = self.__wrapped__ = function
         self.__name__, self.__qualname__ = function.__name__, function.__qualname__
         self.__module__, self.__doc__ = function.__module__, function.__doc__
-        source = Path(inspect.getfile(function))
-        self.cached = source.is_file()
-        self.stamp = "" if PACKAGE in source.parents else _stamp_of(source)
-        self._parameters = len(inspect.signature(function).parameters)
+        self.cached, self.stamp = _source_of(inspect.getfile(function))
+        self._parameters = function.__code__.co_argcount
         self._entries: dict[tuple[Any, ...], Any] = {}
         kernels[self.__module__, self.__qualname__] = self
         self._introduce(INSIDE | {"forceinline": inlined})
@@ -161,6 +159,9 @@ class Outlined(Kernel):
 
 
 @lru_cache(maxsize=256)
-def _stamp_of(source: Path) -> str:
-    """Digest of a file."""
-    return hashlib.sha256(source.read_bytes()).hexdigest()[:16] if source.is_file() else ""
+def _source_of(path: str) -> tuple[bool, str]:
+    """Whether a source is a file, and the digest of one that stands outside the package; "" inside."""
+    source = Path(path)
+    if PACKAGE in source.parents:
+        return True, ""
+    return source.is_file(), hashlib.sha256(source.read_bytes()).hexdigest()[:16] if source.is_file() else ""

@@ -17,6 +17,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 
 from geomphys.jit.products import CacheEntry, Key, plain_key, symbol_of
 from geomphys.jit.slots import Unit, fill_slot, is_loaded, make_slots, units
@@ -64,11 +65,8 @@ def undisturbed() -> Iterator[None]:
 def complete(keys: Sequence[Key]) -> None:
     """Load outlined kernels and all they jump to; compile those that are not on disk, with helpers if they are many."""
     helpers: list[subprocess.Popen[bytes]] = []
-    made = 0
 
     def each(done: int, known: int, waiting: Sequence[Key]) -> None:
-        nonlocal made
-        made += 1
         if not helpers and len(waiting) >= WORTHWHILE:
             missing = [key for key in waiting if CacheEntry(f"{symbol_of(key)}.unit").peek() is None]
             if len(missing) >= WORTHWHILE:
@@ -102,13 +100,13 @@ def work(
     newest_first
         The order: processes that begin at different ends meet late.
     before_compiling
-        Called before each with the number of those done, of those known, and those that wait.
+        Called before each that is not on disk, with the number of those done, of those known, and those that wait.
     """
     waiting, known, locked = deque(keys), set(keys), 0
     while waiting:
         key = waiting.pop() if newest_first else waiting.popleft()
-        before_compiling(len(known) - len(waiting) - 1, len(known), waiting)
-        needs = _provide(key, load)
+        done = len(known) - len(waiting) - 1
+        needs = _provide(key, load, partial(before_compiling, done, len(known), waiting))
         if needs is None:  # someone else is at it
             waiting.appendleft(key) if newest_first else waiting.append(key)
             locked += 1
@@ -121,7 +119,7 @@ def work(
         known.update(needs)
 
 
-def _provide(key: Key, load: bool) -> list[Key] | None:
+def _provide(key: Key, load: bool, before_compiling: Callable[[], None]) -> list[Key] | None:
     """Compile an outlined kernel or, to `load` it, take it from disk. Returns those it jumps to; None if it is locked."""
     make_slots([key])
     unit, stored = _unit(key), CacheEntry(f"{symbol_of(key)}.unit")
@@ -133,6 +131,8 @@ def _provide(key: Key, load: bool) -> list[Key] | None:
         if not free:
             return None
         product = stored.find()
+        if product is None:
+            before_compiling()
         needs = [] if product is None else product.callees()
         make_slots(needs)
         compiled = unit.make(key, stored)

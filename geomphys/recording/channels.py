@@ -10,6 +10,7 @@ from collections.abc import Callable
 from geomphys.recording.decoders import PAYLOAD_ERRORS, BadMessageError, make_decoder
 from geomphys.recording.display_names import printable
 from geomphys.recording.field_access import FieldAccess
+from geomphys.recording.fixed_layout import FixedLayoutReader
 from geomphys.recording.message_kinds import (
     ENCODINGS,
     MessageKind,
@@ -56,7 +57,7 @@ def make_message_reader(channel: LogChannel, kind: MessageKind, *, points: bool 
         except PAYLOAD_ERRORS as problem:
             raise BadMessageError(f"does not hold what its type says ({type(problem).__name__})") from problem
 
-    return content
+    return FixedLayoutReader(content) if channel.encoding == "cdr" else content
 
 
 def unsupported_reason(channel: LogChannel, accepted: tuple[ContentType, ...], holds: str) -> str:

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from geomphys.recording.display_names import MAX_LENGTH
 from geomphys.recording.joint_labels import WRIST, JointLabel, label_joints
@@ -128,6 +127,8 @@ def _assigned(
     """The assignment with the highest total score (Hungarian algorithm), without pairs below `MIN_SCORE`."""
     if not recorded or not joints:
         return []
+    from scipy.optimize import linear_sum_assignment
+
     two_sides = not side and len({labels[0][n].side for n in recorded} - {""}) == 2
     scores = np.array([[_score(name, joint, labels, two_sides) for joint in joints] for name in recorded])
     rows, columns = linear_sum_assignment(scores, maximize=True)
