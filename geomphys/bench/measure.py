@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.bench.experiments import Experiment
-from geomphys.bench.report import ExperimentResult, PeerResult, Stage, distribution_of
+from geomphys.bench.fingertip_meter import TipFigures
+from geomphys.bench.report import Distribution, ExperimentResult, Fidelity, PeerResult, Stage, distribution_of
 from geomphys.config import Config
 from geomphys.engine.frame_buffer import FRAMES, Block
 from geomphys.engine.pipeline import Pipeline
@@ -29,6 +30,7 @@ class PeerFrame(NamedTuple):
     ns: float
     steps: int
     residual: float  # m
+    tips: TipFigures
 
 
 class Peer(Protocol):
@@ -71,6 +73,7 @@ class _PassTotals:
         self.contacts = 0
         self.recorded = 0.0
         self.residual: list[float] = []
+        self.tips: list[TipFigures] = []
         self.names: tuple[str, ...] = ()
         self.call_ns = self.result_ns = 0.0
         self.engines: list[str] = []
@@ -132,12 +135,23 @@ def measure(
         contacts=last.contacts / len(frames),
         recorded_m=last.recorded,
         residual_m=distribution_of(np.array(last.residual)),
-        peers=tuple(_peer_figures(passes, k, step.median, step.p99) for k in range(len(peers))),
+        fidelity=_fidelity(last.tips),
+        peers=tuple(_peer_figures(passes, k, step) for k in range(len(peers))),
     )
 
 
-def _peer_figures(passes: Sequence[_PassTotals], k: int, median: float, p99: float) -> PeerResult:
-    """Figures of the k-th peer's frames beside our median and 99th percentile [ns]."""
+def _fidelity(tips: Sequence[TipFigures]) -> Fidelity:
+    """How near fingertips stay to the recording."""
+    recorded = sum(frame.recorded for frame in tips)
+    return Fidelity(
+        touching_m=distribution_of(np.array([frame.error_m for frame in tips if frame.recorded])),
+        free_m=distribution_of(np.array([frame.error_m for frame in tips if not frame.recorded])),
+        kept=sum(frame.kept for frame in tips) / recorded if recorded else None,
+    )
+
+
+def _peer_figures(passes: Sequence[_PassTotals], k: int, step: Distribution) -> PeerResult:
+    """Figures of the k-th peer's frames beside ours [ns]."""
     ns = distribution_of(np.min([[f.ns for f in p.peers[k]] for p in passes], axis=0))
     last = passes[-1]
     return PeerResult(
@@ -145,9 +159,12 @@ def _peer_figures(passes: Sequence[_PassTotals], k: int, median: float, p99: flo
         ns=ns,
         steps_a_frame=float(np.mean([f.steps for f in last.peers[k]])),
         residual_m=distribution_of(np.array([f.residual for f in last.peers[k]])),
+        fidelity=_fidelity([f.tips for f in last.peers[k]]),
         warnings=last.warnings[k],
-        ratio_median=median / ns.median,
-        ratio_p99=p99 / ns.p99,
+        ratio_mean=step.mean / ns.mean,
+        ratio_median=step.median / ns.median,
+        ratio_p99=step.p99 / ns.p99,
+        ratio_max=step.max / ns.max,
         ratio_call=min(p.call_ns for p in passes) / ns.mean,
     )
 
@@ -185,6 +202,8 @@ def _record_result(done: _PassTotals, result: FrameResult) -> None:
     done.contacts += result.metrics.contacts
     done.recorded = max(done.recorded, result.metrics.recorded_penetration_m)
     done.residual.append(result.metrics.residual_penetration_m)
+    metrics = result.metrics
+    done.tips.append(TipFigures(metrics.contacts_recorded, metrics.contacts_kept, metrics.fingertip_error_m))
 
 
 def _batches(frames: Sequence[Frame]) -> Iterator[tuple[list[Frame], int]]:

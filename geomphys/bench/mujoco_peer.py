@@ -7,6 +7,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
+from geomphys.bench.fingertip_meter import FingertipMeter
 from geomphys.bench.measure import PeerFrame
 from geomphys.bench.mujoco_scene import TIMESTEP, body_name, build_model, load_mujoco, mocap_name
 from geomphys.numerics.transforms import compose, invert, matrix_from_pose, pose_from_matrix
@@ -55,6 +56,9 @@ class MujocoPeer:
             [self.model.actuator(body_name(int(b))).id for b in self._jointed_links], dtype=np.int64
         )
         self._is_driven = self._geoms_of_driven_bodies(world)
+        self._free: Ints = np.flatnonzero(bodies.role != FIXED)
+        self._free_ids = np.array([self.model.body(body_name(int(b))).id for b in self._free], dtype=np.int64)
+        self._tips = FingertipMeter(world)
         self._set_initial_state(world, first)
 
     @classmethod
@@ -80,7 +84,15 @@ class MujocoPeer:
         self._mujoco.mj_step(self.model, self.data, nstep=steps)
         ns = time.perf_counter_ns() - start
         self._steps += steps
-        return PeerFrame(float(ns), steps, self._residual())
+        residual = self._residual()
+        return PeerFrame(float(ns), steps, residual, self._tips.figures(result.recorded, self._poses(result)))
+
+    def _poses(self, result: FrameResult) -> Floats:
+        """(B, 7) of all bodies, once kinematics are done."""
+        poses = result.recorded.copy()
+        poses[self._free, :3] = self.data.xpos[self._free_ids]
+        poses[self._free, 3:] = np.roll(self.data.xquat[self._free_ids], -1, axis=1)
+        return poses
 
     def _ids(self, column: Ints, names: list[str]) -> Ints:
         return np.array([column[self.model.body(name).id] for name in names], dtype=np.int64)

@@ -31,9 +31,12 @@ from geomphys.scene.arrays import (
 Floats = NDArray[np.float64]
 
 TIMESTEP = 0.002  # s
-SERVO_FREQUENCY = (
-    100.0  # rad/s; natural frequency of the critically damped servos that hold the joints at the recorded angles
+SERVO_FREQUENCY = 500.0  # rad/s; natural frequency of the critically damped servos that hold the joints as recorded
+ROTOR_RATIO = (
+    10.0  # of a servo's rotor to the inertia it moves: without one, stiff servos in a chain of light links are unstable
 )
+WELD_GAINS = (-0.5 / TIMESTEP**2, -1.0 / TIMESTEP)  # 1/s², 1/s: half of what is left of the way is made up in each step
+WELD_IMPEDANCE = (0.99, 0.999, 1e-4, 0.5, 2.0)  # MuJoCo's `solimp`: it hardly yields
 MIN_MASS_RATIO = 1e-3  # of an avatar's mass: lower bound of a link's mass, as MuJoCo takes no massless one
 MIN_INERTIA = 1e-8  # kg m²
 ALL_BITS = 0x7FFFFFFF
@@ -65,9 +68,10 @@ def build_model(world: World, poses: Floats, jointed: bool) -> Any:
     convex hull. Fixed objects are geoms of the world, those with a topic mocap bodies; simulated ones are free bodies
     with the same mass and inertia. A driven tree is free and its root welded to a mocap body that goes where the root
     was recorded. Its links are parts of one body, which the peer puts where they were recorded; or it is `jointed`, and
-    position servos hold its joints at the recorded angles. In chains mode, links collide but for the pairs the world
-    leaves out. MuJoCo has no restitution and combines friction by geom: a geom has that of its material against
-    itself.
+    position servos hold its joints at the recorded angles. Weld and servos are so stiff that a hand that nothing is in the
+    way of follows within 2 mm, and gravity does not pull at it. Friction cones are elliptic. In chains mode, links collide
+    but for the pairs the world leaves out. MuJoCo has no restitution and combines friction by geom: a geom has that of its
+    material against itself.
 
     Parameters
     ----------
@@ -86,6 +90,7 @@ def build_model(world: World, poses: Floats, jointed: bool) -> Any:
     spec.option.timestep = TIMESTEP
     spec.option.gravity = world.scene.gravity
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.compiler.balanceinertia = True
     spec.memory = 1 << 28
     bodies: dict[int, Any] = {}
@@ -129,6 +134,7 @@ def _add_tree(
                 _add_joint(mujoco, spec, owner, world, body)
         made_bodies[body] = owner
         min_mass = MIN_MASS_RATIO * float(scene.trees.mass[tree]) if role == DRIVEN else 0.0
+        owner.gravcomp = 1.0 if role == DRIVEN else 0.0
         owner.explicitinertial = True
         owner.mass = max(scale * float(bodies.mass[body]), min_mass)
         owner.ipos = bodies.com[body]
@@ -148,6 +154,7 @@ def _add_weld(mujoco: Any, spec: Any, body: int, pose: Floats) -> None:
     )
     anchor, position, orientation, torque_scale = [0.0] * 3, [0.0] * 3, [1.0, 0.0, 0.0, 0.0], [1.0]
     weld.data[:11] = anchor + position + orientation + torque_scale
+    weld.solref, weld.solimp = WELD_GAINS, WELD_IMPEDANCE
 
 
 def _add_joint(mujoco: Any, spec: Any, owner: Any, world: World, body: int) -> None:
@@ -163,9 +170,11 @@ def _add_joint(mujoco: Any, spec: Any, owner: Any, world: World, body: int) -> N
 
 
 def _tune_servos(mujoco: Any, model: Any) -> None:
-    """Give the servos the stiffness and damping that suit the inertia they move."""
+    """Give the joints rotors, and the servos the stiffness and damping that suit the inertia they move."""
     for k in range(model.nu):
-        inertia = model.dof_M0[model.jnt_dofadr[model.actuator_trnid[k, 0]]]
+        dof = model.jnt_dofadr[model.actuator_trnid[k, 0]]
+        model.dof_armature[dof] = ROTOR_RATIO * model.dof_M0[dof]
+        inertia = (1.0 + ROTOR_RATIO) * model.dof_M0[dof]
         model.actuator_gainprm[k, 0] = SERVO_FREQUENCY**2 * inertia
         model.actuator_biasprm[k, 1], model.actuator_biasprm[k, 2] = (
             -(SERVO_FREQUENCY**2) * inertia,

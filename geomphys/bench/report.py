@@ -46,6 +46,15 @@ class Stage:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Fidelity:
+    """How near fingertips stay to the recording: mean distance of a frame's from where they were recorded."""
+
+    touching_m: Distribution  # of fingertips recorded in contact, in frames that have such
+    free_m: Distribution  # of all fingertips, in the other frames
+    kept: float | None  # share of the recorded contacts of fingertips that are kept; None without any
+
+
+@dataclass(frozen=True, kw_only=True)
 class PeerResult:
     """The same frames by another engine."""
 
@@ -55,9 +64,12 @@ class PeerResult:
     residual_m: (
         Distribution  # deepest overlap of a driven body that it left in a frame, by its own contacts on its final poses
     )
+    fidelity: Fidelity
     warnings: int  # of the engine: unstable, out of memory
-    ratio_median: float  # ours over its
+    ratio_mean: float  # ours over its
+    ratio_median: float
     ratio_p99: float
+    ratio_max: float
     ratio_call: float  # our mean processor time, over its mean
 
 
@@ -80,6 +92,7 @@ class ExperimentResult:
     contacts: float  # mean a frame
     recorded_m: float  # deepest overlap as recorded
     residual_m: Distribution  # left, a frame
+    fidelity: Fidelity
     peers: tuple[PeerResult, ...]
 
 

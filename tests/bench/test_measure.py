@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from geomphys.bench.experiments import NAMES, experiment_files
+from geomphys.bench.fingertip_meter import TipFigures
 from geomphys.bench.measure import WARM_UP_FRAMES, PeerFrame, measure
 from geomphys.bench.report import distribution_of
 from geomphys.bench.run import run_bench
@@ -32,7 +33,7 @@ class FakePeer:
 
     def frame(self, result: FrameResult) -> PeerFrame:
         self.seen.append(result.frame.index)
-        return PeerFrame(1e6 * (len(self.seen) - 1) * len(self.lives), 3, 1e-3)
+        return PeerFrame(1e6 * (len(self.seen) - 1) * len(self.lives), 3, 1e-3, TipFigures(2, 1, 4e-3))
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +67,9 @@ def test_peers_run_every_frame_in_turn_and_the_smallest_time_counts(hand: World)
     assert peer.ratio_median == figures.step.median / peer.ns.median
     assert peer.ratio_call == figures.call_ns / peer.ns.mean
     assert peer.ratio_p99 == figures.step.p99 / peer.ns.p99
+    assert peer.ratio_mean == figures.step.mean / peer.ns.mean
+    assert peer.ratio_max == figures.step.max / peer.ns.max
+    assert (peer.fidelity.kept, peer.fidelity.touching_m.max, peer.fidelity.free_m.count) == (0.5, 4e-3, 0)
 
 
 def test_stages_add_up_to_the_step(hand: World) -> None:
