@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -94,8 +95,8 @@ def batch(
     """Replay many LOGs in a scene: MCAP files, ROS 2 bag folders, and all of them in and below other folders.
 
     DIR/NAME.mcap holds the bytes that replay gives. A log in a subfolder of a folder that was named keeps its place
-    below it. DIR/manifest.json tells what became of each log, with figures and hashes; it is up to date at any moment,
-    and --resume goes on from it, also after a crash.
+    below it. DIR/manifest.json tells what became of each log, with figures and hashes; --resume goes on from it, also
+    after a crash.
 
     The exit code is 3 if some logs failed, else 4 if --fail-on-penetration was broken.
     """
@@ -119,6 +120,7 @@ def batch(
             error = entry.error or ""
             terminal.warning(error if entry.log in error else f"{entry.log}: {error}")
 
+    start = time.monotonic()
     with StopAtFrame(), ProgressBars(terminal) as bars:
 
         def progress(done: int, total: int | None) -> None:
@@ -145,7 +147,7 @@ def batch(
     if as_json:
         terminal.json(report.as_dict())
     else:
-        _show(terminal, report)
+        _show(terminal, report, time.monotonic() - start)
     return _exit_code(terminal, report, fail_on_penetration)
 
 
@@ -171,8 +173,8 @@ def _residual_mm(entry: Entry) -> float:
     return MM * float((entry.metrics or {}).get("residual_penetration_max_m", 0.0))
 
 
-def _show(terminal: Terminal, report: BatchReport) -> None:
-    """Print one line per log, and the totals."""
+def _show(terminal: Terminal, report: BatchReport, elapsed_s: float) -> None:
+    """Print one line per log, the totals, and the speed."""
     from rich.text import Text
 
     from .terminal import printable, table_in
@@ -184,7 +186,7 @@ def _show(terminal: Terminal, report: BatchReport) -> None:
         rows.append([printable(entry.out), Text(status, style=style), *_figures(entry)])
     columns = ["output", "status", "frames", "recorded", "left", "moved by"]
     table = table_in(terminal.width, columns, rows, droppable=("frames", "moved by"), left_aligned="status")
-    terminal.result(table, "", Text("; ".join(_sums(report))))
+    terminal.result(table, "", Text("; ".join([*_sums(report), *_speed(report, elapsed_s)])))
 
 
 def _figures(entry: Entry) -> list[str]:
@@ -193,6 +195,15 @@ def _figures(entry: Entry) -> list[str]:
         return []
     names = ("recorded_penetration_max_m", "residual_penetration_max_m", "correction_max_m")
     return [f"{entry.metrics['frames']:,}", *(f"{MM * entry.metrics[name]:.3g} mm" for name in names)]
+
+
+def _speed(report: BatchReport, elapsed_s: float) -> Iterator[str]:
+    """Yield how fast the logs were replayed that are done since."""
+    played = [
+        e.metrics["duration_s"] for e in report.entries if e.metrics is not None and e.out not in report.up_to_date
+    ]
+    if played and elapsed_s > 0.0:
+        yield f"{len(played) / elapsed_s:.3g} logs/s, {sum(played) / elapsed_s:.3g} times real time"
 
 
 def _sums(report: BatchReport) -> Iterator[str]:

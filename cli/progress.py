@@ -41,7 +41,7 @@ def progress_bar(
         def render(self, task: Task) -> Text:
             """Return the speed, empty while unknown."""
             speed = task.finished_speed or task.speed
-            return Text("" if speed is None else f"{speed:,.0f} {unit}/s", style="cyan")
+            return Text("" if speed is None else f"{speed:,.{0 if speed >= 10 else 1}f} {unit}/s", style="cyan")
 
     class Done(ProgressColumn):
         """Count and total."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import time
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -63,12 +64,18 @@ class Entry:
         )
 
 
+SAVING_SHARE = 0.05
+"""Share of its time that a batch may spend on saving its manifest: of ten thousand logs it takes a second."""
+
+
 @dataclass
 class Manifest:
     """All entries of a folder by the name of their output; `save` replaces the file atomically."""
 
     folder: AnyPath
     entries: dict[str, Entry] = field(default_factory=dict)
+    is_saved: bool = True
+    _next_save: float = 0.0  # s, of `time.monotonic`
 
     @property
     def path(self) -> AnyPath:
@@ -108,7 +115,19 @@ class Manifest:
         logs = [dataclasses.asdict(self.entries[out]) for out in sorted(self.entries)]
         return {"format": FORMAT, "logs": logs}
 
+    def set(self, entry: Entry) -> None:
+        """Note an entry, and save it, unless the last time took too long for how lately it was (`SAVING_SHARE`).
+
+        Raises what `save` raises.
+        """
+        self.entries[entry.out], self.is_saved = entry, False
+        if time.monotonic() >= self._next_save:
+            self.save()
+
     def save(self) -> None:
         """Replace the file, atomically; raises OutputError if the folder refuses."""
+        start = time.thread_time()
         text = json.dumps(self.as_dict(), indent=1, ensure_ascii=False) + "\n"
         write_file(self.path, text.encode(), force=True)
+        self.is_saved = True
+        self._next_save = time.monotonic() + (time.thread_time() - start) / SAVING_SHARE

@@ -23,7 +23,7 @@ from geomphys.load import load_world
 from geomphys.output.provenance import files_of_log, sha256_of_file, sha256_of_log, sha256_of_world
 from geomphys.scene.arrays import World
 from geomphys.scene.decomposition import Progress
-from geomphys.storage.output_file import check_target
+from geomphys.storage.output_file import InputFiles, check_target
 from geomphys.storage.remote_files import AnyPath, as_path, is_remote
 
 RUNNING = ".running"
@@ -69,8 +69,9 @@ def run_batch(
 ) -> BatchReport:
     """Replay many logs in a scene; ``FOLDER/NAME.mcap`` holds the bytes that `geomphys.run` gives for each.
 
-    ``FOLDER/manifest.json`` is written before the first log begins and after each one ends, so that a batch that was
-    killed can be resumed. Processes are spawned: a script that calls this needs ``if __name__ == "__main__":``.
+    ``FOLDER/manifest.json`` is written before the first log begins and after each one ends (of thousands of logs after
+    some: see `Manifest.set`), so that a batch that was killed can be resumed. Processes are spawned: a script that calls
+    this needs ``if __name__ == "__main__":``.
 
     Parameters
     ----------
@@ -171,12 +172,11 @@ def run_batch(
         done = len(up_to_date)
         if progress is not None:
             progress(done, len(requested))
-        with closing(finished):
+        with closing(finished), _saved_at_last(manifest):
             for index, outcome in finished:
                 entry = _finished_entry(todo[index], outcome)
                 failed = failed or entry.status == "failed"
-                manifest.entries[entry.out] = entry
-                manifest.save()
+                manifest.set(entry)
                 done += 1
                 if ended is not None:
                     ended(entry)
@@ -206,7 +206,7 @@ def check_outputs(
     if is_remote(folder) and not folder.lists:
         raise OutputError(f"{folder}: a web server takes no files; choose a local folder or a store such as s3://")
     claimed = set(Manifest.load(folder).entries) if resume else set[str]()
-    read = [*(file for plan in planned for file in _files_of(plan.log)), *inputs]
+    read = InputFiles([*(file for plan in planned for file in _files_of(plan.log)), *inputs])
     for plan in planned:
         for suffix in (".mcap", ".rrd") if rrd else (".mcap",):
             path = folder / f"{plan.name}{suffix}"
@@ -264,6 +264,16 @@ def _with_folder_made(out: AnyPath) -> AnyPath:
     except OSError as problem:
         raise OutputError(f"{out.parent}: cannot be made ({problem.strerror})") from problem
     return out
+
+
+@contextmanager
+def _saved_at_last(manifest: Manifest) -> Iterator[None]:
+    """Save a manifest when the block ends, however it ends."""
+    try:
+        yield
+    finally:
+        if not manifest.is_saved:
+            manifest.save()
 
 
 @contextmanager

@@ -44,7 +44,37 @@ def partial_path(path: AnyPath) -> AnyPath:
     return path.with_name(f"{path.stem}.partial{path.suffix}")
 
 
-def check_target(path: AnyPath, *, force: bool = False, inputs: Iterable[AnyPath] = (), partial: bool = False) -> None:
+class InputFiles:
+    """The files that a run reads, looked up once: no output may be one of them under any name.
+
+    Parameters
+    ----------
+    paths
+        Files; those that are not there yet count for nothing.
+    """
+
+    def __init__(self, paths: Iterable[AnyPath]) -> None:
+        self._remote: set[RemotePath] = set()
+        self._local: dict[tuple[int, int], Path] = {}
+        for path in paths:
+            if not isinstance(path, Path):
+                self._remote.add(path)
+                continue
+            with suppress(OSError):
+                about = path.stat()
+                self._local.setdefault((about.st_dev, about.st_ino), path)
+
+    def at(self, device_and_inode: tuple[int, int]) -> Path | None:
+        """The input that is this file."""
+        return self._local.get(device_and_inode)
+
+    def __contains__(self, path: RemotePath) -> bool:
+        return path in self._remote
+
+
+def check_target(
+    path: AnyPath, *, force: bool = False, inputs: InputFiles | Iterable[AnyPath] = (), partial: bool = False
+) -> None:
     """Refuse a path that an output must not be written to.
 
     Parameters
@@ -53,7 +83,7 @@ def check_target(path: AnyPath, *, force: bool = False, inputs: Iterable[AnyPath
         The file to be written; ``-``, standard output, is never refused.
     force : bool
         Whether a file that is there may be replaced.
-    inputs : iterable of Path
+    inputs : InputFiles or iterable of Path
         The files that are read: refused under any name (by inode). Folders among them are not looked into.
     partial : bool
         Whether what is finished may be left in `partial_path`, which is then checked too.
@@ -67,7 +97,7 @@ def check_target(path: AnyPath, *, force: bool = False, inputs: Iterable[AnyPath
     """
     if is_standard_output(path):
         return
-    read = tuple(inputs)
+    read = inputs if isinstance(inputs, InputFiles) else InputFiles(inputs)
     for target in (path, partial_path(path)) if partial else (path,):
         try:
             if is_remote(target):
@@ -82,7 +112,7 @@ def check_targets(
     paths: Sequence[AnyPath], *, force: bool = False, inputs: Iterable[AnyPath] = (), partial: bool = False
 ) -> None:
     """Refuse paths of one run as `check_target` does, and the same path twice."""
-    read = tuple(inputs)
+    read = InputFiles(inputs)
     for number, path in enumerate(paths):
         check_target(path, force=force, inputs=read, partial=partial)
         for other in paths[:number]:
@@ -196,7 +226,7 @@ def write_file(path: AnyPath, data: bytes, *, force: bool = False, inputs: Itera
         output.stream.write(data)
 
 
-def _check_local(path: Path, force: bool, inputs: tuple[AnyPath, ...]) -> None:
+def _check_local(path: Path, force: bool, inputs: InputFiles) -> None:
     if not path.parent.is_dir():
         raise OutputError(f"{path}: the folder {path.parent} does not exist; make it first")
     try:
@@ -208,9 +238,9 @@ def _check_local(path: Path, force: bool, inputs: tuple[AnyPath, ...]) -> None:
     if stat.S_ISLNK(named.st_mode):
         with suppress(FileNotFoundError):  # the link leads nowhere
             identity = (path.stat().st_dev, path.stat().st_ino)
-    for read in inputs:
-        if isinstance(read, Path) and read.exists() and (read.stat().st_dev, read.stat().st_ino) == identity:
-            raise RefusedTargetError(f"{path}: is an input ({read}) and cannot be the output too; choose another name")
+    read = inputs.at(identity)
+    if read is not None:
+        raise RefusedTargetError(f"{path}: is an input ({read}) and cannot be the output too; choose another name")
     if not force:
         raise RefusedTargetError(f"{path}: exists already; choose another name or use --force to replace it")
 
@@ -227,7 +257,7 @@ def _refuse_irregular(path: Path) -> None:
         raise RefusedTargetError(f"{path}: is no regular file; name a file, or - for standard output")
 
 
-def _check_remote(path: RemotePath, force: bool, inputs: tuple[AnyPath, ...]) -> None:
+def _check_remote(path: RemotePath, force: bool, inputs: InputFiles) -> None:
     if not path.lists:
         raise RefusedTargetError(
             f"{path}: a web server takes no files; write to a local path or to a store such as s3://"

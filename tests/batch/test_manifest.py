@@ -6,6 +6,7 @@ import hashlib
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -98,3 +99,29 @@ def test_a_damaged_manifest_is_one_line(tmp_path: Path, content: object) -> None
 def test_a_good_entry_is_read(tmp_path: Path) -> None:
     (tmp_path / "manifest.json").write_text(json.dumps({"format": 1, "logs": [GOOD]}))
     assert Manifest.load(tmp_path).entries["a.mcap"].status == "pending"
+
+
+def test_saving_takes_a_small_share_of_the_time_of_a_long_batch(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A log ends every second and saving takes one: it is saved every twenty seconds, and said not to be in between."""
+    clock = [0.0]
+    monkeypatch.setattr(
+        "geomphys.batch.manifest.time", SimpleNamespace(monotonic=lambda: clock[0], thread_time=lambda: clock[0])
+    )
+
+    def write(path: Path, data: bytes, *, force: bool) -> None:
+        clock[0] += 1.0
+        saved.append(len(json.loads(data)["logs"]))
+
+    saved: list[int] = []
+    monkeypatch.setattr("geomphys.batch.manifest.write_file", write)
+    manifest = Manifest(tmp_path)
+    for number in range(100):
+        manifest.set(replace(ENTRY, out=f"{number}.mcap"))
+        clock[0] += 1.0
+    assert saved == [1, 21, 41, 61, 81]
+    assert not manifest.is_saved
+    manifest.save()
+    assert saved[-1] == 100
+    assert manifest.is_saved
