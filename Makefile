@@ -31,17 +31,20 @@ out/gallery_hand.mcap: recordings/gallery_hand.mcap $(MESHES) $(VENV)/.runtime
 	$(BIN)/geomphys replay recordings/gallery_hand.mcap --scene assets/scenes/gallery.toml \
 		-o out/gallery_hand.mcap --rrd out/gallery_hand.rrd --force
 
+# as many processes as there are cores, but no more than four: each takes a gigabyte
+PYTEST := -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal
+
 test: $(VENV)/.test
-	$(BIN)/python -m pytest
+	$(BIN)/python $(PYTEST)
 
 test-all: $(VENV)/.test
-	$(BIN)/python -m pytest -m ""
+	$(BIN)/python $(PYTEST) -m ""
 
 OLDEST_NUMBA := 0.67
 test-numba: $(VENV)/.test
 	$(PYTHON) -m venv --clear out/venv-numba
 	out/venv-numba/bin/python -m pip --disable-pip-version-check --quiet install --editable '.[test]' 'numba==$(OLDEST_NUMBA).*'
-	out/venv-numba/bin/python -m pytest tests/simulated tests/driven tests/engine/test_pipeline.py
+	out/venv-numba/bin/python $(PYTEST) tests/simulated tests/driven tests/engine/test_pipeline.py
 
 distribution:
 	.ci/check_distribution $(PYTHON)
@@ -50,7 +53,7 @@ check: $(VENV)/.test
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest tests/house
+	$(BIN)/python $(PYTEST) tests/house
 
 FUZZ_SECONDS ?= 600
 fuzz: $(VENV)/.fuzz

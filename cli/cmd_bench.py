@@ -18,6 +18,7 @@ from .progress import progress_bar
     geomphys bench --peers
     geomphys bench --peers --only gallery --only door --no-depths --no-scaling --json
     geomphys bench --peers --markdown > results.md
+    geomphys bench --whole --only gallery --no-depths --no-scaling
     """,
 )
 @click.argument("folder", required=False, type=click.Path(exists=True, file_okay=False, path_type=Path))
@@ -26,6 +27,15 @@ from .progress import progress_bar
 @click.option("--depths/--no-depths", default=True, help="Penetration depths of pairs. Default: with them.")
 @click.option("--scaling/--no-scaling", default=True, help="Made-up scenes of growing size. Default: with them.")
 @click.option("--compile", "compiling", is_flag=True, help="Also compile from nothing, in a process of its own.")
+@click.option("--whole", is_flag=True, help="Whole processes and batches of the gallery, from start to files on disk.")
+@click.option(
+    "--clips",
+    type=click.IntRange(min=1),
+    default=100,
+    show_default=True,
+    metavar="N",
+    help="With --whole: clips of 5 s in a batch.",
+)
 @click.option(
     "--repeats",
     type=click.IntRange(min=1),
@@ -43,6 +53,8 @@ def bench(
     depths: bool,
     scaling: bool,
     compiling: bool,
+    whole: bool,
+    clips: int,
     repeats: int,
     as_json: bool,
     markdown: bool,
@@ -50,7 +62,8 @@ def bench(
     """Measure frame times of the recorded experiments in FOLDER, which holds `recordings` and `assets`.
 
     FOLDER is the checkout if it is left out. Real recordings are measured too where $GEOMPHYS_SHARED, or the folder
-    `shared` beside FOLDER, has them. Times are without decoding and without writing; compiling is told apart.
+    `shared` beside FOLDER, has them. Times are without decoding and without writing, but for --whole; compiling is told
+    apart.
     """
     if as_json and markdown:
         raise click.UsageError("choose one of --json and --markdown")
@@ -66,6 +79,8 @@ def bench(
             depths=depths,
             scaling=scaling,
             compiling=compiling,
+            whole=whole,
+            clips=clips,
             repeats=repeats,
             progress=bar,
         )

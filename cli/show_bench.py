@@ -11,7 +11,7 @@ import click
 from .terminal import fields, heading, table_in
 
 if TYPE_CHECKING:
-    from geomphys.bench.report import Curve, DepthResult, ExperimentResult, Report
+    from geomphys.bench.report import BatchTime, Curve, DepthResult, ExperimentResult, ProcessTime, Report
 
     from .terminal import Terminal
 
@@ -85,6 +85,8 @@ def sheets(report: Report) -> list[Sheet]:
     if report.depths:
         found.append(_depths(report.depths))
     found += [_curve(curve) for curve in report.curves]
+    found += [_processes(report.processes)] if report.processes else []
+    found += [_batches(report.batches)] if report.batches else []
     return found
 
 
@@ -201,6 +203,47 @@ def _curve(curve: Curve) -> Sheet:
     if peers:
         columns += ("its median", "its growth", "ratio")
     return Sheet(f"Scaling: {curve.name}", "µs a frame, a hand sliding 1 cm deep over a table.", columns, tuple(rows))
+
+
+def _processes(processes: Sequence[ProcessTime]) -> Sheet:
+    """Whole processes and what they spend their time on."""
+    rows = [
+        (
+            p.name,
+            f"{p.frames:,}",
+            f"{p.wall_s:.2f}",
+            f"{p.cpu_s:.2f}",
+            f"{p.real_time_ratio:.0f}",
+            *(f"{100 * share.seconds / p.wall_s:.0f} %" for share in p.shares),
+        )
+        for p in processes
+    ]
+    columns = (
+        "replay",
+        "frames",
+        "s",
+        "processor s",
+        "times real time",
+        *(share.name for share in processes[0].shares),
+    )
+    return Sheet("Whole processes", "From the command line to the files on disk, caches filled.", columns, tuple(rows))
+
+
+def _batches(batches: Sequence[BatchTime]) -> Sheet:
+    """Whole batches."""
+    rows = [
+        (
+            f"{b.clips:,} clips, {b.jobs} jobs",
+            f"{b.wall_s:.1f}",
+            f"{b.cpu_s:.1f}",
+            f"{b.clips / b.wall_s:.2f}",
+            f"{b.real_time_ratio:.0f}",
+            f"{batches[0].wall_s / b.wall_s:.2f}",
+        )
+        for b in batches
+    ]
+    columns = ("batch", "s", "processor s", "clips/s", "times real time a job", "times as fast")
+    return Sheet("Batches", "Clips of 5 s, from the command line to the files on disk.", columns, tuple(rows))
 
 
 def _times(*ns: float) -> tuple[str, ...]:

@@ -130,6 +130,47 @@ class Curve:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Share:
+    """What a part of a process took."""
+
+    name: str  # starting, reading, computing, writing
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProcessTime:
+    """A whole replay, from the command line to its files on disk."""
+
+    name: str
+    frames: int
+    recorded_s: float
+    wall_s: float
+    cpu_s: float
+    shares: tuple[Share, ...]  # of `wall_s`
+
+    @property
+    def real_time_ratio(self) -> float:
+        """Seconds of the recording in a second."""
+        return self.recorded_s / self.wall_s
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchTime:
+    """A whole batch."""
+
+    clips: int
+    jobs: int
+    recorded_s: float
+    wall_s: float
+    cpu_s: float
+
+    @property
+    def real_time_ratio(self) -> float:
+        """Seconds of the recordings in a second of a job."""
+        return self.recorded_s / self.wall_s / self.jobs
+
+
+@dataclass(frozen=True, kw_only=True)
 class Report:
     """All results of a benchmark, in SI units except for times whose names say ns."""
 
@@ -142,6 +183,8 @@ class Report:
     missing: tuple[str, ...]  # experiments whose files are not there
     depths: tuple[DepthResult, ...]
     curves: tuple[Curve, ...]
+    processes: tuple[ProcessTime, ...]
+    batches: tuple[BatchTime, ...]
 
     def as_dict(self) -> dict[str, Any]:
         """All fields by name, of plain Python types: fit for JSON."""

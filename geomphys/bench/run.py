@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -9,12 +10,16 @@ from geomphys.bench.depths import RecordedPairs, compare_depths, random_pairs
 from geomphys.bench.experiments import experiment_files, load_experiment
 from geomphys.bench.machine import compile_seconds, describe_machine, kernels_are_compiled
 from geomphys.bench.measure import PeerMaker, measure
-from geomphys.bench.report import Curve, DepthResult, ExperimentResult, Report
+from geomphys.bench.report import BatchTime, Curve, DepthResult, ExperimentResult, ProcessTime, Report
 from geomphys.bench.scaling import HANDS, OBJECTS, PIECES, curves, warm_up
+from geomphys.bench.whole import time_batches, time_process
 from geomphys.config import Config
 from geomphys.errors import ConfigError, InputError
 
 REPEATS = 3
+CLIPS = 100
+WHOLE = "gallery"
+"""The experiment of which whole processes and batches are timed."""
 
 
 def run_bench(
@@ -25,6 +30,8 @@ def run_bench(
     depths: bool = True,
     scaling: bool = True,
     compiling: bool = False,
+    whole: bool = False,
+    clips: int = CLIPS,
     repeats: int = REPEATS,
     config: Config | None = None,
     progress: Callable[[int, int | None], None] | None = None,
@@ -41,6 +48,9 @@ def run_bench(
         Whether to measure MuJoCo, coal and FCL too, alternating with the step.
     depths, scaling, compiling
         Whether to measure penetration depths of pairs; made-up scenes of growing size; compilation from nothing.
+    whole, clips
+        Whether to time whole processes of the gallery's replay, and batches of so many clips of 5 s cut from it with one
+        job and with one a processor.
     repeats
         How often each is run; the smallest time counts.
     config
@@ -64,6 +74,12 @@ def run_bench(
         raise InputError(f"{found[0].log}: no such recording; name the folder that holds recordings/ and assets/")
     engines = _mujoco() if peers else ()
     parts = len(available) + (1 if depths else 0) + (len(OBJECTS) + len(HANDS) + len(PIECES) if scaling else 0)
+    whole_files = experiment_files(folder, [WHOLE])[0]
+    if whole and not whole_files.exists:
+        raise InputError(f"{whole_files.log}: no such recording; --whole needs it")
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    jobs = tuple(dict.fromkeys((1, cores)))
+    parts += 2 + len(jobs) if whole else 0
     done = 0
 
     def report() -> None:
@@ -93,6 +109,13 @@ def run_bench(
         compared = [compare_depths(pairs, repeats, peers) for pairs in sets]
         report()
     scaling_curves: list[Curve] = list(curves(config, repeats, engines[:1], report)) if scaling else []
+    processes: list[ProcessTime] = []
+    batches: list[BatchTime] = []
+    if whole:
+        for rrd in (False, True):
+            processes.append(time_process(whole_files, repeats, rrd=rrd))
+            report()
+        batches = time_batches(whole_files, clips, jobs, report)
     return Report(
         machine=machine,
         kernels_were_cached=were_cached,
@@ -103,6 +126,8 @@ def run_bench(
         missing=tuple(source.name for source in found if not source.exists),
         depths=tuple(compared),
         curves=tuple(scaling_curves),
+        processes=tuple(processes),
+        batches=tuple(batches),
     )
 
 

@@ -1,0 +1,137 @@
+"""Times whole processes: a replay from the command line to its files on disk, and batches of short clips.
+
+What a replay spends on frames is in its own ``/timing``; the rest is starting: loading Python's modules, the kernels and
+the scene, reading what is known of the log beforehand, and closing the files.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from mcap.writer import Writer
+
+from geomphys.bench.experiments import ExperimentFiles
+from geomphys.bench.report import BatchTime, ProcessTime, Share
+from geomphys.errors import GeomphysError
+from geomphys.output.output_log import open_output
+from geomphys.recording.reader import open_log
+
+STAGES = {"decode": "reading", "step": "computing", "encode": "writing"}
+CLIP_NS = 5 * 10**9
+
+
+def time_process(files: ExperimentFiles, repeats: int, *, rrd: bool) -> ProcessTime:
+    """Time `geomphys replay` of an experiment with its log as the only output, or the viewer's recording too.
+
+    The first run fills the caches and does not count; of the others the quickest does.
+
+    Raises
+    ------
+    GeomphysError
+        A replay failed.
+    """
+    with tempfile.TemporaryDirectory(prefix="geomphys-bench-") as folder:
+        out = Path(folder) / "out.mcap"
+        command = ["replay", str(files.log), "--scene", str(files.scene), "-o", str(out), "--force", "--quiet"]
+        command += ["--rrd", str(out.with_suffix(".rrd"))] if rrd else []
+        runs = []
+        for _ in range(repeats + 1):
+            wall, cpu = _run(command)
+            runs.append((wall, cpu, _seconds_of_stages(out)))
+        wall, cpu, stages = min(runs[1:])
+        frames = open_output(out)
+        recorded = (frames.time_of(frames.frame_count - 1) - frames.time_of(0)) * 1e-9
+        shares = [Share(name="starting", seconds=wall - sum(stages.values()))]
+        shares += [Share(name=STAGES[name], seconds=seconds) for name, seconds in stages.items()]
+        return ProcessTime(
+            name=f"{files.name}, {'MCAP and rerun' if rrd else 'MCAP'}",
+            frames=frames.frame_count,
+            recorded_s=recorded,
+            wall_s=wall,
+            cpu_s=cpu,
+            shares=tuple(shares),
+        )
+
+
+def time_batches(
+    files: ExperimentFiles, clips: int, jobs: Sequence[int], done: Callable[[], None] = lambda: None
+) -> list[BatchTime]:
+    """Time `geomphys batch` of clips of 5 s that are cut from an experiment's log, with so many jobs each.
+
+    Raises
+    ------
+    GeomphysError
+        A batch failed.
+    """
+    with tempfile.TemporaryDirectory(prefix="geomphys-bench-") as folder:
+        logs = Path(folder) / "clips"
+        recorded = cut_clips(files.log, logs, clips)
+        found = []
+        for count in jobs:
+            out = Path(folder) / f"out{count}"
+            wall, cpu = _run(
+                ["batch", str(logs), "--scene", str(files.scene), "-O", str(out), "--jobs", str(count), "--quiet"]
+            )
+            shutil.rmtree(out)
+            found.append(BatchTime(clips=clips, jobs=count, recorded_s=recorded, wall_s=wall, cpu_s=cpu))
+            done()
+        return found
+
+
+def cut_clips(log: Path, folder: Path, count: int) -> float:
+    """Cut a log into clips of 5 s, over and over until there are `count`; returns the seconds recorded in all of them."""
+    folder.mkdir()
+    with open_log(log, recover=False) as reader:
+        parts: list[list[tuple[int, int, int, bytes]]] = []
+        for message in reader.read():
+            number = (message.log_time - reader.start_ns) // CLIP_NS
+            while len(parts) <= number:
+                parts.append([])
+            parts[number].append((message.key, message.log_time, message.publish_time, message.data))
+        channels = reader.channels
+    parts = [part for part in parts if part and part[-1][1] - part[0][1] > CLIP_NS // 2]
+    for number, part in enumerate(parts[:count]):
+        with (folder / f"clip_{number:05}.mcap").open("wb") as stream:
+            writer, keys = Writer(stream), dict[int, int]()
+            writer.start(library="geomphys bench")
+            for key, log_time, publish_time, data in part:
+                if key not in keys:
+                    channel = channels[key]
+                    schema = writer.register_schema(channel.schema_name, channel.schema_encoding, channel.schema_data)
+                    keys[key] = writer.register_channel(channel.topic, channel.encoding, schema)
+                writer.add_message(keys[key], log_time, data, publish_time)
+            writer.finish()  # type: ignore[no-untyped-call]  # the package has no annotation there
+    for number in range(len(parts), count):
+        shutil.copyfile(folder / f"clip_{number % len(parts):05}.mcap", folder / f"clip_{number:05}.mcap")
+    spans = [(part[-1][1] - part[0][1]) * 1e-9 for part in parts]
+    return sum(spans[number % len(parts)] for number in range(count))
+
+
+def _run(arguments: Sequence[str]) -> tuple[float, float]:
+    """Wall and processor seconds of a command with all its processes."""
+    before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-m", "geomphys", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+    )
+    wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
+    if done.returncode != 0:
+        raise GeomphysError(f"geomphys {arguments[0]} failed: {done.stderr.strip().splitlines()[-1:]}")
+    return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def _seconds_of_stages(out: Path) -> dict[str, float]:
+    """Seconds that a replay's frames took to read, compute and write."""
+    timing = open_output(out).timing()
+    return {name: float(timing[name].ns.sum()) * 1e-9 for name in STAGES}
