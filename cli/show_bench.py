@@ -194,15 +194,17 @@ def _curve(curve: Curve) -> Sheet:
     peers = [p.peers[0] for p in curve.points if p.peers]
     rows = []
     for k, (size, point) in enumerate(zip(curve.sizes, curve.points, strict=True)):
-        cells = (*_times(point.step.median, point.step.p99), f"{point.step.median / first.step.median:.2f}")
+        cells = _times(point.step.median, point.step.mean, point.step.p99, point.step.max)
+        cells += (f"{point.step.median / first.step.median:.2f}",)
         if peers:
-            cells += (*_times(peers[k].ns.median), f"{peers[k].ns.median / peers[0].ns.median:.2f}")
-            cells += (f"{peers[k].ratio_median:.2f}",)
+            peer = peers[k]
+            cells += (*_times(peer.ns.median), f"{peer.ns.median / peers[0].ns.median:.2f}")
+            cells += tuple(f"{ratio:.2f}" for ratio in (peer.ratio_median, peer.ratio_mean, peer.ratio_max))
         rows.append((f"{size:,}", f"{point.pieces:,}", *cells))
-    columns: tuple[str, ...] = (curve.variable, "pieces", "median", "p99", "growth")
+    columns: tuple[str, ...] = (curve.variable, "pieces", "median", "mean", "p99", "max", "growth")
     if peers:
-        columns += ("its median", "its growth", "ratio")
-    return Sheet(f"Scaling: {curve.name}", "µs a frame, a hand sliding 1 cm deep over a table.", columns, tuple(rows))
+        columns += ("its median", "its growth", "median ratio", "mean ratio", "max ratio")
+    return Sheet(f"Scaling: {curve.name}", "µs a frame.", columns, tuple(rows))
 
 
 def _processes(processes: Sequence[ProcessTime]) -> Sheet:

@@ -11,7 +11,7 @@ from geomphys.bench.experiments import experiment_files, load_experiment
 from geomphys.bench.machine import compile_seconds, describe_machine, kernels_are_compiled
 from geomphys.bench.measure import PeerMaker, measure
 from geomphys.bench.report import BatchTime, Curve, DepthResult, ExperimentResult, ProcessTime, Report
-from geomphys.bench.scaling import HANDS, OBJECTS, PIECES, curves, warm_up
+from geomphys.bench.scaling import HANDS, HEAPS, OBJECTS, PIECES, curves, warm_up
 from geomphys.bench.whole import time_batches, time_process
 from geomphys.config import Config
 from geomphys.errors import ConfigError, InputError
@@ -73,7 +73,9 @@ def run_bench(
     if not available:
         raise InputError(f"{found[0].log}: no such recording; name the folder that holds recordings/ and assets/")
     engines = _mujoco() if peers else ()
-    parts = len(available) + (1 if depths else 0) + (len(OBJECTS) + len(HANDS) + len(PIECES) if scaling else 0)
+    parts = (
+        len(available) + (1 if depths else 0) + (len(OBJECTS) + len(HANDS) + len(PIECES) + len(HEAPS) if scaling else 0)
+    )
     whole_files = experiment_files(folder, [WHOLE])[0]
     if whole and not whole_files.exists:
         raise InputError(f"{whole_files.log}: no such recording; --whole needs it")

@@ -32,6 +32,9 @@ EXTENT = (12.0, 12.0, 3.0)  # m
 OBJECTS = (20, 60, 200, 600, 2000)
 HANDS = (1, 2, 4, 8)
 PIECES = (1, 3, 10, 50, 200)
+HEAPS = (20, 50, 100)
+HEAP_FRAMES = 600  # ten seconds: the heap falls, and comes to rest
+BALL_RADIUS, BIN_SIDE = 0.02, 0.3  # m
 
 
 def warm_up() -> float:
@@ -44,18 +47,25 @@ def warm_up() -> float:
 
 
 def curves(config: Config, repeats: int, peers: Sequence[PeerMaker], report: Callable[[], None]) -> Iterator[Curve]:
-    """Measure the three curves; `report` is called after each point."""
-    families: tuple[tuple[str, str, tuple[int, ...], Callable[[Path, int], World]], ...] = (
-        ("fixed objects spread over a room", "objects", OBJECTS, world_of_objects),
-        ("hands on a table", "hands", HANDS, table_of_hands),
-        ("pieces of the object under the hand", "pieces", PIECES, block_of_pieces),
+    """Measure the curves; `report` is called after each point."""
+    families: tuple[tuple[str, str, tuple[int, ...], Callable[[Path, int], World], int], ...] = (
+        (
+            "fixed objects spread over a hall, a hand sliding 1 cm deep over a table",
+            "objects",
+            OBJECTS,
+            world_of_objects,
+            FRAMES,
+        ),
+        ("hands sliding 1 cm deep over a table", "hands", HANDS, table_of_hands, FRAMES),
+        ("pieces of the object under a hand", "pieces", PIECES, block_of_pieces, FRAMES),
+        ("balls that fall into a box and come to rest, beside a hand", "balls", HEAPS, box_of_balls, HEAP_FRAMES),
     )
-    for name, variable, sizes, make in families:
+    for name, variable, sizes, make, frames in families:
         points = []
         for size in sizes:
             with tempfile.TemporaryDirectory(prefix="geomphys-bench-") as folder:
                 world = make(Path(folder), size)
-                points.append(measure(slide(f"{size} {variable}", world, FRAMES), config, repeats, peers))
+                points.append(measure(slide(f"{size} {variable}", world, frames), config, repeats, peers))
             report()
         growth = points[-1].step.median / points[0].step.median
         yield Curve(name=name, variable=variable, sizes=sizes, points=tuple(points), growth=growth)
@@ -95,6 +105,25 @@ def block_of_pieces(folder: Path, count: int) -> World:
     )
     (folder / "block.urdf").write_text(f'<robot name="block"><link name="top">{shapes}</link></robot>')
     return _load(folder, 1, ['[[object]]\nname = "block"\nclass = "fixed"\nurdf = "block.urdf"\nmaterial = "wood"\n'])
+
+
+def box_of_balls(folder: Path, count: int) -> World:
+    """A hand on a table, and balls in layers above a box without a lid."""
+    half, wall, x = 0.5 * BIN_SIDE, 0.05, 2.0
+    tables = [_box("table", (SIDE, SIDE, 0.1), (0.0, 0.0, -0.05)), _box("floor", (1.0, 1.0, 0.1), (x, 0.0, -0.05))]
+    for name, sign in (("left", -1.0), ("right", 1.0)):
+        at = sign * (half + 0.5 * wall)
+        tables.append(_box(f"{name}_x", (wall, BIN_SIDE + 2 * wall, 1.0), (x + at, 0.0, 0.5)))
+        tables.append(_box(f"{name}_y", (BIN_SIDE, wall, 1.0), (x, at, 0.5)))
+    random, a_row = np.random.default_rng(0), int(BIN_SIDE / (2.5 * BALL_RADIUS))
+    for k in range(count):
+        row = np.array([k % a_row, k // a_row % a_row, k // a_row**2])
+        at = (row + 0.5) * 2.5 * BALL_RADIUS + random.uniform(-0.2, 0.2, 3) * BALL_RADIUS - (half, half, 0.0)
+        tables.append(
+            f'[[object]]\nname = "ball_{k}"\nclass = "simulated"\nsphere = {BALL_RADIUS}\ndensity = 600.0\n'
+            f'position = {[float(v) for v in at + np.array([x, 0.0, 0.05])]}\nmaterial = "wood"\n'
+        )
+    return _load(folder, 1, tables)
 
 
 def slide(name: str, world: World, count: int) -> Experiment:
