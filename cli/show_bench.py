@@ -125,7 +125,7 @@ def _peers(experiments: Sequence[ExperimentResult]) -> Sheet:
             *_times(e.step.max, p.ns.max),
             f"{p.ratio_max:.2f}",
             *(f"{f.touching_m.mean * MM:.2f}" if f.touching_m.count else "" for f in (e.fidelity, p.fidelity)),
-            *("" if f.kept is None else f"{f.kept:.2f}" for f in (e.fidelity, p.fidelity)),
+            *("" if f.retained is None else f"{f.retained:.2f}" for f in (e.fidelity, p.fidelity)),
             *(f"{left.max * MM:.2g}" for left in (e.residual_m, p.residual_m)),
             f"{p.fidelity.free_m.p95 * MM:.2g}" if p.fidelity.free_m.count else "",
             str(p.warnings),

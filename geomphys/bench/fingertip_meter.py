@@ -26,7 +26,7 @@ class TipFigures(NamedTuple):
     """Fingertips of a frame."""
 
     recorded: int  # fingertips that were recorded in contact
-    kept: int  # of these, those that still are
+    retained: int  # of these, those that still are
     error_m: float  # mean distance of fingertips in contact from where they were recorded; of all if none was
 
 
@@ -48,10 +48,10 @@ class FingertipMeter:
         before, after = self._frames(recorded), self._frames(poses)
         gaps = [self._gap(tip, before) for tip in range(len(self._own))]
         touching = [tip for tip, gap in enumerate(gaps) if gap <= IN_CONTACT]
-        kept = sum(self._gap(tip, after) <= max(RETAINED, gaps[tip] + ROUNDING) for tip in touching)
+        retained = sum(self._gap(tip, after) <= max(RETAINED, gaps[tip] + ROUNDING) for tip in touching)
         offsets = np.linalg.norm(self._centres(after) - self._centres(before), axis=1)
         errors = offsets[touching] if touching else offsets
-        return TipFigures(len(touching), kept, float(errors.mean()) if len(errors) else 0.0)
+        return TipFigures(len(touching), retained, float(errors.mean()) if len(errors) else 0.0)
 
     def _frames(self, poses: Floats) -> Floats:
         """World frames (P, 12) of the pieces."""
@@ -59,8 +59,8 @@ class FingertipMeter:
 
     def _piece_centres(self, frames: Floats) -> Floats:
         """World centres (P, 3) of the pieces' bounding spheres."""
-        turned: Floats = np.einsum("pij,pj->pi", frames[:, :9].reshape(-1, 3, 3), self._pieces.centre)
-        return turned + frames[:, 9:]
+        rotated: Floats = np.einsum("pij,pj->pi", frames[:, :9].reshape(-1, 3, 3), self._pieces.centre)
+        return rotated + frames[:, 9:]
 
     def _centres(self, frames: Floats) -> Floats:
         """Middles (F, 3) of the fingertips."""

@@ -146,7 +146,7 @@ def _fidelity(tips: Sequence[TipFigures]) -> Fidelity:
     return Fidelity(
         touching_m=distribution_of(np.array([frame.error_m for frame in tips if frame.recorded])),
         free_m=distribution_of(np.array([frame.error_m for frame in tips if not frame.recorded])),
-        kept=sum(frame.kept for frame in tips) / recorded if recorded else None,
+        retained=sum(frame.retained for frame in tips) / recorded if recorded else None,
     )
 
 

@@ -51,7 +51,7 @@ class Fidelity:
 
     touching_m: Distribution  # of fingertips recorded in contact, in frames that have such
     free_m: Distribution  # of all fingertips, in the other frames
-    kept: float | None  # share of the recorded contacts of fingertips that are kept; None without any
+    retained: float | None  # share of the recorded contacts of fingertips that are kept; None without any
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -118,10 +118,10 @@ def box_of_balls(folder: Path, count: int) -> World:
     random, a_row = np.random.default_rng(0), int(BIN_SIDE / (2.5 * BALL_RADIUS))
     for k in range(count):
         row = np.array([k % a_row, k // a_row % a_row, k // a_row**2])
-        at = (row + 0.5) * 2.5 * BALL_RADIUS + random.uniform(-0.2, 0.2, 3) * BALL_RADIUS - (half, half, 0.0)
+        corner = (row + 0.5) * 2.5 * BALL_RADIUS + random.uniform(-0.2, 0.2, 3) * BALL_RADIUS - (half, half, 0.0)
         tables.append(
             f'[[object]]\nname = "ball_{k}"\nclass = "simulated"\nsphere = {BALL_RADIUS}\ndensity = 600.0\n'
-            f'position = {[float(v) for v in at + np.array([x, 0.0, 0.05])]}\nmaterial = "wood"\n'
+            f'position = {[float(v) for v in corner + np.array([x, 0.0, 0.05])]}\nmaterial = "wood"\n'
         )
     return _load(folder, 1, tables)
 

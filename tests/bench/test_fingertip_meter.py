@@ -19,7 +19,9 @@ def test_the_figures_are_those_of_the_metrics(root: Path, mode: str) -> None:
     config = Config(start=2.0, end=4.0)
     for result in replay(root / "recordings/hand_ball.mcap", world, config=config):
         found, metrics = meter.figures(result.recorded, result.corrected), result.metrics
-        assert (found.recorded, found.kept) == (metrics.contacts_recorded, metrics.contacts_kept), result.frame.index
+        assert (found.recorded, found.retained) == (metrics.contacts_recorded, metrics.contacts_kept), (
+            result.frame.index
+        )
         assert found.error_m == pytest.approx(metrics.fingertip_error_m, abs=1e-9)
         touching += found.recorded
     assert touching > 50

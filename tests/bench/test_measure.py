@@ -69,7 +69,7 @@ def test_peers_run_every_frame_in_turn_and_the_smallest_time_counts(hand: World)
     assert peer.ratio_p99 == figures.step.p99 / peer.ns.p99
     assert peer.ratio_mean == figures.step.mean / peer.ns.mean
     assert peer.ratio_max == figures.step.max / peer.ns.max
-    assert (peer.fidelity.kept, peer.fidelity.touching_m.max, peer.fidelity.free_m.count) == (0.5, 4e-3, 0)
+    assert (peer.fidelity.retained, peer.fidelity.touching_m.max, peer.fidelity.free_m.count) == (0.5, 4e-3, 0)
 
 
 def test_stages_add_up_to_the_step(hand: World) -> None:

@@ -27,7 +27,7 @@ NOT_IMPORTED = {
 }
 """Distributions that are declared for users and not imported, and why."""
 
-TOOLS = {"mypy", "pytest", "ruff", "moto"}
+TOOLS = {"pytest-xdist", "mypy", "pytest", "ruff", "moto"}
 """Distributions of the extra `test` that run as programs."""
 
 
