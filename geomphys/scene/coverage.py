@@ -119,18 +119,37 @@ def uncovered_distance(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) 
     return float(np.max(np.min([_outside(points, p) for p in planes], axis=0), initial=0.0))
 
 
-def piece_protrusion(vertices: Floats, faces: Ints, pieces: Sequence[Floats], samples: int = 2000) -> float:
+def piece_protrusion(
+    vertices: Floats, faces: Ints, pieces: Sequence[Floats], samples: int = 2000, *, beyond: float = 0.0
+) -> float:
     """How far convex pieces stick out of a closed surface, m: the largest distance outside it of points of theirs.
 
-    The points are `samples` spread over the pieces by area, the same ones each time, and as many of their corners.
+    The points are `samples` spread over the pieces by area, the same ones each time, and as many of their corners. Where
+    none is farther outside than `beyond`, m, the answer is 0, and comes sooner.
     """
+    from scipy.spatial import cKDTree
+
     corners = np.concatenate(pieces)
     points = np.concatenate([_surface_points(pieces, samples), corners[:: -(-len(corners) // samples)]])
+    least = max(beyond, 1e-6 * float(np.ptp(vertices, axis=0).max()))
+    points = points[cKDTree(vertices).query(points)[0] > least]  # the surface is no farther than its nearest vertex
     away = Surface(vertices, faces).distance(points)
-    far = away > 1e-6 * float(np.ptp(vertices, axis=0).max())
-    outside = np.zeros(len(points), dtype=bool)
-    outside[far] = winding(vertices, faces, points[far]) < 0.5
-    return float(np.max(away[outside], initial=0.0))
+    points, away = points[away > least], away[away > least]
+    return float(np.max(away[_are_outside(vertices, faces, points, away)], initial=0.0))
+
+
+def _are_outside(vertices: Floats, faces: Ints, points: Floats, away: Floats) -> NDArray[np.bool_]:
+    """Which points (n, 3) are outside a closed surface that they are so far away (n,) from.
+
+    A ball of that radius about a point meets the surface nowhere, so all points in it are on the same side.
+    """
+    outside, left = np.zeros(len(points), dtype=bool), np.argsort(-away, kind="stable")
+    while len(left):
+        first = left[0]
+        beside = np.linalg.norm(points[left] - points[first], axis=1) < away[first]
+        outside[left[beside]] = winding(vertices, faces, points[first : first + 1])[0] < 0.5
+        left = left[~beside]
+    return outside
 
 
 def _away(vertices: Floats, faces: Ints, planes: Sequence[Floats], pieces: Sequence[Floats], reach: float) -> Floats:

@@ -318,7 +318,8 @@ def _cut(
         hulls = grow_to_cover(part.vertices, part.faces, solid, reach)
         uncovered_m = uncovered_distance(part.vertices, part.faces, hulls)
         if uncovered_m <= MAX_UNCOVERED * job.mesh.size:
-            if remesh or piece_protrusion(part.vertices, part.faces, hulls) <= MAX_PROTRUSION * concavity:
+            limit = MAX_PROTRUSION * concavity
+            if remesh or piece_protrusion(part.vertices, part.faces, hulls, beyond=limit) == 0.0:
                 return hulls, uncovered_m
             coarse = hulls, uncovered_m
     if coarse is not None:
