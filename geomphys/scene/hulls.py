@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from geomphys.errors import MeshError
 from geomphys.scene.arrays import Floats, Ints
+from geomphys.scene.direction_cells import farthest_in_cells
 
 MIN_THICKNESS_SHARE = 1e-9
 """Share of the size below which a hull counts as flat."""
@@ -145,15 +146,25 @@ def _smallest_width(vertices: Floats, normals: Floats, edges: Ints, sides: Ints)
 
     Two edges are antipodal if the arc of the normals of one crosses the mirrored arc of the other. Of many edges only
     those are paired whose arc may contain a smaller width than the faces: see `_width_lower_bounds`. The partner of such an
-    edge has the same width where the arcs cross, so it is among them too.
+    edge has the same width where the arcs cross, so it is among them too. Bounds from a few vertices that lie far out
+    come first; extents are found of the faces that these leave.
     """
-    across, opposite = _extents(vertices, normals)
-    width = float(np.min(across))
     is_crease = np.einsum("ij,ij->i", normals[sides[:, 0]], normals[sides[:, 1]]) < 1.0 - 1e-12
     edges, sides = edges[is_crease], sides[is_crease]
-    if len(edges) > MAX_EDGES_ALL_PAIRS:
-        lower_bounds = _width_lower_bounds(vertices, normals, edges, sides, across, opposite)
-        may_be_thinner = lower_bounds <= width + WIDTH_ROUNDING * float(np.ptp(vertices, axis=0).max())
+    if len(edges) <= MAX_EDGES_ALL_PAIRS:
+        return _smallest_between_edges(vertices, normals, edges, sides, float(np.min(_extents(vertices, normals)[0])))
+    outer = np.unique(farthest_in_cells(vertices))
+    least, opposite = _extents(vertices[outer], normals)
+    slack = WIDTH_ROUNDING * float(np.ptp(vertices, axis=0).max())
+    first = np.argmin(least, keepdims=True)
+    near = least <= _extents(vertices, normals[first])[0] + slack
+    width = float(np.min(_extents(vertices, normals[near])[0]))
+    opposite = outer[opposite]
+    for is_exact in (False, True):
+        if is_exact:
+            left = np.unique(sides)
+            opposite[left] = _extents(vertices, normals[left])[1]
+        may_be_thinner = _width_lower_bounds(vertices, normals, edges, sides, opposite) <= width + slack
         edges, sides = edges[may_be_thinner], sides[may_be_thinner]
     return _smallest_between_edges(vertices, normals, edges, sides, width)
 
@@ -170,25 +181,23 @@ def _extents(vertices: Floats, normals: Floats) -> tuple[Floats, Ints]:
     return extents, opposite
 
 
-def _width_lower_bounds(
-    vertices: Floats, normals: Floats, edges: Ints, sides: Ints, across: Floats, opposite: Ints
-) -> Floats:
+def _width_lower_bounds(vertices: Floats, normals: Floats, edges: Ints, sides: Ints, opposite: Ints) -> Floats:
     """Lower bounds (E,) of the width over all directions of the arc of each edge, from one side's normal to the other's.
 
     An edge through p supports the hull in every direction u of its arc, so the width there is at least (p - x)·u for
     any vertex x. Along the arc that is A cos t + B sin t, concave where it is positive, so it runs above the chord between
-    its values at the arc's ends. Here x are the vertices opposite to both ends; the bound is the lowest point of the
-    higher of the two chords.
+    its values at the arc's ends. Here x are vertices opposite (F,) to both ends, the farthest ones or others far out; the
+    bound is the lowest point of the higher of the two chords.
     """
     first, last = sides[:, 0], sides[:, 1]
-    p = vertices[edges[:, 0]]
-    end = np.einsum("ij,ij->i", p - vertices[opposite[first]], normals[last])  # of the chord that starts at across
-    start = np.einsum("ij,ij->i", p - vertices[opposite[last]], normals[first])  # of the one that ends at across
-    falls, rises = across[first] - end, across[last] - start
-    lower_bounds: Floats = np.maximum(np.minimum(across[first], end), np.minimum(across[last], start))
-    crossing = (falls > 0.0) & (rises > 0.0) & (across[first] > start) & (across[last] > end)
-    fraction = (across[first] - start)[crossing] / (falls + rises)[crossing]
-    lower_bounds[crossing] = across[first][crossing] - fraction * falls[crossing]
+    one, other = (vertices[edges[:, 0]] - vertices[opposite[side]] for side in (first, last))
+    near, end = (np.einsum("ij,ij->i", one, normals[side]) for side in (first, last))  # of the chord of the first's x
+    start, far = (np.einsum("ij,ij->i", other, normals[side]) for side in (first, last))  # ... of the last's
+    falls, rises = near - end, far - start
+    lower_bounds: Floats = np.maximum(np.minimum(near, end), np.minimum(far, start))
+    crossing = (falls > 0.0) & (rises > 0.0) & (near > start) & (far > end)
+    fraction = (near - start)[crossing] / (falls + rises)[crossing]
+    lower_bounds[crossing] = near[crossing] - fraction * falls[crossing]
     lower_bounds[np.minimum(end, start) < 0.0] = 0.0  # a sinusoid that goes below zero may run below its chord there
     return lower_bounds
 
@@ -267,6 +276,9 @@ def _has_coplanar_neighbour(
 
 def _loop(triangles: list[list[int]]) -> list[int]:
     """Boundary loop of connected triangles; MeshError if it is not a single loop."""
+    if len(triangles) == 1:
+        first = triangles[0].index(min(triangles[0]))
+        return triangles[0][first:] + triangles[0][:first]
     next_vertex: dict[int, int] = {}
     directed = {edge for a, b, c in triangles for edge in ((a, b), (b, c), (c, a))}
     for u, v in sorted(directed):

@@ -88,6 +88,11 @@ class Mesh:
         """Vertices (k, 3) of the convex hull, in the order of `vertices`; MeshError if the mesh is flat."""
         return self.vertices[self._hull.corners]
 
+    @property
+    def hull_planes(self) -> Floats:
+        """Planes (f, 4) of the triangles of the convex hull, n·x + d <= 0 inside; MeshError if the mesh is flat."""
+        return self._hull.planes
+
     @cached_property
     def _hull(self) -> _Hull:
         from scipy.spatial import ConvexHull, QhullError

@@ -76,7 +76,8 @@ def screw_holes(mesh: Mesh, radius: float) -> list[Floats]:
     if not mesh.is_watertight:
         return []
     surface, middle = Surface(mesh.vertices, mesh.faces), corners.mean(axis=1)
-    narrow = surface.distance(middle + radius * normals) < NARROW * radius
+    narrow = ~_beyond_hull(mesh, middle + radius * normals, normals, NARROW * radius)
+    narrow[narrow] = surface.distance((middle + radius * normals)[narrow]) < NARROW * radius
     if not narrow.any():
         return []
     one, other, edge = _neighbours(mesh)
@@ -89,6 +90,15 @@ def screw_holes(mesh: Mesh, radius: float) -> list[Floats]:
     groups = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
     found = (_filling(mesh, surface, group, normals[group], radius) for group in groups if len(group) >= 4)
     return [points for points in found if points is not None]
+
+
+def _beyond_hull(mesh: Mesh, points: Floats, normals: Floats, distance: float) -> NDArray[np.bool_]:
+    """Which points (n, 3) are at least so far beyond the plane of the mesh's hull whose normal is nearest to theirs (n, 3)."""
+    from scipy.spatial import cKDTree
+
+    planes = mesh.hull_planes[cKDTree(mesh.hull_planes[:, :3]).query(normals)[1]]
+    found: NDArray[np.bool_] = np.einsum("ij,ij->i", points, planes[:, :3]) + planes[:, 3] >= distance
+    return found
 
 
 def _neighbours(mesh: Mesh) -> tuple[Ints, Ints, Floats]:

@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from geomphys.errors import ConfigError, MeshError
-from geomphys.scene import coacd_process, decomposition
-from geomphys.scene.coverage import grow_to_cover, piece_protrusion, uncovered_distance
+from geomphys.scene import coacd_process, coverage, decomposition
+from geomphys.scene.coverage import Surface, grow_to_cover, piece_protrusion, uncovered_distance, winding
 from geomphys.scene.decomposition import Decomposed, DecompositionTask, decompose, decompose_all, default_threshold
 from geomphys.scene.mass import of_mesh
 from geomphys.scene.meshes import Mesh, load_mesh
@@ -283,6 +283,32 @@ def test_how_far_pieces_stand_out() -> None:
     assert piece_protrusion(corners, faces, hull) == pytest.approx(0.05, rel=0.02)
     assert piece_protrusion(*cube(), [cube()[0] * 1.1]) == pytest.approx(0.05 * np.sqrt(3), rel=0.1)
     assert piece_protrusion(*cube(), [cube()[0]]) == 0.0
+
+
+def test_pieces_that_stand_out_by_less_than_asked_for_count_as_none() -> None:
+    corners, faces = ell()
+    found = piece_protrusion(corners, faces, [corners])
+    assert piece_protrusion(corners, faces, [corners], beyond=0.99 * found) == found
+    assert piece_protrusion(corners, faces, [corners], beyond=1.01 * found) == 0.0
+
+
+def test_which_side_points_are_on_is_asked_once_a_free_ball() -> None:
+    random = np.random.default_rng(3)
+    vertices, faces = sphere_triangles(0.1, 24)
+    points = random.uniform(-0.2, 0.2, (300, 3))
+    away = Surface(vertices, faces).distance(points)
+    asked: list[int] = []
+
+    def counted(*args: np.ndarray) -> np.ndarray:
+        asked.append(len(args[2]))
+        return winding(*args)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(coverage, "winding", counted)
+        outside = coverage._are_outside(vertices, faces, points, away)
+    assert np.array_equal(outside, winding(vertices, faces, points) < 0.5)
+    assert 0 < np.sum(outside) < len(points)
+    assert sum(asked) < len(points)
 
 
 @pytest.mark.slow

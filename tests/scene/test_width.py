@@ -55,3 +55,14 @@ def test_round_hulls_of_many_corners() -> None:
     ball = polytope(sphere_triangles(0.1, 64)[0])  # its narrowest: through the flats of 64 meridians and 32 circles
     assert ball.thickness == pytest.approx(0.2, rel=3e-3)
     assert polytope(cylinder_triangles(0.1, 0.5, 200)[0]).thickness == pytest.approx(0.2 * np.cos(np.pi / 200))
+
+
+def test_bounds_from_few_corners_leave_the_width_exact(monkeypatch: pytest.MonkeyPatch) -> None:
+    points = (
+        sphere_triangles(0.1, 24)[0] * [1.0, 0.7, 0.6] @ np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]
+    )
+    exact = polytope(points).thickness
+    monkeypatch.setattr(hulls, "MAX_EDGES_ALL_PAIRS", 0)
+    for count in (4, 30, 100):
+        monkeypatch.setattr(hulls, "farthest_in_cells", lambda vertices, count=count: np.arange(count))
+        assert polytope(points).thickness == exact
