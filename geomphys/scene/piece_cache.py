@@ -13,7 +13,7 @@ from geomphys.scene.coacd_process import SEARCHES
 from geomphys.scene.meshes import Mesh
 from geomphys.storage.cache import Store
 
-_FORMAT_VERSION = 6
+_FORMAT_VERSION = 7
 """Raised when the same mesh and parameters give other pieces than before."""
 
 

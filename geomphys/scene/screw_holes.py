@@ -49,19 +49,19 @@ def without_screw_holes(mesh: Mesh, radius: float) -> Mesh:
         return mesh
     import manifold3d
 
-    solid = _manifold(mesh)
+    solid = to_manifold(mesh)
     if solid.status() != manifold3d.Error.NoError:
         return mesh
     plugs = [manifold3d.Manifold.hull_points(points) for points in fillings]
-    return _mesh_of(manifold3d.Manifold.batch_boolean([solid, *plugs], manifold3d.OpType.Add), mesh)
+    return from_manifold(manifold3d.Manifold.batch_boolean([solid, *plugs], manifold3d.OpType.Add), mesh)
 
 
 def simplified(mesh: Mesh, tolerance: float) -> Mesh:
     """A watertight mesh with fewer triangles whose surface is nowhere farther than `tolerance`, m, from the mesh's."""
     import manifold3d
 
-    solid = _manifold(mesh)
-    return mesh if solid.status() != manifold3d.Error.NoError else _mesh_of(solid.simplify(tolerance), mesh)
+    solid = to_manifold(mesh)
+    return mesh if solid.status() != manifold3d.Error.NoError else from_manifold(solid.simplify(tolerance), mesh)
 
 
 def screw_holes(mesh: Mesh, radius: float) -> list[Floats]:
@@ -129,14 +129,15 @@ def _filling(mesh: Mesh, surface: Surface, group: Ints, normals: Floats, radius:
     return None if outside else points
 
 
-def _manifold(mesh: Mesh) -> Any:
+def to_manifold(mesh: Mesh) -> Any:
+    """A mesh as a solid of manifold3d, whose `status` says whether it is one."""
     import manifold3d
 
     return manifold3d.Manifold(manifold3d.Mesh64(np.array(mesh.vertices), mesh.faces.astype(np.uint64)))
 
 
-def _mesh_of(solid: Any, mesh: Mesh) -> Mesh:
-    """What became of a mesh; the mesh itself where nothing closed is left of it."""
+def from_manifold(solid: Any, mesh: Mesh) -> Mesh:
+    """The mesh of a solid of manifold3d, named as the one it was made of; that one where nothing closed is left."""
     import manifold3d
 
     if solid.status() != manifold3d.Error.NoError or solid.is_empty():
