@@ -1,4 +1,4 @@
-"""``geomphys export``: writes a result as tables, Parquet or CSV, or as an episode of a LeRobot data set."""
+"""``geomphys export``: writes a result as tables, Parquet or CSV, as an episode of a LeRobot data set; a Foxglove layout."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from .command import command, current_terminal
-from .options import INPUT_FILE, OUTPUT_FOLDER, force_option
+from .options import INPUT_FILE, OUTPUT_FILE, OUTPUT_FOLDER, check_ending, check_outputs, force_option
 from .progress import progress_bar
 from .terminal import counted
 
@@ -18,6 +18,7 @@ from .terminal import counted
     geomphys export corrected.mcap -o tables
     geomphys export corrected.mcap -o tables --format csv
     geomphys export corrected.mcap --lerobot dataset
+    geomphys export corrected.mcap --foxglove layout.json
     """,
 )
 @click.argument("result", metavar="OUT", type=INPUT_FILE)
@@ -35,15 +36,24 @@ from .terminal import counted
 @click.option(
     "--lerobot", type=OUTPUT_FOLDER, metavar="DIR", help="Write a LeRobot data set (v3) of one episode: a new folder."
 )
+@click.option(
+    "--foxglove", type=OUTPUT_FILE, metavar="LAYOUT.json", help="Write a layout for Foxglove, made for this output."
+)
 @force_option
-def export(result: Path, folder: Path | None, file_format: str, lerobot: Path | None, force: bool) -> None:
+def export(
+    result: Path, folder: Path | None, file_format: str, lerobot: Path | None, foxglove: Path | None, force: bool
+) -> None:
     """Write OUT as tables: poses, joints, contacts and metrics, a file each.
 
     Metres, radians, seconds; quaternions x y z w. The state of the LeRobot episode is the corrected joint values and poses of
     the roots; beside it stand those that were recorded.
     """
-    if folder is None and lerobot is None:
-        raise click.UsageError("nothing to write: name a folder with -o DIR or --lerobot DIR")
+    if folder is None and lerobot is None and foxglove is None:
+        raise click.UsageError(
+            "nothing to write: name a folder with -o DIR or --lerobot DIR, or --foxglove LAYOUT.json"
+        )
+    check_outputs(foxglove, force=force, inputs=(result,))
+    check_ending(foxglove, ".json")
     import geomphys
 
     terminal = current_terminal()
@@ -56,3 +66,6 @@ def export(result: Path, folder: Path | None, file_format: str, lerobot: Path | 
         with progress_bar(terminal, result.name) as bar:
             frames = geomphys.export_lerobot(result, lerobot, progress=bar)
         terminal.note(f"wrote {lerobot}: an episode of {counted(frames, 'frame')}")
+    if foxglove is not None:
+        geomphys.write_foxglove_layout(result, foxglove, force=force)
+        terminal.note(f"wrote {foxglove}: in Foxglove, Import from file in the menu of layouts")

@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from geomphys.results import Contacts, Frame, FrameResult, Metrics, Penetrations
     from geomphys.scene.arrays import Scene, World
     from geomphys.scene.scene_file import scene_json_schema
+    from geomphys.viewer.foxglove_layout import write_foxglove_layout
     from geomphys.viewer.snapshot import take_snapshot
     from geomphys.viewer.video import VideoConfig, make_video
     from geomphys.viewer.view import view_result
@@ -111,6 +112,7 @@ _HOME = {
     "statistics_of": "analysis.stats",
     "take_snapshot": "viewer.snapshot",
     "view_result": "viewer.view",
+    "write_foxglove_layout": "viewer.foxglove_layout",
     "write_overlay": "analysis.diff.rerun_overlay",
     "write_page": "analysis.diff.html_report",
     "write_pieces": "authoring.convex_pieces",
@@ -174,6 +176,7 @@ __all__ = [
     "statistics_of",
     "take_snapshot",
     "view_result",
+    "write_foxglove_layout",
     "write_overlay",
     "write_page",
     "write_pieces",

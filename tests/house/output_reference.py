@@ -1,4 +1,4 @@
-"""Writes the reference of outputs from the sources: ``python tests/house/output_reference.py``."""
+"""Writes the reference of outputs, and the layout for Foxglove, from the sources: ``python tests/house/output_reference.py``."""
 
 from __future__ import annotations
 
@@ -8,10 +8,13 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
+
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
 PAGE = ROOT / "assets" / "docs" / "output.md"
+LAYOUT = ROOT / "assets" / "foxglove_layout.json"
 
 HEAD = """# The output, field by field
 
@@ -75,6 +78,12 @@ def page() -> str:
 def topics(ros2: bool = False) -> str:
     """Topics of a file that is written for this."""
     purposes = OF_ROS2 if ros2 else PURPOSES
+    rows = [f"| `{topic}` | {schema} | {encoding} | {purposes[topic]} |" for topic, schema, encoding in channels(ros2)]
+    return "\n".join(["", "| topic | schema | encoding | content |", "|---|---|---|---|", *rows, ""])
+
+
+def channels(ros2: bool = False) -> list[tuple[str, str, str]]:
+    """Topic, schema and encoding of each channel of a file that is written for this."""
     from mcap.reader import make_reader
 
     from geomphys.config import Config
@@ -91,11 +100,18 @@ def topics(ros2: bool = False) -> str:
         sink.close(complete=True)
         with (Path(folder) / "out.mcap").open("rb") as stream:
             summary = make_reader(stream).get_summary()
-    rows = [
-        f"| `{c.topic}` | {summary.schemas[c.schema_id].name} | {c.message_encoding} | {purposes[c.topic]} |"
-        for c in summary.channels.values()
-    ]
-    return "\n".join(["", "| topic | schema | encoding | content |", "|---|---|---|---|", *rows, ""])
+    return [(c.topic, summary.schemas[c.schema_id].name, c.message_encoding) for c in summary.channels.values()]
+
+
+def foxglove() -> str:
+    """The layout for Foxglove that is shipped: for outputs of one avatar, the hand of the demonstration."""
+    from geomphys.load import load_world
+    from geomphys.output.camera import Viewpoint
+    from geomphys.viewer.foxglove_layout import foxglove_layout, layout_text
+
+    world = load_world(ROOT / "assets/scenes/gallery.toml")
+    eye = Viewpoint(np.array([0.7, -0.7, 0.6]), np.zeros(3))
+    return layout_text(foxglove_layout([topic for topic, _, _ in channels()], {"/joint_states": world.dof_names}, eye))
 
 
 def messages() -> str:
@@ -187,3 +203,4 @@ def escaped(text: str) -> str:
 
 if __name__ == "__main__":
     PAGE.write_text(page())
+    LAYOUT.write_text(foxglove())
