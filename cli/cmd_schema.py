@@ -1,19 +1,30 @@
-"""``geomphys schema``: prints the JSON Schema of the scene file."""
+"""``geomphys schema``: prints the JSON Schema of the scene file, or of what a command prints with ``--json``."""
 
 from __future__ import annotations
 
+import click
+
 from .command import command, current_terminal
+
+OUTPUTS = ("replay", "batch", "manifest", "stats", "diff", "audit", "check", "info", "calibrate")
+"""As `geomphys.analysis.json_schemas.JSON_OUTPUTS`, which is imported only when one is asked for."""
 
 
 @command(
     "schema",
     examples="""
-    geomphys schema
     geomphys schema > scene.schema.json
+    geomphys schema replay > replay.schema.json
+    geomphys schema manifest
     """,
 )
-def schema() -> None:
-    """Print the JSON Schema of the scene file, for editors that complete and check TOML."""
-    from geomphys.scene.scene_file import scene_json_schema
+@click.argument("name", type=click.Choice(["scene", *OUTPUTS]), default="scene", metavar="[NAME]")
+def schema(name: str) -> None:
+    """Print the JSON Schema of the scene file, for editors that complete and check TOML.
 
-    current_terminal().json(scene_json_schema())
+    Or of what a command prints with --json: NAME is replay, batch, stats, diff, audit, check, info or calibrate; or of the
+    manifest of a batch: manifest.
+    """
+    import geomphys
+
+    current_terminal().json(geomphys.scene_json_schema() if name == "scene" else geomphys.json_schema(name))

@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import gc
 import os
+import select
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
-from typing import Any
+from typing import Any, TextIO
 
 import click
 
 from .command import SETTINGS, Command, terminal_options, write_examples
 from .signals import Stopped, signals_caught
-from .terminal import Terminal
+from .terminal import Terminal, silence
 
 EXIT_FAILED = 1
 EXIT_USAGE = 2
@@ -49,8 +51,31 @@ COMMANDS = {
 """Command -> its line in the help, in order; the function `NAME` is in `cmd_NAME.py`."""
 
 
+class BrokenPipe(Exception):  # noqa: N818
+    """Carries a BrokenPipeError past ``click``, which would make an exit code of it that says nothing."""
+
+
+@contextmanager
+def broken_pipes_carried() -> Iterator[None]:
+    """Raise `BrokenPipe` from a BrokenPipeError of the block."""
+    try:
+        yield
+    except BrokenPipeError as error:
+        raise BrokenPipe from error
+
+
 class LazyGroup(click.Group):
     """The commands of `COMMANDS`; the module of a command is imported on use."""
+
+    @broken_pipes_carried()
+    def make_context(self, *args: Any, **extra: Any) -> click.Context:
+        """Parse the arguments."""
+        return super().make_context(*args, **extra)
+
+    @broken_pipes_carried()
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command."""
+        return super().invoke(ctx)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names, in the order of the table."""
@@ -131,6 +156,10 @@ def run(arguments: Sequence[str] | None = None) -> int:
             signals.settle()
             if signals.received is not None and not isinstance(error, Stopped):
                 error = _stopped(signals.received, error)
+            if isinstance(error, BrokenPipe) and isinstance(error.__cause__, BrokenPipeError):
+                error = error.__cause__
+            if isinstance(error, BrokenPipeError) and _silence_closed_streams():
+                return 0
             reported = _report(terminal, error)
             if reported is None:
                 raise
@@ -165,9 +194,6 @@ def _report(terminal: Terminal, error: BaseException) -> int | None:
     ):  # raised by a library, or in another thread than the main one
         terminal.error("interrupted")
         return EXIT_INTERRUPTED
-    if isinstance(error, BrokenPipeError):
-        _discard_stdout()
-        return EXIT_FAILED
     if isinstance(error, MemoryError):
         terminal.error("out of memory; a smaller scene, simpler meshes or fewer --jobs need less")
         return EXIT_FAILED
@@ -192,9 +218,22 @@ def _expected_errors() -> type[Exception]:
     return GeomphysError
 
 
-def _discard_stdout() -> None:
-    """Redirect stdout to the null device after a broken pipe, so that the interpreter does not report it at exit."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+def _silence_closed_streams() -> bool:
+    """Silence the standard streams that nobody reads any more; whether there is one."""
+    closed = [stream for stream in (sys.stdout, sys.stderr) if _reader_is_gone(stream)]
+    for stream in closed:
+        silence(stream)
+    return bool(closed)
+
+
+def _reader_is_gone(stream: TextIO) -> bool:
+    """Whether a stream is a pipe whose other end is closed."""
+    events = select.poll()
+    try:
+        events.register(stream.fileno(), 0)
+    except (OSError, ValueError):  # no file, or a closed one
+        return False
+    return any(event & (select.POLLERR | select.POLLHUP) for _, event in events.poll(0))
 
 
 def _open_standard_streams() -> None:
@@ -219,6 +258,5 @@ def main() -> None:
     try:
         sys.stdout.flush()
     except BrokenPipeError:
-        _discard_stdout()
-        code = code or EXIT_FAILED
+        silence(sys.stdout)
     sys.exit(code)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import click
-
-from .terminal import fields, heading, table_in
+from .terminal import fields, heading, table_in, write_text
 
 if TYPE_CHECKING:
     from geomphys.bench.report import BatchTime, Curve, DepthResult, ExperimentResult, ProcessTime, Report
@@ -44,7 +43,7 @@ def show_bench(terminal: Terminal, report: Report, *, markdown: bool) -> None:
     if markdown:
         lines = [f"- {label}: {text}" for label, (text,) in facts]
         lines += [line for sheet in sheets(report) for line in as_markdown(sheet)]
-        click.echo("\n".join(lines))
+        write_text("\n".join(lines) + "\n", sys.stdout)
         return
     terminal.result(fields(facts), "")
     for sheet in sheets(report):

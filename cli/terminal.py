@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-import click
-
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
@@ -150,12 +148,11 @@ class Terminal:
             return
         with console.capture() as captured:
             console.print(*renderables, sep="\n")
-        for line in captured.get().splitlines():
-            click.echo(line.rstrip(), file=stream)
+        write_text("".join(f"{line.rstrip()}\n" for line in captured.get().splitlines()), stream)
 
     def json(self, value: Any) -> None:
         """Print a value as JSON to stdout."""
-        click.echo(json.dumps(json_value(value), indent=2, allow_nan=False), file=self._results)
+        write_text(json.dumps(json_value(value), indent=2, allow_nan=False) + "\n", self._results)
 
     def note(self, text: str) -> None:
         """Print a progress note to stderr; not with ``-q``."""
@@ -207,5 +204,20 @@ class Terminal:
 
 def _write_error(line: str) -> None:
     """Write a line to stderr; a progress bar that is there moves down for it."""
-    sys.stderr.write(line + "\n")
-    sys.stderr.flush()
+    write_text(line + "\n", sys.stderr)
+
+
+def write_text(text: str, stream: TextIO) -> None:
+    """Write text to a standard stream at once; where nobody reads it any more (``| head``) it goes nowhere from here on."""
+    try:
+        stream.write(text)
+        stream.flush()
+    except BrokenPipeError:
+        silence(stream)
+
+
+def silence(stream: TextIO) -> None:
+    """Let a standard stream whose reader has gone lead to the null device, so that its buffer can be flushed at exit."""
+    null = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, stream.fileno())
+    os.close(null)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from geomphys.analysis.diff.difference import OutputDifference
     from geomphys.analysis.diff.html_report import write_page
     from geomphys.analysis.diff.rerun_overlay import write_overlay
+    from geomphys.analysis.json_schemas import json_schema
     from geomphys.analysis.lerobot import export_lerobot
     from geomphys.analysis.motion_audit import MotionAudit, audit_motion
     from geomphys.analysis.plots import plot_output
@@ -100,6 +101,7 @@ _HOME = {
     "export_lerobot": "analysis.lerobot",
     "export_tables": "analysis.tables",
     "inspect_log": "recording.inspect",
+    "json_schema": "analysis.json_schemas",
     "load_world": "load",
     "make_video": "viewer.video",
     "open_output": "output.output_log",
@@ -164,6 +166,7 @@ __all__ = [
     "export_lerobot",
     "export_tables",
     "inspect_log",
+    "json_schema",
     "load_world",
     "make_video",
     "open_output",

@@ -68,6 +68,14 @@ SAVING_SHARE = 0.05
 """Share of its time that a batch may spend on saving its manifest: of ten thousand logs it takes a second."""
 
 
+@dataclass(frozen=True)
+class ManifestRecord:
+    """The content of the file."""
+
+    format: int
+    logs: tuple[Entry, ...]
+
+
 @dataclass
 class Manifest:
     """All entries of a folder by the name of their output; `save` replaces the file atomically."""
@@ -112,8 +120,7 @@ class Manifest:
 
     def as_dict(self) -> dict[str, Any]:
         """The content of the file."""
-        logs = [dataclasses.asdict(self.entries[out]) for out in sorted(self.entries)]
-        return {"format": FORMAT, "logs": logs}
+        return dataclasses.asdict(ManifestRecord(FORMAT, tuple(self.entries[out] for out in sorted(self.entries))))
 
     def set(self, entry: Entry) -> None:
         """Note an entry, and save it, unless the last time took too long for how lately it was (`SAVING_SHARE`).

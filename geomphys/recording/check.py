@@ -77,8 +77,15 @@ class CheckReport:
     keypoint_scale: dict[str, dict[str, float]] = field(default_factory=dict)  # avatar -> finger -> factor of lengths
 
     def as_dict(self) -> dict[str, Any]:
-        """All of it as plain values; `diagnostics` has errors and warnings with their keys."""
+        """All of it as plain values, as in `CheckRecord`."""
         return {**dataclasses.asdict(self), "diagnostics": as_records(self.errors, self.warnings)}
+
+
+@dataclass(frozen=True)
+class CheckRecord(CheckReport):
+    """A `CheckReport` as it is in JSON."""
+
+    diagnostics: tuple[dict[str, str], ...] = ()  # errors and warnings: key, level, text
 
 
 def check_log(log: AnyPath | str, world: World, config: Config | None = None) -> CheckReport:

@@ -46,6 +46,10 @@ which mesh stands for which name (`meshes`: object or tree; for trees by the nam
 overlap in the zero pose. The metadata record `geomphys` has
 `version`, `input_sha256`, `scene_sha256`, `world_sha256`, `complete` and every parameter as text.
 """
+SCHEMAS = """
+As JSON Schemas: `geomphys schema NAME` with replay, batch, stats, diff, audit, check, info or calibrate, and `geomphys schema
+manifest` of the file that a batch keeps. Numbers are in SI units; what is not finite is null.
+"""
 JSON = {
     "replay": [("output/summary.py", "Summary")],
     "stats": [
@@ -70,7 +74,7 @@ def page() -> str:
         messages(),
     ]
     parts += ["\n## Bits of `flags`\n", flags(), "\n## Tables of `geomphys export`\n", tables()]
-    parts += ["\n## JSON of commands\n", *(json_of(command) for command in JSON)]
+    parts += ["\n## JSON of commands\n", SCHEMAS, *(json_of(command) for command in JSON)]
     parts += ["\n## The rerun recording\n\nTimelines `frame` and `time`. Entities:\n", entities()]
     return "".join(parts)
 

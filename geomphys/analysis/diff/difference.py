@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import Required, TypedDict
 
 from geomphys.analysis.diff.channels import ChannelDifference, Tolerance, earliest
 from geomphys.analysis.diff.measures import Measure, Peak
@@ -68,7 +69,7 @@ class OutputDifference:
     """Frames of the largest differences of a position, largest first; each keeps its `PeakPoses`."""
 
     def as_dict(self) -> dict[str, Any]:
-        """The comparison as JSON has it: numbers in SI units, without the curves."""
+        """The comparison as JSON has it, a `DifferenceRecord`: numbers in SI units, without the curves."""
         return {
             "equal": self.equal,
             "a": self.a,
@@ -82,6 +83,80 @@ class OutputDifference:
             "motion": None if self.motion is None else _sides([dataclasses.asdict(motion) for motion in self.motion]),
             "worst": _sides([[_moment(moment) for moment in moments] for moments in self.worst]),
         }
+
+
+class PartRecord(TypedDict, total=False):
+    """A body, joint, pair of bodies or field in JSON; measures of units that it does not have are left out."""
+
+    max_m: float
+    rms_m: float
+    max_rad: float
+    rms_rad: float
+    max_Ns: float
+    rms_Ns: float
+    max: float
+    rms: float
+    gained: int
+    lost: int
+    first_frame: Required[int | None]
+    worst_frame: Required[int | None]
+    frames: Required[int]
+
+
+class ChannelRecord(TypedDict, total=False):
+    """A channel in JSON; its parts are under the name of their kind."""
+
+    equal: Required[bool]
+    max_m: float
+    rms_m: float
+    max_rad: float
+    rms_rad: float
+    first_frame: Required[int | None]
+    gained: int
+    lost: int
+    only_a: list[str]
+    only_b: list[str]
+    bodies: dict[str, PartRecord]
+    joints: dict[str, PartRecord]
+    pairs: dict[str, PartRecord]
+    fields: dict[str, PartRecord]
+
+
+class ParameterRecord(TypedDict):
+    """The values of a parameter; null where one has none."""
+
+    a: str | None
+    b: str | None
+
+
+class MotionsRecord(TypedDict):
+    """The measures of both motions."""
+
+    a: OutputMotion
+    b: OutputMotion
+
+
+class MomentsRecord(TypedDict):
+    """The moments to look at first."""
+
+    a: tuple[Moment, ...]
+    b: tuple[Moment, ...]
+
+
+class DifferenceRecord(TypedDict):
+    """A comparison in JSON."""
+
+    equal: bool
+    a: str
+    b: str
+    tolerance_m: float
+    tolerance_rad: float
+    frames: Matching
+    channels: dict[str, ChannelRecord]
+    parameters: dict[str, ParameterRecord]
+    attachments: list[str]
+    motion: MotionsRecord | None
+    worst: MomentsRecord
 
 
 def _moment(moment: Moment) -> dict[str, Any]:
