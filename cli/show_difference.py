@@ -50,8 +50,8 @@ def show_difference(terminal: Terminal, difference: OutputDifference) -> None:
         (printable(name), [f"{a if a is not None else 'none'}  ->  {b if b is not None else 'none'}"])
         for name, (a, b) in difference.parameters.items()
     ]
-    if difference.attachments:
-        rows.append(("Attachments", [", ".join(difference.attachments) + " differ"]))
+    if difference.scene:
+        rows.append(("Scenes", list(difference.scene)))
     terminal.result(heading(Path(difference.a).name, f" against {Path(difference.b).name}"), fields(rows))
     if difference.motion is not None and not difference.equal:
         rows_of_motion = [[name, a, b] for name, a, b in motion_table(*difference.motion)]

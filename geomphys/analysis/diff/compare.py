@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -15,6 +14,7 @@ from geomphys.analysis.diff.difference import Curves, Matching, OutputDifference
 from geomphys.analysis.diff.measures import Envelope, Peak, Peaks
 from geomphys.analysis.diff.motion_channels import JointChannel, PoseChannel
 from geomphys.analysis.diff.result_channels import ContactChannel, LogChannel, MetricsChannel, PenetrationChannel
+from geomphys.analysis.diff.scene_words import scene_differences
 from geomphys.analysis.output_motion import OutputMotionMeter
 from geomphys.errors import ConfigError, LogError
 from geomphys.output.decoders import Poses
@@ -101,7 +101,7 @@ def compare_outputs(
     results = {name: comparer.result() for name, comparer in compared.items()}
     if not counts["compared"]:
         results = {name: dataclasses.replace(result, equal=False) for name, result in results.items()}
-    files_a, files_b = _digests(output_a), _digests(output_b)
+    files_a, files_b = output_a.attachments(), output_b.attachments()
     return OutputDifference(
         a=str(a),
         b=str(b),
@@ -124,6 +124,7 @@ def compare_outputs(
         attachments=tuple(
             name for name in sorted(files_a.keys() | files_b.keys()) if files_a.get(name) != files_b.get(name)
         ),
+        scene=scene_differences(files_a, files_b),
         motion=(measured[0].motion.motion(), measured[1].motion.motion()) if measured[0].has_motion else None,
         worst=(measured[0].worst.moments(), measured[1].worst.moments()),
         curves=trace.curves(),
@@ -199,10 +200,6 @@ def match_frames(
         else:
             yield frame_a, frame_b
             frame_a, frame_b = next(a, None), next(b, None)
-
-
-def _digests(output: OutputLog) -> dict[str, str]:
-    return {name: hashlib.sha256(data).hexdigest() for name, data in output.attachments().items()}
 
 
 @dataclass

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Required
 
 import numpy as np
 from numpy.typing import NDArray
-from typing_extensions import Required, TypedDict
+from typing_extensions import TypedDict
 
 from geomphys.analysis.diff.channels import ChannelDifference, Tolerance, earliest
 from geomphys.analysis.diff.measures import Measure, Peak
@@ -60,6 +60,7 @@ class OutputDifference:
     channels: dict[str, ChannelDifference]
     parameters: dict[str, tuple[str | None, str | None]]  # name -> values of a and b, where they differ
     attachments: tuple[str, ...]  # names of scene file and URDFs that differ
+    scene: tuple[str, ...]  # what scene files, URDFs and meshes differ in, in words
     motion: tuple[OutputMotion, OutputMotion] | None
     """Measures of the motions of a and b; None if poses or metrics were not compared."""
     worst: tuple[tuple[Moment, ...], tuple[Moment, ...]]
@@ -80,6 +81,7 @@ class OutputDifference:
             "channels": {name: _channel(channel, self.equal) for name, channel in self.channels.items()},
             "parameters": {name: {"a": a, "b": b} for name, (a, b) in self.parameters.items()},
             "attachments": list(self.attachments),
+            "scene": list(self.scene),
             "motion": None if self.motion is None else _sides([dataclasses.asdict(motion) for motion in self.motion]),
             "worst": _sides([[_moment(moment) for moment in moments] for moments in self.worst]),
         }
@@ -155,6 +157,7 @@ class DifferenceRecord(TypedDict):
     channels: dict[str, ChannelRecord]
     parameters: dict[str, ParameterRecord]
     attachments: list[str]
+    scene: list[str]
     motion: MotionsRecord | None
     worst: MomentsRecord
 

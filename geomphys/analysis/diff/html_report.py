@@ -34,20 +34,27 @@ body { margin: 0 auto; max-width: 1000px; padding: 28px 24px 60px; color: var(--
   font: 15px/1.5 system-ui, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif; }
 h1 { font-size: 22px; margin: 0 0 4px; } h2 { font-size: 17px; margin: 36px 0 8px; }
 .verdict { font-weight: 600; } .same { color: var(--same); } .other { color: var(--other); } .soft { color: var(--soft); }
-.scroll { overflow-x: auto; }
+.curves { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(420px, 100%), 1fr)); gap: 0 20px; }
+h1, h2, p, li, figcaption, code { overflow-wrap: anywhere; } ul { padding-left: 20px; margin: 6px 0; }
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; font-size: 14px; }
 th { text-align: left; font-weight: 600; color: var(--soft); border-bottom: 1px solid var(--line); }
 th, td { padding: 4px 14px 4px 0; vertical-align: top; } td { border-bottom: 1px solid var(--line); }
+th:last-child, td:last-child { padding-right: 0; }
 td.n, th.n { text-align: right; white-space: nowrap; } td.long { overflow-wrap: anywhere; }
 svg { width: 100%; height: auto; display: block; margin: 6px 0 14px; }
 svg .title { font-size: 13px; font-weight: 600; fill: var(--ink); } svg .unit { font-weight: 400; fill: var(--soft); }
 svg .tick { font-size: 11px; fill: var(--soft); } svg .grid { stroke: var(--line); }
 svg .line { fill: none; stroke: var(--a); stroke-width: 1.4; } svg .area { fill: var(--a); opacity: 0.16; }
-.pictures { display: grid; grid-template-columns: repeat(auto-fill, minmax(380px, 1fr)); gap: 16px; }
+.pictures { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(380px, 100%), 1fr)); gap: 16px; }
 figure { margin: 0; background: var(--panel); border-radius: 8px; overflow: hidden; }
 figure img { width: 100%; display: block; } figcaption { padding: 8px 12px 10px; font-size: 13px; }
 .key { display: inline-block; width: 11px; height: 11px; border-radius: 2px; margin: 0 5px 0 14px; }
 details > summary { cursor: pointer; color: var(--soft); margin: 6px 0; }
+@media (max-width: 760px) { body { padding: 16px 14px 40px; } svg .tick { font-size: 14px; } svg .title { font-size: 16px; }
+  thead { display: none; } table, tbody, tr, td { display: block; } tr { padding: 8px 0; border-bottom: 1px solid var(--line); }
+  td, td.n { border: 0; padding: 1px 0; display: flex; justify-content: space-between; gap: 16px; white-space: normal; }
+  td:empty { display: none; } td > * { text-align: right; } td::before { content: attr(data-title); color: var(--soft);
+  flex: none; max-width: 60%; } td:first-child { font-weight: 600; } td:first-child::before { content: none; } }
 """
 
 _SHOWN = 12
@@ -87,6 +94,8 @@ def _page(difference: OutputDifference, scene: AnyPath | None) -> Iterator[str]:
     yield f"<title>{escape(a)} against {escape(b)}</title><style>{_STYLE}</style></head><body>"
     yield f"<h1>{escape(a)} <span class=soft>against</span> {escape(b)}</h1>"
     yield from _verdict(difference)
+    yield from _only_in_one(difference)
+    yield from _scenes(difference)
     if not difference.equal and difference.frames.compared:
         yield from _curves(difference)
         yield from _pictures(difference, scene)
@@ -109,12 +118,6 @@ def _verdict(difference: OutputDifference) -> Iterator[str]:
         else '<span class="verdict other">Different</span>'
     )
     yield f"<p>{word} <span class=soft>in {frames.compared:,} frames compared"
-    for side, count, first_frame in (
-        ("a", frames.only_a, frames.first_only_a),
-        ("b", frames.only_b, frames.first_only_b),
-    ):
-        if count:
-            yield f"; {count:,} frames only in {side}, from its frame {first_frame:,} on"
     if frames.offset_s:
         yield f"; b begins {frames.offset_s:+,.9g} s after a"
     if not difference.tolerance.exact:
@@ -138,6 +141,33 @@ def _verdict(difference: OutputDifference) -> Iterator[str]:
     yield _table(["channel", "", "largest", "RMS", "rotation", "RMS rotation", "gained / lost", "first frame"], rows, 2)
 
 
+def _only_in_one(difference: OutputDifference) -> Iterator[str]:
+    """What only one of the two has: frames, bodies, joints."""
+    frames, channels = difference.frames, difference.channels.values()
+    for side, count, first_frame in (
+        ("a", frames.only_a, frames.first_only_a),
+        ("b", frames.only_b, frames.first_only_b),
+    ):
+        lines = [f"{count:,} frames, from its frame {first_frame:,} on"] if count else []
+        for channel in channels:
+            names = channel.only_a if side == "a" else channel.only_b
+            if names and channel.channel != "/recorded/tf":  # their bodies are in /tf too
+                label = channel.kind if channel.kind == "bodies" else f"{channel.kind} of {channel.channel}"
+                lines.append(f"{label}: {', '.join(names)}")
+        if lines:
+            yield f"<h2>Only in {side}</h2>" + _list(lines)
+
+
+def _scenes(difference: OutputDifference) -> Iterator[str]:
+    """What the scenes differ in, in words."""
+    if difference.scene:
+        yield "<h2>What the scenes differ in</h2>" + _list(difference.scene)
+
+
+def _list(lines: Iterable[str]) -> str:
+    return f"<ul>{''.join(f'<li>{escape(line)}</li>' for line in lines)}</ul>"
+
+
 def _curves(difference: OutputDifference) -> Iterator[str]:
     curves = difference.curves
     drawn = [
@@ -149,9 +179,10 @@ def _curves(difference: OutputDifference) -> Iterator[str]:
     ]
     plotted = [(t, u, frames, scale * values, steps) for t, u, (frames, values), scale, steps in drawn if values.any()]
     if plotted:
-        yield "<h2>Over the frames</h2>"
-    for title, unit, frames, values, steps in plotted:
-        yield curve(title, unit, frames, values, steps=steps)
+        yield '<h2>Over the frames</h2><div class="curves">'
+        for title, unit, frames, values, steps in plotted:
+            yield curve(title, unit, frames, values, steps=steps)
+        yield "</div>"
 
 
 def _pictures(difference: OutputDifference, scene: AnyPath | None) -> Iterator[str]:
@@ -191,7 +222,6 @@ def _inputs(difference: OutputDifference) -> Iterator[str]:
         [escape(name), escape(str(a if a is not None else "none")), escape(str(b if b is not None else "none"))]
         for name, (a, b) in difference.parameters.items()
     ]
-    rows += [[escape(name), "differs", ""] for name in difference.attachments]
     if rows:
         yield "<h2>What they were made from</h2>" + _table(["parameter", "a", "b"], rows, 3)
 
@@ -215,12 +245,9 @@ def _worst(difference: OutputDifference) -> Iterator[str]:
 
 def _channel(channel: ChannelDifference) -> Iterator[str]:
     parts = channel.largest_differences()
-    if not parts and not channel.only_a and not channel.only_b:
+    if not parts:
         return
     yield f"<h2>{escape(channel.channel)}</h2>"
-    for side, names in (("a", channel.only_a), ("b", channel.only_b)):
-        if names:
-            yield f"<p>Only in {side}: {escape(', '.join(names))}</p>"
     titles = [
         channel.kind,
         "largest",
@@ -233,8 +260,7 @@ def _channel(channel: ChannelDifference) -> Iterator[str]:
         "worst frame",
     ]
     rows = [_row(channel, part) for part in parts]
-    if rows:
-        yield _table(titles, rows[:_SHOWN], 1)
+    yield _table(titles, rows[:_SHOWN], 1)
     if len(rows) > _SHOWN:
         yield f"<details><summary>{len(rows) - _SHOWN} more</summary>{_table(titles, rows[_SHOWN:], 1)}</details>"
 
@@ -263,13 +289,22 @@ def _row(channel: ChannelDifference, part: str) -> list[str]:
 
 
 def _table(titles: list[str], rows: Iterable[list[str]], texts: int) -> str:
-    """A table whose first `texts` columns are text and the others numbers; columns without anything are left out."""
+    """A table whose first `texts` columns are text and the others numbers; columns without anything are left out.
+
+    On a narrow page each row is a list of its cells, with the titles beside them.
+    """
     rows = list(rows)
     columns = [k for k in range(len(titles)) if any(row[k] for row in rows)]
     kinds = ["long" if k < texts else "n" for k in range(len(titles))]
     head = "".join(f'<th class="{kinds[k]}">{escape(titles[k])}</th>' for k in columns)
-    body = "".join(f"<tr>{''.join(f'<td class={kinds[k]}>{row[k]}</td>' for k in columns)}</tr>" for row in rows)
-    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+    titled = [f'<td class={kinds[k]} data-title="{escape(titles[k], quote=True)}">' for k in range(len(titles))]
+    body = "".join(f"<tr>{''.join(f'{titled[k]}{_in_cell(row[k])}</td>' for k in columns)}</tr>" for row in rows)
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _in_cell(text: str) -> str:
+    """The content of a cell as one element, so that a narrow page can put the column's title beside it."""
+    return f"<span>{text}</span>" if text else ""
 
 
 def _formatted(measure: Measure | None, name: str, unit: object) -> str:

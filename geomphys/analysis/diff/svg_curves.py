@@ -1,4 +1,4 @@
-"""Draws curves over frames as inline SVG in the colours of the surrounding page."""
+"""Draws curves over frames as inline SVG in the colours of the surrounding page, wide enough for a telephone."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-WIDTH, HEIGHT = 920, 190
-LEFT, RIGHT, TOP, BOTTOM = 62, 12, 26, 24
+WIDTH, HEIGHT = 460, 170
+LEFT, RIGHT, TOP, BOTTOM = 52, 12, 28, 26
 
 
 def curve(title: str, unit: str, frames: Ints, values: Floats, *, steps: bool = False) -> str:
@@ -66,8 +66,8 @@ def _ticks(maximum: float, *, integers: bool) -> tuple[float, list[float]]:
 
 
 def _frame_ticks(first: int, last: int) -> list[int]:
-    """About six round frame numbers."""
-    step = max(1, round(_round_step((last - first) / 6.0)))
+    """About five round frame numbers."""
+    step = max(1, round(_round_step((last - first) / 5.0)))
     return list(range(-(-first // step) * step, last + 1, step))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import html
 import io
 import re
 import shutil
@@ -109,10 +110,51 @@ def test_without_the_meshes_the_page_says_so(landed: Results, tmp_path: Path, mo
     assert "img" not in content.tags
 
 
-def test_a_browser_opens_it_without_complaint(page: Path, tmp_path: Path) -> None:
-    browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if browser is None:
+def test_what_only_one_has_and_what_the_scenes_differ_in_is_said(
+    pressed: Results, landed: Results, page: Path, tmp_path: Path
+) -> None:
+    assert "object table: position is [2, 1.5, 0] in a, [2, 1.5, 0.001] in b, 1 mm apart" in Page(page.read_text()).text
+    write_page(geomphys.compare_outputs(pressed.out, landed.out), tmp_path / "page.html")
+    text = Page((tmp_path / "page.html").read_text()).text
+    for words in (
+        "Only in a",
+        "bodies: finger",
+        "Only in b",
+        "object finger: only in a",
+        "avatar hand: only in b",
+    ):
+        assert words in text
+
+
+@pytest.fixture(scope="module")
+def browser() -> str:
+    found = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if found is None:
         pytest.skip("no chromium here (Debian and Ubuntu: apt-get install chromium)")
+    return found
+
+
+def test_on_a_telephone_nothing_is_wider_than_the_page(page: Path, browser: str, tmp_path: Path) -> None:
+    frame = tmp_path / "frame.html"
+    script = (
+        "onload = () => { const page = document.querySelector('iframe').contentDocument; "
+        "document.title = [page.documentElement.scrollWidth, page.documentElement.clientWidth, "
+        "Math.max(...[...page.querySelectorAll('*')].map(e => Math.ceil(e.getBoundingClientRect().right)))].join(' '); }"
+    )
+    inner = html.escape(page.read_text(), quote=True)
+    frame.write_text(
+        f'<!doctype html><iframe srcdoc="{inner}" style="width:360px;height:800px;border:0"></iframe><script>{script}</script>'
+    )
+    words = [browser, "--headless=new", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
+    found = subprocess.run(
+        [*words, "--dump-dom", frame.as_uri()], capture_output=True, text=True, timeout=120, check=True
+    )
+    width, shown, rightmost = map(int, re.findall(r"<title>(\d+) (\d+) (\d+)</title>", found.stdout)[0])
+    assert width == shown <= 360
+    assert rightmost <= 360
+
+
+def test_a_browser_opens_it_without_complaint(page: Path, browser: str, tmp_path: Path) -> None:
     picture = tmp_path / "page.png"
     words = [browser, "--headless=new", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--v=0"]
     words += [
