@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.analysis.recorded_joints import RecordedJoints
+from geomphys.analysis.joint_angles import RecordedJoints
 from geomphys.analysis.tables import POSE
 from geomphys.errors import LogError, OutputError
 from geomphys.output.output_log import OutputFrame, OutputLog, open_output
@@ -96,7 +96,7 @@ def _states(
     log: OutputLog, world: World, progress: Callable[[int, int | None], None] | None
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
     """Corrected and recorded states (n, k), and times [ns]."""
-    joints = RecordedJoints(world)
+    joints = RecordedJoints(log)
     rows: list[tuple[list[float], list[float]]] = []
     times: list[int] = []
     for frame in log.frames(["/tf", "/recorded/tf", "joint_states"]):

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.analysis.recorded_joints import RecordedJoints
+from geomphys.analysis.joint_angles import RecordedJoints
 from geomphys.errors import ConfigError, LogError, OutputError
 from geomphys.output.decoders import METRICS
 from geomphys.output.output_log import OutputFrame, OutputLog, open_output
@@ -91,11 +91,12 @@ def export_tables(
         raise OutputError(f"{target}: cannot be made ({problem.strerror})") from problem
     check_targets(list(paths.values()), force=force, inputs=(log.path,))
     counts = dict.fromkeys(COLUMNS, 0)
+    recorded = RecordedJoints(log)
     with ExitStack() as stack:
         files = {table: stack.enter_context(OutputFile(path, force=force)) for table, path in paths.items()}
         writers = {table: stack.enter_context(_writer(table, file, file_format)) for table, file in files.items()}
         for batch in _batches(log, progress):
-            for table, rows in _rows(batch, log, world).items():
+            for table, rows in _rows(batch, log, world, recorded).items():
                 counts[table] += len(rows["frame"])
                 writers[table].write_table(_table(table, rows))
     return counts
@@ -142,11 +143,13 @@ def _batches(log: OutputLog, progress: Callable[[int, int | None], None] | None)
         yield batch
 
 
-def _rows(batch: Sequence[OutputFrame], log: OutputLog, world: World) -> dict[str, dict[str, Any]]:
+def _rows(
+    batch: Sequence[OutputFrame], log: OutputLog, world: World, recorded: RecordedJoints
+) -> dict[str, dict[str, Any]]:
     """Table -> its columns for these frames."""
     return {
         "poses": _pose_rows(batch, log, world),
-        "joints": _joint_rows(batch, world),
+        "joints": _joint_rows(batch, world, recorded),
         "contacts": _contact_rows(batch),
         "metrics": {"time_ns": [f.time_ns for f in batch]} | {n: [f.metrics[n] for f in batch] for n in METRICS},
     }
@@ -182,8 +185,7 @@ def _pose_rows(batch: Sequence[OutputFrame], log: OutputLog, world: World) -> di
     }
 
 
-def _joint_rows(batch: Sequence[OutputFrame], world: World) -> dict[str, Any]:
-    recorded = RecordedJoints(world)
+def _joint_rows(batch: Sequence[OutputFrame], world: World, recorded: RecordedJoints) -> dict[str, Any]:
     avatars, joints, positions, values, counts = list[str](), list[str](), [np.zeros(0)], [np.zeros(0)], list[int]()
     for frame in batch:
         count = 0

@@ -113,28 +113,30 @@ def test_two_exports_are_equal_in_bytes(landed: Results, tmp_path: Path) -> None
 def test_a_recorded_angle_is_the_turn_of_the_recorded_links() -> None:
     """A joint about a slanted axis with an offset frame, turned by known angles, also beyond half a turn."""
     from types import SimpleNamespace
+    from typing import Any
 
     from scipy.spatial.transform import Rotation
 
-    from geomphys.analysis.recorded_joints import RecordedJoints
+    from geomphys.analysis.joint_angles import RecordedJoints
     from geomphys.output.decoders import Poses
-    from geomphys.scene.arrays import JOINT_FIXED, JOINT_PRISMATIC, JOINT_REVOLUTE
 
     axis = np.array([[1.0, 0, 0], [2.0, -1.0, 0.5], [0.3, 0.4, -0.9]])
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-    frames = [Rotation.from_rotvec(v) for v in ([0, 0, 0], [0.3, -1.0, 0.2], [1.0, 0.1, 0.0])]
+    turns = np.array([[0.0, 0, 0], [0.3, -1.0, 0.2], [1.0, 0.1, 0.0]])  # rpy
+    frames = [Rotation.from_euler("xyz", turn) for turn in turns]
     shifts = np.array([[0.0, 0, 0], [0.1, 0.2, 0.3], [0.0, -0.1, 0.05]])
-    origin = np.array([np.concatenate([f.as_matrix().ravel(), s]) for f, s in zip(frames, shifts, strict=True)])
-    bodies = SimpleNamespace(
-        parent=np.array([-1, 0, 1]), joint=np.array([JOINT_FIXED, JOINT_REVOLUTE, JOINT_PRISMATIC]), origin=origin, axis=axis,
-        dof=np.array([-1, 0, 1]), multiplier=np.ones(3), offset=np.zeros(3), tree=np.zeros(3, int),
-    )  # fmt: skip
-    world = SimpleNamespace(
-        scene=SimpleNamespace(bodies=bodies),
-        tree_names=("arm",),
-        dof_names=("turn", "slide"),
-        frame_names=("a", "b", "c"),
-    )
+
+    def joint(name: str, kind: str, parent: str, child: str, k: int) -> str:
+        rpy, xyz, direction = (" ".join(map(repr, row[k].tolist())) for row in (turns, shifts, axis))
+        return (
+            f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+            f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{direction}"/></joint>'
+        )
+
+    links = "".join(f'<link name="{name}"/>' for name in "abc")
+    joints = joint("turn", "revolute", "a", "b", 1) + joint("slide", "prismatic", "b", "c", 2)
+    urdf = f'<robot name="arm">{links}{joints}</robot>'
+    output: Any = SimpleNamespace(attachments=lambda: {"arm.urdf": urdf.encode()})
 
     def pose(rotation: Rotation, position: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.concatenate([position, rotation.as_quat()])
@@ -149,10 +151,10 @@ def test_a_recorded_angle_is_the_turn_of_the_recorded_links() -> None:
             np.array([pose(root, at), pose(second, second_at), pose(third, third_at)]),
         )
         near = np.array([angle + 0.5, 0.0])
-        found = RecordedJoints(world).values(poses, "arm", ("turn", "slide"), near)
+        found = RecordedJoints(output).values(poses, "arm", ("turn", "slide"), near)
         assert found == pytest.approx([angle, slide], abs=1e-12)
     assert np.isnan(
-        RecordedJoints(world).values(Poses((), np.zeros((0, 7))), "arm", ("turn", "gone"), np.zeros(2))
+        RecordedJoints(output).values(Poses((), np.zeros((0, 7))), "arm", ("turn", "gone"), np.zeros(2))
     ).all()
 
 
