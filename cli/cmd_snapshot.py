@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from .command import command, current_terminal
-from .options import INPUT_FILE, OUTPUT_FILE, check_ending, check_outputs, force_option
+from .options import check_ending, check_outputs, force_option, picture_options
 
 
 @command(
@@ -18,20 +18,15 @@ from .options import INPUT_FILE, OUTPUT_FILE, check_ending, check_outputs, force
     geomphys snapshot corrected.mcap -o window.png --frame 1200 --whole --size 1920 1080
     """,
 )
-@click.argument("result", metavar="OUT", type=INPUT_FILE)
-@click.option("--output", "-o", "out", type=OUTPUT_FILE, required=True, metavar="PNG", help="The picture to write.")
-@click.option("--frame", type=click.IntRange(min=0), default=0, show_default=True, help="Which frame, from 0.")
-@click.option("--focus", metavar="BODY", help="Body, avatar or object to look at. Default: what touches or was moved.")
-@click.option("--whole", is_flag=True, help="The viewer's whole window, plots and all, not only the scene.")
-@click.option(
-    "--size",
-    type=click.IntRange(64, 8192),
-    nargs=2,
-    default=(1280, 960),
-    show_default=True,
-    metavar="W H",
-    help="Width and height of the picture, or of the viewer's window.",
+@picture_options(
+    "PNG",
+    "The picture to write.",
+    size=(1280, 960),
+    size_limit=8192,
+    size_text="Width and height of the picture, or of the viewer's window.",
 )
+@click.option("--frame", type=click.IntRange(min=0), default=0, show_default=True, help="Which frame, from 0.")
+@click.option("--whole", is_flag=True, help="The viewer's whole window, plots and all, not only the scene.")
 @force_option
 def snapshot(
     result: Path, out: Path, frame: int, focus: str | None, whole: bool, size: tuple[int, int], force: bool

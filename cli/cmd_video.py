@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from .command import command, current_terminal
-from .options import INPUT_FILE, OUTPUT_FILE, SECONDS, check_ending, check_outputs, force_option
+from .options import SECONDS, check_ending, check_outputs, force_option, picture_options
 from .progress import progress_bar
 from .signals import StopAtFrame
 
@@ -23,24 +23,17 @@ FORMATS = (".mp4", ".gif")
     geomphys video corrected.mcap -o grasp.mp4 --from 3.5 --to 8 --focus hand/index_distal
     """,
 )
-@click.argument("result", metavar="OUT", type=INPUT_FILE)
-@click.option(
-    "--output", "-o", "out", type=OUTPUT_FILE, required=True, metavar="VIDEO", help="The .mp4 or .gif to write."
+@picture_options(
+    "VIDEO",
+    "The .mp4 or .gif to write.",
+    size=(640, 480),
+    size_limit=4096,
+    size_text="Width and height of each half, even numbers.",
 )
 @click.option("--from", "start", type=SECONDS, metavar="S", help="Begin S seconds after the first frame.")
 @click.option("--to", "end", type=SECONDS, metavar="S", help="End S seconds after the first frame.")
-@click.option("--focus", metavar="BODY", help="Body, avatar or object to look at. Default: what touches or was moved.")
 @click.option("--worst", is_flag=True, help="Only the seconds about the largest correction.")
 @click.option("--fps", type=click.FloatRange(0.1, 240.0), help="Pictures a second. Default: 30, of a GIF 15.")
-@click.option(
-    "--size",
-    type=click.IntRange(64, 4096),
-    nargs=2,
-    default=(640, 480),
-    show_default=True,
-    metavar="W H",
-    help="Width and height of each half, even numbers.",
-)
 @click.option("--jobs", "-j", type=click.IntRange(min=1), help="Processes that draw. Default: one for each core.")
 @force_option
 def video(

@@ -113,6 +113,29 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON, 
 
 force_option = click.option("--force", "-f", is_flag=True, help="Overwrite outputs that exist.")
 
+
+def picture_options(
+    metavar: str, text: str, *, size: tuple[int, int], size_limit: int, size_text: str
+) -> Callable[[F], F]:
+    """Return what a command that draws an output takes: the output, the file to write, ``--focus`` and ``--size``."""
+    return _combine_options(
+        click.argument("result", metavar="OUT", type=INPUT_FILE),
+        click.option("--output", "-o", "out", type=OUTPUT_FILE, required=True, metavar=metavar, help=text),
+        click.option(
+            "--focus", metavar="BODY", help="Body, avatar or object to look at. Default: what touches or was moved."
+        ),
+        click.option(
+            "--size",
+            type=click.IntRange(64, size_limit),
+            nargs=2,
+            default=size,
+            show_default=True,
+            metavar="W H",
+            help=size_text,
+        ),
+    )
+
+
 config_options = _combine_options(
     click.option(
         "--mode",
