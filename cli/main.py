@@ -56,7 +56,7 @@ class BrokenPipe(Exception):  # noqa: N818
 
 
 @contextmanager
-def broken_pipes_carried() -> Iterator[None]:
+def broken_pipes_passed_on() -> Iterator[None]:
     """Raise `BrokenPipe` from a BrokenPipeError of the block."""
     try:
         yield
@@ -67,12 +67,12 @@ def broken_pipes_carried() -> Iterator[None]:
 class LazyGroup(click.Group):
     """The commands of `COMMANDS`; the module of a command is imported on use."""
 
-    @broken_pipes_carried()
+    @broken_pipes_passed_on()
     def make_context(self, *args: Any, **extra: Any) -> click.Context:
         """Parse the arguments."""
         return super().make_context(*args, **extra)
 
-    @broken_pipes_carried()
+    @broken_pipes_passed_on()
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command."""
         return super().invoke(ctx)

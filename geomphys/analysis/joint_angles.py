@@ -137,8 +137,8 @@ class RecordedJoints:
             self._columns = {joint: column for column, joint in enumerate(self._links.joints)}
         columns = [self._columns.get((avatar, joint), -1) for joint in joints]
         found = np.append(self._links.values(recorded.values[None])[0], np.nan)[columns]
-        turns = np.round((near - found) / (2.0 * np.pi))
-        values: Floats = np.where(np.append(self._links.sliding, True)[columns], found, found + 2.0 * np.pi * turns)
+        nearest = found + 2.0 * np.pi * np.round((near - found) / (2.0 * np.pi))
+        values: Floats = np.where(np.append(self._links.sliding, True)[columns], found, nearest)
         return values
 
 

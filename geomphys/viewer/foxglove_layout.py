@@ -139,7 +139,7 @@ def _scene(topics: Collection[str], eye: Viewpoint) -> dict[str, Any]:
     """Settings of the 3D panel: what is drawn, and the camera."""
     offset = eye.position - eye.target
     distance = float(np.linalg.norm(offset))
-    shown = {topic: {"visible": True} for topic in SHOWN if topic in topics}
+    shown: dict[str, dict[str, Any]] = {topic: {"visible": True} for topic in SHOWN if topic in topics}
     if "/contacts/points" in shown:
         shown["/contacts/points"] |= {"pointSize": 8, "colorMode": "flat", "flatColor": "#dc2828ff"}
     shown |= {topic: {"visible": False} for topic in topics if topic.endswith("/robot_description")}
