@@ -114,8 +114,8 @@ def cases() -> list[object]:
         elif any(map(on_recordings, lines)):
             found.append(pytest.param(lines, id=path.stem, marks=pytest.mark.slow))
             continue
-        batches = [line for line in lines if line.startswith("geomphys batch")]
-        if batches:
+        batches = [line for line in commands(path) if line.startswith("geomphys batch")]
+        if batches:  # each needs the one before it
             found.append(pytest.param(batches, id=f"{path.stem}-batches", marks=pytest.mark.slow))
         if others := [line for line in lines if line not in batches]:
             found.append(pytest.param(others, id=path.stem))
