@@ -97,7 +97,7 @@ def test_a_process_ends_without_a_word(pressed: Results) -> None:
 def test_a_pipe_to_another_program_that_breaks_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     from geomphys_cli import cmd_schema
 
-    def broken() -> None:
+    def broken(name: str) -> None:
         raise BrokenPipeError(32, "Broken pipe")
 
     monkeypatch.setattr(cmd_schema.schema, "callback", broken)

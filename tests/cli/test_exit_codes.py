@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -105,17 +104,6 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     name, version = capsys.readouterr().out.split()
     assert name == "geomphys"
     assert version[0].isdigit()
-
-
-def test_a_reader_that_goes_away_is_no_error_message() -> None:
-    reading, writing = os.pipe()
-    os.close(reading)
-    outcome = subprocess.run(
-        [sys.executable, "-m", "geomphys_cli", "schema"], stdout=writing, stderr=subprocess.PIPE, text=True
-    )
-    os.close(writing)
-    assert outcome.stderr == ""
-    assert outcome.returncode == 1
 
 
 def test_names_the_terminal_cannot_encode_are_escaped(case: Case) -> None:
