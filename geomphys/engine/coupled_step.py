@@ -13,7 +13,7 @@ from geomphys.driven.coupling import relax
 from geomphys.driven.postures import copy_tree, is_recorded
 from geomphys.driven.state import GIVEN, WAS_GIVEN
 from geomphys.engine.coupled_groups import clear_overlaps, label_groups, take_group
-from geomphys.engine.coupled_motion import advance_together, place_driven
+from geomphys.engine.coupled_motion import advance_together, pose_driven_trees
 from geomphys.engine.coupled_state import Coupled
 from geomphys.engine.coupled_unknowns import end_unknown, first_unknown, load_unknowns, pose_driven
 from geomphys.engine.methods import yield_by_method
@@ -228,7 +228,7 @@ def move_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
             if c.trees[group].group == group:
                 take_group(scene, m, group)
                 impacts += advance_together(scene, m, roots, angles, dt)
-                place_driven(scene, m, roots, angles, dt, 0.0, dt)
+                pose_driven_trees(scene, m, roots, angles, dt, 0.0, dt)
                 clear_overlaps(m.simulated, dt)
         take_group(scene, m, -1)
     for tree in range(len(scene.trees.role)):

@@ -70,7 +70,7 @@ BODY = np.dtype(
         (
             "awake",
             INT,
-        ),  # 0: rests, and nothing that moves is near; 1: moves; 2: moves with driven bodies; 3: so, in another group
+        ),  # 0: rests, nothing that moves is near; 1: moves; 2: with driven bodies; 3: so, in another group
         ("island_awake", INT),  # the same of the island that bears this body's name
         ("fresh", INT),  # 1: stands where the caller put it, not where the frame before left it
         ("touched", INT),  # 1: has had contact points in this step
