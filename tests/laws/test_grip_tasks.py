@@ -28,7 +28,7 @@ def check(done: Outcome, noise: float = 0.0) -> None:
     height = done.run.path("thing")[:, 2] - done.height
     slips = done.slips()
     assert height[done.frame(LIFTED) : done.frame(OPENS)].min() > 0.18
-    assert done.slip(slips, GRIPPED, OPENS) < 1e-3
+    assert done.slip(slips, GRIPPED, OPENS) < (1e-3 if noise == 0.0 else 3e-3)
     if noise == 0.0:
         assert done.slip(slips, RESTED, HELD) / (HELD - RESTED) < 1e-4
     assert height[-1] < 0.1
@@ -38,7 +38,7 @@ def check(done: Outcome, noise: float = 0.0) -> None:
     assert grasp.margin > 1.0
 
 
-def is_enough(grip: str, what: str, squeeze: float, friction: float) -> bool:
+def is_enough(what: str, squeeze: float, friction: float) -> bool:
     """Whether friction carries a thing between two sides, or three fingers, that press by K x."""
     mass = float(THINGS[what]["mass"])  # type: ignore[arg-type]
     return 2 * friction * STIFFNESS * squeeze > NEEDED * mass * GRAVITY
@@ -57,7 +57,7 @@ def test_one_grip_of_every_kind(tmp_path: Path, grip: str, what: str) -> None:
 @pytest.mark.parametrize("grip", ["jaws", "three", "chains", "rigid"])
 def test_all_grips(tmp_path: Path, grip: str, what: str, friction: float, squeeze: float, rate: int) -> None:
     done = grip_task(tmp_path, grip, what, squeeze, friction, rate)
-    if is_enough(grip, what, squeeze, friction):
+    if is_enough(what, squeeze, friction):
         check(done)
     forces = done.force(GRIPPED)
     sides = [force for name, force in forces.items() if name != "floor"]
