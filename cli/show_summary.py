@@ -35,6 +35,7 @@ FLAG_TEXTS = {
     "blocked": "held back by something in between",
     "started_inside": "began inside something",
     "catching_up": "caught up with what was missed in a gap or a jump",
+    "sweep_bound": "where contact forces ended at their bound of sweeps",
 }
 
 

@@ -39,6 +39,7 @@ FLAG_SHAPE_CHANGED = (
     512  # rigid mode: the shape or the orientation yielded too, as a translation would have gone too far
 )
 FLAG_CATCHING_UP = 1024  # after a gap or a jump of a tracker, the way missed is made up at a bounded speed
+FLAG_SWEEP_BOUND = 2048  # contact forces of driven and simulated bodies ended at their bound of sweeps, not settled
 
 
 class Contacts(NamedTuple):

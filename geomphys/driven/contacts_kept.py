@@ -49,6 +49,18 @@ def note_touches(scene: Scene, ws: DrivenWorkspace, near: Near) -> None:
             note_touch(scene, ws, tip, body_b, near.separation[k])
 
 
+@kernel
+def forget_touches(scene: Scene, ws: DrivenWorkspace, tree: int) -> None:
+    """Drop the recorded contacts of a tree: the contact solve has said how it presses."""
+    work, count = ws.work, 0
+    for i in range(work.touches[0]):
+        if scene.bodies.tree[work.touch[i, 0]] != tree:
+            work.touch[count, 0], work.touch[count, 1] = work.touch[i, 0], work.touch[i, 1]
+            work.touch_gap[count] = work.touch_gap[i]
+            count += 1
+    work.touches[0] = count
+
+
 @outlined
 def measure_touches(scene: Scene, ws: DrivenWorkspace, limit: float) -> None:
     """Measure the nearest of the near pairs of each tip with what it touched in the recording, within `limit` [m]."""

@@ -45,6 +45,8 @@ def take_limits(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: F
             if abs(change) > JUMP:
                 change = 0.0
             work.extrapolated[q] = min(max(last[q] + change, work.low[q]), work.high[q])
+        if state.given[scene.dofs.tree[q]] == GIVEN:  # the contact solve has said where it goes
+            work.extrapolated[q] = min(max(state.prescribed.angles[q], work.low[q]), work.high[q])
 
 
 @outlined

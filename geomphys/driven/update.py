@@ -14,13 +14,23 @@ from numpy.typing import NDArray
 
 from geomphys.collision.sweep import update_boxes
 from geomphys.driven.constraints import concerns
+from geomphys.driven.contacts_kept import forget_touches
 from geomphys.driven.goals import set_goals, take_limits
 from geomphys.driven.groups import GLOBAL, PASSES, Outcome, set_around, settle, solve_first, solve_group
 from geomphys.driven.objective import is_stiff, link_centre
 from geomphys.driven.postures import copy_tree
 from geomphys.driven.reachability import measure_swept_pairs, path_of_pair_is_free
 from geomphys.driven.sqp import ANY_PATH, search
-from geomphys.driven.state import LOCKED, NEVER_FREE, RIGID, STARTED_FREE, WAS_GIVEN, DrivenState, DrivenWorkspace
+from geomphys.driven.state import (
+    GIVEN,
+    LOCKED,
+    NEVER_FREE,
+    RIGID,
+    STARTED_FREE,
+    WAS_GIVEN,
+    DrivenState,
+    DrivenWorkspace,
+)
 from geomphys.driven.stepping import measure_near_pairs, pose_with_pieces
 from geomphys.driven.targets import aim, clear_offsets, note_offsets
 from geomphys.jit.kernel import kernel, outlined
@@ -104,6 +114,9 @@ def update_driven(
     for tree in range(len(scene.trees.role)):
         if scene.trees.moving[tree] == 1:
             copy_tree(scene, state.last, tree, work.before)
+    for tree in range(len(scene.trees.role)):
+        if state.given[tree] == GIVEN:
+            forget_touches(scene, ws, tree)
     take_limits(scene, state, ws, angles)
     aim(scene, state, ws, recorded, 0.0 if first else dt)
     if first:

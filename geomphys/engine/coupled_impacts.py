@@ -6,7 +6,7 @@ import math
 
 from geomphys.engine.coupled_solve import (
     IMPACT_PRECISION,
-    IMPACT_SWEEPS,
+    MOST_SWEEPS,
     add_responses,
     bound_response,
     relative_velocity,
@@ -77,7 +77,7 @@ def resolve_impacts(scene: Scene, m: Machine, h: float) -> int:
         bound_response(c, k)
         g.impulse = 0.0
         g.target_speed = 0.0 if g.clearance <= sim.frame[0].touch else LEFT_OUT
-    solve_contacts(sim, c, IMPACT_SWEEPS, IMPACT_PRECISION)
+    solve_contacts(sim, c, MOST_SWEEPS, IMPACT_PRECISION)
     for tree in range(len(scene.trees.role)):
         if solves(scene, c, tree):
             end_impact(c, 3 * tree, 3 * tree + 3)

@@ -206,11 +206,7 @@ def solve_step(scene: Scene, m: Machine, t: float, h: float, to_impact: bool) ->
         c.bounds[k].impulse = 0.0
     set_targets(sim, c, h, to_impact)
     begin_with_forces(sim, c, h)
-    sweeps = solve_contacts(sim, c, SWEEPS, PRECISION)
-    solve = c.solve[0]
-    solve.sweeps = max(solve.sweeps, sweeps)
-    if sweeps == SWEEPS:
-        solve.unsettled += 1
+    solve_contacts(sim, c, SWEEPS, PRECISION)
 
 
 @outlined
@@ -295,7 +291,8 @@ def note_slip(m: Machine, t: float, h: float) -> None:
     """Remember by how much points that stick have slipped, for the next step to take back; of what slides, nothing."""
     sim, c = m.simulated, m.coupled
     for k in range(sim.counts[0].pairs):
-        sim.pairs[k].touching = 0
+        if sim.bodies[sim.pairs[k].body[0]].awake == 2:
+            sim.pairs[k].touching = 0
     for k in range(sim.counts[0].rows):
         r = sim.rows[k]
         slot = sim.slots[r.pair, r.slot]

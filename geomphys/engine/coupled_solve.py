@@ -17,7 +17,8 @@ from geomphys.simulated.contact_points import invert_mass, speed_at
 from geomphys.simulated.state import Row, Simulation, is_simulated
 
 SWEEPS = 50  # of a step: the next one begins with what this one found
-IMPACT_SWEEPS = 300
+MOST_SWEEPS = 300  # of a step or an impact that is not settled before
+SETTLED = 2e-4  # m/s: less than a micrometre a step
 PRECISION = 1e-6  # m/s: of a step; what is left of it is taken back as slip or overlap
 IMPACT_PRECISION = 1e-10  # m/s
 
@@ -140,11 +141,12 @@ def visit(sim: Simulation, c: Coupled, r: Row) -> float:
 def solve_contacts(sim: Simulation, c: Coupled, sweeps: int, precision: float) -> int:
     """Solve the rows whose `mode` is 1 and all bounds together, from the impulses they hold, which must be in the velocities.
 
-    Done when no impulse changes a velocity by more than `precision` [m/s], or after so many `sweeps`; returns the sweeps made.
+    Done when no impulse changes a velocity by more than `precision` [m/s], or after so many `sweeps` when none does by more
+    than `SETTLED`, or after `MOST_SWEEPS`: then the solve is not settled, which is counted. Returns the sweeps made.
     """
     rows, bounds = sim.counts[0].rows, c.solve[0].bounds
     total = rows + bounds
-    for sweep in range(sweeps):
+    for sweep in range(MOST_SWEEPS):
         most = 0.0
         for i in range(total):
             k = i if sweep & 1 == 0 else total - 1 - i
@@ -154,9 +156,10 @@ def solve_contacts(sim: Simulation, c: Coupled, sweeps: int, precision: float) -
             r = sim.rows[k]
             if r.mode == 1:
                 most = max(most, visit(sim, c, r))
-        if most <= precision:
+        if most <= precision or (sweep + 1 >= sweeps and most <= SETTLED):
             return sweep + 1
-    return sweeps
+    c.solve[0].unsettled += 1
+    return MOST_SWEEPS
 
 
 @kernel

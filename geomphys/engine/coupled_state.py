@@ -44,6 +44,7 @@ TREE = np.dtype(
         ("solved", INT),  # 1: a simulated body is near, its contacts are solved in this part
         ("pressed", INT),  # 1: a simulated body pressed it in the last step
         ("touched", INT),  # 1: one pressed or hit it in this part
+        ("group", INT),  # label of what is solved together with it; -1: nothing is
         ("rotation_offset", FLOAT, 4),  # x y z w: orientation of the root, from its recorded one
     ]
 )
@@ -76,8 +77,7 @@ SOLVE = np.dtype(
         ("effects", INT),
         ("bounds", INT),
         ("lost", INT),  # contacts that did not fit in their table
-        ("sweeps", INT),  # most sweeps of a step so far in this frame
-        ("unsettled", INT),  # steps of this frame that ended at the bound on sweeps
+        ("unsettled", INT),  # steps and impacts of this part that ended at the bound on sweeps
         ("started", INT),  # 1: there was a part before
         ("part_time", FLOAT),  # s: how long it was
         ("awake", INT),  # 1: some simulated body is awake in this part

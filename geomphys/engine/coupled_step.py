@@ -12,7 +12,8 @@ from geomphys.collision.sweep import apart, update_boxes
 from geomphys.driven.coupling import relax
 from geomphys.driven.postures import copy_tree, is_recorded
 from geomphys.driven.state import GIVEN, WAS_GIVEN
-from geomphys.engine.coupled_motion import advance_together
+from geomphys.engine.coupled_groups import clear_overlaps, label_groups, take_group
+from geomphys.engine.coupled_motion import advance_together, pose_driven_trees
 from geomphys.engine.coupled_state import Coupled
 from geomphys.engine.coupled_unknowns import end_unknown, first_unknown, load_unknowns, pose_driven
 from geomphys.engine.methods import yield_by_method
@@ -32,7 +33,6 @@ STEP_TOLERANCE = 0.01  # share of a substep by which one may be longer: times of
 MAX_SUBSTEPS = 16  # in a frame
 NEAR = 6e-3  # m: bodies that come no nearer do not meet
 LEAST_OVERLAP = 4e-6  # m: a driven body gives way to a simulated one that is deeper in it
-LEAST_MOTION = 1e-9  # m: of both in a frame together; slower, one turn a frame will do
 
 
 @outlined
@@ -157,8 +157,6 @@ def substeps_of(scene: Scene, m: Machine, dt: float) -> int:
                 continue
             body = scene.trees.body_start[other]
             speed = norm((m.velocity[body, 0], m.velocity[body, 1], m.velocity[body, 2]))
-            if moved + dt * speed < LEAST_MOTION:
-                continue
             reach = moved + dt * speed + norm(off) + NEAR
             for link in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
                 if not apart(
@@ -213,24 +211,6 @@ def lay_paths(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float
                 m.corrected[body, k] = c.after.poses[body, k] if driven else m.recorded[body, k]
 
 
-@kernel
-def choose_coupled(scene: Scene, m: Machine) -> bool:
-    """Let islands that may meet a driven tree be solved together with it; whether there are any."""
-    sim, some = m.simulated, False
-    for k in range(sim.counts[0].pairs):
-        a, b = sim.pairs[k].body[0], sim.pairs[k].body[1]
-        if sim.bodies[b].role == DRIVEN and sim.bodies[a].awake == 1:
-            sim.bodies[sim.bodies[a].island].island_awake = 2
-            m.coupled.trees[sim.bodies[b].tree].solved = 1
-            some = True
-    if some:
-        for s in range(len(sim.free)):
-            body = sim.bodies[sim.free[s]]
-            if body.awake == 1 and sim.bodies[body.island].island_awake == 2:
-                body.awake = 2
-    return some
-
-
 @outlined
 def move_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float, gap: float, goes_on: bool) -> int:
     """Solve what may meet, driven and simulated, through a part of a frame; returns the impacts.
@@ -243,9 +223,14 @@ def move_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
     lay_paths(scene, m, roots, angles, dt)
     m.coupled.solve[0].awake = 1 if begin_frame(m.simulated, dt, gap, goes_on) else 0
     impacts = 0
-    if choose_coupled(scene, m):
-        impacts = advance_together(scene, m, roots, angles, dt)
-        m.simulated.counts[0].rows = 0
+    if label_groups(scene, m):
+        for group in range(len(c.trees)):
+            if c.trees[group].group == group:
+                take_group(scene, m, group)
+                impacts += advance_together(scene, m, roots, angles, dt)
+                pose_driven_trees(scene, m, roots, angles, dt, 0.0, dt)
+                clear_overlaps(m.simulated, dt)
+        take_group(scene, m, -1)
     for tree in range(len(scene.trees.role)):
         m.workspace.work.ignored[tree] = 1 if scene.trees.role[tree] == SIMULATED else 0
         if scene.trees.role[tree] == DRIVEN:

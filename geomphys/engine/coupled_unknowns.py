@@ -108,7 +108,7 @@ def load_unknowns(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
         t.touched = t.solved = 0
         copy_tree(scene, state.recorded, tree, c.begin)
     solve.started, solve.part_time = 1, dt
-    solve.sweeps = solve.unsettled = solve.lost = 0
+    solve.unsettled = solve.lost = 0
 
 
 @kernel

@@ -29,7 +29,10 @@ class Grasp:
     lifted_m: float  # how far against gravity while it was held, at most
     dropped: int  # how often it was let go in the air
     grip_force_n: float  # median of the sum of normal forces while it was held, else while it was touched
-    margin: float  # least share of available over needed friction while it was held; inf where none was needed
+    margin: (
+        float  # least share of available over needed friction while it was held, the last 0.2 s before it was let go
+    )
+    # left out; inf where none was needed
 
     @property
     def outcome(self) -> str:
@@ -52,6 +55,7 @@ class _Body:
     lifted: float = 0.0
     dropped: int = 0
     margin: float = math.inf
+    latest: list[tuple[float, float]] = field(default_factory=list)  # (supported_s, margin) of the last `HELD_FOR`
     centre: Floats | None = None  # (3,) m, of mass, in the frame before if it was touched then
     velocity: Floats | None = None  # (3,) m/s
     acceleration: Floats | None = None  # (3,) m/s²
@@ -103,6 +107,7 @@ class GraspMeter:
         if force <= LEAST_FORCE:
             dropped = was_held and rest <= LEAST_FORCE
             seen.supported_s, seen.centre, seen.velocity = 0.0, None, None
+            seen.latest.clear()
             seen.dropped += dropped
             if was_held:
                 return [("warning" if dropped else "info", f"{name}: {'dropped' if dropped else 'set down'}")]
@@ -115,6 +120,7 @@ class GraspMeter:
         seen.forces[0].append(force)
         if rest > LEAST_FORCE:
             seen.supported_s = 0.0
+            seen.latest.clear()
             return [("info", f"{name}: set down")] if was_held else []
         if seen.supported_s == 0.0:
             seen.begin = height
@@ -129,7 +135,9 @@ class GraspMeter:
         sign = np.where(contacts.body_a == body, 1.0, -1.0)
         pressed = (contacts.normal * (sign * forces)[:, None])[gripping].sum(axis=0)
         needed = float(np.linalg.norm(self._carrying_force(body, seen) - pressed))
-        seen.margin = min(seen.margin, available / needed if needed > LEAST_FORCE else math.inf)
+        seen.latest.append((seen.supported_s, available / needed if needed > LEAST_FORCE else math.inf))
+        while seen.supported_s - seen.latest[0][0] >= HELD_FOR:  # what is let go needs no margin
+            seen.margin = min(seen.margin, seen.latest.pop(0)[1])
         return [] if was_held else [("info", f"{name}: held with {force:.3g} N")]
 
     def _velocity(self, body: int, seen: _Body, result: FrameResult, dt: float) -> Floats | None:
@@ -154,7 +162,7 @@ class GraspMeter:
                 lifted_m=seen.lifted if seen.held_s > 0.0 else 0.0,
                 dropped=seen.dropped,
                 grip_force_n=float(np.median(seen.forces[1] or seen.forces[0])),
-                margin=seen.margin,
+                margin=min([seen.margin, *(margin for _, margin in seen.latest)]),
             )
             for body, seen in self._bodies.items()
             if seen.touched_s > 0.0

@@ -10,6 +10,7 @@ from geomphys.results import (
     FLAG_QUARANTINED,
     FLAG_SHAPE_CHANGED,
     FLAG_STARTED_INSIDE,
+    FLAG_SWEEP_BOUND,
     Metrics,
 )
 
@@ -34,6 +35,10 @@ _TEXTS = {
         "a body that moves in one piece yields in shape or orientation too: else it would go too far; see shape_change_rad",
     ),
     FLAG_CATCHING_UP: ("info", "after a gap or a jump of a tracker, what is driven catches up at a bounded speed"),
+    FLAG_SWEEP_BOUND: (
+        "info",
+        "contact forces of driven and simulated bodies ended at their bound of sweeps, not settled",
+    ),
     FLAG_BLOCKED: ("info", "something stands between a body and its recorded place"),
 }
 

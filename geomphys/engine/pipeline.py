@@ -21,8 +21,9 @@ from geomphys.errors import GeomphysError
 from geomphys.jit.packed_records import pack
 from geomphys.jit.stage_clock import STAGES, ns_per_cycle
 from geomphys.numerics.motion_rates import MotionMeter
-from geomphys.results import Frame, FrameResult
+from geomphys.results import FLAG_CATCHING_UP, Frame, FrameResult
 from geomphys.scene.arrays import DRIVEN, Scene, World
+from geomphys.scene.kinematics import pose_tree
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -130,6 +131,11 @@ class Pipeline:
         angles: Floats = 4.0 * np.arcsin(np.minimum(1.0, 0.5 * chord)).max(axis=1, initial=0.0)
         return angles
 
+    def _pose_as_recorded(self, frame: Frame, poses: Floats) -> None:
+        """Put driven trees in `poses` (B, 7) where they were recorded: a frame that catches up is not there yet."""
+        for tree in np.flatnonzero(self.scene.trees.role == DRIVEN).tolist():
+            pose_tree(self._packed[0], self.machine.workspace.origins, tree, frame.roots, frame.angles, poses)
+
     def result(self, chunk: Chunk, row: int, encode_ns: int, messages: tuple[Message, ...] = ()) -> FrameResult:
         """The result of a frame of a chunk; `encode_ns` is what the sinks took for the frame before."""
         block, frame, scale = chunk.block, chunk.frames[row], ns_per_cycle()
@@ -138,9 +144,12 @@ class Pipeline:
             (name, int(block.cycles[row, k] * scale), int(block.counts[row, k])) for k, name in enumerate(STAGES)
         ]
         metrics = metrics_of(block, row, frame.held, frame.flags | chunk.flags[row], chunk.motion[row])
+        recorded = poses_of(block, block.recorded[row])
+        if chunk.flags[row] & FLAG_CATCHING_UP:
+            self._pose_as_recorded(frame, recorded)
         result = FrameResult(
             frame=frame,
-            recorded=poses_of(block, block.recorded[row]),
+            recorded=recorded,
             corrected=poses_of(block, block.corrected[row]),
             angles=block.angles[row].copy(),
             contacts=contacts_of(block, row),

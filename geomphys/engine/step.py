@@ -46,7 +46,14 @@ from geomphys.engine.quarantine import contain_driven, keep_posture
 from geomphys.engine.state import Machine, StepParameters
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.jit.stage_clock import cycles
-from geomphys.results import FLAG_BLOCKED, FLAG_NOT_CONVERGED, FLAG_SHAPE_CHANGED, FLAG_STARTED_INSIDE
+from geomphys.results import (
+    FLAG_BLOCKED,
+    FLAG_IMPACT_BOUND,
+    FLAG_NOT_CONVERGED,
+    FLAG_SHAPE_CHANGED,
+    FLAG_STARTED_INSIDE,
+    FLAG_SWEEP_BOUND,
+)
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
 from geomphys.scene.kinematics import pose_pieces_of_tree, pose_tree
 from geomphys.simulated.frame_contacts import deepest_overlap, deepest_overlap_at_start, write_touches
@@ -218,6 +225,10 @@ def step(
         moves = not first and len(m.simulated.free) > 0 and dt > 0.0
         if moves:
             impacts += move_together(scene, m, now_at, joint_values, dt / parts, params.gap, part > 0)
+            if m.coupled.solve[0].unsettled > 0:
+                flags |= FLAG_SWEEP_BOUND
+            if m.coupled.solve[0].lost > 0:
+                flags |= FLAG_IMPACT_BOUND
         simulating += cycles() - t3
         more = drive(scene, m, now_at, joint_values, dt / parts, first, params)
         done = Outcome(

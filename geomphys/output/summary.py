@@ -34,6 +34,7 @@ FLAG_NAMES = {
     results.FLAG_STARTED_INSIDE: "started_inside",
     results.FLAG_SHAPE_CHANGED: "shape_changed",
     results.FLAG_CATCHING_UP: "catching_up",
+    results.FLAG_SWEEP_BOUND: "sweep_bound",
 }
 """Name of each bit of `Metrics.flags`."""
 

@@ -67,7 +67,7 @@ BODY = np.dtype(
         ("island", INT),  # label shared by bodies that may touch each other within the frame
         ("changed", INT),  # 1: has changed course at this moment
         ("moves", INT),  # 1: may move
-        ("awake", INT),  # 0: rests, and nothing that moves is near; 1: moves; 2: is moved together with driven bodies
+        ("awake", INT),  # 0: rests, nothing moving is near; 1: moves; 2: with driven bodies; 3: so, in another group
         ("island_awake", INT),  # the same of the island that bears this body's name
         ("fresh", INT),  # 1: stands where the caller put it, not where the frame before left it
         ("touched", INT),  # 1: has had contact points in this step

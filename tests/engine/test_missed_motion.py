@@ -58,6 +58,9 @@ def test_after_lost_tracking_of_a_second_a_touched_ball_leaves_no_faster_than_th
     assert any(flagged)
     assert not any(f for f, t in zip(flagged, run.t, strict=True) if t < 1.9)
     assert run.path("slab")[-1, 0] == pytest.approx(steady(4.0), abs=0.05)
+    slab = run.world.body_names.index("slab")
+    seen = [(r.recorded[slab, 0], steady(t)) for r, t, f in zip(run.results, run.t, flagged, strict=True) if f]
+    np.testing.assert_allclose(*zip(*seen, strict=True), atol=1e-9)  # what is shown as recorded is what was recorded
 
 
 def test_a_tracker_that_jumps_for_a_frame_strikes_nothing(tmp_path: Path) -> None:

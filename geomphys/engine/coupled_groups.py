@@ -1,0 +1,133 @@
+"""Groups of driven trees and simulated islands that may meet: each is solved by itself, whatever is elsewhere."""
+
+from __future__ import annotations
+
+from geomphys.collision.penetration import separation
+from geomphys.engine.coupled_state import Coupled
+from geomphys.engine.state import Machine
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import vec_of
+from geomphys.scene.arrays import DRIVEN, Scene
+from geomphys.simulated.contact_points import add_rows, clear_impulse
+from geomphys.simulated.position_projection import TOUCHING, project_positions
+from geomphys.simulated.state import Simulation
+from geomphys.simulated.time_of_impact import pose_pair
+
+NEAR_TREES = 0.02  # m: driven trees that come no nearer are not solved together
+
+
+@kernel
+def may_press(m: Machine, k: int) -> bool:
+    """Whether pair k of the simulated loop is of an awake body and a driven link."""
+    sim = m.simulated
+    a, b = sim.pairs[k].body[0], sim.pairs[k].body[1]
+    return bool(sim.bodies[b].role == DRIVEN and sim.bodies[a].awake == 1)
+
+
+@kernel
+def island_tree(sim: Simulation, body: int) -> int:
+    """Tree of the body that an island bears the name of."""
+    return int(sim.bodies[sim.bodies[body].island].tree)
+
+
+@kernel
+def unite(c: Coupled, a: int, b: int) -> bool:
+    """Give two trees one label; whether they had two."""
+    x, y = c.trees[a].group, c.trees[b].group
+    if x == y:
+        return False
+    c.trees[a].group = c.trees[b].group = min(x, y)
+    return True
+
+
+@kernel
+def are_near(scene: Scene, sim: Simulation, tree: int, other: int) -> bool:
+    """Whether links of two trees may come nearer than `NEAR_TREES` in this part."""
+    for a in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+        for b in range(scene.trees.body_start[other], scene.trees.body_start[other + 1]):
+            x, y, near = sim.body_boxes[a], sim.body_boxes[b], True
+            for i in range(3):
+                near = near and x[i] <= y[3 + i] + NEAR_TREES and y[i] <= x[3 + i] + NEAR_TREES
+            if near:
+                return True
+    return False
+
+
+@outlined
+def label_groups(scene: Scene, m: Machine) -> bool:
+    """Label driven trees and islands that may meet, directly or through others: what is solved together. Whether any may.
+
+    A group has steps, margins and sweeps of its own, so that nothing hangs on what is elsewhere. Its bodies count as not
+    awake for the simulated loop.
+    """
+    sim, c, some = m.simulated, m.coupled, False
+    for tree in range(len(c.trees)):
+        c.trees[tree].group = -1
+    for k in range(sim.counts[0].pairs):
+        if may_press(m, k):
+            a, b = island_tree(sim, sim.pairs[k].body[0]), sim.bodies[sim.pairs[k].body[1]].tree
+            c.trees[a].group, c.trees[b].group, some = a, b, True
+    changed = some
+    while changed:
+        changed = False
+        for k in range(sim.counts[0].pairs):
+            if may_press(m, k):
+                a, b = island_tree(sim, sim.pairs[k].body[0]), sim.bodies[sim.pairs[k].body[1]].tree
+                changed = unite(c, a, b) or changed
+        for tree in range(len(c.trees)):
+            for other in range(tree):
+                apart_yet = (
+                    c.trees[tree].group != c.trees[other].group and min(c.trees[tree].group, c.trees[other].group) >= 0
+                )
+                driven = scene.trees.role[tree] == DRIVEN and scene.trees.role[other] == DRIVEN
+                if driven and apart_yet and are_near(scene, sim, tree, other):
+                    changed = unite(c, tree, other) or changed
+    for s in range(len(sim.free)):
+        body = sim.bodies[sim.free[s]]
+        if some and body.awake == 1 and c.trees[island_tree(sim, sim.free[s])].group >= 0:
+            body.awake = 3
+    for k in range(sim.counts[0].pairs):
+        if some and sim.bodies[sim.pairs[k].body[0]].awake != 3:
+            sim.pairs[k].touching = 0
+    return some
+
+
+@kernel
+def take_group(scene: Scene, m: Machine, group: int) -> None:
+    """Let the trees and bodies of a group take part in what is solved now, and no others; of group -1, all that have one."""
+    sim, c = m.simulated, m.coupled
+    for tree in range(len(c.trees)):
+        label = c.trees[tree].group
+        on = scene.trees.role[tree] == DRIVEN and label >= 0 and (group < 0 or label == group)
+        c.trees[tree].solved = 1 if on else 0
+    for s in range(len(sim.free)):
+        body = sim.bodies[sim.free[s]]
+        if body.awake >= 2:
+            body.awake = 2 if group < 0 or c.trees[island_tree(sim, sim.free[s])].group == group else 3
+
+
+@outlined
+def clear_overlaps(sim: Simulation, t: float) -> None:
+    """Move bodies that take part out of what is not driven where they ended inside it; velocities are left alone.
+
+    What sweeps left undone, micrometres. Driven links, which must be placed at time `t`, are kept clear of if that can be.
+    """
+    short, gap = False, sim.frame[0].gap
+    for s in range(len(sim.free)):
+        sim.bodies[sim.free[s]].changed = 1 if sim.bodies[sim.free[s]].awake == 2 else 0
+    sim.counts[0].rows = 0
+    for k in range(sim.counts[0].pairs):
+        p = sim.pairs[k]
+        if sim.bodies[p.body[0]].awake == 2 and sim.bodies[p.body[1]].role != DRIVEN:
+            pose_pair(sim, k, t)
+            found = separation(sim.pieces, sim.frames, p.piece[0], p.piece[1], 0.0, vec_of(p.axis), sim.scratch)
+            short = short or found[0] < -TOUCHING * gap
+    if not short:
+        return
+    for k in range(sim.counts[0].pairs):
+        if sim.bodies[sim.pairs[k].body[0]].awake == 2:
+            add_rows(sim, k, t)
+    project_positions(sim)
+    for k in range(sim.counts[0].rows):
+        clear_impulse(sim.rows[k])
+    sim.counts[0].rows = 0

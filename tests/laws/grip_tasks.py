@@ -1,0 +1,332 @@
+"""Grips on simulated things as they would be recorded: jaws, grippers, three fingers and the shipped hand, in every task at once.
+
+A thing is gripped, lifted, held, carried along and across the closing axis, turned about each axis and back, released.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from geomphys.config import Config
+from geomphys.engine.grasps import Grasp, GraspMeter
+from geomphys.load import load_world
+from geomphys.replays import replay
+from geomphys.scene.arrays import World
+from geomphys.scene.kinematics import joint_origins, pose_tree
+from tests.laws.replayed import Run, thing
+from tests.laws.test_grasp import frictions, ramp
+from tests.laws.test_gripper import write_gripper
+from tests.recording.log_files import Item, joints, pose, write_log
+
+HALF = 0.025  # m, half the width of all things
+STIFFNESS = 1000.0  # N/m, of all grips
+THINGS: dict[str, dict[str, object]] = {
+    "cube": {"box": (2 * HALF, 2 * HALF, 2 * HALF), "mass": 0.2},
+    "ball": {"sphere": HALF, "mass": 0.1},
+    "cylinder": {"cylinder": (HALF, 0.08), "mass": 0.2},
+}
+HEIGHT = {"cube": HALF, "ball": HALF, "cylinder": 0.04}  # m, of the centre above what it stands on
+HAND = Path(__file__).resolve().parents[2] / "assets" / "hand" / "hand.urdf"
+
+CLOSED, LIFTED, HELD, CARRIED, TURNED, OPENS, END = 1.0, 2.3, 7.3, 9.0, 17.3, 17.6, 18.4  # s
+GRIPPED, RESTED = 1.25, 2.8  # s
+TOUCHING = 0.8  # share of the closing at which the hand's fingers touch
+QUARTER = 0.5 * math.pi
+
+
+def frame_of_task(t: float) -> tuple[np.ndarray, Rotation]:
+    """Where what is gripped is to be, from where it stood: displacement (3,) [m] and rotation."""
+    along, across = ramp(t, 7.5, 8.1, 0.3), ramp(t, 8.3, 8.9, 0.3)
+    turn = Rotation.identity()
+    for axis, begin in enumerate((9.1, 11.9, 14.7)):
+        angle = ramp(t, begin, begin + 1.3, QUARTER) - ramp(t, begin + 1.3, begin + 2.6, QUARTER)
+        turn = Rotation.from_rotvec(angle * np.eye(3)[axis]) * turn
+    return np.array([along, across, ramp(t, 1.3, LIFTED, 0.2)]), turn
+
+
+def closing(t: float) -> float:
+    """How far the grip is closed, 0 to 1."""
+    return ramp(t, 0.3, CLOSED, 1.0) - ramp(t, OPENS, OPENS + 0.3, 1.0)
+
+
+@dataclass
+class Grip:
+    """What grips: its part of the scene file, its messages at a time [s], and the height of what the thing stands on [m]."""
+
+    scene: str
+    messages: Callable[[float, float], list[Item]]  # of time t and the height of the thing's centre
+    height: float = 0.0
+
+
+def driven_fingers(what: str, squeeze: float, pads: list[tuple[float, float, float]], **shape: object) -> Grip:
+    """Objects of a `shape` that follow a topic each, towards `pads`: x, y on the thing's surface, and reach of the shape [m]."""
+    names = [f"finger_{k}" for k in range(len(pads))]
+    spring = f"coupling = {{ stiffness = {STIFFNESS}, damping = 40.0 }}\n"
+    parts = [thing(n, "driven", topic=f"/{n}", mass=0.4, material="human", **shape) + spring for n in names]
+
+    def messages(t: float, height: float) -> list[Item]:
+        at, turn = frame_of_task(t)
+        out = []
+        for name, (x, y, reach) in zip(names, pads, strict=True):
+            inwards = (
+                -np.array([math.copysign(1, x), 0, 0]) if what == "cube" else -np.array([x, y, 0]) / math.hypot(x, y)
+            )
+            here = np.array([x, y, 0.0]) - inwards * (reach + 0.03) + inwards * closing(t) * (0.03 + squeeze)
+            out.append(pose(f"/{name}", 1.0 + t, [*(np.add(at, (0, 0, height)) + turn.apply(here)), *turn.as_quat()]))
+        return out
+
+    return Grip("".join(parts), messages)
+
+
+def jaws(what: str, squeeze: float, folder: Path) -> Grip:
+    """Two boxes that close along x."""
+    return driven_fingers(what, squeeze, [(-HALF, 0, 0.01), (HALF, 0, 0.01)], box=(0.02, 0.06, 0.04))
+
+
+def three_fingers(what: str, squeeze: float, folder: Path) -> Grip:
+    """Three balls: round the thing, or against a cube one on one side and two on the other."""
+    round_it = [(HALF * math.cos(a), HALF * math.sin(a), 0.01) for a in (0.0, 2 * math.pi / 3, 4 * math.pi / 3)]
+    on_cube = [(HALF, 0, 0.01), (-HALF, 0.012, 0.01), (-HALF, -0.012, 0.01)]
+    return driven_fingers(what, squeeze, on_cube if what == "cube" else round_it, sphere=0.01)
+
+
+def gripper(mode: str) -> Callable[[str, float, Path], Grip]:
+    """A palm with two fingers on prismatic joints, in a mode."""
+
+    def make(what: str, squeeze: float, folder: Path) -> Grip:
+        write_gripper(folder / "gripper.urdf", 100.0, False)
+        scene = (
+            f'[[avatar]]\nname = "gripper"\nurdf = "gripper.urdf"\nmode = "{mode}"\nmaterial = "human"\n'
+            'root = { topic = "/root" }\njoints = { topic = "/joints" }\n'
+        )
+
+        def messages(t: float, height: float) -> list[Item]:
+            at, turn = frame_of_task(t)
+            at = np.add(at, (0, 0, height)) + turn.apply([0, 0, 0.068])
+            slide = closing(t) * (0.055 - HALF + squeeze)
+            names = ("slide_left", "slide_right")
+            return [
+                pose("/root", 1.0 + t, [float(x) for x in (*at, *turn.as_quat())]),
+                joints("/joints", 1.0 + t, dict.fromkeys(names, slide)),
+            ]
+
+        return Grip(scene, messages)
+
+    return make
+
+
+def distance(what: str, points: np.ndarray) -> np.ndarray:
+    """Signed distances (n,) of points (n, 3) in its frame to the surface of a thing [m]."""
+    if what == "ball":
+        return np.linalg.norm(points, axis=1) - HALF
+    if what == "cylinder":
+        d = np.stack([np.hypot(points[:, 0], points[:, 1]) - HALF, np.abs(points[:, 2]) - HEIGHT[what]], axis=1)
+    else:
+        d = np.abs(points) - HALF
+    return np.linalg.norm(np.maximum(d, 0), axis=1) + np.minimum(d.max(axis=1), 0)
+
+
+FINGERS = {
+    "thumb": (("cmc_abd", 14, 26), ("cmc_flex", -12, 13), ("mcp_flex", 6, 47), ("ip_flex", 6, 58)),
+    "index": (("mcp_flex", 10, 74), ("pip_flex", 10, 84), ("dip_flex", 8, 56)),
+    "middle": (("mcp_flex", 10, 74), ("pip_flex", 10, 84), ("dip_flex", 8, 56)),
+    "ring": (("mcp_flex", 10, 74), ("pip_flex", 10, 84), ("dip_flex", 8, 56)),
+    "little": (("mcp_flex", 10, 74), ("pip_flex", 10, 84), ("dip_flex", 8, 56)),
+}
+"""Of every finger its joints, with their angles when it is open and when it is closed [deg]."""
+
+
+@dataclass
+class PosedHand:
+    """The hand's links at given angles, seen from its palm."""
+
+    world: World
+    origins: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.origins = joint_origins(self.world.scene)
+
+    def links(self, angles: dict[str, float]) -> dict[str, tuple[np.ndarray, Rotation]]:
+        """Link -> position (3,) and rotation in the root's frame."""
+        scene, names = self.world.scene, self.world.body_names
+        values = np.array([angles.get(n.split("/")[-1], 0.0) for n in self.world.dof_names])
+        roots, poses = np.zeros((len(scene.trees.role), 7)), np.zeros((len(names), 7))
+        roots[:, 6] = 1.0
+        pose_tree(scene, self.origins, 0, roots, values, poses)
+        return {
+            n.split("/")[-1]: (p[:3], Rotation.from_quat(p[3:]))
+            for n, p in zip(names, poses, strict=True)
+            if p[6] or p[3:].any()
+        }
+
+
+def mesh_points(link: str) -> np.ndarray:
+    """(n, 3) vertices of a link, and middles between them."""
+    lines = (HAND.parent / "meshes" / f"{link}.obj").read_text().splitlines()
+    v = np.array([[float(x) for x in line.split()[1:4]] for line in lines if line.startswith("v ")])
+    faces = [[int(w.split("/")[0]) - 1 for w in line.split()[1:4]] for line in lines if line.startswith("f ")]
+    return np.concatenate([v, v[np.array(faces)].mean(axis=1)])
+
+
+def hand(what: str, squeeze: float, folder: Path) -> Grip:
+    """The shipped hand from the side, upright like round a glass: fingers close until they are recorded `squeeze` inside.
+
+    Those that would pass below the thing stay open.
+    """
+    scene = (
+        f'[[avatar]]\nname = "hand"\nurdf = "{HAND}"\nmode = "chains"\nmaterial = "human"\n'
+        f"coupling = {{ stiffness = {STIFFNESS}, damping = 40.0 }}\n"
+        'root = { topic = "/root" }\njoints = { topic = "/joints" }\n'
+    )
+    (folder / "hand.toml").write_text('[scene]\nname = "hand"\n' + scene)
+    posed = PosedHand(load_world(folder / "hand.toml"))
+    upright = Rotation.from_euler("x", 90, degrees=True)
+    grasped = np.array([0.084, 0.004, -(0.0145 + HALF)])  # m, the thing's centre in the palm's frame
+
+    def angles_at(shares: dict[str, float]) -> dict[str, float]:
+        return {
+            f"{finger}_{j}": math.radians(a + shares[finger] * (b - a))
+            for finger, joint in FINGERS.items()
+            for j, a, b in joint
+        }
+
+    points = {
+        n: mesh_points(n)
+        for n in (
+            f"{f}_{p}"
+            for f in FINGERS
+            for p in (("proximal", "distal") if f == "thumb" else ("proximal", "middle", "distal"))
+        )
+    }
+
+    def closed(depth: float) -> dict[str, float]:
+        """How far every finger closes until it is so deep in the thing [m]."""
+        shares = dict.fromkeys(FINGERS, 0.0)
+        for finger in FINGERS if what == "cylinder" else ("thumb", "index", "middle"):
+            low, high = 0.0, 1.25
+            for _ in range(30):
+                share = 0.5 * (low + high)
+                links = posed.links(angles_at({**dict.fromkeys(FINGERS, 0.0), finger: share}))
+                palm = links["palm"]
+                deepest = math.inf
+                for name, local in points.items():
+                    if name.startswith(finger):
+                        p, q = links[name]
+                        seen = palm[1].inv().apply(q.apply(local) + p - palm[0]) - grasped
+                        deepest = min(deepest, distance(what, upright.apply(seen)).min())
+                low, high = (share, high) if deepest > -depth else (low, share)
+            shares[finger] = low
+        return shares
+
+    touching, pressing = closed(0.0), closed(squeeze)
+    palm = posed.links({})["palm"]
+
+    def messages(t: float, height: float) -> list[Item]:
+        at, turn = frame_of_task(t)
+        whole = turn * upright
+        share = closing(t)
+        near, in_it = min(1.0, share / TOUCHING), max(0.0, (share - TOUCHING) / (1.0 - TOUCHING))  # all fingers at once
+        root = whole * palm[1].inv()
+        place = np.add(at, (0, 0, height)) - whole.apply(grasped) - root.apply(palm[0])
+        values = angles_at({f: near * touching[f] + in_it * (pressing[f] - touching[f]) for f in FINGERS})
+        return [
+            pose("/root", 1.0 + t, [float(x) for x in (*place, *root.as_quat())]),
+            joints("/joints", 1.0 + t, values),
+        ]
+
+    post = thing("post", "fixed", box=(0.016, 0.016, 0.3), position=(0, 0, 0.15), material="metal")
+    return Grip(scene + post, messages, 0.3)
+
+
+GRIPS: dict[str, Callable[[str, float, Path], Grip]] = {
+    "jaws": jaws, "three": three_fingers, "chains": gripper("chains"), "rigid": gripper("rigid"), "hand": hand,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A task that is over."""
+
+    run: Run
+    grasps: tuple[Grasp, ...]
+    rate: float
+    height: float  # m, of the thing's centre at first
+
+    def frame(self, t: float) -> int:
+        """Index of the frame at a time."""
+        return round(t * self.rate)
+
+    def slips(self) -> dict[int, np.ndarray]:
+        """Body -> (N, 3) m: how far the thing slid on it since the first frame, in the thing's frame: summed over frames."""
+        names = self.run.world.body_names
+        held, out = names.index("thing"), {}
+        for k in range(1, len(self.run.results)):
+            before, now = self.run.results[k - 1], self.run.results[k]
+            c = now.contacts
+            for body in np.unique(np.where(c.body_a == held, c.body_b, c.body_a)):
+                mine = ((c.body_a == held) & (c.body_b == body)) | ((c.body_b == held) & (c.body_a == body))
+                mine &= c.normal_impulse > 0.0
+                if not mine.any():
+                    continue
+                point, normal = c.point[mine].mean(axis=0), c.normal[mine].mean(axis=0)
+                normal /= np.linalg.norm(normal)
+                ways = [motion_of(before.corrected[i], now.corrected[i], point) for i in (held, int(body))]
+                slid = ways[0] - ways[1]
+                slid -= normal * (slid @ normal)
+                row = out.setdefault(int(body), np.zeros((len(self.run.results), 3)))
+                row[k] = Rotation.from_quat(now.corrected[held, 3:]).inv().apply(slid)
+        return {body: row.cumsum(axis=0) for body, row in out.items()}
+
+    def slip(self, slips: dict[int, np.ndarray], since: float, until: float) -> float:
+        """Farthest that any driven body slid on the thing between two moments, from where it was at first [m]."""
+        role = self.run.world.scene.bodies.role
+        span = slice(self.frame(since), self.frame(until) + 1)
+        rows = [row[span] for body, row in slips.items() if role[body] == 2]
+        return max((float(np.linalg.norm(r - r[0], axis=1).max()) for r in rows), default=math.inf)
+
+    def force(self, t: float) -> dict[str, float]:
+        """Normal force of everything on the thing [N]."""
+        names, c = self.run.world.body_names, self.run.results[self.frame(t)].contacts
+        held, out = names.index("thing"), {}
+        for a, b, j in zip(c.body_a, c.body_b, c.normal_impulse, strict=True):
+            if held in (a, b):
+                other = names[b if a == held else a]
+                out[other] = out.get(other, 0.0) + float(j) * self.rate
+        return out
+
+
+def motion_of(before: np.ndarray, now: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """How far the material point of a body that is at `point` now has come between two poses (7,), (3,) m."""
+    inside = Rotation.from_quat(now[3:]).inv().apply(point - now[:3])
+    return point - (before[:3] + Rotation.from_quat(before[3:]).apply(inside))
+
+
+def grip_task(
+    folder: Path, grip: str, what: str, squeeze: float, friction: float, rate: float = 60, noise: float = 0.0, end: float = END
+) -> Outcome:  # fmt: skip
+    """Replay the task of one grip on one thing; `noise` [m] is white on the tracked positions."""
+    folder.mkdir(parents=True, exist_ok=True)
+    made = GRIPS[grip](what, squeeze, folder)
+    height = made.height + HEIGHT[what]
+    base = thing("floor", "fixed", box=(20, 20, 0.2), position=(0, 0, -0.1), material="metal")
+    held = thing("thing", position=(0, 0, height + 1e-5), **THINGS[what])
+    (folder / "scene.toml").write_text(f'[scene]\nname = "grip"\n{frictions(friction)}{made.scene}{held}{base}')
+    tremble, items = np.random.default_rng(11), []
+    for k in range(round(end * rate) + 1):
+        for item in made.messages(k / rate, height):
+            if noise and item.kind == "pose":
+                item.value = (*(np.array(item.value[:3]) + tremble.normal(0, noise, 3)), *item.value[3:])
+            items.append(item)
+    write_log(folder / "log.mcap", items, encoding="protobuf")
+    world = load_world(folder / "scene.toml")
+    meter, results = GraspMeter(world), []
+    for result in replay(folder / "log.mcap", world, config=Config()):
+        meter.add(result)
+        results.append(result)
+    return Outcome(Run(world, results), meter.grasps(), rate, height)
