@@ -178,6 +178,8 @@ def _fit_rows(report: CheckReport, all_names: bool) -> Iterator[tuple[str, list[
             "Points",
             [f"{what}, {1000 * fit.rms_m:.1f} mm from them (rms), {1000 * fit.largest_rms_m:.1f} mm at worst"],
         )
+        if fit.oriented_by:
+            yield "Orientation", [f"of {fit.oriented_by}: agrees with the points, and counts for the pose of the root"]
         if fit.left_out:
             yield "No link", [f"{counted(len(fit.left_out), 'point')}: {_list(fit.left_out, all_names)}"]
         factors = report.keypoint_scale.get(fit.avatar, {})

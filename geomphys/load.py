@@ -13,7 +13,7 @@ from geomphys.config import Config
 from geomphys.errors import ConfigError
 from geomphys.jit.packed_records import pack
 from geomphys.numerics.transforms import compose, frame_from_matrix, matrix_from_frame
-from geomphys.recording.bone_lengths import measure_bones
+from geomphys.recording.point_measures import measure_points
 from geomphys.scene.arrays import Floats, World
 from geomphys.scene.assembly import assemble, exclude_pairs
 from geomphys.scene.decomposition import Progress
@@ -74,15 +74,21 @@ def _load(path: AnyPath, mode: str | None, seed: int, progress: Progress | None)
 
 
 def scaled_to_log(log: AnyPath, world: World, config: Config, *, progress: Progress | None = None) -> World:
-    """A world whose avatars that are fitted to points have the bone lengths of a log; the same world if there are none.
+    """A world whose avatars that are fitted to points have the bone lengths of a log, and what the palm's orientation says.
+
+    The same world if there are none, or if it is one already.
 
     Their scaled URDFs are written to a cache folder, under names made of their content.
 
     Raises LogError, ModelError, MeshError.
     """
-    if world.keypoint_scale:
+    if world.keypoint_scale or world.palm_orientations:
         return world
-    scales = measure_bones(log, world, config)
+    measures = measure_points(log, world, config)
+    orientations = {name: m.orientation for name, m in measures.items() if m.orientation is not None}
+    if orientations:
+        world = replace(world, palm_orientations=orientations)
+    scales = {name: m for name, m in measures.items() if m.links}
     if not scales:
         return world
     folder, tables = user_cache_folder("urdfs"), []
@@ -97,7 +103,13 @@ def scaled_to_log(log: AnyPath, world: World, config: Config, *, progress: Progr
     file = world.file.model_copy(update={"avatar": tuple(tables)})
     scaled = assemble(file, world.path, mode=config.mode, seed=config.seed, progress=progress)
     factors = {name: scale.branches for name, scale in scales.items()}
-    scaled = replace(scaled, keypoint_scale=factors, source_files=world.source_files)
+    scaled = replace(
+        scaled,
+        keypoint_scale=factors,
+        palm_orientations=orientations,
+        findings=world.findings,  # they name the user's files
+        source_files=world.source_files,
+    )
     return exclude_pairs(scaled, zero_pose_overlaps(scaled))
 
 

@@ -2,9 +2,10 @@
 
 Minimised is, over joint values q within their limits and the root's pose,
 
-    1/2 sum_i w_i |x_i(q, root) - p_i|² + 1/2 sum_j l_j² (r_j (q_j - rest_j)² + s (q_j - target_j)²)
+    1/2 sum_i w_i |x_i(q, root) - p_i|² + 1/2 sum_j l_j² (r_j (q_j - rest_j)² + s (q_j - target_j)²) + 1/2 l_o² |a|²
 
-with the points p_i that are seen, the lever l_j of each joint, s = `SMOOTHNESS_WEIGHT` and target the values of the last frame.
+with the points p_i that are seen, the lever l_j of each joint, s = `SMOOTHNESS_WEIGHT` and target the values of the last frame,
+and, where the source has an orientation of the palm, the rotation vector a from that to the root's and its lever l_o.
 The pull to rest r_j is weak where the points show a joint and stronger where they do not, as the twist of a straight finger:
 there they hold nothing but noise (`weigh_rest`).
 The start is the result of the last frame, so of equivalent solutions the near one is found.
@@ -19,7 +20,19 @@ from numpy.typing import NDArray
 
 from geomphys.jit.kernel import kernel
 from geomphys.keypoints.fit_model import REST_WEIGHT, SHOWN, UNSHOWN_WEIGHT, FitModel, FitState
-from geomphys.numerics.vec3 import Vec, add, cross, quat_from_rotation_vector, quat_mul, quat_rotate, quat_unit, sub
+from geomphys.numerics.vec3 import (
+    Vec,
+    add,
+    cross,
+    dot,
+    quat_conjugate,
+    quat_from_rotation_vector,
+    quat_mul,
+    quat_rotate,
+    quat_unit,
+    rotation_vector,
+    sub,
+)
 from geomphys.scene.arrays import JOINT_FIXED, JOINT_PRISMATIC
 from geomphys.scene.kinematics import orientation_of, pose_child, position_of
 
@@ -47,6 +60,13 @@ def pose_links(model: FitModel, root: Floats, angles: Floats, poses: Floats) -> 
 
 
 @kernel
+def orientation_error(state: FitState, poses: Floats) -> Vec:
+    """Rotation vector from the orientation of the source to that of the root."""
+    recorded = (state.orientation[0], state.orientation[1], state.orientation[2], state.orientation[3])
+    return rotation_vector(quat_mul(orientation_of(poses, 0), quat_conjugate(recorded)))
+
+
+@kernel
 def objective(model: FitModel, state: FitState, points: Floats, seen: Ints, angles: Floats, poses: Floats) -> float:
     """Value of the objective for posed links."""
     total = 0.0
@@ -59,6 +79,9 @@ def objective(model: FitModel, state: FitState, points: Floats, seen: Ints, angl
     for j in range(len(angles)):
         rest, near = angles[j] - model.rest[j], angles[j] - state.target[j]
         total += model.lever[j] ** 2 * (state.rest_weight[j] * rest * rest + smoothness * near * near)
+    if state.figures[3] > 0.0:
+        error = orientation_error(state, poses)
+        total += state.figures[3] * dot(error, error)
     return 0.5 * total
 
 
@@ -136,8 +159,14 @@ def assemble(model: FitModel, state: FitState, points: Floats, seen: Ints, centr
         gradient[j] += scale * (
             state.rest_weight[j] * (state.angles[j] - model.rest[j]) + smoothness * (state.angles[j] - state.target[j])
         )
-    for j in range(len(model.rest), len(gradient)):
+    first = len(model.rest)
+    for j in range(first, len(gradient)):
         hessian[j, j] += ROOT_RIDGE
+    if state.figures[3] > 0.0:
+        error = orientation_error(state, state.poses)
+        for k in range(3):
+            gradient[first + 3 + k] += state.figures[3] * error[k]
+            hessian[first + 3 + k, first + 3 + k] += state.figures[3]
 
 
 @kernel

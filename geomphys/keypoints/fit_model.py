@@ -62,4 +62,7 @@ class FitState(NamedTuple):
     gradient: Floats  # (N,)
     step: Floats  # (N,)
     free: Ints  # (N,) 1 for unknowns of this step
-    figures: Floats  # (3,) root mean square distance [m], iterations, weight of the smoothness term
+    orientation: Floats  # (4,) of the root as the source has it
+    figures: (
+        Floats  # (4,) root mean square distance [m], iterations, weight of the smoothness term, of the orientation [m²]
+    )

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from geomphys.jit.packed_records import pack
 from geomphys.keypoints.fit import fit_frame, measure_uncertainty, pose_links
 from geomphys.keypoints.fit_model import SMOOTHNESS_WEIGHT, FitModel
-from geomphys.keypoints.setup import make_state, rigid_points
-from geomphys.numerics.transforms import quaternion_from_rotation
+from geomphys.keypoints.setup import ROOT_POINTS, make_state, nearest_rotation, rigid_points, spans_plane
+from geomphys.numerics.transforms import quaternion_from_rotation, rotation_from_quaternion
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -20,10 +20,6 @@ FIRST_ITERATIONS = 200
 ITERATIONS = 30
 MAX_INCREMENT = 0.5
 """rad or m; a larger one of the last frame is not carried on."""
-ROOT_POINTS = 3
-"""Points that show the pose of the root, at least."""
-ROOT_EXTENT = 0.005
-"""m; root mean square distance of these points from a line, at least."""
 PROBED_FRAMES = 16
 """Every so many frames it is measured what the points show."""
 NOT_SHOWN = 0.5
@@ -59,7 +55,9 @@ class KeypointFitter:
         self.squares = 0.0  # m², sum of mean square distances
         self.largest = 0.0  # m, largest root mean square distance of a frame
 
-    def fit(self, points: Floats, seen: Ints, root: Floats) -> FittedPosture:
+    def fit(
+        self, points: Floats, seen: Ints, root: Floats, orientation: Floats | None = None, lever: float = 0.0
+    ) -> FittedPosture:
         """Fit the points of the next frame.
 
         Parameters
@@ -70,8 +68,14 @@ class KeypointFitter:
             (K,) 1 for those that count.
         root
             (7,) world pose of the root; used where the model does not have it unknown.
+        orientation, lever
+            (4,) orientation of the root as the source has it, and the lever [m] of its weight
+            (`geomphys.keypoints.palm_orientation.PalmOrientation`); None where it has none.
         """
         state, model = self.state, self.model
+        state.figures[3] = 0.0
+        if orientation is not None and model.fits_root[0]:
+            state.orientation[:], state.figures[3] = orientation, lever * lever
         shown = np.ascontiguousarray((model.shown_by @ seen > 0) | ~self.is_shown).astype(np.int64)
         held = bool((shown == 0).any())
         if not model.fits_root[0]:
@@ -122,8 +126,10 @@ class KeypointFitter:
     def _shows_root(self, seen: Ints) -> bool:
         """Whether the seen points show the pose of the root: enough of those that are rigid with each other, not in a line.
 
-        Where there are too few of these at all, half of all points have to be seen.
+        Where there are too few of these at all, half of all points have to be seen. With an orientation, one of them is enough.
         """
+        if self.state.figures[3] > 0.0:
+            return bool((self._palm & (seen != 0)).any())
         key = seen.tobytes()
         if key not in self._root_shown:
             if len(self._root_shown) >= MAX_PATTERNS:
@@ -139,11 +145,10 @@ class KeypointFitter:
         pose_links(self._model, pose, self.state.angles, self.state.poses)
         use = seen != 0
         own, other = self.state.poses[self.model.body[use], :3], points[use]
-        own_centre, other_centre = own.mean(axis=0), other.mean(axis=0)
-        u, _, vt = np.linalg.svd((own - own_centre).T @ (other - other_centre))
-        flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt)) or 1.0])
-        rotation = (u @ flip @ vt).T
-        pose[:3] = other_centre - rotation @ own_centre
+        rotation = rotation_from_quaternion(self.state.orientation)
+        if self.state.figures[3] == 0.0:
+            rotation, _ = nearest_rotation(own, other)
+        pose[:3] = other.mean(axis=0) - rotation @ own.mean(axis=0)
         pose[3:] = quaternion_from_rotation(rotation)
         return pose
 
@@ -174,10 +179,6 @@ def _rigid_group(model: FitModel) -> NDArray[np.bool_]:
 
 def _spans(model: FitModel, group: NDArray[np.bool_]) -> bool:
     """Whether points are not in a line, in the posture at rest."""
-    if group.sum() < ROOT_POINTS:
-        return False
     poses = np.zeros((len(model.parent), 7))
     pose_links(model, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), model.rest, poses)
-    points = poses[model.body[group], :3]
-    extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) / np.sqrt(len(points))
-    return bool(extent[1] > ROOT_EXTENT)
+    return spans_plane(poses[model.body[group], :3])

@@ -19,6 +19,10 @@ PROBE_POSTURES = 6
 """Postures that tell which joints move which points."""
 RIGID = 1e-6
 """m; a distance that changes by more is not rigid."""
+ROOT_POINTS = 3
+"""Points that show the pose of the root, at least."""
+ROOT_EXTENT = 0.005
+"""m; root mean square distance of these points from a line, at least."""
 MOVED = 1e-6
 """m per rad; a point that moves less is not moved by a joint."""
 
@@ -82,7 +86,8 @@ def make_state(model: FitModel) -> FitState:
         gradient=np.zeros(unknowns),
         step=np.zeros(unknowns),
         free=np.zeros(unknowns, dtype=np.int64),
-        figures=np.zeros(3),
+        orientation=np.array([0.0, 0.0, 0.0, 1.0]),
+        figures=np.zeros(4),
     )
 
 
@@ -134,3 +139,25 @@ def rigid_points(model: FitModel) -> NDArray[np.bool_]:
     """(K, K) whether no joint changes the distance of two points."""
     rigid: NDArray[np.bool_] = np.ptp(point_distances(model), axis=0) < RIGID
     return rigid
+
+
+def spans_plane(points: Floats) -> bool:
+    """Whether points (n, 3) m are enough and not in a line, so that they show the pose of what they are fixed to."""
+    if len(points) < ROOT_POINTS:
+        return False
+    extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) / np.sqrt(len(points))
+    return bool(extent[1] > ROOT_EXTENT)
+
+
+def nearest_rotation(own: Floats, other: Floats) -> tuple[Floats, float]:
+    """Rotation (3, 3) that turns points (n, 3), from their mean, nearest to others, from theirs (Kabsch 1976).
+
+    Also the standard deviation [m] of the coordinates that is left after a scaling too.
+    """
+    own, other = own - own.mean(axis=0), other - other.mean(axis=0)
+    u, s, vt = np.linalg.svd(own.T @ other)
+    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt)) or 1.0])
+    rotation = (u @ flip @ vt).T
+    scale = float((s * np.diag(flip)).sum() / (own**2).sum())
+    left = float(np.sum((other - scale * own @ rotation.T) ** 2)) / max(3 * len(own) - 7, 1)
+    return rotation, float(np.sqrt(left))

@@ -2,7 +2,8 @@
 
 A mesh is attached as ``meshes/DIGEST/NAME``, with the buffers of a glTF file beside it; DIGEST is made from the bytes, so the
 same mesh is attached once and no path of this machine gets into the file. The attachment `INDEX` tells which of them stands
-for which name in the scene file and the URDFs.
+for which name in the scene file and the URDFs. A URDF that was scaled to points has absolute names of meshes: those become the
+names of the attachments.
 """
 
 from __future__ import annotations
@@ -44,8 +45,6 @@ def scene_files(world: World) -> tuple[Attachment, ...]:
 
     A visual's mesh that is missing or of a kind that is not read is left out: it is not shown either.
     """
-    files = [(world.path.name, "application/toml", world.path)]
-    files += [(f"{tree}.urdf", "application/xml", path) for tree, path in sorted(world.urdfs.items())]
     meshes: dict[str, str | dict[str, str]] = {}
     found: dict[AnyPath, tuple[Attachment, ...]] = {}
 
@@ -55,12 +54,16 @@ def scene_files(world: World) -> tuple[Attachment, ...]:
         return found[path][0].name
 
     try:
-        texts = [Attachment(name, media_type, path.read_bytes()) for name, media_type, path in files]
+        texts = [Attachment(world.path.name, "application/toml", world.path.read_bytes())]
         for table in world.file.object:
             if table.mesh is not None:
                 meshes[table.name] = attach((world.path.parent / table.mesh).resolve())
         for tree, urdf in sorted(world.urdfs.items()):
-            meshes[tree] = {name: attach(path) for name, path in _meshes_of_urdf(urdf)}
+            data, attached = urdf.read_bytes(), {name: attach(path) for name, path in _meshes_of_urdf(urdf)}
+            if tree in world.keypoint_scale:
+                data, attached = _renamed_meshes(data, attached), {name: name for name in attached.values()}
+            texts.append(Attachment(f"{tree}.urdf", "application/xml", data))
+            meshes[tree] = attached
     except OSError as problem:
         raise OutputError(f"{problem.filename}: cannot be attached to the output ({problem.strerror})") from problem
     index = {"meshes": meshes, "zero_pose_overlaps": world.zero_pose_overlaps}
@@ -92,6 +95,20 @@ def _meshes_of_urdf(urdf: AnyPath) -> Iterator[tuple[str, AnyPath]]:
             continue
         if path.suffix[1:].lower() in SUFFIXES and path.is_file() and path.stat().st_size <= MAX_FILE_BYTES:
             yield name, path
+
+
+def _renamed_meshes(urdf: bytes, attached: dict[str, str]) -> bytes:
+    """A URDF whose meshes have the names of their attachments, or the last part of their own where there is none."""
+    from xml.etree.ElementTree import tostring
+
+    from defusedxml import ElementTree
+
+    root = ElementTree.fromstring(urdf)
+    for mesh in root.iter("mesh"):
+        name = mesh.get("filename", "")
+        mesh.set("filename", attached.get(name, PurePosixPath(name).name))
+    text: bytes = tostring(root)
+    return text
 
 
 def _mesh_files(path: AnyPath) -> tuple[Attachment, ...]:

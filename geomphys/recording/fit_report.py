@@ -39,6 +39,7 @@ class FitReport:
     largest_rms_m: float  # the same of the worst frame
     held_frames: int
     unshown: tuple[UnshownJoint, ...]
+    oriented_by: str = ""  # point whose orientation counts for the pose of the root; "" for none
 
     def warnings(self) -> Iterator[str]:
         """What a user should know of the fit."""
@@ -68,4 +69,5 @@ def fit_report(world: World, route: KeypointRoute) -> FitReport:
         largest_rms_m=fitter.largest,
         held_frames=route.held_frames,
         unshown=tuple(UnshownJoint(names[k], float(share[k])) for k in np.flatnonzero(share > SELDOM_SHOWN)),
+        oriented_by="" if route.orientation is None else route.input.points[route.orientation.point].child,
     )

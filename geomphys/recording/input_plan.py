@@ -82,6 +82,7 @@ class KeypointInput:
     points: tuple[PoseInput, ...]
     links: tuple[str, ...]  # of each point
     weights: tuple[float, ...]  # of each point
+    oriented: tuple[bool, ...]  # whether the orientation of each may count
     left_out: tuple[str, ...] = ()  # points of the log or the layout without a link
 
 
@@ -211,7 +212,14 @@ def _plan_keypoints(plan: Plan, reader: LogReader, world: World, source: Keypoin
     plan.poses += points
     plan.keypoints.append(
         KeypointInput(
-            source, topic, channels, points, tuple(matches.links.values()), matches.weights, tuple(matches.left_out)
+            source,
+            topic,
+            channels,
+            points,
+            tuple(matches.links.values()),
+            matches.weights,
+            matches.oriented,
+            tuple(matches.left_out),
         )
     )
 

@@ -10,6 +10,7 @@ from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.display_names import add_names
 from geomphys.recording.name_words import common_side, side_of
 from geomphys.recording.point_labels import (
+    WHOLE_HAND,
     Label,
     label_manus_nodes,
     label_names,
@@ -34,6 +35,7 @@ class PointMatches(NamedTuple):
 
     links: dict[str, str]  # `Pose.child` of a point -> link
     weights: tuple[float, ...]  # of these points in the fit
+    oriented: tuple[bool, ...]  # of these points: whether it is the wrist or the palm, whose orientation may count
     left_out: list[str]  # points without a link
 
 
@@ -90,7 +92,8 @@ def match_points(
         f"{n} ({points[n]})" if points[n] else n for n in points if n not in found and _is_of_side(labels[n], side)
     ]
     weights = tuple(_weight(points.get(name) or link) for name, link in found.items())
-    return PointMatches(found, weights, left_out)
+    oriented = tuple(points.get(name) in WHOLE_HAND for name in found)
+    return PointMatches(found, weights, oriented, left_out)
 
 
 def _is_of_side(label: Label, side: str) -> bool:

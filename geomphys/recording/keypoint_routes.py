@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from geomphys.keypoints.fitter import KeypointFitter
 from geomphys.keypoints.setup import make_model
+from geomphys.numerics.transforms import quaternion_product
 from geomphys.recording.channels import kind_of
 from geomphys.recording.input_plan import KeypointInput
 from geomphys.recording.routes import RootRoute
@@ -41,9 +42,21 @@ class KeypointRoute:
         self.model = make_model(world.scene, self.tree, bodies, weights, fits_root=fits_root)
         self.fitter = KeypointFitter(self.model) if fits else None
         self.columns = slice(*world.scene.trees.dof_start[self.tree : self.tree + 2])
-        self.points = np.zeros((len(self.routes), 3))  # of the last frame, m, world frame
+        self.oriented = [k for k, is_oriented in enumerate(source.oriented) if is_oriented]
+        self.orientation = world.palm_orientations.get(world.tree_names[self.tree])
+        self.poses = np.zeros(
+            (len(self.routes), 7)
+        )  # of the last frame, m, world frame; orientations of `oriented` only
+        self.points = self.poses[:, :3]
         self.seen = np.zeros(len(self.routes), dtype=np.int64)
         self.held_frames = 0
+
+    def _root_orientation(self) -> tuple[Floats | None, float]:
+        """Orientation of the root by that of the palm or wrist, and its lever [m]; None where it has none."""
+        palm = self.orientation
+        if palm is None or not self.seen[palm.point]:
+            return None, 0.0
+        return quaternion_product(self.poses[palm.point, 3:], palm.point_from_root), palm.lever
 
     def add_posture(self, time: int, roots: Floats, angles: Floats) -> bool:
         """Put the posture at a frame time [ns] into `roots` (T, 7) and `angles` (Q,); whether it is held."""
@@ -51,11 +64,11 @@ class KeypointRoute:
         for k, route in enumerate(self.routes):
             sample = route.stream.at(time)
             self.seen[k] = not sample.held or (waiting and sample.before_first)
-            self.points[k] = route.world_from_root(sample.value)[:3]
+            self.poses[k] = route.world_from_root(sample.value)
         if self.fitter is None:
             return False
         is_early = waiting and any(r.stream.last is None for r in self.routes)
-        fitted = self.fitter.fit(self.points, self.seen, roots[self.tree])
+        fitted = self.fitter.fit(self.points.copy(), self.seen, roots[self.tree], *self._root_orientation())
         if not self.keeps_root:
             roots[self.tree] = fitted.root
         angles[self.columns] = fitted.angles

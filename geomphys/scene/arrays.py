@@ -21,7 +21,7 @@ from geomphys.scene.findings import Findings
 
 if TYPE_CHECKING:
     from geomphys.scene.scene_file import SceneFile
-    from geomphys.scene.topic_sources import JointSource, KeypointSource, RootSource
+    from geomphys.scene.topic_sources import JointSource, KeypointSource, PalmOrientation, RootSource
     from geomphys.storage.remote_files import AnyPath
 
 Floats = NDArray[np.float64]
@@ -184,5 +184,6 @@ class World:
     ]  # (B,) original collision geometry, tessellated where it is a primitive
     keypoints: tuple[KeypointSource, ...] = ()
     keypoint_scale: dict[str, dict[str, float]] = field(default_factory=dict)  # avatar -> branch -> factor of lengths
+    palm_orientations: dict[str, PalmOrientation] = field(default_factory=dict)  # of avatars that are fitted to points
     findings: Findings = field(default_factory=Findings)  # warnings and notes for the user
     source_files: tuple[AnyPath, ...] = ()  # absolute paths of all files it was loaded from

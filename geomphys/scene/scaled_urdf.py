@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from xml.etree.ElementTree import Element, tostring
 
-from geomphys.errors import ModelError
+from geomphys.errors import MeshError, ModelError
 from geomphys.scene.ros_packages import MeshResolver
 from geomphys.storage.remote_files import AnyPath
 
@@ -29,7 +30,8 @@ def scaled_urdf(path: AnyPath, factors: Mapping[str, float]) -> bytes:
     for link in root.findall("link"):
         factor = factors.get(link.get("name", ""), 1.0)
         for mesh in link.iter("mesh"):
-            mesh.set("filename", resolver.find(mesh.get("filename", "")).resolve().as_uri())
+            with suppress(MeshError):  # a visual's: no collision mesh is without its file here
+                mesh.set("filename", resolver.find(mesh.get("filename", "")).resolve().as_uri())
             if factor != 1.0:
                 mesh.set("scale", _scaled(mesh.get("scale", "1 1 1"), factor))
         for part in link.iter() if factor != 1.0 else ():

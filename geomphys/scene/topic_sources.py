@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
+from typing import NamedTuple
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,3 +55,11 @@ class KeypointSource:
     scale: str  # "fingers", "hand" or "none"
     fits_root: bool  # whether the root's pose is fitted too
     delay: float = 0.0  # s, added to the times of its samples
+
+
+class PalmOrientation(NamedTuple):
+    """What the orientation of a wrist or palm says of the root link that is fitted to points: measured once a recording."""
+
+    point: int  # index among the points of the fit
+    point_from_root: tuple[float, ...]  # x y z w
+    lever: float  # m; an error of 1 rad weighs as much as one point that is this far off

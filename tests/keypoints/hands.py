@@ -103,13 +103,17 @@ def openxr_points(skeleton: Skeleton, angles: np.ndarray, roots: np.ndarray) -> 
 
 def _pose(point: Sequence[float]) -> dict[str, object]:
     values = [None if v != v else float(v) for v in point]
-    return {"position": dict(zip("xyz", values, strict=True)), "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}
+    orientation = values[3:] or (0.0, 0.0, 0.0, 1.0)
+    return {
+        "position": dict(zip("xyz", values, strict=False)),
+        "orientation": dict(zip("xyzw", orientation, strict=True)),
+    }
 
 
 def write_points(
     path: Path, points: np.ndarray, kind: str = "PoseArray", *, rate: float = 60.0, side: str = "right"
 ) -> Path:
-    """Write points (n, 26, 3) as JSON messages of a kind, on ``/hand`` (``/tf`` for TFMessage)."""
+    """Write points (n, 26, 3), or poses (n, 26, 7), as JSON messages of a kind, on ``/hand`` (``/tf`` for TFMessage)."""
     schema = {
         "PoseArray": "geometry_msgs/msg/PoseArray",
         "PosesInFrame": "foxglove.PosesInFrame",

@@ -10,6 +10,13 @@ from geomphys.keypoints.fit import assemble, objective, pose_links
 from geomphys.keypoints.fitter import KeypointFitter
 from geomphys.keypoints.setup import make_model, make_state
 from geomphys.load import load_world
+from geomphys.numerics.transforms import (
+    angle_between,
+    quaternion_from_rotation,
+    quaternion_from_rpy,
+    rotation_about,
+    rotation_from_quaternion,
+)
 from tests.keypoints.hands import motion, write_hand, write_scene
 
 
@@ -67,6 +74,42 @@ def test_the_gradient_is_that_of_the_objective(hand):
             pose_links(packed, state.root, trial, state.trial_poses)
             values.append(objective(packed, work, points, seen, trial, state.trial_poses))
         assert state.gradient[j] == pytest.approx((values[1] - values[0]) / 2e-6, rel=1e-4, abs=1e-9)
+
+
+def test_the_gradient_of_the_rotation_is_that_of_the_objective_with_an_orientation(hand):
+    model = model_of(hand)
+    state = make_state(model)
+    packed, work = pack(model), pack(state)
+    angles, roots = motion(hand[1], 40)
+    points, seen = points_of(model, roots[0], angles[0]), all_seen(model)
+    state.angles[:], state.root[:] = angles[10], roots[10]
+    state.orientation[:], state.figures[3] = quaternion_from_rpy((10.0, -20.0, 30.0)), 0.01
+    pose_links(packed, state.root, state.angles, state.poses)
+    centre = np.array([0.1, 0.2, 0.3])
+    assemble(packed, work, points, seen, tuple(centre))
+    for k in range(3):
+        values = []
+        for change in (-1e-6, 1e-6):
+            rotation = rotation_about(np.eye(3)[k], change)
+            root = np.array([*(centre + rotation @ (state.root[:3] - centre)), *state.root[3:]])
+            root[3:] = quaternion_from_rotation(rotation @ rotation_from_quaternion(state.root[3:]))
+            pose_links(packed, root, state.angles, state.trial_poses)
+            values.append(objective(packed, work, points, seen, state.angles, state.trial_poses))
+        slope = (values[1] - values[0]) / 2e-6
+        assert state.gradient[len(model.rest) + 3 + k] == pytest.approx(slope, rel=1e-4, abs=1e-8)
+
+
+def test_one_point_of_the_palm_and_an_orientation_show_the_root(hand):
+    model, links = model_of(hand), hand[2]
+    fitter = KeypointFitter(model)
+    angles, roots = motion(hand[1], 40)
+    for k in range(20):
+        fitter.fit(points_of(model, roots[k], angles[k]), all_seen(model), roots[k])
+    lost = np.array([links[b].endswith("proximal") or links[b] == "thumb_metacarpal" for b in hand[3]])
+    seen = np.where(lost, 0, 1)
+    after = fitter.fit(points_of(model, roots[25], angles[25]), seen, roots[25], roots[25][3:], 0.2)
+    np.testing.assert_allclose(after.root[:3], roots[25][:3], atol=0.003)
+    assert angle_between(after.root[3:], roots[25][3:]) < 0.02
 
 
 def test_points_without_noise_give_the_posture_they_come_from(hand):
