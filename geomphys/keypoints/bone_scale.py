@@ -3,7 +3,8 @@
 A *branch* is the part of the tree below the last link from which several moving chains hang: a finger of a hand, a limb. What
 is in no branch is the *base*: the palm. A *segment* is a pair of points whose distance no joint changes. A factor is the
 least-squares one of the segments' lengths L to the medians m of the recorded distances: sum(L m) / sum(L²). A branch that
-shows fewer than two segments takes the factor of all segments together.
+shows fewer than two segments takes the factor of all segments together. Bones of a body differ more than those of a finger:
+there each link whose length alone makes that of a segment has a factor of its own.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ Floats = NDArray[np.float64]
 
 MIN_LENGTH = 0.005
 """m; shorter segments do not count."""
+ROUNDING = 1e-6
+"""m; a joint that is nearer to its link's origin is at it."""
 MAX_SAMPLES = 4096
 """Frames of which distances are kept: every one, then every second …"""
 MIN_SAMPLES = 10
@@ -72,6 +75,21 @@ def find_segments(model: FitModel, branches: list[str]) -> list[Segment]:
     return found
 
 
+def segment_owners(model: FitModel, segments: list[Segment]) -> list[int]:
+    """Link that alone makes the length of each segment, by where the joints on it are; -1 where several do."""
+    owners = []
+    for segment in segments:
+        ends, offsets = [int(model.body[segment.first]), int(model.body[segment.second])], {}
+        while ends[0] != ends[1]:
+            side = 0 if ends[0] > ends[1] else 1  # parents come first
+            parent, offset = int(model.parent[ends[side]]), model.origin[ends[side], :3]
+            offsets[parent] = offsets.get(parent, np.zeros(3)) + (offset if side else -offset)
+            ends[side] = parent
+        links = [link for link, offset in offsets.items() if np.linalg.norm(offset) > ROUNDING]
+        owners.append(links[0] if len(links) == 1 else -1)
+    return owners
+
+
 class DistanceSamples:
     """Recorded lengths of segments, of at most `MAX_SAMPLES` frames that are spread evenly over the recording."""
 
@@ -92,17 +110,30 @@ class DistanceSamples:
                 self.stride *= 2
         self.count += 1
 
+    def medians(self) -> list[tuple[Segment, float]]:
+        """The segments that were seen often enough, and the medians of their lengths [m]."""
+        table = np.array(self.rows).reshape(len(self.rows), len(self.segments))
+        return [
+            (s, float(np.nanmedian(table[:, k])))
+            for k, s in enumerate(self.segments)
+            if np.count_nonzero(~np.isnan(table[:, k])) >= MIN_SAMPLES
+        ]
+
+    def link_factors(self, model: FitModel) -> dict[int, float]:
+        """Link -> factor, of the links whose lengths are measured by themselves."""
+        known = self.medians()
+        owned: dict[int, list[tuple[Segment, float]]] = {}
+        for owner, each in zip(segment_owners(model, [s for s, _ in known]), known, strict=True):
+            if owner >= 0:
+                owned.setdefault(owner, []).append(each)
+        return {owner: _factor(measured) for owner, measured in owned.items()}
+
     def factors(self, mode: str) -> dict[str, float]:
         """Branch -> factor, for the branches that have a segment and the base; {} if nothing was seen.
 
         `mode` is "fingers" or "hand".
         """
-        table = np.array(self.rows).reshape(len(self.rows), len(self.segments))
-        known = [
-            (s, float(np.nanmedian(table[:, k])))
-            for k, s in enumerate(self.segments)
-            if np.count_nonzero(~np.isnan(table[:, k])) >= MIN_SAMPLES
-        ]
+        known = self.medians()
         if not known:
             return {}
         overall = _factor(known)

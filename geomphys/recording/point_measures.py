@@ -91,11 +91,13 @@ class _Pass:
             )
         measured = _at_or_below(self.route.model.parent, set(map(int, self.route.model.body)))
         names = zip(self.route.links, self.branches, measured, strict=True)
-        return PointMeasures(
-            {_display_name(branch): factor for branch, factor in factors.items()},
-            {link: factors.get(branch, factors[BASE]) for link, branch, is_measured in names if is_measured},
-            orientation,
-        )
+        links = {link: factors.get(branch, factors[BASE]) for link, branch, is_measured in names if is_measured}
+        shown = {_display_name(branch): factor for branch, factor in factors.items()}
+        if self.scale == "fingers" and self.route.input.source.layout is None and self.distances is not None:
+            bones = {self.route.links[k]: f for k, f in self.distances.link_factors(self.route.model).items()}
+            links |= bones
+            shown |= bones
+        return PointMeasures(shown, links, orientation)
 
 
 def _at_or_below(parents: NDArray[np.int64], links: set[int]) -> list[bool]:
