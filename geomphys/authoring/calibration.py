@@ -33,7 +33,7 @@ HIDDEN_SHARE = 0.15
 """Share of a hidden direction in the offset or in a surface, above which that part is not changed."""
 MOSTLY_HIDDEN = 0.5
 """Share of a component (squared) in hidden directions, above which the component is not changed at all."""
-NAMED_SHARE = 0.3
+NAMED_SHARE = 0.15
 """Share of a hidden direction from which on a component is named."""
 MIN_CHANGE = 0.02
 """Units of a fit (0.2 mm, 0.1 degrees); a smaller change is none."""

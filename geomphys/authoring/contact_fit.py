@@ -6,7 +6,8 @@ gaps of the links that touch, penetration and float alike. A change has length 1
 
 Every stretch counts as one measurement, however many frames and points it has: their errors are not independent. The singular
 values of the Jacobian say which changes the stretches show: a direction whose unit changes their gaps by less than `INSENSITIVE`
-(root of the sum of squares) is one that they do not.
+(root of the sum of squares) is one that they do not. Nor do they show what lies between two changes that both fit, which are
+looked for from several starts: with few touches another corner of the hand may touch.
 """
 
 from __future__ import annotations
@@ -47,6 +48,24 @@ MAX_STEP = 4.0
 """Units; longest step."""
 
 
+STARTS = 4
+"""Random changes that are started from besides none: with few touches several changes fit as well."""
+START_FRAMES = 1
+"""Frames of a stretch that the starts are fitted to."""
+START_LENGTH = 0.05
+"""m; largest change that is started from."""
+START_ANGLE = 0.15
+"""rad; the same of rotations."""
+SAME_COST = 17.0 * 0.001**2
+"""m²; fits whose costs differ by less are as good: chi-square of 9 values, 95 %, for errors of 1 mm a touch."""
+SPARE = 3
+"""Touches to spare that a fit needs: with none left over any corner of the hand can be made to touch."""
+PLENTY = 10
+"""Measurements more than unknowns from which on one start is enough."""
+SAME_CHANGE = 0.2
+"""Units; fits that differ by less are the same."""
+
+
 class Unknowns(NamedTuple):
     """Which changes are sought."""
 
@@ -59,11 +78,18 @@ class Unknowns(NamedTuple):
         return 6 * self.offset + 3 * len(self.surfaces)
 
 
+class Minimum(NamedTuple):
+    """Where a search ended."""
+
+    change: Floats  # (N,)
+    cost: float  # m², robust sum of squared gaps, a stretch counting as one
+
+
 class ContactFit(NamedTuple):
     """Result of a fit."""
 
     change: Floats  # (N,) in units: 6 of the offset if it is sought, then 3 a surface
-    hidden: Floats  # (N, M) orthonormal directions that the frames do not show
+    hidden: Floats  # (N, M) orthonormal directions that the frames do not show, or in which other changes fit as well
     pivots: dict[int, Floats]  # surface -> middle of its contacts (3,), which it tilts about
     residual: float  # m, median of the absolute gaps
     percentile_90: float  # m, 90th percentile
@@ -82,11 +108,55 @@ class ContactProblem:
         self.pivots = {surface: self._middle(surface) for surface in unknowns.surfaces}
 
     def fit(self) -> ContactFit:
-        """Fit all stages."""
-        change = np.zeros(self.unknowns.size)
+        """Fit all frames, from the scene as it is or, where several offsets may fit, from the best of several starts."""
+        start, others = np.zeros(self.unknowns.size), list[Floats]()
+        if self.unknowns.offset and self._measured() - self.unknowns.size < PLENTY:
+            found = self._minima()
+            best = min(found, key=lambda minimum: minimum.cost)
+            start, others = best.change, [m.change - best.change for m in found if m.cost <= best.cost + SAME_COST]
+        change = self._descend(start, self.contacts)
+        gaps, jacobian, shares = self.linearise(change, STAGES[-1][0])
+        absolute = np.abs(gaps)
+        residual, percentile_90 = (float(np.percentile(absolute, share)) if len(gaps) else 0.0 for share in (50, 90))
+        hidden = _with_differences(_hidden(jacobian * np.sqrt(shares)[:, None], self._most_shown()), others)
+        return ContactFit(change, hidden, self.pivots, residual, percentile_90)
+
+    def _touches(self) -> dict[tuple[int, int], bool]:
+        """Surface and number of each stretch -> whether it is a touch."""
+        return {(c.surface, c.stretch): c.is_touch for c in self.contacts}
+
+    def _measured(self) -> int:
+        """Number of independent measurements: three by a hand that lies flat, one by a touch."""
+        return sum(1 if is_touch else 3 for is_touch in self._touches().values())
+
+    def _most_shown(self) -> int:
+        """Number of directions that may be shown: as many as are measured, but for `SPARE` where an offset is sought."""
+        touches = sum(self._touches().values())
+        spare = min(SPARE, max(touches - 1, 0))
+        return self._measured() - spare if self.unknowns.offset else self.unknowns.size
+
+    def _minima(self) -> list[Minimum]:
+        """Minima from the scene as it is and from `STARTS` random changes, by `START_FRAMES` frames of each stretch."""
+        few: dict[tuple[int, int], list[Contact]] = {}
+        for contact in self.contacts:
+            few.setdefault((contact.surface, contact.stretch), []).append(contact)
+        thinned = [c for group in few.values() for c in group[:: max(1, len(group) // START_FRAMES)][:START_FRAMES]]
+        rng, limit = np.random.default_rng(0), np.full(self.unknowns.size, START_ANGLE / ANGLE)
+        first = 6 * self.unknowns.offset
+        limit[: first // 2], limit[first::3] = START_LENGTH / LENGTH, START_LENGTH / LENGTH
+        found = []
+        for start in range(1 + STARTS):
+            change = self._descend(np.zeros(len(limit)) if start == 0 else rng.uniform(-limit, limit), thinned)
+            gaps, _, shares = self.linearise(change, STAGES[-1][0], thinned)
+            scale = STAGES[-1][1]
+            found.append(Minimum(change, float(np.sum(shares * scale**2 * np.log1p((gaps / scale) ** 2)))))
+        return found
+
+    def _descend(self, change: Floats, contacts: Sequence[Contact]) -> Floats:
+        """The minimum that is reached from a change, all stages in turn."""
         for band, scale in STAGES:
             for _ in range(ITERATIONS):
-                gaps, jacobian, shares = self.linearise(change, band)
+                gaps, jacobian, shares = self.linearise(change, band, contacts)
                 weights = shares / (1.0 + (gaps / scale) ** 2)  # Cauchy
                 root = np.sqrt(weights)
                 step = _ridge_step(jacobian * root[:, None], gaps * root, change, scale / EXPECTED)
@@ -94,10 +164,7 @@ class ContactProblem:
                 change = change + step * min(1.0, MAX_STEP / max(length, 1e-12))
                 if length < 1e-3:
                     break
-        gaps, jacobian, shares = self.linearise(change, STAGES[-1][0])
-        absolute = np.abs(gaps)
-        residual, percentile_90 = (float(np.percentile(absolute, share)) if len(gaps) else 0.0 for share in (50, 90))
-        return ContactFit(change, _hidden(jacobian * np.sqrt(shares)[:, None]), self.pivots, residual, percentile_90)
+        return change
 
     def _middle(self, surface: int) -> Floats:
         """Mean of the lowest points of the contacts with a surface, (3,) world frame."""
@@ -108,12 +175,17 @@ class ContactProblem:
                 points += [found.point[k] for k in _touching(found, contact, 0.0)]
         return np.mean(points, axis=0) if points else np.zeros(3)
 
-    def linearise(self, change: Floats, band: float) -> tuple[Floats, Floats, Floats]:
-        """Gaps (m,) of the points that touch, their derivatives (m, N), and the share of each in its stretch (m,)."""
+    def linearise(
+        self, change: Floats, band: float, contacts: Sequence[Contact] | None = None
+    ) -> tuple[Floats, Floats, Floats]:
+        """Gaps (m,) of the points that touch, their derivatives (m, N), and the share of each in its stretch (m,).
+
+        Of all frames of contact, or of `contacts`.
+        """
         offset, surfaces = self._split(change)
         root_from_root = self._from_root @ offset_matrix(offset) @ self._offset
         gaps, rows, stretches = [], [], []
-        for contact in self.contacts:
+        for contact in self.contacts if contacts is None else contacts:
             roots = contact.frame.roots.copy()
             before = matrix_from_pose(roots[self.tree])
             roots[self.tree] = pose_from_matrix(compose(before, root_from_root))
@@ -194,10 +266,21 @@ def _ridge_step(jacobian: Floats, gaps: Floats, change: Floats, ridge: float) ->
     return -np.asarray(np.linalg.solve(normal, jacobian.T @ gaps + ridge**2 * change), dtype=np.float64)
 
 
-def _hidden(jacobian: Floats) -> Floats:
-    """(N, M) orthonormal directions that the frames do not show."""
+def _hidden(jacobian: Floats, most: int) -> Floats:
+    """(N, M) orthonormal directions that the frames do not show: at least all but the `most` of largest singular value."""
     _, s, vt = np.linalg.svd(jacobian, full_matrices=True)
     values = np.zeros(len(vt))
     values[: len(s)] = s
+    values[most:] = 0.0
     hidden: Floats = vt[values <= INSENSITIVE].T
+    return hidden
+
+
+def _with_differences(hidden: Floats, differences: Sequence[Floats]) -> Floats:
+    """Hidden directions (N, M), and those of differences (N,) that are longer than `SAME_CHANGE` without them."""
+    for difference in sorted(differences, key=lambda d: -float(np.linalg.norm(d))):
+        rest = difference - hidden @ (hidden.T @ difference)
+        length = float(np.linalg.norm(rest))
+        if length > SAME_CHANGE:
+            hidden = np.column_stack([hidden, rest / length])
     return hidden

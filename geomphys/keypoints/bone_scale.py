@@ -79,7 +79,8 @@ def segment_owners(model: FitModel, segments: list[Segment]) -> list[int]:
     """Link that alone makes the length of each segment, by where the joints on it are; -1 where several do."""
     owners = []
     for segment in segments:
-        ends, offsets = [int(model.body[segment.first]), int(model.body[segment.second])], {}
+        ends = [int(model.body[segment.first]), int(model.body[segment.second])]
+        offsets: dict[int, Floats] = {}
         while ends[0] != ends[1]:
             side = 0 if ends[0] > ends[1] else 1  # parents come first
             parent, offset = int(model.parent[ends[side]]), model.origin[ends[side], :3]

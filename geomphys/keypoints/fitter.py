@@ -38,6 +38,15 @@ class FittedPosture(NamedTuple):
     held: bool  # the points lack what the fit needs: all or part of the posture is the last one
 
 
+class _Pattern(NamedTuple):
+    """What a set of seen points shows."""
+
+    any_seen: bool
+    shown: Ints  # (Q,) 1 for joints that a seen point shows, or none ever does
+    shows_root: bool  # by points alone
+    has_palm: bool  # a point of the palm, which shows the root together with an orientation
+
+
 class KeypointFitter:
     """Joint values of one tree, and the pose of its root where the model has it unknown, over the frames of a recording."""
 
@@ -46,7 +55,7 @@ class KeypointFitter:
         self._model, self._state = pack(model), pack(self.state)
         self.started = False
         self._palm = _rigid_group(model)
-        self._root_shown: dict[bytes, bool] = {}  # by which points are seen
+        self._patterns: dict[bytes, _Pattern] = {}  # by which points are seen
         self.is_shown = model.shown_by.any(axis=1)  # (Q,) by any of the points
         self.frames = self.probed = 0
         self.unshown = np.zeros(
@@ -76,11 +85,12 @@ class KeypointFitter:
         state.figures[3] = 0.0
         if orientation is not None and model.fits_root[0]:
             state.orientation[:], state.figures[3] = orientation, lever * lever
-        shown = np.ascontiguousarray((model.shown_by @ seen > 0) | ~self.is_shown).astype(np.int64)
-        held = bool((shown == 0).any())
+        pattern = self._pattern(seen)
+        shown = pattern.shown
         if not model.fits_root[0]:
             state.root[:] = root
-        if not seen.any() or (model.fits_root[0] and not self._shows_root(seen)):
+        shows_root = pattern.shows_root or (state.figures[3] > 0.0 and pattern.has_palm)
+        if not pattern.any_seen or (model.fits_root[0] and not shows_root):
             state.increment[:] = 0.0
             pose_links(self._model, state.root, state.angles, state.poses)
             return FittedPosture(state.root.copy(), state.angles.copy(), True)
@@ -89,7 +99,7 @@ class KeypointFitter:
         else:
             self._fit_next(points, seen, shown)
         self._count(points, seen)
-        return FittedPosture(state.root.copy(), state.angles.copy(), held)
+        return FittedPosture(state.root.copy(), state.angles.copy(), not pattern.shown.all())
 
     def _start(self, points: Floats, seen: Ints, shown: Ints) -> None:
         """First posture: the best from several starts, each with the rigid motion that brings its points nearest."""
@@ -117,27 +127,30 @@ class KeypointFitter:
         """Posture of a later frame, from the last one."""
         state, model = self.state, self.model
         last_angles = state.angles.copy()
-        predicted = np.where(np.abs(state.increment) < MAX_INCREMENT, state.increment, 0.0)
-        state.target[:] = np.clip(last_angles + predicted, model.lower, model.upper)
+        predicted = last_angles + state.increment * (np.abs(state.increment) < MAX_INCREMENT)
+        np.minimum(np.maximum(predicted, model.lower), model.upper, out=state.target)
         state.figures[2] = SMOOTHNESS_WEIGHT
         fit_frame(self._model, self._state, points, seen, shown, ITERATIONS)
         state.increment[:] = state.angles - last_angles
 
-    def _shows_root(self, seen: Ints) -> bool:
-        """Whether the seen points show the pose of the root: enough of those that are rigid with each other, not in a line.
+    def _pattern(self, seen: Ints) -> _Pattern:
+        """What is shown where these points are seen.
 
-        Where there are too few of these at all, half of all points have to be seen. With an orientation, one of them is enough.
+        The pose of the root is by enough of those that are rigid with each other, not in a line; where there are too few of these
+        at all, half of all points have to be seen.
         """
-        if self.state.figures[3] > 0.0:
-            return bool((self._palm & (seen != 0)).any())
         key = seen.tobytes()
-        if key not in self._root_shown:
-            if len(self._root_shown) >= MAX_PATTERNS:
-                self._root_shown.clear()
-            group = self._palm & (seen != 0) if _spans(self.model, self._palm) else seen != 0
-            enough = ROOT_POINTS if _spans(self.model, self._palm) else max(ROOT_POINTS, len(seen) // 2)
-            self._root_shown[key] = bool(group.sum() >= enough and _spans(self.model, group))
-        return self._root_shown[key]
+        if key not in self._patterns:
+            if len(self._patterns) >= MAX_PATTERNS:
+                self._patterns.clear()
+            shown = ((self.model.shown_by @ seen > 0) | ~self.is_shown).astype(np.int64)
+            has_group = _spans(self.model, self._palm)
+            group = self._palm & (seen != 0) if has_group else seen != 0
+            enough = ROOT_POINTS if has_group else max(ROOT_POINTS, len(seen) // 2)
+            shows_root = bool(group.sum() >= enough and _spans(self.model, group))
+            has_palm = bool((self._palm & (seen != 0)).any())
+            self._patterns[key] = _Pattern(bool(seen.any()), shown, shows_root, has_palm)
+        return self._patterns[key]
 
     def _nearest_root(self, points: Floats, seen: Ints) -> Floats:
         """Pose of the root (7,) that brings the points of the current angles nearest to those seen (Kabsch 1976)."""

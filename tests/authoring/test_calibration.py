@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import geomphys
+from geomphys.authoring.contact_fit import _with_differences
 from geomphys.authoring.contact_frames import collect
 from geomphys.authoring.time_shift import find_time_shift
 from geomphys.config import Config
@@ -65,6 +66,22 @@ def test_a_flat_hand_shows_height_or_offset_but_not_which(flat):
     np.testing.assert_allclose(found.offset_m, OFFSET[0], atol=1e-3)
     assert found.surfaces["table"].height_m == pytest.approx(0.70, abs=1e-4)
     assert not [c for c in found.changes if c.kind == "object"]
+
+
+def test_changes_that_fit_as_well_are_not_shown():
+    hidden = np.zeros((4, 1))
+    hidden[0, 0] = 1.0
+    same, other = np.array([3.0, 0.1, 0.0, 0.0]), np.array([0.0, 0.0, 1.0, -1.0])
+    found = _with_differences(hidden, [same, np.zeros(4), other, 0.5 * other])
+    np.testing.assert_allclose(found.T @ found, np.eye(2), atol=1e-12)
+    assert abs(found[:, 1] @ other) == pytest.approx(np.sqrt(2))
+
+
+def test_touches_alone_show_fewer_directions_than_there_are_touches(rich):
+    folder, log = rich
+    scene = write_scene(folder, position=(0.03, -0.02, 0.03))
+    found = geomphys.calibrate(log, scene, touches=[(a + 0.1, "") for a, _ in stretches(WAYS)[3:7]], on=["table"])
+    assert len(found.unobservable) >= 8, "four touches with three to spare show one direction of nine"
 
 
 def test_it_shows_the_height_where_the_offset_is_right(flat):
