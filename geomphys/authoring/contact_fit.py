@@ -58,8 +58,8 @@ START_ANGLE = 0.15
 """rad; the same of rotations."""
 SAME_COST = 17.0 * 0.001**2
 """m²; fits whose costs differ by less are as good: chi-square of 9 values, 95 %, for errors of 1 mm a touch."""
-SPARE = 3
-"""Touches to spare that a fit needs: with none left over any corner of the hand can be made to touch."""
+RESERVE = 3
+"""Touches in reserve that a fit needs: with none any corner of the hand can be made to touch."""
 PLENTY = 10
 """Measurements more than unknowns from which on one start is enough."""
 SAME_CHANGE = 0.2
@@ -130,10 +130,10 @@ class ContactProblem:
         return sum(1 if is_touch else 3 for is_touch in self._touches().values())
 
     def _most_shown(self) -> int:
-        """Number of directions that may be shown: as many as are measured, but for `SPARE` where an offset is sought."""
+        """Number of directions that may be shown: as many as are measured, but for `RESERVE` where an offset is sought."""
         touches = sum(self._touches().values())
-        spare = min(SPARE, max(touches - 1, 0))
-        return self._measured() - spare if self.unknowns.offset else self.unknowns.size
+        reserve = min(RESERVE, max(touches - 1, 0))
+        return self._measured() - reserve if self.unknowns.offset else self.unknowns.size
 
     def _minima(self) -> list[Minimum]:
         """Minima from the scene as it is and from `STARTS` random changes, by `START_FRAMES` frames of each stretch."""

@@ -25,11 +25,11 @@ MAX_SAMPLES = 1024
 """Frames of which rotations are kept: every one, then every second …"""
 MIN_SAMPLES = 20
 """Rotations that are needed."""
-MAX_SPREAD = 0.1
+MAX_DEVIATION = 0.1
 """rad; median angle of the rotations from their mean, above which the orientation does not count."""
 MIN_MOTION = 0.02
 """rad; orientations that change by less over a recording are not filled in, or are not needed."""
-MIN_SPREAD = 0.002
+MIN_DEVIATION = 0.002
 """rad; a smaller median angle counts as this one."""
 OWN_SHARE = 0.1
 """Of the variance of the rotations, what is at least that of the orientation and not of the points."""
@@ -80,17 +80,17 @@ class OrientationSamples:
         roots = np.array([row[1] for row in self.rows])
         distance, sensitivity = (float(np.median([row[k] for row in self.rows])) for k in (2, 3))
         best: PalmOrientation | None = None
-        smallest = MAX_SPREAD
+        smallest = MAX_DEVIATION
         for column, k in enumerate(self.oriented):
             recorded = np.array([row[0][column] for row in self.rows])
             if float(np.max(angle_between(recorded, recorded[0]))) < MIN_MOTION:
                 continue
             rotations = quaternion_product(recorded * [-1.0, -1.0, -1.0, 1.0], roots)
             mean = _mean_rotation(rotations)
-            spread = float(np.median(angle_between(rotations, mean)))
-            if spread < smallest:
-                smallest = spread
-                total = (max(spread, MIN_SPREAD) / MEDIAN_OF_3) ** 2
+            angle = float(np.median(angle_between(rotations, mean)))
+            if angle < smallest:
+                smallest = angle
+                total = (max(angle, MIN_DEVIATION) / MEDIAN_OF_3) ** 2
                 own = max(total - (distance * sensitivity) ** 2, OWN_SHARE * total)
                 lever = round(min(distance / float(np.sqrt(own)), MAX_LEVER), 4)
                 best = PalmOrientation(k, tuple(map(float, mean)), lever)
