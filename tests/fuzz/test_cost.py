@@ -7,7 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.fuzz.growing import FAMILIES, LARGE, OVERLAPPING, Family
+from geomphys.errors import MeshError
+from geomphys.recording.transform_tree import MAX_STEPS, FrameError, Link, TransformTree
+from geomphys.scene.gltf_file import MAX_DEPTH
+from geomphys.scene.meshes import load_mesh
+from tests.fuzz.growing import FAMILIES, LARGE, OVERLAPPING, Family, nested_nodes
 from tests.fuzz.targets import TARGETS
 
 SECONDS = 0.4
@@ -37,3 +41,22 @@ def test_the_time_of_a_byte_is_bounded_in_large_files_too(tmp_path: Path, name: 
 @pytest.mark.slow
 def test_chunks_that_overlap_are_read_in_the_order_of_time_without_a_search(tmp_path: Path) -> None:
     check(OVERLAPPING, OVERLAPPING.size, tmp_path)
+
+
+def test_nodes_of_a_gltf_are_read_to_some_depth(tmp_path: Path) -> None:
+    path = tmp_path / "deep.glb"
+    path.write_bytes(nested_nodes(MAX_DEPTH - 1, translation=[0, 0, 1]))
+    assert load_mesh(path).vertices[:, 2].min() == MAX_DEPTH - 2
+    path.write_bytes(nested_nodes(MAX_DEPTH))
+    with pytest.raises(MeshError, match=f"has nodes {MAX_DEPTH + 1} deep in one another, at most {MAX_DEPTH} are read"):
+        load_mesh(path)
+
+
+def test_frames_are_followed_for_some_transforms() -> None:
+    def tree(count: int) -> TransformTree:
+        links = {f"f{k + 1}": {f"f{k}": Link(["/tf"])} for k in range(count)}
+        return TransformTree(links, {f"f{k}" for k in range(count + 1)})
+
+    assert len(tree(MAX_STEPS).path_to_root(f"f{MAX_STEPS}", "")) == MAX_STEPS
+    with pytest.raises(FrameError, match=f"the frame 'f{MAX_STEPS + 1}' lies more than {MAX_STEPS} transforms below"):
+        tree(MAX_STEPS + 1).path_to_root(f"f{MAX_STEPS + 1}", "")
