@@ -1,6 +1,7 @@
 # make demo    a recorded hand, put on the table it sank into: out/gallery_hand.mcap and .rrd
 # make test    the tests but the slow ones; make test-all: all of them
 # make test-numba   the tests that compile, with the oldest numba allowed
+# make test-versions  some tests and replays with Python 3.11 to 3.13, oldest and newest packages; are the bytes the same?
 # make distribution   wheel and sdist, each tried in an environment of its own, outside the checkout
 # make check   format, lint, types, documents
 # make fuzz    hostile bytes through every loader, for FUZZ_SECONDS of processor time (default 600): out/fuzz/
@@ -19,7 +20,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 MESHES := $(shell find assets -type f 2>/dev/null)
 
 .DELETE_ON_ERROR:
-.PHONY: demo distribution test test-all test-numba check fuzz bench figures methods format clean
+.PHONY: demo distribution test test-all test-numba test-versions check fuzz bench figures methods format clean
 
 demo: $(VENV)/.runtime out/gallery_hand.mcap
 	@echo
@@ -45,6 +46,9 @@ test-numba: $(VENV)/.test
 	$(PYTHON) -m venv --clear out/venv-numba
 	out/venv-numba/bin/python -m pip --disable-pip-version-check --quiet install --editable '.[test]' 'numba==$(OLDEST_NUMBA).*'
 	out/venv-numba/bin/python $(PYTEST) tests/simulated tests/driven tests/engine/test_pipeline.py
+
+test-versions:
+	PYTHON=$(PYTHON) .ci/test_versions $(SETS)
 
 distribution:
 	.ci/check_distribution $(PYTHON)

@@ -3,23 +3,33 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from numbers import Integral, Real
+from typing import Any, Literal, get_args
 
 from geomphys.errors import ConfigError
 
 TimeSource = Literal["header", "log", "publish"]
+Method = Literal["exact", "paper"]
+Mode = Literal["auto", "rigid", "chains"]
+
+MAX_SEED = 2**31 - 1
+RATES_HZ = (1e-3, 1e5)
+"""Lowest and highest rate of frames."""
+MAX_SECONDS = 1e9
+"""s; the longest time of any parameter, 31 years."""
+MAX_COUNT = 10**9
+"""The largest number of passes and of impacts."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Config:
     """All parameters of a replay; written into the output's provenance record."""
 
-    mode: Literal["auto", "rigid", "chains"] | None = None
+    mode: Mode | None = None
     """How avatars are corrected, as one rigid body or joint by joint; auto: joint by joint where joints move links that
     collide; None: as the scene file says."""
-    method: Literal["exact", "paper"] = "exact"
+    method: Method = "exact"
     """How driven bodies are corrected. `exact`: nothing overlaps and nothing is passed through. `paper`: as published, by
     discrete checks, global penetration depth and cyclic coordinate descent; overlaps may be left, and are reported."""
     time: TimeSource = "header"
@@ -51,20 +61,38 @@ class Config:
 
     def __post_init__(self) -> None:
         """Check ranges; raises ConfigError that names parameter and value."""
-        for name in ("rate", "max_gap", "max_delay", "gap", "start", "end"):
+        for name, known in (("mode", Mode), ("method", Method), ("time", TimeSource)):
             value = getattr(self, name)
-            if value is not None and (not math.isfinite(value) or value < 0):
-                raise ConfigError(f"{name} = {value}: must be a finite number that is not negative")
-        if self.rate == 0:
-            raise ConfigError("rate = 0: must be above zero")
-        for name in ("max_iterations", "max_impacts"):
-            if getattr(self, name) < 1:
-                raise ConfigError(f"{name} = {getattr(self, name)}: must be at least 1")
-        if not 1e-9 <= self.gap <= 5e-6:
-            raise ConfigError(f"gap = {self.gap}: must lie between 1e-9 and 5e-6 m")
+            if value not in get_args(known) and not (name == "mode" and value is None):
+                raise ConfigError(f"{name} = {_shown(value)}: must be one of {', '.join(get_args(known))}")
+        for name in ("max_gap", "max_delay", "start", "end"):
+            self._require(name, 0.0, MAX_SECONDS)
+        self._require("rate", *RATES_HZ)
+        self._require("gap", 1e-9, 5e-6)
+        self._require("seed", 0, MAX_SEED, whole=True)
+        self._require("max_iterations", 1, MAX_COUNT, whole=True)
+        self._require("max_impacts", 1, MAX_COUNT, whole=True)
         if self.start is not None and self.end is not None and self.end < self.start:
             raise ConfigError(f"end = {self.end}: lies before start = {self.start}")
+
+    def _require(self, name: str, low: float, high: float, *, whole: bool = False) -> None:
+        """Raise ConfigError unless a parameter is a number within bounds, or None where that is its default."""
+        value = getattr(self, name)
+        if value is None and name in ("rate", "start", "end"):
+            return
+        is_number = isinstance(value, Integral if whole else Real) and not isinstance(value, bool)
+        if not is_number or not low <= value <= high:
+            kind = "a whole number" if whole else "a number"
+            raise ConfigError(f"{name} = {_shown(value)}: must be {kind} from {low:.10g} to {high:.10g}")
 
     def as_dict(self) -> dict[str, Any]:
         """Every parameter by name."""
         return dataclasses.asdict(self)
+
+
+def _shown(value: object) -> str:
+    """A wrong value on one line of some length."""
+    if isinstance(value, int) and value.bit_length() > 64:
+        return f"a number of {value.bit_length()} bits"
+    text = ascii(value)
+    return text if len(text) <= 60 else f"{text[:60]}…"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -145,7 +146,7 @@ def _named_parts(path: AnyPath) -> list[str]:
     try:
         if file.stat().st_size > METADATA_LIMIT:
             raise LogError(f"{file}: is larger than {METADATA_LIMIT} bytes; that is no bag's metadata")
-        content: Any = yaml.safe_load(file.read_bytes())
+        content: Any = yaml.load(file.read_bytes(), _yaml_loader())
     except OSError as problem:
         raise LogError(f"{file}: cannot be read ({problem.strerror})") from problem
     except (yaml.YAMLError, ValueError, RecursionError) as problem:
@@ -170,6 +171,18 @@ def _named_parts(path: AnyPath) -> list[str]:
     if not isinstance(names, list) or not names or not all(isinstance(n, str) and n for n in names):
         raise LogError(f"{file}: relative_file_paths is not a list of file names")
     return names
+
+
+@lru_cache
+def _yaml_loader() -> Any:
+    """A loader of plain data that takes no merge keys, which grow with the square of a file, and bounds how deep lists nest."""
+    import yaml
+
+    class Loader(yaml.CSafeLoader):  # type: ignore[misc]
+        def flatten_mapping(self, node: Any) -> None:
+            """Leave a mapping as it stands."""
+
+    return Loader
 
 
 def _inside(path: AnyPath, name: str) -> AnyPath:

@@ -26,8 +26,13 @@ from geomphys.recording.ros_definitions import ROS1_TYPES, STANDARD_TYPES
 
 Decoder = Callable[[bytes], Any]
 
-_FIXED_BYTE_ARRAYS = re.compile(rb"^\s*(?:uint8|byte)\[[0-9]+\]", re.MULTILINE)
+_FIXED_BYTE_ARRAYS = re.compile(rb"^[^\S\n]*(?:uint8|byte)\[[0-9]+\]", re.MULTILINE)
 """Fixed-size byte arrays, which mcap-ros2-support reads without a bounds check; no supported type has them."""
+
+
+ROS2_FIELD_LIMIT = 2_000
+"""Fields and constants of a type of ROS 2: the library's time grows with their square."""
+_SEPARATOR = re.compile(rb"^=+[ \t]*$", re.MULTILINE)
 
 
 class BadMessageError(Exception):
@@ -127,6 +132,8 @@ def _ros2(channel: LogChannel, schema_name: str) -> Decoder:
     if channel.schema_encoding == "ros2msg" and data.strip():
         if _FIXED_BYTE_ARRAYS.search(data):
             raise _unreadable(channel, "its message definition has byte arrays of fixed size")
+        if any(_field_lines(part) > ROS2_FIELD_LIMIT for part in _SEPARATOR.split(data)):
+            raise _unreadable(channel, f"its message definition has a type of more than {ROS2_FIELD_LIMIT} fields")
         decoder = _from_definition(name, data)
         if decoder is not None:
             return decoder
@@ -139,6 +146,11 @@ def _ros2(channel: LogChannel, schema_name: str) -> Decoder:
     if decoder is None:
         raise _unreadable(channel, reason)
     return decoder
+
+
+def _field_lines(definition: bytes) -> int:
+    """Lines of a type's definition that are neither empty nor comments."""
+    return sum(bool(line.partition(b"#")[0].strip()) for line in definition.splitlines())
 
 
 def _guarded_cdr(decode: Decoder) -> Decoder:

@@ -242,7 +242,7 @@ def _starts_record_sequence(file: BinaryIO, at: int, size: int) -> bool:
             except BadRecordError:
                 return False
             return chunk.header_length + chunk.data_length == length and chunk.compression in ("", "zstd", "lz4")
-        if opcode == Opcode.MESSAGE_INDEX and (length < 6 or length != 6 + int.from_bytes(body[2:6], "little")):
+        if opcode == Opcode.MESSAGE_INDEX and (length < 6 + int.from_bytes(body[2:6], "little")):
             return False
         if opcode == Opcode.MESSAGE and length < MESSAGE.size:
             return False

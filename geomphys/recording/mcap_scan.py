@@ -305,8 +305,11 @@ class _Scanner:
         end = self.size if next_record is None else next_record
         self.is_truncated = next_record is None
         if len(header) == 9 and header[0] == Opcode.CHUNK:
+            losses = len(self.result.losses)
             try:
                 self.chunk(at, int.from_bytes(header[1:], "little"), end)
+                if len(self.result.losses) == losses:
+                    self.add_loss(at, 0, f"at byte {at}: {text}")
                 return end
             except BadRecordError as problem:
                 text = text if str(problem) == text else f"{text}; {problem}"

@@ -148,8 +148,8 @@ class _Summary:
         for kind, begin, at in walk(data):
             _require(kind == Opcode.MESSAGE_INDEX and at - begin >= 6, "no message index")
             channel, length = struct.unpack_from("<HI", data, begin)
-            _require(length == at - begin - 6 and length % 16 == 0, "a message index is cut off")
-            times = sorted(time for time, _ in _INDEX_ENTRY.iter_unpack(data[begin + 6 : at]))
+            _require(length <= at - begin - 6 and length % 16 == 0, "a message index is cut off")
+            times = sorted(time for time, _ in _INDEX_ENTRY.iter_unpack(data[begin + 6 : begin + 6 + length]))
             if not times:
                 continue
             _require(times[-1] <= TIME_LIMIT, "a time is out of range")

@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Container, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from heapq import heappop, heappush, heapreplace
 from types import TracebackType
 from typing import BinaryIO, NamedTuple
 
@@ -93,6 +94,7 @@ class LogReader:
             self._scans.append(self._scan(file))
             self.size += self._scans[-1].size
         self.channels: dict[int, LogChannel] = {}
+        self._of_topic: dict[str, list[LogChannel]] = {}
         for number, scan in enumerate(self._scans):
             self._add_channels(number, scan)
         self.metadata: tuple[tuple[str, dict[str, str]], ...] = tuple(
@@ -122,7 +124,7 @@ class LogReader:
     @property
     def topics(self) -> tuple[str, ...]:
         """All topics, sorted."""
-        return tuple(sorted({c.topic for c in self.channels.values()}))
+        return tuple(sorted(self._of_topic))
 
     @property
     def messages(self) -> int:
@@ -141,7 +143,7 @@ class LogReader:
 
     def of_topic(self, topic: str) -> tuple[LogChannel, ...]:
         """The channels of a topic."""
-        return tuple(c for c in self.channels.values() if c.topic == topic)
+        return tuple(self._of_topic.get(topic, ()))
 
     def read(self, keys: Container[int] | None = None, *, file_order: bool = False) -> Iterator[RawMessage]:
         """Stream the messages of the channels `keys` (None: of all) in the order of their log times.
@@ -160,20 +162,29 @@ class LogReader:
                         yield RawMessage(key, log_time, publish_time, data, sequence)
             return
         unread_spans = deque(sorted(enumerate(spans), key=lambda item: item[1][1].first))
-        pending: deque[_Pending] = deque()
+        pending: list[
+            tuple[_Pending, deque[_Pending]]
+        ] = []  # heap of the sorted messages of each span by the first of them
         size = 0
         while unread_spans or pending:
             while unread_spans and size < PENDING_LIMIT:
                 order, (number, span) = unread_spans[0]
-                if pending and span.first > pending[0][0]:
+                if pending and span.first > pending[0][0][0]:
                     break
                 unread_spans.popleft()
                 loaded = self._load(number, span, order << 32, keys)
                 size += sum(len(m[4]) for m in loaded)
-                pending = deque(sorted([*pending, *loaded]))
+                if loaded:
+                    run = deque(sorted(loaded))
+                    heappush(pending, (run[0], run))
             next_start = unread_spans[0][1][1].first if unread_spans else None
-            while pending and (next_start is None or size >= PENDING_LIMIT or pending[0][0] < next_start):
-                log_time, _, key, publish_time, data, sequence = pending.popleft()
+            while pending and (next_start is None or size >= PENDING_LIMIT or pending[0][0][0] < next_start):
+                run = pending[0][1]
+                log_time, _, key, publish_time, data, sequence = run.popleft()
+                if run:
+                    heapreplace(pending, (run[0], run))
+                else:
+                    heappop(pending)
                 size -= len(data)
                 if keys is None or key in keys:
                     yield RawMessage(key, log_time, publish_time, data, sequence)
@@ -294,6 +305,7 @@ class LogReader:
                 tuple(sorted(channel.metadata.items())),
                 count.longest_gap if count else None,
             )
+            self._of_topic.setdefault(channel.topic, []).append(self.channels[key])
 
     def _damage(self, missing: tuple[str, ...]) -> Damage | None:
         """Summarise the losses of all files."""

@@ -210,9 +210,10 @@ def _warnings(source: FrameSource, log_pass: LogPass, report: RecordingReport) -
     held_frames = held_frames_warning(source, log_pass)
     if held_frames:
         yield Diagnostic(held_frames, "held")
+    used = source.plan.keys | source.transforms.keys
     for topic in source.topics:
         for channel in source.reader.of_topic(topic):
-            if channel.messages and channel.key not in source.plan.keys | source.transforms.keys:
+            if channel.messages and channel.key not in used:
                 what = f"{channel.messages} messages ({printable(channel.schema_name)}, {printable(channel.encoding)})"
                 yield Diagnostic(
                     f"topic {printable(topic)}: {what} of another kind than the rest are not used", "mixed_kinds"

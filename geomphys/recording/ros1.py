@@ -20,8 +20,12 @@ from mcap.records import Schema
 
 from geomphys.recording.ros_definitions import ROS1_HEADER, joined
 
-FIELD_LIMIT = 10_000
+FIELD_LIMIT = 1_000
 """Numbers and texts of a message, without those of its lists."""
+TYPE_LIMIT = 64
+"""Types of a definition that are in use: the library's time grows with their square."""
+LIST_LIMIT = 8
+"""Lists within lists: the library writes a loop for each, and Python nests at most 20."""
 _SIZES = {
     "bool": 1, "int8": 1, "uint8": 1, "byte": 1, "char": 1, "int16": 2, "uint16": 2, "int32": 4, "uint32": 4,
     "float32": 4, "int64": 8, "uint64": 8, "float64": 8, "time": 8, "duration": 8, "string": 4,
@@ -95,19 +99,20 @@ def _fields(owner: str, body: str) -> tuple[Field, ...]:
 
 def _check(types: Mapping[str, tuple[Field, ...]], root: str) -> None:
     """Refuse types with which a short message could exhaust memory or time."""
-    known: dict[str, tuple[int, int]] = {}  # least bytes that are checked when it is read, and fields
+    known: dict[str, tuple[int, int, int]] = {}  # least bytes that are checked when it is read, fields, lists in lists
 
-    def measure(name: str, ancestors: tuple[str, ...]) -> tuple[int, int]:
+    def measure(name: str, ancestors: tuple[str, ...]) -> tuple[int, int, int]:
         if name in _SIZES:
-            return _SIZES[name], 1
+            return _SIZES[name], 1, 0
         if name in ancestors or len(ancestors) > 32:
             raise DefinitionError("it has types that hold each other")
         if name not in types:
             raise DefinitionError(f"it lacks the type {name[:80]}")
         if name not in known:
-            size = fields = 0
+            size = fields = lists = 0
             for field in types[name]:
-                least, count = measure(field.type, (*ancestors, name))
+                least, count, inner = measure(field.type, (*ancestors, name))
+                lists = max(lists, inner + (bool(field.array) and field.type not in _SIZES))
                 if field.array == "[]":
                     if least == 0:
                         raise DefinitionError("it has lists of elements that take no bytes")
@@ -118,7 +123,11 @@ def _check(types: Mapping[str, tuple[Field, ...]], root: str) -> None:
                 fields += 1 if fixed_bytes else count * field.elements
             if fields > FIELD_LIMIT:
                 raise DefinitionError(f"a message of it has more than {FIELD_LIMIT} fields")
-            known[name] = size, fields
+            if lists > LIST_LIMIT:
+                raise DefinitionError(f"it has lists in one another more than {LIST_LIMIT} deep")
+            known[name] = size, fields, lists
+            if len(known) > TYPE_LIMIT or sum(len(types[used]) for used in known) > FIELD_LIMIT:
+                raise DefinitionError(f"it has more than {TYPE_LIMIT} types or {FIELD_LIMIT} fields")
         return known[name]
 
     measure(root, ())
@@ -144,7 +153,7 @@ def make_ros1_decoder(name: str, definition: str) -> tuple[Callable[[bytes], Any
     return _generate(name, joined(lines, name))
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=1024)
 def _generate(name: str, definition: str) -> tuple[Callable[[bytes], Any], type[Exception]]:
     """Run the library on a definition that was checked; it leaves a folder on the module path, which is taken off."""
     path = list(sys.path)

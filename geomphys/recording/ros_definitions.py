@@ -40,10 +40,12 @@ _ROOTS = (
 
 def joined(types: dict[str, str], root: str) -> str:
     """One text of a type's fields and of those of the types in it, as schemas have it."""
-    found = [root]
+    found, seen = [root], {root}
     for name in found:
         kinds = (line.split()[0].partition("[")[0] for line in types[name].splitlines())
-        found += dict.fromkeys(k for k in kinds if k in types and k not in found)
+        new = dict.fromkeys(k for k in kinds if k in types and k not in seen)
+        found += new
+        seen.update(new)
     bar = "\n" + "=" * 80 + "\n"
     return bar.join(types[n] if n == root else f"MSG: {n}\n{types[n]}" for n in found) + "\n"
 

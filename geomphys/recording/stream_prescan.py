@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from geomphys.config import Config
-from geomphys.recording.channels import Content, JointSample, MessageKind, kind_of, make_message_reader
+from geomphys.recording.channels import Content, JointSample, kind_of, make_message_reader
 from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.display_names import add_names
 from geomphys.recording.input_plan import Plan
@@ -131,32 +131,32 @@ def _probes(plan: Plan, prescan: Prescan, *, zero_stamps_resolved: bool) -> dict
     for c in plan.clock.channels if plan.clock is not None else ():
         channels[c.key] = c
         awaited.setdefault(c.key, set())
+    clock_keys = {c.key for c in plan.clock.channels} if plan.clock is not None else set()
+    implied_keys = {c.key for pose in plan.poses if pose.is_only_child for c in pose.channels}
+    point_keys = {c.key for keypoints in plan.keypoints for c in keypoints.channels}
+    followed: dict[int, set[str]] = {}  # children that are no points
+    for pose in plan.poses:
+        for c in () if pose.is_point else pose.channels:
+            followed.setdefault(c.key, set()).add(pose.child)
     probes = {}
     for key, c in channels.items():
         kind = kind_of(c)
         if kind is None:
             continue
-        prescan.readers[key] = _reader(plan, c, kind)
-        of_points = any(c in k.channels for k in plan.keypoints)
+        of_points = key in point_keys
+        prescan.readers[key] = (
+            make_point_reader(c, whole=followed.get(key, set())) if of_points else make_message_reader(c, kind)
+        )
         layout = kind.points if of_points and kind.points is not None else kind.layout
         has_literal_names = not isinstance(layout, PoseLayout) or layout.has_literal_names
         names = {n: n.rsplit("\0", 1)[-1].encode() if has_literal_names else b"" for n in sorted(awaited[key])}
-        is_child_implied = any(p.is_only_child and c in p.channels for p in plan.poses)
         timed_children = set(awaited[key])
-        if plan.clock is not None and c in plan.clock.channels:
+        if plan.clock is not None and key in clock_keys:
             timed_children.add(plan.clock.child)
         probes[key] = _ChannelProbe(
-            c, names, zero_stamps_resolved or not kind.has_stamp, is_child_implied, frozenset(timed_children)
+            c, names, zero_stamps_resolved or not kind.has_stamp, key in implied_keys, frozenset(timed_children)
         )
     return probes
-
-
-def _reader(plan: Plan, channel: LogChannel, kind: MessageKind) -> Callable[[bytes], Content]:
-    """The reader of a channel: of its points where joint values are fitted to them."""
-    if any(channel in keypoints.channels for keypoints in plan.keypoints):
-        followed = {p.child for p in plan.poses if not p.is_point and channel in p.channels}
-        return make_point_reader(channel, whole=followed)
-    return make_message_reader(channel, kind)
 
 
 def _joint_keys(names: dict[str, int], side: str) -> list[str]:

@@ -31,6 +31,8 @@ TREE_SCAN_NS = 10 * 10**9
 """ns of a log that are read for its tree; more only if a required frame has not occurred by then."""
 MAX_FRAMES = 10_000
 """Maximum number of frames in a tree."""
+MAX_STEPS = 200
+"""Maximum number of edges from a frame to an ancestor: every pose is taken through all of them."""
 
 
 class Edge(NamedTuple):
@@ -66,23 +68,20 @@ class TransformTree:
     """Frames by name, without a leading slash."""
 
     parents: dict[str, dict[str, Link]] = field(default_factory=dict)  # child -> parent -> link
+    frames: set[str] = field(default_factory=set)  # all of them
 
     def add(self, parent: str, child: str, channel: LogChannel, value: PoseTuple) -> None:
         """Add a transform."""
         if not parent or not child or parent == child or len(self.parents) >= MAX_FRAMES:
             return
         link = self.parents.setdefault(child, {}).setdefault(parent, Link())
+        self.frames.update((parent, child))
         if channel.topic not in link.topics:
             link.topics.append(channel.topic)
         link.keys.add(channel.key)
         link.static &= is_static(channel.topic)
         if link.first is None:
             link.first = validated_pose(value)
-
-    @property
-    def frames(self) -> set[str]:
-        """All frames."""
-        return set(self.parents).union(*self.parents.values())
 
     @property
     def roots(self) -> list[str]:
@@ -108,14 +107,19 @@ class TransformTree:
     def path_to_root(self, frame: str, scan_end: str) -> list[Edge]:
         """Edges from a frame up to an ancestor, or to its root.
 
-        Raises FrameError if a frame on the path has two parents, or if the path is a cycle.
+        Raises FrameError if a frame on the path has two parents, or if the path is a cycle or longer than `MAX_STEPS`.
         """
         edges: list[Edge] = []
+        passed: set[str] = set()
         while frame != scan_end and (parent := self.parent_of(frame)) is not None:
             edges.append(Edge(parent, frame))
-            if any(parent == e.child for e in edges):
+            passed.add(frame)
+            if parent in passed:
                 names = ", ".join(repr(printable(e.child)) for e in edges)
                 raise FrameError(f"the frames {names} are given in one another, in a circle")
+            if len(edges) > MAX_STEPS:
+                first = printable(edges[0].child)
+                raise FrameError(f"the frame {first!r} lies more than {MAX_STEPS} transforms below its root")
             frame = parent
         return edges
 
@@ -175,8 +179,7 @@ def read_transform_trees(reader: LogReader, names: Iterable[str]) -> Iterator[Tr
                     continue
             unread_topics.discard(raw.key)
             _add_message(tree, channels[raw.key], readers[raw.key], raw.data)
-            if missing:
-                missing -= tree.frames
+            missing = missing - tree.frames  # goes through the few that are missing
         yield tree
 
 

@@ -10,6 +10,8 @@ from geomphys.scene.source_files import track_contents
 from geomphys.storage.remote_files import AnyPath, lies_within
 
 MAX_NODES = 100_000
+MAX_DEPTH = 32
+"""Nodes within nodes: the parser multiplies the matrices of a chain in a time that grows with the cube of its length."""
 _COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 _COMPONENT_COUNTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 
@@ -38,11 +40,23 @@ def gltf_problem(data: bytes, suffix: str, max_corners: int) -> str:
     children = [child for node in nodes for child in node.get("children", [])]
     if len(set(children)) != len(children):
         return "a node is a child twice"
+    if (depth := _depth(nodes)) > MAX_DEPTH:
+        return f"has nodes {depth} deep in one another, at most {MAX_DEPTH} are read: apply the transforms when exporting it"
     corners = [sum(_corners(p, accessors) for p in mesh.get("primitives", [])) for mesh in meshes]
     total = sum(corners[node["mesh"]] for node in nodes if "mesh" in node)
     return (
         f"has {total} corners of triangles, at most {max_corners} are read: simplify it" if total > max_corners else ""
     )
+
+
+def _depth(nodes: list[dict[str, Any]]) -> int:
+    """Longest chain of nodes of which each is a child of one before; those in a circle count as endless."""
+    children = {child for node in nodes for child in node.get("children", [])}
+    level, depth, reached = [number for number in range(len(nodes)) if number not in children], 0, 0
+    while level:
+        depth, reached = depth + 1, reached + len(level)
+        level = [child for number in level for child in nodes[number].get("children", [])]
+    return depth if reached == len(nodes) else len(nodes)
 
 
 def _json_of(data: bytes) -> bytes:

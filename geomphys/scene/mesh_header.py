@@ -12,6 +12,8 @@ STL_HEADER_BYTES = 84
 """bytes before the triangles of a binary STL; the last four are their count"""
 STL_TRIANGLE_BYTES = 50
 """bytes of a triangle in a binary STL"""
+MAX_MATERIALS = 500
+"""materials that an OBJ is told apart by"""
 
 _FACET = re.compile(rb"\bfacet\s+normal\b", re.IGNORECASE)
 _END_FACET = re.compile(rb"\bendfacet\b", re.IGNORECASE)
@@ -19,6 +21,7 @@ _END_SOLID = re.compile(rb"\bendsolid\b", re.IGNORECASE)
 _PLY_FACES = re.compile(rb"^element\s+face\s+(\d+)", re.MULTILINE)
 _OFF_FACES = re.compile(rb"\s*[A-Z0-9]*OFF\s+\d+\s+(\d+)")
 _COMMENT = re.compile(rb"#[^\n]*")
+_OBJ_MATERIAL = re.compile(rb"^[ \t]*usemtl\b[^\n]*", re.MULTILINE)
 _HTML = (b"<!doctype html", b"<html")
 
 
@@ -60,6 +63,15 @@ def without_trailer(data: bytes) -> bytes:
     if is_ascii_stl(data) or len(data) < STL_HEADER_BYTES:
         return data
     return data[: STL_HEADER_BYTES + STL_TRIANGLE_BYTES * stl_count(data)]
+
+
+def without_many_materials(data: bytes) -> bytes:
+    """An OBJ without its materials, which mean nothing to a shape, if they are more than `MAX_MATERIALS`.
+
+    The parser makes a part of each, in a time that grows with the square of their number.
+    """
+    names = set(_OBJ_MATERIAL.findall(data))
+    return _OBJ_MATERIAL.sub(b"", data) if len(names) > MAX_MATERIALS else data
 
 
 def _binary_stl_fault(data: bytes) -> str:

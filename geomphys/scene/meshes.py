@@ -23,6 +23,7 @@ from geomphys.scene.mesh_header import (
     is_ascii_stl,
     mesh_problem,
     stl_count,
+    without_many_materials,
     without_trailer,
 )
 from geomphys.scene.shells import all_enclose_volume, outward_shells, shell_labels, shell_volumes
@@ -39,6 +40,8 @@ MAX_TRIANGLES = 500_000
 """triangles"""
 MAX_HULL_VERTICES = 10_000
 """vertices of the convex hull of a collision mesh"""
+MAX_INVERTED_SHELLS = 2_000
+"""shells of a mesh that are inside out: whether one is a cavity takes time with the number of all triangles"""
 CONVEX_TOLERANCE = 1e-6
 """Share of the mesh's size: a mesh within this distance of its hull is convex."""
 FLAT_TOLERANCE = 1e-9
@@ -295,6 +298,8 @@ def _parse(data: bytes, path: AnyPath, name: str) -> tuple[Floats, Ints]:
         if (count := stl_count(data)) > MAX_TRIANGLES:
             raise MeshError(f"{name}: has {count} triangles, at most {MAX_TRIANGLES} are read: simplify it")
         data = without_trailer(data)
+    if suffix == "obj":
+        data = without_many_materials(data)
     if suffix == "dae":
         unit = _collada_unit(data, name)
     if suffix in ("gltf", "glb"):
@@ -376,6 +381,14 @@ def oriented_outwards(mesh: Mesh) -> Mesh:
         return Mesh(mesh.name, mesh.vertices, np.array(solid.faces, dtype=np.int64))
     faces = mesh.faces if mesh.signed_volume >= 0 else np.ascontiguousarray(mesh.faces[:, ::-1])
     label = shell_labels(mesh.vertices, faces)
-    if label is not None and label.max() > 0 and np.any(shell_volumes(mesh.vertices, faces, label) < 0):
+    if (
+        label is not None
+        and label.max() > 0
+        and (inverted := int(np.sum(shell_volumes(mesh.vertices, faces, label) < 0)))
+    ):
+        if inverted > MAX_INVERTED_SHELLS:
+            raise MeshError(
+                f"{mesh.name}: has {inverted} parts that are inside out, at most {MAX_INVERTED_SHELLS} are turned"
+            )
         faces = outward_shells(mesh.vertices, faces, label)
     return mesh if faces is mesh.faces else Mesh(mesh.name, mesh.vertices, faces)

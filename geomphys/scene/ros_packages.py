@@ -26,11 +26,11 @@ def resolve_mesh(name: str, folder: AnyPath) -> AnyPath:
 
 
 class MeshResolver:
-    """Resolves mesh names of the URDFs in a folder; each package is searched once."""
+    """Resolves mesh names of the URDFs in a folder; folders are searched for packages once."""
 
     def __init__(self, folder: AnyPath) -> None:
         self.folder = folder
-        self._by_manifest: dict[str, list[AnyPath]] = {}
+        self._by_manifest: dict[str, list[AnyPath]] | None = None  # name in package.xml -> folders
 
     def find(self, name: str) -> AnyPath:
         """Path of a mesh.
@@ -97,10 +97,11 @@ class MeshResolver:
             yield base / package
             if base.name == package:
                 yield base
-        if package not in self._by_manifest:
-            folders = dict.fromkeys(folder for base in bases for folder in (base, *_subfolders(base)))
-            self._by_manifest[package] = [folder for folder in folders if _manifest_name(folder) == package]
-        yield from self._by_manifest[package]
+        if self._by_manifest is None:
+            self._by_manifest = {}
+            for folder in dict.fromkeys(folder for base in bases for folder in (base, *_subfolders(base))):
+                self._by_manifest.setdefault(_manifest_name(folder), []).append(folder)
+        yield from self._by_manifest.get(package, ())
 
 
 def _environment_folders() -> list[Path]:

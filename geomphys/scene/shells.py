@@ -108,22 +108,26 @@ def outward_shells(vertices: Floats, faces: Ints, label: Ints) -> Ints:
     negative = np.flatnonzero(volume < 0)
     solid = np.flatnonzero(volume > 0)
     flipped = faces.copy()
+    is_solid = np.isin(label, solid)
+    triangles, owner = vertices[faces[is_solid]], label[is_solid]
     for shell in negative.tolist():
         point = vertices[faces[np.flatnonzero(label == shell)[0]]].mean(axis=0)
-        if not any(_is_inside(point, vertices[faces[label == other]]) for other in solid.tolist()):
+        if not _is_inside_any(point, triangles, owner):
             flipped[label == shell] = flipped[label == shell][:, ::-1]
     return flipped
 
 
-def _is_inside(point: Floats, triangles: Floats) -> bool:
-    """Whether a point (3,) is inside a closed surface of triangles (n, 3, 3): its winding number is not 0.
+def _is_inside_any(point: Floats, triangles: Floats, label: Ints) -> bool:
+    """Whether a point (3,) is inside one of several closed surfaces (n, 3, 3), told apart by labels: a winding number is not 0.
 
-    The solid angles of the triangles seen from the point sum to 4 pi times that number (van Oosterom and Strackee
-    1983).
+    The solid angles of the triangles of a surface seen from the point sum to 4 pi times that number (van Oosterom and
+    Strackee 1983).
     """
+    if len(triangles) == 0:
+        return False
     a, b, c = (triangles[:, k] - point for k in range(3))
     la, lb, lc = (np.linalg.norm(edge, axis=1) for edge in (a, b, c))
     volume = np.einsum("ij,ij->i", a, np.cross(b, c))
     flat = la * lb * lc
     flat += np.einsum("ij,ij->i", a, b) * lc + np.einsum("ij,ij->i", b, c) * la + np.einsum("ij,ij->i", c, a) * lb
-    return abs(float(np.arctan2(volume, flat).sum()) / (2.0 * np.pi)) > 0.5
+    return bool(np.any(np.abs(np.bincount(label, np.arctan2(volume, flat))) / (2.0 * np.pi) > 0.5))

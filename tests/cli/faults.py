@@ -65,9 +65,12 @@ def main() -> None:
     whole = time.monotonic() - begin
     for path in Path(folder).glob("out.*"):
         path.rename(kept / f"0.{path.name}")  # what a whole replay gives
-    jobs: list[tuple[int | None, int | None]] = [
-        (chance.choice((signal.SIGKILL, signal.SIGTERM, signal.SIGINT)), None) for _ in range(int(times))
-    ]
+    kinds = (signal.SIGINT, signal.SIGKILL, signal.SIGTERM)
+    jobs: list[tuple[int | None, int | None]] = [(kinds[k % 3], None) for k in range(int(times))]
+    # one moment in each of as many equal parts of a whole replay and a little more, in any order
+    moments = [1.1 * (k + chance.random()) / int(times) for k in range(int(times))]
+    chance.shuffle(moments)
+    parts = iter(moments)
     jobs += [(None, size) for size in (0, 1, 4096, 60_000)] if rrd == "no" else []
     for number, limit in jobs:
         for path in Path(folder).glob("*out*"):
@@ -75,7 +78,8 @@ def main() -> None:
                 path.unlink()
         child = Child(words, limit)
         if number is not None:
-            time.sleep(chance.uniform(0.0, 1.1 * whole))
+            part = next(parts)
+            time.sleep(part * whole)
             os.kill(child.pid, number)
         code, said = child.end()
         left = {path.name: path.stat().st_size for path in Path(folder).glob("*out*")}

@@ -97,6 +97,9 @@ def restore(folder: Path, before: dict[str, bytes]) -> None:
     """Put a folder back to what it was."""
     for name in listing(folder).keys() - before.keys():
         (folder / name).unlink()
+    for path in sorted(folder.rglob("*"), reverse=True):
+        if path.is_dir() and not any(path.iterdir()):
+            path.rmdir()
     for name, data in before.items():
         (folder / name).write_bytes(data)
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from geomphys_cli.main import run
 
 import geomphys
+from geomphys.errors import ConfigError
 from tests.cli.press import Case
 
 COMMAND = [sys.executable, "-P", "-m", "geomphys_cli"]
@@ -39,6 +42,24 @@ def test_absurd_numbers_are_wrong_usage(case: Case, words: list[str], capsys: py
     assert words[0].strip("-") in said
 
 
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"seed": 10**30}, {"seed": -1}, {"seed": 1.5}, {"rate": 1e300}, {"rate": 1e-300}, {"rate": math.nan},
+        {"rate": 10**5000}, {"max_gap": math.inf}, {"max_delay": 1e300}, {"start": 10**400}, {"max_impacts": 10**30},
+        {"max_iterations": 0}, {"method": "x" * 1000}, {"time": "a\nb"},
+    ],
+)  # fmt: skip
+def test_absurd_parameters_of_the_library_are_one_line(wrong: dict[str, Any]) -> None:
+    (name,) = wrong
+    with pytest.raises(ConfigError) as caught:
+        geomphys.Config(**wrong)
+    said = str(caught.value)
+    assert said.startswith(f"{name} = ")
+    assert said.isprintable()
+    assert len(said) < 200
+
+
 @pytest.mark.parametrize("stream", ["stdout", "stderr", "stdin"])
 def test_a_stream_that_is_closed_is_no_traceback(case: Case, tmp_path: Path, stream: str) -> None:
     number = {"stdin": 0, "stdout": 1, "stderr": 2}[stream]
@@ -55,17 +76,21 @@ def test_a_name_that_is_not_utf_8_in_the_c_locale(case: Case, tmp_path: Path) ->
     log.write_bytes(case.log.read_bytes())
     out = tmp_path / os.fsdecode(b"out\xff.mcap")
     environment = {key: value for key, value in os.environ.items() if not key.startswith("LC_")} | {"LC_ALL": "C"}
-    for words in (
-        ["replay", log, "-s", case.scene, "-o", out],
+    commands = (
+        ["replay", log, "-s", case.scene, "-o", out, "--force"],
         ["info", log],
         ["check", log, "-s", case.scene],
         ["stats", out],
-    ):
-        for more in ([], ["--json"]):
-            begin = [*COMMAND, *words, *more, *(["--force"] if words[0] == "replay" else [])]
-            done = subprocess.run(begin, capture_output=True, timeout=300, env=environment)
-            assert done.returncode == 0, done.stderr
-            assert b"Traceback" not in done.stderr
+    )
+    code = (  # one process runs them all: the locale is the process's
+        "import sys; from geomphys_cli.main import run\n"
+        "for line in sys.argv[1:]:\n"
+        "    for more in ([], ['--json']): assert run([*line.split('\\n'), *more]) == 0, line"
+    )
+    words = ["\n".join(map(str, command)) for command in commands]
+    done = subprocess.run([sys.executable, "-P", "-c", code, *words], capture_output=True, timeout=300, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert b"Traceback" not in done.stderr
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root becomes another user")

@@ -25,11 +25,14 @@ FRAMES = 2400
 KILLS, SEED = 50, 1
 
 
-def test_a_replay_that_is_killed_leaves_no_part_under_the_name(case: Case, tmp_path: Path) -> None:
-    write_log(tmp_path / "long.mcap", frames=FRAMES)
+@pytest.mark.parametrize("kills", [9, pytest.param(KILLS, marks=pytest.mark.slow)])
+def test_a_replay_that_is_killed_leaves_no_part_under_the_name(case: Case, tmp_path: Path, kills: int) -> None:
+    """Signals of three kinds, spread over a replay; and disks that are full sooner or later."""
+    frames = FRAMES if kills == KILLS else FRAMES // 2
+    write_log(tmp_path / "long.mcap", frames=frames)
     (tmp_path / "results").mkdir()
     script = Path(__file__).with_name("faults.py")
-    words = [script, tmp_path / "long.mcap", case.scene, tmp_path / "results", KILLS, SEED, "no"]
+    words = [script, tmp_path / "long.mcap", case.scene, tmp_path / "results", kills, SEED, "no"]
     outcome = subprocess.run(
         [sys.executable, *map(str, words)],
         capture_output=True,
@@ -39,7 +42,7 @@ def test_a_replay_that_is_killed_leaves_no_part_under_the_name(case: Case, tmp_p
     )
     assert outcome.returncode == 0, outcome.stderr
     runs = [json.loads(line) for line in outcome.stdout.splitlines() if line.startswith('{"signal"')]
-    assert len(runs) == KILLS + 4
+    assert len(runs) == kills + 4
     expected = {
         signal.SIGINT: (130, -signal.SIGINT),
         signal.SIGTERM: (143, -signal.SIGTERM),
@@ -59,15 +62,11 @@ def test_a_replay_that_is_killed_leaves_no_part_under_the_name(case: Case, tmp_p
             assert not one["left"], one
     whole = [geomphys.open_output(path) for path in (tmp_path / "results" / "kept").glob("*.out.mcap")]
     assert whole
-    assert all(log.complete and sum(1 for _ in log.frames()) == FRAMES for log in whole)
+    assert all(log.complete and sum(1 for _ in log.frames()) == frames for log in whole)
     parts = [geomphys.open_output(path) for path in (tmp_path / "results" / "kept").glob("*.out.partial.mcap")]
     assert parts, "no kill came in the middle"
-    assert all(not log.complete and sum(1 for _ in log.frames()) == log.frame_count < FRAMES for log in parts)
+    assert all(not log.complete and sum(1 for _ in log.frames()) == log.frame_count < frames for log in parts)
     assert any("partial" in one["said"] for one in runs)
-
-
-EITHER = pytest.mark.parametrize("kills", [6, pytest.param(KILLS, marks=pytest.mark.slow)])
-"""A sample, and all of them."""
 
 
 def outputs(folder: Path, suffix: str) -> set[bytes]:
@@ -83,10 +82,10 @@ def same_recording(one: Path, other: Path) -> None:
     assert outcome.returncode == 0, one
 
 
-@EITHER
+@pytest.mark.parametrize("kills", [3, pytest.param(KILLS, marks=pytest.mark.slow)])
 def test_with_a_recording_for_rerun_neither_name_holds_a_part(case: Case, tmp_path: Path, kills: int) -> None:
-    """What stands under a final name has the bytes of a whole replay; a run over the leavings of a kill is as any other."""
-    write_log(tmp_path / "long.mcap", frames=FRAMES // 4)
+    """What stands under a final name is a whole replay; a run over the leavings of a kill is as any other."""
+    write_log(tmp_path / "long.mcap", frames=FRAMES // (4 if kills == KILLS else 8))
     folder = tmp_path / "results"
     folder.mkdir()
     script = Path(__file__).with_name("faults.py")
@@ -112,8 +111,10 @@ def test_with_a_recording_for_rerun_neither_name_holds_a_part(case: Case, tmp_pa
 
 @pytest.mark.parametrize("kills", [1, pytest.param(KILLS, marks=pytest.mark.slow)])
 def test_a_batch_that_is_killed_leaves_whole_outputs_and_is_resumed(case: Case, tmp_path: Path, kills: int) -> None:
+    """The quick one writes no recordings for rerun; that those are whole is seen in the slow one and above."""
     (tmp_path / "logs").mkdir()
-    for name in "abc":
+    names, rrd = ("abc", ["--rrd"]) if kills == KILLS else ("ab", [])
+    for name in names:
         write_log(tmp_path / "logs" / f"{name}.mcap", frames=FRAMES // 8)
     folder, chance = tmp_path / "out", random.Random(SEED)
 
@@ -129,7 +130,7 @@ def test_a_batch_that_is_killed_leaves_whole_outputs_and_is_resumed(case: Case, 
             "-j",
             "2",
             "--no-timing",
-            "--rrd",
+            *rrd,
         ]
         return subprocess.Popen([sys.executable, "-c", script, *words, *more], stderr=subprocess.PIPE, text=True,
                                 stdout=subprocess.DEVNULL)  # fmt: skip
@@ -140,7 +141,7 @@ def test_a_batch_that_is_killed_leaves_whole_outputs_and_is_resumed(case: Case, 
     assert first.returncode == 0
     seconds = time.monotonic() - begin
     whole = {path.name: path.read_bytes() for path in (tmp_path / "whole").glob("*.*") if path.suffix != ".json"}
-    assert len(whole) == 6
+    assert len(whole) == len(names) * (1 + len(rrd))
     for _ in range(kills):
         child = batch(folder, "--force")
         time.sleep(chance.uniform(0.3, 1.0) * seconds)

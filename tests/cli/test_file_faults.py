@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from geomphys_cli.main import COMMANDS
 
 from tests.cli.press import Case
 from tests.cli.test_outputs_never_replace_inputs import furnished
@@ -17,50 +18,57 @@ from tests.made import Results
 __all__ = ["furnished"]
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        "init",
-        "decompose",
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("plot", "diff", "replay", "batch")),
-    ],
-)
+QUICK = ("init", "decompose")
+SLOW = ("plot", "diff", "replay", "ros2", "batch", "export", "lerobot", "video", "calibrate", "audit")
+SEVERAL = {"diff", "replay", "ros2", "batch", "export", "lerobot"}
+"""These write several files; one may be whole before the next fails."""
+NOT_WALKED = {
+    **dict.fromkeys(("bench", "check", "completion", "info", "schema", "stats"), "writes nothing"),
+    "demo": "is a replay",
+    "snapshot": "its picture is made by the viewer's own process, then published as every output",
+    "view": "starts the viewer",
+}
+
+
+def test_every_command_that_writes_is_walked() -> None:
+    assert set(COMMANDS) == ({*QUICK, *SLOW} - {"ros2", "lerobot"}) | NOT_WALKED.keys()
+
+
+@pytest.mark.parametrize("command", [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
 def test_any_call_that_fails_is_one_line_and_leaves_what_was_there(
-    command: str, furnished: Case, pressed: Results, tmp_path: Path
+    command: str, furnished: Case, pressed: Results, root: Path, tmp_path: Path
 ) -> None:
     folder = tmp_path / "outputs"
     folder.mkdir()
-    name = {"replay": "a.mcap", "init": "a.toml", "plot": "a.png", "diff": "a.html", "decompose": "a.glb"}.get(
-        command, ""
-    )
+    name = {"replay": "a.mcap", "init": "a.toml", "plot": "a.png", "diff": "a.html", "decompose": "a.glb",
+            "ros2": "a.mcap", "video": "a.gif", "audit": "a.xml", "calibrate": "a.toml"}.get(command, "")  # fmt: skip
     if name:
         (folder / name).write_bytes(b"an earlier output")
     out = folder / name
+    if command == "calibrate":
+        out.write_text((root / "assets/scenes/webxr_hand.toml").read_text().replace('"../', f'"{root}/assets/'))
+    replay: list[object] = ["replay", furnished.log, "-s", furnished.scene, "-o", out, "--force", "-q"]
+    flat = ["--flat", "1:2", "--on", "table", "--only", "surface", "--write", "-q"]
     words: dict[str, list[object]] = {
-        "replay": [
-            "replay",
-            furnished.log,
-            "-s",
-            furnished.scene,
-            "-o",
-            out,
-            "--rrd",
-            folder / "a.rrd",
-            "--force",
-            "-q",
-        ],
+        "replay": [*replay, "--rrd", folder / "a.rrd"],
+        "ros2": [*replay, "--ros2"],
         "init": ["init", furnished.log, "--urdf", furnished.folder / "cup.urdf", "-o", out, "--force", "-q"],
         "plot": ["plot", pressed.out, "-o", out, "--force", "-q"],
         "diff": ["diff", pressed.out, pressed.raised, "--html", out, "--rrd", folder / "d.rrd", "--force", "-q"],
         "decompose": ["decompose", furnished.folder / "cube.obj", "-o", out, "--force", "-q"],
         "batch": ["batch", furnished.log, "-s", furnished.scene, "-O", folder, "--force", "-q"],
+        "export": ["export", pressed.out, "-o", folder, "--force", "-q"],
+        "lerobot": ["export", pressed.out, "--lerobot", folder / "set", "-q"],
+        "video": ["video", pressed.out, "-o", out, "--to", "0.1", "--size", 64, 64, "-j", 1, "--force", "-q"],
+        "calibrate": ["calibrate", root / "recordings/webxr_hand.mcap", "-s", out, *flat],
+        "audit": ["audit", pressed.out, "--max-penetration", 5, "--junit", out, "--force", "-q"],
     }
     script = Path(__file__).with_name("file_faults.py")
     begin = [sys.executable, script, folder, *words[command]]
     done = subprocess.run([str(word) for word in begin], capture_output=True, text=True, timeout=900)
     assert done.returncode == 0, done.stderr
     ends = [json.loads(line) for line in done.stdout.splitlines()]
-    assert {end["call"] for end in ends} >= {"open", "write", "fsync", "replace"}
+    assert {end["call"] for end in ends} >= {"open", "fsync", "replace"} | ({"write"} if command != "video" else set())
     for end in ends:
         assert end["code"] in (1, 2, 3), end  # 2: diff in trouble; 3: a log of a batch failed
         assert "Traceback" not in end["said"], end
@@ -69,11 +77,7 @@ def test_any_call_that_fails_is_one_line_and_leaves_what_was_there(
         lines = end["said"].splitlines()
         assert lines[-1].startswith("geomphys: error: "), end
         assert command == "batch" or len(lines) == 1, end
-        if command not in (
-            "batch",
-            "diff",
-            "replay",
-        ):  # these write several files; one may be whole before the next fails
+        if command not in SEVERAL:
             is_published = end["call"] == "fsync" and end["number"] == 2  # of the folder, after the rename
             assert end["changed"] == ([name] if is_published else []), end
 

@@ -1,7 +1,8 @@
 """Commands in a network namespace of their own: ``unshare -n python watched_network.py FILE``, a JSON list of commands.
 
 All that would leave the machine goes to a TUN device, which this script reads: every packet is seen, none is answered.
-Prints a JSON line for each command: its exit code, what it said, and the packets (protocol, address, port, text in it).
+Prints a JSON line for each command: its exit code, what it said, and the packets since the last one (protocol, address, port,
+text in it).
 """
 
 from __future__ import annotations
@@ -57,16 +58,27 @@ def packets(tun: int) -> list[str]:
 
 
 def main() -> None:
-    """Run each command and tell what it did."""
+    """Run each command and tell what it did; those that end by a time limit (``timeout``) meanwhile."""
     tun = open_device()
+    started = [
+        (words, subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE))
+        for words in json.loads(Path(sys.argv[1]).read_text())
+        if words[0] == "timeout"
+    ]
     for words in json.loads(Path(sys.argv[1]).read_text()):
-        begin = packets(tun)
-        assert not begin, begin
-        done = subprocess.run(words, capture_output=True, timeout=300)
-        time.sleep(0.3)
-        end = {"words": words, "code": done.returncode, "said": done.stderr.decode(errors="replace")}
-        sys.stdout.write(json.dumps({**end, "packets": packets(tun)}) + "\n")
-        sys.stdout.flush()
+        if words[0] != "timeout":
+            tell(tun, words, subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE))
+    for words, child in started:
+        tell(tun, words, child)
+
+
+def tell(tun: int, words: list[str], child: subprocess.Popen[bytes]) -> None:
+    """Wait for a command and print what it did, and the packets since the last one."""
+    _, said = child.communicate(timeout=300)
+    time.sleep(0.05)
+    end = {"words": words, "code": child.returncode, "said": said.decode(errors="replace"), "packets": packets(tun)}
+    sys.stdout.write(json.dumps(end) + "\n")
+    sys.stdout.flush()
 
 
 if __name__ == "__main__":

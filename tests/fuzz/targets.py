@@ -59,6 +59,11 @@ def bag(data: bytes, folder: Path) -> None:
         said(error)
 
 
+def kind_number(schema: str, encoding: str) -> int:
+    """The first byte of a message or schema of a kind."""
+    return _KINDS.index((schema, encoding))
+
+
 def _channel(number: int, schema: bytes | None) -> LogChannel:
     made = make(*_KINDS[number % len(_KINDS)])
     known = made.schema_data if schema is None else schema

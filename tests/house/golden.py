@@ -1,4 +1,4 @@
-"""Outputs of every recording without stage times, and their hashes: ``python tests/house/golden.py FOLDER``.
+"""Outputs of every recording without stage times, and their hashes: ``python tests/house/golden.py FOLDER [NAME…]``.
 
 The recordings of the checkout, and the real ones where they are (see ``geomphys.bench.experiments``). Run before and after
 a change, at the same checkout, as outputs name meshes by their paths; then compare ``FOLDER/SHA256SUMS``.
@@ -36,4 +36,5 @@ def write_outputs(folder: Path, experiments: list[ExperimentFiles]) -> None:
 
 
 if __name__ == "__main__":
-    write_outputs(Path(sys.argv[1]), [*experiment_files(ROOT, ()), GLOVE])
+    every = [*experiment_files(ROOT, ()), GLOVE]
+    write_outputs(Path(sys.argv[1]), [files for files in every if not sys.argv[2:] or files.name in sys.argv[2:]])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import tracemalloc
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from mcap.writer import CompressionType
 
 from geomphys.errors import DamagedLogError, LogError
 from geomphys.recording.reader import PENDING_LIMIT, open_log
-from tests.recording.log_files import Item, S, joints, pose, write_log
+from tests.recording.log_files import IDENTITY, Item, S, joints, pose, write_log
 
 LAYOUTS = [
     {"compression": CompressionType.ZSTD},
@@ -195,3 +196,14 @@ def test_a_link_out_of_the_bag_is_not_followed(tmp_path):
     (bag / "bag_9.mcap").symlink_to(tmp_path / "secret.mcap")
     with pytest.raises(LogError, match="outside of the bag"):
         open_log(bag)
+
+
+def test_chunks_that_overlap_are_read_in_the_order_of_their_times(tmp_path):
+    """Of one time, in the order of the file."""
+    chance = random.Random(1)
+    times = [chance.randrange(50) for _ in range(600)]
+    path = write_log(tmp_path / "log.mcap", [pose("/a", k / 1000, IDENTITY) for k in times], chunk_size=400)
+    expected = sorted(range(600), key=lambda number: times[number])
+    reader = open_log(path)
+    assert len(reader._scans[0].spans) > 20
+    assert [message.sequence for message in reader.read()] == expected

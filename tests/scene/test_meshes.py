@@ -221,9 +221,9 @@ def test_no_damaged_stl_raises_anything_else(tmp_path: Path, data: st.DataObject
 
 def test_a_large_ball_is_checked_fast_and_one_too_large_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = Mesh("ball", *sphere_triangles(1.0, 128))
-    start = time.perf_counter()
+    start = time.process_time()
     assert mesh.is_convex
-    assert time.perf_counter() - start < 2.0
+    assert time.process_time() - start < 2.0
     monkeypatch.setattr(meshes, "MAX_HULL_VERTICES", 1000)
     with pytest.raises(MeshError, match="ball: its convex hull has 8066 corners, at most 1000"):
         _ = Mesh("ball", *sphere_triangles(1.0, 128)).hull_vertices
