@@ -8,6 +8,7 @@
 # make bench   frame times per stage
 # make figures the experiments' pictures and frame times: assets/docs/figures.md
 # make methods the published method beside ours on the recordings: assets/docs/methods.md
+# make weights  each weight of the objective varied on the recordings: assets/docs/weights.md
 # make format  put the code and the generated pages of assets/docs/ into shape
 # make clean   remove what the others made
 #
@@ -20,7 +21,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 MESHES := $(shell find assets -type f 2>/dev/null)
 
 .DELETE_ON_ERROR:
-.PHONY: demo distribution test test-all test-numba test-versions check fuzz bench figures methods format clean
+.PHONY: demo distribution test test-all test-numba test-versions check fuzz bench figures methods weights format clean
 
 demo: $(VENV)/.runtime out/gallery_hand.mcap
 	@echo
@@ -71,6 +72,9 @@ figures: $(VENV)/.plots
 
 methods: $(VENV)/.plots
 	$(BIN)/python assets/compare_methods.py
+
+weights: $(VENV)/.plots
+	$(BIN)/python assets/vary_weights.py
 
 format: $(VENV)/.test
 	$(BIN)/ruff format .

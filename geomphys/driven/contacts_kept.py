@@ -15,7 +15,6 @@ from geomphys.jit.kernel import kernel, outlined
 from geomphys.scene.arrays import DRIVEN, FIXED, JOINT_FIXED, Scene
 
 RECORDED_ON = 2e-3  # m: a link recorded this near touches
-TOUCH_WEIGHT = 2.0  # mean weights
 
 
 @kernel
@@ -112,6 +111,6 @@ def add_touches(scene: Scene, ws: DrivenWorkspace, now: Posture, unknowns: int) 
             if q >= 0 and scene.bodies.joint[joint] != JOINT_FIXED and work.column[q] >= 0:
                 row[work.column[q]] += sign * joint_effect(scene, now.poses, joint, point, n)
             joint = scene.bodies.parent[joint]
-        add_term(ws, row, unknowns, TOUCH_WEIGHT, off)
-        energy += 0.5 * TOUCH_WEIGHT * off * off
+        add_term(ws, row, unknowns, ws.weights.contact, off)
+        energy += 0.5 * ws.weights.contact * off * off
     return energy

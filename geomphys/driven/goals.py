@@ -12,10 +12,8 @@ from geomphys.driven.least_distance import SOLVED
 from geomphys.driven.objective import assemble, number_unknowns
 from geomphys.driven.postures import Posture, copy_tree, vec_of
 from geomphys.driven.qp import solve_quadratic
-from geomphys.driven.starts import (
-    JUMP,
-)
-from geomphys.driven.state import ARTICULATED, GIVEN, LOCKED, RIGID, DrivenState, DrivenWorkspace
+from geomphys.driven.starts import steady_change
+from geomphys.driven.state import ARTICULATED, GIVEN, LOCKED, RIGID, STARTED_FREE, DrivenState, DrivenWorkspace
 from geomphys.driven.stepping import copy_moving, pose_with_pieces, step_to_trial
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import quat_rotate, sub
@@ -27,7 +25,6 @@ Floats = NDArray[np.float64]
 FIT_PASSES = 8
 FIT_STEP = 0.1  # m
 FITTED = 1e-8  # m
-STRETCH = math.radians(10.0)  # beyond the range in which the recording used a joint so far
 
 
 @outlined
@@ -37,16 +34,16 @@ def take_limits(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: F
     for q in range(len(angles)):
         work.low[q] = min(scene.dofs.lower[q], angles[q])
         work.high[q] = max(scene.dofs.upper[q], angles[q])
-        work.extrapolated[q] = angles[q]
-        work.used_low[q] = min(state.used_low[q], angles[q]) - STRETCH
-        work.used_high[q] = max(state.used_high[q], angles[q]) + STRETCH
-        if state.started[0] == 1:
-            change = angles[q] - state.recorded.angles[q]
-            if abs(change) > JUMP:
-                change = 0.0
+        work.extrapolated[q] = work.expected[q] = angles[q]
+        work.used_low[q] = min(state.used_low[q], angles[q]) - ws.weights.stretch
+        work.used_high[q] = max(state.used_high[q], angles[q]) + ws.weights.stretch
+        if state.started[0] == STARTED_FREE:
+            change = steady_change(ws, q, angles[q] - state.recorded.angles[q])
             work.extrapolated[q] = min(max(last[q] + change, work.low[q]), work.high[q])
+            work.expected[q] = work.extrapolated[q] + ws.weights.trend * state.joint_step[q]
         if state.given[scene.dofs.tree[q]] == GIVEN:  # the contact solve has said where it goes
             work.extrapolated[q] = min(max(state.prescribed.angles[q], work.low[q]), work.high[q])
+            work.expected[q] = work.extrapolated[q]
 
 
 @outlined

@@ -16,7 +16,7 @@ from geomphys.driven.postures import Posture, copy_tree, is_recorded, vec_of
 from geomphys.driven.reachability import FREE, forget_pairs, judge, list_pairs, measure_drift, measure_swept_pairs
 from geomphys.driven.sqp import ANY_PATH, EVERY_STEP, STRAIGHT, Found, search
 from geomphys.driven.starts import ALONG, choose_shallowest, choose_start, shorten_start
-from geomphys.driven.state import ARTICULATED, LOCKED, RIGID, DrivenState, DrivenWorkspace
+from geomphys.driven.state import ARTICULATED, LOCKED, RIGID, STARTED_FREE, DrivenState, DrivenWorkspace
 from geomphys.driven.stepping import copy_moving, pose_yielding
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import norm, slerp, sub
@@ -28,7 +28,6 @@ Floats = NDArray[np.float64]
 PASSES = 25  # of a search
 SHIFT_PASSES = 14  # where trees only shift
 FIRST_PASSES = 60  # of the first frame's
-SHIFT_OF_DEPTH, LEAST_SHIFT, MOST_SHIFT = 3.0, 3e-3, 0.03  # how far a hand in one piece is shifted before it yields [m]
 PARTS = (4, 24)  # into which a step is cut where no start is free
 GLOBAL, LEAST_DISTANCE, INTERPOLATED = 0, 1, 2  # methods, in the order of results.METHODS
 
@@ -94,14 +93,17 @@ def choose_kinds(scene: Scene, state: DrivenState, ws: DrivenWorkspace, group: i
 
 @kernel
 def is_shifted_too_far(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats) -> bool:
-    """Whether a hand in one piece is shifted farther than its recorded depth excuses."""
-    work = ws.work
+    """Whether a hand in one piece is shifted farther than its recorded depth excuses, or by too much at once."""
+    work, w = ws.work, ws.weights
     for tree in range(len(work.kind)):
         if work.kind[tree] != RIGID or scene.trees.dof_start[tree + 1] == scene.trees.dof_start[tree]:
             continue
         offset = sub(vec_of(work.best.roots, tree), vec_of(roots, tree))
-        limit = min(max(SHIFT_OF_DEPTH * work.depth[tree], LEAST_SHIFT), MOST_SHIFT)
+        limit = min(max(w.shift_of_depth * work.depth[tree], w.least_shift), w.most_shift)
         if norm(sub(offset, vec_of(state.offset, tree))) > limit:
+            return True
+        last = sub(vec_of(state.last.roots, tree), vec_of(state.recorded.roots, tree))
+        if state.started[0] == STARTED_FREE and norm(sub(offset, last)) > w.shift_step:
             return True
     return False
 

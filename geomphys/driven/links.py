@@ -12,13 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from geomphys.driven.weights import WEIGHTS
 from geomphys.numerics.transforms import compose, matrix_from_frame
 from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, DRIVEN, HULL, JOINT_FIXED, JOINT_PRISMATIC, SPHERE, Scene
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-BASE_WEIGHT = 30.0  # of a link that carries chains (palm, thorax), times its area
 SHORTEST_LEVER = 0.02  # m
 
 
@@ -112,8 +112,8 @@ def _zero_poses(scene: Scene) -> Floats:
     return poses
 
 
-def make_links(scene: Scene) -> Links:
-    """Measure the links of a scene's driven trees."""
+def make_links(scene: Scene, base_weight: float = WEIGHTS.base) -> Links:
+    """Measure the links of a scene's driven trees; `base_weight` is that of a link that carries chains."""
     bodies, dofs = len(scene.bodies.role), len(scene.dofs.lower)
     weight, centre, second_moment = np.zeros(bodies), np.zeros((bodies, 3)), np.zeros((bodies, 9))
     for body in np.flatnonzero(scene.bodies.role == DRIVEN):
@@ -126,7 +126,7 @@ def make_links(scene: Scene) -> Links:
         pivot[tree] = _pivot(scene, int(tree), weight)
     for tree in np.flatnonzero((scene.trees.chains == 1) & (scene.trees.role == DRIVEN)):
         if (scene.chains.tree == tree).any():
-            weight[pivot[tree]] *= BASE_WEIGHT
+            weight[pivot[tree]] *= base_weight
     lever, yields = np.full(dofs, SHORTEST_LEVER), np.zeros(dofs, np.int64)
     poses = _zero_poses(scene)
     tip = np.zeros(bodies, np.int64)

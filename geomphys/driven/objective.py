@@ -8,7 +8,7 @@ roots and joints is the joint-space inertia matrix, found by composite bodies fr
 Rigid Body Dynamics Algorithms, 2008, chapter 6).
 
 A hand in one piece yields in shape and turn too, but dearly: the same sum over links as the root sees them, and the
-root's turn, count `SHAPE` times more.
+root's turn, count `Weights.shape` times more.
 """
 
 from __future__ import annotations
@@ -40,10 +40,7 @@ from geomphys.scene.kinematics import orientation_of, position_of
 
 Floats = NDArray[np.float64]
 
-SHAPE = 30.0  # times: how much dearer shape and turn are where a tree moves in one piece
 ROTATION_ARM = 0.05  # m, of its turn
-SMOOTH = 0.3  # of lever²: a joint's departure from what was recorded since the last frame
-UNUSUAL = 1.0  # lever²: a joint bent farther than the recording ever bends it
 BEYOND = 1e4  # lever²: a joint beyond its limits
 TINY = 1e-6  # of the mean weight: what makes every unknown cost something
 
@@ -250,7 +247,7 @@ def _add_joint_gradient(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: 
 def _add_rotation(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> float:
     """The root's turn of a tree in one piece is dear."""
     root, first = scene.trees.body_start[tree], ws.work.first[tree]
-    stiffness = SHAPE * ws.work.inertia[root, 0] * ROTATION_ARM * ROTATION_ARM
+    stiffness = ws.weights.shape * ws.work.inertia[root, 0] * ROTATION_ARM * ROTATION_ARM
     rotation = rotation_vector(
         quat_mul(orientation_of(poses, root), quat_conjugate(orientation_of(ws.work.target, root)))
     )
@@ -268,14 +265,14 @@ def _add_smoothness(scene: Scene, ws: DrivenWorkspace, angles: Floats, tree: int
         i = work.column[q]
         if i < 0:
             continue
-        away = angles[q] - work.extrapolated[q]
-        weight = SMOOTH * ws.links.lever[q] ** 2
+        away = angles[q] - work.expected[q]
+        weight = ws.weights.smooth * ws.links.lever[q] ** 2
         ws.problem.hessian[i, i] += weight
         ws.problem.gradient[i] += weight * away
         energy += 0.5 * weight * away * away
         away = angles[q] - min(max(angles[q], work.used_low[q]), work.used_high[q])
         if away != 0.0:
-            weight = UNUSUAL * ws.links.lever[q] ** 2
+            weight = ws.weights.unusual * ws.links.lever[q] ** 2
             ws.problem.hessian[i, i] += weight
             ws.problem.gradient[i] += weight * away
             energy += 0.5 * weight * away * away
@@ -331,11 +328,11 @@ def assemble(scene: Scene, ws: DrivenWorkspace, now: Posture, smooth: bool) -> f
                 h[first + 3 + i, first + 3 + j] += moments[3 * i + j]
         stiff = is_stiff(scene, tree)
         _add_joint_gradient(scene, ws, poses, tree, 1.0)
-        _add_joints(scene, ws, poses, tree, 1.0 + SHAPE if stiff else 1.0)
+        _add_joints(scene, ws, poses, tree, 1.0 + ws.weights.shape if stiff else 1.0)
         if stiff:
             energy += _add_rotation(scene, ws, poses, tree)
-            energy += SHAPE * _gather_shape(scene, ws, poses, tree)
-            _add_joint_gradient(scene, ws, poses, tree, SHAPE)
+            energy += ws.weights.shape * _gather_shape(scene, ws, poses, tree)
+            _add_joint_gradient(scene, ws, poses, tree, ws.weights.shape)
         energy += _limit_energy(scene, ws, now.angles, tree)
         if smooth:
             energy += _add_smoothness(scene, ws, now.angles, tree)

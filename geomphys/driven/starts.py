@@ -29,6 +29,14 @@ EXTRAPOLATED, SHAPED, LAST, ALONG = 0, 1, 2, 3  # kinds of starts; ALONG + i: wi
 
 
 @kernel
+def steady_change(ws: DrivenWorkspace, q: int, change: float) -> float:
+    """A joint's change in a step, without whole turns where these are the same posture; 0 if it jumped."""
+    if ws.links.rounds[q] == 1:
+        change -= 2.0 * math.pi * math.floor(change / (2.0 * math.pi) + 0.5)
+    return 0.0 if abs(change) > JUMP else change
+
+
+@kernel
 def _keep_pivot(scene: Scene, ws: DrivenWorkspace, posture: Posture, tree: int) -> None:
     """Shift a tree to where its pivot was when the step began."""
     pose_tree(scene, ws.origins, tree, posture.roots, posture.angles, posture.poses)

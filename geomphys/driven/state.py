@@ -13,6 +13,7 @@ from geomphys.collision.sweep import Boxes
 from geomphys.driven.links import Links, make_links
 from geomphys.driven.postures import Posture, make_posture
 from geomphys.driven.qp import Quadratic, make_quadratic
+from geomphys.driven.weights import WEIGHTS, Weights
 from geomphys.scene.arrays import DRIVEN, Scene
 
 Floats = NDArray[np.float64]
@@ -52,6 +53,8 @@ class DrivenState(NamedTuple):
     deformed: Ints  # (T,) 1: the offsets are more than a translation of the tree
     used_low: Floats  # (Q,) the least angle recorded so far
     used_high: Floats  # (Q,) and the largest
+    joint_offset: Floats  # (Q,) corrected less recorded angles
+    joint_step: Floats  # (Q,) their last change
     given: Ints  # (T,) GIVEN: where it goes in this step, but for what is in its way, is `prescribed`; WAS_GIVEN; 0
     prescribed: Posture
 
@@ -85,6 +88,7 @@ class SearchWorkspace(NamedTuple):
     first: Ints  # (T,) first column of a tree
     column: Ints  # (Q,) of a joint, -1: none
     extrapolated: Floats  # (Q,) angles of the last step and what was recorded since
+    expected: Floats  # (Q,) the same, with offsets going on: where joints would go by themselves
     low: Floats  # (Q,) limits, widened to what was recorded and to where joints were
     high: Floats  # (Q,)
     used_low: Floats  # (Q,) range in which a joint is natural
@@ -124,6 +128,7 @@ class DrivenWorkspace(NamedTuple):
     boxes: Boxes
     axes: Axes
     scratch: Scratch
+    weights: Weights
 
 
 def make_driven_state(scene: Scene, poses: Floats) -> DrivenState:
@@ -141,6 +146,8 @@ def make_driven_state(scene: Scene, poses: Floats) -> DrivenState:
         deformed=np.zeros(trees, np.int64),
         used_low=np.full(dofs, np.inf),
         used_high=np.full(dofs, -np.inf),
+        joint_offset=np.zeros(dofs),
+        joint_step=np.zeros(dofs),
         given=np.zeros(trees, np.int64),
         prescribed=make_posture(scene, poses),
     )
@@ -179,6 +186,7 @@ def make_search_workspace(scene: Scene, poses: Floats, passes: int) -> SearchWor
         first=np.zeros(trees, np.int64),
         column=np.full(dofs, -1),
         extrapolated=np.zeros(dofs),
+        expected=np.zeros(dofs),
         low=np.zeros(dofs),
         high=np.zeros(dofs),
         used_low=np.zeros(dofs),
@@ -215,6 +223,7 @@ def make_driven_workspace(
     axes: Axes,
     scratch: Scratch,
     passes: int,
+    weights: Weights = WEIGHTS,
 ) -> DrivenWorkspace:
     """Workspace for a scene, on arrays that the machine shares with the other loops."""
     unknowns = 6 * int((scene.trees.role == DRIVEN).sum()) + int(
@@ -226,7 +235,7 @@ def make_driven_workspace(
     )
     return DrivenWorkspace(
         origins=origins,
-        links=make_links(scene),
+        links=make_links(scene, weights.base),
         piece_frames=piece_frames,
         near=near,
         listed=make_near(len(near.a)),
@@ -236,4 +245,5 @@ def make_driven_workspace(
         boxes=boxes,
         axes=axes,
         scratch=scratch,
+        weights=weights,
     )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from geomphys.driven.coupling import relax_offset
 from geomphys.driven.objective import link_centre
 from geomphys.driven.postures import is_recorded, vec_of
+from geomphys.driven.starts import steady_change
 from geomphys.driven.state import GIVEN, DrivenState, DrivenWorkspace
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import (
@@ -209,6 +210,9 @@ def note_offsets(
         for k in range(7):
             state.recorded.roots[tree, k] = roots[tree, k]
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+            offset = state.last.angles[q] - angles[q]
+            state.joint_step[q] = steady_change(ws, q, offset - state.joint_offset[q])
+            state.joint_offset[q] = offset
             state.recorded.angles[q] = angles[q]
             if scene.trees.role[tree] == DRIVEN:
                 state.used_low[q] = min(state.used_low[q], angles[q])

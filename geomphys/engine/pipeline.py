@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from geomphys.config import Config
 from geomphys.driven.paper.state import make_paper_workspace
+from geomphys.driven.weights import WEIGHTS, Weights
 from geomphys.engine.fingertips import thumbs_of
 from geomphys.engine.frame_buffer import Block, contacts_of, make_block, metrics_of, penetrations_of, poses_of
 from geomphys.engine.grasps import GraspMeter
@@ -47,9 +48,9 @@ class Pipeline:
     Results come one chunk late, so that the last one is known as such.
     """
 
-    def __init__(self, world: World, config: Config) -> None:
+    def __init__(self, world: World, config: Config, weights: Weights = WEIGHTS) -> None:
         self.world = world
-        self.machine = make_machine(world.scene, config.max_iterations, thumbs_of(world))
+        self.machine = make_machine(world.scene, config.max_iterations, thumbs_of(world), weights)
         method, self._run_block = Method(config.gap, None), run_block
         if config.method == "paper":
             paper = make_paper_workspace(world.scene, self.machine.workspace, config)

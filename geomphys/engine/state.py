@@ -19,6 +19,7 @@ from geomphys.driven.state import (
     make_driven_workspace,
     make_piece_frames,
 )
+from geomphys.driven.weights import WEIGHTS, Weights
 from geomphys.engine.coupled_state import Coupled, make_coupled
 from geomphys.engine.fingertips import Fingertips, make_fingertips
 from geomphys.jit.packed_records import pack
@@ -72,10 +73,11 @@ class Machine(NamedTuple):
     tip_axes: Axes  # for the measures of contacts, which thus leave `axes` as the solver left them
 
 
-def make_machine(scene: Scene, passes: int = 30, is_thumb: Ints | None = None) -> Machine:
+def make_machine(scene: Scene, passes: int = 30, is_thumb: Ints | None = None, weights: Weights = WEIGHTS) -> Machine:
     """Everything a replay of `scene` needs, at rest.
 
-    `passes` bounds those of a search for a posture; `is_thumb` (B,) marks the links of thumbs.
+    `passes` bounds those of a search for a posture; `is_thumb` (B,) marks the links of thumbs; `weights` are those of
+    the objective.
     """
     trees, bodies = len(scene.trees.role), len(scene.bodies.role)
     dofs, origins = len(scene.dofs.lower), joint_origins(scene)
@@ -86,7 +88,7 @@ def make_machine(scene: Scene, passes: int = 30, is_thumb: Ints | None = None) -
         for frames in (piece_frames.base, piece_frames.frames, piece_frames.moved):
             pose_pieces_of_tree(packed, tree, poses, frames)
     boxes, axes, scratch = make_boxes(scene, piece_frames.base), make_axes(), make_scratch()
-    workspace = make_driven_workspace(scene, poses, origins, piece_frames, near, boxes, axes, scratch, passes)
+    workspace = make_driven_workspace(scene, poses, origins, piece_frames, near, boxes, axes, scratch, passes, weights)
     corrected, start = poses.copy(), poses.copy()
     velocity = scene.initial_velocity.copy()
     return Machine(
