@@ -19,12 +19,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, cast
 
-from geomphys.batch.deferred_signals import blocked_in_children, signals_deferred
 from geomphys.batch.job import Job, Outcome, failure, run_job
 from geomphys.batch.worker import initialize_worker
 from geomphys.errors import ClusterError
 from geomphys.jit.kernel import are_compiled
 from geomphys.scene.arrays import World
+from geomphys.storage.deferred_signals import blocked_in_children, signals_deferred
 from geomphys.storage.remote_files import AnyPath, is_remote
 
 Finished = tuple[int, Outcome]

@@ -12,7 +12,7 @@ import pickle
 import threading
 from multiprocessing.connection import wait
 
-from geomphys.batch.deferred_signals import restore_signals
+from geomphys.storage.deferred_signals import restore_signals
 
 
 def initialize_worker(world: bytes) -> None:

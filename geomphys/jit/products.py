@@ -93,6 +93,10 @@ class CacheEntry:
         except OSError:  # nothing can be written, so nothing would be found
             return Path("/dev/null").open("wb")
 
+    def is_there(self) -> bool:
+        """Whether there is a product, good or not."""
+        return (cache_folder() / self.name).is_file()
+
     def peek(self) -> Product | None:
         """The product, if there is one."""
         content = store().load(self.name)

@@ -127,12 +127,12 @@ def _provide(key: Key, load: bool, before_compiling: Callable[[], None]) -> list
         return unit.loaded[key][1]
     if not load and (product := stored.peek()) is not None:
         return product.callees()
+    if not stored.is_there():
+        before_compiling()
     with stored.locked(wait=False) as free:
         if not free:
             return None
         product = stored.find()
-        if product is None:
-            before_compiling()
         needs = [] if product is None else product.callees()
         make_slots(needs)
         compiled = unit.make(key, stored)

@@ -23,6 +23,7 @@ from types import TracebackType
 from typing import BinaryIO
 
 from geomphys.errors import OutputError, RefusedTargetError
+from geomphys.storage.deferred_signals import signals_deferred
 from geomphys.storage.remote_files import AnyPath, RemotePath, is_remote
 from geomphys.storage.temporary_folders import TemporaryFolder
 
@@ -164,21 +165,22 @@ class OutputFile:
         check_target(path, force=force, inputs=inputs, partial=partial)
         self.path = path
         self._keeps_partial = partial
-        try:
-            if is_remote(path) or is_standard_output(path):
-                folder = TemporaryFolder()
-                self.temporary, descriptor = _new_file(folder.path, f"result{path.suffix}")
-                close = folder.close
-            else:
-                assert isinstance(path, Path)
-                _remove_stale(path)
-                self.temporary, descriptor = _new_file(path.parent, path.name)
-                close = _nothing
-        except OSError as problem:
-            raise self.error(problem) from problem
-        self.stream: BinaryIO = os.fdopen(descriptor, "wb")
-        """Writes the file. A library that wants a name is given `temporary` instead."""
-        self._end = weakref.finalize(self, _discard, self.temporary, self.stream, close)
+        with signals_deferred():  # else one could fall between the file and what removes it
+            try:
+                if is_remote(path) or is_standard_output(path):
+                    folder = TemporaryFolder()
+                    self.temporary, descriptor = _new_file(folder.path, f"result{path.suffix}")
+                    close = folder.close
+                else:
+                    assert isinstance(path, Path)
+                    _remove_stale(path)
+                    self.temporary, descriptor = _new_file(path.parent, path.name)
+                    close = _nothing
+            except OSError as problem:
+                raise self.error(problem) from problem
+            self.stream: BinaryIO = os.fdopen(descriptor, "wb")
+            """Writes the file. A library that wants a name is given `temporary` instead."""
+            self._end = weakref.finalize(self, _discard, self.temporary, self.stream, close)
 
     def publish(self, complete: bool = True) -> AnyPath:
         """Give the file its name, or `partial_path` if it is not `complete`; returns it. Raises OutputError."""

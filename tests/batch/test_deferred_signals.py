@@ -12,7 +12,7 @@ from types import FrameType
 
 import pytest
 
-from geomphys.batch.deferred_signals import STOP_SIGNALS, blocked_in_children, signals_deferred
+from geomphys.storage.deferred_signals import STOP_SIGNALS, blocked_in_children, signals_deferred
 
 
 class Came(BaseException):
@@ -89,7 +89,7 @@ def test_what_the_block_raises_is_not_lost_for_a_signal() -> None:
 def test_a_child_starts_with_the_signals_blocked_and_takes_them_when_it_says_so() -> None:
     code = (
         "import os, signal\n"
-        "from geomphys.batch.deferred_signals import STOP_SIGNALS, restore_signals\n"
+        "from geomphys.storage.deferred_signals import STOP_SIGNALS, restore_signals\n"
         "os.kill(os.getpid(), signal.SIGINT)\n"
         "print('still here', flush=True)\n"
         "restore_signals()\n"

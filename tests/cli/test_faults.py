@@ -229,7 +229,7 @@ def test_a_reader_that_went_away_costs_no_output(case: Case, tmp_path: Path) -> 
         [sys.executable, "-c", script, *map(str, words)], stdout=write, stderr=subprocess.PIPE, text=True, timeout=300
     )
     os.close(write)
-    assert outcome.returncode == 1
+    assert outcome.returncode == 0
     assert "Traceback" not in outcome.stderr
     assert "Exception" not in outcome.stderr
     assert geomphys.open_output(tmp_path / "out.mcap").complete

@@ -135,7 +135,7 @@ def test_names_that_are_markup_do_nothing_in_a_page(tmp_path: Path, capsys: pyte
     assert content.said.count(EVIL) > 2
     allowed = {"html", "head", "meta", "title", "style", "link", "body", "h1", "h2", "p", "span", "div", "table", "thead",
                "tbody", "tr", "th", "td", "svg", "text", "tspan", "path", "line", "polyline", "polygon", "figure", "img",
-               "figcaption", "details", "summary", "g", "rect", "circle", "code"}  # fmt: skip
+               "figcaption", "details", "summary", "g", "rect", "circle", "code", "ul", "li"}  # fmt: skip
     assert {tag for tag, _ in content.tags} <= allowed
     for tag, attributes in content.tags:
         assert not any(name.startswith("on") for name in attributes), (tag, attributes)

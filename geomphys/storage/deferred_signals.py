@@ -1,4 +1,4 @@
-"""Defers SIGINT and SIGTERM during code that an exception raised by a handler would leave in an inconsistent state."""
+"""Defers SIGINT, SIGTERM and SIGALRM during code that an exception raised by a handler would leave in an inconsistent state."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+RAISING_SIGNALS = (*STOP_SIGNALS, signal.SIGALRM)
+"""The alarm brings an earlier signal back that a library dropped."""
 
 
 @contextmanager
@@ -21,7 +23,7 @@ def signals_deferred() -> Iterator[None]:
         yield
         return
     pending: list[int] = []
-    before = {number: signal.signal(number, lambda received, _: pending.append(received)) for number in STOP_SIGNALS}
+    before = {number: signal.signal(number, lambda received, _: pending.append(received)) for number in RAISING_SIGNALS}
     try:
         yield
     finally:
