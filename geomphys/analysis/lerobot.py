@@ -7,7 +7,11 @@ recorded ones, each with its names in ``meta/info.json``.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+import os
+import secrets
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -20,7 +24,7 @@ from geomphys.output.output_log import OutputFrame, OutputLog, open_output
 from geomphys.output.output_world import world_of_output
 from geomphys.scene.arrays import World
 from geomphys.storage.output_file import OutputFile, write_file
-from geomphys.storage.remote_files import AnyPath, as_path
+from geomphys.storage.remote_files import AnyPath, as_path, is_remote
 
 VERSION = "v3.0"
 UNEVEN = 0.25
@@ -70,26 +74,46 @@ def export_lerobot(
     }
     stats = {name: _statistics(values) for name, values in columns.items()}
     task = world.file.scene.name
+    with _new_folder(target) as draft:
+        try:
+            for name in ("data/chunk-000", "meta/episodes/chunk-000"):
+                (draft / name).mkdir(parents=True)
+        except OSError as problem:
+            raise OutputError(f"{target}: cannot be made ({problem.strerror})") from problem
+        _write_parquet(draft / _DATA.format(chunk_index=0, file_index=0), columns)
+        _write_parquet(
+            draft / "meta/tasks.parquet", {"task_index": np.zeros(1, np.int64), "task": np.array([task])}, index="task"
+        )
+        episode: dict[str, Any] = {
+            "episode_index": 0, "tasks": [task], "length": count, "data/chunk_index": 0, "data/file_index": 0,
+            "dataset_from_index": 0, "dataset_to_index": count, "meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0,
+        }  # fmt: skip
+        episode |= {f"stats/{name}/{key}": value for name, found in stats.items() for key, value in found.items()}
+        _write_parquet(
+            draft / "meta/episodes/chunk-000/file-000.parquet", {key: [value] for key, value in episode.items()}
+        )
+        write_file(draft / "meta/stats.json", _json(stats))
+        write_file(draft / "meta/info.json", _json(_info(fps, count, _names(world))))
+    return count
+
+
+@contextmanager
+def _new_folder(target: AnyPath) -> Iterator[AnyPath]:
+    """A folder under a hidden name that gets its own at the end; nothing is left of it if an exception ends the block.
+
+    Behind a URL, where there are no folders to be renamed, it is the target itself.
+    """
+    if is_remote(target):
+        yield target
+        return
+    draft = target.with_name(f".{target.name}.{secrets.token_hex(4)}.tmp")
     try:
-        for name in ("data/chunk-000", "meta/episodes/chunk-000"):
-            (target / name).mkdir(parents=True)
+        yield draft
+        os.replace(draft, target)
     except OSError as problem:
         raise OutputError(f"{target}: cannot be made ({problem.strerror})") from problem
-    _write_parquet(target / _DATA.format(chunk_index=0, file_index=0), columns)
-    _write_parquet(
-        target / "meta/tasks.parquet", {"task_index": np.zeros(1, np.int64), "task": np.array([task])}, index="task"
-    )
-    episode: dict[str, Any] = {
-        "episode_index": 0, "tasks": [task], "length": count, "data/chunk_index": 0, "data/file_index": 0,
-        "dataset_from_index": 0, "dataset_to_index": count, "meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0,
-    }  # fmt: skip
-    episode |= {f"stats/{name}/{key}": value for name, found in stats.items() for key, value in found.items()}
-    _write_parquet(
-        target / "meta/episodes/chunk-000/file-000.parquet", {key: [value] for key, value in episode.items()}
-    )
-    write_file(target / "meta/stats.json", _json(stats))
-    write_file(target / "meta/info.json", _json(_info(fps, count, _names(world))))
-    return count
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
 
 
 def _states(

@@ -36,7 +36,7 @@ def test_every_command_that_writes_is_walked() -> None:
 
 @pytest.mark.parametrize("command", [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
 def test_any_call_that_fails_is_one_line_and_leaves_what_was_there(
-    command: str, furnished: Case, pressed: Results, root: Path, tmp_path: Path
+    command: str, furnished: Case, pressed: Results, landed: Results, root: Path, tmp_path: Path
 ) -> None:
     folder = tmp_path / "outputs"
     folder.mkdir()
@@ -58,7 +58,7 @@ def test_any_call_that_fails_is_one_line_and_leaves_what_was_there(
         "decompose": ["decompose", furnished.folder / "cube.obj", "-o", out, "--force", "-q"],
         "batch": ["batch", furnished.log, "-s", furnished.scene, "-O", folder, "--force", "-q"],
         "export": ["export", pressed.out, "-o", folder, "--force", "-q"],
-        "lerobot": ["export", pressed.out, "--lerobot", folder / "set", "-q"],
+        "lerobot": ["export", landed.out, "--lerobot", folder / "set", "-q"],
         "video": ["video", pressed.out, "-o", out, "--to", "0.1", "--size", 64, 64, "-j", 1, "--force", "-q"],
         "calibrate": ["calibrate", root / "recordings/webxr_hand.mcap", "-s", out, *flat],
         "audit": ["audit", pressed.out, "--max-penetration", 5, "--junit", out, "--force", "-q"],
