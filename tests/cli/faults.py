@@ -1,6 +1,6 @@
 """Replays that are killed: ``python faults.py LOG SCENE FOLDER TIMES SEED no|rrd``; forked from one that has loaded everything.
 
-Prints a JSON line for each: the signal, the exit code, what was said, what lies in the folder.
+Prints a JSON line for each: the signal, the exit code, what was said, what lay in the folder before and lies there after.
 """
 
 from __future__ import annotations
@@ -76,6 +76,7 @@ def main() -> None:
         for path in Path(folder).glob("*out*"):
             if not path.name.startswith("."):  # what a kill left hidden is there at the next run
                 path.unlink()
+        before = sorted(path.name for path in Path(folder).glob("*out*"))
         child = Child(words, limit)
         if number is not None:
             part = next(parts)
@@ -83,7 +84,7 @@ def main() -> None:
             os.kill(child.pid, number)
         code, said = child.end()
         left = {path.name: path.stat().st_size for path in Path(folder).glob("*out*")}
-        fate = {"signal": number, "limit": limit, "code": code, "said": said, "left": left}
+        fate = {"signal": number, "limit": limit, "code": code, "said": said, "before": before, "left": left}
         sys.stdout.write(json.dumps(fate) + "\n")
         sys.stdout.flush()
         for name in ("out.mcap", "out.partial.mcap", "out.rrd", "out.partial.rrd"):
