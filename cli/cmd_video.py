@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import click
@@ -52,12 +51,13 @@ def video(
     check_outputs(out, force=force, inputs=(result,))
     check_ending(out, *FORMATS)
     from geomphys.errors import ConfigError
+    from geomphys.storage.child_process import available_cores
     from geomphys.viewer.video import VideoConfig, make_video
 
     try:
         config = VideoConfig(
             start=start, end=end, focus=focus, worst=worst, rate=fps, size=size,
-            processes=jobs or len(os.sched_getaffinity(0)),
+            processes=jobs or available_cores(),
         )  # fmt: skip
     except ConfigError as problem:
         raise click.UsageError(str(problem)) from problem

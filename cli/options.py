@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from geomphys.config import MAX_SECONDS, MAX_SEED, RATES_HZ
+
 from .command import current_terminal
 
 if TYPE_CHECKING:
@@ -57,9 +59,9 @@ INPUT_FILE = PathOrUrl(exists=True, dir_okay=False, readable=True, path_type=Pat
 LOCAL_FILE = click.Path(exists=True, dir_okay=False, readable=True, path_type=Path)
 OUTPUT_FILE = PathOrUrl(dir_okay=False, path_type=Path)
 OUTPUT_FOLDER = PathOrUrl(file_okay=False, path_type=Path)
-SECONDS = click.FloatRange(min=0.0, max=1e9)
-HZ = click.FloatRange(min=1e-3, max=1e5)
-SEED = click.IntRange(min=0, max=2**31 - 1)
+SECONDS = click.FloatRange(0.0, MAX_SECONDS)
+HZ = click.FloatRange(*RATES_HZ)
+SEED = click.IntRange(0, MAX_SEED)
 
 
 def _combine_options(*options: Callable[[Any], Any]) -> Callable[[F], F]:

@@ -12,6 +12,7 @@ import secrets
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -75,11 +76,8 @@ def export_lerobot(
     stats = {name: _statistics(values) for name, values in columns.items()}
     task = world.file.scene.name
     with _new_folder(target) as draft:
-        try:
-            for name in ("data/chunk-000", "meta/episodes/chunk-000"):
-                (draft / name).mkdir(parents=True)
-        except OSError as problem:
-            raise OutputError(f"{target}: cannot be made ({problem.strerror})") from problem
+        for name in ("data/chunk-000", "meta/episodes/chunk-000"):
+            (draft / name).mkdir(parents=True)
         _write_parquet(draft / _DATA.format(chunk_index=0, file_index=0), columns)
         _write_parquet(
             draft / "meta/tasks.parquet", {"task_index": np.zeros(1, np.int64), "task": np.array([task])}, index="task"
@@ -103,17 +101,16 @@ def _new_folder(target: AnyPath) -> Iterator[AnyPath]:
 
     Behind a URL, where there are no folders to be renamed, it is the target itself.
     """
-    if is_remote(target):
-        yield target
-        return
-    draft = target.with_name(f".{target.name}.{secrets.token_hex(4)}.tmp")
+    draft = target if is_remote(target) else target.with_name(f".{target.name}.{secrets.token_hex(4)}.tmp")
     try:
         yield draft
-        os.replace(draft, target)
+        if isinstance(draft, Path):
+            os.replace(draft, str(target))
     except OSError as problem:
         raise OutputError(f"{target}: cannot be made ({problem.strerror})") from problem
     finally:
-        shutil.rmtree(draft, ignore_errors=True)
+        if isinstance(draft, Path):
+            shutil.rmtree(draft, ignore_errors=True)
 
 
 def _states(

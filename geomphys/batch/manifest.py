@@ -82,8 +82,8 @@ class Manifest:
 
     folder: AnyPath
     entries: dict[str, Entry] = field(default_factory=dict)
-    is_saved: bool = True
-    _next_save: float = 0.0  # s, of `time.monotonic`
+    is_saved: bool = field(default=True, init=False)
+    _next_save: float = field(default=0.0, init=False)  # s, of `time.monotonic`
 
     @property
     def path(self) -> AnyPath:

@@ -23,6 +23,7 @@ from geomphys.load import load_world
 from geomphys.output.provenance import files_of_log, sha256_of_file, sha256_of_log, sha256_of_world
 from geomphys.scene.arrays import World
 from geomphys.scene.decomposition import Progress
+from geomphys.storage.child_process import available_cores
 from geomphys.storage.output_file import InputFiles, check_target
 from geomphys.storage.remote_files import AnyPath, as_path, is_remote
 
@@ -231,12 +232,7 @@ def _execute(
 ) -> Generator[Finished, None, None]:
     if scheduler is not None and jobs:
         return run_on_cluster(jobs, scheduler, control)
-    return run_in_processes(jobs, world, max(1, min(count or _processors(), len(jobs))), control)
-
-
-def _processors() -> int:
-    """Number of processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return run_in_processes(jobs, world, max(1, min(count or available_cores(), len(jobs))), control)
 
 
 def _is_up_to_date(entry: Entry | None, requested: Entry, log: AnyPath, folder: AnyPath) -> bool:

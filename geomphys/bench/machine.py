@@ -13,6 +13,7 @@ from pathlib import Path
 
 from geomphys.errors import GeomphysError
 from geomphys.jit.kernel import are_compiled
+from geomphys.storage.child_process import available_cores
 
 PACKAGES = ("numpy", "numba", "llvmlite", "mujoco", "coal", "python-fcl")
 """Packages whose versions are reported; those that are not installed are left out."""
@@ -47,7 +48,7 @@ def describe_machine() -> Machine:
     pages, size = os.sysconf("SC_PHYS_PAGES"), os.sysconf("SC_PAGE_SIZE")
     return Machine(
         processor=_processor(),
-        cores=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+        cores=available_cores(),
         memory_gib=round(pages * size / 2**30, 1),
         system=f"{platform.system()} {platform.release()} {platform.machine()}",
         python=platform.python_version(),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from geomphys.bench.scaling import HANDS, HEAPS, OBJECTS, PIECES, curves, warm_u
 from geomphys.bench.whole import time_batches, time_process
 from geomphys.config import Config
 from geomphys.errors import ConfigError, InputError
+from geomphys.storage.child_process import available_cores
 
 REPEATS = 3
 CLIPS = 100
@@ -79,8 +79,7 @@ def run_bench(
     whole_files = experiment_files(folder, [WHOLE])[0]
     if whole and not whole_files.exists:
         raise InputError(f"{whole_files.log}: no such recording; --whole needs it")
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    jobs = tuple(dict.fromkeys((1, cores)))
+    jobs = tuple(dict.fromkeys((1, available_cores())))
     parts += 2 + len(jobs) if whole else 0
     done = 0
 

@@ -21,8 +21,9 @@ from mcap.writer import Writer
 from geomphys.bench.experiments import ExperimentFiles
 from geomphys.bench.report import BatchTime, ProcessTime, Share
 from geomphys.errors import GeomphysError
+from geomphys.output.input_copy import MessageCopy
 from geomphys.output.output_log import open_output
-from geomphys.recording.reader import open_log
+from geomphys.recording.reader import RawMessage, open_log
 
 STAGES = {"decode": "reading", "step": "computing", "encode": "writing"}
 CLIP_NS = 5 * 10**9
@@ -90,29 +91,29 @@ def cut_clips(log: Path, folder: Path, count: int) -> float:
     """Cut a log into clips of 5 s, over and over until there are `count`; returns the seconds recorded in all of them."""
     folder.mkdir()
     with open_log(log, recover=False) as reader:
-        parts: list[list[tuple[int, int, int, bytes]]] = []
+        parts: list[list[RawMessage]] = []
         for message in reader.read():
             number = (message.log_time - reader.start_ns) // CLIP_NS
             while len(parts) <= number:
                 parts.append([])
-            parts[number].append((message.key, message.log_time, message.publish_time, message.data))
+            parts[number].append(message)
         channels = reader.channels
-    parts = [part for part in parts if part and part[-1][1] - part[0][1] > CLIP_NS // 2]
+    parts = [part for part in parts if part and _span_ns(part) > CLIP_NS // 2]
     for number, part in enumerate(parts[:count]):
         with (folder / f"clip_{number:05}.mcap").open("wb") as stream:
-            writer, keys = Writer(stream), dict[int, int]()
+            writer, messages = Writer(stream), MessageCopy(channels)
             writer.start(library="geomphys bench")
-            for key, log_time, publish_time, data in part:
-                if key not in keys:
-                    channel = channels[key]
-                    schema = writer.register_schema(channel.schema_name, channel.schema_encoding, channel.schema_data)
-                    keys[key] = writer.register_channel(channel.topic, channel.encoding, schema)
-                writer.add_message(keys[key], log_time, data, publish_time)
+            for message in part:
+                messages.add(message, writer)
             writer.finish()  # type: ignore[no-untyped-call]  # the package has no annotation there
     for number in range(len(parts), count):
         shutil.copyfile(folder / f"clip_{number % len(parts):05}.mcap", folder / f"clip_{number:05}.mcap")
-    spans = [(part[-1][1] - part[0][1]) * 1e-9 for part in parts]
-    return sum(spans[number % len(parts)] for number in range(count))
+    return sum(_span_ns(parts[number % len(parts)]) * 1e-9 for number in range(count))
+
+
+def _span_ns(messages: Sequence[RawMessage]) -> int:
+    """Time from the first to the last of messages in their order."""
+    return messages[-1].log_time - messages[0].log_time
 
 
 def _run(arguments: Sequence[str]) -> tuple[float, float]:

@@ -29,10 +29,9 @@ class Grasp:
     lifted_m: float  # how far against gravity while it was held, at most
     dropped: int  # how often it was let go in the air
     grip_force_n: float  # median of the sum of normal forces while it was held, else while it was touched
-    margin: (
-        float  # least share of available over needed friction while it was held, the last 0.2 s before it was let go
-    )
-    # left out; inf where none was needed
+    margin: float
+    """Least share of available over needed friction while it was held, but for the last 0.2 s before it was let go; inf where
+    none was needed."""
 
     @property
     def outcome(self) -> str:

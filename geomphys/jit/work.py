@@ -21,6 +21,7 @@ from functools import partial
 
 from geomphys.jit.products import CacheEntry, Key, plain_key, symbol_of
 from geomphys.jit.slots import Unit, fill_slot, is_loaded, make_slots, units
+from geomphys.storage.child_process import available_cores
 
 MOST_PROCESSES = 4
 """More would have little to do; each takes 0.3 GB."""
@@ -153,8 +154,7 @@ def _unit(key: Key) -> Unit:
 
 def processes() -> int:
     """How many processes compile at once."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return min(cores, MOST_PROCESSES)
+    return min(available_cores(), MOST_PROCESSES)
 
 
 def _helper(keys: Sequence[Key]) -> subprocess.Popen[bytes]:

@@ -63,6 +63,4 @@ class FitState(NamedTuple):
     step: Floats  # (N,)
     free: Ints  # (N,) 1 for unknowns of this step
     orientation: Floats  # (4,) of the root as the source has it
-    figures: (
-        Floats  # (4,) root mean square distance [m], iterations, weight of the smoothness term, of the orientation [m²]
-    )
+    figures: Floats  # (4,) RMS distance [m], iterations, weights of the smoothness term and of the orientation [m²]

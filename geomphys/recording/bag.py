@@ -178,7 +178,7 @@ def _yaml_loader() -> Any:
     """A loader of plain data that takes no merge keys, which grow with the square of a file, and bounds how deep lists nest."""
     import yaml
 
-    class Loader(yaml.CSafeLoader):  # type: ignore[misc]
+    class Loader(yaml.CSafeLoader):  # type: ignore[misc]  # the package has no types
         def flatten_mapping(self, node: Any) -> None:
             """Leave a mapping as it stands."""
 

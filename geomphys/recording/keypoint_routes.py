@@ -44,9 +44,8 @@ class KeypointRoute:
         self.columns = slice(*world.scene.trees.dof_start[self.tree : self.tree + 2])
         self.oriented = [k for k, is_oriented in enumerate(source.oriented) if is_oriented]
         self.orientation = world.palm_orientations.get(world.tree_names[self.tree])
-        self.poses = np.zeros(
-            (len(self.routes), 7)
-        )  # of the last frame, m, world frame; orientations of `oriented` only
+        # of the last frame, m, world frame; orientations count for `oriented` only
+        self.poses = np.zeros((len(self.routes), 7))
         self.points = self.poses[:, :3]
         self.seen = np.zeros(len(self.routes), dtype=np.int64)
         self.held_frames = 0

@@ -162,9 +162,8 @@ class LogReader:
                         yield RawMessage(key, log_time, publish_time, data, sequence)
             return
         unread_spans = deque(sorted(enumerate(spans), key=lambda item: item[1][1].first))
-        pending: list[
-            tuple[_Pending, deque[_Pending]]
-        ] = []  # heap of the sorted messages of each span by the first of them
+        # a heap of the sorted messages of each span, by the first of them
+        pending: list[tuple[_Pending, deque[_Pending]]] = []
         size = 0
         while unread_spans or pending:
             while unread_spans and size < PENDING_LIMIT:

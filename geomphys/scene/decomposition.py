@@ -8,7 +8,6 @@ are decomposed in parallel, each in its own process; the number of processes doe
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
@@ -32,6 +31,7 @@ from geomphys.scene.piece_cache import ConvexPieces, archive_name, read_pieces, 
 from geomphys.scene.scene_values import Decomposition
 from geomphys.scene.screw_holes import hole_radius, simplified, without_screw_holes
 from geomphys.storage.cache import user_cache_folder
+from geomphys.storage.child_process import available_cores
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -64,9 +64,7 @@ class Decomposed:
 
     name: str
     hulls: tuple[Floats, ...]  # corners (k, 3) of each piece, m, frame of the mesh
-    method: (
-        str  # "hull", "parts" (the hulls of its closed parts) or "coacd" (cut, also where cuts along faces were enough)
-    )
+    method: str  # "hull", "parts" (the hulls of its closed parts) or "coacd" (cut, also if along faces only)
     threshold: float  # allowed concavity, of half the mesh's longest side
     seed: int
     uncovered_m: float  # m, largest distance of the mesh's surface outside the pieces
@@ -165,11 +163,6 @@ def decompose_all(
         cut, seconds = made[archive]
         found[number] = _pieces(meshes[number].mesh, jobs[archive].threshold, seed, cut, seconds, cached=False)
     return tuple(found[number] for number in range(len(meshes)))
-
-
-def available_cores() -> int:
-    """Number of processor cores available to this process."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _valid_threshold(mesh: Mesh, threshold: float | None) -> float:

@@ -28,6 +28,11 @@ def ending_with_this_process(command: Sequence[str]) -> list[str]:
     return [sys.executable, "-P", "-m", __name__, str(os.getpid()), *command]
 
 
+def available_cores() -> int:
+    """Number of processor cores available to this process and its children."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 if __name__ == "__main__":
     end_with_parent(int(sys.argv[1]))
     os.execv(sys.argv[2], sys.argv[2:])

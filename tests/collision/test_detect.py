@@ -22,7 +22,7 @@ def near_of(run: Run, machine: object, frame: int) -> dict[tuple[int, int], floa
     packed, f = pack(machine), run.results[frame].frame
     pose_recording(pack(run.world.scene), packed, f.roots, f.angles)
     measure_recorded(pack(run.world.scene), packed)
-    near = machine.workspace.near  # type: ignore[attr-defined]
+    near = machine.workspace.near
     return {(int(near.a[k]), int(near.b[k])): float(near.separation[k]) for k in range(near.filled[0])}
 
 

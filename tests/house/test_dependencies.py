@@ -17,7 +17,7 @@ BROUGHT_BY_OTHERS = {
     "botocore": "errors of s3fs",
     "llvmlite": "numba names the one version it works with",
     "pydantic-core": "pydantic names the one version it works with",
-    "typing-extensions": "pydantic requires it; for type checkers only",
+    "typing-extensions": "pydantic requires it, and before Python 3.12 takes only its TypedDict",
 }
 """Distributions that are imported and not declared, and why."""
 

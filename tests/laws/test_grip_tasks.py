@@ -40,7 +40,7 @@ def check(done: Outcome, noise: float = 0.0) -> None:
 
 def is_enough(what: str, squeeze: float, friction: float) -> bool:
     """Whether friction carries a thing between two sides, or three fingers, that press by K x."""
-    mass = float(THINGS[what]["mass"])  # type: ignore[arg-type]
+    mass = float(THINGS[what]["mass"])
     return 2 * friction * STIFFNESS * squeeze > NEEDED * mass * GRAVITY
 
 

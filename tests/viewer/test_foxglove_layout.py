@@ -67,7 +67,7 @@ def test_every_path_leads_to_numbers_of_the_output(landed: Results, layout: dict
             messages[channel.topic] = message
     lines = paths(layout)
     for line in lines:
-        topic, path = re.fullmatch(r"(/[\w/]+)(.*)", line["value"]).groups()  # type: ignore[union-attr]
+        topic, path = re.fullmatch(r"(/[\w/]+)(.*)", line["value"]).groups()
         assert isinstance(value_at(messages[topic], path), int | float), line
     joints = [line for line in lines if line["value"].startswith("/joint_states")]
     assert [line["label"] for line in joints] == list(messages["/joint_states"].name)
@@ -118,7 +118,7 @@ def test_the_shipped_layout_is_fresh_and_fits_every_output_of_one_avatar() -> No
     text = foxglove()
     assert LAYOUT.read_text() == text, "run: python tests/house/output_reference.py"
     topics = {topic for topic, _, _ in channels()}
-    assert {re.match(r"/[\w/]+", line["value"])[0] for line in paths(json.loads(text))} <= topics  # type: ignore[index]
+    assert {re.match(r"/[\w/]+", line["value"])[0] for line in paths(json.loads(text))} <= topics
 
 
 def test_the_command_writes_it_and_prints_it(landed: Results, tmp_path: Path, capsysbinary: Any) -> None:
