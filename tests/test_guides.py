@@ -10,10 +10,11 @@ from pathlib import Path
 
 import pytest
 from geomphys_cli.main import run
-from mcap.reader import make_reader
 from mcap.writer import Writer
 
 import geomphys
+from geomphys.output.input_copy import MessageCopy
+from geomphys.recording.reader import open_log
 
 ROOT = Path(__file__).resolve().parent.parent
 GUIDES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "assets" / "docs").glob("*.md"))]
@@ -48,19 +49,13 @@ def on_recordings(line: str) -> bool:
 
 def cut(log: Path, out: Path, seconds: float) -> None:
     """Write the messages of the first seconds of a log."""
-    with log.open("rb") as source, out.open("wb") as target:
-        reader, writer = make_reader(source), Writer(target)
+    with open_log(log, recover=False) as reader, out.open("wb") as target:
+        writer, messages = Writer(target), MessageCopy(reader.channels)
         writer.start()
-        channels: dict[int, int] = {}
-        first = None
-        for schema, channel, message in reader.iter_messages():
-            first = message.log_time if first is None else first
-            if message.log_time > first + seconds * 1e9:
+        for message in reader.read():
+            if message.log_time > reader.start_ns + seconds * 1e9:
                 break
-            if channel.id not in channels:
-                number = writer.register_schema(schema.name, schema.encoding, schema.data) if schema else 0
-                channels[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, number)
-            writer.add_message(channels[channel.id], message.log_time, message.data, message.publish_time)
+            messages.add(message, writer)
         writer.finish()
 
 
