@@ -2,13 +2,17 @@
 
 A soft term pulls the gap of a link at the end of a chain to the recorded one, or to zero where it was recorded inside, by
 the chain's own joints alone: the palm would otherwise be drawn along. Only what is fixed or tracked pulls; for two hands,
-or all the time, it does harm.
+or all the time, it does harm. The fingers of a hand in one piece close no faster than `Weights.closing_speed`: they would
+snap to what the hand was shifted off.
 """
 
 from __future__ import annotations
 
+import math
+
 from geomphys.collision.detect import Near, measure_near
 from geomphys.driven.constraints import add_term
+from geomphys.driven.objective import is_stiff
 from geomphys.driven.postures import Posture, joint_effect, vec_of
 from geomphys.driven.state import ARTICULATED, DrivenWorkspace
 from geomphys.jit.kernel import kernel, outlined
@@ -41,7 +45,7 @@ def note_touches(scene: Scene, ws: DrivenWorkspace, near: Near) -> None:
             continue
         if scene.bodies.role[body_b] == DRIVEN:
             body_a, body_b = body_b, body_a
-        if scene.bodies.role[body_b] != FIXED or scene.trees.chains[scene.bodies.tree[body_a]] == 0:
+        if scene.bodies.role[body_b] != FIXED or scene.bodies.role[body_a] != DRIVEN:
             continue
         tip = ws.links.holder[body_a]
         if ws.links.tip[tip] == 1:
@@ -82,22 +86,43 @@ def _is_touch(scene: Scene, ws: DrivenWorkspace, k: int, tip: int, other: int) -
     return bool((holder[a] == tip and b == other) or (holder[b] == tip and a == other))
 
 
+@kernel
+def _nearest(scene: Scene, ws: DrivenWorkspace, i: int) -> int:
+    """The near pair, of those measured, in which the tip of a recorded contact is nearest to what it touched; -1: none."""
+    nearest, found = math.inf, -1
+    for k in range(ws.near.filled[0]):
+        if ws.near.exact[k] == 1 and ws.near.separation[k] < nearest:
+            if _is_touch(scene, ws, k, ws.work.touch[i, 0], ws.work.touch[i, 1]):
+                nearest, found = ws.near.separation[k], k
+    return found
+
+
+@outlined
+def set_touch_goals(scene: Scene, ws: DrivenWorkspace) -> None:
+    """Where a search begins: how far apart what touched in the recording may be at its end, from the gap there."""
+    work = ws.work
+    for i in range(work.touches[0]):
+        k = _nearest(scene, ws, i)
+        closing = work.closing[scene.bodies.tree[work.touch[i, 0]]]
+        work.touch_goal[i] = math.inf if k < 0 else max(ws.near.separation[k] - closing, work.touch_gap[i], 0.0)
+
+
 @outlined
 def add_touches(scene: Scene, ws: DrivenWorkspace, now: Posture, unknowns: int) -> float:
     """Terms of the recorded contacts of trees that bend; returns their energy."""
     work, near, energy = ws.work, ws.near, 0.0
     row = ws.problem.least.rows[len(ws.problem.least.bounds) - 1]
     for i in range(work.touches[0]):
-        tip, other = work.touch[i, 0], work.touch[i, 1]
+        tip = work.touch[i, 0]
         if work.kind[scene.bodies.tree[tip]] != ARTICULATED:
             continue
-        nearest, found = 1.0, -1
-        for k in range(near.filled[0]):
-            if near.exact[k] == 1 and near.separation[k] < nearest and _is_touch(scene, ws, k, tip, other):
-                nearest, found = near.separation[k], k
+        found = _nearest(scene, ws, i)
         if found < 0:
             continue
+        nearest = near.separation[found]
         off = nearest - max(work.touch_gap[i], 0.0)
+        if off > 0.0:
+            off = max(nearest - work.touch_goal[i], 0.0)
         for j in range(unknowns):
             row[j] = 0.0
         n, sign, point = vec_of(near.normal, found), 1.0, vec_of(near.point_a, found)
@@ -111,6 +136,8 @@ def add_touches(scene: Scene, ws: DrivenWorkspace, now: Posture, unknowns: int) 
             if q >= 0 and scene.bodies.joint[joint] != JOINT_FIXED and work.column[q] >= 0:
                 row[work.column[q]] += sign * joint_effect(scene, now.poses, joint, point, n)
             joint = scene.bodies.parent[joint]
-        add_term(ws, row, unknowns, ws.weights.contact, off)
-        energy += 0.5 * ws.weights.contact * off * off
+        stiff = is_stiff(scene, scene.bodies.tree[tip])
+        weight = ws.weights.stiff_contact if stiff else ws.weights.contact
+        add_term(ws, row, unknowns, weight, off)
+        energy += 0.5 * weight * off * off
     return energy

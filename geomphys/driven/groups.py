@@ -103,7 +103,7 @@ def is_shifted_too_far(scene: Scene, state: DrivenState, ws: DrivenWorkspace, ro
         if norm(sub(offset, vec_of(state.offset, tree))) > limit:
             return True
         last = sub(vec_of(state.last.roots, tree), vec_of(state.recorded.roots, tree))
-        if state.started[0] == STARTED_FREE and norm(sub(offset, last)) > w.shift_step:
+        if state.started[0] == STARTED_FREE and norm(sub(offset, last)) > work.shift_limit[tree]:
             return True
     return False
 

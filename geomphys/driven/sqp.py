@@ -26,7 +26,7 @@ from geomphys.driven.constraints import (
     request_touching,
     row_limit,
 )
-from geomphys.driven.contacts_kept import add_touches, measure_touches
+from geomphys.driven.contacts_kept import add_touches, measure_touches, set_touch_goals
 from geomphys.driven.least_distance import SOLVED
 from geomphys.driven.objective import assemble, link_centre, number_unknowns
 from geomphys.driven.postures import Posture, vec_of
@@ -61,11 +61,13 @@ HALVINGS = 6
 MARGIN = (
     2e-3  # m: pairs are looked for this much farther than they have to be, so that a list of them serves more passes
 )
+DRAWN = 0.02  # m: as far are fingertips drawn to what they touched in the recording
 ROUNDS = 12  # of rows added in a pass
 SETTLED = 2e-6  # m: a pass that moves nothing farther ends the search,
 SETTLED_SHIFT = 1e-8  # m, where trees only shift,
 NEARLY = 5e-5  # m, and after
-PATIENCE = 6  # passes
+PATIENCE = 6  # passes; so do as many to and fro by the least step, after which the objective is not below
+GAINS = 0.999  # times what it was
 EVERY_STEP, STRAIGHT, ANY_PATH = 0, 1, 2  # what a search certifies
 
 
@@ -273,28 +275,34 @@ def search(
     work, best, relaxed = ws.work, math.inf, mode == ANY_PATH
     step = FIRST_STEP if relaxed else _first_step(scene, ws)
     found, converged, paced, done = False, False, False, False
-    shifting, count, listed = _only_shifts(ws), 0, 0.0
+    shifting, count, idle, listed = _only_shifts(ws), 0, 0, 0.0
     forget_spots(ws)
     _copy_targets(scene, ws, work.target, work.cached_target)
     for i in range(len(ws.problem.last_step)):
         ws.problem.last_step[i] = 0.0
     while True:
-        limit = row_limit(step)
-        if listed >= limit:
+        limit, drawn = row_limit(step), touching and not paced and work.touches[0] > 0
+        if listed >= (DRAWN if drawn else limit):
             least = update_separations(scene, ws, limit, ON)
         else:
-            listed, known, least = limit + MARGIN, False, 0.0
+            listed, known, least = max(limit, DRAWN if drawn else 0.0) + MARGIN, False, 0.0
             if count == 0:
                 known, least = measure_listed_pairs(scene, ws, listed, ON)
             if not known:
                 least = measure_near_pairs(scene, ws, listed, ON)
-        if touching and not paced:
-            measure_touches(scene, ws, limit)
-        energy = _solve_linear(scene, ws, recorded, gap, step, touching and not paced, relaxed or paced)
+        if drawn:
+            measure_touches(scene, ws, DRAWN)
+            if count == 0:
+                set_touch_goals(scene, ws)
+        energy = _solve_linear(scene, ws, recorded, gap, step, drawn, relaxed or paced)
+        idle = idle + 1 if least >= 0.0 and energy > GAINS * best else 0
         if least >= 0.0 and (energy < best or done or paced):
             found, best = True, energy
             copy_moving(scene, ws, work.now, work.best)
         if done or count == min(passes, work.passes[0]):
+            break
+        if idle >= PATIENCE and step == LEAST_STEP:
+            converged = True
             break
         count += 1
         share, safe, there, far, stopped = 1.0, False, 0.0, 0.0, False

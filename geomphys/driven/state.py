@@ -82,6 +82,7 @@ class SearchWorkspace(NamedTuple):
     cached_target: Floats  # (B, 7) `target`, saved while another is tried
     anchor: Floats  # (B, 3) m, where each link's centre would be with the offset of the last frame
     deviation_limit: Floats  # (T,) m: how far the links of a tree may get from there
+    shift_limit: Floats  # (T,) m: by how much the offset of a tree in one piece may change in the step
     kind: Ints  # (T,) how it may yield: STAYS, SHIFTS, BENDS
     cached_kind: Ints  # (T,) `kind`, saved while another is tried
     group: Ints  # (T,) the trees that are solved together have one number; -1: none
@@ -107,6 +108,8 @@ class SearchWorkspace(NamedTuple):
     spot_next: Ints  # (1,) where the next goes
     touch: Ints  # (k, 2) tip link and body that touch in the recording
     touch_gap: Floats  # (k,) m, how far apart they were recorded
+    touch_goal: Floats  # (k,) m, how far apart they may be at the end of the step without being drawn together
+    closing: Floats  # (T,) m: how far tips of a tree are drawn to what they touch in the step
     touches: Ints  # (1,)
     unit: Floats  # (Q,) ones
     passes: Ints  # (1,) bound on the passes of a search
@@ -180,6 +183,7 @@ def make_search_workspace(scene: Scene, poses: Floats, passes: int) -> SearchWor
         cached_target=np.zeros((bodies, 7)),
         anchor=np.zeros((bodies, 3)),
         deviation_limit=np.zeros(trees),
+        shift_limit=np.zeros(trees),
         kind=np.zeros(trees, np.int64),
         cached_kind=np.zeros(trees, np.int64),
         group=np.zeros(trees, np.int64),
@@ -205,6 +209,8 @@ def make_search_workspace(scene: Scene, poses: Floats, passes: int) -> SearchWor
         spot_next=np.zeros(1, np.int64),
         touch=np.zeros((TOUCHES, 2), np.int64),
         touch_gap=np.zeros(TOUCHES),
+        touch_goal=np.zeros(TOUCHES),
+        closing=np.zeros(trees),
         touches=np.zeros(1, np.int64),
         unit=np.ones(dofs),
         passes=np.array([passes]),

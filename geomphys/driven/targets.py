@@ -6,11 +6,13 @@ and of its turn, in the world, so that they mean the same whichever angles make 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.driven.coupling import relax_offset
-from geomphys.driven.objective import link_centre
+from geomphys.driven.objective import is_stiff, link_centre
 from geomphys.driven.postures import is_recorded, vec_of
 from geomphys.driven.starts import steady_change
 from geomphys.driven.state import GIVEN, DrivenState, DrivenWorkspace
@@ -130,7 +132,7 @@ def _take_given(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int
 
 @outlined
 def aim(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, dt: float) -> None:
-    """Relax all offsets by `dt` [s] and set targets, anchors and paces of the links; `recorded` (B, 7) are their poses."""
+    """Relax all offsets by `dt` [s] and set targets and anchors of the links and limits of the step; `recorded` (B, 7) are their poses."""
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] != DRIVEN:
             continue
@@ -143,6 +145,8 @@ def aim(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats,
             path = sub(link_centre(ws, recorded, body), link_centre(ws, state.recorded.poses, body))
             motion = max(motion, norm(path))
         ws.work.deviation_limit[tree] = max(LEAST_DEVIATION, DEVIATION_PER_MOTION * motion)
+        ws.work.shift_limit[tree] = ws.weights.shift_speed * dt
+        ws.work.closing[tree] = ws.weights.closing_speed * dt if is_stiff(scene, tree) else math.inf
 
 
 @kernel

@@ -17,12 +17,14 @@ class Weights(NamedTuple):
     smooth: float = 0.3  # of lever²: a joint's departure from where it would go by itself; more: calmer, farther off
     trend: float = 0.15  # of its last change: by how much the offset of a joint goes on by itself
     contact: float = 2.0  # mean weights of a link: how strongly a fingertip recorded on something is drawn to it
+    stiff_contact: float = 15.0  # the same in a tree in one piece, whose joints are dearer,
+    closing_speed: float = 0.1  # m/s: and there no faster than this
     unusual: float = 1.0  # of lever²: a joint bent farther than `stretch` beyond the range of the recording
     stretch: float = math.radians(10.0)  # rad, beyond the range in which the recording used a joint so far
     shift_of_depth: float = 3.0  # times the recorded depth: as far is a tree in one piece translated, then it bends
     least_shift: float = 3e-3  # m: as far as this it always is,
     most_shift: float = 0.03  # m: and no farther than this,
-    shift_step: float = 2e-3  # m: nor by more than this from one step to the next
+    shift_speed: float = 0.05  # m/s: nor faster than this
 
 
 WEIGHTS = Weights()

@@ -96,7 +96,7 @@ def measure_recorded(scene: Scene, m: Machine) -> float:
     near, depth, touching = m.workspace.near, m.workspace.work.depth, 0.0
     for tree in range(len(scene.trees.role)):
         depth[tree] = 0.0
-        if scene.trees.role[tree] == DRIVEN and scene.trees.chains[tree] == 1:
+        if scene.trees.role[tree] == DRIVEN and scene.trees.dof_start[tree + 1] > scene.trees.dof_start[tree]:
             touching = RECORDED_ON
     find_near(
         scene,

@@ -88,9 +88,7 @@ def read_avatar(table: AvatarTable, path: AnyPath, loader: GeometryLoader, prefi
         table.name, table, DRIVEN, table.material, table.mass, bodies, skeleton, in_chains=in_chains,
         not_shown=not_shown,
     )  # fmt: skip
-    chains = named_chains(table, skeleton, path)
-    if tree.in_chains:
-        tree.chains = chains or suggested_chains(skeleton)
+    tree.chains = named_chains(table, skeleton, path) or suggested_chains(skeleton)
     tree.cones = [
         reach_cone(cone, skeleton, f"reach_cone[{k}] of avatar {table.name!r}", path)
         for k, cone in enumerate(table.reach_cone)

@@ -32,7 +32,7 @@ def pressed(folder: Path, speed: float) -> Run:
 
 
 def test_slowly_the_hand_is_lifted_as_it_is(tmp_path: Path) -> None:
-    run = pressed(tmp_path, 0.05)
+    run = pressed(tmp_path, 0.04)
     assert_free(run)
     assert (run.angles == 0.0).all()
     assert np.abs(run.offset("hand/palm")).max() > 5e-3
