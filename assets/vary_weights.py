@@ -101,7 +101,7 @@ REASONS = {
     "smooth": "joints that tremble against contacts that are lost: more costs contacts, less raises the jerk of joints",
     "trend": "what yields more each frame goes on to: calmer, fingertips nearer; at 0.3 a pinch on a table jerks 1.12 times",
     "contact": "recorded contacts of fingertips that stay contacts; without it one in ten more is lost at doors",
-    "stiff_contact": "the same in one piece: at 60 twice as many passes and a trembling thumb, at 4 contacts are lost",
+    "stiff_contact": "the same in one piece: more, and joints jerk in more passes; less, and contacts are lost",
     "closing_speed": "m/s; in one piece: fingers snapped back to what the hand was shifted off",
     "unusual": "fingers are not bent backwards beyond what the recording has shown",
     "stretch": "rad; how far beyond it they may be all the same",

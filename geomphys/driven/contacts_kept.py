@@ -91,9 +91,9 @@ def _nearest(scene: Scene, ws: DrivenWorkspace, i: int) -> int:
     """The near pair, of those measured, in which the tip of a recorded contact is nearest to what it touched; -1: none."""
     nearest, found = math.inf, -1
     for k in range(ws.near.filled[0]):
-        if ws.near.exact[k] == 1 and ws.near.separation[k] < nearest:
-            if _is_touch(scene, ws, k, ws.work.touch[i, 0], ws.work.touch[i, 1]):
-                nearest, found = ws.near.separation[k], k
+        nearer = ws.near.exact[k] == 1 and ws.near.separation[k] < nearest
+        if nearer and _is_touch(scene, ws, k, ws.work.touch[i, 0], ws.work.touch[i, 1]):
+            nearest, found = ws.near.separation[k], k
     return found
 
 

@@ -132,7 +132,7 @@ def _take_given(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int
 
 @outlined
 def aim(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, dt: float) -> None:
-    """Relax all offsets by `dt` [s] and set targets and anchors of the links and limits of the step; `recorded` (B, 7) are their poses."""
+    """Relax all offsets by `dt` [s], set targets and anchors of the links, whose recorded poses are (B, 7), and limits."""
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] != DRIVEN:
             continue

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from geomphys.scene.findings import RenamedFrame
-from geomphys.scene.trees import Tree
+
+if (
+    TYPE_CHECKING
+):  # the names are needed to read an output too, where loading what makes a scene would take most of the time
+    from geomphys.scene.trees import Tree
 
 WORLD = "world"
 RECORDED_PREFIX = "recorded/"

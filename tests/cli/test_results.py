@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -33,6 +35,18 @@ def test_different_is_1_and_says_where(pressed: Results, capsys: pytest.CaptureF
     assert 0.9 < float(finger[1]) < 1.6
     assert any(line.startswith("finger | table") for line in lines)
     assert any(line.startswith("world_sha256") for line in lines)
+
+
+@pytest.mark.parametrize("words", [["stats", "{out}", "--json"], ["diff", "{out}", "{out}"]])
+def test_figures_are_read_without_what_computes_motion(pressed: Results, words: list[str]) -> None:
+    """Loading the kernels and what makes a scene takes four times as long as reading a short output."""
+    code = (
+        "import sys; from geomphys_cli.main import run; code = run(sys.argv[1:]); "
+        "print(*{m.split('.')[0] for m in sys.modules}, file=sys.stderr); sys.exit(code)"
+    )
+    command = [sys.executable, "-c", code, *(word.format(out=pressed.out) for word in words)]
+    loaded = subprocess.run(command, capture_output=True, text=True, check=True).stderr.split()
+    assert not {"numba", "scipy", "trimesh", "pydantic"} & set(loaded)
 
 
 def test_diff_as_json(landed: Results, capsys: pytest.CaptureFixture[str]) -> None:
