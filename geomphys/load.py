@@ -40,7 +40,7 @@ def load_world(
         The scene file; the paths in it are relative to it.
     mode
         ``rigid``, ``chains`` or ``auto`` (chains where joints move links that collide) for all avatars; None leaves it
-        to the file. An avatar in chains mode without chains in the file gets those of `geomphys.scene.chains.suggested_chains`.
+        to the file. An avatar without chains in the file gets those of `geomphys.scene.chains.suggested_chains`.
     seed
         Of the convex decomposition.
     progress
