@@ -3,7 +3,7 @@
 Two frames that are free do not tell whether the way between them was. A straight line from one to the other may cut an
 edge that the body went round, and that is no fault; but somewhere near it there must be a way that leads through nothing.
 `follow` looks for it: it takes the body along the line, in small steps, and keeps it out of everything by the least
-translation from where it just was. A body that has been put through something is held up there and does not arrive.
+translation, or translation and turn, from there. A body that has been put through something is held up there and does not arrive.
 """
 
 from __future__ import annotations
@@ -17,6 +17,9 @@ from geomphys.scene.arrays import DRIVEN
 from tests.driven.logs import Engine, Floats, Run
 
 CLEAR = 1e-6  # m, kept while following
+TOUCHING = 2e-5  # m
+JUMP = 5e-3  # m: what has to be put so far aside at once may have got through something
+ARM = 0.1  # m: a turn counts as the translation of a point so far away
 SHARE = 0.2  # of the mean thickness of two pieces: what is no deeper between frames cannot be on its way through
 
 
@@ -76,9 +79,29 @@ class Between:
                     found[k // times] = max(found.get(k // times, 0.0), depth)
         return found
 
-    def _planes(self, offsets: dict[int, Floats], frames: Floats, reach: float) -> tuple[Floats, Floats]:
-        """Half-spaces for the offsets of all trees in a row, one for each pair of pieces within `reach` of each other."""
-        centres, width = self._centres(frames), 3 * len(offsets)
+    def _pivot(self, poses: Floats, tree: int) -> Floats:
+        """(3,) what a tree is turned about: the root's place."""
+        return np.asarray(poses[np.flatnonzero(self.body_tree == tree)[0], :3])
+
+    def _placed(self, poses: Floats, offsets: dict[int, Floats]) -> Floats:
+        """(B, 7) poses with trees turned about their pivots by rotation vectors over `ARM`, and shifted."""
+        placed = poses.copy()
+        for tree, offset in offsets.items():
+            bodies, pivot = self.body_tree == tree, self._pivot(poses, tree)
+            turn = Rotation.from_rotvec(offset[3:] / ARM if len(offset) == 6 else np.zeros(3))
+            placed[bodies, :3] = pivot + turn.apply(poses[bodies, :3] - pivot) + offset[:3]
+            placed[bodies, 3:] = (turn * Rotation.from_quat(poses[bodies, 3:])).as_quat()
+        return placed
+
+    def _planes(
+        self, offsets: dict[int, Floats], placed: Floats, reach: float, normals: dict[int, Floats]
+    ) -> tuple[Floats, Floats]:
+        """Half-spaces for the offsets of all trees in a row, one for each pair of pieces within `reach` of each other.
+
+        The direction between two points a micrometre apart is noise, so pairs that touch keep the one they had: `normals`.
+        """
+        frames, each = self.engine.frames(placed), len(next(iter(offsets.values())))
+        centres, width = self._centres(frames), each * len(offsets)
         rows, bounds = [np.zeros(width)], [0.0]
         near = np.linalg.norm(centres[self.a] - centres[self.b], axis=1) < self.room + reach
         for i in np.flatnonzero(near & (self.tree[self.a] != self.tree[self.b])):
@@ -91,38 +114,43 @@ class Between:
             gap = coal.distance(
                 self.engine.shapes[a], next(places), self.engine.shapes[b], next(places), coal.DistanceRequest(), result
             )
+            if abs(gap) > TOUCHING or i not in normals:
+                normals[int(i)] = np.array(result.normal)
             row, bound = np.zeros(width), CLEAR - gap
             for place, (tree, offset) in enumerate(offsets.items()):
                 if tree in (self.tree[a], self.tree[b]):
-                    out = np.array(result.normal) * (1.0 if tree == self.tree[b] else -1.0)  # coal's points from a to b
-                    row[3 * place : 3 * place + 3] = out
-                    bound += float(out @ offset)
+                    first = tree == self.tree[a]
+                    out = normals[int(i)] * (-1.0 if first else 1.0)  # coal's points from a to b
+                    point = np.array(result.getNearestPoint1() if first else result.getNearestPoint2())
+                    lever = np.cross(point - self._pivot(placed, tree), out) / ARM
+                    effect = np.concatenate([out, lever])[:each]
+                    row[each * place : each * (place + 1)] = effect
+                    bound += float(effect @ offset)
             rows.append(row)
             bounds.append(bound)
         return np.array(rows), np.array(bounds)
 
-    def follow(self, frame: int, steps: int) -> float:
+    def follow(self, frame: int, steps: int, turning: bool = False) -> float:
         """How far [m] from its corrected place in frame + 1 a tree arrives that goes there from `frame` through nothing.
 
-        Driven trees give way to each other: what one does not yield to is not in its way if that one can yield.
+        Driven trees give way to each other: what one does not yield to is not in its way if that one can yield. They give
+        way by translation, or by `turning` too.
         """
-        driven = np.flatnonzero(self.trees.role == DRIVEN)
-        offsets = {int(tree): np.zeros(3) for tree in driven}
+        driven, normals = np.flatnonzero(self.trees.role == DRIVEN), dict[int, Floats]()
+        offsets = {int(tree): np.zeros(6 if turning else 3) for tree in driven}
         for poses in lines(self.run.corrected[frame : frame + 2], steps)[1:]:
             for _ in range(8):
-                placed = poses.copy()
-                for tree, moved in offsets.items():
-                    placed[self.body_tree == tree, :3] += moved
                 reach = 3.0 * max(float(np.linalg.norm(moved)) for moved in offsets.values()) + 0.01
-                normals, bounds = self._planes(offsets, self.engine.frames(placed), reach)
-                best = least_offset(normals, bounds)
+                rows, bounds = self._planes(offsets, self._placed(poses, offsets), reach, normals)
+                best = least_offset(rows, bounds)
                 if best is None:
                     return np.inf
                 change = 0.0
-                for place, tree in enumerate(offsets):
-                    new = best[3 * place : 3 * place + 3]
+                for new, tree in zip(np.split(best, len(offsets)), offsets, strict=True):
                     change = max(change, float(np.linalg.norm(new - offsets[tree])))
                     offsets[tree] = new
+                if change > JUMP:
+                    return np.inf
                 if change < 1e-7:
                     break
         return max(float(np.linalg.norm(offset)) for offset in offsets.values())
@@ -131,8 +159,8 @@ class Between:
         """Frames from which something got to the next one through something: how far off it arrives if it may not [m]."""
         found = {}
         for frame in self.deep():
-            for steps in (64, 512, 4096):
-                off = self.follow(frame, steps)
+            for steps, turning in ((64, False), (64, True), (512, False), (512, True), (4096, False), (4096, True)):
+                off = self.follow(frame, steps, turning)
                 if off <= 1e-4:
                     break
             else:
