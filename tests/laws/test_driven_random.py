@@ -121,14 +121,13 @@ def assert_free_in_between(run: Run, frames: int) -> None:
     assert Between(run).tunnels() == {}
 
 
-@pytest.mark.parametrize("turn", [0.0, 0.4])
-def test_what_is_put_through_a_panel_is_found(tmp_path: Path, turn: float) -> None:
-    """Also where it may turn on its way; straight past the panel's edge it is let."""
+def test_what_is_put_through_a_panel_is_found(tmp_path: Path) -> None:
+    """By whatever way it may take near it; past the panel's edge it is let."""
     panel = Thing(name="panel", shape=("box", 0.01, 0.6, 0.6), at=(0.0, 0.0, 0.0))
-    path = np.zeros((2, 3)) + [-0.2, 0.0, 0.0]
+    path = np.tile([-0.2, 0.0, 0.0], (2, 1))
     run = play(tmp_path, [panel, Thing(name="bar", shape=("box", 0.04, 0.1, 0.02), role="driven", path=path)])
     bar = run.body("bar")
-    run.corrected[1, bar] = [0.2, 0.0, 0.0, *Rotation.from_rotvec([0, 0, turn]).as_quat()]
+    run.corrected[1, bar] = [0.2, 0.0, 0.0, *Rotation.from_rotvec([0, 0, 0.4]).as_quat()]
     assert list(Between(run).tunnels()) == [0]
     run.corrected[:, bar, 1] = 0.36
     assert Between(run).tunnels() == {}
