@@ -74,7 +74,12 @@ class TouchType(click.ParamType[tuple[float, str]]):
     "--on", multiple=True, metavar="OBJECT", help="The object that was touched: its height and tilt are sought too."
 )
 @click.option(
-    "--only", type=click.Choice(["offset", "surface"]), help="Seek only this: the other is right in the scene file."
+    "--only",
+    type=click.Choice(["offset", "surface", "fingers"]),
+    help="Seek only this: the others are right in the scene file.",
+)
+@click.option(
+    "--fingers", is_flag=True, help="Seek also the length of each finger that --touch names a link of; of all without."
 )
 @click.option("--avatar", metavar="NAME", help="The avatar. Default: the first.")
 @click.option("--write", is_flag=True, help="Write what the log shows into SCENE; its comments stay.")
@@ -85,7 +90,8 @@ def calibrate(
     flats: tuple[tuple[float, float], ...],
     touches: tuple[tuple[float, str], ...],
     on: tuple[str, ...],
-    only: Literal["offset", "surface"] | None,
+    only: Literal["offset", "surface", "fingers"] | None,
+    fingers: bool,
     avatar: str | None,
     write: bool,
     as_json: bool,
@@ -98,7 +104,9 @@ def calibrate(
     import geomphys
 
     terminal = current_terminal()
-    found = geomphys.calibrate(log, scene, flats=flats, touches=touches, on=on, only=only, avatar=avatar)
+    found = geomphys.calibrate(
+        log, scene, flats=flats, touches=touches, on=on, only=only, fingers=fingers, avatar=avatar
+    )
     if write and found.changes:
         found = found.write()
     if as_json:
@@ -114,6 +122,8 @@ def _show(terminal: Terminal, found: Calibration, write: bool) -> None:
         rows.append(("Offset", [f"[{at}] mm, rpy [{', '.join(f'{v:.2f}' for v in found.offset_rpy_deg)}] degrees"]))
     for name, surface in found.surfaces.items():
         rows.append((name, [f"{1000 * surface.height_m:.1f} mm high, tilted by {surface.tilt_deg:.2f} degrees"]))
+    for finger, factor in found.finger_scale.items():
+        rows.append((finger, [f"{factor:.3f} times as long"]))
     for topic, delay in found.delay_s.items():
         rows.append(("Delay", [f"{topic}: {1000 * delay:.1f} ms (correlation {found.correlation[topic]:.2f})"]))
     left = f"{1000 * found.residual_m:.2f} mm, {1000 * found.residual_p90_m:.2f} mm at the 90th percentile"

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
 
 from geomphys.errors import SceneError
 from geomphys.numerics.transforms import rotation_from_quaternion
+from geomphys.scene.scaled_urdf import scaled_urdf
 from geomphys.storage.output_file import write_file
 
 LENGTH_DIGITS = 5
@@ -28,19 +29,21 @@ class SceneChange:
     position: tuple[float, ...] | None = None  # m
     orientation: tuple[float, ...] | None = None  # x y z w
     delay: float | None = None  # s
+    link_factors: dict[str, float] | None = None  # link -> factor of its lengths, for a URDF beside the one it has
 
 
 def write_changes(path: Path, changes: Sequence[SceneChange], comment: str) -> None:
     """Write changes into a scene file.
 
-    A rotation is written in the form the file has, `rpy` or `orientation`; `up` is replaced by `orientation`.
+    A rotation is written in the form the file has, `rpy` or `orientation`; `up` is replaced by `orientation`. Factors of lengths
+    make a new URDF beside the one of the avatar, which stays, and the file then names that.
 
     Raises
     ------
     SceneError
         The file has no such table.
-    OutputError
-        It cannot be written.
+    OutputError, ModelError
+        It, or a scaled URDF, cannot be written.
     """
     import tomlkit
     from tomlkit.exceptions import TOMLKitError
@@ -50,7 +53,10 @@ def write_changes(path: Path, changes: Sequence[SceneChange], comment: str) -> N
     except (OSError, TOMLKitError, UnicodeDecodeError) as problem:
         raise SceneError(f"{path}: cannot be read to be changed ({type(problem).__name__})") from problem
     for change in changes:
-        _apply(_table(document, path, change), change, comment)
+        table = _table(document, path, change)
+        _apply(table, change, comment)
+        if change.link_factors is not None:
+            _set(table, "urdf", _write_scaled(path, str(table["urdf"]), change.link_factors), comment)
     write_file(path, tomlkit.dumps(document).encode(), force=True)
 
 
@@ -75,6 +81,18 @@ def _apply(table: Any, change: SceneChange, comment: str) -> None:
             _set(table, "orientation", [_rounded(v, QUATERNION_DIGITS) for v in change.orientation], comment)
     if change.delay is not None:
         _set(table, "delay", _rounded(change.delay, 4), comment)
+
+
+def _write_scaled(scene: Path, urdf: str, factors: Mapping[str, float]) -> str:
+    """Write a URDF with other lengths beside `urdf`, under the first free name; returns its name in the scene file."""
+    source = scene.parent / urdf
+    stem, count = source.stem.removesuffix(".urdf"), 1
+    target = source.with_name(f"{stem}_scaled.urdf")
+    while target.exists():
+        count += 1
+        target = source.with_name(f"{stem}_scaled_{count}.urdf")
+    write_file(target, scaled_urdf(source, factors, beside=True), force=False)
+    return str(PurePath(urdf).with_name(target.name))
 
 
 def _set(table: Any, key: str, value: Any, comment: str) -> None:

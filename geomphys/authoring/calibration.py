@@ -1,7 +1,7 @@
 """Calibrates a scene from a log: offset and tilt of a tracker, height and tilt of surfaces, lag between topics.
 
-Only what the log shows is changed: of the offset, and of each surface, the part that no direction hidden from the frames of
-contact has a share in. What is hidden is named.
+Only what the log shows is changed: of the translation and rotation of the offset, and of the height and tilt of each surface,
+the part that is known to 2 mm and 1 degree whatever the rest may be. What is hidden from the frames of contact is named.
 """
 
 from __future__ import annotations
@@ -16,26 +16,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.authoring.calibrated_scene import SceneChange, rpy_degrees, write_changes
-from geomphys.authoring.contact_fit import ContactFit, ContactProblem, Unknowns, moved_surface, offset_matrix
+from geomphys.authoring.contact_fit import SHARE, ContactFit, ContactProblem, Unknowns, moved_offset, moved_surface
 from geomphys.authoring.contact_frames import Recorded, Stretch, collect
+from geomphys.authoring.finger_lengths import find_fingers, link_factors
+from geomphys.authoring.known_changes import component_names, known_part, name_unknown
+from geomphys.authoring.resting_frames import TOUCH_WINDOWS
 from geomphys.authoring.time_shift import find_time_shift
 from geomphys.config import Config
 from geomphys.errors import ConfigError
 from geomphys.load import load_world, scaled_to_log
-from geomphys.numerics.transforms import compose, matrix_from_pose, pose_from_matrix, rotation_from_quaternion
+from geomphys.numerics.transforms import matrix_from_pose, pose_from_matrix, rotation_from_quaternion
 from geomphys.scene.arrays import FIXED, World
 from geomphys.scene.topic_sources import RootSource
 from geomphys.storage.remote_files import AnyPath, as_path
 
 Floats = NDArray[np.float64]
 
-HIDDEN_SHARE = 0.15
-"""Share of a hidden direction in the offset or in a surface, above which that part is not changed."""
-MOSTLY_HIDDEN = 0.5
-"""Share of a component (squared) in hidden directions, above which the component is not changed at all."""
-NAMED_SHARE = 0.15
-"""Share of a hidden direction from which on a component is named."""
-MIN_CHANGE = 0.02
+MIN_CHANGE = 0.1
 """Units of a fit (0.2 mm, 0.1 degrees); a smaller change is none."""
 MIN_DELAY = 0.001
 """s; a smaller change of a delay is none."""
@@ -61,6 +58,7 @@ class Calibration:
     offset_m: tuple[float, ...] | None  # position of the root link seen from the tracker; None without a tracker
     offset_rpy_deg: tuple[float, ...] | None
     surfaces: dict[str, Surface]
+    finger_scale: dict[str, float]  # finger -> factor of its lengths, of those that were sought
     delay_s: dict[str, float]  # topic -> delay
     correlation: dict[str, float]  # topic -> correlation of its motion with that of the root
     frames: int  # of contact
@@ -92,7 +90,8 @@ def calibrate(
     flats: Sequence[tuple[float, float]] = (),
     touches: Sequence[tuple[float, str]] = (),
     on: Sequence[str] = (),
-    only: Literal["offset", "surface"] | None = None,
+    only: Literal["offset", "surface", "fingers"] | None = None,
+    fingers: bool = False,
     avatar: str | None = None,
     config: Config | None = None,
 ) -> Calibration:
@@ -109,7 +108,9 @@ def calibrate(
     on
         Objects whose height and tilt are sought: one for all stretches, or one for each of `flats`.
     only
-        Seek only the offset of the tracker, or only the surfaces; the other is right as it is.
+        Seek only the offset of the tracker, the surfaces, or the lengths of fingers; the others are right as they are.
+    fingers
+        Seek also a factor of the lengths of each finger that `touches` name a link of, or of all if they name none.
     avatar
         Default: the first.
     config
@@ -125,11 +126,14 @@ def calibrate(
     log, scene, config = as_path(log), as_path(scene), config or Config()
     world = scaled_to_log(log, load_world(scene, mode=config.mode, seed=config.seed), config)
     tree = _avatar(world, avatar)
+    if (fingers or only == "fingers") and any(source.tree == tree for source in world.keypoints):
+        raise ConfigError(f"fingers: those of {world.tree_names[tree]!r} have the lengths of its points already")
     objects = [_surface(world, name) for name in on]
-    movable = tuple(dict.fromkeys(objects)) if only != "offset" else ()
+    movable = tuple(dict.fromkeys(objects)) if only in (None, "surface") else ()
     recorded = collect(log, world, config, tree, _stretches(world, flats, touches, objects), objects)
     root = next((s for s in world.roots if s.tree == tree), None)
-    unknowns = Unknowns(root is not None and only != "surface", movable)
+    sought = find_fingers(world, tree, [link for _, link in touches if link]) if fingers or only == "fingers" else ()
+    unknowns = Unknowns(root is not None and only in (None, "offset"), movable, sought)
     fit = _fit(world, tree, root, recorded, unknowns)
     return _result(log, scene, world, tree, root, recorded, unknowns, fit)
 
@@ -171,14 +175,14 @@ def _stretches(
             f"{len(surfaces)} objects for {len(flats)} stretches: name one object, or one for each --flat"
         )
     found = [(Stretch(begin, end), surfaces[k if len(surfaces) > 1 else 0]) for k, (begin, end) in enumerate(flats)]
-    half = 0.015
+    half = TOUCH_WINDOWS[0]
     return found + [(Stretch(time - half, time + half, link, True), surfaces[0]) for time, link in touches]
 
 
 def _fit(world: World, tree: int, root: RootSource | None, recorded: Recorded, unknowns: Unknowns) -> ContactFit:
     if not recorded.contacts or unknowns.size == 0:
         pivots = {surface: np.zeros(3) for surface in unknowns.surfaces}
-        return ContactFit(np.zeros(unknowns.size), np.eye(unknowns.size), pivots, 0.0, 0.0)
+        return ContactFit(np.zeros(unknowns.size), np.diag(unknowns.expected**2), pivots, 0.0, 0.0)
     offset = np.eye(4) if root is None else matrix_from_pose([*root.position, *root.orientation])
     return ContactProblem(world, tree, offset, recorded.contacts, unknowns).fit()
 
@@ -193,16 +197,13 @@ def _result(
     unknowns: Unknowns,
     fit: ContactFit,
 ) -> Calibration:
-    groups = _groups(world, unknowns)
-    shown = np.zeros_like(fit.change)
-    for _, columns in groups:
-        shown[columns] = _shown_part(fit.change[columns], fit.hidden[columns])
+    shown = known_part(fit, unknowns)
     changes: list[SceneChange] = []
     avatar = world.tree_names[tree]
     offset = None if root is None else [*root.position, *root.orientation]
     first = 6 * unknowns.offset
     if offset is not None and np.abs(shown[:first]).max(initial=0.0) > MIN_CHANGE:
-        offset = list(pose_from_matrix(compose(offset_matrix(shown[:6]), matrix_from_pose(offset))))
+        offset = list(pose_from_matrix(moved_offset(matrix_from_pose(offset), shown[:6])))
         changes.append(SceneChange("avatar", avatar, "root", tuple(offset[:3]), tuple(offset[3:])))
     surfaces = {}
     for k, surface in enumerate(unknowns.surfaces):
@@ -214,6 +215,14 @@ def _result(
         if np.abs(part).max() > MIN_CHANGE:
             rotated = tuple(pose[3:]) if np.abs(part[1:]).max() > MIN_CHANGE else None
             changes.append(SceneChange("object", name, "", tuple(pose[:3]), rotated))
+    lengths = dict(
+        zip(
+            unknowns.fingers, (1.0 + SHARE * float(v) for v in shown[first + 3 * len(unknowns.surfaces) :]), strict=True
+        )
+    )
+    changed = {finger: round(factor, 4) for finger, factor in lengths.items() if abs(factor - 1.0) > SHARE * MIN_CHANGE}
+    if changed:
+        changes.append(SceneChange("avatar", avatar, "", link_factors=link_factors(world, tree, changed)))
     delays, correlation, hidden_lags = _delays(world, tree, root, recorded)
     changes += [SceneChange("avatar", avatar, key, delay=value) for key, value in delays.values() if value is not None]
     return Calibration(
@@ -223,63 +232,15 @@ def _result(
         offset_m=None if offset is None else tuple(map(float, offset[:3])),
         offset_rpy_deg=None if offset is None else rpy_degrees(offset[3:]),
         surfaces=surfaces,
+        finger_scale={finger.name: changed.get(finger, 1.0) for finger in unknowns.fingers},
         delay_s={topic: value for topic, (_, value) in delays.items() if value is not None},
         correlation=correlation,
         frames=len(recorded.contacts),
         residual_m=fit.residual,
         residual_p90_m=fit.percentile_90,
-        unobservable=(*_named(groups, fit.hidden), *hidden_lags),
+        unobservable=(*name_unknown(component_names(world, unknowns), fit.covariance), *hidden_lags),
         changes=tuple(changes),
     )
-
-
-def _groups(world: World, unknowns: Unknowns) -> list[tuple[tuple[str, ...], slice]]:
-    """Names of the components of the offset and of each surface, and their columns."""
-    groups: list[tuple[tuple[str, ...], slice]] = []
-    if unknowns.offset:
-        parts = [*(f"offset along {a}" for a in "xyz"), *(f"rotation of the offset about {a}" for a in "xyz")]
-        groups.append((tuple(parts), slice(0, 6)))
-    for k, surface in enumerate(unknowns.surfaces):
-        name, first = world.tree_names[surface], 6 * unknowns.offset + 3 * k
-        parts = [f"height of {name!r}", f"tilt of {name!r} about x", f"tilt of {name!r} about y"]
-        groups.append((tuple(parts), slice(first, first + 3)))
-    return groups
-
-
-def _shown_part(change: Floats, hidden: Floats) -> Floats:
-    """The part of a change (n,) of one group in which hidden directions (n, M) have no share."""
-    if hidden.shape[1] == 0:
-        return change
-    u, s, _ = np.linalg.svd(hidden, full_matrices=False)
-    directions = u[:, s > HIDDEN_SHARE]
-    part: Floats = change - directions @ (directions.T @ change)
-    return np.where((hidden**2).sum(axis=1) > MOSTLY_HIDDEN, 0.0, part)
-
-
-def _named(groups: Sequence[tuple[tuple[str, ...], slice]], hidden: Floats) -> list[str]:
-    """Each hidden direction by its components."""
-    names = [name for group, _ in groups for name in group]
-    return [" with ".join(names[k] for k in members) for members in _separated(hidden)]
-
-
-def _separated(hidden: Floats) -> list[list[int]]:
-    """Components of the hidden directions, in a basis with few components each (reduced row echelon form)."""
-    rows, pivots = hidden.T.copy(), 0
-    free = np.ones(len(hidden), dtype=bool)
-    while pivots < len(rows):
-        largest = np.abs(rows[pivots:]) * free
-        best, column = (int(k) for k in np.unravel_index(int(largest.argmax()), largest.shape))
-        if largest[best, column] < HIDDEN_SHARE:
-            break
-        rows[[pivots, pivots + best]] = rows[[pivots + best, pivots]]
-        rows[pivots] /= rows[pivots, column]
-        for other in range(len(rows)):
-            if other != pivots:
-                rows[other] -= rows[other, column] * rows[pivots]
-        free[column] = False
-        pivots += 1
-    found = [[int(k) for k in np.flatnonzero(np.abs(row) > NAMED_SHARE * np.abs(row).max())] for row in rows[:pivots]]
-    return sorted(found)
 
 
 def _described(world: World, surface: int, pose: Floats) -> Surface:

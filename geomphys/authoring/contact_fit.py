@@ -1,13 +1,14 @@
-"""Fits the offset of a tracker and the poses of surfaces to frames of contact: robust Gauss-Newton, and what the frames show.
+"""Fits the offset of a tracker, the poses of surfaces and lengths of fingers to frames of contact: robust Gauss-Newton.
 
-Unknown are small changes: of the root link seen from the tracker (translation and rotation about the tracker's axes), and
-of each surface (height along the world's z, tilt about x and y through the middle of the contacts). The residuals are the
-gaps of the links that touch, penetration and float alike. A change has length 1 where it is `LENGTH` or `ANGLE`.
+Unknown are small changes: of the root link seen from the tracker (translation, and rotation about its origin, both along the
+tracker's axes), of each surface (height along the world's z, tilt about x and y through the middle of the contacts), and of each
+finger (factor of its lengths). The residuals are the gaps of the links that touch, penetration and float alike. A change has
+length 1 where it is `LENGTH`, `ANGLE` or `SHARE`: as much as a value may be wrong to be known.
 
-Every stretch counts as one measurement, however many frames and points it has: their errors are not independent. The singular
-values of the Jacobian say which changes the stretches show: a direction whose unit changes their gaps by less than `INSENSITIVE`
-(root of the sum of squares) is one that they do not. Nor do they show what lies between two changes that both fit, which are
-looked for from several starts: with few touches another corner of the hand may touch.
+What the frames show is said by the covariance of the changes: that of the measurements, whose variance is estimated from the
+gaps that are left, with changes of the size of `EXPECTED` as prior. A touch is one measurement and a hand that lies flat three,
+however many frames and points it has, as their errors are not independent. To it is added what lies between this fit and others
+that are as good (`SAME_COST`), which are looked for from many starts: with few touches another corner of the hand may touch.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.authoring.contact_frames import Contact
-from geomphys.authoring.surface_gaps import GapMeter, PointGaps
+from geomphys.authoring.surface_gaps import GapMeter
 from geomphys.numerics.transforms import (
     compose,
     invert,
@@ -27,43 +28,50 @@ from geomphys.numerics.transforms import (
     pose_from_matrix,
     quaternion_product,
     rotation_about,
+    rotation_from_quaternion,
 )
 from geomphys.scene.arrays import World
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
-LENGTH = 0.01
+LENGTH = 0.002
 """m; unit of translations."""
-ANGLE = 0.1
+ANGLE = float(np.radians(1.0))
 """rad; unit of rotations."""
-INSENSITIVE = 2.5e-3
-"""m; a unit change that moves the gaps by less is not shown: of what an error of 0.5 mm makes 2 mm."""
-EXPECTED = 3.0
-"""Units; changes of this size are expected: what the frames hardly show stays near zero."""
+SHARE = 0.02
+"""Unit of factors of lengths."""
+EXPECTED = (25.0, 10.0, 25.0, 5.0, 6.0)
+"""Units; standard deviation of what is expected of a translation, a rotation, a height, a tilt and a factor."""
+CONFIDENCE = 2.5
+"""Standard deviations within which a change has to be known to one unit."""
+DEVIATION = 0.5e-3
+"""m; standard deviation of a measurement before anything is known of it,"""
+PRIOR_WEIGHT = 3.0
+"""which counts as so many measurements."""
 STAGES = ((0.03, 0.03), (0.015, 0.01), (0.008, 0.005), (0.004, 0.003), (0.002, 0.0015))
 """m; how much higher than the lowest a point may be and count as touching, and the scale of the robust loss; in turn."""
 ITERATIONS = 12
 """Steps of a stage."""
-MAX_STEP = 4.0
+MAX_STEP = 20.0
 """Units; longest step."""
+STARTS = 10
+"""Random changes of the size of `EXPECTED` that are started from besides none,"""
+NEAR_STARTS = 6
+"""and changes within `NEAR` standard deviations of the best, in which it is sure least."""
+NEAR = 3.0
+SAME_COST = 16.0
+"""Variances; fits whose costs differ by less are as good: chi-square of 9 values, 93 %."""
+FLAT_MEASURES = 3
+"""Measurements that a hand makes that lies flat: height and tilt."""
 
 
-STARTS = 4
-"""Random changes that are started from besides none: with few touches several changes fit as well."""
-START_FRAMES = 1
-"""Frames of a stretch that the starts are fitted to."""
-START_LENGTH = 0.05
-"""m; largest change that is started from."""
-START_ANGLE = 0.15
-"""rad; the same of rotations."""
-SAME_COST = 17.0 * 0.001**2
-"""m²; fits whose costs differ by less are as good: chi-square of 9 values, 95 %, for errors of 1 mm a touch."""
-RESERVE = 3
-"""Touches in reserve that a fit needs: with none any corner of the hand can be made to touch."""
-PLENTY = 10
-"""Measurements more than unknowns from which on one start is enough."""
-SAME_CHANGE = 0.2
-"""Units; fits that differ by less are the same."""
+class Finger(NamedTuple):
+    """A finger whose lengths are unknown."""
+
+    name: str
+    first: int  # body it begins with, counted from the tree's first
+    bodies: frozenset[int]
 
 
 class Unknowns(NamedTuple):
@@ -71,28 +79,63 @@ class Unknowns(NamedTuple):
 
     offset: bool  # of the tracker
     surfaces: tuple[int, ...]  # trees
+    fingers: tuple[Finger, ...] = ()
 
     @property
     def size(self) -> int:
         """Number of changes."""
-        return 6 * self.offset + 3 * len(self.surfaces)
+        return 6 * self.offset + 3 * len(self.surfaces) + len(self.fingers)
 
+    @property
+    def groups(self) -> list[slice]:
+        """Columns that belong together: translation, rotation, heights, tilts, factors."""
+        offset = [slice(0, 3), slice(3, 6)] if self.offset else []
+        firsts = [6 * self.offset + 3 * k for k in range(len(self.surfaces))]
+        fingers = 6 * self.offset + 3 * len(self.surfaces)
+        return [
+            *offset,
+            *(s for first in firsts for s in (slice(first, first + 1), slice(first + 1, first + 3))),
+            *(slice(k, k + 1) for k in range(fingers, self.size)),
+        ]
 
-class Minimum(NamedTuple):
-    """Where a search ended."""
-
-    change: Floats  # (N,)
-    cost: float  # m², robust sum of squared gaps, a stretch counting as one
+    @property
+    def expected(self) -> Floats:
+        """(N,) units, standard deviations of what is expected."""
+        translation, rotation, height, tilt, factor = EXPECTED
+        offset = [translation] * 3 + [rotation] * 3 if self.offset else []
+        return np.array([*offset, *([height, tilt, tilt] * len(self.surfaces)), *([factor] * len(self.fingers))])
 
 
 class ContactFit(NamedTuple):
     """Result of a fit."""
 
-    change: Floats  # (N,) in units: 6 of the offset if it is sought, then 3 a surface
-    hidden: Floats  # (N, M) orthonormal directions that the frames do not show, or in which other changes fit as well
+    change: Floats  # (N,) in units: 6 of the offset if it is sought, then 3 a surface, then 1 a finger
+    covariance: Floats  # (N, N) of it
     pivots: dict[int, Floats]  # surface -> middle of its contacts (3,), which it tilts about
     residual: float  # m, median of the absolute gaps
     percentile_90: float  # m, 90th percentile
+
+
+class _Gaps(NamedTuple):
+    """Gaps of the m points that touch."""
+
+    gap: Floats  # (m,) m
+    jacobian: Floats  # (m, N)
+    weight: Floats  # (m,) measurements each counts as
+
+
+class _Frames(NamedTuple):
+    """C frames of contact, the avatar posed in each, and P points on it."""
+
+    contacts: Sequence[Contact]
+    world_from_tracker: Floats  # (C, 4, 4)
+    points: Floats  # (C, P, 3) m, in the frame of the root link
+    radii: Floats  # (P,) m
+    touching: NDArray[np.bool_]  # (C, P) whether a point may touch
+    origins: Floats  # (C, F, 3) m, where fingers begin, in the frame of the root link
+    stretch: Ints  # (C,)
+    is_touch: NDArray[np.bool_]  # (C,)
+    surface: Ints  # (C,) tree that is touched
 
 
 class ContactProblem:
@@ -102,149 +145,199 @@ class ContactProblem:
         self, world: World, tree: int, tracker_from_root: Floats, contacts: Sequence[Contact], unknowns: Unknowns
     ) -> None:
         """`tracker_from_root` (4, 4) is the offset as the frames have it."""
-        self.tree, self.contacts, self.unknowns = tree, contacts, unknowns
-        self._meter = GapMeter(world)
-        self._offset, self._from_root = tracker_from_root, invert(tracker_from_root)
+        self.tree, self.unknowns = tree, unknowns
+        self._meter, self._offset = GapMeter(world), tracker_from_root
+        self._members = [np.isin(self._meter.bodies_of(tree), sorted(f.bodies)) for f in unknowns.fingers]
+        self._frames = self._posed(contacts)
+        few: dict[tuple[int, int], Contact] = {}
+        for contact in contacts:
+            few.setdefault((contact.surface, contact.stretch), contact)
+        self._few = self._posed(list(few.values()))
+        self.pivots = dict.fromkeys(unknowns.surfaces, np.zeros(3))
         self.pivots = {surface: self._middle(surface) for surface in unknowns.surfaces}
 
     def fit(self) -> ContactFit:
-        """Fit all frames, from the scene as it is or, where several offsets may fit, from the best of several starts."""
+        """Fit all frames: from the scene as it is or, where an offset is sought, from the best of several starts."""
         start, others = np.zeros(self.unknowns.size), list[Floats]()
-        if self.unknowns.offset and self._measured() - self.unknowns.size < PLENTY:
-            found = self._minima()
-            best = min(found, key=lambda minimum: minimum.cost)
-            start, others = best.change, [m.change - best.change for m in found if m.cost <= best.cost + SAME_COST]
-        change = self._descend(start, self.contacts)
-        gaps, jacobian, shares = self.linearise(change, STAGES[-1][0])
-        absolute = np.abs(gaps)
-        residual, percentile_90 = (float(np.percentile(absolute, share)) if len(gaps) else 0.0 for share in (50, 90))
-        hidden = _with_differences(_hidden(jacobian * np.sqrt(shares)[:, None], self._most_shown()), others)
-        return ContactFit(change, hidden, self.pivots, residual, percentile_90)
+        if self.unknowns.offset or self.unknowns.fingers:
+            rng, expected = np.random.default_rng(0), self.unknowns.expected
+            found = [self._descend(start, self._few)]
+            for _ in range(STARTS):
+                found.append(self._descend(rng.uniform(-1.5, 1.5, len(start)) * expected, self._few))
+            best = min(found, key=self._cost)
+            near = np.linalg.cholesky(self._covariance(best, self._few)[0])
+            for _ in range(NEAR_STARTS):
+                direction = rng.normal(size=len(start))
+                direction *= NEAR / np.linalg.norm(direction) * np.sqrt(len(start) / 3)
+                found.append(self._descend(best + near @ direction, self._few))
+            start = min(found, key=self._cost)
+            limit = self._cost(start) + SAME_COST * self._covariance(start, self._few)[1]
+            others = [other - start for other in found if self._cost(other) <= limit]
+        change = self._descend(start, self._frames)
+        covariance = with_differences(self._covariance(change, self._frames)[0], others)
+        absolute = np.abs(self._linearise(change, STAGES[-1][0], self._frames, self._planes(change, self._frames)).gap)
+        residual, percentile_90 = (
+            float(np.percentile(absolute, share)) if len(absolute) else 0.0 for share in (50, 90)
+        )
+        return ContactFit(change, covariance, self.pivots, residual, percentile_90)
 
-    def _touches(self) -> dict[tuple[int, int], bool]:
-        """Surface and number of each stretch -> whether it is a touch."""
-        return {(c.surface, c.stretch): c.is_touch for c in self.contacts}
+    def _covariance(self, change: Floats, frames: _Frames) -> tuple[Floats, float]:
+        """Covariance (N, N) of the changes, and variance [m²] of a measurement."""
+        found = self._linearise(change, STAGES[-1][0], frames, self._planes(change, frames))
+        scale = STAGES[-1][1]
+        squares = float(np.sum(found.weight * scale**2 * np.log1p((found.gap / scale) ** 2)))
+        measured, prior = float(found.weight.sum()), np.diag(self.unknowns.expected**-2.0)
+        information = (found.jacobian * found.weight[:, None]).T @ found.jacobian
+        variance = DEVIATION**2
+        for _ in range(4):
+            covariance = np.linalg.inv(information / variance + prior)
+            shown = len(change) - float(np.trace(covariance @ prior))
+            spare = max(measured - shown, 0.0)
+            variance = (PRIOR_WEIGHT * DEVIATION**2 + squares) / (PRIOR_WEIGHT + spare)
+        final: Floats = np.asarray(np.linalg.inv(information / variance + prior), dtype=np.float64)
+        return final, variance
 
-    def _measured(self) -> int:
-        """Number of independent measurements: three by a hand that lies flat, one by a touch."""
-        return sum(1 if is_touch else 3 for is_touch in self._touches().values())
+    def _cost(self, change: Floats) -> float:
+        """m², robust sum of squared gaps of the few frames."""
+        found = self._linearise(change, STAGES[-1][0], self._few, self._planes(change, self._few))
+        scale = STAGES[-1][1]
+        return float(np.sum(found.weight * scale**2 * np.log1p((found.gap / scale) ** 2)))
 
-    def _most_shown(self) -> int:
-        """Number of directions that may be shown: as many as are measured, but for `RESERVE` where an offset is sought."""
-        touches = sum(self._touches().values())
-        reserve = min(RESERVE, max(touches - 1, 0))
-        return self._measured() - reserve if self.unknowns.offset else self.unknowns.size
-
-    def _minima(self) -> list[Minimum]:
-        """Minima from the scene as it is and from `STARTS` random changes, by `START_FRAMES` frames of each stretch."""
-        few: dict[tuple[int, int], list[Contact]] = {}
-        for contact in self.contacts:
-            few.setdefault((contact.surface, contact.stretch), []).append(contact)
-        thinned = [c for group in few.values() for c in group[:: max(1, len(group) // START_FRAMES)][:START_FRAMES]]
-        rng, limit = np.random.default_rng(0), np.full(self.unknowns.size, START_ANGLE / ANGLE)
-        first = 6 * self.unknowns.offset
-        limit[: first // 2], limit[first::3] = START_LENGTH / LENGTH, START_LENGTH / LENGTH
-        found = []
-        for start in range(1 + STARTS):
-            change = self._descend(np.zeros(len(limit)) if start == 0 else rng.uniform(-limit, limit), thinned)
-            gaps, _, shares = self.linearise(change, STAGES[-1][0], thinned)
-            scale = STAGES[-1][1]
-            found.append(Minimum(change, float(np.sum(shares * scale**2 * np.log1p((gaps / scale) ** 2)))))
-        return found
-
-    def _descend(self, change: Floats, contacts: Sequence[Contact]) -> Floats:
+    def _descend(self, change: Floats, frames: _Frames) -> Floats:
         """The minimum that is reached from a change, all stages in turn."""
+        expected = self.unknowns.expected
         for band, scale in STAGES:
+            planes = self._planes(change, frames)
             for _ in range(ITERATIONS):
-                gaps, jacobian, shares = self.linearise(change, band, contacts)
-                weights = shares / (1.0 + (gaps / scale) ** 2)  # Cauchy
-                root = np.sqrt(weights)
-                step = _ridge_step(jacobian * root[:, None], gaps * root, change, scale / EXPECTED)
+                found = self._linearise(change, band, frames, planes)
+                root = np.sqrt(found.weight / (1.0 + (found.gap / scale) ** 2))  # Cauchy
+                step = _ridge_step(found.jacobian * root[:, None], found.gap * root, change, scale / 3.0 / expected)
                 length = float(np.abs(step).max(initial=0.0))
                 change = change + step * min(1.0, MAX_STEP / max(length, 1e-12))
-                if length < 1e-3:
+                if length < 5e-3:
                     break
         return change
 
+    def _posed(self, contacts: Sequence[Contact]) -> _Frames:
+        """Frames of contact as arrays."""
+        bodies, points, origins, trackers = self._meter.bodies_of(self.tree), [], [], []
+        radii = self._meter.radii_of(self.tree)
+        for contact in contacts:
+            centres, poses = self._meter.pose(self.tree, contact.frame.roots, contact.frame.angles)
+            world_from_root = matrix_from_pose(contact.frame.roots[self.tree])
+            root_from_world = invert(world_from_root)
+            points.append(centres @ root_from_world[:3, :3].T + root_from_world[:3, 3])
+            firsts = poses[[f.first for f in self.unknowns.fingers], :3]
+            origins.append(firsts @ root_from_world[:3, :3].T + root_from_world[:3, 3])
+            trackers.append(compose(world_from_root, invert(self._offset)))
+        count = len(contacts)
+        links = np.array([c.link for c in contacts], dtype=np.int64).reshape(count, 1)
+        return _Frames(
+            contacts,
+            np.array(trackers).reshape(count, 4, 4),
+            np.array(points).reshape(count, len(bodies), 3),
+            radii,
+            (links < 0) | (bodies[None] == links),
+            np.array(origins).reshape(count, len(self.unknowns.fingers), 3),
+            np.array([c.stretch for c in contacts], dtype=np.int64),
+            np.array([c.is_touch for c in contacts], dtype=bool),
+            np.array([c.surface for c in contacts], dtype=np.int64),
+        )
+
+    def _world_points(self, change: Floats, frames: _Frames) -> tuple[Floats, Floats, Floats, Floats]:
+        """Points (C, P, 3), radii (P,), poses of the root (C, 4, 4), and points from where their finger begins (C, P, 3)."""
+        tracker_from_root = self._offset.copy()
+        if self.unknowns.offset:
+            tracker_from_root = moved_offset(tracker_from_root, change[:6])
+        roots = frames.world_from_tracker @ tracker_from_root
+        points, radii, arms = frames.points, frames.radii, np.zeros_like(frames.points)
+        factors = 1.0 + SHARE * change[self.unknowns.size - len(self.unknowns.fingers) :]
+        for k, members in enumerate(self._members):
+            points, radii = points.copy() if k == 0 else points, radii.copy() if k == 0 else radii
+            arms[:, members] = frames.points[:, members] - frames.origins[:, k, None]
+            points[:, members] = frames.origins[:, k, None] + factors[k] * arms[:, members]
+            radii[members] = factors[k] * frames.radii[members]
+        rotated = np.einsum("cij,cpj->cpi", roots[:, :3, :3], points) + roots[:, None, :3, 3]
+        return rotated, radii, roots, np.einsum("cij,cpj->cpi", roots[:, :3, :3], arms)
+
+    def _surfaces(self, change: Floats, contact: Contact) -> Floats:
+        """Poses (T, 7) of the trees of a frame with the surfaces moved."""
+        roots, first = contact.frame.roots.copy(), 6 * self.unknowns.offset
+        for k, surface in enumerate(self.unknowns.surfaces):
+            part = change[first + 3 * k : first + 3 * k + 3]
+            roots[surface] = moved_surface(roots[surface], part, self.pivots[surface])
+        return roots
+
+    def _planes(self, change: Floats, frames: _Frames) -> Floats:
+        """(C, 6) normal and point of the surface where it is nearest to the avatar, in the frame of the surface."""
+        planes = np.zeros((len(frames.contacts), 6))
+        tracker_from_root = moved_offset(self._offset, change[:6]) if self.unknowns.offset else self._offset
+        for c, contact in enumerate(frames.contacts):
+            roots = self._surfaces(change, contact)
+            roots[self.tree] = pose_from_matrix(compose(frames.world_from_tracker[c], tracker_from_root))
+            normal, point = self._meter.nearest_plane(
+                self.tree, contact.surface, roots, contact.frame.angles, contact.link
+            )
+            rotation = rotation_from_quaternion(roots[contact.surface, 3:])
+            planes[c, :3] = normal @ rotation
+            planes[c, 3:] = (point - roots[contact.surface, :3]) @ rotation
+        return planes
+
     def _middle(self, surface: int) -> Floats:
         """Mean of the lowest points of the contacts with a surface, (3,) world frame."""
-        points = []
-        for contact in self.contacts:
+        points, radii, _, _ = self._world_points(np.zeros(self.unknowns.size), self._frames)
+        planes, found = self._planes(np.zeros(self.unknowns.size), self._frames), []
+        for c, contact in enumerate(self._frames.contacts):
             if contact.surface == surface:
-                found = self._meter.measure(self.tree, surface, contact.frame.roots, contact.frame.angles)
-                points += [found.point[k] for k in _touching(found, contact, 0.0)]
-        return np.mean(points, axis=0) if points else np.zeros(3)
+                normal = rotation_from_quaternion(contact.frame.roots[surface, 3:]) @ planes[c, :3]
+                height = np.where(self._frames.touching[c], points[c] @ normal - radii, np.inf)
+                found.append(points[c, int(height.argmin())])
+        return np.mean(found, axis=0) if found else np.zeros(3)
 
-    def linearise(
-        self, change: Floats, band: float, contacts: Sequence[Contact] | None = None
-    ) -> tuple[Floats, Floats, Floats]:
-        """Gaps (m,) of the points that touch, their derivatives (m, N), and the share of each in its stretch (m,).
-
-        Of all frames of contact, or of `contacts`.
-        """
-        offset, surfaces = self._split(change)
-        root_from_root = self._from_root @ offset_matrix(offset) @ self._offset
-        gaps, rows, stretches = [], [], []
-        for contact in self.contacts if contacts is None else contacts:
-            roots = contact.frame.roots.copy()
-            before = matrix_from_pose(roots[self.tree])
-            roots[self.tree] = pose_from_matrix(compose(before, root_from_root))
-            for surface, part in surfaces.items():
-                roots[surface] = moved_surface(roots[surface], part, self.pivots[surface])
-            found = self._meter.measure(self.tree, contact.surface, roots, contact.frame.angles)
-            world_from_tracker = compose(before, self._from_root)
-            for k in _touching(found, contact, band):
-                gaps.append(found.gap[k])
-                stretches.append(contact.stretch)
-                rows.append(self._row(world_from_tracker, roots, contact.surface, found.normal[k], found.point[k]))
-        counts = np.bincount(stretches) if stretches else np.zeros(1)
-        shares = 1.0 / counts[np.array(stretches, dtype=np.int64)]
-        return np.array(gaps), np.array(rows).reshape(len(rows), len(change)), shares
-
-    def _row(self, world_from_tracker: Floats, roots: Floats, surface: int, normal: Floats, point: Floats) -> Floats:
-        """Derivative (N,) of a gap."""
-        row: list[float] = []
-        if self.unknowns.offset:
-            axes = world_from_tracker[:3, :3]
-            arm = point - world_from_tracker[:3, 3]
-            row += list(LENGTH * (normal @ axes))
-            row += [ANGLE * float(normal @ np.cross(axes[:, k], arm)) for k in range(3)]
-        for moved in self.unknowns.surfaces:
-            if moved != surface:
-                row += [0.0, 0.0, 0.0]
-                continue
-            arm = point - self.pivots[surface]
-            row += [-LENGTH * float(normal[2])]
-            row += [-ANGLE * float(normal @ np.cross(np.eye(3)[k], arm)) for k in range(2)]
-        return np.array(row)
-
-    def _split(self, change: Floats) -> tuple[Floats, dict[int, Floats]]:
-        """Change of the offset (6,) and of each surface (3,)."""
-        first = 6 * self.unknowns.offset
-        offset = change[:first] if first else np.zeros(6)
-        parts = {s: change[first + 3 * k : first + 3 * k + 3] for k, s in enumerate(self.unknowns.surfaces)}
-        return offset, parts
+    def _linearise(self, change: Floats, band: float, frames: _Frames, planes: Floats) -> _Gaps:
+        """Gaps of the points that touch, and their derivatives."""
+        unknowns = self.unknowns
+        points, radii, roots, arms = self._world_points(change, frames)
+        surfaces = np.array([self._surfaces(change, c)[c.surface] for c in frames.contacts]).reshape(-1, 7)
+        rotations = np.array([rotation_from_quaternion(q) for q in surfaces[:, 3:]]).reshape(-1, 3, 3)
+        normals = np.einsum("cij,cj->ci", rotations, planes[:, :3])
+        at = np.einsum("cij,cj->ci", rotations, planes[:, 3:]) + surfaces[:, :3]
+        gaps = np.einsum("ci,cpi->cp", normals, points - at[:, None]) - radii
+        gaps[~frames.touching] = np.inf
+        lowest = gaps.min(axis=1, keepdims=True, initial=np.inf)
+        chosen = gaps <= lowest + np.where(frames.is_touch, 0.0, band)[:, None]
+        chosen &= np.isfinite(gaps) & ((np.cumsum(chosen, axis=1) == 1) | ~frames.is_touch[:, None])
+        c, p = np.nonzero(chosen)
+        n, x = normals[c], points[c, p] - radii[p, None] * normals[c]
+        jacobian = np.zeros((len(c), unknowns.size))
+        first = 6 * unknowns.offset
+        if unknowns.offset:
+            axes = frames.world_from_tracker[c, :3, :3]
+            jacobian[:, :3] = LENGTH * np.einsum("mi,mij->mj", n, axes)
+            jacobian[:, 3:6] = ANGLE * np.einsum("mi,mij->mj", np.cross(x - roots[c, :3, 3], n), axes)
+        for k, surface in enumerate(unknowns.surfaces):
+            on = frames.surface[c] == surface
+            column = first + 3 * k
+            jacobian[on, column] = -LENGTH * n[on, 2]
+            jacobian[on, column + 1 : column + 3] = -ANGLE * np.cross(x[on] - self.pivots[surface], n[on])[:, :2]
+        for k, members in enumerate(self._members):
+            own = members[p]
+            column = first + 3 * len(unknowns.surfaces) + k
+            jacobian[own, column] = SHARE * (np.einsum("mi,mi->m", n[own], arms[c[own], p[own]]) - frames.radii[p[own]])
+        counts = np.bincount(frames.stretch[c]) if len(c) else np.zeros(1)
+        measures = np.where(frames.is_touch[c], 1.0, FLAT_MEASURES)
+        return _Gaps(gaps[c, p], jacobian, measures / counts[frames.stretch[c]])
 
 
-def _touching(found: PointGaps, contact: Contact, band: float) -> list[int]:
-    """Points that touch: the lowest one of a touch, of a hand that lies flat all that are at most `band` higher."""
-    gap = found.gap if contact.link < 0 else np.where(found.link == contact.link, found.gap, np.inf)
-    if not np.isfinite(gap).any():
-        return []
-    if contact.is_touch:
-        return [int(gap.argmin())]
-    return [int(k) for k in np.flatnonzero(gap <= gap.min() + band)]
-
-
-def offset_matrix(change: Floats) -> Floats:
-    """(4, 4) of a change of the offset (6,) in units: a rotation about the tracker's origin, then a translation."""
-    matrix = np.eye(4)
+def moved_offset(offset: Floats, change: Floats) -> Floats:
+    """Offset (4, 4) after a change (6,) in units: its translation, and its rotation about its own origin."""
+    moved = offset.copy()
     rotation = ANGLE * change[3:6]
     angle = float(np.linalg.norm(rotation))
     if angle > 0.0:
-        matrix[:3, :3] = rotation_about(rotation / angle, angle)
-    matrix[:3, 3] = LENGTH * change[:3]
-    return matrix
+        moved[:3, :3] = rotation_about(rotation / angle, angle) @ offset[:3, :3]
+    moved[:3, 3] += LENGTH * change[:3]
+    return moved
 
 
 def moved_surface(pose: Floats, change: Floats, pivot: Floats) -> Floats:
@@ -260,27 +353,16 @@ def moved_surface(pose: Floats, change: Floats, pivot: Floats) -> Floats:
     return moved
 
 
-def _ridge_step(jacobian: Floats, gaps: Floats, change: Floats, ridge: float) -> Floats:
-    """Step to the least of |gaps + jacobian step|² + ridge² |change + step|²."""
-    normal = jacobian.T @ jacobian + ridge**2 * np.eye(len(change))
+def _ridge_step(jacobian: Floats, gaps: Floats, change: Floats, ridge: Floats) -> Floats:
+    """Step to the least of |gaps + jacobian step|² + |ridge (change + step)|²."""
+    normal = jacobian.T @ jacobian + np.diag(ridge**2)
     return -np.asarray(np.linalg.solve(normal, jacobian.T @ gaps + ridge**2 * change), dtype=np.float64)
 
 
-def _hidden(jacobian: Floats, most: int) -> Floats:
-    """(N, M) orthonormal directions that the frames do not show: at least all but the `most` of largest singular value."""
-    _, s, vt = np.linalg.svd(jacobian, full_matrices=True)
-    values = np.zeros(len(vt))
-    values[: len(s)] = s
-    values[most:] = 0.0
-    hidden: Floats = vt[values <= INSENSITIVE].T
-    return hidden
-
-
-def _with_differences(hidden: Floats, differences: Sequence[Floats]) -> Floats:
-    """Hidden directions (N, M), and those of differences (N,) that are longer than `SAME_CHANGE` without them."""
-    for difference in sorted(differences, key=lambda d: -float(np.linalg.norm(d))):
-        rest = difference - hidden @ (hidden.T @ difference)
-        length = float(np.linalg.norm(rest))
-        if length > SAME_CHANGE:
-            hidden = np.column_stack([hidden, rest / length])
-    return hidden
+def with_differences(covariance: Floats, differences: Sequence[Floats]) -> Floats:
+    """Covariance (N, N) so large that each difference (N,) is at most one standard deviation."""
+    for difference in differences:
+        square = float(difference @ np.linalg.solve(covariance, difference))
+        if square > 1.0:
+            covariance = covariance + np.outer(difference, difference) * (1.0 - 1.0 / square)
+    return covariance

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -9,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from geomphys.authoring.resting_frames import frame_of_touch, means_of_parts
 from geomphys.authoring.surface_gaps import GapMeter
 from geomphys.config import Config
 from geomphys.errors import ConfigError, LogError
@@ -21,9 +23,11 @@ from geomphys.storage.remote_files import AnyPath
 Floats = NDArray[np.float64]
 
 MAX_FRAMES = 8
-"""Frames of a stretch that are used, evenly spread."""
-TOUCH_WINDOW = 0.015
-"""s; frames about a touch that are used, at least one."""
+"""Frames of a stretch that are used, evenly spread, each the mean of its part where the hand rests."""
+MAX_SAMPLES = 256
+"""Frames of a stretch that are kept, evenly spread."""
+SPEED_TIME = 0.1
+"""s over which a speed is taken that is to be slow."""
 SLOW_M_S = 0.02
 """m/s; a hand that moves no faster may be resting on something."""
 PAUSE = 0.1
@@ -94,7 +98,7 @@ def collect(
     links = [_link_of(s.link, names, world.tree_names[tree]) for s, _ in stretches]
     recorded, buckets = Recorded(), [_Thinned() for _ in stretches]
     slow: list[Contact] = []
-    nearest: dict[int, tuple[float, Frame]] = {}
+    recent: deque[tuple[int, Floats]] = deque()
     surfaces = list(movable) or [
         t for t in range(world.avatar_count, len(world.tree_names)) if world.scene.trees.role[t] == FIXED
     ]
@@ -114,28 +118,34 @@ def collect(
             last, last_points = frame, points
             if frame.held:
                 continue
-            for k, (stretch, surface) in enumerate(stretches):
+            for k, (stretch, _) in enumerate(stretches):
                 if stretch.begin <= seconds <= stretch.end:
-                    buckets[k].add(Contact(frame, surface, links[k], stretch.is_touch, k))
-                middle = abs(seconds - (stretch.begin + stretch.end) / 2)
-                if stretch.is_touch and (k not in nearest or middle < nearest[k][0]):
-                    nearest[k] = (middle, frame)
-            if not stretches and speed is not None and speed < SLOW_M_S and surfaces:
-                gaps = [meter.measure(tree, s, frame.roots, frame.angles).gap.min() for s in surfaces]
+                    buckets[k].add(frame)
+            recent.append((frame.time_ns, frame.roots[tree, :3]))
+            while len(recent) > 2 and frame.time_ns - recent[1][0] >= SPEED_TIME * 1e9:
+                recent.popleft()
+            passed = (frame.time_ns - recent[0][0]) / 1e9
+            moved = float(np.linalg.norm(frame.roots[tree, :3] - recent[0][1]))
+            if not stretches and surfaces and passed >= 0.5 * SPEED_TIME and moved < SLOW_M_S * passed:
+                gaps = [meter.lowest_gap(tree, s, frame.roots, frame.angles) for s in surfaces]
                 best = int(np.argmin(np.abs(gaps)))
                 if abs(gaps[best]) < NEAR_M:
                     slow.append(Contact(frame, surfaces[best], -1, True))
     for k, (stretch, surface) in enumerate(stretches):
-        if not buckets[k].retained and k in nearest:
-            buckets[k].add(Contact(nearest[k][1], surface, links[k], True, k))
-        if not buckets[k].retained:
+        frames = buckets[k].retained
+        if not frames:
             raise LogError(f"{log}: has no good frame from {stretch.begin:g} to {stretch.end:g} s after its first")
-    recorded.contacts = [contact for bucket in buckets for contact in bucket.retained]
-    recorded.contacts += _rests(slow)
+        if stretch.is_touch:
+            touch = frame_of_touch(frames, start + 0.5e9 * (stretch.begin + stretch.end), tree, columns)
+            frames = [] if touch is None else [touch]
+        else:
+            frames = means_of_parts(frames, MAX_FRAMES, tree, columns)
+        recorded.contacts += [Contact(frame, surface, links[k], stretch.is_touch, k) for frame in frames]
+    recorded.contacts += _rests(slow, tree, columns)
     return recorded
 
 
-def _rests(slow: Sequence[Contact]) -> list[Contact]:
+def _rests(slow: Sequence[Contact], tree: int, columns: slice) -> list[Contact]:
     """Slow frames as stretches: a pause of more than `PAUSE` ends one, and what is short is left out."""
     runs: list[list[Contact]] = []
     for contact in slow:
@@ -145,24 +155,22 @@ def _rests(slow: Sequence[Contact]) -> list[Contact]:
     long = [run for run in runs if run[-1].frame.time_ns - run[0].frame.time_ns >= REST * 1e9]
     found = []
     for k, run in enumerate(long[-MAX_RESTS:]):
-        bucket = _Thinned()
-        for contact in run:
-            bucket.add(contact._replace(stretch=k))
-        found += bucket.retained
+        frames = means_of_parts([contact.frame for contact in run], MAX_FRAMES, tree, columns)
+        found += [run[0]._replace(frame=frame, stretch=k) for frame in frames]
     return found
 
 
 class _Thinned:
-    """At most `MAX_FRAMES` contacts, evenly spread: every one, then every second …"""
+    """At most `MAX_SAMPLES` frames, evenly spread: every one, then every second …"""
 
     def __init__(self) -> None:
-        self.retained: list[Contact] = []
+        self.retained: list[Frame] = []
         self.stride, self.count = 1, 0
 
-    def add(self, contact: Contact) -> None:
+    def add(self, frame: Frame) -> None:
         if self.count % self.stride == 0:
-            self.retained.append(contact)
-            if len(self.retained) > MAX_FRAMES:
+            self.retained.append(frame)
+            if len(self.retained) > MAX_SAMPLES:
                 del self.retained[1::2]
                 self.stride *= 2
         self.count += 1

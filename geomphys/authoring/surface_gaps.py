@@ -61,17 +61,8 @@ def measure_planes(
                     limit = min(limit, gap + BEYOND_NEAREST)
 
 
-class PointGaps(NamedTuple):
-    """Gaps of the n sampled points of the links that are near a surface."""
-
-    link: Ints  # (n,)
-    gap: Floats  # (n,) m, negative inside
-    normal: Floats  # (n, 3) out of the surface, world frame
-    point: Floats  # (n, 3) on the link, world frame
-
-
 class GapMeter:
-    """Measures gaps in a world."""
+    """Measures gaps in a world, and samples the surfaces of its bodies."""
 
     def __init__(self, world: World) -> None:
         scene = world.scene
@@ -85,19 +76,41 @@ class GapMeter:
         self._starts = scene.trees.body_start
         self._bodies, self._centres, self._radii = _sample(scene)
 
-    def measure(self, tree: int, surface: int, roots: Floats, angles: Floats) -> PointGaps:
-        """Gaps of points on the links of `tree` from `surface`, both indices of trees, for the poses of a frame."""
+    def _sampled(self, tree: int) -> slice:
+        """Rows of the points of a tree."""
+        first, last = np.searchsorted(self._bodies, self._starts[tree : tree + 2])
+        return slice(int(first), int(last))
+
+    def bodies_of(self, tree: int) -> Ints:
+        """(P,) body of each sampled point, counted from the tree's first."""
+        bodies: Ints = self._bodies[self._sampled(tree)] - self._starts[tree]
+        return bodies
+
+    def radii_of(self, tree: int) -> Floats:
+        """(P,) m, radius about each sampled point."""
+        return self._radii[self._sampled(tree)]
+
+    def pose(self, tree: int, roots: Floats, angles: Floats) -> tuple[Floats, Floats]:
+        """Sampled points (P, 3) m and poses (B, 7) of the bodies of a tree, world frame, for the poses of a frame."""
+        pose_tree(self._scene, self.space.origins, tree, roots, angles, self.space.poses)
+        rows = self._sampled(tree)
+        poses = matrix_from_pose(self.space.poses[self._bodies[rows]])
+        centres = np.einsum("nij,nj->ni", poses[:, :3, :3], self._centres[rows]) + poses[:, :3, 3]
+        return centres, self.space.poses[slice(*self._starts[tree : tree + 2])].copy()
+
+    def nearest_plane(
+        self, tree: int, surface: int, roots: Floats, angles: Floats, link: int = -1
+    ) -> tuple[Floats, Floats]:
+        """Normal (3,) out of a surface and its point (3,) m that is nearest to a tree, or to one of its links, world frame."""
         measure_planes(self._scene, self._space, self._scratch, tree, surface, roots, angles)
-        first, last = self._starts[tree : tree + 2]
-        planes = self.space.planes
-        used = np.flatnonzero((self._bodies >= first) & (self._bodies < last))
-        used = used[planes[self._bodies[used], 0] < FAR]
-        bodies = self._bodies[used]
-        poses = matrix_from_pose(self.space.poses[bodies])
-        centres = np.einsum("nij,nj->ni", poses[:, :3, :3], self._centres[used]) + poses[:, :3, 3]
-        normal, radii = planes[bodies, 1:4], self._radii[used]
-        gap = np.einsum("ni,ni->n", normal, centres - planes[bodies, 4:7]) - radii
-        return PointGaps(bodies - first, gap, normal, centres - radii[:, None] * normal)
+        planes = self.space.planes[slice(*self._starts[tree : tree + 2])]
+        nearest = link if link >= 0 and planes[link, 0] < FAR else int(planes[:, 0].argmin())
+        return planes[nearest, 1:4].copy(), planes[nearest, 4:7].copy()
+
+    def lowest_gap(self, tree: int, surface: int, roots: Floats, angles: Floats) -> float:
+        """Gap [m] of a tree from a surface, negative inside, for the poses of a frame."""
+        measure_planes(self._scene, self._space, self._scratch, tree, surface, roots, angles)
+        return float(self.space.planes[slice(*self._starts[tree : tree + 2]), 0].min())
 
 
 def _sample(scene: Scene) -> tuple[Ints, Floats, Floats]:

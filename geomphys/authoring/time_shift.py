@@ -28,6 +28,10 @@ DISTINCT = 2.0
 """By what factor the best shift correlates better than those away from its peak."""
 PEAK_WIDTH = 0.06
 """s; how far from the best shift another peak begins."""
+BLOCKS = 8
+"""Parts of a log of which each in turn is left out: how much the shift changes says how exact it is."""
+MAX_ERROR = 0.005
+"""s; two standard errors of a shift that is shown, at most."""
 
 
 class TimeShift(NamedTuple):
@@ -46,7 +50,7 @@ def find_time_shift(times: Floats, first: Sequence[Floats], second: Floats) -> T
     times
         (n,) s, increasing.
     first
-        Speeds (n,) of the first stream, of any units: linear and angular, say. Their correlations are added.
+        Speeds (n,) of the first stream, of any units: linear and angular, say. What correlates better counts more.
     second
         (n,) speed of the second stream.
     """
@@ -60,17 +64,46 @@ def find_time_shift(times: Floats, first: Sequence[Floats], second: Floats) -> T
         return TimeShift(0.0, 0.0, False)
     reach = int(MAX_TIME_SHIFT * RATE)
     shifts = np.arange(-reach, reach + 1)
-    found = np.array([sum(_correlation(s, other, int(k)) for s in signals) for k in shifts]) / np.sqrt(len(signals))
+    found = _correlations(signals, other, shifts)
     best = int(found.argmax())
     if not 0 < best < len(shifts) - 1:
         return TimeShift(shifts[best] / RATE, float(found[best]), False)
     away = np.abs(shifts - shifts[best]) > PEAK_WIDTH * RATE
     threshold = SIGNIFICANT / np.sqrt((times[-1] - times[0]) / INDEPENDENT)
     is_shown = found[best] > max(threshold, DISTINCT * found[away].max(initial=0.0))
+    shift = _peak(shifts, found)
+    if is_shown:
+        near = shifts[~away]
+        parts = np.array_split(np.arange(len(other)), BLOCKS)
+        without = [_peak(near, _correlations([_blank(s, part) for s in signals], other, near)) for part in parts]
+        error = np.sqrt((BLOCKS - 1) * np.var(without))  # jackknife (Efron 1982)
+        is_shown = bool(2.0 * error <= MAX_ERROR * RATE)
+    return TimeShift(float(shift / RATE), float(found[best]), bool(is_shown))
+
+
+def _correlations(signals: Sequence[Floats], other: Floats, shifts: NDArray[np.int64]) -> Floats:
+    """Correlation of signals together with another at each shift: each has the weight of its largest correlation squared."""
+    each = np.array([[_correlation(s, other, int(k)) for k in shifts] for s in signals])
+    weights = np.maximum(each.max(axis=1), 1e-9) ** 2
+    together: Floats = weights @ each / np.linalg.norm(weights)
+    return together
+
+
+def _peak(shifts: NDArray[np.int64], found: Floats) -> float:
+    """Shift of the largest value, between samples by a parabola."""
+    best = int(found.argmax())
+    if not 0 < best < len(shifts) - 1:
+        return float(shifts[best])
     low, middle, high = found[best - 1 : best + 2]
     curvature = low - 2.0 * middle + high
-    shift = shifts[best] + (0.5 * (low - high) / curvature if curvature < 0 else 0.0)
-    return TimeShift(float(shift / RATE), float(found[best]), bool(is_shown))
+    return float(shifts[best] + (0.5 * (low - high) / curvature if curvature < 0 else 0.0))
+
+
+def _blank(signal: Floats, part: NDArray[np.int64]) -> Floats:
+    """A signal with zeros in a part."""
+    blank = signal.copy()
+    blank[part] = 0.0
+    return blank
 
 
 def _changes(speed: Floats) -> Floats:

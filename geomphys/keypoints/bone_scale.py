@@ -9,6 +9,7 @@ there each link whose length alone makes that of a segment has a factor of its o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from geomphys.keypoints.fit_model import FitModel
 from geomphys.keypoints.setup import RIGID, point_distances
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 MIN_LENGTH = 0.005
 """m; shorter segments do not count."""
@@ -42,18 +44,21 @@ class Segment(NamedTuple):
     branch: str
 
 
-def branch_names(model: FitModel, links: tuple[str, ...]) -> list[str]:
-    """Branch of each link (B,): the name of its first link, or `BASE`."""
-    count = len(model.parent)
+def branch_names(parents: Ints, columns: Ints, links: Sequence[str]) -> list[str]:
+    """Branch of each link (B,): the name of its first link, or `BASE`.
+
+    `parents` (B,), parents first, and `columns` (B,), -1 for a fixed joint, are those of the tree; `links` its names.
+    """
+    count = len(parents)
     children: list[list[int]] = [[] for _ in range(count)]
     for link in range(1, count):
-        children[model.parent[link]].append(link)
+        children[parents[link]].append(link)
     chains = [0] * count  # tips with a moving joint above them, through or below a link
     for link in reversed(range(count)):
-        chains[link] = sum(chains[c] for c in children[link]) or int(model.column[link] >= 0)
+        chains[link] = sum(chains[c] for c in children[link]) or int(columns[link] >= 0)
     names = [BASE] * count
     for link in range(1, count):
-        parent = model.parent[link]
+        parent = parents[link]
         if names[parent] != BASE:
             names[link] = names[parent]
         elif chains[link] == 1 and chains[parent] > 1:

@@ -59,7 +59,7 @@ class _Pass:
 
     def __init__(self, route: KeypointRoute) -> None:
         self.route, self.scale = route, route.input.source.scale
-        self.branches = branch_names(route.model, tuple(route.links))
+        self.branches = branch_names(route.model.parent, route.model.column, route.links)
         self.distances = DistanceSamples(find_segments(route.model, self.branches)) if self.scale != "none" else None
         rotations = OrientationSamples(route.model, route.oriented)
         fits_root = route.model.fits_root[0] and not route.in_hand
@@ -92,7 +92,7 @@ class _Pass:
         measured = _at_or_below(self.route.model.parent, set(map(int, self.route.model.body)))
         names = zip(self.route.links, self.branches, measured, strict=True)
         links = {link: factors.get(branch, factors[BASE]) for link, branch, is_measured in names if is_measured}
-        shown = {_display_name(branch): factor for branch, factor in factors.items()}
+        shown = {branch_title(branch): factor for branch, factor in factors.items()}
         if self.scale == "fingers" and self.route.input.source.layout is None and self.distances is not None:
             bones = {self.route.links[k]: f for k, f in self.distances.link_factors(self.route.model).items()}
             links |= bones
@@ -108,7 +108,7 @@ def _at_or_below(parents: NDArray[np.int64], links: set[int]) -> list[bool]:
     return found
 
 
-def _display_name(branch: str) -> str:
+def branch_title(branch: str) -> str:
     """Finger of a branch, ``palm`` of what is in none, else the name of its first link."""
     if branch == BASE:
         return "palm"

@@ -13,11 +13,11 @@ from geomphys.storage.remote_files import AnyPath
 _LENGTHS = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}
 
 
-def scaled_urdf(path: AnyPath, factors: Mapping[str, float]) -> bytes:
+def scaled_urdf(path: AnyPath, factors: Mapping[str, float], *, beside: bool = False) -> bytes:
     """Text of a URDF in which a link with a factor is that much larger: its geometry, and where the joints on it are.
 
-    Meshes are named by their ``file://`` URLs, as the text goes to another folder. Raises ModelError for a file that cannot be
-    read.
+    Meshes are named by their ``file://`` URLs, as the text goes to another folder; `beside` the URDF they keep their names.
+    Raises ModelError for a file that cannot be read.
     """
     from defusedxml import DefusedXmlException
     from defusedxml.ElementTree import ParseError, fromstring
@@ -30,8 +30,9 @@ def scaled_urdf(path: AnyPath, factors: Mapping[str, float]) -> bytes:
     for link in root.findall("link"):
         factor = factors.get(link.get("name", ""), 1.0)
         for mesh in link.iter("mesh"):
-            with suppress(MeshError):  # a visual's: no collision mesh is without its file here
-                mesh.set("filename", resolver.find(mesh.get("filename", "")).resolve().as_uri())
+            if not beside:
+                with suppress(MeshError):  # a visual's: no collision mesh is without its file here
+                    mesh.set("filename", resolver.find(mesh.get("filename", "")).resolve().as_uri())
             if factor != 1.0:
                 mesh.set("scale", _scaled(mesh.get("scale", "1 1 1"), factor))
         for part in link.iter() if factor != 1.0 else ():

@@ -11,6 +11,7 @@ from mcap.writer import Writer
 from geomphys.authoring.surface_gaps import GapMeter
 from geomphys.load import load_world
 from geomphys.numerics.transforms import compose, invert, matrix_from_pose, pose_from_matrix, quaternion_from_rpy
+from geomphys.scene.scaled_urdf import scaled_urdf
 from tests.keypoints.hands import hand_urdf
 
 S = 10**9
@@ -50,19 +51,38 @@ def write_scene(folder: Path, *, position=OFFSET[0], rpy=OFFSET[1], height=HEIGH
 
 
 def write_log(
-    folder: Path, ways=ALL_WAYS, *, rate=60.0, noise=0.0, lag=0.0, height=HEIGHT, tilt=(0.0, 0.0, 0.0), outliers=0
+    folder: Path,
+    ways=ALL_WAYS,
+    *,
+    rate=60.0,
+    noise=0.0,
+    lag=0.0,
+    height=HEIGHT,
+    tilt=(0.0, 0.0, 0.0),
+    outliers=0,
+    factors=None,
+    moves=False,
 ) -> Path:
-    """A log ``/tracker`` and ``/glove`` of a hand that rests on the table of `write_scene` in each of `ways`, from 0.5 s on."""
-    world = load_world(write_scene(folder, height=height, tilt=tilt))
+    """A log ``/tracker`` and ``/glove`` of a hand that rests on the table of `write_scene` in each of `ways`, from 0.5 s on.
+
+    `factors` of the lengths of its links; whether its fingers move while it moves.
+    """
+    scene = write_scene(folder, height=height, tilt=tilt)
+    if factors is not None:
+        (folder / "long.urdf").write_bytes(scaled_urdf(folder / "hand.urdf", factors))
+        scene.write_text(scene.read_text().replace("hand.urdf", "long.urdf"))
+    world = load_world(scene)
     meter, rng = GapMeter(world), np.random.default_rng(5)
     roots = world.scene.trees.rest.copy()
     angles = np.zeros(len(world.dof_names))
     tracker_from_root = matrix_from_pose([*OFFSET[0], *quaternion_from_rpy(OFFSET[1])])
     resting = []
+    bends = [0.15 * (k % 3) if moves else 0.0 for k in range(len(ways))]
     for k, rotation in enumerate(ways):
+        angles[:] = bends[k]
         roots[0] = [0.1 * np.cos(2.4 * k), 0.1 * np.sin(2.4 * k), height + 0.2, *quaternion_from_rpy(rotation)]
         for _ in range(30):
-            roots[0, 2] -= meter.measure(0, 1, roots, angles).gap.min()
+            roots[0, 2] -= meter.lowest_gap(0, 1, roots, angles)
         resting.append(roots[0].copy())
     path = folder / "log.mcap"
     total = len(ways) * (HELD + MOVED) + MOVED
@@ -80,17 +100,28 @@ def write_log(
             t = k / rate
             number = min(int(t / (HELD + MOVED)), len(ways) - 1)
             since = t - number * (HELD + MOVED)
-            root = resting[number].copy()
-            root[2] += 0.15 * np.sin(np.pi * since / MOVED) if since < MOVED else 0.0
+            share = 0.5 - 0.5 * np.cos(np.pi * min(since / MOVED, 1.0))
+            root = between(resting[max(number - 1, 0)], resting[number], share)
+            bend = (1 - share) * bends[max(number - 1, 0)] + share * bends[number]
+            root[2] += 0.15 * np.sin(np.pi * since / MOVED) ** 2 if since < MOVED else 0.0
             if outliers and k % outliers == 0:
                 root[2] += 0.02
             root[:3] += rng.normal(0, noise, 3)
             pose = pose_from_matrix(compose(matrix_from_pose(root), invert(tracker_from_root)))
             _write(writer, tracker, S + round(t * S), {"pose": _pose(pose)})
             joints = list(world.dof_names)
-            _write(writer, glove, S + round((t + lag) * S), {"name": joints, "position": [0.0] * len(joints)})
+            _write(writer, glove, S + round((t + lag) * S), {"name": joints, "position": [bend] * len(joints)})
         writer.finish()
     return path
+
+
+def between(first: np.ndarray, second: np.ndarray, share: float) -> np.ndarray:
+    """Pose (7,) between two."""
+    other = second.copy()
+    other[3:] *= 1.0 if first[3:] @ second[3:] >= 0.0 else -1.0
+    pose: np.ndarray = (1 - share) * first + share * other
+    pose[3:] /= np.linalg.norm(pose[3:])
+    return pose
 
 
 def stretches(ways=ALL_WAYS) -> list[tuple[float, float]]:
