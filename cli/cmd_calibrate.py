@@ -127,7 +127,12 @@ def _show(terminal: Terminal, found: Calibration, write: bool) -> None:
     for topic, delay in found.delay_s.items():
         rows.append(("Delay", [f"{topic}: {1000 * delay:.1f} ms (correlation {found.correlation[topic]:.2f})"]))
     left = f"{1000 * found.residual_m:.2f} mm, {1000 * found.residual_p90_m:.2f} mm at the 90th percentile"
-    rows.append(("Left over", [f"{left}, in {found.frames} frames of contact"]))
+    if found.frames:
+        rows.append(("Left over", [f"{left}, in {found.frames} frames of contact"]))
+    else:
+        rows.append(
+            ("Contact", ["none: nowhere is the hand slow near a surface; say when it touches by --flat or --touch"])
+        )
     if found.unobservable:
         rows.append(("Not shown", list(found.unobservable)))
     if found.written:

@@ -15,6 +15,8 @@ Ints = NDArray[np.int64]
 
 MIN_LEVER = 0.01
 """m; of joints that move no point."""
+MAX_LEVER = 0.05
+"""m; of all others, that of a finger: noise is the same on long limbs, so what it turns is less."""
 PROBE_POSTURES = 6
 """Postures that tell which joints move which points."""
 RIGID = 1e-6
@@ -121,7 +123,7 @@ def _with_levers(model: FitModel) -> FitModel:
                 levers[q] = max(
                     levers[q], np.sqrt(np.mean(motion[motion > MOVED] ** 2)) if (motion > MOVED).any() else 0
                 )
-    return model._replace(shown_by=shown, lever=np.maximum(levers, MIN_LEVER))
+    return model._replace(shown_by=shown, lever=np.clip(levers, MIN_LEVER, MAX_LEVER))
 
 
 def point_distances(model: FitModel) -> Floats:

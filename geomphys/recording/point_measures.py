@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from geomphys.config import Config
 from geomphys.errors import LogError
 from geomphys.keypoints.bone_scale import BASE, DistanceSamples, branch_names, find_segments
+from geomphys.keypoints.hidden_lengths import PointSamples, find_hidden_factors, hidden_links
 from geomphys.keypoints.palm_orientation import OrientationSamples
 from geomphys.recording.frames import FrameSource, LogPass
 from geomphys.recording.keypoint_routes import KeypointRoute
@@ -61,6 +62,8 @@ class _Pass:
         self.route, self.scale = route, route.input.source.scale
         self.branches = branch_names(route.model.parent, route.model.column, route.links)
         self.distances = DistanceSamples(find_segments(route.model, self.branches)) if self.scale != "none" else None
+        self.hidden = hidden_links(route.model, self.branches) if self.scale == "fingers" else []
+        self.samples = PointSamples()
         rotations = OrientationSamples(route.model, route.oriented)
         fits_root = route.model.fits_root[0] and not route.in_hand
         self.rotations = rotations if fits_root and rotations.is_possible else None
@@ -74,6 +77,8 @@ class _Pass:
         """Add the points of the frame."""
         if self.distances is not None:
             self.distances.add(self.route.points, self.route.seen)
+        if self.hidden:
+            self.samples.add(self.route.points, self.route.seen)
         if self.rotations is not None:
             self.rotations.add(self.route.poses, self.route.seen)
 
@@ -97,6 +102,12 @@ class _Pass:
             bones = {self.route.links[k]: f for k, f in self.distances.link_factors(self.route.model).items()}
             links |= bones
             shown |= bones
+        if self.hidden and self.samples.frames:
+            known = {k: links[name] for k, name in enumerate(self.route.links) if name in links}
+            known = find_hidden_factors(self.route.model, self.hidden, known, self.samples)
+            lengths = {self.route.links[k]: factor for k, factor in known.items()}
+            links |= lengths
+            shown |= lengths
         return PointMeasures(shown, links, orientation)
 
 

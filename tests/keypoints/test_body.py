@@ -89,9 +89,9 @@ def test_every_bone_between_two_points_has_its_own_length(fitted):
 def test_hands_and_feet_come_back(fitted):
     _, true, _, reached, _ = fitted
     errors = np.linalg.norm(reached - true, axis=2)
-    assert np.median(errors[:, ENDS]) < 0.002
-    assert np.percentile(errors[:, ENDS], 95) < 0.005
-    assert np.percentile(errors, 95) < 0.01
+    assert np.median(errors[:, ENDS]) < 0.0015
+    assert np.percentile(errors[:, ENDS], 95) < 0.003
+    assert np.percentile(errors, 95) < 0.003
 
 
 def test_no_link_jumps_where_its_body_does_not(fitted):

@@ -1,0 +1,100 @@
+"""Lengths of links that no two points measure, such as the moving metacarpal of a little finger: those that fit the points best.
+
+A link is one of these if it hangs on a joint, has no point at its origin, and carries points at a distance. Its factor is sought
+about that of its branch, as the one with which the fit comes nearest to the points of some frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.keypoints.bone_scale import BASE, DIGITS, ROUNDING
+from geomphys.keypoints.fit_model import FitModel
+from geomphys.keypoints.fitter import KeypointFitter
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+MAX_FRAMES = 64
+"""Frames that are kept: every one, then every second …"""
+RANGE = 0.3
+"""Factors that are tried are up to this share from that of the branch,"""
+STEPS = 13
+"""so many, and between them the least of a parabola."""
+
+
+class PointSamples:
+    """Points of at most `MAX_FRAMES` frames that are spread evenly over the recording."""
+
+    def __init__(self) -> None:
+        self.frames: list[tuple[Floats, Ints]] = []
+        self.stride, self.count = 1, 0
+
+    def add(self, points: Floats, seen: Ints) -> None:
+        """Add a frame: points (K, 3) m, and which of them are seen."""
+        if self.count % self.stride == 0 and seen.any():
+            self.frames.append((points.copy(), seen.copy()))
+            if len(self.frames) >= MAX_FRAMES:
+                del self.frames[1::2]
+                self.stride *= 2
+        self.count += 1
+
+
+def hidden_links(model: FitModel, branches: Sequence[str]) -> list[int]:
+    """Links of a branch (not the base) that hang on a joint, have no point, and whose length moves points."""
+    count = len(model.parent)
+    pointed = set(map(int, model.body))
+    found = []
+    for link in range(1, count):
+        children = [k for k in range(count) if model.parent[k] == link]
+        long = [k for k in children if np.linalg.norm(model.origin[k, :3]) > ROUNDING]
+        at_place = {link}
+        for k in range(link, count):  # what is at the place of the link has its point
+            if model.parent[k] in at_place and np.linalg.norm(model.origin[k, :3]) <= ROUNDING:
+                at_place.add(k)
+        carries = any(_hangs_on(model, body, link) for body in pointed)
+        if branches[link] != BASE and model.column[link] >= 0 and long and carries and not at_place & pointed:
+            found.append(link)
+    return found
+
+
+def find_hidden_factors(
+    model: FitModel, links: Sequence[int], factors: Mapping[int, float], samples: PointSamples
+) -> dict[int, float]:
+    """Link -> factor of `links`, each with the others as they are found before it.
+
+    `factors` are those of all links (link -> factor).
+    """
+    found = dict(factors)
+    for link in links:
+        first = found.get(link, 1.0)
+        tried = first * np.linspace(1.0 - RANGE, 1.0 + RANGE, STEPS)
+        squares = np.array([_misfit(model, {**found, link: float(f)}, samples) for f in tried])
+        best = int(np.clip(squares.argmin(), 1, STEPS - 2))
+        low, middle, high = squares[best - 1 : best + 2]
+        curvature = low - 2.0 * middle + high
+        shift = float(np.clip(0.5 * (low - high) / curvature, -1.0, 1.0)) if curvature > 0 else 0.0
+        found[link] = round(float(tried[best] + shift * (tried[1] - tried[0])), DIGITS)
+    return {link: found[link] for link in links}
+
+
+def _misfit(model: FitModel, factors: Mapping[int, float], samples: PointSamples) -> float:
+    """m², sum over frames of the mean square distance of a model with other lengths from the points."""
+    lengths = np.array([factors.get(int(parent), 1.0) for parent in model.parent])
+    origin = model.origin.copy()
+    origin[:, :3] *= lengths[:, None]
+    fitter = KeypointFitter(model._replace(origin=origin, fits_root=np.array([1], dtype=np.int64)))
+    rest = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    for points, seen in samples.frames:
+        fitter.fit(points, seen, rest)
+    return fitter.squares
+
+
+def _hangs_on(model: FitModel, body: int, link: int) -> bool:
+    """Whether a body is below a link."""
+    while body > link:
+        body = int(model.parent[body])
+    return body == link
