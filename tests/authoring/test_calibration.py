@@ -208,6 +208,12 @@ def test_a_lag_comes_back(lag):
     assert found.seconds == pytest.approx(lag, abs=0.005)
 
 
+def test_a_lag_that_is_another_in_each_part_of_a_log_is_not_shown():
+    times = np.arange(0, 12, 1 / 100)
+    drifting = np.where(times < 6, events(1, times), events(1, times, 0.03))
+    assert not find_time_shift(times, [events(1, times)], drifting).is_shown
+
+
 @pytest.mark.parametrize("lag", [0.08, -0.08])
 def test_a_lag_comes_back_beside_an_offset_and_a_height(tmp_path, lag):
     log = write_log(tmp_path, WAYS, noise=0.0005, lag=lag, moves=True)
