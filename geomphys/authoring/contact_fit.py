@@ -90,11 +90,11 @@ class Unknowns(NamedTuple):
     def groups(self) -> list[slice]:
         """Columns that belong together: translation, rotation, heights, tilts, factors."""
         offset = [slice(0, 3), slice(3, 6)] if self.offset else []
-        firsts = [6 * self.offset + 3 * k for k in range(len(self.surfaces))]
+        starts = [6 * self.offset + 3 * k for k in range(len(self.surfaces))]
         fingers = 6 * self.offset + 3 * len(self.surfaces)
         return [
             *offset,
-            *(s for first in firsts for s in (slice(first, first + 1), slice(first + 1, first + 3))),
+            *(s for first in starts for s in (slice(first, first + 1), slice(first + 1, first + 3))),
             *(slice(k, k + 1) for k in range(fingers, self.size)),
         ]
 
@@ -192,8 +192,8 @@ class ContactProblem:
         for _ in range(4):
             covariance = np.linalg.inv(information / variance + prior)
             shown = len(change) - float(np.trace(covariance @ prior))
-            spare = max(measured - shown, 0.0)
-            variance = (PRIOR_WEIGHT * DEVIATION**2 + squares) / (PRIOR_WEIGHT + spare)
+            reserve = max(measured - shown, 0.0)
+            variance = (PRIOR_WEIGHT * DEVIATION**2 + squares) / (PRIOR_WEIGHT + reserve)
         final: Floats = np.asarray(np.linalg.inv(information / variance + prior), dtype=np.float64)
         return final, variance
 
@@ -227,8 +227,8 @@ class ContactProblem:
             world_from_root = matrix_from_pose(contact.frame.roots[self.tree])
             root_from_world = invert(world_from_root)
             points.append(centres @ root_from_world[:3, :3].T + root_from_world[:3, 3])
-            firsts = poses[[f.first for f in self.unknowns.fingers], :3]
-            origins.append(firsts @ root_from_world[:3, :3].T + root_from_world[:3, 3])
+            starts = poses[[f.first for f in self.unknowns.fingers], :3]
+            origins.append(starts @ root_from_world[:3, :3].T + root_from_world[:3, 3])
             trackers.append(compose(world_from_root, invert(self._offset)))
         count = len(contacts)
         links = np.array([c.link for c in contacts], dtype=np.int64).reshape(count, 1)

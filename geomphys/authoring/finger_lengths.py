@@ -19,11 +19,11 @@ def find_fingers(world: World, tree: int, links: Collection[str]) -> tuple[Finge
     branches = branch_names(
         np.maximum(world.scene.bodies.parent[rows] - rows.start, -1), world.scene.bodies.dof[rows], names
     )
-    wanted = {branches[names.index(link)] for link in links if link in names} or set(branches)
+    requested = {branches[names.index(link)] for link in links if link in names} or set(branches)
     found = []
     for branch in dict.fromkeys(branches):
         bodies = [k for k, own in enumerate(branches) if own == branch]
-        if branch != BASE and branch in wanted:
+        if branch != BASE and branch in requested:
             found.append(Finger(branch_title(branch), bodies[0], frozenset(bodies)))
     return tuple(found)
 

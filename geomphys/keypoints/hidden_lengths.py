@@ -51,12 +51,12 @@ def hidden_links(model: FitModel, branches: Sequence[str]) -> list[int]:
     for link in range(1, count):
         children = [k for k in range(count) if model.parent[k] == link]
         long = [k for k in children if np.linalg.norm(model.origin[k, :3]) > ROUNDING]
-        at_place = {link}
+        coincident = {link}
         for k in range(link, count):  # what is at the place of the link has its point
-            if model.parent[k] in at_place and np.linalg.norm(model.origin[k, :3]) <= ROUNDING:
-                at_place.add(k)
+            if model.parent[k] in coincident and np.linalg.norm(model.origin[k, :3]) <= ROUNDING:
+                coincident.add(k)
         carries = any(_hangs_on(model, body, link) for body in pointed)
-        if branches[link] != BASE and model.column[link] >= 0 and long and carries and not at_place & pointed:
+        if branches[link] != BASE and model.column[link] >= 0 and long and carries and not coincident & pointed:
             found.append(link)
     return found
 
