@@ -47,8 +47,8 @@ overlap in the zero pose. The metadata record `geomphys` has
 `version`, `input_sha256`, `scene_sha256`, `world_sha256`, `complete` and every parameter as text.
 """
 SCHEMAS = """
-As JSON Schemas: `geomphys schema NAME` with replay, batch, stats, diff, audit, check, info or calibrate, and `geomphys schema
-manifest` of the file that a batch keeps. Numbers are in SI units; what is not finite is null.
+As JSON Schemas: `geomphys schema NAME`, where NAME is any command that has `--json`, and `geomphys schema manifest` of the file
+that a batch keeps. Numbers are in SI units; what is not finite is null.
 """
 JSON = {
     "replay": [("output/summary.py", "Summary")],
