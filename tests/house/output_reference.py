@@ -195,7 +195,13 @@ def entities() -> str:
         "/".join(names.DEPTHS): "global penetration depths of pairs",
         **{"/".join((*names.PLOTS, line)): "a curve" for line in names.LINES},
         "/".join((*names.PLOTS, "stages_us", "STAGE")): "stage times, µs",
-        "/".join(names.LOG): "warnings",
+        "/".join((*names.JOINTS, "AVATAR", "JOINT")): "a joint value, corrected, rad or m",
+        "/".join((*names.RECORDED_JOINTS, "AVATAR", "JOINT")): "the same as recorded",
+        "/".join(names.METRICS): "a column for each figure of a frame",
+        "/".join(names.FLAGS): "a column for each bit of `flags`",
+        "/".join(names.LOG): "warnings, and the moments to look at first where they happen",
+        "/".join(names.MOMENTS): "document: the moments to look at first, with the commands that show them",
+        "/".join(names.LEGEND): "document: what the colours mean",
     }
     return "\n".join(["", "| entity | content |", "|---|---|", *(f"| `{k}` | {v} |" for k, v in rows.items()), ""])
 
