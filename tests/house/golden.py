@@ -1,7 +1,7 @@
 """Outputs of every recording without stage times, and their hashes: ``python tests/house/golden.py FOLDER [NAME…]``.
 
 The recordings of the checkout, and the real ones where they are (see ``geomphys.bench.experiments``). Run before and after
-a change, at the same checkout, as outputs name meshes by their paths; then compare ``FOLDER/SHA256SUMS``. Other versions of
+a change, then compare ``FOLDER/SHA256SUMS``. Other versions of
 libzstd pack the same content into other bytes: ``FOLDER/CONTENT`` has hashes of what is packed.
 """
 

@@ -23,9 +23,10 @@ quaternions x y z w; normals point out of body b into body a; depths are ≥ 0.
 """
 
 PURPOSES = {
-    "/robot_description": "URDF of the only avatar; `/AVATAR/robot_description` of several, `/OBJECT/robot_description`",
-    "/objects/robot_description": "URDF of the objects without a URDF of their own",
+    "/robot_description": "URDF in primitives of the only avatar; `/AVATAR/robot_description`, `/OBJECT/robot_description`",
+    "/objects/robot_description": "URDF, in primitives, of the objects without a URDF of their own",
     "/meshes": "surfaces of all bodies in their frames, once",
+    "/recorded/meshes": "the ghost: driven bodies in the frames of `/recorded/tf`, translucent, 0.3 mm smaller, once",
     "/tf": "`world` to every body, corrected; bodies that never move in the first frame only",
     "/tf_static": "`world` to the bodies that never move",
     "/recorded/tf": "`world` to the driven bodies as recorded; frame ids prefixed `recorded/`",
