@@ -7,7 +7,6 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from numpy.typing import NDArray
 
 from geomphys.output.colours import GHOST, Colour, colours_of_trees
-from geomphys.output.vertex_normals import with_vertex_normals
 from geomphys.scene.arrays import DRIVEN, World
 from geomphys.scene.frame_ids import RECORDED_PREFIX
 
@@ -29,11 +28,26 @@ def encode_ghosts(world: World, time_ns: int) -> bytes:
     """The message: a translucent entity for each driven body with a surface, in the frame in which it was recorded."""
     message = SceneUpdate()
     for body in np.flatnonzero(world.scene.bodies.role == DRIVEN):
-        vertices, faces, normals = with_vertex_normals(*world.triangles[body], sharp=180.0)
-        points = np.round(vertices - GHOST_INSET_M * normals, 7)  # m; no rounding of a library shows
+        vertices, faces = world.triangles[body]
+        points = np.round(vertices - GHOST_INSET_M * _outward(vertices, faces), 7)  # m; no rounding of a library shows
         body_name, frame = RECORDED_PREFIX + world.body_names[body], RECORDED_PREFIX + world.frame_names[body]
         _add_entity(message, body_name, frame, (points, faces), GHOST, time_ns)
     return _serialized(message)
+
+
+def _outward(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Unit directions (n, 3) out of a mesh at its vertices: means of the faces that meet there; 0 where they cancel."""
+    _, position_of = np.unique(vertices, axis=0, return_inverse=True)
+    corners = position_of.reshape(-1)[faces]
+    a, b, c = vertices[faces].swapaxes(0, 1)
+    areas = np.cross(b - a, c - a)
+    sums = np.zeros((len(vertices), 3))
+    for corner in range(3):
+        np.add.at(sums, corners[:, corner], areas)
+    lengths = np.linalg.norm(sums, axis=1, keepdims=True)
+    units = np.divide(sums, lengths, out=np.zeros_like(sums), where=lengths > 0.0)
+    directions: NDArray[np.float64] = units[position_of.reshape(-1)]
+    return directions
 
 
 def _add_entity(
