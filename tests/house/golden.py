@@ -42,10 +42,15 @@ def write_outputs(folder: Path, experiments: list[ExperimentFiles]) -> None:
 
 
 def content_digest(path: Path) -> str:
-    """SHA-256 of all that an MCAP file holds in its order: channels, messages, attachments, metadata, however they are packed."""
+    """SHA-256 of what an MCAP file holds in its order: channels, messages, attachments, metadata, however they are packed.
+
+    But for ``world_sha256``: that is the hash of computed arrays, whose last bits go by the versions of libraries.
+    """
     digest = hashlib.sha256()
     with path.open("rb") as stream:
         for record in StreamReader(stream, validate_crcs=True).records:
+            if isinstance(record, Metadata):
+                record.metadata.pop("world_sha256", None)
             if isinstance(record, Header | Schema | Channel | Message | Attachment | Metadata):
                 digest.update(repr(record).encode())
     return digest.hexdigest()
