@@ -19,8 +19,8 @@ Floats = NDArray[np.float64]
 MIN_LENGTH_M = 1e-4
 """m; flat things are drawn as thick as this."""
 
-MIN_SPREAD_RATIO = 1.1
-"""Least ratio of the spreads of points along two principal axes."""
+MIN_DEVIATION_RATIO = 1.1
+"""Least ratio of the standard deviations of points along two principal axes."""
 
 
 class Primitive(NamedTuple):
@@ -85,17 +85,17 @@ def _along(points: Floats, axes: Floats) -> Iterator[Primitive]:
     for x, y, z in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         across = local[:, [x, y]] - middle[[x, y]]
         radius = max(float(np.sqrt((across * across).sum(axis=1)).max()), MIN_LENGTH_M / 2)
-        turned = placed.copy()
-        turned[:3, :3] = placed[:3, [x, y, z]]
-        yield Primitive("cylinder", (radius, float(lengths[z])), turned)
+        rotated = placed.copy()
+        rotated[:3, :3] = placed[:3, [x, y, z]]
+        yield Primitive("cylinder", (radius, float(lengths[z])), rotated)
 
 
 def _principal_axes(points: Floats) -> Floats | None:
     """Principal axes (rows) of points; None where they are too alike for the points to say which they are."""
     if len(points) < 4:
         return None
-    _, spread, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
-    if spread[0] < MIN_SPREAD_RATIO * spread[1] or spread[1] < MIN_SPREAD_RATIO * spread[2]:
+    _, deviations, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    if deviations[0] < MIN_DEVIATION_RATIO * deviations[1] or deviations[1] < MIN_DEVIATION_RATIO * deviations[2]:
         return None
     signs = np.sign(axes[np.arange(3), np.abs(axes).argmax(axis=1)])  # libraries choose them differently
     first, second = signs[0] * axes[0], signs[1] * axes[1]
