@@ -1,8 +1,8 @@
 # make demo    a recorded hand, put on the table it sank into: out/gallery_hand.mcap and .rrd
-# make test    the tests but the slow ones; make test-all: all of them
+# make test    the tests but the slow ones; make test-all: all of them, test-versions and distribution
 # make test-numba   the tests that compile, with the oldest numba allowed
 # make test-versions  some tests and replays with Python 3.11 to 3.13, oldest and newest packages; are the bytes the same?
-# make distribution   wheel and sdist, each tried in an environment of its own, outside the checkout
+# make distribution   wheel and sdist, each tried with Python 3.11 to 3.13 in an environment of its own, outside the checkout
 # make check   format, lint, types, documents
 # make fuzz    hostile bytes through every loader, for FUZZ_SECONDS of processor time (default 600): out/fuzz/
 # make bench   frame times per stage
@@ -39,7 +39,7 @@ PYTEST := -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 test: $(VENV)/.test
 	$(BIN)/python $(PYTEST)
 
-test-all: $(VENV)/.test
+test-all: $(VENV)/.test test-versions distribution
 	$(BIN)/python $(PYTEST) -m ""
 
 OLDEST_NUMBA := 0.67
@@ -52,7 +52,7 @@ test-versions:
 	PYTHON=$(PYTHON) .ci/test_versions $(SETS)
 
 distribution:
-	.ci/check_distribution $(PYTHON)
+	.ci/check_distribution $(VERSIONS)
 
 check: $(VENV)/.test
 	$(BIN)/ruff format --check .

@@ -6,7 +6,20 @@ import click
 
 from .command import command, current_terminal
 
-OUTPUTS = ("replay", "batch", "manifest", "stats", "diff", "audit", "check", "info", "calibrate")
+OUTPUTS = (
+    "replay",
+    "batch",
+    "manifest",
+    "stats",
+    "diff",
+    "audit",
+    "check",
+    "info",
+    "calibrate",
+    "init",
+    "decompose",
+    "bench",
+)
 """As `geomphys.analysis.json_schemas.JSON_OUTPUTS`, which is imported only when one is asked for."""
 
 
@@ -22,8 +35,7 @@ OUTPUTS = ("replay", "batch", "manifest", "stats", "diff", "audit", "check", "in
 def schema(name: str) -> None:
     """Print the JSON Schema of the scene file, for editors that complete and check TOML.
 
-    Or of what a command prints with --json: NAME is replay, batch, stats, diff, audit, check, info or calibrate; or of the
-    manifest of a batch: manifest.
+    Or of what a command prints with --json: NAME is the command's; or of the manifest of a batch: NAME is manifest.
     """
     import geomphys
 

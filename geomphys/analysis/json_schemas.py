@@ -19,8 +19,11 @@ _RECORDS: dict[str, tuple[str, ...]] = {
     "check": ("recording.check:CheckRecord",),
     "info": ("recording.inspect:LogInfo",),
     "calibrate": ("authoring.calibration:Calibration",),
+    "init": ("authoring.scene_draft:DraftRecord",),
+    "decompose": ("authoring.convex_pieces:MeshRecords",),
+    "bench": ("bench.report:Report",),
 }
-"""Name -> the records, one of which is printed: module and class."""
+"""Name -> the records, one of which is printed: module and class, or tuple of it."""
 
 JSON_OUTPUTS = tuple(_RECORDS)
 """Names that `json_schema` knows: commands with ``--json``, and ``manifest``, the file of a batch."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import colorsys
+import dataclasses
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -44,20 +45,42 @@ class DecomposedMesh:
     """All files that were read of the file it was named in."""
 
     def as_dict(self) -> dict[str, Any]:
-        """The mesh as plain values for JSON; lengths in m."""
-        return {
-            "mesh": str(self.path),
-            "scale": list(self.scale),
-            "triangles": self.triangles,
-            "method": self.pieces.method,
-            "pieces": len(self.pieces.hulls),
-            "vertices": [len(hull) for hull in self.pieces.hulls],
-            "threshold": self.pieces.threshold,
-            "seed": self.pieces.seed,
-            "uncovered_m": self.pieces.uncovered_m,
-            "seconds": self.pieces.seconds,
-            "cached": self.pieces.cached,
-        }
+        """The mesh as plain values, as in `MeshRecord`."""
+        record = MeshRecord(
+            mesh=str(self.path),
+            scale=self.scale,
+            triangles=self.triangles,
+            method=self.pieces.method,
+            pieces=len(self.pieces.hulls),
+            vertices=tuple(len(hull) for hull in self.pieces.hulls),
+            threshold=self.pieces.threshold,
+            seed=self.pieces.seed,
+            uncovered_m=self.pieces.uncovered_m,
+            seconds=self.pieces.seconds,
+            cached=self.pieces.cached,
+        )
+        return dataclasses.asdict(record)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeshRecord:
+    """A `DecomposedMesh` as it is in JSON; its fields are those of `Decomposed`."""
+
+    mesh: str  # path
+    scale: tuple[float, float, float]  # file units to m
+    triangles: int
+    method: str  # "hull", "parts" or "coacd"
+    pieces: int
+    vertices: tuple[int, ...]  # of each piece
+    threshold: float
+    seed: int
+    uncovered_m: float
+    seconds: float
+    cached: bool
+
+
+MeshRecords = tuple[MeshRecord, ...]
+"""What ``geomphys decompose --json`` prints."""
 
 
 def meshes_of_file(path: AnyPath) -> list[MeshUse]:

@@ -62,14 +62,25 @@ class SceneDraft:
         return any(a.root is not None or a.joints_topic or a.keypoints is not None for a in self.avatars)
 
     def as_dict(self) -> dict[str, Any]:
-        """All of it as plain values."""
-        content = {**dataclasses.asdict(self), "replayable": self.is_replayable}
-        del content["source_files"]
-        return content
+        """All of it as plain values, as in `DraftRecord`."""
+        record = DraftRecord(self.text, self.log, self.avatars, self.others, self.space, self.is_replayable)
+        return dataclasses.asdict(record)
 
     def write(self, path: Path | str, *, force: bool = False) -> None:
         """Write the scene file; OutputError if it is there (without `force`), was read, or cannot be written."""
         write_file(Path(path), self.text.encode(), force=force, inputs=self.source_files)
+
+
+@dataclass(frozen=True)
+class DraftRecord:
+    """A `SceneDraft` as it is in JSON."""
+
+    text: str  # TOML, valid
+    log: LogInfo
+    avatars: tuple[AvatarDraft, ...]
+    others: UnusedStreams
+    space: SpaceGuess
+    replayable: bool
 
 
 def draft_scene(

@@ -31,7 +31,7 @@ from geomphys.output.input_copy import InputCopy
 from geomphys.output.proto.geomphys_pb2 import Contacts, FrameMetrics, PenetrationDepths, Timing
 from geomphys.output.provenance import METADATA_RECORD, Provenance
 from geomphys.output.sink import ContextManaged
-from geomphys.output.surface_encoder import encode_surfaces
+from geomphys.output.surface_encoder import encode_ghosts, encode_surfaces
 from geomphys.output.urdf_description import descriptions
 from geomphys.output.worst_moments import log_text
 from geomphys.recording.stamps import WRITABLE_TIMES
@@ -42,6 +42,7 @@ from geomphys.storage.remote_files import AnyPath
 
 _PROTOBUF_CHANNELS: dict[str, type[Message]] = {
     "/meshes": SceneUpdate,
+    "/recorded/meshes": SceneUpdate,
     "/tf": FrameTransforms,
     "/recorded/tf": FrameTransforms,
     "/contacts": Contacts,
@@ -234,3 +235,4 @@ class McapSink(ContextManaged):
 
     def _write_surfaces(self, time: int) -> None:
         self._write_message("/meshes", encode_surfaces(self._world, time), time, 0)
+        self._write_message("/recorded/meshes", encode_ghosts(self._world, time), time, 0)

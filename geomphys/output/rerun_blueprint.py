@@ -1,4 +1,4 @@
-"""Blueprints (layouts) of the rerun viewer: the scene above, plots and log below."""
+"""Blueprints (layouts) of the rerun viewer: scene, legend and worst moments above, plots below; details and log in a tab."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ DEPTHS = ("world", "penetration_depths")
 PLOTS = ("plots",)
 LOG = ("log",)
 LEGEND = ("legend",)
+MOMENTS = ("worst_moments",)
 JOINTS = ("joint_states",)
 RECORDED_JOINTS = ("recorded", "joint_states")
 METRICS = ("metrics",)
@@ -58,6 +59,7 @@ def blueprint(
     stages_us: float = 0.0,
     log: bool = True,
     joints: bool = False,
+    moments: bool = False,
 ) -> Blueprint:
     """Layout of a rerun recording.
 
@@ -75,6 +77,8 @@ def blueprint(
         Whether the log has lines.
     joints : bool
         Whether there are joints.
+    moments : bool
+        Whether there are moments to look at first.
     """
     import rerun as rr
     import rerun.blueprint as rrb
@@ -93,13 +97,15 @@ def blueprint(
         axis = rrb.ScalarAxis(range=(0.0, stages_us))  # a few slow frames would press the curves flat
         origin = "/".join((*PLOTS, "stages_us"))
         details.append(_plot(rrb, span, origin=origin, name=_PLOTS["stages_us"], axis_y=axis))
-    words = [rrb.TextDocumentView(origin="/".join(LEGEND), name="Legend")]
     if log:
-        words.append(_log(rrb, "/".join(LOG)))
+        details.append(_log(rrb, "/".join(LOG)))  # at full width: its lines are long
+    words = [rrb.TextDocumentView(origin="/".join(LEGEND), name="Legend")]
+    if moments:
+        words.append(rrb.TextDocumentView(origin="/".join(MOMENTS), name="Where to look"))
     time = rrb.TimePanel(state="collapsed", timeline="frame", fps=rate, loop_mode="all")
     above = rrb.Horizontal(
         _scene(rrb, "/".join(SCENE), eye),
-        rrb.Vertical(*words, row_shares=[1.0, 1.4][: len(words)]),
+        rrb.Vertical(*words, row_shares=[1.0, 2.2][: len(words)]),
         column_shares=[3.2, 1.0],
     )
     return _layout(rrb, above, plots, time, details)
@@ -143,7 +149,7 @@ def _layout(rrb: Any, above: Any, below: Sequence[Any], time: Any, details: Sequ
     """Scene (and what stands beside it) above the plots; details in a second tab."""
     main = rrb.Vertical(above, rrb.Horizontal(*below), row_shares=[2.6, 1.0], name="Motion")
     layout: Blueprint = rrb.Blueprint(
-        rrb.Tabs(main, rrb.Vertical(*details, name="Details")) if details else main,
+        rrb.Tabs(main, rrb.Vertical(*details, name="Details and log")) if details else main,
         time,
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),

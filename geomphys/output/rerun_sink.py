@@ -25,6 +25,7 @@ from geomphys.output.rerun_blueprint import (
     LINES,
     LOG,
     METRICS,
+    MOMENTS,
     PLOTS,
     RECORDED_BODIES,
     RECORDED_JOINTS,
@@ -37,7 +38,7 @@ from geomphys.output.sink import ContextManaged
 from geomphys.output.summary import FLAG_NAMES
 from geomphys.output.vertex_normals import with_vertex_normals
 from geomphys.output.view_statistics import ViewStatistics
-from geomphys.output.worst_moments import log_text
+from geomphys.output.worst_moments import WorstMoments, document_text, log_text
 from geomphys.results import FrameResult, Metrics
 from geomphys.scene.arrays import DRIVEN, FIXED, World
 from geomphys.storage.output_file import OutputFile
@@ -118,6 +119,7 @@ class RerunSink(ContextManaged):
         self._has_log_lines = False
         self._stages_us = 0.0  # where their axis ends
         self._view_statistics = ViewStatistics(world)
+        self._worst = WorstMoments(world.body_names)
         self._plotted: set[str] = set()
         self._send_shapes()
 
@@ -127,6 +129,7 @@ class RerunSink(ContextManaged):
             raise OutputError(f"{self._path}: a frame was written before the output was opened")
         check_finite(result, self._world.body_names)
         self._results.append(result)
+        self._worst.add(result)
         if len(self._results) >= BATCH_FRAMES:
             self._send_batch()
 
@@ -134,9 +137,13 @@ class RerunSink(ContextManaged):
         """Finish the recording and give it its name; see `Sink.close`."""
         if self._output is None:
             return
+        import rerun as rr
+
         output, self._output = self._output, None
         try:
             self._send_batch()
+            if moments := self._worst.moments():
+                self._stream.log_static(MOMENTS, rr.TextDocument(document_text(moments), media_type="text/markdown"))
             self._stream.finish(self._provenance.record(complete=complete), self._view())
         except OSError as problem:
             output.discard()
@@ -312,6 +319,7 @@ class RerunSink(ContextManaged):
             stages_us=self._stages_us,
             log=self._has_log_lines,
             joints=bool(self._joints),
+            moments=bool(self._worst.moments()),
         )
 
 

@@ -1,11 +1,17 @@
-"""Encodes the display meshes of all bodies as one foxglove.SceneUpdate, so that a file shows them wherever it is opened."""
+"""Encodes the display meshes of bodies as foxglove.SceneUpdate, so that a file shows them wherever it is opened."""
 
 from __future__ import annotations
 
+import numpy as np
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from numpy.typing import NDArray
 
-from geomphys.output.colours import colours_of_trees
-from geomphys.scene.arrays import World
+from geomphys.output.colours import GHOST, Colour, colours_of_trees
+from geomphys.scene.arrays import DRIVEN, World
+from geomphys.scene.frame_ids import RECORDED_PREFIX
+
+GHOST_INSET_M = 3e-4
+"""m; ghosts are smaller than their bodies by this on every side, so that a body at its recorded pose hides its ghost."""
 
 
 def encode_surfaces(world: World, time_ns: int) -> bytes:
@@ -13,15 +19,57 @@ def encode_surfaces(world: World, time_ns: int) -> bytes:
     palette = colours_of_trees(world.file)
     message = SceneUpdate()
     for body, (vertices, faces) in enumerate(world.triangles):
-        if len(faces) == 0:
-            continue
-        entity = message.entities.add(id=world.body_names[body], frame_id=world.frame_names[body], frame_locked=True)
-        entity.timestamp.seconds, entity.timestamp.nanos = divmod(time_ns, 1_000_000_000)
-        surface = entity.triangles.add(indices=faces.ravel().tolist())
-        surface.pose.orientation.w = 1.0
         colour = palette[world.tree_names[world.scene.bodies.tree[body]]]
-        surface.color.r, surface.color.g, surface.color.b, surface.color.a = (channel / 255 for channel in colour)
-        for x, y, z in vertices.tolist():
-            surface.points.add(x=x, y=y, z=z)
+        _add_entity(message, world.body_names[body], world.frame_names[body], (vertices, faces), colour, time_ns)
+    return _serialized(message)
+
+
+def encode_ghosts(world: World, time_ns: int) -> bytes:
+    """The message: a translucent entity for each driven body with a surface, in the frame in which it was recorded."""
+    message = SceneUpdate()
+    for body in np.flatnonzero(world.scene.bodies.role == DRIVEN):
+        vertices, faces = world.triangles[body]
+        points = np.round(vertices - GHOST_INSET_M * _outward(vertices, faces), 7)  # m; no rounding of a library shows
+        body_name, frame = RECORDED_PREFIX + world.body_names[body], RECORDED_PREFIX + world.frame_names[body]
+        _add_entity(message, body_name, frame, (points, faces), GHOST, time_ns)
+    return _serialized(message)
+
+
+def _outward(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Unit directions (n, 3) out of a mesh at its vertices: means of the faces that meet there; 0 where they cancel."""
+    _, position_of = np.unique(vertices, axis=0, return_inverse=True)
+    corners = position_of.reshape(-1)[faces]
+    a, b, c = vertices[faces].swapaxes(0, 1)
+    areas = np.cross(b - a, c - a)
+    sums = np.zeros((len(vertices), 3))
+    for corner in range(3):
+        np.add.at(sums, corners[:, corner], areas)
+    lengths = np.linalg.norm(sums, axis=1, keepdims=True)
+    units = np.divide(sums, lengths, out=np.zeros_like(sums), where=lengths > 0.0)
+    directions: NDArray[np.float64] = units[position_of.reshape(-1)]
+    return directions
+
+
+def _add_entity(
+    message: SceneUpdate,
+    name: str,
+    frame: str,
+    mesh: tuple[NDArray[np.float64], NDArray[np.int64]],
+    colour: Colour,
+    time_ns: int,
+) -> None:
+    vertices, faces = mesh
+    if len(faces) == 0:
+        return
+    entity = message.entities.add(id=name, frame_id=frame, frame_locked=True)
+    entity.timestamp.seconds, entity.timestamp.nanos = divmod(time_ns, 1_000_000_000)
+    surface = entity.triangles.add(indices=faces.ravel().tolist())
+    surface.pose.orientation.w = 1.0
+    surface.color.r, surface.color.g, surface.color.b, surface.color.a = (channel / 255 for channel in colour)
+    for x, y, z in vertices.tolist():
+        surface.points.add(x=x, y=y, z=z)
+
+
+def _serialized(message: SceneUpdate) -> bytes:
     data: bytes = message.SerializeToString(deterministic=True)
     return data

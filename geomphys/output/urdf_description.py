@@ -1,27 +1,29 @@
 """Makes the robot descriptions (URDF texts) of the output: avatars, articulated objects, plain objects.
 
 Viewers pose a URDF's links by the frame ids of ``/tf``. Links are therefore renamed to their frame ids (these differ
-from the file with several avatars, and for objects), and meshes are named by absolute ``file://`` URLs, the only ones
-that the rerun viewer opens. The original URDFs are attachments of the output.
+from the file with several avatars, and for objects). A mesh would have to be a file of the machine where it is looked at, so
+links that have one are shown by primitives (`primitive_fit.py`): the text holds all that it shows. The original URDFs and
+meshes are attachments of the output, the surfaces are in ``/meshes``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import suppress
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
+from typing import NamedTuple
 
 import numpy as np
 from defusedxml import ElementTree as SafeTree
 from defusedxml.common import DefusedXmlException
 from lxml import etree
 
-from geomphys.errors import MeshError, ModelError
+from geomphys.errors import ModelError
 from geomphys.numerics.transforms import rotation_about
 from geomphys.output.colours import Colour, colours_of_trees
+from geomphys.output.primitive_fit import Primitive, primitives_of_body
 from geomphys.scene.arrays import World
 from geomphys.scene.free_joints import joint_ends, links_above_free_joint
-from geomphys.scene.ros_packages import MeshResolver
 from geomphys.scene.scene_file import ObjectTable
 from geomphys.scene.urdf_elements import SHAPES
 from geomphys.storage.remote_files import AnyPath
@@ -40,22 +42,29 @@ def descriptions(world: World) -> dict[str, str]:
     for tree, name in enumerate(world.tree_names):
         if name in world.urdfs:
             topic = "/robot_description" if tree == 0 and world.avatar_count == 1 else f"/{name}/robot_description"
-            texts[topic] = urdf_for_viewers(world.urdfs[name], _frames_of(world, tree), palette[name])
+            texts[topic] = urdf_for_viewers(world.urdfs[name], _links_of(world, tree), palette[name])
     plain = [table for table in world.file.object if table.name not in world.urdfs]
     if plain:
         name = "objects"
         while name in world.tree_names:
             name += "_"
-        texts[f"/{name}/robot_description"] = urdf_of_objects(name, plain, world.path.absolute().parent, palette)
+        texts[f"/{name}/robot_description"] = urdf_of_objects(name, plain, world, palette)
     return texts
 
 
-def urdf_for_viewers(path: AnyPath, frames: dict[str, str], colour: Colour) -> str:
-    """Text of the URDF at `path` with links named as in `frames` (link name -> frame id) and meshes by ``file://``.
+class ShownLink(NamedTuple):
+    """How a link is shown."""
+
+    frame: str  # frame id
+    primitives: Sequence[Primitive]  # in place of meshes
+
+
+def urdf_for_viewers(path: AnyPath, links: Mapping[str, ShownLink], colour: Colour) -> str:
+    """Text of the URDF at `path` with links renamed to their frame ids, and primitives in place of meshes.
 
     What has no colour of its own gets `colour`. A capsule, which few viewers know, becomes a cylinder and two spheres;
-    links above a free joint that the model hangs on are left out, and visuals without a shape that can be drawn. A mesh
-    that is not found keeps its name. Raises ModelError.
+    links above a free joint that the model hangs on are left out, and visuals without a shape that can be drawn. Raises
+    ModelError.
     """
     try:
         data = path.read_bytes()
@@ -70,16 +79,14 @@ def urdf_for_viewers(path: AnyPath, frames: dict[str, str], colour: Colour) -> s
         _keep_shown_geometry(link)
     for element in list(tree.iter("visual")):  # those that were collision geometry
         _make_drawable(element)
+    frames = {name: link.frame for name, link in links.items()}
     for link in tree.iter("link"):
+        _replace_meshes(link, links)
         _rename(link, "name", frames)
     for joint in tree.iter("joint"):
         for end in ("parent", "child"):
             for element in joint.findall(end):
                 _rename(element, "link", frames)
-    finder = MeshResolver(path.absolute().parent)
-    for mesh in tree.iter("mesh"):
-        with suppress(MeshError):  # a visual's: no collision mesh is without its file here
-            mesh.set("filename", finder.find(mesh.get("filename", "")).resolve().as_uri())
     for visual in tree.iter("visual"):
         if visual.find("material") is None:
             visual.append(_material(colour))
@@ -96,6 +103,42 @@ def _keep_shown_geometry(link: etree._Element) -> None:
             link.remove(collision)
         else:
             collision.tag = "visual"
+
+
+def _replace_meshes(link: etree._Element, links: Mapping[str, ShownLink]) -> None:
+    """Write a link's visual meshes as primitives, in the place and with the material of the first of them."""
+    meshes = [v for v in link.findall("visual") if v.find("geometry/mesh") is not None]
+    shown = links.get(link.get("name", ""))
+    if meshes and shown is not None:
+        at = link.index(meshes[0])
+        for shape in reversed(shown.primitives):
+            visual = visual_of(shape)
+            visual.extend(deepcopy(material) for material in meshes[0].findall("material"))
+            link.insert(at, visual)
+    for visual in meshes:
+        link.remove(visual)
+
+
+def visual_of(shape: Primitive) -> etree._Element:
+    """A visual element of a primitive, without a material; lengths to 1 µm, so that no rounding of a library shows."""
+    matrix = shape.body_from_shape
+    if abs(matrix[2, 0]) > 1.0 - 1e-9:  # roll and yaw turn about one axis
+        rpy = (0.0, math.copysign(math.pi / 2, -matrix[2, 0]), math.atan2(-matrix[0, 1], matrix[1, 1]))
+    else:
+        rpy = (math.atan2(matrix[2, 1], matrix[2, 2]), math.asin(-matrix[2, 0]), math.atan2(matrix[1, 0], matrix[0, 0]))
+    visual = etree.Element("visual")
+    etree.SubElement(visual, "origin", xyz=_text(matrix[:3, 3]), rpy=_text(rpy))
+    geometry = etree.SubElement(visual, "geometry")
+    if shape.tag == "box":
+        etree.SubElement(geometry, "box", size=_text(shape.sizes))
+    else:
+        sizes = zip(("radius", "length"), shape.sizes, strict=False)
+        etree.SubElement(geometry, shape.tag, {name: _text([size]) for name, size in sizes})
+    return visual
+
+
+def _text(numbers: Iterable[float]) -> str:
+    return " ".join(f"{round(float(number), 6) + 0.0:.9g}" for number in numbers)  # + 0.0: no -0
 
 
 def _drop_above_free_joint(robot: etree._Element) -> None:
@@ -165,40 +208,22 @@ def _numbers(text: str | None, count: int = 3) -> list[float]:
     return [float(word) for word in (text or "").replace(",", " ").split()] or [0.0] * count
 
 
-def urdf_of_objects(name: str, tables: Sequence[ObjectTable], folder: AnyPath, palette: dict[str, Colour]) -> str:
-    """URDF in which every object is a link of its name that floats in the link ``world``; `folder` is the scene's."""
+def urdf_of_objects(name: str, tables: Sequence[ObjectTable], world: World, palette: dict[str, Colour]) -> str:
+    """URDF in which every object is a link of its name that floats in the link ``world``."""
+    bodies = {body: row for row, body in enumerate(world.body_names)}
     robot = etree.Element("robot", name=name)
     etree.SubElement(robot, "link", name=WORLD)
     for table in tables:
         link = etree.SubElement(robot, "link", name=table.name)
-        for geometry, height in _geometries(table, folder):
-            visual = etree.SubElement(link, "visual")
-            if height:
-                etree.SubElement(visual, "origin", xyz=f"0 0 {height!r}", rpy="0 0 0")
-            etree.SubElement(visual, "geometry").append(geometry)
+        for shape in primitives_of_body(world, bodies[table.name]):
+            visual = visual_of(shape)
             visual.append(_material(palette[table.name]))
+            link.append(visual)
         joint = etree.SubElement(robot, "joint", name=f"{WORLD} {table.name}", type="floating")
         etree.SubElement(joint, "parent", link=WORLD)
         etree.SubElement(joint, "child", link=table.name)
     text: str = etree.tostring(robot, encoding="unicode", pretty_print=True)
     return text
-
-
-def _geometries(table: ObjectTable, folder: AnyPath) -> list[tuple[etree._Element, float]]:
-    """Elements and the height each is moved up by; a capsule is a cylinder and two spheres."""
-    if table.mesh is not None:
-        scale = f"{table.scale!r} {table.scale!r} {table.scale!r}"
-        address = (folder / table.mesh).resolve().as_uri()
-        return [(etree.Element("mesh", filename=address, scale=scale), 0.0)]
-    if table.box is not None:
-        return [(etree.Element("box", size=" ".join(map(repr, table.box))), 0.0)]
-    if table.sphere is not None:
-        return [(etree.Element("sphere", radius=repr(table.sphere)), 0.0)]
-    radius, length = table.cylinder or table.capsule or (0.0, 0.0)
-    body = (etree.Element("cylinder", radius=repr(radius), length=repr(length)), 0.0)
-    if table.cylinder is not None:
-        return [body]
-    return [body, *((etree.Element("sphere", radius=repr(radius)), side * length / 2) for side in (1.0, -1.0))]
 
 
 def _material(colour: Colour) -> etree._Element:
@@ -208,12 +233,14 @@ def _material(colour: Colour) -> etree._Element:
     return material
 
 
-def _frames_of(world: World, tree: int) -> dict[str, str]:
-    """Link name -> frame id of a tree's bodies."""
+def _links_of(world: World, tree: int) -> dict[str, ShownLink]:
+    """How the links of a tree are shown, by their names in its URDF."""
     name = world.tree_names[tree]
     start, end = world.scene.trees.body_start[tree : tree + 2]
-    bodies = range(int(start), int(end))
-    return {world.body_names[b].removeprefix(f"{name}/"): world.frame_names[b] for b in bodies}
+    return {
+        world.body_names[b].removeprefix(f"{name}/"): ShownLink(world.frame_names[b], primitives_of_body(world, b))
+        for b in range(int(start), int(end))
+    }
 
 
 def _rename(element: etree._Element, attribute: str, names: dict[str, str]) -> None:

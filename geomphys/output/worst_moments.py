@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from shlex import quote
 
@@ -42,6 +42,14 @@ def command_text(moment: Moment, output: str = "OUT") -> str:
 def log_text(moment: Moment) -> str:
     """A moment as a line of the log."""
     return f"{figure_text(moment)}; frame {moment.frame}, {moment.time_s:.2f} s; {command_text(moment)}"
+
+
+def document_text(moments: Sequence[Moment]) -> str:
+    """The moments in Markdown, with their commands: a viewer wraps a document, but cuts the lines of its log."""
+    return "".join(
+        f"**{figure_text(moment)}**, frame {moment.frame}, {moment.time_s:.2f} s:\n\n`{command_text(moment)}`\n\n"
+        for moment in moments
+    )
 
 
 @dataclass

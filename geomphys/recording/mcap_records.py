@@ -33,9 +33,13 @@ MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 FOOTER = struct.Struct("<QQI")  # summary start, summary offset start, summary crc
 CHUNK = struct.Struct("<QQQII")  # start time, end time, unpacked size, crc, length of the compression's name
 WINDOW_LIMIT = 128 * 2**20  # zstd's default maximum window of a decoder
+NO_SCHEMA = 0
+"""Of a channel without a schema; a schema of this number is invalid, and readers pass over it."""
 LAST_OPCODE = int(Opcode.DATA_END)
+"""Opcodes above it belong to later versions of the format (up to 0x7f) or to applications (from 0x80): readers pass over them."""
 BLOCK_SIZE = 64 * 1024
-RESYNC_RECORDS = 4  # consecutive valid records required to resynchronise
+RESYNC_RECORDS = 4  # consecutive valid records required to resynchronise, records of unknown opcodes not counted
+MAX_UNKNOWN_RECORDS = 16  # of unknown opcodes that are passed over among these
 
 
 class BadRecordError(Exception):
@@ -140,7 +144,8 @@ def is_intact_prefix(header: ChunkHeader, data: bytes) -> bool:
         at = 0
         while at + HEAD.size <= len(data):
             opcode, length = HEAD.unpack_from(data, at)
-            if opcode not in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE) or at + HEAD.size + length > header.size:
+            in_chunks = opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE) or opcode > LAST_OPCODE
+            if not in_chunks or at + HEAD.size + length > header.size:
                 return False
             at += HEAD.size + length
         return True
@@ -210,11 +215,7 @@ def find_record(file: BinaryIO, start: int, size: int) -> int | None:
         for match in _CANDIDATE.finditer(block):
             at = match.start()
             next_record = at + 9 + int.from_bytes(block[at + 1 : at + 9], "little")
-            if (
-                next_record < len(block)
-                and not 1 <= block[next_record] <= LAST_OPCODE
-                and block[next_record] != MAGIC[0]
-            ):
+            if next_record < len(block) and block[next_record] == 0:
                 continue
             if at < block_size and _starts_record_sequence(file, start + at, size):
                 return start + at
@@ -225,7 +226,10 @@ def find_record(file: BinaryIO, start: int, size: int) -> int | None:
 
 def _starts_record_sequence(file: BinaryIO, at: int, size: int) -> bool:
     """Whether `RESYNC_RECORDS` records in order, or fewer up to the closing magic, begin here."""
-    for _ in range(RESYNC_RECORDS):
+    known = 0
+    for _ in range(RESYNC_RECORDS + MAX_UNKNOWN_RECORDS):
+        if known == RESYNC_RECORDS:
+            return True
         file.seek(at)
         header = file.read(9 + CHUNK.size + 80)
         if at + len(MAGIC) == size and header.startswith(MAGIC):
@@ -233,8 +237,9 @@ def _starts_record_sequence(file: BinaryIO, at: int, size: int) -> bool:
         if len(header) < 9:
             return False
         opcode, length = HEAD.unpack_from(header, 0)
-        if not 1 <= opcode <= LAST_OPCODE or at + 9 + length > size:
+        if opcode == 0 or at + 9 + length > size:
             return False
+        known += opcode <= LAST_OPCODE
         body = header[9:]
         if opcode == Opcode.CHUNK:
             try:
@@ -249,4 +254,4 @@ def _starts_record_sequence(file: BinaryIO, at: int, size: int) -> bool:
         if opcode == Opcode.FOOTER and length != FOOTER.size:
             return False
         at += 9 + length
-    return True
+    return known == RESYNC_RECORDS

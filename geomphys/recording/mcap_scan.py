@@ -24,6 +24,7 @@ from geomphys.recording.mcap_records import (
     LAST_OPCODE,
     MAGIC,
     MESSAGE,
+    NO_SCHEMA,
     BadRecordError,
     ChunkHeader,
     find_record,
@@ -38,6 +39,8 @@ MAX_TRUNCATION_CHECKS = 16
 """Maximum number of chunks beyond the end of the file that are checked for being the truncated last one."""
 MAX_RUN_BYTES = 2**20
 """Records outside of chunks are taken together up to this many bytes."""
+PRIVATE_OPCODES = 0x80
+"""From this one on opcodes belong to applications."""
 TIME_LIMIT = 2**62
 """ns; a time stamp above this (the year 2116) is taken for damage, so that times fit 64 bits with a sign."""
 
@@ -85,6 +88,9 @@ class FileScan:
     spans: list[Span] = field(default_factory=list)
     losses: list[Loss] = field(default_factory=list)
     metadata: list[Metadata] = field(default_factory=list)
+    unknown: dict[int, int] = field(
+        default_factory=dict
+    )  # opcode of a later version of the format -> records passed over
     profile: str = ""
     verified: bool = True  # whether all of the file was read and checked
 
@@ -144,8 +150,8 @@ class _Scanner:
                 if len(header) < 9:
                     raise BadRecordError("the file ends within a record's head")
                 opcode, length = HEAD.unpack(header)
-                if not 1 <= opcode <= LAST_OPCODE and opcode < 0x80:
-                    raise BadRecordError(f"no record has the opcode {opcode}")
+                if opcode == 0:
+                    raise BadRecordError("no record has the opcode 0")
                 end = at + 9 + length
                 if end > self.size:
                     raise BadRecordError(
@@ -181,6 +187,13 @@ class _Scanner:
                 self.data_crc = (at, crc)
         elif opcode == Opcode.FOOTER:
             self.footer(at, length)
+        elif opcode > LAST_OPCODE:
+            self.pass_over(opcode)
+
+    def pass_over(self, opcode: int) -> None:
+        """Count a record of a kind that this version of the format does not have; those of applications are their own affair."""
+        if opcode < PRIVATE_OPCODES:
+            self.result.unknown[opcode] = self.result.unknown.get(opcode, 0) + 1
 
     def body(self, length: int) -> bytes:
         """Read the body of a small record. Raises BadRecordError if it is not small."""
@@ -197,6 +210,8 @@ class _Scanner:
         defined_before = len(self.result.schemas) + len(self.result.channels) + len(self.result.metadata)
         if opcode == Opcode.SCHEMA:
             schema = cast(Schema, read_body(Schema, body))
+            if schema.id == NO_SCHEMA:
+                return
             known_schema = self.result.schemas.setdefault(schema.id, schema)
             if known_schema != schema:
                 raise BadRecordError(f"schema {schema.id} is defined twice, and differently")
@@ -285,8 +300,10 @@ class _Scanner:
                     self.definition(opcode, data[start:end])
                 except BadRecordError:
                     break
-            elif not 1 <= opcode <= LAST_OPCODE and opcode < 0x80:
+            elif opcode == 0:
                 break
+            elif opcode > LAST_OPCODE:
+                self.pass_over(opcode)
             usable = end
         return usable, seen
 

@@ -25,6 +25,7 @@ from geomphys.recording.mcap_records import (
     FOOTER,
     HEAD,
     MAGIC,
+    NO_SCHEMA,
     BadRecordError,
     read_body,
     walk,
@@ -101,7 +102,8 @@ class _Summary:
         """Add a record."""
         if kind == Opcode.SCHEMA:
             schema = cast(Schema, read_body(Schema, body))
-            self.result.schemas[schema.id] = schema
+            if schema.id != NO_SCHEMA:
+                self.result.schemas[schema.id] = schema
         elif kind == Opcode.CHANNEL:
             channel = cast(Channel, read_body(Channel, body))
             self.result.channels[channel.id] = channel

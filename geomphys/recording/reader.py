@@ -40,6 +40,7 @@ PENDING_LIMIT = 256 * 2**20
 """Bytes of messages that are held to bring them into the order of their times."""
 _Pending = tuple[int, int, int, int, bytes, int]  # log time, order in the file, channel, publish time, data, sequence
 MAX_LISTED_DAMAGE = 3  # losses listed one by one in a message
+MAX_LISTED_OPCODES = 4
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,7 @@ class LogReader:
             (m.name, dict(m.metadata)) for scan in self._scans for m in scan.metadata
         )
         self.profile = self._scans[0].profile
-        self.notes = parts.notes
+        self.notes = (*parts.notes, *self._unknown_records())
         self.damage = self._damage(parts.missing)
         if self.damage is not None and not recover:
             raise DamagedLogError(
@@ -305,6 +306,17 @@ class LogReader:
                 count.longest_gap if count else None,
             )
             self._of_topic.setdefault(channel.topic, []).append(self.channels[key])
+
+    def _unknown_records(self) -> Iterator[str]:
+        """One line for each file with records of unknown kinds: where no checksum tells, damaged messages look like them."""
+        for file, scan in zip(self.files, self._scans, strict=True):
+            if scan.unknown:
+                opcodes = ", ".join(f"0x{opcode:02x}" for opcode in sorted(scan.unknown)[:MAX_LISTED_OPCODES])
+                more = ", …" if len(scan.unknown) > MAX_LISTED_OPCODES else ""
+                yield (
+                    f"{file.name}: {sum(scan.unknown.values())} records of unknown kinds were passed over (opcode "
+                    f"{opcodes}{more}): a later version of MCAP has them, or their first byte is damaged"
+                )
 
     def _damage(self, missing: tuple[str, ...]) -> Damage | None:
         """Summarise the losses of all files."""

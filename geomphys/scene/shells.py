@@ -105,15 +105,19 @@ def all_enclose_volume(vertices: Floats, faces: Ints, label: Ints) -> bool:
 def outward_shells(vertices: Floats, faces: Ints, label: Ints) -> Ints:
     """The triangles (m, 3) with inside-out shells flipped, except those inside another shell (cavities)."""
     volume = shell_volumes(vertices, faces, label)
-    negative = np.flatnonzero(volume < 0)
     solid = np.flatnonzero(volume > 0)
+    order = np.argsort(label, kind="stable")
+    start = np.searchsorted(label[order], np.arange(len(volume) + 1))
+    corners = vertices[faces[order]].reshape(-1, 3)
+    low, high = (bound.reduceat(corners, 3 * start[:-1])[solid] for bound in (np.minimum, np.maximum))
     flipped = faces.copy()
-    is_solid = np.isin(label, solid)
-    triangles, owner = vertices[faces[is_solid]], label[is_solid]
-    for shell in negative.tolist():
-        point = vertices[faces[np.flatnonzero(label == shell)[0]]].mean(axis=0)
-        if not _is_inside_any(point, triangles, owner):
-            flipped[label == shell] = flipped[label == shell][:, ::-1]
+    for shell in np.flatnonzero(volume < 0).tolist():
+        rows = order[start[shell] : start[shell + 1]]
+        point = vertices[faces[rows[0]]].mean(axis=0)
+        around = solid[np.all((low <= point) & (point <= high), axis=1)]
+        others = np.concatenate([order[start[k] : start[k + 1]] for k in around] or [rows[:0]])
+        if not _is_inside_any(point, vertices[faces[others]], label[others]):
+            flipped[rows] = faces[rows][:, ::-1]
     return flipped
 
 

@@ -22,8 +22,8 @@ from geomphys.storage.output_file import write_file
 from geomphys.storage.remote_files import AnyPath, as_path
 from geomphys.viewer.frame_picture import sample_of, viewpoint_of
 
-SHOWN = ("/meshes", "/contacts/points", "/contacts/scene")
-"""Topics of the scene that are drawn; robot descriptions are not, as their surfaces are in ``/meshes``."""
+SHOWN = ("/meshes", "/recorded/meshes", "/contacts/points", "/contacts/scene")
+"""Topics of the scene that are drawn, the ghost too; robot descriptions are not, as their surfaces are in ``/meshes``."""
 
 PLOTS = {
     "penetration": (

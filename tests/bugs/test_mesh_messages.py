@@ -63,11 +63,11 @@ def test_a_capsule_goes_all_the_way_and_viewers_get_what_they_know(tmp_path: Pat
 
 def test_the_parts_of_a_capsule_stand_where_it_stands(tmp_path: Path) -> None:
     """The hulls of both are the same: the union of the parts is the capsule."""
-    from geomphys.output.urdf_description import urdf_for_viewers
+    from geomphys.output.urdf_description import ShownLink, urdf_for_viewers
     from geomphys.scene.skeleton import load_skeleton
 
     path = urdf(tmp_path / "a.urdf", link("palm", CAPSULE_SHAPE))
-    text = urdf_for_viewers(path, {"palm": "palm"}, (1, 2, 3, 255))
+    text = urdf_for_viewers(path, {"palm": ShownLink("palm", ())}, (1, 2, 3, 255))
     (tmp_path / "b.urdf").write_text(text)
     (whole,) = load_skeleton(path).links[0].collisions
     middle, *caps = load_skeleton(tmp_path / "b.urdf").links[0].visuals

@@ -7,12 +7,16 @@ from pathlib import Path
 
 import pytest
 from geomphys_cli.main import run
+from jsonschema import Draft202012Validator
+
+import geomphys
 
 
 def test_one_experiment_as_json_markdown_and_tables(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
     line = ["bench", str(root), "--only", "hand_ball", "--no-depths", "--no-scaling", "--repeats", "1"]
     assert run([*line, "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
+    Draft202012Validator(geomphys.json_schema("bench")).validate(report)
     (experiment,) = report["experiments"]
     assert experiment["name"] == "hand_ball"
     assert 0 < experiment["step"]["median"] <= experiment["step"]["p95"] <= experiment["step"]["p99"]

@@ -23,9 +23,10 @@ quaternions x y z w; normals point out of body b into body a; depths are ≥ 0.
 """
 
 PURPOSES = {
-    "/robot_description": "URDF of the only avatar; `/AVATAR/robot_description` of several, `/OBJECT/robot_description`",
-    "/objects/robot_description": "URDF of the objects without a URDF of their own",
+    "/robot_description": "URDF in primitives of the only avatar; `/AVATAR/robot_description`, `/OBJECT/robot_description`",
+    "/objects/robot_description": "URDF, in primitives, of the objects without a URDF of their own",
     "/meshes": "surfaces of all bodies in their frames, once",
+    "/recorded/meshes": "the ghost: driven bodies in the frames of `/recorded/tf`, translucent, 0.3 mm smaller, once",
     "/tf": "`world` to every body, corrected; bodies that never move in the first frame only",
     "/tf_static": "`world` to the bodies that never move",
     "/recorded/tf": "`world` to the driven bodies as recorded; frame ids prefixed `recorded/`",
@@ -47,8 +48,8 @@ overlap in the zero pose. The metadata record `geomphys` has
 `version`, `input_sha256`, `scene_sha256`, `world_sha256`, `complete` and every parameter as text.
 """
 SCHEMAS = """
-As JSON Schemas: `geomphys schema NAME` with replay, batch, stats, diff, audit, check, info or calibrate, and `geomphys schema
-manifest` of the file that a batch keeps. Numbers are in SI units; what is not finite is null.
+As JSON Schemas: `geomphys schema NAME`, where NAME is any command that has `--json`, and `geomphys schema manifest` of the file
+that a batch keeps. Numbers are in SI units; what is not finite is null.
 """
 JSON = {
     "replay": [("output/summary.py", "Summary")],
@@ -195,7 +196,13 @@ def entities() -> str:
         "/".join(names.DEPTHS): "global penetration depths of pairs",
         **{"/".join((*names.PLOTS, line)): "a curve" for line in names.LINES},
         "/".join((*names.PLOTS, "stages_us", "STAGE")): "stage times, µs",
-        "/".join(names.LOG): "warnings",
+        "/".join((*names.JOINTS, "AVATAR", "JOINT")): "a joint value, corrected, rad or m",
+        "/".join((*names.RECORDED_JOINTS, "AVATAR", "JOINT")): "the same as recorded",
+        "/".join(names.METRICS): "a column for each figure of a frame",
+        "/".join(names.FLAGS): "a column for each bit of `flags`",
+        "/".join(names.LOG): "warnings, and the moments to look at first where they happen",
+        "/".join(names.MOMENTS): "document: the moments to look at first, with the commands that show them",
+        "/".join(names.LEGEND): "document: what the colours mean",
     }
     return "\n".join(["", "| entity | content |", "|---|---|", *(f"| `{k}` | {v} |" for k, v in rows.items()), ""])
 

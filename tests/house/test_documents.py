@@ -6,6 +6,7 @@ import ast
 import re
 import shlex
 import tomllib
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -144,6 +145,14 @@ def test_every_page_is_linked_from_the_readme_and_every_picture_is_shown() -> No
     assert not [page.name for page in DOCS.glob("*.md") if f"(assets/docs/{page.name})" not in readme]
     shown = "".join(path.read_text() for path in TEXTS)
     assert not [p.name for p in (DOCS / "pictures").iterdir() if f"pictures/{p.name})" not in shown]
+
+
+def test_every_picture_is_drawn_by_make_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "assets"))
+    experiments = import_module("figure_scenes").EXPERIMENTS
+    drawn = {f"{e.name}_{shot.frame}.png" for e in experiments for shot in e.shots}
+    drawn |= {f"{e.name}_times.png" for e in experiments} | {"hand_mug.gif"}
+    assert {path.name for path in (DOCS / "pictures").iterdir()} == drawn
 
 
 def test_pictures_are_small() -> None:

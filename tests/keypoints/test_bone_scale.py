@@ -94,13 +94,13 @@ def test_an_output_has_the_scaled_urdf_and_the_factors(tmp_path):
 
 
 def everything_in(path):
-    """Messages, metadata and attachments of an output, without its robot descriptions, which address the meshes."""
+    """Messages, metadata and attachments of an output."""
     with path.open("rb") as stream:
         reader = make_reader(stream)
         messages = [(c.topic, m.log_time, m.data) for _, c, m in reader.iter_messages()]
         metadata = [(m.name, m.metadata) for m in reader.iter_metadata()]
         attachments = [(a.name, a.data) for a in reader.iter_attachments()]
-    return [m for m in messages if not m[0].endswith("robot_description")], metadata, attachments
+    return messages, metadata, attachments
 
 
 def test_the_same_log_and_scene_give_the_same_output_in_any_folder(tmp_path):

@@ -75,7 +75,7 @@ def make_world(folder: Path, avatars: Sequence[str]) -> s.World:
         bodies=s.Bodies(
             role=np.array(tree_roles)[tree_of],
             tree=tree_of,
-            piece_start=np.arange(bodies + 1),
+            piece_start=np.zeros(bodies + 1, np.int64),
             material=np.zeros(bodies, np.int64),
             mass=np.ones(bodies),
             com=np.zeros((bodies, 3)),

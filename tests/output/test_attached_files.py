@@ -18,6 +18,7 @@ from geomphys.output.attached_files import INDEX, write_attachments
 from geomphys.output.output_log import open_output
 from geomphys.output.output_results import results_of_output
 from geomphys.output.output_world import world_of_output
+from geomphys.scene.arrays import DRIVEN
 from geomphys.viewer.snapshot import take_snapshot
 from geomphys.viewer.view import as_recording
 from tests.cli.press import SCENE, write_log
@@ -123,6 +124,33 @@ def test_foxglove_gets_the_surfaces_in_their_frames(folder: Path) -> None:
         assert np.array_equal(
             np.array([(p.x, p.y, p.z) for p in mesh.points])[np.array(mesh.indices)], points[faces].reshape(-1, 3)
         )
+
+
+def test_foxglove_gets_a_ghost_that_a_body_at_its_recorded_pose_hides(folder: Path) -> None:
+    from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+    from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+
+    world = geomphys.load_world(folder / "scene.toml")
+    with (folder / "out.mcap").open("rb") as stream:
+        reader = make_reader(stream)
+        (message,) = [m for _, _, m in reader.iter_messages(topics=["/recorded/meshes"])]
+        _, _, transforms = next(iter(reader.iter_messages(topics=["/recorded/tf"])))
+    entities = {entity.id: entity for entity in SceneUpdate.FromString(message.data).entities}
+    driven = [b for b in np.flatnonzero(world.scene.bodies.role == DRIVEN) if len(world.triangles[b][1])]
+    assert set(entities) == {f"recorded/{world.body_names[b]}" for b in driven}
+    frames = {t.child_frame_id for t in FrameTransforms.FromString(transforms.data).transforms}
+    for body in driven:
+        entity = entities[f"recorded/{world.body_names[body]}"]
+        assert entity.frame_id in frames
+        (mesh,) = entity.triangles
+        assert 0 < mesh.color.a < 1
+        ghost = np.array([(p.x, p.y, p.z) for p in mesh.points])[np.array(mesh.indices)]
+        points, faces = world.triangles[body]
+        moved = points[faces].reshape(-1, 3) - ghost
+        assert np.allclose(np.linalg.norm(moved, axis=1), 3e-4, atol=1e-6)
+        a, b, c = points[faces].swapaxes(0, 1)
+        outward = np.cross(b - a, c - a).repeat(3, axis=0)
+        assert (moved * outward).sum(axis=1).min() > -1e-12
 
 
 def test_no_path_of_this_machine_names_an_attachment(folder: Path) -> None:

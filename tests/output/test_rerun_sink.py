@@ -20,7 +20,7 @@ from geomphys.output import colours, rerun_sink
 from geomphys.output.contact_arrows import arrow_lengths
 from geomphys.output.provenance import Provenance
 from geomphys.output.rerun_sink import RerunSink
-from geomphys.output.worst_moments import log_text
+from geomphys.output.worst_moments import WorstMoments, command_text, document_text, log_text
 from geomphys.results import FrameResult, Moment
 from geomphys.scene.arrays import World
 from geomphys.viewer.view import offline_environment, viewer_command
@@ -254,3 +254,16 @@ def test_the_worst_moments_are_marked_where_they_happen(
         if "largest" in value[0]
     }
     assert lines == {m.frame: (m.time_ns, log_text(m)) for m in moments}
+
+
+def test_the_first_window_says_where_to_look_with_whole_commands(
+    world: World, provenance: Provenance, results: list[FrameResult], tmp_path: Path
+) -> None:
+    """In a document, which the viewer wraps: it cuts lines of the log that are longer than its column."""
+    write(tmp_path / "out.rrd", world, provenance, results)
+    worst = WorstMoments(world.body_names)
+    for result in results:
+        worst.add(result)
+    ((_, _, (text,)),) = columns(tmp_path / "out.rrd", "/worst_moments", "TextDocument:text")
+    assert text == document_text(worst.moments())
+    assert all(command_text(moment) in text for moment in worst.moments())

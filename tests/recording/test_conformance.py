@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import struct
 from pathlib import Path
 
 import pytest
@@ -117,3 +118,87 @@ def test_a_record_that_is_none_costs_no_other_one(tmp_path: Path, what: str) -> 
                 assert got == []
             else:
                 assert got == [m for k, m in enumerate(content.messages) if k != lost], (name, opcode, what)
+
+
+def with_records(book: suite.Book, opcode: int, step: int = 1) -> bytes:
+    """A log with a record of another opcode before every `step`-th of its own."""
+    data = bytearray(book.data)
+    for _, at in reversed(book.records[1::step]):
+        data[at:at] = suite.record(opcode, b"\x05" * 40, pad=False)
+    return bytes(data)
+
+
+@pytest.mark.parametrize("opcode", [0x10, 0x30, 0x7F, 0x80, 0xFF])
+def test_records_of_unknown_opcodes_are_passed_over(tmp_path: Path, opcode: int) -> None:
+    """The format may grow by records (up to 0x7f) and applications may add theirs; only the former are told."""
+    path = tmp_path / "log.mcap"
+    for name, content, features in WITH_MESSAGES[::5]:
+        if features & {"mx", "chx", "sum"}:
+            continue  # their offsets would no longer fit
+        path.write_bytes(with_records(suite.write(content, features), opcode))
+        assert read(path) == list(content.messages), name
+        with open_log(path) as log:
+            assert log.damage is None
+            assert [c.schema_name for c in log.channels.values()] == [(content.schema or ("",))[0]]
+            assert any(f"0x{opcode:02x}" in note for note in log.notes) == (opcode < 0x80), log.notes
+            assert all("\n" not in note for note in log.notes)
+
+
+@pytest.mark.parametrize("opcode", [0x10, 0x80])
+def test_what_is_cut_off_or_damaged_among_unknown_opcodes_is_recovered(tmp_path: Path, opcode: int) -> None:
+    path = tmp_path / "log.mcap"
+    content = suite.CONTENTS["TenMessages"]
+    data = with_records(suite.write(content, frozenset()), opcode)
+    ends = [data.index(m.data, data.index(b"example")) + 3 for m in content.messages]
+    for cut in range(len(suite.MAGIC), len(data), 13):
+        path.write_bytes(data[:cut])
+        with pytest.raises(DamagedLogError):
+            open_log(path)
+        assert read(path, recover=True) == [m for m, end in zip(content.messages, ends, strict=True) if end <= cut], cut
+    for lost, end in enumerate(ends):
+        broken = bytearray(data)
+        broken[end - 3 - 22 - 9] = 0
+        path.write_bytes(broken)
+        assert read(path, recover=True) == [m for k, m in enumerate(content.messages) if k != lost], lost
+
+
+@pytest.mark.parametrize("opcode", [0x10, 0x80])
+def test_unknown_opcodes_in_a_chunk_are_passed_over_where_it_is_whole_and_where_it_is_cut_off(
+    tmp_path: Path, opcode: int
+) -> None:
+    path = tmp_path / "log.mcap"
+    content = suite.CONTENTS["TenMessages"]
+    inner, ends = bytearray(), []
+    body = suite.record(suite.MESSAGE, struct.pack("<HIQQ", 1, 0, 5, 5), pad=False) * 5  # looks like messages, is none
+    book = suite.write(content, frozenset())
+    for kind, at in book.records:
+        if kind in (suite.SCHEMA, suite.CHANNEL, suite.MESSAGE):
+            length = 9 + int.from_bytes(book.data[at + 1 : at + 9], "little")
+            inner += suite.record(opcode, body, pad=False) + book.data[at : at + length]
+            ends += [len(inner)] if kind == suite.MESSAGE else []
+    chunked = suite.Book(pad=False)
+    chunked.add(suite.HEADER, suite.text("") + suite.text(""))
+    head = struct.pack("<QQQI", 0, 9, len(inner), 0) + suite.text("") + struct.pack("<Q", len(inner))
+    chunked.add(suite.CHUNK, head + inner)
+    start = len(chunked.data) - len(inner)
+    chunked.add(suite.DATA_END, bytes(4))
+    chunked.add(suite.FOOTER, bytes(20))
+    path.write_bytes(chunked.data + suite.MAGIC)
+    assert read(path) == list(content.messages)
+    for cut in range(start, start + len(inner), 7):
+        path.write_bytes(chunked.data[:cut])
+        expected = [m for m, end in zip(content.messages, ends, strict=True) if start + end <= cut]
+        assert read(path, recover=True) == expected, cut
+
+
+def test_a_schema_of_number_zero_is_none(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    book = suite.write(suite.CONTENTS["OneSchemalessMessage"], frozenset())
+    at = book.records[1][1]
+    zero = [
+        suite.record(suite.SCHEMA, b"\0\0" + suite.text(n) + suite.text("c") + suite.text(n), pad=False) for n in "ab"
+    ]
+    path.write_bytes(book.data[:at] + b"".join(zero) + book.data[at:])
+    with open_log(path) as log:
+        assert log.damage is None
+        assert [c.schema_name for c in log.channels.values()] == [""]

@@ -224,10 +224,8 @@ def test_an_avatar_yields_by_chains_in_chains_mode_only(folder: Path) -> None:
     text = HAND + '[[avatar.chain]]\nname = "c"\nbase = "palm"\ntip = "one"\n'
     rigid = load(folder, text, mode="rigid")
     assert rigid.scene.trees.chains.tolist() == [0]
-    assert [rigid.body_names[b] for b in rigid.scene.chains.bodies] == [
-        "hand/root1",
-        "hand/one",
-    ]  # say whose joints a tip has
+    # say whose joints a tip has
+    assert [rigid.body_names[b] for b in rigid.scene.chains.bodies] == ["hand/root1", "hand/one"]
     assert load(folder, text).scene.trees.chains.tolist() == [1]  # auto: the joints move links that collide
     world = load(folder, text, mode="chains")
     assert [world.body_names[b] for b in world.scene.chains.bodies] == ["hand/root1", "hand/one"]

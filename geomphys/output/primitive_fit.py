@@ -1,0 +1,115 @@
+"""Shows a body in primitives of URDF: its convex pieces, each hull as the box or cylinder about it of the least volume.
+
+A description of a robot names meshes by files, which are not where an output is mailed to; primitives stand in the text itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomphys.numerics.transforms import matrix_from_frame
+from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, SPHERE, World
+
+Floats = NDArray[np.float64]
+
+MIN_LENGTH_M = 1e-4
+"""m; flat things are drawn as thick as this."""
+
+MIN_DEVIATION_RATIO = 1.1
+"""Least ratio of the standard deviations of points along two principal axes."""
+
+
+class Primitive(NamedTuple):
+    """A box, cylinder (along z) or sphere in the frame of its body."""
+
+    tag: str  # element of URDF
+    sizes: tuple[float, ...]  # m: box: full lengths x y z; cylinder: radius, length; sphere: radius
+    body_from_shape: Floats  # (4, 4)
+
+
+def primitives_of_body(world: World, body: int) -> list[Primitive]:
+    """The pieces of a body; one box or cylinder about its display mesh where it has none; nothing without a surface."""
+    bodies = world.scene.bodies
+    found = [
+        shape
+        for piece in range(int(bodies.piece_start[body]), int(bodies.piece_start[body + 1]))
+        for shape in _primitives_of_piece(world, piece)
+    ]
+    points = world.triangles[body][0]
+    return found or ([fitted_primitive(points)] if len(points) else [])
+
+
+def _primitives_of_piece(world: World, piece: int) -> Iterator[Primitive]:
+    pieces = world.scene.pieces
+    kind, size = int(pieces.kind[piece]), pieces.size[piece]
+    body_from_piece = matrix_from_frame(pieces.local[piece])
+    if kind == SPHERE:
+        yield Primitive("sphere", (float(size[0]),), body_from_piece)
+    elif kind == BOX:
+        yield Primitive("box", tuple((2.0 * size).tolist()), body_from_piece)
+    elif kind in (CYLINDER, CAPSULE):
+        radius, half = float(size[0]), float(size[1])
+        yield Primitive("cylinder", (radius, 2.0 * half), body_from_piece)
+        for end in (-half, half) if kind == CAPSULE else ():
+            yield Primitive("sphere", (radius,), body_from_piece @ _translation(np.array([0.0, 0.0, end])))
+    else:
+        start, stop = pieces.vertex_start[piece : piece + 2]
+        shape = fitted_primitive(pieces.vertices[start:stop])
+        yield shape._replace(body_from_shape=body_from_piece @ shape.body_from_shape)
+
+
+def fitted_primitive(points: Floats) -> Primitive:
+    """The box or cylinder about points (n, 3) of the least volume, along the axes of their frame or their principal axes."""
+    candidates = list(_along(points, np.eye(3)))
+    if (axes := _principal_axes(points)) is not None:
+        candidates += _along(points, axes)
+    best = candidates[0]
+    for shape in candidates[1:]:
+        if _volume(shape) < 0.999 * _volume(best):  # the first of equal ones, whatever rounding says
+            best = shape
+    return best
+
+
+def _along(points: Floats, axes: Floats) -> Iterator[Primitive]:
+    """The box, and a cylinder for each of three axes (rows of (3, 3)), about points."""
+    local = points @ axes.T
+    low, high = local.min(axis=0), local.max(axis=0)
+    lengths, middle = np.maximum(high - low, MIN_LENGTH_M), (low + high) / 2
+    placed = np.eye(4)
+    placed[:3, :3], placed[:3, 3] = axes.T, axes.T @ middle
+    yield Primitive("box", tuple(lengths.tolist()), placed)
+    for x, y, z in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        across = local[:, [x, y]] - middle[[x, y]]
+        radius = max(float(np.sqrt((across * across).sum(axis=1)).max()), MIN_LENGTH_M / 2)
+        rotated = placed.copy()
+        rotated[:3, :3] = placed[:3, [x, y, z]]
+        yield Primitive("cylinder", (radius, float(lengths[z])), rotated)
+
+
+def _principal_axes(points: Floats) -> Floats | None:
+    """Principal axes (rows) of points; None where they are too alike for the points to say which they are."""
+    if len(points) < 4:
+        return None
+    _, deviations, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    if deviations[0] < MIN_DEVIATION_RATIO * deviations[1] or deviations[1] < MIN_DEVIATION_RATIO * deviations[2]:
+        return None
+    signs = np.sign(axes[np.arange(3), np.abs(axes).argmax(axis=1)])  # libraries choose them differently
+    first, second = signs[0] * axes[0], signs[1] * axes[1]
+    return np.array([first, second, np.cross(first, second)])
+
+
+def _volume(shape: Primitive) -> float:
+    if shape.tag == "box":
+        return float(np.prod(shape.sizes))
+    radius, length = shape.sizes
+    return float(np.pi * radius * radius * length)
+
+
+def _translation(offset: Floats) -> Floats:
+    matrix = np.eye(4)
+    matrix[:3, 3] = offset
+    return matrix
