@@ -22,6 +22,7 @@ from geomphys.driven.postures import copy_tree
 from geomphys.driven.reachability import measure_swept_pairs, path_of_pair_is_free
 from geomphys.driven.sqp import ANY_PATH, search
 from geomphys.driven.state import (
+    ARTICULATED,
     GIVEN,
     LOCKED,
     NEVER_FREE,
@@ -163,30 +164,40 @@ def _finish(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> None:
                     state.last.poses[body, k] = ws.work.now.poses[body, k]
 
 
+@kernel
+def _stay_if_free(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, kind: int) -> None:
+    """Let a driven tree yield in a way, `kind`, from where it is, which is its target too."""
+    work = ws.work
+    work.kind[tree] = LOCKED
+    if scene.trees.role[tree] != DRIVEN:
+        return
+    work.kind[tree] = kind
+    copy_tree(scene, state.last, tree, work.now)
+    for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+        q = orientation_of(state.last.poses, body)
+        set_pose(work.target, body, link_centre(ws, state.last.poses, body), q)
+
+
 @outlined
 def yield_driven(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, gap: float) -> int:
     """Move driven trees out of what has come into them since `update_driven`, as little as it takes; returns the passes.
 
     `recorded` (B, 7) are the poses of what is not driven now, and those recorded of what is.
     """
-    work = ws.work
+    work, passes = ws.work, 0
     set_around(scene, state, ws, recorded, 1.0)
-    for tree in range(len(work.kind)):
-        work.kind[tree] = LOCKED
-        if scene.trees.role[tree] != DRIVEN:
-            continue
-        work.kind[tree] = RIGID
-        copy_tree(scene, state.last, tree, work.now)
-        for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-            q = orientation_of(state.last.poses, body)
-            set_pose(work.target, body, link_centre(ws, state.last.poses, body), q)
-    passes = 0
-    if measure_near_pairs(scene, ws, 0.0, 0.0) < 0.0:
+    for kind in (RIGID, ARTICULATED):  # what grips from several sides has to open its joints
+        for tree in range(len(work.kind)):
+            _stay_if_free(scene, state, ws, tree, kind)
+        if measure_near_pairs(scene, ws, 0.0, 0.0) >= 0.0:
+            break
         found = search(scene, ws, state.recorded.angles, gap, PASSES, False, False, ANY_PATH)
-        passes = found.passes
+        passes += found.passes
         for tree in range(len(work.kind)):
             if work.kind[tree] != LOCKED:
                 settle(scene, state, ws, tree, work.best if found.free else state.last)
+        if found.free:
+            break
     _finish(scene, state, ws)
     note_offsets(scene, state, ws, state.recorded.roots, state.recorded.angles, recorded)
     return passes

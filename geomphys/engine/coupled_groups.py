@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from geomphys.collision.penetration import separation
 from geomphys.engine.coupled_state import Coupled
 from geomphys.engine.state import Machine
 from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.row_vectors import vec_of
 from geomphys.scene.arrays import DRIVEN, Scene
-from geomphys.simulated.contact_points import add_rows, clear_impulse
-from geomphys.simulated.position_projection import TOUCHING, project_positions
 from geomphys.simulated.state import Simulation
-from geomphys.simulated.time_of_impact import pose_pair
 
 NEAR_TREES = 0.02  # m: driven trees that come no nearer are not solved together
 
@@ -104,30 +99,3 @@ def take_group(scene: Scene, m: Machine, group: int) -> None:
         body = sim.bodies[sim.free[s]]
         if body.awake >= 2:
             body.awake = 2 if group < 0 or c.trees[island_tree(sim, sim.free[s])].group == group else 3
-
-
-@outlined
-def clear_overlaps(sim: Simulation, t: float) -> None:
-    """Move bodies that take part out of what is not driven where they ended inside it; velocities are left alone.
-
-    What sweeps left undone, micrometres. Driven links, which must be placed at time `t`, are kept clear of if that can be.
-    """
-    short, gap = False, sim.frame[0].gap
-    for s in range(len(sim.free)):
-        sim.bodies[sim.free[s]].changed = 1 if sim.bodies[sim.free[s]].awake == 2 else 0
-    sim.counts[0].rows = 0
-    for k in range(sim.counts[0].pairs):
-        p = sim.pairs[k]
-        if sim.bodies[p.body[0]].awake == 2 and sim.bodies[p.body[1]].role != DRIVEN:
-            pose_pair(sim, k, t)
-            found = separation(sim.pieces, sim.frames, p.piece[0], p.piece[1], 0.0, vec_of(p.axis), sim.scratch)
-            short = short or found[0] < -TOUCHING * gap
-    if not short:
-        return
-    for k in range(sim.counts[0].pairs):
-        if sim.bodies[sim.pairs[k].body[0]].awake == 2:
-            add_rows(sim, k, t)
-    project_positions(sim)
-    for k in range(sim.counts[0].rows):
-        clear_impulse(sim.rows[k])
-    sim.counts[0].rows = 0

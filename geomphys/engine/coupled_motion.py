@@ -76,6 +76,8 @@ SPLITS = 8  # of a step at times of impact
 CORRECTED = 0.2  # share of an overlap, or of slip, that is taken back in a step
 FASTEST_CORRECTION = 0.5  # m/s
 STUCK = 0.9999  # of the friction available: beyond it a point slides
+LEAST_SHARE = 0.02  # of a joint's K, m and R
+FORGOTTEN = 0.2  # share of a joint's stiffness that is made anew in a step
 TOUCHED = 3.0  # gaps: what is nearer has been in contact
 
 
@@ -186,9 +188,40 @@ def squeeze_harder(scene: Scene, sim: Simulation, c: Coupled, h: float) -> None:
 
 
 @outlined
+def fit_stiffness(scene: Scene, sim: Simulation, c: Coupled) -> None:
+    """Let the joints behind a pressed contact yield by K there together: k_j = s K lever_j², 1/K = sum over them of arm_j²/k_j.
+
+    So a link presses with K x where its joints yield one after the other, and where it touches near a joint. A joint behind
+    more contacts takes the mean over them, weighted by their moments; what it had is forgotten at a rate, as forces flicker.
+    """
+    first = 3 * len(scene.trees.role)
+    for k in range(first, len(c.unknowns)):
+        c.unknowns[k].moments = c.unknowns[k].yielding = 0.0
+    for i in range(sim.counts[0].rows):
+        r = sim.rows[i]
+        force, yielding = sim.slots[r.pair, r.slot].normal_force, 0.0
+        if force == 0.0:
+            continue
+        for e in range(r.first_effect, r.end_effect):
+            if c.effects[e].unknown >= first:
+                yielding += (c.effects[e].speed[0] / c.unknowns[c.effects[e].unknown].arm) ** 2
+        for e in range(r.first_effect, r.end_effect):
+            x = c.unknowns[c.effects[e].unknown]
+            x.moments += force * abs(c.effects[e].speed[0])
+            x.yielding += force * abs(c.effects[e].speed[0]) * yielding
+    for tree in range(len(scene.trees.role)):
+        if solves(scene, c, tree):
+            for k in range(first_unknown(scene, tree), end_unknown(scene, tree)):
+                x = c.unknowns[k]
+                goal = max(LEAST_SHARE, x.yielding / x.moments) if x.moments > 0.0 else 1.0
+                x.share += FORGOTTEN * (goal - x.share)
+
+
+@outlined
 def solve_step(scene: Scene, m: Machine, t: float, h: float, to_impact: bool) -> None:
     """The shared solve over a step of `h` seconds from time `t` of the part: velocities at its end, impulses in the rows."""
     sim, c = m.simulated, m.coupled
+    fit_stiffness(scene, sim, c)
     for tree in range(len(scene.trees.role)):
         if solves(scene, c, tree):
             begin_step(c, 3 * tree, 3 * tree + 3, h)

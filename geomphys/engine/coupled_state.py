@@ -34,6 +34,13 @@ UNKNOWN = np.dtype(
         ("damping", FLOAT),  # N s/m or N m s/rad: R
         ("effort", FLOAT),  # N or N m: the spring pulls with no more
         ("inverse_mass", FLOAT),  # what a unit impulse changes `solved` by; 0: it follows the recording
+        ("arm", FLOAT),  # 1 or m/rad: its lever, of which K of (6) has the square
+        ("share", FLOAT),  # of K, m and R: such that what presses it yields by K; 1: nothing does
+        ("moments", FLOAT),  # N or N m: sum of the sizes of those of what presses it,
+        (
+            "yielding",
+            FLOAT,
+        ),  # the same, each times K over the stiffness that all joints behind its contact have together
         ("pressed", FLOAT),  # N s or N m s: sum of the sizes of impulses on it in the last step
     ]
 )
@@ -104,7 +111,9 @@ def make_coupled(scene: Scene, poses: Floats, links: Links) -> Coupled:
     trees, dofs = len(scene.trees.role), len(scene.dofs.lower)
     unknowns = np.zeros(3 * trees + dofs, UNKNOWN)
     owner = np.concatenate([np.repeat(np.arange(trees), 3), scene.dofs.tree]).astype(np.int64)
-    arm = np.concatenate([np.ones(3 * trees), links.lever * np.sqrt(branches(scene))])
+    unknowns["arm"] = np.concatenate([np.ones(3 * trees), links.lever])
+    unknowns["share"] = 1.0
+    arm = unknowns["arm"] * np.sqrt(np.concatenate([np.ones(3 * trees), branches(scene)]))
     yields = np.concatenate([np.ones(3 * trees), links.yields]) * np.isfinite(scene.trees.stiffness[owner])
     yields *= scene.trees.role[owner] == DRIVEN
     stiffness = np.where(np.isfinite(scene.trees.stiffness), scene.trees.stiffness, 0.0)

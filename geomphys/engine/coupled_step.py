@@ -12,7 +12,7 @@ from geomphys.collision.sweep import apart, update_boxes
 from geomphys.driven.coupling import relax
 from geomphys.driven.postures import copy_tree, is_recorded
 from geomphys.driven.state import GIVEN, WAS_GIVEN
-from geomphys.engine.coupled_groups import clear_overlaps, label_groups, take_group
+from geomphys.engine.coupled_groups import label_groups, take_group
 from geomphys.engine.coupled_motion import advance_together, pose_driven_trees
 from geomphys.engine.coupled_state import Coupled
 from geomphys.engine.coupled_unknowns import end_unknown, first_unknown, load_unknowns, pose_driven
@@ -23,7 +23,7 @@ from geomphys.numerics.vec3 import add, add_scaled, norm, scale, slerp, sub
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
 from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, pose_tree, position_of, set_pose
 from geomphys.simulated.driven_paths import extrapolated, is_even
-from geomphys.simulated.update import begin_frame, end_frame
+from geomphys.simulated.update import begin_frame, clear_overlaps, end_frame
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -32,7 +32,7 @@ SUBSTEP = 1.0 / 240.0  # s: where they may meet, driven and simulated bodies alt
 STEP_TOLERANCE = 0.01  # share of a substep by which one may be longer: times of messages are rounded
 MAX_SUBSTEPS = 16  # in a frame
 NEAR = 6e-3  # m: bodies that come no nearer do not meet
-LEAST_OVERLAP = 4e-6  # m: a driven body gives way to a simulated one that is deeper in it
+LEAST_OVERLAP = 5e-8  # m: a driven body gives way to a simulated one that is deeper in it
 
 
 @outlined
@@ -229,7 +229,8 @@ def move_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
                 take_group(scene, m, group)
                 impacts += advance_together(scene, m, roots, angles, dt)
                 pose_driven_trees(scene, m, roots, angles, dt, 0.0, dt)
-                clear_overlaps(m.simulated, dt)
+                m.simulated.counts[0].rows = 0
+                clear_overlaps(m.simulated, dt, 2)
         take_group(scene, m, -1)
     for tree in range(len(scene.trees.role)):
         m.workspace.work.ignored[tree] = 1 if scene.trees.role[tree] == SIMULATED else 0

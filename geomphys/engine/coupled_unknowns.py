@@ -173,13 +173,14 @@ def begin_step(c: Coupled, first: int, last: int, h: float) -> None:
         x.solved = x.inverse_mass = 0.0
         if x.mass == 0.0:
             continue
-        impulse = h * x.stiffness * x.offset
-        whole = x.mass + h * x.damping + h * h * x.stiffness
-        if abs(x.stiffness * x.offset) > x.effort:
+        mass, stiffness, damping = x.share * x.mass, x.share * x.stiffness, x.share * x.damping
+        impulse = h * stiffness * x.offset
+        whole = mass + h * damping + h * h * stiffness
+        if abs(stiffness * x.offset) > x.effort:
             impulse = h * x.effort if x.offset > 0.0 else -h * x.effort
-            whole = x.mass + h * x.damping
+            whole = mass + h * damping
         x.inverse_mass = 1.0 / whole
-        x.solved = (x.mass * x.rate - impulse) / whole
+        x.solved = (mass * x.rate - impulse) / whole
 
 
 @kernel

@@ -20,6 +20,7 @@ SETTLED = 1e-3  # of the gap kept: the moving apart ends when no sweep changes a
 TOUCHING = (
     0.75  # gaps: surfaces that overlap by no more only touch: the last digit of whoever wrote down where they are
 )
+LEFT = 0.025  # gaps: so much at the end of a frame
 CLEAR = 0.05  # gaps: what overlaps by more is moved so far apart; a move that gains less is none
 GIVE = 0.02  # where not all can be free: share by which rows give in to what pushes back, so that overlap is shared out
 
@@ -31,7 +32,7 @@ def is_short(sim: Simulation, k: int) -> bool:
     Things of the scene may touch, as whoever wrote it placed them: to lift one off the other would take energy from
     nowhere.
     """
-    return sim.rows[k].clearance < -TOUCHING * sim.frame[0].gap
+    return bool(sim.rows[k].clearance < -sim.frame[0].tolerance)
 
 
 @kernel

@@ -180,6 +180,7 @@ FRAME = np.dtype(
         ("dt", FLOAT),  # s
         ("gap", FLOAT),  # m: clearance kept
         ("touch", FLOAT),  # m: clearance that counts as touching
+        ("tolerance", FLOAT),  # m: overlap that is left as it is
         ("threshold", FLOAT),  # m/s: slower approaches are resting contact
         ("weight", FLOAT),  # m/s²: |gravity|
         ("extent", FLOAT, 6),  # m: box of all that simulated bodies can reach

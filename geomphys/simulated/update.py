@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import math
 
+from geomphys.collision.penetration import separation
 from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.row_vectors import vec_of
+from geomphys.numerics.row_vectors import add_vec, set_vec, vec_of
 from geomphys.numerics.vec3 import norm
+from geomphys.scene.arrays import DRIVEN
 from geomphys.simulated.collisions import resolve
-from geomphys.simulated.contact_points import add_rows
+from geomphys.simulated.contact_points import add_rows, clear_impulse
 from geomphys.simulated.energy import note_energies, note_new_energies, take_excess
 from geomphys.simulated.frame import QUARANTINED, begin, finish, mark_all, put_back, undo_put_back
 from geomphys.simulated.impact_queue import empty_queue, put, take_out
@@ -22,11 +24,11 @@ from geomphys.simulated.impulse_accumulation import drop_rows
 from geomphys.simulated.islands import concerns_changed, mark_connected
 from geomphys.simulated.motion import move_bases
 from geomphys.simulated.pairs import any_beyond_range, find_pairs
-from geomphys.simulated.position_projection import any_short, project_positions
+from geomphys.simulated.position_projection import LEFT, TOUCHING, any_short, project_positions
 from geomphys.simulated.resting_contact import FEW_SWEEPS, SWEEPS, hold
 from geomphys.simulated.sleeping import wake
 from geomphys.simulated.state import Simulation, has_changed, has_yielded, is_simulated
-from geomphys.simulated.time_of_impact import first_touch, measure_pair
+from geomphys.simulated.time_of_impact import first_touch, measure_pair, pose_pair
 
 STEP = 1.0 / 240.0  # s: contact forces are constant for no longer
 STEP_TOLERANCE = 0.01  # share of a step by which one may be longer: times of messages are rounded
@@ -40,6 +42,7 @@ MISSED = (
 )
 SLOW = 0.05  # m/s: ... and by one if they are slow: lifting them off again takes more energy than they have
 PROJECTION_ROUNDS = 20
+CLEARING_ROUNDS = 5
 
 __all__ = ["IMPACT_BOUND", "QUARANTINED", "simulate"]
 
@@ -144,6 +147,63 @@ def list_pairs_again(sim: Simulation, t: float, until: float) -> None:
     empty_queue(sim)
 
 
+@kernel
+def depth_inside(sim: Simulation, k: int, t: float) -> float:
+    """How deep the changed body of pair k is in what is not driven, at time `t` of the frame [m]; below 0: not at all."""
+    p = sim.pairs[k]
+    if not has_changed(sim, p.body[0]) or p.point_count == 0 or sim.bodies[p.body[1]].role == DRIVEN:
+        return -math.inf
+    pose_pair(sim, k, t)
+    found = separation(sim.pieces, sim.frames, p.piece[0], p.piece[1], 0.0, vec_of(p.axis), sim.scratch)
+    set_vec(p.axis, found[1])
+    return -float(found[0])
+
+
+@kernel
+def clear_together(sim: Simulation, t: float) -> None:
+    """Move changed bodies out of what they are inside of by their contact points, clear of driven links too if that can be."""
+    f = sim.frame[0]
+    for k in range(sim.counts[0].pairs):
+        if has_changed(sim, sim.pairs[k].body[0]):
+            add_rows(sim, k, t)
+    f.tolerance = LEFT * f.gap
+    project_positions(sim)
+    f.tolerance = TOUCHING * f.gap
+    for k in range(sim.counts[0].rows):
+        clear_impulse(sim.rows[k])
+    sim.counts[0].rows = 0
+
+
+@outlined
+def clear_overlaps(sim: Simulation, t: float, awake: int) -> None:
+    """Move bodies whose `awake` is so out of what is not driven where they ended inside it, at time `t` of the frame.
+
+    What sweeps left undone and steps missed, micrometres; velocities are left alone. First together, then pair by pair:
+    contact points of a curved surface need not be where it is deepest. Driven links, which must be placed at `t`, give way
+    afterwards to what came into them by that.
+    """
+    allowed = LEFT * sim.frame[0].gap
+    for s in range(len(sim.free)):
+        sim.bodies[sim.free[s]].changed = 1 if sim.bodies[sim.free[s]].awake == awake else 0
+    for clearing in range(CLEARING_ROUNDS):
+        deepest = -math.inf
+        for k in range(sim.counts[0].pairs):
+            depth = depth_inside(sim, k, t)
+            deepest = max(deepest, depth)
+            if clearing > 0 and depth > allowed:
+                p = sim.pairs[k]
+                a, b = sim.motion[p.body[0]], sim.motion[p.body[1]]
+                share = a.inverse_mass / (a.inverse_mass + b.inverse_mass)
+                add_vec(a.position, vec_of(p.axis), share * (depth + allowed))
+                if is_simulated(sim, p.body[1]):
+                    add_vec(b.position, vec_of(p.axis), (share - 1.0) * (depth + allowed))
+        if deepest <= allowed:
+            return
+        if clearing == 0:
+            drop_rows(sim, t)
+            clear_together(sim, t)
+
+
 @outlined
 def advance(sim: Simulation, t0: float, t1: float, budget: int, max_stops: int) -> tuple[int, int, bool]:
     """Move the simulated bodies from time `t0` of the frame to `t1`, from impact to impact.
@@ -183,6 +243,7 @@ def advance(sim: Simulation, t0: float, t1: float, budget: int, max_stops: int) 
             return impacts, stops, True
     mark_all(sim)
     move_bases(sim, t1)
+    clear_overlaps(sim, t1, 1)
     take_excess(sim)
     return impacts, stops, bound
 
@@ -301,6 +362,7 @@ def begin_frame(sim: Simulation, dt: float, gap: float, goes_on: bool) -> bool:
     f = sim.frame[0]
     f.dt, f.gap, f.touch = dt, gap, TOUCH * gap
     f.weight = norm(vec_of(sim.gravity))
+    f.tolerance = TOUCHING * gap
     f.threshold = max(LEAST_THRESHOLD, 2.0 * f.weight * STEP)
     begin(sim, goes_on)
     find_pairs(sim, 0.0, dt)

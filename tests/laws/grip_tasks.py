@@ -140,6 +140,8 @@ FINGERS = {
     "little": (("mcp_flex", 10, 74), ("pip_flex", 10, 84), ("dip_flex", 8, 56)),
 }
 """Of every finger its joints, with their angles when it is open and when it is closed [deg]."""
+GRASPED = {"ball": (0.068, 0.020, -0.0372), "cube": (0.084, 0.004, -0.0382), "cylinder": (0.070, 0.006, -0.0365)}
+"""m: where a thing's centre is in the hand's palm frame, so that palm, thumb and fingers touch it from sides that carry it."""
 
 
 @dataclass
@@ -187,7 +189,7 @@ def hand(what: str, squeeze: float, folder: Path) -> Grip:
     (folder / "hand.toml").write_text('[scene]\nname = "hand"\n' + scene)
     posed = PosedHand(load_world(folder / "hand.toml"))
     upright = Rotation.from_euler("x", 90, degrees=True)
-    grasped = np.array([0.084, 0.004, -(0.0145 + HALF)])  # m, the thing's centre in the palm's frame
+    grasped = np.array(GRASPED[what])
 
     def angles_at(shares: dict[str, float]) -> dict[str, float]:
         return {

@@ -34,6 +34,25 @@ def write_gripper(path: Path, effort: float, mimic: bool) -> None:
     path.write_text(f'<robot name="gripper">{"".join(parts)}</robot>')
 
 
+def write_fingers(path: Path) -> None:
+    """A palm and two fingers of two revolute joints each, about y, that hang straight down."""
+    parts = [f'<link name="palm">{BOX.format("0 0 0", "0.14 0.05 0.03")}</link>']
+    for name, x in (("left", -0.065), ("right", 0.065)):
+        links = (
+            ("palm", f"{name}_upper", f"{x} 0 -0.016", "0 0 -0.02"),
+            (f"{name}_upper", name, "0 0 -0.05", "0 0 -0.03"),
+        )
+        for parent, link, at, middle in links:
+            parts.append(
+                f'<link name="{link}">{BOX.format(middle, "0.02 0.04 0.03" if link != name else "0.02 0.04 0.04")}</link>'
+            )
+            parts.append(
+                f'<joint name="turn_{link}" type="revolute"><parent link="{parent}"/><child link="{link}"/>'
+                f'<origin xyz="{at}"/><axis xyz="0 1 0"/><limit lower="-1.5" upper="1.5" effort="100" velocity="9"/></joint>'
+            )
+    path.write_text(f'<robot name="fingers">{"".join(parts)}</robot>')
+
+
 def grip(
     folder: Path, mode: str, *, rate: int = 60, squeeze: float = 0.005, seconds: float = 3.0, effort: float = 100.0,
     mimic: bool = False, about: tuple[float, float, float] = (0.0, 0.0, 0.0), keys: str = "", along: float = 0.0,
@@ -73,6 +92,32 @@ def test_fingers_press_by_stiffness_times_depth_and_lift(tmp_path: Path, mode: s
             assert done.force(finger, t) == pytest.approx(5.0, rel=0.01)
     assert done.slip(1.25, 3.0) < SLIP
     assert done.run.path("thing")[-1, 2] == pytest.approx(HALF + 0.2 - 0.2 * 9.81 / 1000, abs=2e-5)
+
+
+@pytest.mark.parametrize("rate", [30, 240])
+def test_joints_that_yield_one_after_the_other_press_by_stiffness_times_depth(tmp_path: Path, rate: int) -> None:
+    write_fingers(tmp_path / "fingers.urdf")
+    avatar = (
+        '[[avatar]]\nname = "fingers"\nurdf = "fingers.urdf"\nmode = "chains"\nmaterial = "human"\n'
+        'root = { topic = "/root" }\njoints = { topic = "/joints" }\n'
+    )
+    things = thing("thing", position=(0, 0, HALF), **CUBE) + floor(material="metal")
+    (tmp_path / "scene.toml").write_text(f'[scene]\nname = "fingers"\n{frictions(0.02)}{avatar}{things}')
+    items = []
+    for t in np.arange(2 * rate + 1) / rate:
+        angle = math.asin(ramp(t, 0.3, 1.0, 0.055 - HALF + 0.005) / 0.05)  # the last links stay upright
+        inwards = {"left": -1.0, "right": 1.0}
+        values = {f"turn_{n}_upper": s * angle for n, s in inwards.items()} | {
+            f"turn_{n}": -s * angle for n, s in inwards.items()
+        }
+        items.append(pose("/root", 1.0 + t, [0, 0, HALF + 0.016 + 0.03 + 0.05 * math.cos(angle), 0, 0, 0, 1]))
+        items.append(joints("/joints", 1.0 + t, values))
+    write_log(tmp_path / "log.mcap", items, encoding="protobuf")
+    world = load_world(tmp_path / "scene.toml")
+    run = Run(world, list(replay(tmp_path / "log.mcap", world, config=Config())))
+    done = Grasp(run, rate, "fingers/left", "fingers/right")
+    for finger in (done.left, done.right):
+        assert done.force(finger, 1.9) == pytest.approx(5.0, rel=0.1)
 
 
 @pytest.mark.parametrize("about", [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)])
