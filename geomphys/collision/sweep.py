@@ -34,7 +34,7 @@ class Boxes(NamedTuple):
     tree_high: Floats  # (T, 3)
     sorted_still: Ints  # (n,) still trees that are not wide, by low x
     sorted_low: Floats  # (n,) their low x
-    widest: Floats  # (1,) the largest of their widths along x
+    widest: float  # m, the largest of their widths along x
     others: Ints  # (m,) trees that move, and wide ones
 
 
@@ -68,7 +68,7 @@ def make_boxes(scene: Scene, frames: Floats) -> Boxes:
     tree_low, tree_high = np.zeros((trees, 3)), np.zeros((trees, 3))
     none = np.zeros(0, np.int64)
     boxes = Boxes(
-        centre, half, piece_low, piece_high, body_low, body_high, tree_low, tree_high, none, np.zeros(0), np.zeros(1), none,
+        centre, half, piece_low, piece_high, body_low, body_high, tree_low, tree_high, none, np.zeros(0), 0.0, none,
     )  # fmt: skip
     packed = pack(scene), pack(boxes)
     for tree in range(trees):
@@ -80,7 +80,7 @@ def make_boxes(scene: Scene, frames: Floats) -> Boxes:
     return boxes._replace(
         sorted_still=ordered,
         sorted_low=np.ascontiguousarray(boxes.tree_low[ordered, 0]),
-        widest=np.array([width[narrow].max(initial=0.0)]),
+        widest=float(width[narrow].max(initial=0.0)),
         others=np.setdiff1d(np.arange(trees), ordered),
     )
 
@@ -136,7 +136,7 @@ def near_trees(boxes: Boxes, tree: int, margin: float, found: Ints) -> int:
     """
     count = 0
     low, high = boxes.tree_low[tree, 0] - margin, boxes.tree_high[tree, 0] + margin
-    start = np.searchsorted(boxes.sorted_low, low - boxes.widest[0])
+    start = np.searchsorted(boxes.sorted_low, low - boxes.widest)
     for k in range(start, len(boxes.sorted_still)):
         if boxes.sorted_low[k] > high:
             break

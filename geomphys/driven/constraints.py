@@ -92,7 +92,7 @@ def forget_spots(ws: DrivenWorkspace) -> None:
     """No pair has touched yet."""
     for i in range(len(ws.work.spot)):
         ws.work.spot[i, 0] = -1
-    ws.work.spot_next[0] = 0
+    ws.work.counts.next_spot = 0
 
 
 @kernel
@@ -119,8 +119,8 @@ def _remember_spot(scene: Scene, ws: DrivenWorkspace, poses: Floats, k: int) -> 
                 slot = i
                 break
     if slot < 0:
-        slot = work.spot_next[0]
-        work.spot_next[0] = (slot + 1) % len(work.spot)
+        slot = work.counts.next_spot
+        work.counts.next_spot = (slot + 1) % len(work.spot)
     work.spot[slot, 0], work.spot[slot, 1] = a, b
     for i in range(3):
         work.spot_at[slot, i] = near.normal[k, i]
@@ -167,7 +167,7 @@ def add_term(ws: DrivenWorkspace, row: Floats, unknowns: int, weight: float, r: 
 def request_touching(ws: DrivenWorkspace) -> None:
     """Only pairs that touch get a row at first: others turn out to be in the way, or not."""
     near = ws.near
-    for k in range(near.filled[0]):
+    for k in range(near.counts.filled):
         ws.row_state[k] = REQUESTED if near.exact[k] == 1 and near.separation[k] < ON and concerns(ws, k) else NO_ROW
 
 
@@ -178,7 +178,7 @@ def add_pairs(scene: Scene, ws: DrivenWorkspace, now: Posture, gap: float, m: in
     `soft`: pairs that overlap get a dear term in the objective instead.
     """
     near = ws.near
-    for k in range(near.filled[0]):
+    for k in range(near.counts.filled):
         if ws.row_state[k] != REQUESTED or m == len(ws.problem.least.bounds):
             continue
         s, n = near.separation[k], vec_of(near.normal, k)

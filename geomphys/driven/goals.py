@@ -37,7 +37,7 @@ def take_limits(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: F
         work.extrapolated[q] = work.expected[q] = angles[q]
         work.used_low[q] = min(state.used_low[q], angles[q]) - ws.weights.stretch
         work.used_high[q] = max(state.used_high[q], angles[q]) + ws.weights.stretch
-        if state.started[0] == STARTED_FREE:
+        if state.progress.start == STARTED_FREE:
             change = steady_change(ws, q, angles[q] - state.recorded.angles[q])
             work.extrapolated[q] = min(max(last[q] + change, work.low[q]), work.high[q])
             work.expected[q] = work.extrapolated[q] + ws.weights.trend * state.joint_step[q]

@@ -75,9 +75,9 @@ def find_concerned(scene: Scene, ws: DrivenWorkspace, enough: float) -> float:
     Pairs that are seen to be `enough` [m] apart are not measured: theirs is a lower bound.
     """
     p = ws.piece_frames
-    find_near(scene, p.frames, ws.boxes, p.reach, 0.0, enough, ws.near, p.found, ws.axes, ws.scratch)
+    find_near(scene, p.frames, p.reach, 0.0, enough, ws.near, ws.detection)
     least = math.inf
-    for k in range(ws.near.filled[0]):
+    for k in range(ws.near.counts.filled):
         if concerns(ws, k):
             least = min(least, ws.near.separation[k])
     return least
@@ -94,7 +94,7 @@ def measure_near_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough: 
         p.reach[tree, 0] = p.reach[tree, 1] = -math.inf if ws.work.ignored[tree] == 1 else 0.0
         if ws.work.kind[tree] != LOCKED:
             p.reach[tree, 0] = p.reach[tree, 1] = reach
-            update_boxes(scene, p.frames, ws.boxes, tree)
+            update_boxes(scene, p.frames, ws.detection.boxes, tree)
     return find_concerned(scene, ws, enough)
 
 
@@ -106,19 +106,21 @@ def update_separations(scene: Scene, ws: DrivenWorkspace, limit: float, enough: 
     than `enough` [m] are looked at, and measured within `limit` [m].
     """
     near, motion, least = ws.near, ws.work.motion, math.inf
-    for k in range(near.filled[0]):
+    for k in range(near.counts.filled):
         if not concerns(ws, k):
             continue
         a, b = near.a[k], near.b[k]
         s = near.separation[k] - (motion[a] + motion[b])
         near.exact[k] = 0
         if s < enough:
-            s, n = pair_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.axes)
+            s, n = pair_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
             for i in range(3):
                 near.normal[k, i] = n[i]
         near.separation[k] = s
         if s < enough:
-            s = measure_near(scene.pieces, ws.piece_frames.frames, k, limit, near, ws.axes, ws.scratch)
+            s = measure_near(
+                scene.pieces, ws.piece_frames.frames, k, limit, near, ws.detection.axes, ws.detection.scratch
+            )
         least = min(least, s)
     return least
 

@@ -48,7 +48,7 @@ def _go_where_free(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> boo
     some = False
     for tree in range(len(work.kind)):
         work.hit[tree], work.group[tree] = 0, tree
-    for k in range(near.filled[0]):
+    for k in range(near.counts.filled):
         if not concerns(ws, k) or (work.hit[near.tree_a[k]] == 1 and work.hit[near.tree_b[k]] == 1):
             continue
         if near.separation[k] < 0.0 or not path_of_pair_is_free(scene, ws, work.goal, k):
@@ -57,7 +57,7 @@ def _go_where_free(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> boo
     changed = some
     while changed:  # trees that may meet one that is stopped
         changed = False
-        for k in range(near.filled[0]):
+        for k in range(near.counts.filled):
             a, b = near.tree_a[k], near.tree_b[k]
             if scene.trees.role[b] != DRIVEN or work.hit[a] + work.hit[b] == 0:
                 continue
@@ -74,7 +74,7 @@ def _go_where_free(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> boo
             for target in (work.now, work.trial, work.start, work.best):
                 copy_tree(scene, work.before, tree, target)
             pose_with_pieces(scene, ws, work.before, tree)
-            update_boxes(scene, ws.piece_frames.frames, ws.boxes, tree)
+            update_boxes(scene, ws.piece_frames.frames, ws.detection.boxes, tree)
     return some
 
 
@@ -106,7 +106,7 @@ def update_driven(
     gap
         m; clearance kept.
     """
-    work, first = ws.work, state.started[0] != STARTED_FREE
+    work, first = ws.work, state.progress.start != STARTED_FREE
     if first:
         for tree in range(len(scene.trees.role)):
             if scene.trees.role[tree] == DRIVEN:
@@ -144,7 +144,8 @@ def update_driven(
             )  # fmt: skip
     _finish(scene, state, ws)
     note_offsets(scene, state, ws, roots, angles, recorded)
-    state.started[0] = NEVER_FREE if first and not done.converged else STARTED_FREE
+    state.progress.updates += 1
+    state.progress.start = NEVER_FREE if first and not done.converged else STARTED_FREE
     yielded = done.yielded
     for tree in range(len(scene.trees.role)):
         if state.deformed[tree] == 0 and state.given[tree] == WAS_GIVEN:

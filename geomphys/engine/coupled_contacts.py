@@ -155,10 +155,10 @@ def find_bounds(scene: Scene, m: Machine, t: float, h: float, margin: float) -> 
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN and c.trees[tree].solved == 1:
             pose_pieces_of_tree(scene, tree, c.now.poses, p.frames)
-            update_boxes(scene, p.frames, m.boxes, tree)
+            update_boxes(scene, p.frames, m.detection.boxes, tree)
             bound_joints(scene, m, tree, h)
-    find_near(scene, p.frames, m.boxes, m.still, margin, math.inf, near, p.found, m.axes, m.scratch)
-    for k in range(near.filled[0]):
+    find_near(scene, p.frames, m.still, margin, math.inf, near, m.detection)
+    for k in range(near.counts.filled):
         a, b = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
         if scene.bodies.role[b] == SIMULATED or not (is_solved(scene, c, a) or is_solved(scene, c, b)):
             continue

@@ -123,7 +123,7 @@ def pose_simulated(scene: Scene, m: Machine, tree: int, poses: Floats) -> None:
     p = m.workspace.piece_frames
     for frames in (p.base, p.frames, p.moved):
         pose_pieces_of_tree(scene, tree, poses, frames)
-    update_boxes(scene, p.base, m.boxes, tree)
+    update_boxes(scene, p.base, m.detection.boxes, tree)
 
 
 @kernel
@@ -160,7 +160,13 @@ def substeps_of(scene: Scene, m: Machine, dt: float) -> int:
             reach = moved + dt * speed + norm(off) + NEAR
             for link in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
                 if not apart(
-                    m.boxes.body_low, m.boxes.body_high, m.boxes.body_low, m.boxes.body_high, link, body, reach
+                    m.detection.boxes.body_low,
+                    m.detection.boxes.body_high,
+                    m.detection.boxes.body_low,
+                    m.detection.boxes.body_high,
+                    link,
+                    body,
+                    reach,
                 ):
                     return min(most, MAX_SUBSTEPS)
     return 1
@@ -264,9 +270,9 @@ def yield_to_simulated(scene: Scene, m: Machine, params: StepParameters) -> int:
     p, near = m.workspace.piece_frames, m.workspace.near
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
-            update_boxes(scene, p.frames, m.boxes, tree)
-    find_near(scene, p.frames, m.boxes, m.still, 0.0, math.inf, near, p.found, m.axes, m.scratch)
-    for k in range(near.filled[0]):
+            update_boxes(scene, p.frames, m.detection.boxes, tree)
+    find_near(scene, p.frames, m.still, 0.0, math.inf, near, m.detection)
+    for k in range(near.counts.filled):
         if near.separation[k] < -LEAST_OVERLAP and scene.trees.role[near.tree_b[k]] == SIMULATED:
             note_simulated(scene, m)
             rounds = yield_by_method(scene, m, params.method)

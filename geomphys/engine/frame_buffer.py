@@ -73,10 +73,10 @@ def has_capacity(block: Block, frame: int) -> bool:
 
 
 @kernel
-def write_depths(block: Block, frame: int, depths: GlobalDepths, method: int) -> None:
-    """Append the global depths of a frame."""
+def write_depths(block: Block, frame: int, depths: GlobalDepths, count: int, method: int) -> None:
+    """Append the global depths of a frame: those of `count` pairs of bodies."""
     row = block.depth_end[frame]
-    for k in range(min(depths.filled[0], len(block.depth_bodies) - row)):
+    for k in range(min(count, len(block.depth_bodies) - row)):
         block.depth_bodies[row, 0], block.depth_bodies[row, 1] = depths.body_a[k], depths.body_b[k]
         block.depth_numbers[row, 0], block.depth_numbers[row, 1] = depths.pairs[k], method
         for i in range(3):
@@ -111,7 +111,7 @@ def write_contacts(
         The deepest overlap that is left, m.
     """
     row, deepest, points_a, points_b = block.contact_end[frame], 0.0, scratch.on_a, scratch.on_b
-    for k in range(near.filled[0]):
+    for k in range(near.counts.filled):
         s = near.separation[k]
         deepest = max(deepest, -s)
         if scene.trees.role[near.tree_a[k]] == SIMULATED or scene.trees.role[near.tree_b[k]] == SIMULATED:

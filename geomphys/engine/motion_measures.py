@@ -45,27 +45,39 @@ DEEP = 5e-4  # m: amplification is measured in frames recorded deeper than this
 @kernel
 def _find_contacts(scene: Scene, m: Machine, frames: Floats, contacts: TipContacts) -> int:
     """Fill the contacts of fingertips with pieces at `frames` (P, 12), whose boxes are up to date; returns their number."""
-    near, tips, found = m.workspace.near, m.fingertips, m.workspace.piece_frames.found
+    near, tips, found = m.workspace.near, m.fingertips, m.detection.found
     last_tree, others, count = -1, 0, 0
     for i in range(len(tips.link)):
         contacts.gap[i] = math.inf
         tree = scene.bodies.tree[tips.link[i]]
         if tree != last_tree:
-            others, last_tree = near_trees(m.boxes, tree, IN_CONTACT, found), tree
-        near.filled[0] = 0
+            others, last_tree = near_trees(m.detection.boxes, tree, IN_CONTACT, found), tree
+        near.counts.filled = 0
         for k in range(others):
             for j in range(tips.body_start[i], tips.body_start[i + 1]):
                 body, other = tips.bodies[j], found[k]
                 if apart(
-                    m.boxes.body_low, m.boxes.body_high, m.boxes.tree_low, m.boxes.tree_high, body, other, IN_CONTACT
+                    m.detection.boxes.body_low,
+                    m.detection.boxes.body_high,
+                    m.detection.boxes.tree_low,
+                    m.detection.boxes.tree_high,
+                    body,
+                    other,
+                    IN_CONTACT,
                 ):
                     continue
                 for b in range(scene.trees.body_start[other], scene.trees.body_start[other + 1]):
                     if not apart(
-                        m.boxes.body_low, m.boxes.body_high, m.boxes.body_low, m.boxes.body_high, body, b, IN_CONTACT
+                        m.detection.boxes.body_low,
+                        m.detection.boxes.body_high,
+                        m.detection.boxes.body_low,
+                        m.detection.boxes.body_high,
+                        body,
+                        b,
+                        IN_CONTACT,
                     ):
-                        near_bodies(scene, frames, m.boxes, body, b, IN_CONTACT, math.inf, near, m.tip_axes, m.scratch)
-        for k in range(near.filled[0]):
+                        near_bodies(scene, frames, body, b, IN_CONTACT, math.inf, near, m.tip_detection)
+        for k in range(near.counts.filled):
             if near.separation[k] < contacts.gap[i]:
                 contacts.gap[i], contacts.piece[i] = near.separation[k], near.b[k]
                 set_vec_at(contacts.point, i, vec_at(near.point_b, k))
@@ -79,7 +91,7 @@ def _update_driven_boxes(scene: Scene, m: Machine, frames: Floats) -> None:
     """Boxes of driven trees with their pieces at `frames` (P, 12)."""
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
-            update_boxes(scene, frames, m.boxes, tree)
+            update_boxes(scene, frames, m.detection.boxes, tree)
 
 
 @kernel
@@ -105,7 +117,7 @@ def largest_offset(scene: Scene, m: Machine) -> float:
     for i in range(len(scene.pieces.kind)):
         if scene.bodies.role[scene.pieces.body[i]] != DRIVEN:
             continue
-        centre, half = vec_at(m.boxes.local_centre, i), vec_at(m.boxes.local_half, i)
+        centre, half = vec_at(m.detection.boxes.local_centre, i), vec_at(m.detection.boxes.local_half, i)
         for side in ((half[0], 0.0, 0.0), (0.0, half[1], 0.0), (0.0, 0.0, half[2])):
             largest = max(largest, norm(_offset(base, frames, i, add(centre, side))))
             largest = max(largest, norm(_offset(base, frames, i, add(centre, neg(side)))))

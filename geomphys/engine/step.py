@@ -14,6 +14,7 @@ from geomphys.collision.sweep import update_boxes
 from geomphys.driven.contacts_kept import RECORDED_ON, note_touches
 from geomphys.driven.groups import Outcome
 from geomphys.driven.postures import is_recorded
+from geomphys.driven.state import NOT_STARTED
 from geomphys.engine.coupled_step import (
     curve_path,
     fit_recorded_paths,
@@ -85,42 +86,31 @@ def pose_recording(scene: Scene, m: Machine, roots: Floats, angles: Floats) -> N
             continue
         pose_tree(scene, m.workspace.origins, tree, roots, angles, m.recorded)
         pose_pieces_of_tree(scene, tree, m.recorded, m.workspace.piece_frames.base)
-        update_boxes(scene, m.workspace.piece_frames.base, m.boxes, tree)
+        update_boxes(scene, m.workspace.piece_frames.base, m.detection.boxes, tree)
 
 
 @outlined
-def measure_recorded(scene: Scene, m: Machine) -> float:
+def measure_recorded(scene: Scene, m: Machine) -> tuple[float, int]:
     """Overlaps of the recorded poses: fills `near` and `depths`; returns the deepest [m] of driven bodies with fixed and
-    other driven ones.
+    other driven ones, and the number of pairs of bodies in `depths`.
     """
     near, depth, touching = m.workspace.near, m.workspace.work.depth, 0.0
     for tree in range(len(scene.trees.role)):
         depth[tree] = 0.0
         if scene.trees.role[tree] == DRIVEN and scene.trees.dof_start[tree + 1] > scene.trees.dof_start[tree]:
             touching = RECORDED_ON
-    find_near(
-        scene,
-        m.workspace.piece_frames.base,
-        m.boxes,
-        m.still,
-        touching,
-        math.inf,
-        near,
-        m.workspace.piece_frames.found,
-        m.axes,
-        m.scratch,
-    )
-    global_depths(scene.pieces, near, m.depths)
+    find_near(scene, m.workspace.piece_frames.base, m.still, touching, math.inf, near, m.detection)
+    overlapping = global_depths(scene.pieces, near, m.depths)
     if touching > 0.0:
         note_touches(scene, m.workspace, near)
     deepest = 0.0
-    for k in range(near.filled[0]):
+    for k in range(near.counts.filled):
         deep = -near.separation[k]
         depth[near.tree_a[k]] = max(depth[near.tree_a[k]], deep)
         depth[near.tree_b[k]] = max(depth[near.tree_b[k]], deep)
         if scene.trees.role[near.tree_b[k]] != SIMULATED:
             deepest = max(deepest, deep)
-    return deepest
+    return deepest, overlapping
 
 
 @outlined
@@ -131,12 +121,10 @@ def find_contacts(scene: Scene, m: Machine, gap: float, first: bool, block: Bloc
     piece_frames, near = m.workspace.piece_frames, m.workspace.near
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
-            update_boxes(scene, piece_frames.frames, m.boxes, tree)
+            update_boxes(scene, piece_frames.frames, m.detection.boxes, tree)
     margin = CONTACT_GAPS * gap
-    find_near(
-        scene, piece_frames.frames, m.boxes, m.still, margin, math.inf, near, piece_frames.found, m.axes, m.scratch
-    )
-    of_driven = write_contacts(scene, piece_frames.frames, near, m.driven.offset, block, frame, m.scratch)
+    find_near(scene, piece_frames.frames, m.still, margin, math.inf, near, m.detection)
+    of_driven = write_contacts(scene, piece_frames.frames, near, m.driven.offset, block, frame, m.detection.scratch)
     deepest = of_driven
     if len(m.simulated.free) > 0:
         left = (
@@ -199,12 +187,12 @@ def step(
     `dt` [s] is the time since the frame before it; the first frame's does not matter.
     """
     lengths, numbers, clock = block.lengths[frame], block.numbers[frame], block.cycles[frame]
-    first = m.driven.started[0] == 0
+    first = m.driven.progress.start == NOT_STARTED
     t0 = cycles()
     keep_poses(scene, m)
     pose_recording(scene, m, roots, angles)
     t1 = cycles()
-    lengths[RECORDED] = measure_recorded(scene, m)
+    lengths[RECORDED], overlapping = measure_recorded(scene, m)
     t2 = cycles()
     if len(m.simulated.free) > 0:
         fit_recorded_paths(scene, m, roots, dt, first)
@@ -247,7 +235,7 @@ def step(
                 flags |= contain_driven(scene, m, now_at, joint_values, first)
         simulating += cycles() - t3
     t4 = cycles()
-    write_depths(block, frame, m.depths, done.method)
+    write_depths(block, frame, m.depths, overlapping, done.method)
     lengths[RESIDUAL], left = find_contacts(scene, m, params.gap, first, block, frame)
     measure_correction(scene, m, lengths)
     measure_motion(scene, m, lengths, numbers)
@@ -277,7 +265,7 @@ def step(
     clock[KINEMATICS], clock[RECORDED_DEPTH], clock[OVERLAP] = t1 - t0, t2 - t1, t4 - t2 - simulating
     clock[IMPULSES], clock[CONTACTS], clock[WHOLE] = simulating, t5 - t4, t5 - t0
     counts = block.counts[frame]
-    counts[KINEMATICS], counts[RECORDED_DEPTH], counts[OVERLAP] = len(block.moving), m.depths.filled[0], done.rounds
+    counts[KINEMATICS], counts[RECORDED_DEPTH], counts[OVERLAP] = len(block.moving), overlapping, done.rounds
     counts[IMPULSES], counts[WHOLE] = impacts, 1
     counts[CONTACTS] = block.contact_end[frame + 1] - block.contact_end[frame]
 
@@ -311,7 +299,7 @@ def run_block(
         if not has_capacity(block, frame):
             return frame
         step(scene, m, recording.roots[frame], recording.angles[frame], recording.dts[frame], params, block, frame)
-        if m.workspace.near.lost[0] > 0:  # the table of near pairs is full: the caller ends the replay
+        if m.workspace.near.counts.lost > 0:  # the table of near pairs is full: the caller ends the replay
             return frame
     return len(recording.dts)
 

@@ -62,7 +62,7 @@ class _Pass:
         self.branches = branch_names(route.model, tuple(route.links))
         self.distances = DistanceSamples(find_segments(route.model, self.branches)) if self.scale != "none" else None
         rotations = OrientationSamples(route.model, route.oriented)
-        fits_root = route.model.fits_root[0] and not route.in_hand
+        fits_root = route.model.fits_root and not route.in_hand
         self.rotations = rotations if fits_root and rotations.is_possible else None
 
     @property

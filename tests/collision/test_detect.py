@@ -23,7 +23,7 @@ def near_of(run: Run, machine: object, frame: int) -> dict[tuple[int, int], floa
     pose_recording(pack(run.world.scene), packed, f.roots, f.angles)
     measure_recorded(pack(run.world.scene), packed)
     near = machine.workspace.near
-    return {(int(near.a[k]), int(near.b[k])): float(near.separation[k]) for k in range(near.filled[0])}
+    return {(int(near.a[k]), int(near.b[k])): float(near.separation[k]) for k in range(near.counts["filled"])}
 
 
 def test_no_overlap_is_missed_and_none_invented(run: Run) -> None:

@@ -191,11 +191,6 @@ def test_a_word_that_only_contains_one_is_none(name: str) -> None:
 
 MOST_PARAMETERS = 8
 
-MANY_PARAMETERS = {
-    "collision.detect": "find_near near_bodies near_pairs_of_trees near_pairs_within_tree",
-}
-"""Module -> its kernels with more parameters than `MOST_PARAMETERS`. Only ever shorter: hand on a record instead."""
-
 
 def kernels(module: ast.Module) -> Iterator[ast.FunctionDef]:
     """The compiled functions of a module."""
@@ -219,9 +214,7 @@ def test_kernels_take_few_parameters() -> None:
         for function in kernels(tree(path))
         if parameter_count(function) > MOST_PARAMETERS
     }
-    listed = {f"{name}.{function}" for name, functions in MANY_PARAMETERS.items() for function in functions.split()}
-    assert not many - listed, f"more than {MOST_PARAMETERS} parameters: pass a record: {sorted(many - listed)}"
-    assert not listed - many, f"have fewer now, or are gone: take out of MANY_PARAMETERS: {sorted(listed - many)}"
+    assert not many, f"more than {MOST_PARAMETERS} parameters: pass a record: {sorted(many)}"
 
 
 def test_parameters_of_kernels_are_counted() -> None:
