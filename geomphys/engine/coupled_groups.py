@@ -63,14 +63,14 @@ def label_groups(scene: Scene, m: Machine) -> bool:
     sim, c, some = m.simulated, m.coupled, False
     for tree in range(len(c.trees)):
         c.trees[tree].group = -1
-    for k in range(sim.counts[0].pairs):
+    for k in range(sim.counts.pairs):
         if may_press(m, k):
             a, b = island_tree(sim, sim.pairs[k].body[0]), sim.bodies[sim.pairs[k].body[1]].tree
             c.trees[a].group, c.trees[b].group, some = a, b, True
     changed = some
     while changed:
         changed = False
-        for k in range(sim.counts[0].pairs):
+        for k in range(sim.counts.pairs):
             if may_press(m, k):
                 a, b = island_tree(sim, sim.pairs[k].body[0]), sim.bodies[sim.pairs[k].body[1]].tree
                 changed = unite(c, a, b) or changed
@@ -86,7 +86,7 @@ def label_groups(scene: Scene, m: Machine) -> bool:
         body = sim.bodies[sim.free[s]]
         if some and body.awake == 1 and c.trees[island_tree(sim, sim.free[s])].group >= 0:
             body.awake = 3
-    for k in range(sim.counts[0].pairs):
+    for k in range(sim.counts.pairs):
         if some and sim.bodies[sim.pairs[k].body[0]].awake != 3:
             sim.pairs[k].touching = 0
     return some
@@ -112,11 +112,11 @@ def clear_overlaps(sim: Simulation, t: float) -> None:
 
     What sweeps left undone, micrometres. Driven links, which must be placed at time `t`, are kept clear of if that can be.
     """
-    short, gap = False, sim.frame[0].gap
+    short, gap = False, sim.frame.gap
     for s in range(len(sim.free)):
         sim.bodies[sim.free[s]].changed = 1 if sim.bodies[sim.free[s]].awake == 2 else 0
-    sim.counts[0].rows = 0
-    for k in range(sim.counts[0].pairs):
+    sim.counts.rows = 0
+    for k in range(sim.counts.pairs):
         p = sim.pairs[k]
         if sim.bodies[p.body[0]].awake == 2 and sim.bodies[p.body[1]].role != DRIVEN:
             pose_pair(sim, k, t)
@@ -124,10 +124,10 @@ def clear_overlaps(sim: Simulation, t: float) -> None:
             short = short or found[0] < -TOUCHING * gap
     if not short:
         return
-    for k in range(sim.counts[0].pairs):
+    for k in range(sim.counts.pairs):
         if sim.bodies[sim.pairs[k].body[0]].awake == 2:
             add_rows(sim, k, t)
     project_positions(sim)
-    for k in range(sim.counts[0].rows):
+    for k in range(sim.counts.rows):
         clear_impulse(sim.rows[k])
-    sim.counts[0].rows = 0
+    sim.counts.rows = 0

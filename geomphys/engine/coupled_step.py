@@ -227,7 +227,7 @@ def move_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
     c, state = m.coupled, m.driven
     load_unknowns(scene, m, roots, angles, dt)
     lay_paths(scene, m, roots, angles, dt)
-    m.coupled.solve[0].awake = 1 if begin_frame(m.simulated, dt, gap, goes_on) else 0
+    m.coupled.solve.awake = 1 if begin_frame(m.simulated, dt, gap, goes_on) else 0
     impacts = 0
     if label_groups(scene, m):
         for group in range(len(c.trees)):
@@ -251,7 +251,7 @@ def move_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
 @outlined
 def simulate_rest(scene: Scene, m: Machine, most_impacts: int) -> tuple[int, int]:
     """Move the simulated bodies that met no driven one; ends the frame of the simulated loop. Returns impacts and flags."""
-    impacts, flags = end_frame(m.simulated, most_impacts, m.coupled.solve[0].awake == 1)
+    impacts, flags = end_frame(m.simulated, most_impacts, m.coupled.solve.awake == 1)
     for tree in range(len(scene.trees.role)):
         m.workspace.work.ignored[tree] = 0
         if m.driven.given[tree] == GIVEN:

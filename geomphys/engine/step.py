@@ -213,9 +213,9 @@ def step(
         moves = not first and len(m.simulated.free) > 0 and dt > 0.0
         if moves:
             impacts += move_together(scene, m, now_at, joint_values, dt / parts, params.gap, part > 0)
-            if m.coupled.solve[0].unsettled > 0:
+            if m.coupled.solve.unsettled > 0:
                 flags |= FLAG_SWEEP_BOUND
-            if m.coupled.solve[0].lost > 0:
+            if m.coupled.solve.lost > 0:
                 flags |= FLAG_IMPACT_BOUND
         simulating += cycles() - t3
         more = drive(scene, m, now_at, joint_values, dt / parts, first, params)
