@@ -23,7 +23,7 @@ class GlobalDepths(NamedTuple):
 
     body_a: Ints  # (n,)
     body_b: Ints  # (n,)
-    pd: Floats  # (n, 3) m, PD_g: how far and whither a must move
+    pd: Floats  # (n, 3) m, PD_g: the translation of a that resolves the overlap
     pairs: Ints  # (n,) overlapping pairs of pieces
     largest: Floats  # (n,) m, deepest of them
 

@@ -1,9 +1,9 @@
-"""Contacts that were there stay there: a fingertip recorded on something ends on it.
+"""Keeps recorded contacts: a fingertip that was recorded on something ends on it.
 
 A soft term pulls the gap of a link at the end of a chain to the recorded one, or to zero where it was recorded inside, by
-the chain's own joints alone: the palm would otherwise be drawn along. Only what is fixed or tracked pulls; for two hands,
-or all the time, it does harm. The fingers of a hand in one piece close no faster than `Weights.closing_speed`: they would
-snap to what the hand was shifted off.
+the joints of its own chain alone, so that the palm is not moved by it. Only contacts with fixed or tracked bodies count: between
+two hands the term makes motion worse. The fingers of a rigid hand close no faster than `Weights.closing_speed`: they would
+otherwise jump to what the hand was translated away from.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def note_touches(scene: Scene, ws: DrivenWorkspace, near: Near) -> None:
 
 @kernel
 def forget_touches(scene: Scene, ws: DrivenWorkspace, tree: int) -> None:
-    """Drop the recorded contacts of a tree: the contact solve has said how it presses."""
+    """Drop the recorded contacts of a tree: the coupled contact solve has placed it."""
     work, count = ws.work, 0
     for i in range(work.counts.touches):
         if scene.bodies.tree[work.touch[i, 0]] != tree:
@@ -83,7 +83,7 @@ def measure_touches(scene: Scene, ws: DrivenWorkspace, limit: float) -> None:
 
 @kernel
 def _is_touch(scene: Scene, ws: DrivenWorkspace, k: int, tip: int, other: int) -> bool:
-    """Whether the near pair k is of a tip, or what hangs on it, and another body."""
+    """Whether the near pair k is of a tip, or what is fixed to it, and another body."""
     a, b, holder = scene.pieces.body[ws.near.a[k]], scene.pieces.body[ws.near.b[k]], ws.links.holder
     return bool((holder[a] == tip and b == other) or (holder[b] == tip and a == other))
 
@@ -111,7 +111,7 @@ def set_touch_goals(scene: Scene, ws: DrivenWorkspace) -> None:
 
 @outlined
 def add_touches(scene: Scene, ws: DrivenWorkspace, now: Posture, unknowns: int) -> float:
-    """Terms of the recorded contacts of trees that bend; returns their energy."""
+    """Adds the terms of the recorded contacts of articulated trees; returns their energy."""
     work, near, energy = ws.work, ws.near, 0.0
     row = ws.problem.least.rows[len(ws.problem.least.bounds) - 1]
     for i in range(work.counts.touches):

@@ -1,4 +1,4 @@
-"""What the coupling asks driven trees for: the posture nearest to their targets, whatever is in the way; limits, branches."""
+"""Goals of the coupling: the posture of each driven tree nearest to its targets, collisions ignored; limits, branches."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def take_limits(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: F
 
 @outlined
 def _fit(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, roots: Floats, angles: Floats) -> None:
-    """Bring the bent tree in `goal` as near to its targets as it can be, whatever is in the way."""
+    """Bring a tree whose joints are off, in `goal`, as near to its targets as it can be, collisions ignored."""
     work, goal, target = ws.work, ws.work.goal, ws.work.target
     root = scene.trees.body_start[tree]
     if scene.trees.body_start[tree + 1] == root + 1:

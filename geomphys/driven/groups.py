@@ -37,9 +37,9 @@ class Outcome(NamedTuple):
 
     rounds: int
     method: int  # as in results.METHODS
-    fallbacks: int  # steps cut into parts, and searches for a way out
+    fallbacks: int  # steps cut into parts, and searches for a depenetration
     converged: bool
-    yielded: bool  # a tree in one piece gave up its shape or turn
+    yielded: bool  # a rigid tree changed its shape or rotation
 
 
 @outlined
@@ -112,7 +112,7 @@ def is_shifted_too_far(scene: Scene, state: DrivenState, ws: DrivenWorkspace, ro
 def _search_straight(scene: Scene, ws: DrivenWorkspace, angles: Floats, gap: float, tethered: bool) -> Found:
     """Search from the free start in `SearchWorkspace.now`; what is found can be reached straight from where the step began.
 
-    Only where that turns out not to be so is it asked for in every pass.
+    Only where that fails is it required in every pass.
     """
     work = ws.work
     copy_moving(scene, ws, work.now, work.start)
@@ -268,7 +268,7 @@ def _set_joints_to_zero(scene: Scene, ws: DrivenWorkspace, source: Posture, targ
 
 @outlined
 def solve_first(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: Floats, gap: float) -> Outcome:
-    """The first frame: nothing was anywhere before, so any way out will do."""
+    """The first frame: there is no motion to keep to, so any free posture near the recorded one will do."""
     work, passes, fallbacks, converged = ws.work, 0, 0, True
     for tree in range(len(work.kind)):
         work.deviation_limit[tree] = math.inf

@@ -1,8 +1,8 @@
 """Whether a posture is free, and can be reached from where the step of the frame began.
 
-Many postures of a frame are asked about. The pairs that they may meet are listed once, as they are at the goal; how far a
+Many postures are checked in a frame. The pairs that may collide in them are listed once, as they are at the goal; how far a
 pair is apart at the goal, less how far both pieces go from there to the posture, bounds how far they are apart at the posture.
-Only pairs that this bound does not part for the whole way are looked at.
+Only pairs that this bound does not separate on the whole path are measured.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ AMPLE, MARGIN = 2.0, 12e-3  # times the motion of the goal, and m: how far postu
 def _note_travel(scene: Scene, before: Floats, after: Floats, tree: int, travel: Floats) -> float:
     """How far the pieces of a tree go between poses (B, 7): rows (P, 4) of `travel`; returns the farthest [m].
 
-    A row holds how far the centre goes, and how far turning moves any point at most [m].
+    A row holds how far the centre goes, and how far rotation moves any point at most [m].
     """
     far = 0.0
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
@@ -80,7 +80,7 @@ def _farthest(scene: Scene, motion: Floats, tree: int) -> float:
 
 @outlined
 def measure_swept_pairs(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> float:
-    """Near pairs of the trees that yield, placed at `posture`, which they may have met on the way from where the step began.
+    """Near pairs of the trees that yield, placed at `posture`, which they may have touched on the path from where the step began.
 
     Returns the least separation; it is measured where pairs overlap, and a lower bound elsewhere.
     """
@@ -131,7 +131,7 @@ def forget_pairs(ws: DrivenWorkspace) -> None:
 
 @outlined
 def list_pairs(scene: Scene, ws: DrivenWorkspace) -> None:
-    """List the pairs that the trees that yield may meet on the way to a posture about the goal; places them at the goal.
+    """List the pairs that may touch while the trees that yield go to a posture near the goal; places them at the goal.
 
     None is measured: a bound of how far they are apart will do, also where they overlap.
     """

@@ -1,8 +1,8 @@
 """The search: a sequence of quadratic problems from a free posture to the best one that can be reached from it.
 
 Each pass solves the problem linear about the iterate and goes there, or a part of the way: only as far as no pair comes
-to overlap more than a trifle and every pair's way is certified (`advancement`). The step bound starts at 10 mm, grows
-when it is reached, and is halved only when the way turns back or had to be shortened.
+to overlap more than is tolerated and the path of every pair is certified (`advancement`). The step bound starts at 10 mm, grows
+when it is reached, and is halved only when the step reverses or had to be shortened.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ def _measure_at_iterate(scene: Scene, ws: DrivenWorkspace, k: int, limit: float)
 
 @outlined
 def _request_rows(scene: Scene, ws: DrivenWorkspace, gap: float, limit: float) -> bool:
-    """Want rows for near pairs without one that the solution takes into each other, a share of the way at most; any?"""
+    """Request rows for near pairs without one that the solution, or a share of it, makes overlap; whether there are any."""
     near, work, some = ws.near, ws.work, False
     apply_solution(scene, ws, 1.0)
     far = measure_motion(scene, ws, work.now, work.trial)
@@ -188,7 +188,7 @@ def _solve_linear(
 ) -> float:
     """Build and solve the quadratic problem at the iterate; returns the energy there.
 
-    Pairs get rows as they turn out to be in the way. What cannot be met at once is asked for softly then.
+    Pairs get rows when an iterate shows that they obstruct. Rows that cannot be satisfied together become soft terms.
     """
     work, limit, energy = ws.work, row_limit(step), 0.0
     for attempt in range(2):

@@ -24,7 +24,7 @@ SPOTS = 512  # contact spots remembered in a search
 REFERENCE_BODIES = 3  # bodies with which a tree may be taken along
 TOUCHES = 64  # recorded contacts of a frame
 
-# rows of near pairs (DrivenWorkspace.rowed)
+# rows of near pairs (DrivenWorkspace.row_state)
 NO_ROW, REQUESTED, HAS_ROW = 0, 1, 2
 
 # whether there was a frame before this one, and whether some frame ended free of overlap (PROGRESS, start)
@@ -64,7 +64,7 @@ class DrivenState(NamedTuple):
     last_speed: Floats  # (T, 3) m/s, what it was at the end of the last step
     last: Posture  # everything at the end of the last step, corrected
     recorded: Posture  # the recording of the last step
-    shift: Floats  # (B, 6) offset of each link: of its centre [m] and its turn [rad, rotation vector in the world]
+    shift: Floats  # (B, 6) offset of each link: of its centre [m] and its rotation [rad, rotation vector in the world]
     rate: Floats  # (B, 6) and their rates
     deformed: Ints  # (T,) 1: the offsets are more than a translation of the tree
     used_low: Floats  # (Q,) the least angle recorded so far
@@ -97,8 +97,8 @@ class SearchWorkspace(NamedTuple):
     cached_target: Floats  # (B, 7) `target`, saved while another is tried
     anchor: Floats  # (B, 3) m, where each link's centre would be with the offset of the last frame
     deviation_limit: Floats  # (T,) m: how far the links of a tree may get from there
-    shift_limit: Floats  # (T,) m: by how much the offset of a tree in one piece may change in the step
-    kind: Ints  # (T,) how it may yield: STAYS, SHIFTS, BENDS
+    shift_limit: Floats  # (T,) m: by how much the offset of a rigid tree may change in the step
+    kind: Ints  # (T,) how it may yield: LOCKED, RIGID, ARTICULATED
     cached_kind: Ints  # (T,) `kind`, saved while another is tried
     group: Ints  # (T,) the trees that are solved together have one number; -1: none
     first: Ints  # (T,) first column of a tree
@@ -113,7 +113,7 @@ class SearchWorkspace(NamedTuple):
     force: Floats  # (B, 6) composite force and torque about the pivot
     motion: Floats  # (P,) m, how far each piece goes from the iterate to the trial
     drift: Floats  # (P,) m, how far pieces that the recording moves have gone since the step began
-    travel: Floats  # (P, 4) m, how far each piece goes since then: its centre, and any point by turning at most
+    travel: Floats  # (P, 4) m, how far each piece goes since then: its centre, and any point by rotation at most
     from_goal: Floats  # (P, 4) the same from the goal
     covered: Floats  # (T,) m: how far pieces of a tree may go for which pairs are listed
     depth: Floats  # (T,) m, how deep a tree was recorded in something
@@ -128,7 +128,7 @@ class SearchWorkspace(NamedTuple):
     unit: Floats  # (Q,) ones
     passes: int  # bound on the passes of a search
     reference_bodies: Ints  # (n,) bodies that move by the recording and are near
-    ignored: Ints  # (T,) 1: trees that are in nobody's way
+    ignored: Ints  # (T,) 1: trees that no other need avoid
 
 
 class DrivenWorkspace(NamedTuple):

@@ -169,7 +169,7 @@ def apply_solution(scene: Scene, ws: DrivenWorkspace, share: float) -> None:
 
 @outlined
 def step_to_trial(scene: Scene, ws: DrivenWorkspace) -> float:
-    """Take the whole solution, whatever is in the way; returns how far a piece goes at most [m]."""
+    """Take the whole solution, collisions ignored; returns how far a piece goes at most [m]."""
     apply_solution(scene, ws, 1.0)
     return measure_motion(scene, ws, ws.work.now, ws.work.trial)
 
@@ -184,8 +184,8 @@ def allowed_depth(scene: Scene, a: int, b: int) -> float:
 def gap_on_its_side(scene: Scene, ws: DrivenWorkspace, k: int, motion: float) -> float:
     """Gap [m] at the trial along the direction that parts the near pair k at the iterate; the pair goes `motion` [m].
 
-    Above minus the depth that may be passed, that direction parts the pair all the way; -inf where the way turns too much
-    to tell.
+    Above minus the depth that may be passed, that direction separates the pair on the whole path; -inf where
+    rotation is too large to tell.
     """
     a, b, work = ws.near.a[k], ws.near.b[k], ws.work
     body_a, body_b = scene.pieces.body[a], scene.pieces.body[b]
@@ -199,7 +199,7 @@ def gap_on_its_side(scene: Scene, ws: DrivenWorkspace, k: int, motion: float) ->
 
 @kernel
 def distance_from_path(ws: DrivenWorkspace, poses: Floats, body: int) -> float:
-    """How far [m] a link's centre is from the straight way that the coupling alone takes it."""
+    """How far [m] a link's centre is from the straight path on which the coupling alone takes it."""
     c, a, b = link_centre(ws, poses, body), vec_of(ws.work.anchor, body), vec_of(ws.work.target, body)
     path, off = sub(b, a), sub(c, a)
     square = dot(path, path)
@@ -217,7 +217,7 @@ def _share_within(before: float, after: float, most: float) -> float:
 
 @kernel
 def share_within_rate(scene: Scene, ws: DrivenWorkspace, tethered: bool) -> float:
-    """The share of the step after which some link is as far off its way as it may be in a frame; 1: none."""
+    """The share of the step after which some link is as far off its path as it may be in a frame; 1: none."""
     share, work = 1.0, ws.work
     for tree in range(len(work.kind)):
         deviation_limit = work.deviation_limit[tree]

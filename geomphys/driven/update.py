@@ -3,8 +3,8 @@
 The coupling relaxes the offsets of the last frame and says where every link is to go. A tree for which that is free, and
 can be reached freely, goes there. The others are solved in groups that may meet each other: from a free start nearest to
 the targets (`starts`), by a sequence of quadratic problems whose every step is certified (`sqp`). A tree in one piece is
-first only shifted; where that goes too far, or nowhere, its shape and turn yield, dearly. Where what is round a tree moves
-so that no start is free, it moves in parts of the step.
+first only translated; where that goes too far, or does not free it, its joints and rotation yield too, at a much higher
+weight. Where moving surroundings leave no free start, the step is taken in parts.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Driven and simulated bodies in a frame: driven ones first, then what they push, then who gives way."""
+"""Driven and simulated bodies in a frame: those that may touch together, then the driven loop, then the rest."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SUBSTEP = 1.0 / 240.0  # s: where they may meet, driven and simulated bodies alt
 STEP_TOLERANCE = 0.01  # share of a substep by which one may be longer: times of messages are rounded
 MAX_SUBSTEPS = 16  # in a frame
 NEAR = 6e-3  # m: bodies that come no nearer do not meet
-LEAST_OVERLAP = 4e-6  # m: a driven body gives way to a simulated one that is deeper in it
+LEAST_OVERLAP = 4e-6  # m: a driven body is moved out of a simulated one that is deeper in it
 
 
 @outlined
@@ -139,7 +139,7 @@ def recorded_motion(scene: Scene, m: Machine, tree: int) -> float:
 
 @outlined
 def substeps_of(scene: Scene, m: Machine, dt: float) -> int:
-    """In how many parts of a frame driven and simulated bodies take turns.
+    """Number of parts into which a frame is cut for driven and simulated bodies.
 
     A driven body stands still for the rest of its part once a simulated one is in its way, however fast that is pushed
     off. Where they may meet, parts are no longer than `SUBSTEP`, so that what comes of it does not hang on the frame rate.
@@ -266,7 +266,7 @@ def simulate_rest(scene: Scene, m: Machine, most_impacts: int) -> tuple[int, int
 
 @outlined
 def yield_to_simulated(scene: Scene, m: Machine, params: StepParameters) -> int:
-    """Where a simulated body ended inside a driven one, the driven one gives way. Returns the rounds this took."""
+    """Where a simulated body ended inside a driven one, move the driven one out of it. Returns the passes this took."""
     p, near = m.workspace.piece_frames, m.workspace.near
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:

@@ -27,25 +27,13 @@ from geomphys.engine.coupled_step import (
     substeps_of,
     yield_to_simulated,
 )
-from geomphys.engine.frame_buffer import (
-    CORRECTION,
-    FALLBACKS,
-    FLAGS,
-    IMPACTS,
-    ITERATIONS,
-    RECORDED,
-    RESIDUAL,
-    ROTATION,
-    Block,
-    has_capacity,
-    write_contacts,
-    write_depths,
-)
+from geomphys.engine.frame_buffer import Block, has_capacity, write_contacts, write_depths
 from geomphys.engine.methods import update_by_method
 from geomphys.engine.motion_measures import measure_motion
 from geomphys.engine.quarantine import contain_driven, keep_posture
 from geomphys.engine.state import Machine, StepParameters
 from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.packed_records import Record
 from geomphys.jit.stage_clock import cycles
 from geomphys.results import (
     FLAG_BLOCKED,
@@ -140,8 +128,8 @@ def find_contacts(scene: Scene, m: Machine, gap: float, first: bool, block: Bloc
 
 
 @kernel
-def measure_correction(scene: Scene, m: Machine, lengths: Floats) -> None:
-    """Largest distance and angle of a driven body from where it was recorded, into `lengths`."""
+def measure_correction(scene: Scene, m: Machine, figures: Record) -> None:
+    """Largest distance and angle of a driven body from where it was recorded, into `figures` (FIGURES)."""
     far, rotation = 0.0, 0.0
     for body in range(len(scene.bodies.role)):
         if scene.bodies.role[body] != DRIVEN:
@@ -154,7 +142,7 @@ def measure_correction(scene: Scene, m: Machine, lengths: Floats) -> None:
             opposite += (m.corrected[body, k] + m.recorded[body, k]) ** 2
         far = max(far, np.sqrt(square))
         rotation = max(rotation, 4.0 * np.arcsin(min(1.0, 0.5 * np.sqrt(min(same, opposite)))))
-    lengths[CORRECTION], lengths[ROTATION] = far, rotation
+    figures.correction, figures.rotation = far, rotation
 
 
 @kernel
@@ -171,7 +159,7 @@ def keep_poses(scene: Scene, m: Machine) -> None:
 def drive(
     scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float, first: bool, params: StepParameters
 ) -> Outcome:
-    """The driven loop's turn: driven bodies go on to the roots (T, 7) and angles (Q,) recorded `dt` [s] later."""
+    """The driven loop: driven bodies go on to the roots (T, 7) and angles (Q,) recorded `dt` [s] later."""
     note_simulated(scene, m)
     done = update_by_method(scene, m, params.method, roots, angles, dt)
     shift_driven(scene, m)
@@ -186,13 +174,13 @@ def step(
 
     `dt` [s] is the time since the frame before it; the first frame's does not matter.
     """
-    lengths, numbers, clock = block.lengths[frame], block.numbers[frame], block.cycles[frame]
+    figures, clock = block.figures[frame], block.cycles[frame]
     first = m.driven.progress.start == NOT_STARTED
     t0 = cycles()
     keep_poses(scene, m)
     pose_recording(scene, m, roots, angles)
     t1 = cycles()
-    lengths[RECORDED], overlapping = measure_recorded(scene, m)
+    figures.recorded, overlapping = measure_recorded(scene, m)
     t2 = cycles()
     if len(m.simulated.free) > 0:
         fit_recorded_paths(scene, m, roots, dt, first)
@@ -236,9 +224,9 @@ def step(
         simulating += cycles() - t3
     t4 = cycles()
     write_depths(block, frame, m.depths, overlapping, done.method)
-    lengths[RESIDUAL], left = find_contacts(scene, m, params.gap, first, block, frame)
-    measure_correction(scene, m, lengths)
-    measure_motion(scene, m, lengths, numbers)
+    figures.residual, left = find_contacts(scene, m, params.gap, first, block, frame)
+    measure_correction(scene, m, figures)
+    measure_motion(scene, m, figures)
     t5 = cycles()
     for k in range(len(block.moving)):
         for i in range(7):
@@ -247,21 +235,21 @@ def step(
     for k in range(len(angles)):
         driven = scene.trees.role[scene.dofs.tree[k]] == DRIVEN
         block.angles[frame, k] = m.driven.last.angles[k] if driven else angles[k]
-    numbers[ITERATIONS], numbers[IMPACTS], numbers[FALLBACKS], numbers[FLAGS] = (
+    figures.iterations, figures.impacts, figures.fallbacks, figures.flags = (
         done.rounds,
         impacts,
         done.fallbacks,
         flags,
     )
-    if not done.converged or left > LEFT or (not first and lengths[RESIDUAL] > SUNK):
-        numbers[FLAGS] |= FLAG_NOT_CONVERGED
+    if not done.converged or left > LEFT or (not first and figures.residual > SUNK):
+        figures.flags |= FLAG_NOT_CONVERGED
     if done.yielded:
-        numbers[FLAGS] |= FLAG_SHAPE_CHANGED
+        figures.flags |= FLAG_SHAPE_CHANGED
     touches = block.contact_end[frame + 1] > block.contact_end[frame]
-    if lengths[RECORDED] == 0.0 and touches and not is_pressed(scene, m) and lengths[CORRECTION] > BLOCKED_FROM:
-        numbers[FLAGS] |= FLAG_BLOCKED
-    if first and (lengths[RECORDED] > 0.0 or lengths[RESIDUAL] > LEFT):
-        numbers[FLAGS] |= FLAG_STARTED_INSIDE
+    if figures.recorded == 0.0 and touches and not is_pressed(scene, m) and figures.correction > BLOCKED_FROM:
+        figures.flags |= FLAG_BLOCKED
+    if first and (figures.recorded > 0.0 or figures.residual > LEFT):
+        figures.flags |= FLAG_STARTED_INSIDE
     clock[KINEMATICS], clock[RECORDED_DEPTH], clock[OVERLAP] = t1 - t0, t2 - t1, t4 - t2 - simulating
     clock[IMPULSES], clock[CONTACTS], clock[WHOLE] = simulating, t5 - t4, t5 - t0
     counts = block.counts[frame]

@@ -21,6 +21,7 @@ from geomphys.numerics.transforms import rotation_about
 from geomphys.output.colours import Colour, colours_of_trees
 from geomphys.scene.arrays import World
 from geomphys.scene.free_joints import joint_ends, links_above_free_joint
+from geomphys.scene.primitives import PRIMITIVES, Lengths, PrimitiveShape, attributes_of
 from geomphys.scene.ros_packages import MeshResolver
 from geomphys.scene.scene_file import ObjectTable
 from geomphys.scene.urdf_elements import SHAPES
@@ -118,27 +119,25 @@ def _make_drawable(element: etree._Element) -> None:
     shape = geometry[0] if geometry is not None and len(geometry) == 1 else None
     if shape is None or shape.tag not in SHAPES or not _has_size(shape):
         parent.remove(element)
-    elif shape.tag == "capsule":
+    elif PRIMITIVES[shape.tag].parts is not None:
         at = parent.index(element)
-        for part in reversed(_capsule_parts(element, shape)):
+        for part in reversed(_parts(element, shape)):
             parent.insert(at, part)
         parent.remove(element)
 
 
-def _capsule_parts(element: etree._Element, shape: etree._Element) -> list[etree._Element]:
-    """A visual of a capsule as one of a cylinder and two of spheres."""
-    radius, length = float(shape.get("radius", "0")), float(shape.get("length", "0"))
+def _parts(element: etree._Element, shape: etree._Element) -> list[etree._Element]:
+    """A visual of a primitive as visuals of those that every viewer knows."""
+    lengths = tuple(
+        n for key, count in PRIMITIVES[shape.tag].attributes.items() for n in _numbers(shape.get(key), count)
+    )
     origin = element.find("origin")
     middle, rpy = ([0.0] * 3, [0.0] * 3) if origin is None else (_numbers(origin.get(key)) for key in ("xyz", "rpy"))
     roll, pitch, yaw = (rotation_about(axis, angle) for axis, angle in zip(np.eye(3), rpy, strict=True))
-    along = (yaw @ pitch @ roll)[:, 2] * (length / 2)
-    caps = [np.array(middle) + along, np.array(middle) - along]
-    parts: list[tuple[etree._Element, list[float]]] = []
-    if length > 0.0:
-        parts.append((etree.Element("cylinder", radius=repr(radius), length=repr(length)), middle))
-    parts += [(etree.Element("sphere", radius=repr(radius)), cap.tolist()) for cap in caps]
+    axis_z = (yaw @ pitch @ roll)[:, 2]
     found = []
-    for primitive, position in parts:
+    for name, part_lengths, height in PrimitiveShape(shape.tag, lengths).parts:
+        position = (np.array(middle) + axis_z * height).tolist() if height else middle
         copy = deepcopy(element)
         for child in copy.findall("origin"):
             copy.remove(child)
@@ -146,7 +145,7 @@ def _capsule_parts(element: etree._Element, shape: etree._Element) -> list[etree
         copy.insert(0, etree.Element("origin", xyz=xyz, rpy=rpy_text))
         geometry = copy.find("geometry")
         assert geometry is not None
-        geometry[0] = primitive
+        geometry[0] = _primitive_element(name, part_lengths)
         found.append(copy)
     return found
 
@@ -185,20 +184,17 @@ def urdf_of_objects(name: str, tables: Sequence[ObjectTable], folder: AnyPath, p
 
 
 def _geometries(table: ObjectTable, folder: AnyPath) -> list[tuple[etree._Element, float]]:
-    """Elements and the height each is moved up by; a capsule is a cylinder and two spheres."""
+    """Elements and the height each is moved up by."""
     if table.mesh is not None:
         scale = f"{table.scale!r} {table.scale!r} {table.scale!r}"
         address = (folder / table.mesh).resolve().as_uri()
         return [(etree.Element("mesh", filename=address, scale=scale), 0.0)]
-    if table.box is not None:
-        return [(etree.Element("box", size=" ".join(map(repr, table.box))), 0.0)]
-    if table.sphere is not None:
-        return [(etree.Element("sphere", radius=repr(table.sphere)), 0.0)]
-    radius, length = table.cylinder or table.capsule or (0.0, 0.0)
-    body = (etree.Element("cylinder", radius=repr(radius), length=repr(length)), 0.0)
-    if table.cylinder is not None:
-        return [body]
-    return [body, *((etree.Element("sphere", radius=repr(radius)), side * length / 2) for side in (1.0, -1.0))]
+    parts = table.primitive.parts if table.primitive is not None else []
+    return [(_primitive_element(name, lengths), height) for name, lengths, height in parts]
+
+
+def _primitive_element(name: str, lengths: Lengths) -> etree._Element:
+    return etree.Element(name, attributes_of(name, lengths))
 
 
 def _material(colour: Colour) -> etree._Element:

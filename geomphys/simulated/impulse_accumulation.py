@@ -1,4 +1,4 @@
-"""Where impulses go: to the bodies' motions, and to the sums of the frame."""
+"""Applies impulses to the motions of bodies and accumulates them for each contact point of the frame."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def note(sim: Simulation, k: int, normal: float, friction: Vec) -> None:
 
 @kernel
 def commit(sim: Simulation) -> None:
-    """Give the impulses the rows hold to the bodies' motions and the frame's sums, and clear them."""
+    """Apply the impulses of all rows to the bodies, add them to the sums of the frame, and clear them."""
     for k in range(sim.counts.rows):
         r = sim.rows[k]
         normal = r.normal_impulse

@@ -1,4 +1,4 @@
-"""Which bodies a meeting concerns: the two that meet, and all that hang together with them through contact points."""
+"""Which bodies an impact concerns: the two that touch, and all that are connected to them through contact points."""
 
 from __future__ import annotations
 

@@ -1,12 +1,12 @@
-"""When two moving pieces first come near: continuous collision, rotation included, nothing missed.
+"""Time of impact of two moving pieces: conservative, rotation included.
 
 Along a direction n that is kept fixed in the world, or in one of the two bodies, the separation
 
     f(τ) = min over points x of a and y of b of n·(x - y)
 
-never exceeds the distance and is a minimum of smooth functions whose second derivative is bounded by some C, so
+is at most the distance, and a minimum of smooth functions whose second derivative is bounded by some C, so
 between two times   f ≥ min(f(τ0), f(τ1)) - C (τ1 - τ0)²/8.   A span over which that stays positive is free. The search
-advances from free span to free span, taking the exact distance and a new direction at each halt, until the distance is
+advances from free span to free span, taking the exact distance and a new direction after each, until the distance is
 down to the one asked for (conservative advancement, Mirtich 1996, with separating directions in place of a motion
 bound, so that gliding over a surface costs one span).
 """
@@ -61,7 +61,7 @@ def measure_pair_within(sim: Simulation, pair: int, t: float, far: float) -> tup
 
 @kernel
 def swing(m: Motion, arm: float) -> float:
-    """Bound on the acceleration that turning gives a point `arm` from the reference point [m/s²]."""
+    """Bound on the acceleration that rotation gives a point `arm` from the reference point [m/s²]."""
     rate = angular_speed_bound(m)
     return (rate * rate + 2.0 * norm(vec_of(m.rotation_change))) * arm
 
@@ -88,7 +88,7 @@ def attached_curvature(reference: Motion, other: Motion, arm: float, t: float, h
 
 @kernel
 def attached_direction(m: Motion, n: Vec, t0: float, t1: float) -> Vec:
-    """Direction n at t0, turned with a body until t1."""
+    """Direction n at t0, rotated with a body until t1."""
     back = quat_rotate(quat_from_rotation_vector(neg(rotation_at(m, t0))), n)
     return quat_rotate(quat_from_rotation_vector(rotation_at(m, t1)), back)
 
