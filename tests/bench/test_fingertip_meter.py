@@ -28,7 +28,7 @@ def test_the_figures_are_those_of_the_metrics_and_of_a_plain_twin(root: Path, mo
         )
         assert plain.figures(recorded, poses) == of_replay, result.frame.index
         assert meter.figures(recorded, poses) == of_replay, result.frame.index
-        poses[driven, 2] += 2e-3 * (result.frame.index % 3)
+        poses[driven, 2] += 1e-2 * (result.frame.index % 3)
         found = meter.figures(recorded, poses)
         expected = plain.figures(recorded, poses)
         assert found == (expected.recorded, expected.retained, pytest.approx(expected.error_m, abs=1e-9)), (
@@ -36,4 +36,4 @@ def test_the_figures_are_those_of_the_metrics_and_of_a_plain_twin(root: Path, mo
         )
         touching, lost = touching + found.recorded, lost + found.recorded - found.retained
     assert touching > 50
-    assert lost > 20
+    assert lost > 3
