@@ -36,10 +36,10 @@ def deepest_at(scene: Scene, m: Machine, before: Floats, after: Floats, share: f
             p, q = position_of(before, body), slerp(orientation_of(before, body), orientation_of(after, body), share)
             set_pose(m.corrected, body, add_scaled(p, sub(position_of(after, body), p), share), q)
         pose_pieces_of_tree(scene, tree, m.corrected, pieces.frames)
-        update_boxes(scene, pieces.frames, m.boxes, tree)
+        update_boxes(scene, pieces.frames, m.detection.boxes, tree)
     near, worst = m.workspace.near, 0.0
-    find_near(scene, pieces.frames, m.boxes, m.still, 0.0, math.inf, near, pieces.found, m.axes, m.scratch)
-    for k in range(near.filled[0]):
+    find_near(scene, pieces.frames, m.still, 0.0, math.inf, near, m.detection)
+    for k in range(near.counts.filled):
         a, b = near.tree_a[k], near.tree_b[k]
         if a != b and scene.trees.role[a] != SIMULATED and scene.trees.role[b] != SIMULATED:
             mean = 0.5 * (scene.pieces.thickness[near.a[k]] + scene.pieces.thickness[near.b[k]])

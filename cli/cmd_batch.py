@@ -110,8 +110,12 @@ def batch(
     from geomphys.batch.plan import plan_logs
     from geomphys.batch.run import check_outputs
 
+    outputs = geomphys.OutputOptions(timing=not no_timing, copy_input=copy_input, ros2=ros2)
+    how = geomphys.BatchOptions(
+        rrd=rrd, jobs=jobs, scheduler=scheduler, resume=resume, keep_going=keep_going, force=force
+    )
     try:
-        check_outputs(plan_logs(logs, folder), folder.resolve(), rrd=rrd, resume=resume, force=force)
+        check_outputs(plan_logs(logs, folder), folder.resolve(), options=how)
     except geomphys.OutputError as error:
         raise click.UsageError(str(error)) from error
 
@@ -131,18 +135,11 @@ def batch(
             scene,
             folder,
             config=config,
-            rrd=rrd,
-            timing=not no_timing,
-            copy_input=copy_input,
-            ros2=ros2,
-            jobs=jobs,
-            scheduler=scheduler,
-            resume=resume,
-            keep_going=keep_going,
-            force=force,
-            loading=meshes_report(terminal, bars),
-            progress=progress,
-            ended=report_failure,
+            options=how,
+            outputs=outputs,
+            callbacks=geomphys.BatchCallbacks(
+                loading=meshes_report(terminal, bars), progress=progress, ended=report_failure
+            ),
         )
     if as_json:
         terminal.json(report.as_dict())

@@ -68,20 +68,17 @@ def bench(
     if as_json and markdown:
         raise click.UsageError("choose one of --json and --markdown")
 
-    from geomphys.bench.run import run_bench
+    from geomphys.bench.run import BenchOptions, run_bench
 
+    options = BenchOptions(
+        peers=peers, depths=depths, scaling=scaling, compiling=compiling, whole=whole, clips=clips, repeats=repeats
+    )
     terminal = current_terminal()
     with progress_bar(terminal, "bench", unit="parts", redraw_interval=1) as bar:
         report = run_bench(
             folder,
             only=only,
-            peers=peers,
-            depths=depths,
-            scaling=scaling,
-            compiling=compiling,
-            whole=whole,
-            clips=clips,
-            repeats=repeats,
+            options=options,
             progress=bar,
         )
     if as_json:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import click
 
@@ -12,7 +12,7 @@ from .options import INPUT, json_option, scene_option
 from .terminal import fields, heading
 
 if TYPE_CHECKING:
-    from geomphys.authoring.calibration import Calibration
+    from geomphys.authoring.calibration import Calibration, Part
 
     from .terminal import Terminal
 
@@ -90,7 +90,7 @@ def calibrate(
     flats: tuple[tuple[float, float], ...],
     touches: tuple[tuple[float, str], ...],
     on: tuple[str, ...],
-    only: Literal["offset", "surface", "fingers"] | None,
+    only: Part | None,
     fingers: bool,
     avatar: str | None,
     write: bool,
@@ -104,9 +104,10 @@ def calibrate(
     import geomphys
 
     terminal = current_terminal()
-    found = geomphys.calibrate(
-        log, scene, flats=flats, touches=touches, on=on, only=only, fingers=fingers, avatar=avatar
-    )
+    seek: set[Part] = {only} if only is not None else {"offset", "surface"}
+    if fingers:
+        seek.add("fingers")
+    found = geomphys.calibrate(log, scene, flats=flats, touches=touches, on=on, seek=seek, avatar=avatar)
     if write and found.changes:
         found = found.write()
     if as_json:

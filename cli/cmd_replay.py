@@ -120,13 +120,11 @@ def replay(
             out=out,
             rrd=rrd,
             config=config,
-            timing=not no_timing,
             force=force,
-            copy_input=copy_input,
-            ros2=ros2,
-            loading=loading,
-            compiling=compiling if needs_compile else None,
-            progress=progress,
+            options=geomphys.OutputOptions(timing=not no_timing, copy_input=copy_input, ros2=ros2),
+            callbacks=geomphys.Callbacks(
+                loading=loading, compiling=compiling if needs_compile else None, progress=progress
+            ),
         )
     if as_json:
         terminal.json(summary.as_dict())

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from geomphys.authoring.convex_pieces import DecomposedMesh, decompose_file, write_pieces
     from geomphys.authoring.demo_files import demo_files
     from geomphys.authoring.scene_draft import SceneDraft, draft_scene
-    from geomphys.batch.run import BatchReport, run_batch
-    from geomphys.bench.run import run_bench
-    from geomphys.config import Config
+    from geomphys.batch.run import BatchCallbacks, BatchOptions, BatchReport, run_batch
+    from geomphys.bench.run import BenchOptions, run_bench
+    from geomphys.config import Callbacks, Config, OutputOptions
     from geomphys.errors import (
         ClusterError,
         ConfigError,
@@ -58,8 +58,12 @@ if TYPE_CHECKING:
 
 _HOME = {
     "AuditReport": "analysis.audit",
+    "BatchCallbacks": "batch.run",
+    "BatchOptions": "batch.run",
     "BatchReport": "batch.run",
+    "BenchOptions": "bench.run",
     "Calibration": "authoring.calibration",
+    "Callbacks": "config",
     "CheckReport": "recording.check",
     "ClusterError": "errors",
     "Config": "config",
@@ -80,6 +84,7 @@ _HOME = {
     "OutputDifference": "analysis.diff.difference",
     "OutputError": "errors",
     "OutputLog": "output.output_log",
+    "OutputOptions": "config",
     "Penetrations": "results",
     "Scene": "scene.arrays",
     "SceneDraft": "authoring.scene_draft",
@@ -122,8 +127,12 @@ _HOME = {
 
 __all__ = [
     "AuditReport",
+    "BatchCallbacks",
+    "BatchOptions",
     "BatchReport",
+    "BenchOptions",
     "Calibration",
+    "Callbacks",
     "CheckReport",
     "ClusterError",
     "Config",
@@ -144,6 +153,7 @@ __all__ = [
     "OutputDifference",
     "OutputError",
     "OutputLog",
+    "OutputOptions",
     "Penetrations",
     "Scene",
     "SceneDraft",

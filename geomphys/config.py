@@ -1,8 +1,9 @@
-"""Parameters of a replay: frozen, validated on construction, each with its unit, default and effect."""
+"""Parameters and options of a replay: frozen, validated on construction, each with its unit, default and effect."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any, Literal, get_args
@@ -88,6 +89,38 @@ class Config:
     def as_dict(self) -> dict[str, Any]:
         """Every parameter by name."""
         return dataclasses.asdict(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutputOptions:
+    """What the file of a replay holds besides its results."""
+
+    timing: bool = True
+    """The channel ``/timing`` (in rerun recordings its plots), the only content that differs between two runs."""
+    copy_input: bool = False
+    """The channels of the log too."""
+    ros2: bool = False
+    """A ROS 2 bag is written; not together with `copy_input`, as a log's channels may be of other kinds."""
+
+    def __post_init__(self) -> None:
+        """Raise ConfigError for options that exclude each other."""
+        if self.ros2 and self.copy_input:
+            raise ConfigError(
+                "ros2 and copy_input exclude each other: a log's channels may be of kinds that ROS 2 does not read"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Callbacks:
+    """Functions that are called while a replay is at work. What one raises ends the replay."""
+
+    loading: Callable[[str, float], None] | None = None
+    """During the first convex decomposition of meshes, with a description and the fraction done; finished decompositions
+    stay in the cache."""
+    compiling: Callable[[int, int], None] | None = None
+    """While kernels are compiled, with the numbers of finished and of known jobs."""
+    progress: Callable[[int, int | None], None] | None = None
+    """After each frame, with the frames done and their number if it is known; outputs are closed as partial if it raises."""
 
 
 def _shown(value: object) -> str:

@@ -8,12 +8,12 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, closing
 from itertools import chain
 
-from geomphys.config import Config
+from geomphys.config import Callbacks, Config, OutputOptions
 from geomphys.engine.frame_buffer import FRAMES
 from geomphys.engine.grasps import GraspMeter
 from geomphys.engine.log_messages import Message
 from geomphys.engine.pipeline import Pipeline
-from geomphys.errors import ConfigError, LogError
+from geomphys.errors import LogError
 from geomphys.jit.kernel import are_compiled
 from geomphys.jit.work import telling
 from geomphys.load import load_world, scaled_to_log
@@ -26,7 +26,6 @@ from geomphys.recording.frames import FrameSource
 from geomphys.recording.report import RecordingReport
 from geomphys.results import Frame, FrameResult
 from geomphys.scene.arrays import World
-from geomphys.scene.decomposition import Progress
 from geomphys.storage.output_file import check_targets
 from geomphys.storage.remote_files import AnyPath, as_path
 
@@ -98,13 +97,9 @@ def run(
     out: AnyPath | str | None = None,
     rrd: AnyPath | str | None = None,
     config: Config | None = None,
-    timing: bool = True,
     force: bool = False,
-    copy_input: bool = False,
-    ros2: bool = False,
-    loading: Progress | None = None,
-    compiling: Callable[[int, int], None] | None = None,
-    progress: Callable[[int, int | None], None] | None = None,
+    options: OutputOptions | None = None,
+    callbacks: Callbacks | None = None,
 ) -> Summary:
     """Replay a log to its end, write the requested outputs and return a summary.
 
@@ -120,23 +115,12 @@ def run(
         The rerun recording to write. With neither, only the figures are returned.
     config : Config, optional
         All parameters; None: the defaults.
-    timing : bool
-        Whether `out` has the channel ``/timing`` and `rrd` its plots, the only content that differs between two runs.
     force : bool
         Whether outputs that exist are replaced.
-    copy_input : bool
-        Whether `out` also holds the channels of the log.
-    ros2 : bool
-        Whether `out` is a ROS 2 bag; not together with `copy_input`, as a log's channels may be of other kinds.
-    loading : callable, optional
-        Called during the first convex decomposition of meshes, with a description and the fraction done. What it
-        raises ends the replay; finished decompositions stay in the cache.
-    compiling : callable, optional
-        Called while kernels are compiled, with the numbers of finished and of known jobs. What it raises ends the
-        replay.
-    progress : callable, optional
-        Called after each frame with the frames done and their number if it is known. What it raises ends the replay at
-        that frame; the outputs are then closed as partial.
+    options : OutputOptions, optional
+        What the files hold; None: the defaults.
+    callbacks : Callbacks, optional
+        Called while it is at work.
 
     Returns
     -------
@@ -151,25 +135,23 @@ def run(
         An output exists without `force`, is an input, or cannot be written.
     """
     log, config = as_path(log), config or Config()
-    if ros2 and copy_input:
-        raise ConfigError(
-            "ros2 and copy_input exclude each other: a log's channels may be of kinds that ROS 2 does not read"
-        )
+    options, callbacks = options or OutputOptions(), callbacks or Callbacks()
     out, rrd = (None if path is None else as_path(path) for path in (out, rrd))
     check_targets([path for path in (out, rrd) if path is not None], force=force, inputs=(log,), partial=True)
-    with telling(compiling):
+    with telling(callbacks.compiling):
         world = (
             scene
             if isinstance(scene, World)
-            else load_world(scene, mode=config.mode, seed=config.seed, progress=loading)
+            else load_world(scene, mode=config.mode, seed=config.seed, progress=callbacks.loading)
         )
-        world = scaled_to_log(log, world, config, progress=loading)
+        world = scaled_to_log(log, world, config, progress=callbacks.loading)
         summarizer = Summarizer(world.body_names, world.findings, config.method, GraspMeter(world))
-        options = FileSinkOptions(force=force, timing=timing, copied_log=log if copy_input else None, ros2=ros2)
-        sinks = [] if out is None else [make_file_sink(out, options, default=".mcap")]
-        sinks += [] if rrd is None else [FILE_SINKS[".rrd"](rrd, options)]
+        copied_log = log if options.copy_input else None
+        of_sinks = FileSinkOptions(force=force, timing=options.timing, copied_log=copied_log, ros2=options.ros2)
+        sinks = [] if out is None else [make_file_sink(out, of_sinks, default=".mcap")]
+        sinks += [] if rrd is None else [FILE_SINKS[".rrd"](rrd, of_sinks)]
         start = time.perf_counter()
-        results = replay(log, world, config=config, sinks=sinks, progress=progress)
+        results = replay(log, world, config=config, sinks=sinks, progress=callbacks.progress)
         assert isinstance(results, Generator)
         compiled = are_compiled(config.method)
         with closing(results):

@@ -7,7 +7,7 @@ the part that is known to 2 mm and 1 degree whatever the rest may be. What is hi
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -31,6 +31,8 @@ from geomphys.scene.topic_sources import RootSource
 from geomphys.storage.remote_files import AnyPath, as_path
 
 Floats = NDArray[np.float64]
+Part = Literal["offset", "surface", "fingers"]
+"""What can be calibrated."""
 
 MIN_CHANGE = 0.1
 """Units of a fit (0.2 mm, 0.1 degrees); a smaller change is none."""
@@ -90,8 +92,7 @@ def calibrate(
     flats: Sequence[tuple[float, float]] = (),
     touches: Sequence[tuple[float, str]] = (),
     on: Sequence[str] = (),
-    only: Literal["offset", "surface", "fingers"] | None = None,
-    fingers: bool = False,
+    seek: Collection[Part] = ("offset", "surface"),
     avatar: str | None = None,
     config: Config | None = None,
 ) -> Calibration:
@@ -107,10 +108,9 @@ def calibrate(
         (time, link) of touches; "" for the lowest link.
     on
         Objects whose height and tilt are sought: one for all stretches, or one for each of `flats`.
-    only
-        Seek only the offset of the tracker, the surfaces, or the lengths of fingers; the others are right as they are.
-    fingers
-        Seek also a factor of the lengths of each finger that `touches` name a link of, or of all if they name none.
+    seek
+        What is sought; the rest is right as it is: the offset of the tracker, the surfaces, a factor of the lengths of each
+        finger that `touches` name a link of, or of all if they name none.
     avatar
         Default: the first.
     config
@@ -126,14 +126,14 @@ def calibrate(
     log, scene, config = as_path(log), as_path(scene), config or Config()
     world = scaled_to_log(log, load_world(scene, mode=config.mode, seed=config.seed), config)
     tree = _avatar(world, avatar)
-    if (fingers or only == "fingers") and any(source.tree == tree for source in world.keypoints):
+    if "fingers" in seek and any(source.tree == tree for source in world.keypoints):
         raise ConfigError(f"fingers: those of {world.tree_names[tree]!r} have the lengths of its points already")
     objects = [_surface(world, name) for name in on]
-    movable = tuple(dict.fromkeys(objects)) if only in (None, "surface") else ()
+    movable = tuple(dict.fromkeys(objects)) if "surface" in seek else ()
     recorded = collect(log, world, config, tree, _stretches(world, flats, touches, objects), objects)
     root = next((s for s in world.roots if s.tree == tree), None)
-    sought = find_fingers(world, tree, [link for _, link in touches if link]) if fingers or only == "fingers" else ()
-    unknowns = Unknowns(root is not None and only in (None, "offset"), movable, sought)
+    sought = find_fingers(world, tree, [link for _, link in touches if link]) if "fingers" in seek else ()
+    unknowns = Unknowns(root is not None and "offset" in seek, movable, sought)
     fit = _fit(world, tree, root, recorded, unknowns)
     return _result(log, scene, world, tree, root, recorded, unknowns, fit)
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.penetration import Scratch, make_scratch, separation
+from geomphys.collision.query import outline
 from geomphys.jit.kernel import kernel
 from geomphys.jit.packed_records import pack
 from geomphys.numerics.transforms import apply, matrix_from_frame, matrix_from_pose
@@ -127,8 +128,9 @@ def _sample(scene: Scene) -> tuple[Ints, Floats, Floats]:
             angle = 2 * np.pi * np.arange(RIM_POINTS) / RIM_POINTS
             rim = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(RIM_POINTS, half)])
             points, r = np.concatenate([rim, rim * [1, 1, -1]]), 0.0
+        elif kind not in (BOX, HULL):
+            points, r = outline(pieces, i), 0.0
         else:
-            assert kind in (BOX, HULL)
             points, r = pieces.vertices[slice(*pieces.vertex_start[i : i + 2])], 0.0
         centres.append(apply(matrix_from_frame(pieces.local[i]), points))
         bodies.append(np.full(len(points), pieces.body[i]))

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from geomphys import __version__
-from geomphys.config import Config
+from geomphys.config import Callbacks, Config, OutputOptions
 from geomphys.errors import GeomphysError, OutputError, SceneError
 from geomphys.load import load_world
 from geomphys.output.output_log import open_output
@@ -47,9 +47,7 @@ class Job:
     out: AnyPath
     rrd: AnyPath | None
     config: Config
-    timing: bool
-    copy_input: bool
-    ros2: bool
+    options: OutputOptions
     running: AnyPath
     """Folder on the outputs' file system for incomplete files; behind a URL it holds only `STOP`."""
     version: str = __version__
@@ -125,10 +123,8 @@ def _replay(job: Job, work_folder: Path) -> Outcome:
             out=out,
             rrd=rrd,
             config=job.config,
-            timing=job.timing,
-            copy_input=job.copy_input,
-            ros2=job.ros2,
-            progress=_StopFileCheck(job.running / STOP),
+            options=job.options,
+            callbacks=Callbacks(progress=_StopFileCheck(job.running / STOP)),
         )
     except _StopRequestedError:
         return Outcome(status="interrupted", error="stopped before its end")

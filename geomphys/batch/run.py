@@ -17,7 +17,7 @@ from geomphys.batch.job import STOP, Job, Outcome
 from geomphys.batch.manifest import Entry, Manifest
 from geomphys.batch.plan import PlannedLog, plan_logs
 from geomphys.batch.remote_lock import LOCK, lock_or_refuse, remote_lock_held
-from geomphys.config import Config
+from geomphys.config import Config, OutputOptions
 from geomphys.errors import OutputError, RefusedTargetError
 from geomphys.load import load_world
 from geomphys.output.provenance import files_of_log, sha256_of_file, sha256_of_log, sha256_of_world
@@ -29,6 +29,39 @@ from geomphys.storage.remote_files import AnyPath, as_path, is_remote
 
 RUNNING = ".running"
 """Name of the folder for incomplete files, in the batch's folder."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchOptions:
+    """How the logs of a batch are worked through."""
+
+    rrd: bool = False
+    """``NAME.rrd`` is written too."""
+    jobs: int | None = None
+    """Most processes at once; None: one a processor."""
+    scheduler: str | None = None
+    """Address of a Dask scheduler whose workers run the jobs instead of processes of this machine; log, scene and folder
+    must have the same paths there."""
+    resume: bool = False
+    """Logs that the manifest has as done are left alone if their input, the scene with its meshes and URDFs, all parameters,
+    the version, and the bytes of the outputs are the same still."""
+    keep_going: bool = True
+    """Go on if a log fails; otherwise no further job is started."""
+    force: bool = False
+    """Replace outputs that no batch in this folder has made."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchCallbacks:
+    """Functions that are called while a batch is at work. What one raises ends the batch."""
+
+    loading: Progress | None = None
+    """During the first convex decomposition of meshes, with a description and the fraction done; finished decompositions
+    stay in the cache."""
+    progress: Callable[[int, int | None], None] | None = None
+    """With the logs done and their number."""
+    ended: Callable[[Entry], None] | None = None
+    """With the entry of each log that ends."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,18 +88,9 @@ def run_batch(
     folder: AnyPath | str,
     *,
     config: Config | None = None,
-    rrd: bool = False,
-    timing: bool = True,
-    copy_input: bool = False,
-    ros2: bool = False,
-    jobs: int | None = None,
-    scheduler: str | None = None,
-    resume: bool = False,
-    keep_going: bool = True,
-    force: bool = False,
-    loading: Progress | None = None,
-    progress: Callable[[int, int | None], None] | None = None,
-    ended: Callable[[Entry], None] | None = None,
+    options: BatchOptions | None = None,
+    outputs: OutputOptions | None = None,
+    callbacks: BatchCallbacks | None = None,
 ) -> BatchReport:
     """Replay many logs in a scene; ``FOLDER/NAME.mcap`` holds the bytes that `geomphys.run` gives for each.
 
@@ -84,29 +108,12 @@ def run_batch(
         Where the outputs go; made if it is not there. Like logs and scene it may be a URL; see `geomphys.storage.remote_files`.
     config : Config, optional
         All parameters; None: the defaults.
-    rrd : bool
-        Whether to write ``NAME.rrd`` too.
-    timing, copy_input, ros2 : bool
-        See `geomphys.run`.
-    jobs : int, optional
-        Most processes at once; None: one a processor.
-    scheduler : str, optional
-        Address of a Dask scheduler whose workers run the jobs instead of processes of this machine; log, scene and
-        folder must have the same paths there.
-    resume : bool
-        Whether logs that the manifest has as done are left alone if their input, the scene with its meshes and URDFs,
-        all parameters, the version, and the bytes of the outputs are the same still.
-    keep_going : bool
-        Whether to go on if a log fails; otherwise no further job is started.
-    force : bool
-        Whether outputs are replaced that no batch in this folder has made.
-    loading : callable, optional
-        Called during the first convex decomposition of meshes, with a description and the fraction done. What it
-        raises ends the batch; finished decompositions stay in the cache.
-    progress : callable, optional
-        Called with the logs done and their number.
-    ended : callable, optional
-        Called with the entry of each log that ends.
+    options : BatchOptions, optional
+        How the logs are worked through; None: the defaults.
+    outputs : OutputOptions, optional
+        What each output holds, as in `geomphys.run`.
+    callbacks : BatchCallbacks, optional
+        Called while it is at work.
 
     Raises
     ------
@@ -121,17 +128,21 @@ def run_batch(
         The Dask scheduler cannot be reached.
     """
     folder, scene, config = as_path(folder).resolve(), as_path(scene).absolute(), config or Config()
+    options, outputs, callbacks = options or BatchOptions(), outputs or OutputOptions(), callbacks or BatchCallbacks()
     planned = plan_logs(logs, folder)
-    check_outputs(planned, folder, rrd=rrd, resume=resume, force=force)
-    world, scene_sha256 = load_world(scene, mode=config.mode, seed=config.seed, progress=loading), sha256_of_file(scene)
-    check_outputs(planned, folder, rrd=rrd, resume=resume, force=force, inputs=world.source_files)
+    check_outputs(planned, folder, options=options)
+    world, scene_sha256 = (
+        load_world(scene, mode=config.mode, seed=config.seed, progress=callbacks.loading),
+        sha256_of_file(scene),
+    )
+    check_outputs(planned, folder, options=options, inputs=world.source_files)
     world_sha256 = sha256_of_world(world)
-    parameters = {**json.loads(json.dumps(config.as_dict())), "timing": timing, "copy_input": copy_input, "ros2": ros2}
+    parameters = {**json.loads(json.dumps(config.as_dict())), **dataclasses.asdict(outputs)}
     requested = [
         Entry(
             log=str(plan.log),
             out=f"{plan.name}.mcap",
-            rrd=f"{plan.name}.rrd" if rrd else None,
+            rrd=f"{plan.name}.rrd" if options.rrd else None,
             version=__version__,
             scene_sha256=scene_sha256,
             world_sha256=world_sha256,
@@ -144,7 +155,7 @@ def run_batch(
         up_to_date = tuple(
             e.out
             for e, plan in zip(requested, planned, strict=True)
-            if resume and _is_up_to_date(manifest.entries.get(e.out), e, plan.log, folder)
+            if options.resume and _is_up_to_date(manifest.entries.get(e.out), e, plan.log, folder)
         )
         log_of = {entry.out: plan.log for entry, plan in zip(requested, planned, strict=True)}
         todo = [entry for entry in requested if entry.out not in up_to_date]
@@ -159,30 +170,28 @@ def run_batch(
                 out=_with_folder_made(folder / entry.out),
                 rrd=None if entry.rrd is None else folder / entry.rrd,
                 config=config,
-                timing=timing,
-                copy_input=copy_input,
-                ros2=ros2,
+                options=outputs,
                 running=running,
             )
             for entry in todo
         ]
         failed = False
 
-        control = Control(may_start=lambda: keep_going or not failed, request_stop=(running / STOP).touch)
-        finished = _execute(tasks, world, jobs, scheduler, control)
+        control = Control(may_start=lambda: options.keep_going or not failed, request_stop=(running / STOP).touch)
+        finished = _execute(tasks, world, options, control)
         done = len(up_to_date)
-        if progress is not None:
-            progress(done, len(requested))
+        if callbacks.progress is not None:
+            callbacks.progress(done, len(requested))
         with closing(finished), _saved_at_last(manifest):
             for index, outcome in finished:
                 entry = _finished_entry(todo[index], outcome)
                 failed = failed or entry.status == "failed"
                 manifest.set(entry)
                 done += 1
-                if ended is not None:
-                    ended(entry)
-                if progress is not None:
-                    progress(done, len(requested))
+                if callbacks.ended is not None:
+                    callbacks.ended(entry)
+                if callbacks.progress is not None:
+                    callbacks.progress(done, len(requested))
     return BatchReport(
         folder=str(folder),
         manifest=str(manifest.path),
@@ -192,27 +201,21 @@ def run_batch(
 
 
 def check_outputs(
-    planned: Sequence[PlannedLog],
-    folder: AnyPath,
-    *,
-    rrd: bool,
-    resume: bool,
-    force: bool,
-    inputs: Sequence[AnyPath] = (),
+    planned: Sequence[PlannedLog], folder: AnyPath, *, options: BatchOptions, inputs: Sequence[AnyPath] = ()
 ) -> None:
     """Raise OutputError if an output is a log, one of the other `inputs`, or exists and may not be replaced.
 
-    With `resume` those that the folder's manifest names may.
+    With `options.resume` those that the folder's manifest names may.
     """
     if is_remote(folder) and not folder.lists:
         raise OutputError(f"{folder}: a web server takes no files; choose a local folder or a store such as s3://")
-    claimed = set(Manifest.load(folder).entries) if resume else set[str]()
+    claimed = set(Manifest.load(folder).entries) if options.resume else set[str]()
     read = InputFiles([*(file for plan in planned for file in _files_of(plan.log)), *inputs])
     for plan in planned:
-        for suffix in (".mcap", ".rrd") if rrd else (".mcap",):
+        for suffix in (".mcap", ".rrd") if options.rrd else (".mcap",):
             path = folder / f"{plan.name}{suffix}"
             if is_remote(path) or path.parent.is_dir():
-                may_replace = force or f"{plan.name}.mcap" in claimed
+                may_replace = options.force or f"{plan.name}.mcap" in claimed
                 check_target(path, force=True, inputs=read)
                 if path.exists() and not may_replace:
                     raise RefusedTargetError(f"{path}: exists; choose another folder, or add --resume or --force")
@@ -228,11 +231,11 @@ def _files_of(log: AnyPath) -> tuple[AnyPath, ...]:
 
 
 def _execute(
-    jobs: Sequence[Job], world: World, count: int | None, scheduler: str | None, control: Control
+    jobs: Sequence[Job], world: World, options: BatchOptions, control: Control
 ) -> Generator[Finished, None, None]:
-    if scheduler is not None and jobs:
-        return run_on_cluster(jobs, scheduler, control)
-    return run_in_processes(jobs, world, max(1, min(count or available_cores(), len(jobs))), control)
+    if options.scheduler is not None and jobs:
+        return run_on_cluster(jobs, options.scheduler, control)
+    return run_in_processes(jobs, world, max(1, min(options.jobs or available_cores(), len(jobs))), control)
 
 
 def _is_up_to_date(entry: Entry | None, requested: Entry, log: AnyPath, folder: AnyPath) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from geomphys.bench.depths import RecordedPairs, compare_depths, random_pairs
@@ -16,23 +17,40 @@ from geomphys.config import Config
 from geomphys.errors import ConfigError, InputError
 from geomphys.storage.child_process import available_cores
 
-REPEATS = 3
-CLIPS = 100
 WHOLE = "gallery"
 """The experiment of which whole processes and batches are timed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchOptions:
+    """What a benchmark measures, and how often."""
+
+    peers: bool = False
+    """MuJoCo, coal and FCL too, alternating with the step."""
+    depths: bool = True
+    """Penetration depths of pairs."""
+    scaling: bool = True
+    """Made-up scenes of growing size."""
+    compiling: bool = False
+    """Compilation from nothing."""
+    whole: bool = False
+    """Whole processes of the gallery's replay, and batches of clips cut from it with one job and with one a processor."""
+    clips: int = 100
+    """Clips of 5 s in a batch."""
+    repeats: int = 3
+    """How often each is run; the smallest time counts."""
+
+    def __post_init__(self) -> None:
+        """Raise ConfigError for what cannot be run."""
+        if self.repeats < 1:
+            raise ConfigError(f"repeats = {self.repeats}: must be at least 1")
 
 
 def run_bench(
     folder: Path | None = None,
     *,
     only: Sequence[str] = (),
-    peers: bool = False,
-    depths: bool = True,
-    scaling: bool = True,
-    compiling: bool = False,
-    whole: bool = False,
-    clips: int = CLIPS,
-    repeats: int = REPEATS,
+    options: BenchOptions | None = None,
     config: Config | None = None,
     progress: Callable[[int, int | None], None] | None = None,
 ) -> Report:
@@ -44,15 +62,8 @@ def run_bench(
         Holds `recordings` and `assets`; None: the checkout that holds the package.
     only
         Names of experiments, see `geomphys.bench.experiments.NAMES`; empty: all that are there.
-    peers
-        Whether to measure MuJoCo, coal and FCL too, alternating with the step.
-    depths, scaling, compiling
-        Whether to measure penetration depths of pairs; made-up scenes of growing size; compilation from nothing.
-    whole, clips
-        Whether to time whole processes of the gallery's replay, and batches of so many clips of 5 s cut from it with one
-        job and with one a processor.
-    repeats
-        How often each is run; the smallest time counts.
+    options
+        What is measured, and how often; None: the defaults.
     config
         Parameters of the replays; None: the defaults.
     progress
@@ -65,16 +76,17 @@ def run_bench(
     InputError
         No experiment is there, or its files are wrong.
     """
-    if repeats < 1:
-        raise ConfigError(f"repeats = {repeats}: must be at least 1")
-    config = config or Config()
+    config, options = config or Config(), options or BenchOptions()
+    depths, whole, repeats = options.depths, options.whole, options.repeats
     found = experiment_files(folder, only)
     available = [source for source in found if source.exists]
     if not available:
         raise InputError(f"{found[0].log}: no such recording; name the folder that holds recordings/ and assets/")
-    engines = _mujoco() if peers else ()
+    engines = _mujoco() if options.peers else ()
     parts = (
-        len(available) + (1 if depths else 0) + (len(OBJECTS) + len(HANDS) + len(PIECES) + len(HEAPS) if scaling else 0)
+        len(available)
+        + (1 if depths else 0)
+        + (len(OBJECTS) + len(HANDS) + len(PIECES) + len(HEAPS) if options.scaling else 0)
     )
     whole_files = experiment_files(folder, [WHOLE])[0]
     if whole and not whole_files.exists:
@@ -107,21 +119,21 @@ def run_bench(
     compared: list[DepthResult] = []
     if depths:
         sets = [*random_pairs(config.seed), *(pairs for pairs in recorded_pairs if pairs is not None)]
-        compared = [compare_depths(pairs, repeats, peers) for pairs in sets]
+        compared = [compare_depths(pairs, repeats, options.peers) for pairs in sets]
         report()
-    scaling_curves: list[Curve] = list(curves(config, repeats, engines[:1], report)) if scaling else []
+    scaling_curves: list[Curve] = list(curves(config, repeats, engines[:1], report)) if options.scaling else []
     processes: list[ProcessTime] = []
     batches: list[BatchTime] = []
     if whole:
         for rrd in (False, True):
             processes.append(time_process(whole_files, repeats, rrd=rrd))
             report()
-        batches = time_batches(whole_files, clips, jobs, report)
+        batches = time_batches(whole_files, options.clips, jobs, report)
     return Report(
         machine=machine,
         kernels_were_cached=were_cached,
         ready_s=ready,
-        compile_s=compile_seconds() if compiling else None,
+        compile_s=compile_seconds() if options.compiling else None,
         repeats=repeats,
         experiments=tuple(experiments),
         missing=tuple(source.name for source in found if not source.exists),

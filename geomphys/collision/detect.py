@@ -13,6 +13,7 @@ from geomphys.collision.penetration import Scratch, Separation, separation
 from geomphys.collision.support import shapes_of
 from geomphys.collision.sweep import Boxes, apart, near_trees
 from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.packed_records import Record
 from geomphys.numerics.vec3 import Vec
 from geomphys.scene.arrays import DRIVEN, Pieces, Scene
 
@@ -22,11 +23,19 @@ Ints = NDArray[np.int64]
 NOWHERE = (0.0, 0.0, 0.0)  # witness points of a pair that is not measured
 
 
-class Near(NamedTuple):
-    """Pairs of pieces that are near each other, in a fixed order. `filled[0]` of them are filled."""
+PAIR_COUNTS = np.dtype(
+    [
+        ("filled", np.int64),
+        ("lost", np.int64),  # pairs that found the table full since it was last set to 0
+    ]
+)
+"""Of a table of near pairs."""
 
-    filled: Ints  # (1,)
-    lost: Ints  # (1,) pairs that found the table full since it was last set to 0
+
+class Near(NamedTuple):
+    """Pairs of pieces that are near each other, in a fixed order. `counts.filled` of them are filled."""
+
+    counts: Record  # PAIR_COUNTS
     a: Ints  # (n,) pieces
     b: Ints  # (n,)
     tree_a: Ints  # (n,)
@@ -44,12 +53,21 @@ class Axes(NamedTuple):
     rows: Floats  # (n, 4) number of the pair, -1: none; the direction
 
 
+class Detection(NamedTuple):
+    """What collision detection works with: derived and disposable."""
+
+    boxes: Boxes
+    axes: Axes
+    scratch: Scratch
+    found: Ints  # (T,) scratch
+
+
 def make_near(size: int) -> Near:
     """A table for `size` pairs."""
     a, b, tree_a, tree_b = (np.zeros(size, np.int64) for _ in range(4))
     normal, point_a, point_b = (np.zeros((size, 3)) for _ in range(3))
-    filled, lost = np.zeros(1, np.int64), np.zeros(1, np.int64)
-    return Near(filled, lost, a, b, tree_a, tree_b, np.zeros(size), normal, point_a, point_b, np.ones(size, np.int64))
+    counts, exact = np.zeros((), PAIR_COUNTS), np.ones(size, np.int64)
+    return Near(counts, a, b, tree_a, tree_b, np.zeros(size), normal, point_a, point_b, exact)
 
 
 def make_axes(size: int = 1 << 14) -> Axes:
@@ -121,11 +139,11 @@ def pair_bound(pieces: Pieces, frames: Floats, a: int, b: int, axes: Axes) -> tu
 def append_pair(near: Near, a: int, b: int, tree_a: int, tree_b: int, found: Separation) -> None:
     """Add a pair to `near`; counts it as lost where the table is full."""
     s, n, pa, pb = found
-    k = near.filled[0]
+    k = near.counts.filled
     if k == len(near.a):
-        near.lost[0] += 1
+        near.counts.lost += 1
         return
-    near.filled[0] = k + 1
+    near.counts.filled = k + 1
     near.a[k], near.b[k], near.tree_a[k], near.tree_b[k], near.separation[k] = a, b, tree_a, tree_b, s
     near.exact[k] = 1
     for i in range(3):
@@ -134,10 +152,17 @@ def append_pair(near: Near, a: int, b: int, tree_a: int, tree_b: int, found: Sep
 
 @outlined
 def near_bodies(
-    scene: Scene, frames: Floats, boxes: Boxes, body_a: int, body_b: int, limit: float, enough: float, near: Near, axes: Axes,
-    scratch: Scratch,
-) -> None:  # fmt: skip
+    scene: Scene,
+    frames: Floats,
+    body_a: int,
+    body_b: int,
+    limit: float,
+    enough: float,
+    near: Near,
+    detection: Detection,
+) -> None:
     """Append the pairs of pieces of two bodies within `limit` [m], and those that no remembered direction shows to be beyond."""
+    boxes, axes = detection.boxes, detection.axes
     tree_a, tree_b = scene.bodies.tree[body_a], scene.bodies.tree[body_b]
     for a in range(scene.bodies.piece_start[body_a], scene.bodies.piece_start[body_a + 1]):
         if apart(boxes.piece_low, boxes.piece_high, boxes.body_low, boxes.body_high, a, body_b, limit):
@@ -150,60 +175,59 @@ def near_bodies(
                 continue
             if bound >= enough:
                 append_pair(near, a, b, tree_a, tree_b, (bound, along, NOWHERE, NOWHERE))
-                near.exact[near.filled[0] - 1] = 0
+                near.exact[near.counts.filled - 1] = 0
                 continue
-            found = pair_separation(scene.pieces, frames, a, b, limit, axes, scratch)
+            found = pair_separation(scene.pieces, frames, a, b, limit, axes, detection.scratch)
             if found[0] <= limit:
                 append_pair(near, a, b, tree_a, tree_b, found)
 
 
 @kernel
 def near_pairs_of_trees(
-    scene: Scene, frames: Floats, boxes: Boxes, tree_a: int, tree_b: int, limit: float, enough: float, near: Near,
-    axes: Axes, scratch: Scratch,
-) -> None:  # fmt: skip
+    scene: Scene,
+    frames: Floats,
+    tree_a: int,
+    tree_b: int,
+    limit: float,
+    enough: float,
+    near: Near,
+    detection: Detection,
+) -> None:
     """Append the pairs of pieces of two trees that are within `limit` [m]."""
+    boxes = detection.boxes
     for body_a in range(scene.trees.body_start[tree_a], scene.trees.body_start[tree_a + 1]):
         if apart(boxes.body_low, boxes.body_high, boxes.tree_low, boxes.tree_high, body_a, tree_b, limit):
             continue
         for body_b in range(scene.trees.body_start[tree_b], scene.trees.body_start[tree_b + 1]):
             if not apart(boxes.body_low, boxes.body_high, boxes.body_low, boxes.body_high, body_a, body_b, limit):
-                near_bodies(scene, frames, boxes, body_a, body_b, limit, enough, near, axes, scratch)
+                near_bodies(scene, frames, body_a, body_b, limit, enough, near, detection)
 
 
 @kernel
 def near_pairs_within_tree(
-    scene: Scene,
-    frames: Floats,
-    boxes: Boxes,
-    tree: int,
-    limit: float,
-    enough: float,
-    near: Near,
-    axes: Axes,
-    scratch: Scratch,
+    scene: Scene, frames: Floats, tree: int, limit: float, enough: float, near: Near, detection: Detection
 ) -> None:
     """Append the pairs of pieces of links of one avatar that may collide and are within `limit` [m]."""
+    boxes = detection.boxes
     last = scene.trees.body_start[tree + 1]
     for body_a in range(scene.trees.body_start[tree], last):
         for body_b in range(body_a + 1, last):
             if scene.excluded[body_a, body_b] == 0 and not apart(
                 boxes.body_low, boxes.body_high, boxes.body_low, boxes.body_high, body_a, body_b, limit
             ):
-                near_bodies(scene, frames, boxes, body_a, body_b, limit, enough, near, axes, scratch)
+                near_bodies(scene, frames, body_a, body_b, limit, enough, near, detection)
 
 
 @outlined
 def find_near(
-    scene: Scene, frames: Floats, boxes: Boxes, reach: Floats, margin: float, enough: float, near: Near, found: Ints,
-    axes: Axes, scratch: Scratch,
-) -> None:  # fmt: skip
+    scene: Scene, frames: Floats, reach: Floats, margin: float, enough: float, near: Near, detection: Detection
+) -> None:
     """All pairs of pieces with a driven one among them that may meet.
 
     Parameters
     ----------
-    scene, frames, boxes
-        The scene, its pieces' world frames (P, 12) and their boxes.
+    scene, frames
+        The scene and its pieces' world frames (P, 12).
     reach
         (T, 2) m; how far the pieces of each tree may move before the answer is used: in the world, and by bending only.
     margin
@@ -212,13 +236,12 @@ def find_near(
         m; pairs that a remembered direction shows to be this far apart are not measured: `separation` and `normal` are that
         bound and direction, `exact` is 0. inf: all are measured.
     near
-        The pairs replace what it held; `lost` counts what did not fit.
-    found
-        (T,) scratch.
-    axes, scratch
-        Remembered directions and workspace of the narrow phase.
+        The pairs replace what it held; `counts.lost` counts what did not fit.
+    detection
+        Its boxes are those of the pieces at `frames`.
     """
-    near.filled[0] = 0
+    boxes, found = detection.boxes, detection.found
+    near.counts.filled = 0
     widest = 0.0
     for tree in range(len(scene.trees.role)):
         widest = max(widest, reach[tree, 0])
@@ -232,8 +255,6 @@ def find_near(
                 continue
             limit = reach[tree, 0] + reach[other, 0] + margin
             if not apart(boxes.tree_low, boxes.tree_high, boxes.tree_low, boxes.tree_high, tree, other, limit):
-                near_pairs_of_trees(scene, frames, boxes, tree, other, limit, enough, near, axes, scratch)
+                near_pairs_of_trees(scene, frames, tree, other, limit, enough, near, detection)
         if scene.trees.chains[tree] == 1 and scene.trees.self_collision[tree] == 1:
-            near_pairs_within_tree(
-                scene, frames, boxes, tree, 2.0 * reach[tree, 1] + margin, enough, near, axes, scratch
-            )
+            near_pairs_within_tree(scene, frames, tree, 2.0 * reach[tree, 1] + margin, enough, near, detection)

@@ -14,11 +14,10 @@ import numpy as np
 
 from geomphys.collision.gjk import difference, set_corner
 from geomphys.collision.scratch import MAX_CORNERS, MAX_FACES, Scratch
-from geomphys.collision.support import Core
+from geomphys.collision.support import Core, is_curved
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import set_vec, vec_of
 from geomphys.numerics.vec3 import Rot, Vec, add_scaled, cross, dot, norm, perpendicular, scale, sub
-from geomphys.scene.arrays import CYLINDER
 
 GONE = 0
 SURFACE = 1
@@ -258,7 +257,7 @@ def expand(
     Returns
     -------
     exact
-        Whether the bounds met: to rounding, or 1e-7 of the depth and 1e-11 of the size where a cylinder takes part.
+        Whether the bounds met: to rounding, or 1e-7 of the depth and 1e-11 of the size where a curved core takes part.
     depth
         M's extent along the normal [m]: the smallest upper bound found.
     outward
@@ -266,7 +265,7 @@ def expand(
     point
         Of A, deepest in B.
     """
-    curved = a.kind == CYLINDER or b.kind == CYLINDER
+    curved = is_curved(a) or is_curved(b)
     tight = 1e-7 if curved else 1e-12
     floor = size * (1e-11 if curved else 2e-15)
     relative, absolute = 1e-6, 1e-11 * size

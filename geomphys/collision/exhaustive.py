@@ -88,7 +88,7 @@ def try_direction(
 
 @outlined
 def exhaustive(a: Core, b: Core, rot: Rot, t: Vec, size: float, scratch: Scratch) -> tuple[float, Vec, Vec]:
-    """Depth, outward normal and point of A of two cores, as `expand` has them; none of them a cylinder."""
+    """Depth, outward normal and point of A of two cores, as `expand` has them; none of them curved."""
     best, outward = np.inf, (0.0, 0.0, 1.0)
     for side in range(2):
         core = a if side == 0 else b

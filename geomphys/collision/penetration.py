@@ -9,7 +9,7 @@ from geomphys.collision.epa import expand
 from geomphys.collision.exhaustive import exhaustive
 from geomphys.collision.gjk import OVERLAP, closest, difference
 from geomphys.collision.scratch import Scratch, make_scratch
-from geomphys.collision.support import Shapes, core_of, position_of, radius_of, rotation_of
+from geomphys.collision.support import Shapes, core_of, is_curved, position_of, radius_of, rotation_of
 from geomphys.jit.kernel import inlined, kernel, outlined
 from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import (
@@ -123,7 +123,7 @@ def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, scratch: Sc
             exact, depth, outward, p = expand(core_a, core_b, rot, t, size, eps, count, scratch)
             if exact:
                 break
-        if not exact and core_a.kind != CYLINDER and core_b.kind != CYLINDER:
+        if not exact and not is_curved(core_a) and not is_curved(core_b):
             depth, outward, p = exhaustive(core_a, core_b, rot, t, size, scratch)
         s, n = -depth, neg(outward)
     p = add_scaled(p, n, -radius_a)

@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 
 from geomphys.collision.manifold import manifold
 from geomphys.collision.penetration import Scratch, make_scratch, separation
-from geomphys.collision.support import Shapes
+from geomphys.collision.support import Shapes, core_of, radius_of, shapes_of, support
 from geomphys.jit.kernel import kernel
 from geomphys.jit.packed_records import pack
+from geomphys.numerics.row_vectors import set_vec_at, vec_at
+from geomphys.numerics.vec3 import add_scaled
 from geomphys.scene.arrays import Floats, Pieces
 from geomphys.scene.pieces import PosedShape, Shape, build_pieces
 
@@ -35,6 +37,27 @@ def _measure(pieces: Pieces, frames: Floats, scratch: Scratch, out: Floats) -> i
         out[0, k], out[1, k], out[2, k] = n[k], pa[k], pb[k]
     out[3, 0] = s
     return manifold(Shapes(pieces, frames), 0, 1, (s, n, pa, pb), out[4:8], out[8:12], scratch)
+
+
+@kernel
+def _reach_out(pieces: Pieces, frames: Floats, piece: int, directions: Floats, out: Floats) -> None:
+    """The farthest points of a piece in `directions` (n, 3), to the rows of `out`."""
+    shapes = shapes_of(pieces, frames)
+    core, radius = core_of(shapes, piece), radius_of(shapes, piece)
+    for k in range(len(directions)):
+        d = vec_at(directions, k)
+        set_vec_at(out, k, add_scaled(support(core, d), d, radius))
+
+
+def outline(pieces: Pieces, piece: int, count: int = 600) -> Floats:
+    """Points (n, 3) of a piece's surface [m], piece frame: the farthest in `count` directions (spherical Fibonacci)."""
+    k = np.arange(count) + 0.5
+    z, angle = 1.0 - 2.0 * k / count, np.pi * (1.0 + np.sqrt(5.0)) * k
+    around = np.sqrt(1.0 - z * z)
+    directions = np.stack([around * np.cos(angle), around * np.sin(angle), z], axis=1)
+    points = np.zeros((count, 3))
+    _reach_out(pack(pieces), np.zeros((len(pieces.kind), 12)), piece, directions, points)
+    return np.unique(points, axis=0)
 
 
 def query(

@@ -1,4 +1,4 @@
-"""Placing pieces in the world, and the farthest point of a piece in a direction.
+"""Placing pieces in the world; the farthest point of a piece in a direction, and the face or edge that it turns there.
 
 Spheres and capsules are a *core*, a point or a segment, grown by their radius: everything below sees the core only.
 """
@@ -10,11 +10,30 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from geomphys.collision.scratch import MAX_POLYGON
 from geomphys.jit.kernel import kernel
-from geomphys.numerics.row_vectors import rot_of, vec_at, vec_from
-from geomphys.numerics.vec3 import Quat, Rot, Vec, dot, quat_unit, rot_from_quat, rot_mul, rotate
-from geomphys.scene.arrays import CAPSULE, CYLINDER, HULL, Floats, Pieces
+from geomphys.numerics.row_vectors import rot_of, set_vec_at, vec_at, vec_from
+from geomphys.numerics.vec3 import (
+    Quat,
+    Rot,
+    Vec,
+    add,
+    add_scaled,
+    dot,
+    quat_unit,
+    rot_from_quat,
+    rot_mul,
+    rotate,
+    rotate_back,
+    scale,
+)
+from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, HULL, SPHERE, Floats, Pieces
 from geomphys.scene.direction_cells import cell_of
+
+RIM = 16
+"""Corners that stand for a cylinder's cap."""
+TILT = 0.01
+"""Sine of the angle from which on a capsule stands on its end instead of lying on its side."""
 
 
 class Shapes(NamedTuple):
@@ -109,6 +128,12 @@ def radius_of(shapes: Shapes, p: int) -> float:
 
 
 @kernel
+def is_curved(core: Core) -> bool:
+    """Whether a core has no corners: not a point, a segment or a polytope."""
+    return bool(core.kind > CAPSULE and core.corners == 0)
+
+
+@kernel
 def support(core: Core, d: Vec) -> Vec:
     """A point of the core farthest in direction `d` (not zero), piece frame."""
     if core.kind == HULL:
@@ -158,3 +183,63 @@ def farthest_corner(core: Core, d: Vec) -> int:
                 best = other
         if best == at:
             return int(np.int64(best))
+
+
+@kernel
+def face_towards(pieces: Pieces, p: int, d: Vec) -> int:
+    """Face of a hull whose normal is nearest to `d`, piece frame."""
+    best, found = -np.inf, 0
+    for f in range(pieces.face_start[p], pieces.face_start[p + 1]):
+        x = dot(vec_at(pieces.planes, f), d)
+        if x > best:
+            best = x
+            found = f
+    return found
+
+
+@kernel
+def feature(shapes: Shapes, p: int, d: Vec, out: Floats) -> tuple[int, Vec]:
+    """What piece `p` turns towards direction `d` (unit, world): writes its corners in the world to `out`.
+
+    Returns their number (2 a line, more a face, counter-clockwise seen from outside; 1 a point, which is not written)
+    and a face's normal.
+    """
+    pieces = shapes.pieces
+    kind = pieces.kind[p]
+    rot, at = rotation_of(shapes, p), position_of(shapes, p)
+    axis = (rot[2], rot[5], rot[8])
+    x, y, _ = vec_at(pieces.size, p)
+    if kind == SPHERE:
+        return 1, d
+    if kind == CAPSULE:
+        low = add_scaled(at, d, x)
+        if abs(dot(axis, d)) > TILT:
+            return 1, d
+        set_vec_at(out, 0, add_scaled(low, axis, y))
+        set_vec_at(out, 1, add_scaled(low, axis, -y))
+        return 2, d
+    local = rotate_back(rot, d)
+    if kind == CYLINDER:
+        if abs(local[2]) < math.sqrt(0.5):
+            k = x / math.sqrt(local[0] * local[0] + local[1] * local[1])
+            set_vec_at(out, 0, add(at, rotate(rot, (k * local[0], k * local[1], y))))
+            set_vec_at(out, 1, add(at, rotate(rot, (k * local[0], k * local[1], -y))))
+            return 2, d
+        up = 1.0 if local[2] > 0.0 else -1.0
+        for k in range(RIM):
+            angle = up * k * (2.0 * math.pi / RIM)
+            set_vec_at(out, k, add(at, rotate(rot, (x * math.cos(angle), x * math.sin(angle), up * y))))
+        return RIM, scale(axis, up)
+    if kind == BOX:
+        i, j, k = abs(local[0]), abs(local[1]), abs(local[2])
+        across = 0 if i >= j and i >= k else (1 if j >= k else 2)
+        f = pieces.face_start[p] + 2 * across + (1 if local[across] > 0.0 else 0)
+    else:
+        f = face_towards(pieces, p, local)
+    first, last = pieces.loop_start[f], pieces.loop_start[f + 1]
+    step = 1 + 4 * (last - first - 1) // MAX_POLYGON
+    count = 0
+    for k in range(first, last, step):
+        set_vec_at(out, count, add(at, rotate(rot, vec_at(pieces.vertices, pieces.vertex_start[p] + pieces.loops[k]))))
+        count += 1
+    return count, rotate(rot, vec_at(pieces.planes, f))

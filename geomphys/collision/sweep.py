@@ -11,9 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from geomphys.collision.support import core_of, radius_of, shapes_of, support
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.jit.packed_records import pack
-from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, SPHERE, Pieces, Scene
+from geomphys.numerics.vec3 import neg
+from geomphys.scene.arrays import CAPSULE, CYLINDER, SPHERE, Pieces, Scene
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -34,7 +36,7 @@ class Boxes(NamedTuple):
     tree_high: Floats  # (T, 3)
     sorted_still: Ints  # (n,) still trees that are not wide, by low x
     sorted_low: Floats  # (n,) their low x
-    widest: Floats  # (1,) the largest of their widths along x
+    widest: float  # m, the largest of their widths along x
     others: Ints  # (m,) trees that move, and wide ones
 
 
@@ -42,21 +44,19 @@ def local_boxes(pieces: Pieces) -> tuple[Floats, Floats]:
     """Centre and half extents (P, 3) of every piece's box in its own frame [m]."""
     count = len(pieces.kind)
     centre, half = np.zeros((count, 3)), np.zeros((count, 3))
-    for i in range(count):
-        kind, size = pieces.kind[i], pieces.size[i]
-        if kind == SPHERE:
-            half[i] = size[0]
-        elif kind == CAPSULE:
-            half[i] = (size[0], size[0], size[1] + size[0])
-        elif kind == CYLINDER:
-            half[i] = (size[0], size[0], size[1])
-        elif kind == BOX:
-            half[i] = size
-        else:
-            vertices = pieces.vertices[pieces.vertex_start[i] : pieces.vertex_start[i + 1]]
-            low, high = vertices.min(axis=0), vertices.max(axis=0)
-            centre[i], half[i] = 0.5 * (low + high), 0.5 * (high - low)
+    _measure_boxes(pack(pieces), np.zeros((count, 12)), centre, half)
     return centre, half
+
+
+@kernel
+def _measure_boxes(pieces: Pieces, frames: Floats, centre: Floats, half: Floats) -> None:
+    shapes = shapes_of(pieces, frames)
+    for i in range(len(pieces.kind)):
+        core, radius = core_of(shapes, i), radius_of(shapes, i)
+        for k in range(3):
+            d = (1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0)
+            low, high = support(core, neg(d))[k] - radius, support(core, d)[k] + radius
+            centre[i, k], half[i, k] = 0.5 * (low + high), 0.5 * (high - low)
 
 
 def make_boxes(scene: Scene, frames: Floats) -> Boxes:
@@ -68,7 +68,7 @@ def make_boxes(scene: Scene, frames: Floats) -> Boxes:
     tree_low, tree_high = np.zeros((trees, 3)), np.zeros((trees, 3))
     none = np.zeros(0, np.int64)
     boxes = Boxes(
-        centre, half, piece_low, piece_high, body_low, body_high, tree_low, tree_high, none, np.zeros(0), np.zeros(1), none,
+        centre, half, piece_low, piece_high, body_low, body_high, tree_low, tree_high, none, np.zeros(0), 0.0, none,
     )  # fmt: skip
     packed = pack(scene), pack(boxes)
     for tree in range(trees):
@@ -80,7 +80,7 @@ def make_boxes(scene: Scene, frames: Floats) -> Boxes:
     return boxes._replace(
         sorted_still=ordered,
         sorted_low=np.ascontiguousarray(boxes.tree_low[ordered, 0]),
-        widest=np.array([width[narrow].max(initial=0.0)]),
+        widest=float(width[narrow].max(initial=0.0)),
         others=np.setdiff1d(np.arange(trees), ordered),
     )
 
@@ -136,7 +136,7 @@ def near_trees(boxes: Boxes, tree: int, margin: float, found: Ints) -> int:
     """
     count = 0
     low, high = boxes.tree_low[tree, 0] - margin, boxes.tree_high[tree, 0] + margin
-    start = np.searchsorted(boxes.sorted_low, low - boxes.widest[0])
+    start = np.searchsorted(boxes.sorted_low, low - boxes.widest)
     for k in range(start, len(boxes.sorted_still)):
         if boxes.sorted_low[k] > high:
             break

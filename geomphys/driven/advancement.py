@@ -1,11 +1,10 @@
 """Whether two pieces can go from one pair of poses to another without passing through each other.
 
-Both bodies go on straight lines, turning evenly. The way is certified by conservative advancement: from a moment at
-which the pieces are a distance apart nothing can happen before they have moved that far against each other; and where a
-direction separates them now and at a later moment, carried along with the piece that turns most, it does so in between,
-but for what the turning bends. An overlap on the way that is small against both pieces does not count: the ends of a way
-are free, or all but, and a piece that goes through another is at some moment half as deep in it as the thinner of them is
-thick.
+Both bodies move on straight lines with constant angular velocity. The path is certified by conservative advancement: pieces
+that are a distance apart cannot touch before their relative motion has reached that distance; and where a direction, attached
+to the piece that rotates most, separates them now and at a later time, it does so in between, up to the curvature of the
+relative motion. An overlap on the path that is small against both pieces is tolerated: the ends of a path are free, or nearly
+so, and a piece that passes through another is at some time half as deep in it as the thinner of them is thick.
 """
 
 from __future__ import annotations
@@ -46,7 +45,7 @@ MOMENTS = 48  # at most that are looked at
 
 @kernel
 def passing_depth(scene: Scene, a: int, b: int) -> float:
-    """How deep [m] two pieces may be in each other on their way."""
+    """How deep [m] two pieces may overlap on their path."""
     thickness = scene.pieces.thickness
     return min(PASSING * 0.5 * (thickness[a] + thickness[b]), MOST_PASSING)
 
@@ -62,7 +61,7 @@ def _centre(scene: Scene, poses: Floats, piece: int) -> Vec:
 
 @kernel
 def rotation_between(before: Floats, after: Floats, body: int) -> float:
-    """Angle [rad] by which a body turns from one row of poses (B, 7) to another."""
+    """Angle [rad] by which a body rotates from one row of poses (B, 7) to another."""
     square = 0.0
     for k in range(3, 7):
         square += (after[body, k] - before[body, k]) ** 2
@@ -81,7 +80,7 @@ def centre_motion(scene: Scene, before: Floats, after: Floats, piece: int) -> Ve
 
 @kernel
 def pair_motion(scene: Scene, before: Floats, after: Floats, a: int, b: int) -> tuple[float, float]:
-    """How far two pieces move against each other at most [m], and the part of it that comes of turning."""
+    """How far two pieces move against each other at most [m], and the part of it that is due to rotation."""
     pieces = scene.pieces
     path = norm(sub(centre_motion(scene, before, after, a), centre_motion(scene, before, after, b)))
     swing = rotation_between(before, after, pieces.body[a]) * pieces.reach[a]
@@ -91,7 +90,7 @@ def pair_motion(scene: Scene, before: Floats, after: Floats, a: int, b: int) -> 
 
 @kernel
 def _pose_between(scene: Scene, before: Floats, after: Floats, piece: int, t: float, frames: Floats) -> None:
-    """Row of `frames` of a piece a share `t` of its body's way: its own centre goes straight."""
+    """Row of `frames` of a piece at the share `t` of its body's path: its own centre goes straight."""
     body, local = scene.pieces.body[piece], scene.pieces.local
     q = slerp(orientation_of(before, body), orientation_of(after, body), t)
     c0, c1 = _centre(scene, before, piece), _centre(scene, after, piece)
@@ -106,7 +105,7 @@ def _pose_between(scene: Scene, before: Floats, after: Floats, piece: int, t: fl
 
 @kernel
 def _attached_direction(before: Floats, after: Floats, body: int, share: float, n: Vec) -> Vec:
-    """A direction carried along by a body that makes a `share` of its turn."""
+    """A direction attached to a body, after a `share` of the body's rotation."""
     rotation = quat_mul(orientation_of(after, body), quat_conjugate(orientation_of(before, body)))
     return quat_rotate(slerp((0.0, 0.0, 0.0, 1.0), rotation, share), n)
 
@@ -115,10 +114,10 @@ def _attached_direction(before: Floats, after: Floats, body: int, share: float, 
 def is_parted_before(
     scene: Scene, before: Floats, after: Floats, a: int, b: int, n: Vec, motion: float, frames: Floats
 ) -> bool:
-    """Whether a direction that parts two pieces at `after` parts them at `before` too, and they hardly turn on their way.
+    """Whether a direction that parts two pieces at `after` parts them at `before` too, with little rotation in between.
 
-    Then it parts them all the way, but for what may be passed. `motion` [m] is how far they go against each other at most;
-    `frames` (P, 12) is scratch.
+    Then it separates them on the whole path, up to the tolerated overlap. `motion` [m] is how far they go against each
+    other at most; `frames` (P, 12) is scratch.
     """
     rotation = rotation_between(before, after, scene.pieces.body[a]) + rotation_between(
         before, after, scene.pieces.body[b]
@@ -137,7 +136,7 @@ def path_is_free(
 ) -> bool:
     """Whether the pieces `a` and `b` get from where the poses `before` (B, 7) put them to `after` without passing through.
 
-    `frames` (P, 12) is scratch; rows `a` and `b` are written. Whether they overlap at either end is not asked for.
+    `frames` (P, 12) is scratch; rows `a` and `b` are written. Whether they overlap at either end is not checked.
     """
     motion, swing = pair_motion(scene, before, after, a, b)
     if motion == 0.0:

@@ -17,7 +17,7 @@ from geomphys.scene.kinematics import orientation_of, position_of
 
 Floats = NDArray[np.float64]
 
-ROOT_ARM = 0.15  # m: a root may turn by the step bound over this
+ROOT_ARM = 0.15  # m: a root may rotate by the step bound over this
 ON = 1e-5  # m: pairs this near touch
 TOUCHING = 2e-3  # m: where pairs this near were nearest is remembered
 SAME_SPOT = 1e-3  # m
@@ -92,7 +92,7 @@ def forget_spots(ws: DrivenWorkspace) -> None:
     """No pair has touched yet."""
     for i in range(len(ws.work.spot)):
         ws.work.spot[i, 0] = -1
-    ws.work.spot_next[0] = 0
+    ws.work.counts.next_spot = 0
 
 
 @kernel
@@ -119,8 +119,8 @@ def _remember_spot(scene: Scene, ws: DrivenWorkspace, poses: Floats, k: int) -> 
                 slot = i
                 break
     if slot < 0:
-        slot = work.spot_next[0]
-        work.spot_next[0] = (slot + 1) % len(work.spot)
+        slot = work.counts.next_spot
+        work.counts.next_spot = (slot + 1) % len(work.spot)
     work.spot[slot, 0], work.spot[slot, 1] = a, b
     for i in range(3):
         work.spot_at[slot, i] = near.normal[k, i]
@@ -129,7 +129,7 @@ def _remember_spot(scene: Scene, ws: DrivenWorkspace, poses: Floats, k: int) -> 
 
 @outlined
 def _add_spots(scene: Scene, ws: DrivenWorkspace, poses: Floats, k: int, gap: float, m: int, unknowns: int) -> int:
-    """Rows for where the near pair k touched in passes before: a face on another is else nearest at its corners in turn."""
+    """Rows for where the near pair k touched in passes before: two faces are else nearest at another corner in each pass."""
     near, work = ws.near, ws.work
     a, b = near.a[k], near.b[k]
     for i in range(len(work.spot)):
@@ -165,9 +165,9 @@ def add_term(ws: DrivenWorkspace, row: Floats, unknowns: int, weight: float, r: 
 
 @kernel
 def request_touching(ws: DrivenWorkspace) -> None:
-    """Only pairs that touch get a row at first: others turn out to be in the way, or not."""
+    """At first only pairs that touch get a row; others when an iterate shows that they obstruct."""
     near = ws.near
-    for k in range(near.filled[0]):
+    for k in range(near.counts.filled):
         ws.row_state[k] = REQUESTED if near.exact[k] == 1 and near.separation[k] < ON and concerns(ws, k) else NO_ROW
 
 
@@ -175,10 +175,10 @@ def request_touching(ws: DrivenWorkspace) -> None:
 def add_pairs(scene: Scene, ws: DrivenWorkspace, now: Posture, gap: float, m: int, unknowns: int, soft: bool) -> int:
     """Rows, from row m on, of the near pairs that are to have one, as measured at `now`; returns the number of rows.
 
-    `soft`: pairs that overlap get a dear term in the objective instead.
+    `soft`: pairs that overlap get a term of high weight in the objective instead.
     """
     near = ws.near
-    for k in range(near.filled[0]):
+    for k in range(near.counts.filled):
         if ws.row_state[k] != REQUESTED or m == len(ws.problem.least.bounds):
             continue
         s, n = near.separation[k], vec_of(near.normal, k)

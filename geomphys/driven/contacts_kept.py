@@ -1,9 +1,9 @@
-"""Contacts that were there stay there: a fingertip recorded on something ends on it.
+"""Keeps recorded contacts: a fingertip that was recorded on something ends on it.
 
 A soft term pulls the gap of a link at the end of a chain to the recorded one, or to zero where it was recorded inside, by
-the chain's own joints alone: the palm would otherwise be drawn along. Only what is fixed or tracked pulls; for two hands,
-or all the time, it does harm. The fingers of a hand in one piece close no faster than `Weights.closing_speed`: they would
-snap to what the hand was shifted off.
+the joints of its own chain alone, so that the palm is not moved by it. Only contacts with fixed or tracked bodies count: between
+two hands the term makes motion worse. The fingers of a rigid hand close no faster than `Weights.closing_speed`: they would
+otherwise jump to what the hand was translated away from.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ RECORDED_ON = 2e-3  # m: a link recorded this near touches
 def note_touch(scene: Scene, ws: DrivenWorkspace, tip: int, body: int, gap: float) -> None:
     """Keep a recorded contact, with the smallest gap."""
     work = ws.work
-    for i in range(work.touches[0]):
+    for i in range(work.counts.touches):
         if work.touch[i, 0] == tip and work.touch[i, 1] == body:
             work.touch_gap[i] = min(work.touch_gap[i], gap)
             return
-    i = work.touches[0]
+    i = work.counts.touches
     if i < len(work.touch):
         work.touch[i, 0], work.touch[i, 1], work.touch_gap[i] = tip, body, gap
-        work.touches[0] = i + 1
+        work.counts.touches = i + 1
 
 
 @outlined
 def note_touches(scene: Scene, ws: DrivenWorkspace, near: Near) -> None:
     """Recorded contacts of tips of chains, from the near pairs of the recorded poses."""
-    ws.work.touches[0] = 0
-    for k in range(near.filled[0]):
+    ws.work.counts.touches = 0
+    for k in range(near.counts.filled):
         body_a, body_b = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
         if near.separation[k] > RECORDED_ON or near.tree_a[k] == near.tree_b[k]:
             continue
@@ -54,34 +54,36 @@ def note_touches(scene: Scene, ws: DrivenWorkspace, near: Near) -> None:
 
 @kernel
 def forget_touches(scene: Scene, ws: DrivenWorkspace, tree: int) -> None:
-    """Drop the recorded contacts of a tree: the contact solve has said how it presses."""
+    """Drop the recorded contacts of a tree: the coupled contact solve has placed it."""
     work, count = ws.work, 0
-    for i in range(work.touches[0]):
+    for i in range(work.counts.touches):
         if scene.bodies.tree[work.touch[i, 0]] != tree:
             work.touch[count, 0], work.touch[count, 1] = work.touch[i, 0], work.touch[i, 1]
             work.touch_gap[count] = work.touch_gap[i]
             count += 1
-    work.touches[0] = count
+    work.counts.touches = count
 
 
 @outlined
 def measure_touches(scene: Scene, ws: DrivenWorkspace, limit: float) -> None:
     """Measure the nearest of the near pairs of each tip with what it touched in the recording, within `limit` [m]."""
     work, near = ws.work, ws.near
-    for i in range(work.touches[0]):
+    for i in range(work.counts.touches):
         tip, other = work.touch[i, 0], work.touch[i, 1]
         if work.kind[scene.bodies.tree[tip]] != ARTICULATED:
             continue
         nearest = limit
-        for k in range(near.filled[0]):
+        for k in range(near.counts.filled):
             if near.separation[k] < nearest and _is_touch(scene, ws, k, tip, other):
-                s = measure_near(scene.pieces, ws.piece_frames.frames, k, nearest, near, ws.axes, ws.scratch)
+                s = measure_near(
+                    scene.pieces, ws.piece_frames.frames, k, nearest, near, ws.detection.axes, ws.detection.scratch
+                )
                 nearest = min(nearest, s)
 
 
 @kernel
 def _is_touch(scene: Scene, ws: DrivenWorkspace, k: int, tip: int, other: int) -> bool:
-    """Whether the near pair k is of a tip, or what hangs on it, and another body."""
+    """Whether the near pair k is of a tip, or what is fixed to it, and another body."""
     a, b, holder = scene.pieces.body[ws.near.a[k]], scene.pieces.body[ws.near.b[k]], ws.links.holder
     return bool((holder[a] == tip and b == other) or (holder[b] == tip and a == other))
 
@@ -90,7 +92,7 @@ def _is_touch(scene: Scene, ws: DrivenWorkspace, k: int, tip: int, other: int) -
 def _nearest(scene: Scene, ws: DrivenWorkspace, i: int) -> int:
     """The near pair, of those measured, in which the tip of a recorded contact is nearest to what it touched; -1: none."""
     nearest, found = math.inf, -1
-    for k in range(ws.near.filled[0]):
+    for k in range(ws.near.counts.filled):
         nearer = ws.near.exact[k] == 1 and ws.near.separation[k] < nearest
         if nearer and _is_touch(scene, ws, k, ws.work.touch[i, 0], ws.work.touch[i, 1]):
             nearest, found = ws.near.separation[k], k
@@ -101,7 +103,7 @@ def _nearest(scene: Scene, ws: DrivenWorkspace, i: int) -> int:
 def set_touch_goals(scene: Scene, ws: DrivenWorkspace) -> None:
     """Where a search begins: how far apart what touched in the recording may be at its end, from the gap there."""
     work = ws.work
-    for i in range(work.touches[0]):
+    for i in range(work.counts.touches):
         k = _nearest(scene, ws, i)
         closing = work.closing[scene.bodies.tree[work.touch[i, 0]]]
         work.touch_goal[i] = math.inf if k < 0 else max(ws.near.separation[k] - closing, work.touch_gap[i], 0.0)
@@ -109,10 +111,10 @@ def set_touch_goals(scene: Scene, ws: DrivenWorkspace) -> None:
 
 @outlined
 def add_touches(scene: Scene, ws: DrivenWorkspace, now: Posture, unknowns: int) -> float:
-    """Terms of the recorded contacts of trees that bend; returns their energy."""
+    """Adds the terms of the recorded contacts of articulated trees; returns their energy."""
     work, near, energy = ws.work, ws.near, 0.0
     row = ws.problem.least.rows[len(ws.problem.least.bounds) - 1]
-    for i in range(work.touches[0]):
+    for i in range(work.counts.touches):
         tip = work.touch[i, 0]
         if work.kind[scene.bodies.tree[tip]] != ARTICULATED:
             continue

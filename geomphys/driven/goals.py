@@ -1,4 +1,4 @@
-"""What the coupling asks driven trees for: the posture nearest to their targets, whatever is in the way; limits, branches."""
+"""Goals of the coupling: the posture of each driven tree nearest to its targets, collisions ignored; limits, branches."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def take_limits(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: F
         work.extrapolated[q] = work.expected[q] = angles[q]
         work.used_low[q] = min(state.used_low[q], angles[q]) - ws.weights.stretch
         work.used_high[q] = max(state.used_high[q], angles[q]) + ws.weights.stretch
-        if state.started[0] == STARTED_FREE:
+        if state.progress.start == STARTED_FREE:
             change = steady_change(ws, q, angles[q] - state.recorded.angles[q])
             work.extrapolated[q] = min(max(last[q] + change, work.low[q]), work.high[q])
             work.expected[q] = work.extrapolated[q] + ws.weights.trend * state.joint_step[q]
@@ -48,7 +48,7 @@ def take_limits(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: F
 
 @outlined
 def _fit(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, roots: Floats, angles: Floats) -> None:
-    """Bring the bent tree in `goal` as near to its targets as it can be, whatever is in the way."""
+    """Bring a tree whose joints are off, in `goal`, as near to its targets as it can be, collisions ignored."""
     work, goal, target = ws.work, ws.work.goal, ws.work.target
     root = scene.trees.body_start[tree]
     if scene.trees.body_start[tree + 1] == root + 1:

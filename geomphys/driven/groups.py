@@ -37,9 +37,9 @@ class Outcome(NamedTuple):
 
     rounds: int
     method: int  # as in results.METHODS
-    fallbacks: int  # steps cut into parts, and searches for a way out
+    fallbacks: int  # steps cut into parts, and searches for a depenetration
     converged: bool
-    yielded: bool  # a tree in one piece gave up its shape or turn
+    yielded: bool  # a rigid tree changed its shape or rotation
 
 
 @outlined
@@ -49,7 +49,7 @@ def settle(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, sou
     for target in (state.last, work.before, work.now, work.trial, work.start, work.best):
         copy_tree(scene, source, tree, target)
     pose_pieces_of_tree(scene, tree, source.poses, ws.piece_frames.frames)
-    update_boxes(scene, ws.piece_frames.frames, ws.boxes, tree)
+    update_boxes(scene, ws.piece_frames.frames, ws.detection.boxes, tree)
 
 
 @outlined
@@ -72,7 +72,7 @@ def set_around(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: 
             for posture in (work.now, work.trial, work.start, work.best, work.goal):
                 set_pose(posture.poses, body, at, q)
         pose_pieces_of_tree(scene, tree, work.now.poses, p.frames)
-        update_boxes(scene, p.frames, ws.boxes, tree)
+        update_boxes(scene, p.frames, ws.detection.boxes, tree)
     measure_drift(scene, ws, work.before.poses, work.now.poses)
     forget_pairs(ws)
 
@@ -103,7 +103,7 @@ def is_shifted_too_far(scene: Scene, state: DrivenState, ws: DrivenWorkspace, ro
         if norm(sub(offset, vec_of(state.offset, tree))) > limit:
             return True
         last = sub(vec_of(state.last.roots, tree), vec_of(state.recorded.roots, tree))
-        if state.started[0] == STARTED_FREE and norm(sub(offset, last)) > work.shift_limit[tree]:
+        if state.progress.start == STARTED_FREE and norm(sub(offset, last)) > work.shift_limit[tree]:
             return True
     return False
 
@@ -112,7 +112,7 @@ def is_shifted_too_far(scene: Scene, state: DrivenState, ws: DrivenWorkspace, ro
 def _search_straight(scene: Scene, ws: DrivenWorkspace, angles: Floats, gap: float, tethered: bool) -> Found:
     """Search from the free start in `SearchWorkspace.now`; what is found can be reached straight from where the step began.
 
-    Only where that turns out not to be so is it asked for in every pass.
+    Only where that fails is it required in every pass.
     """
     work = ws.work
     copy_moving(scene, ws, work.now, work.start)
@@ -233,7 +233,7 @@ def solve_group(
             copy_moving(scene, ws, work.before, work.now)
             pose_yielding(scene, ws, work.now)
             fallbacks += 1
-            if find_depenetration(scene, ws, gap, state.started[0] == 1):
+            if find_depenetration(scene, ws, gap, state.progress.start == STARTED_FREE):
                 copy_moving(scene, ws, work.best, work.now)
                 pose_yielding(scene, ws, work.now)
                 for tree in range(len(work.kind)):
@@ -268,7 +268,7 @@ def _set_joints_to_zero(scene: Scene, ws: DrivenWorkspace, source: Posture, targ
 
 @outlined
 def solve_first(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: Floats, gap: float) -> Outcome:
-    """The first frame: nothing was anywhere before, so any way out will do."""
+    """The first frame: there is no motion to keep to, so any free posture near the recorded one will do."""
     work, passes, fallbacks, converged = ws.work, 0, 0, True
     for tree in range(len(work.kind)):
         work.deviation_limit[tree] = math.inf
@@ -276,7 +276,7 @@ def solve_first(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: F
     for tree in range(len(work.kind)):
         work.hit[tree], work.group[tree] = 0, 0
     overlaps = False
-    for k in range(ws.near.filled[0]):
+    for k in range(ws.near.counts.filled):
         if ws.near.separation[k] < 0.0:
             work.hit[ws.near.tree_a[k]] = work.hit[ws.near.tree_b[k]] = 1
             overlaps = True

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from geomphys.collision.query import outline
 from geomphys.driven.weights import WEIGHTS
 from geomphys.numerics.transforms import compose, matrix_from_frame
 from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, DRIVEN, HULL, JOINT_FIXED, JOINT_PRISMATIC, SPHERE, Scene
@@ -57,6 +58,11 @@ def _surface(scene: Scene, i: int) -> tuple[float, Floats, Floats]:
             loop = pieces.loops[pieces.loop_start[face] : pieces.loop_start[face + 1]]
             found += [corners[[loop[0], a, b]] for a, b in pairwise(loop[1:])]
         return _triangles(np.array(found))
+    if kind not in (SPHERE, CAPSULE, CYLINDER):
+        from scipy.spatial import ConvexHull
+
+        points = outline(pieces, i)
+        return _triangles(points[ConvexHull(points).simplices])
     side = 4.0 * np.pi * r * h if kind != SPHERE else 0.0
     caps = 4.0 * np.pi * r * r if kind in (SPHERE, CAPSULE) else 2.0 * np.pi * r * r
     across, along = side * r * r / 2.0, side * h * h / 3.0
@@ -64,7 +70,7 @@ def _surface(scene: Scene, i: int) -> tuple[float, Floats, Floats]:
         across, along = caps * r * r / 3.0, caps * r * r / 3.0
     elif kind == CAPSULE:
         across, along = across + caps * r * r / 3.0, along + caps * (h * h + h * r + r * r / 3.0)
-    elif kind == CYLINDER:
+    else:
         across, along = across + caps * r * r / 4.0, along + caps * h * h
     return side + caps, np.zeros(3), np.diag([across, across, along])
 

@@ -7,8 +7,8 @@ bodies: with the mass w, the covariance of the surface as their second moments, 
 roots and joints is the joint-space inertia matrix, found by composite bodies from the tips to the root (Featherstone,
 Rigid Body Dynamics Algorithms, 2008, chapter 6).
 
-A hand in one piece yields in shape and turn too, but dearly: the same sum over links as the root sees them, and the
-root's turn, count `Weights.shape` times more.
+A rigid hand yields in shape and rotation too, at a higher weight: the same sum over links in the root's frame, and the
+rotation of the root, count `Weights.shape` times more.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ from geomphys.scene.kinematics import orientation_of, position_of
 
 Floats = NDArray[np.float64]
 
-ROTATION_ARM = 0.05  # m, of its turn
+ROTATION_ARM = 0.05  # m: lever of its rotation
 BEYOND = 1e4  # lever²: a joint beyond its limits
 TINY = 1e-6  # of the mean weight: what makes every unknown cost something
 
 
 @kernel
 def is_stiff(scene: Scene, tree: int) -> bool:
-    """Whether a tree moves in one piece, so that its shape and turn are dear: it has no joints, or no chains."""
+    """Whether a tree is to move as a rigid body, its shape and rotation at the higher weight: no joints, or no chains."""
     return bool(scene.trees.chains[tree] == 0 or scene.trees.dof_start[tree] == scene.trees.dof_start[tree + 1])
 
 
@@ -59,7 +59,7 @@ def link_centre(ws: DrivenWorkspace, poses: Floats, body: int) -> Vec:
 
 @kernel
 def pivot_of(ws: DrivenWorkspace, poses: Floats, tree: int) -> Vec:
-    """The point about which the root turns."""
+    """The point about which the root rotates."""
     return link_centre(ws, poses, ws.links.pivot[tree])
 
 
@@ -245,7 +245,7 @@ def _add_joint_gradient(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: 
 
 @kernel
 def _add_rotation(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> float:
-    """The root's turn of a tree in one piece is dear."""
+    """The rotation of a rigid tree's root gets the higher weight."""
     root, first = scene.trees.body_start[tree], ws.work.first[tree]
     stiffness = ws.weights.shape * ws.work.inertia[root, 0] * ROTATION_ARM * ROTATION_ARM
     rotation = rotation_vector(
@@ -312,7 +312,7 @@ def assemble(scene: Scene, ws: DrivenWorkspace, now: Posture, smooth: bool) -> f
         if kind != ARTICULATED:
             continue
         x, y, z = composite[1], composite[2], composite[3]
-        skew = (0.0, z, -y, -z, 0.0, x, y, -x, 0.0)  # ω x h: how the first moment couples a turn to a shift
+        skew = (0.0, z, -y, -z, 0.0, x, y, -x, 0.0)  # ω x h: how the first moment couples a rotation to a translation
         for i in range(3):
             for j in range(3):
                 h[first + i, first + 3 + j] += skew[3 * i + j]

@@ -1,4 +1,4 @@
-"""Where driven trees are: roots, angles and the poses they make; and which way a point goes with each unknown."""
+"""Where driven trees are: roots, angles and the poses they make; how a point moves with each unknown."""
 
 from __future__ import annotations
 

@@ -123,7 +123,7 @@ def nearest_inside(directions: Floats, first: int, last: int, d: Vec, margin: fl
 
 @kernel
 def _rotated(axis: Vec, angle: float, v: Vec) -> Vec:
-    """V turned by `angle` about a unit axis (Rodrigues)."""
+    """V rotated by `angle` about a unit axis (Rodrigues)."""
     s, c = math.sin(angle), math.cos(angle)
     return add_scaled(add_scaled(scale(v, c), cross(axis, v), s), axis, dot(axis, v) * (1.0 - c))
 
@@ -143,7 +143,7 @@ def _in_first(scene: Scene, v: Vec, body: int, first: int, angles: Floats) -> Ve
 
 @outlined
 def limb_direction(scene: Scene, cone: int, angles: Floats) -> Vec:
-    """Unit direction of the limb at `angles` (Q,), in the frame the cone's first joint sits in, before it turns."""
+    """Unit direction of the limb at `angles` (Q,), in the frame of the cone's first joint, before its rotation."""
     cones = scene.cones
     limb = (cones.limb[cone, 0], cones.limb[cone, 1], cones.limb[cone, 2])
     joints, first, last = cones.joints, cones.joint_start[cone], cones.joint_start[cone + 1]

@@ -1,8 +1,8 @@
 """Whether a posture is free, and can be reached from where the step of the frame began.
 
-Many postures of a frame are asked about. The pairs that they may meet are listed once, as they are at the goal; how far a
+Many postures are checked in a frame. The pairs that may collide in them are listed once, as they are at the goal; how far a
 pair is apart at the goal, less how far both pieces go from there to the posture, bounds how far they are apart at the posture.
-Only pairs that this bound does not part for the whole way are looked at.
+Only pairs that this bound does not separate on the whole path are measured.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ AMPLE, MARGIN = 2.0, 12e-3  # times the motion of the goal, and m: how far postu
 def _note_travel(scene: Scene, before: Floats, after: Floats, tree: int, travel: Floats) -> float:
     """How far the pieces of a tree go between poses (B, 7): rows (P, 4) of `travel`; returns the farthest [m].
 
-    A row holds how far the centre goes, and how far turning moves any point at most [m].
+    A row holds how far the centre goes, and how far rotation moves any point at most [m].
     """
     far = 0.0
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
@@ -80,7 +80,7 @@ def _farthest(scene: Scene, motion: Floats, tree: int) -> float:
 
 @outlined
 def measure_swept_pairs(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> float:
-    """Near pairs of the trees that yield, placed at `posture`, which they may have met on the way from where the step began.
+    """Near pairs of the trees that yield, placed at `posture`, which they may have touched on the path from where the step began.
 
     Returns the least separation; it is measured where pairs overlap, and a lower bound elsewhere.
     """
@@ -90,7 +90,7 @@ def measure_swept_pairs(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> 
         p.reach[tree, 0] = p.reach[tree, 1] = -math.inf if work.ignored[tree] == 1 else 0.0
         if work.kind[tree] != LOCKED:
             p.reach[tree, 0] = p.reach[tree, 1] = _farthest(scene, work.motion, tree)
-            update_boxes(scene, p.frames, ws.boxes, tree)
+            update_boxes(scene, p.frames, ws.detection.boxes, tree)
         elif work.ignored[tree] == 0 and scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
             p.reach[tree, 0] = _farthest(scene, work.drift, tree)
     return find_concerned(scene, ws, 0.0)
@@ -109,7 +109,7 @@ def path_of_pair_is_free(scene: Scene, ws: DrivenWorkspace, posture: Posture, k:
     ):
         return True
     return path_is_free(
-        scene, work.before.poses, posture.poses, a, b, ws.piece_frames.moved, ws.axes, ws.scratch
+        scene, work.before.poses, posture.poses, a, b, ws.piece_frames.moved, ws.detection.axes, ws.detection.scratch
     )  # fmt: skip
 
 
@@ -131,7 +131,7 @@ def forget_pairs(ws: DrivenWorkspace) -> None:
 
 @outlined
 def list_pairs(scene: Scene, ws: DrivenWorkspace) -> None:
-    """List the pairs that the trees that yield may meet on the way to a posture about the goal; places them at the goal.
+    """List the pairs that may touch while the trees that yield go to a posture near the goal; places them at the goal.
 
     None is measured: a bound of how far they are apart will do, also where they overlap.
     """
@@ -142,7 +142,7 @@ def list_pairs(scene: Scene, ws: DrivenWorkspace) -> None:
         p.reach[tree, 0] = p.reach[tree, 1] = -math.inf if work.ignored[tree] == 1 else 0.0
         if work.kind[tree] != LOCKED:
             pose_with_pieces(scene, ws, work.goal, tree)
-            update_boxes(scene, p.frames, ws.boxes, tree)
+            update_boxes(scene, p.frames, ws.detection.boxes, tree)
             work.covered[tree] = AMPLE * _farthest(scene, work.motion, tree) + MARGIN
             p.reach[tree, 0] = p.reach[tree, 1] = work.covered[tree]
         elif work.ignored[tree] == 0 and scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
@@ -152,9 +152,9 @@ def list_pairs(scene: Scene, ws: DrivenWorkspace) -> None:
             for i in range(first, scene.bodies.piece_start[scene.trees.body_start[tree + 1]]):
                 for k in range(4):
                     work.travel[i, k] = work.from_goal[i, k] = 0.0
-    ws.listed.lost[0] = 0
-    find_near(scene, p.frames, ws.boxes, p.reach, 0.0, -math.inf, ws.listed, p.found, ws.axes, ws.scratch)
-    if ws.listed.lost[0] > 0:  # what was left out is looked for again each time
+    ws.listed.counts.lost = 0
+    find_near(scene, p.frames, p.reach, 0.0, -math.inf, ws.listed, ws.detection)
+    if ws.listed.counts.lost > 0:  # what was left out is looked for again each time
         for tree in range(len(work.kind)):
             work.covered[tree] = -1.0
 
@@ -180,8 +180,8 @@ def measure_listed_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough
             far = _note_travel(scene, work.goal.poses, work.now.poses, tree, work.from_goal)
             if far + reach > work.covered[tree]:
                 return False, least
-    near.filled[0] = 0
-    for k in range(listed.filled[0]):
+    near.counts.filled = 0
+    for k in range(listed.counts.filled):
         a, b, limit = listed.a[k], listed.b[k], 0.0
         for tree in (listed.tree_a[k], listed.tree_b[k]):
             limit += reach if work.kind[tree] != LOCKED else 0.0
@@ -189,14 +189,16 @@ def measure_listed_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough
         if s > limit or limit == 0.0:
             continue
         if s < enough:
-            s, n = pair_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.axes)
+            s, n = pair_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
         if s > limit:
             continue
         append_pair(near, a, b, listed.tree_a[k], listed.tree_b[k], (s, n, NOWHERE, NOWHERE))
-        last = near.filled[0] - 1
+        last = near.counts.filled - 1
         near.exact[last] = 0
         if s < enough:
-            s = measure_near(scene.pieces, ws.piece_frames.frames, last, limit, near, ws.axes, ws.scratch)
+            s = measure_near(
+                scene.pieces, ws.piece_frames.frames, last, limit, near, ws.detection.axes, ws.detection.scratch
+            )
         least = min(least, s)
     return True, least
 
@@ -205,22 +207,22 @@ def measure_listed_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough
 def _judge_listed(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
     """As `judge`, where the listed pairs are all that the posture can meet."""
     work, listed, p = ws.work, ws.listed, ws.piece_frames
-    for k in range(listed.filled[0]):
+    for k in range(listed.counts.filled):
         a, b = listed.a[k], listed.b[k]
         if work.kind[listed.tree_a[k]] == LOCKED and work.kind[listed.tree_b[k]] == LOCKED:
             continue
         motion = _pair_travel(work.travel, a, b)
         if listed.separation[k] - _pair_travel(work.from_goal, a, b) > motion:
             continue
-        s, n = pair_bound(scene.pieces, p.frames, a, b, ws.axes)
+        s, n = pair_bound(scene.pieces, p.frames, a, b, ws.detection.axes)
         if s < 0.0:
-            s, n, _, _ = pair_separation(scene.pieces, p.frames, a, b, motion, ws.axes, ws.scratch)
+            s, n, _, _ = pair_separation(scene.pieces, p.frames, a, b, motion, ws.detection.axes, ws.detection.scratch)
         if s < 0.0:
             return TAKEN
         if s <= motion and not is_parted_before(
             scene, work.before.poses, posture.poses, a, b, n, motion, p.moved
         ) and not path_is_free(
-            scene, work.before.poses, posture.poses, a, b, p.moved, ws.axes, ws.scratch
+            scene, work.before.poses, posture.poses, a, b, p.moved, ws.detection.axes, ws.detection.scratch
         ):  # fmt: skip
             return UNCERTAIN
     return FREE
@@ -231,7 +233,7 @@ def judge_anew(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
     """As `judge`, for any posture."""
     if measure_swept_pairs(scene, ws, posture) < 0.0:
         return TAKEN
-    for k in range(ws.near.filled[0]):
+    for k in range(ws.near.counts.filled):
         if concerns(ws, k) and not path_of_pair_is_free(scene, ws, posture, k):
             return UNCERTAIN
     return FREE
@@ -251,9 +253,11 @@ def _reference_separation(scene: Scene, ws: DrivenWorkspace, k: int, limit: floa
     a, b = ws.listed.a[k], ws.listed.b[k]
     s = ws.listed.separation[k] - _pair_travel(ws.work.from_goal, a, b)
     if s < limit:
-        s, _ = pair_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.axes)
+        s, _ = pair_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
     if s < limit:
-        s, _, _, _ = pair_separation(scene.pieces, ws.piece_frames.frames, a, b, limit, ws.axes, ws.scratch)
+        s, _, _, _ = pair_separation(
+            scene.pieces, ws.piece_frames.frames, a, b, limit, ws.detection.axes, ws.detection.scratch
+        )
     return s
 
 
@@ -265,7 +269,7 @@ def note_reference_bodies(scene: Scene, ws: DrivenWorkspace) -> None:
         reference_bodies[i] = -1
     for i in range(len(reference_bodies)):
         least = math.inf
-        for k in range(listed.filled[0]):
+        for k in range(listed.counts.filled):
             body = scene.pieces.body[listed.b[k]]
             if scene.bodies.role[body] == DRIVEN or ws.work.drift[listed.b[k]] == 0.0:
                 continue

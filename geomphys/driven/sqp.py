@@ -1,8 +1,8 @@
 """The search: a sequence of quadratic problems from a free posture to the best one that can be reached from it.
 
 Each pass solves the problem linear about the iterate and goes there, or a part of the way: only as far as no pair comes
-to overlap more than a trifle and every pair's way is certified (`advancement`). The step bound starts at 10 mm, grows
-when it is reached, and is halved only when the way turns back or had to be shortened.
+to overlap more than is tolerated and the path of every pair is certified (`advancement`). The step bound starts at 10 mm, grows
+when it is reached, and is halved only when the step reverses or had to be shortened.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def _step_is_safe(scene: Scene, ws: DrivenWorkspace, mode: int) -> tuple[bool, f
     `mode` is what is certified: as in `search`.
     """
     near, work, least = ws.near, ws.work, math.inf
-    for k in range(near.filled[0]):
+    for k in range(near.counts.filled):
         if not concerns(ws, k):
             continue
         a, b, s = near.a[k], near.b[k], near.separation[k]
@@ -100,7 +100,9 @@ def _step_is_safe(scene: Scene, ws: DrivenWorkspace, mode: int) -> tuple[bool, f
         if beside >= 0.0 and mode != STRAIGHT:
             least = min(least, beside)
             continue
-        there, n, _, _ = pair_separation(scene.pieces, ws.piece_frames.frames, a, b, motion, ws.axes, ws.scratch)
+        there, n, _, _ = pair_separation(
+            scene.pieces, ws.piece_frames.frames, a, b, motion, ws.detection.axes, ws.detection.scratch
+        )
         least = min(least, there)
         if mode == ANY_PATH:
             if there < -1e-3 and there < s - 1e-3:
@@ -113,11 +115,11 @@ def _step_is_safe(scene: Scene, ws: DrivenWorkspace, mode: int) -> tuple[bool, f
             scene, work.now.poses, work.trial.poses, a, b, n, motion, ws.piece_frames.moved
         )  # fmt: skip
         if not short and not path_is_free(
-            scene, work.now.poses, work.trial.poses, a, b, ws.piece_frames.moved, ws.axes, ws.scratch
+            scene, work.now.poses, work.trial.poses, a, b, ws.piece_frames.moved, ws.detection.axes, ws.detection.scratch
         ):  # fmt: skip
             return False, least
         if mode == STRAIGHT and not path_is_free(
-            scene, work.before.poses, work.trial.poses, a, b, ws.piece_frames.moved, ws.axes, ws.scratch
+            scene, work.before.poses, work.trial.poses, a, b, ws.piece_frames.moved, ws.detection.axes, ws.detection.scratch
         ):  # fmt: skip
             return False, least
     return True, least
@@ -138,12 +140,12 @@ def _measure_at_iterate(scene: Scene, ws: DrivenWorkspace, k: int, limit: float)
     if near.exact[k] == 0:
         pose_piece(scene.pieces, ws.work.now.poses, moved, near.a[k])
         pose_piece(scene.pieces, ws.work.now.poses, moved, near.b[k])
-    return measure_near(scene.pieces, moved, k, limit, near, ws.axes, ws.scratch)
+    return measure_near(scene.pieces, moved, k, limit, near, ws.detection.axes, ws.detection.scratch)
 
 
 @outlined
 def _request_rows(scene: Scene, ws: DrivenWorkspace, gap: float, limit: float) -> bool:
-    """Want rows for near pairs without one that the solution takes into each other, a share of the way at most; any?"""
+    """Request rows for near pairs without one that the solution, or a share of it, makes overlap; whether there are any."""
     near, work, some = ws.near, ws.work, False
     apply_solution(scene, ws, 1.0)
     far = measure_motion(scene, ws, work.now, work.trial)
@@ -151,7 +153,7 @@ def _request_rows(scene: Scene, ws: DrivenWorkspace, gap: float, limit: float) -
         apply_solution(scene, ws, 0.98 * limit / far)
         measure_motion(scene, ws, work.now, work.trial)
     pose_yielding_pieces(scene, ws, work.trial)
-    for k in range(near.filled[0]):
+    for k in range(near.counts.filled):
         if ws.row_state[k] != NO_ROW or not concerns(ws, k):
             continue
         a, b = near.a[k], near.b[k]
@@ -161,7 +163,9 @@ def _request_rows(scene: Scene, ws: DrivenWorkspace, gap: float, limit: float) -
         beside = gap_on_its_side(scene, ws, k, motion)
         if beside >= 0.25 * gap:
             continue
-        there, n, _, _ = pair_separation(scene.pieces, ws.piece_frames.frames, a, b, motion, ws.axes, ws.scratch)
+        there, n, _, _ = pair_separation(
+            scene.pieces, ws.piece_frames.frames, a, b, motion, ws.detection.axes, ws.detection.scratch
+        )
         if there >= 0.25 * gap and is_parted_before(
             scene, work.now.poses, work.trial.poses, a, b, n, motion, ws.piece_frames.moved
         ):
@@ -171,7 +175,7 @@ def _request_rows(scene: Scene, ws: DrivenWorkspace, gap: float, limit: float) -
             continue
         if there < 0.25 * gap or (
             s + there < motion and beside <= -passing_depth(scene, a, b) and not path_is_free(
-                scene, work.now.poses, work.trial.poses, a, b, ws.piece_frames.moved, ws.axes, ws.scratch
+                scene, work.now.poses, work.trial.poses, a, b, ws.piece_frames.moved, ws.detection.axes, ws.detection.scratch
             )
         ):  # fmt: skip
             ws.row_state[k], some = REQUESTED, True
@@ -184,7 +188,7 @@ def _solve_linear(
 ) -> float:
     """Build and solve the quadratic problem at the iterate; returns the energy there.
 
-    Pairs get rows as they turn out to be in the way. What cannot be met at once is asked for softly then.
+    Pairs get rows when an iterate shows that they obstruct. Rows that cannot be satisfied together become soft terms.
     """
     work, limit, energy = ws.work, row_limit(step), 0.0
     for attempt in range(2):
@@ -281,7 +285,7 @@ def search(
     for i in range(len(ws.problem.last_step)):
         ws.problem.last_step[i] = 0.0
     while True:
-        limit, drawn = row_limit(step), touching and not paced and work.touches[0] > 0
+        limit, drawn = row_limit(step), touching and not paced and work.counts.touches > 0
         if listed >= (DRAWN if drawn else limit):
             least = update_separations(scene, ws, limit, ON)
         else:
@@ -299,7 +303,7 @@ def search(
         if least >= 0.0 and (energy < best or done or paced):
             found, best = True, energy
             copy_moving(scene, ws, work.now, work.best)
-        if done or count == min(passes, work.passes[0]):
+        if done or count == min(passes, work.passes):
             break
         if idle >= PATIENCE and step == LEAST_STEP:
             converged = True

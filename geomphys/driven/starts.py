@@ -1,4 +1,4 @@
-"""Free starts of a search: the last posture, the last one carried on by the recording, or along by what moves near it.
+"""Free starts of a search: the last posture, that moved on as the recording is, or moved along with a body near it.
 
 Each is tried as it would be at the end of the step; it counts if it is free there and the way to it, from the last posture
 and with everything round it moving meanwhile, is certified (`reachability`).

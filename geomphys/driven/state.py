@@ -7,13 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import Axes, Near, make_near
-from geomphys.collision.penetration import Scratch
-from geomphys.collision.sweep import Boxes
+from geomphys.collision.detect import Detection, Near, make_near
 from geomphys.driven.links import Links, make_links
 from geomphys.driven.postures import Posture, make_posture
 from geomphys.driven.qp import Quadratic, make_quadratic
 from geomphys.driven.weights import WEIGHTS, Weights
+from geomphys.jit.packed_records import Record
 from geomphys.scene.arrays import DRIVEN, Scene
 
 Floats = NDArray[np.float64]
@@ -25,11 +24,11 @@ SPOTS = 512  # contact spots remembered in a search
 REFERENCE_BODIES = 3  # bodies with which a tree may be taken along
 TOUCHES = 64  # recorded contacts of a frame
 
-# rows of near pairs (DrivenWorkspace.rowed)
+# rows of near pairs (DrivenWorkspace.row_state)
 NO_ROW, REQUESTED, HAS_ROW = 0, 1, 2
 
-# whether some frame before this one ended free of overlap (DrivenState.started)
-NEVER_FREE, STARTED_FREE = 2, 1
+# whether there was a frame before this one, and whether some frame ended free of overlap (PROGRESS, start)
+NOT_STARTED, STARTED_FREE, NEVER_FREE = 0, 1, 2
 
 # how a tree may yield (SearchWorkspace.kind)
 LOCKED, RIGID, ARTICULATED = 0, 1, 2
@@ -39,16 +38,33 @@ LOCKED, RIGID, ARTICULATED = 0, 1, 2
 GIVEN, WAS_GIVEN = 1, 2
 
 
+PROGRESS = np.dtype(
+    [
+        ("start", np.int64),  # NOT_STARTED, STARTED_FREE or NEVER_FREE
+        ("updates", np.int64),  # of the driven loop so far
+    ]
+)
+"""How far the driven loop has come."""
+
+SEARCH_COUNTS = np.dtype(
+    [
+        ("touches", np.int64),  # rows of `touch` that are filled
+        ("next_spot", np.int64),  # row of `spot` that is filled next
+    ]
+)
+"""Of the tables of a search."""
+
+
 class DrivenState(NamedTuple):
     """State of the driven loop from frame to frame."""
 
-    started: Ints  # (1,) 0 before the first frame, then NEVER_FREE or STARTED_FREE
+    progress: Record  # PROGRESS
     offset: Floats  # (T, 3) m, of each tree's root from its recorded position
     speed: Floats  # (T, 3) m/s, of the pivot's offset; impulses change it
     last_speed: Floats  # (T, 3) m/s, what it was at the end of the last step
     last: Posture  # everything at the end of the last step, corrected
     recorded: Posture  # the recording of the last step
-    shift: Floats  # (B, 6) offset of each link: of its centre [m] and its turn [rad, rotation vector in the world]
+    shift: Floats  # (B, 6) offset of each link: of its centre [m] and its rotation [rad, rotation vector in the world]
     rate: Floats  # (B, 6) and their rates
     deformed: Ints  # (T,) 1: the offsets are more than a translation of the tree
     used_low: Floats  # (Q,) the least angle recorded so far
@@ -66,7 +82,6 @@ class PieceFrames(NamedTuple):
     frames: Floats  # (P, 12) as they are
     moved: Floats  # (P, 12) scratch
     reach: Floats  # (T, 2) m: how far the pieces of each tree may move before the near pairs are used, and by bending
-    found: Ints  # (T,) scratch
 
 
 class SearchWorkspace(NamedTuple):
@@ -82,8 +97,8 @@ class SearchWorkspace(NamedTuple):
     cached_target: Floats  # (B, 7) `target`, saved while another is tried
     anchor: Floats  # (B, 3) m, where each link's centre would be with the offset of the last frame
     deviation_limit: Floats  # (T,) m: how far the links of a tree may get from there
-    shift_limit: Floats  # (T,) m: by how much the offset of a tree in one piece may change in the step
-    kind: Ints  # (T,) how it may yield: STAYS, SHIFTS, BENDS
+    shift_limit: Floats  # (T,) m: by how much the offset of a rigid tree may change in the step
+    kind: Ints  # (T,) how it may yield: LOCKED, RIGID, ARTICULATED
     cached_kind: Ints  # (T,) `kind`, saved while another is tried
     group: Ints  # (T,) the trees that are solved together have one number; -1: none
     first: Ints  # (T,) first column of a tree
@@ -98,23 +113,22 @@ class SearchWorkspace(NamedTuple):
     force: Floats  # (B, 6) composite force and torque about the pivot
     motion: Floats  # (P,) m, how far each piece goes from the iterate to the trial
     drift: Floats  # (P,) m, how far pieces that the recording moves have gone since the step began
-    travel: Floats  # (P, 4) m, how far each piece goes since then: its centre, and any point by turning at most
+    travel: Floats  # (P, 4) m, how far each piece goes since then: its centre, and any point by rotation at most
     from_goal: Floats  # (P, 4) the same from the goal
     covered: Floats  # (T,) m: how far pieces of a tree may go for which pairs are listed
     depth: Floats  # (T,) m, how deep a tree was recorded in something
     hit: Ints  # (T,) 1: what the coupling asks for is not free, or cannot be reached
     spot: Ints  # (n, 2) pieces of spots where pairs touched in passes before
     spot_at: Floats  # (n, 9) normal in the world, points in the links' frames
-    spot_next: Ints  # (1,) where the next goes
+    counts: Record  # SEARCH_COUNTS
     touch: Ints  # (k, 2) tip link and body that touch in the recording
     touch_gap: Floats  # (k,) m, how far apart they were recorded
     touch_goal: Floats  # (k,) m, how far apart they may be at the end of the step without being drawn together
     closing: Floats  # (T,) m: how far tips of a tree are drawn to what they touch in the step
-    touches: Ints  # (1,)
     unit: Floats  # (Q,) ones
-    passes: Ints  # (1,) bound on the passes of a search
+    passes: int  # bound on the passes of a search
     reference_bodies: Ints  # (n,) bodies that move by the recording and are near
-    ignored: Ints  # (T,) 1: trees that are in nobody's way
+    ignored: Ints  # (T,) 1: trees that no other need avoid
 
 
 class DrivenWorkspace(NamedTuple):
@@ -128,9 +142,7 @@ class DrivenWorkspace(NamedTuple):
     row_state: Ints  # (n,) of the near pairs: NO_ROW, REQUESTED or HAS_ROW
     work: SearchWorkspace
     problem: Quadratic
-    boxes: Boxes
-    axes: Axes
-    scratch: Scratch
+    detection: Detection
     weights: Weights
 
 
@@ -138,7 +150,7 @@ def make_driven_state(scene: Scene, poses: Floats) -> DrivenState:
     """The state before the first frame; `poses` (B, 7) are those at rest."""
     trees, bodies, dofs = len(scene.trees.role), len(scene.bodies.role), len(scene.dofs.lower)
     return DrivenState(
-        started=np.zeros(1, np.int64),
+        progress=np.zeros((), PROGRESS),
         offset=np.zeros((trees, 3)),
         speed=np.zeros((trees, 3)),
         last_speed=np.zeros((trees, 3)),
@@ -164,7 +176,6 @@ def make_piece_frames(scene: Scene) -> PieceFrames:
         frames=np.zeros((pieces, 12)),
         moved=np.zeros((pieces, 12)),
         reach=np.zeros((trees, 2)),
-        found=np.zeros(trees, np.int64),
     )
 
 
@@ -206,14 +217,13 @@ def make_search_workspace(scene: Scene, poses: Floats, passes: int) -> SearchWor
         hit=np.zeros(trees, np.int64),
         spot=np.full((SPOTS, 2), -1),
         spot_at=np.zeros((SPOTS, 9)),
-        spot_next=np.zeros(1, np.int64),
+        counts=np.zeros((), SEARCH_COUNTS),
         touch=np.zeros((TOUCHES, 2), np.int64),
         touch_gap=np.zeros(TOUCHES),
         touch_goal=np.zeros(TOUCHES),
         closing=np.zeros(trees),
-        touches=np.zeros(1, np.int64),
         unit=np.ones(dofs),
-        passes=np.array([passes]),
+        passes=passes,
         reference_bodies=np.full(REFERENCE_BODIES, -1),
         ignored=np.zeros(trees, np.int64),
     )
@@ -225,9 +235,7 @@ def make_driven_workspace(
     origins: Floats,
     piece_frames: PieceFrames,
     near: Near,
-    boxes: Boxes,
-    axes: Axes,
-    scratch: Scratch,
+    detection: Detection,
     passes: int,
     weights: Weights = WEIGHTS,
 ) -> DrivenWorkspace:
@@ -248,8 +256,6 @@ def make_driven_workspace(
         row_state=np.zeros(len(near.a), np.int64),
         work=make_search_workspace(scene, poses, passes),
         problem=make_quadratic(max(unknowns, 1), ROWS),
-        boxes=boxes,
-        axes=axes,
-        scratch=scratch,
+        detection=detection,
         weights=weights,
     )

@@ -75,9 +75,9 @@ def find_concerned(scene: Scene, ws: DrivenWorkspace, enough: float) -> float:
     Pairs that are seen to be `enough` [m] apart are not measured: theirs is a lower bound.
     """
     p = ws.piece_frames
-    find_near(scene, p.frames, ws.boxes, p.reach, 0.0, enough, ws.near, p.found, ws.axes, ws.scratch)
+    find_near(scene, p.frames, p.reach, 0.0, enough, ws.near, ws.detection)
     least = math.inf
-    for k in range(ws.near.filled[0]):
+    for k in range(ws.near.counts.filled):
         if concerns(ws, k):
             least = min(least, ws.near.separation[k])
     return least
@@ -94,7 +94,7 @@ def measure_near_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough: 
         p.reach[tree, 0] = p.reach[tree, 1] = -math.inf if ws.work.ignored[tree] == 1 else 0.0
         if ws.work.kind[tree] != LOCKED:
             p.reach[tree, 0] = p.reach[tree, 1] = reach
-            update_boxes(scene, p.frames, ws.boxes, tree)
+            update_boxes(scene, p.frames, ws.detection.boxes, tree)
     return find_concerned(scene, ws, enough)
 
 
@@ -106,19 +106,21 @@ def update_separations(scene: Scene, ws: DrivenWorkspace, limit: float, enough: 
     than `enough` [m] are looked at, and measured within `limit` [m].
     """
     near, motion, least = ws.near, ws.work.motion, math.inf
-    for k in range(near.filled[0]):
+    for k in range(near.counts.filled):
         if not concerns(ws, k):
             continue
         a, b = near.a[k], near.b[k]
         s = near.separation[k] - (motion[a] + motion[b])
         near.exact[k] = 0
         if s < enough:
-            s, n = pair_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.axes)
+            s, n = pair_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
             for i in range(3):
                 near.normal[k, i] = n[i]
         near.separation[k] = s
         if s < enough:
-            s = measure_near(scene.pieces, ws.piece_frames.frames, k, limit, near, ws.axes, ws.scratch)
+            s = measure_near(
+                scene.pieces, ws.piece_frames.frames, k, limit, near, ws.detection.axes, ws.detection.scratch
+            )
         least = min(least, s)
     return least
 
@@ -167,7 +169,7 @@ def apply_solution(scene: Scene, ws: DrivenWorkspace, share: float) -> None:
 
 @outlined
 def step_to_trial(scene: Scene, ws: DrivenWorkspace) -> float:
-    """Take the whole solution, whatever is in the way; returns how far a piece goes at most [m]."""
+    """Take the whole solution, collisions ignored; returns how far a piece goes at most [m]."""
     apply_solution(scene, ws, 1.0)
     return measure_motion(scene, ws, ws.work.now, ws.work.trial)
 
@@ -182,8 +184,8 @@ def allowed_depth(scene: Scene, a: int, b: int) -> float:
 def gap_on_its_side(scene: Scene, ws: DrivenWorkspace, k: int, motion: float) -> float:
     """Gap [m] at the trial along the direction that parts the near pair k at the iterate; the pair goes `motion` [m].
 
-    Above minus the depth that may be passed, that direction parts the pair all the way; -inf where the way turns too much
-    to tell.
+    Above minus the depth that may be passed, that direction separates the pair on the whole path; -inf where
+    rotation is too large to tell.
     """
     a, b, work = ws.near.a[k], ws.near.b[k], ws.work
     body_a, body_b = scene.pieces.body[a], scene.pieces.body[b]
@@ -197,7 +199,7 @@ def gap_on_its_side(scene: Scene, ws: DrivenWorkspace, k: int, motion: float) ->
 
 @kernel
 def distance_from_path(ws: DrivenWorkspace, poses: Floats, body: int) -> float:
-    """How far [m] a link's centre is from the straight way that the coupling alone takes it."""
+    """How far [m] a link's centre is from the straight path on which the coupling alone takes it."""
     c, a, b = link_centre(ws, poses, body), vec_of(ws.work.anchor, body), vec_of(ws.work.target, body)
     path, off = sub(b, a), sub(c, a)
     square = dot(path, path)
@@ -215,7 +217,7 @@ def _share_within(before: float, after: float, most: float) -> float:
 
 @kernel
 def share_within_rate(scene: Scene, ws: DrivenWorkspace, tethered: bool) -> float:
-    """The share of the step after which some link is as far off its way as it may be in a frame; 1: none."""
+    """The share of the step after which some link is as far off its path as it may be in a frame; 1: none."""
     share, work = 1.0, ws.work
     for tree in range(len(work.kind)):
         deviation_limit = work.deviation_limit[tree]

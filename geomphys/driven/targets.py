@@ -1,7 +1,7 @@
 """Where links are to go: recorded, with the offset of the last frame, relaxed by the coupling (6).
 
-A tree that was only translated has one offset, that of its root. What turned or bent has one for each link: of its centre
-and of its turn, in the world, so that they mean the same whichever angles make a posture.
+A tree that was only translated has one offset, that of its root. One that rotated or changed its joints has one
+for each link, of its centre and of its rotation, in the world: so they do not depend on which angles make a posture.
 """
 
 from __future__ import annotations
@@ -37,7 +37,9 @@ Floats = NDArray[np.float64]
 NO_SHIFT = 1e-6  # m: link offsets below this,
 NO_ROTATION = 1e-6  # rad, and this are none
 DEVIATION_PER_MOTION = 1.9  # times its recorded motion, or
-LEAST_DEVIATION = 1.4e-3  # m: how far beside the way that the coupling takes it the offset of a link may get in a frame
+LEAST_DEVIATION = (
+    1.4e-3  # m: how far the offset of a link may get in a frame from the path on which the coupling takes it
+)
 MOVED = 1e-7  # m or rad: what differs by less from where the coupling asks for has not met anything
 
 

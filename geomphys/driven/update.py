@@ -3,8 +3,8 @@
 The coupling relaxes the offsets of the last frame and says where every link is to go. A tree for which that is free, and
 can be reached freely, goes there. The others are solved in groups that may meet each other: from a free start nearest to
 the targets (`starts`), by a sequence of quadratic problems whose every step is certified (`sqp`). A tree in one piece is
-first only shifted; where that goes too far, or nowhere, its shape and turn yield, dearly. Where what is round a tree moves
-so that no start is free, it moves in parts of the step.
+first only translated; where that goes too far, or does not free it, its joints and rotation yield too, at a much higher
+weight. Where moving surroundings leave no free start, the step is taken in parts.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def _go_where_free(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> boo
     some = False
     for tree in range(len(work.kind)):
         work.hit[tree], work.group[tree] = 0, tree
-    for k in range(near.filled[0]):
+    for k in range(near.counts.filled):
         if not concerns(ws, k) or (work.hit[near.tree_a[k]] == 1 and work.hit[near.tree_b[k]] == 1):
             continue
         if near.separation[k] < 0.0 or not path_of_pair_is_free(scene, ws, work.goal, k):
@@ -58,7 +58,7 @@ def _go_where_free(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> boo
     changed = some
     while changed:  # trees that may meet one that is stopped
         changed = False
-        for k in range(near.filled[0]):
+        for k in range(near.counts.filled):
             a, b = near.tree_a[k], near.tree_b[k]
             if scene.trees.role[b] != DRIVEN or work.hit[a] + work.hit[b] == 0:
                 continue
@@ -75,7 +75,7 @@ def _go_where_free(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> boo
             for target in (work.now, work.trial, work.start, work.best):
                 copy_tree(scene, work.before, tree, target)
             pose_with_pieces(scene, ws, work.before, tree)
-            update_boxes(scene, ws.piece_frames.frames, ws.boxes, tree)
+            update_boxes(scene, ws.piece_frames.frames, ws.detection.boxes, tree)
     return some
 
 
@@ -107,7 +107,7 @@ def update_driven(
     gap
         m; clearance kept.
     """
-    work, first = ws.work, state.started[0] != STARTED_FREE
+    work, first = ws.work, state.progress.start != STARTED_FREE
     if first:
         for tree in range(len(scene.trees.role)):
             if scene.trees.role[tree] == DRIVEN:
@@ -145,7 +145,8 @@ def update_driven(
             )  # fmt: skip
     _finish(scene, state, ws)
     note_offsets(scene, state, ws, roots, angles, recorded)
-    state.started[0] = NEVER_FREE if first and not done.converged else STARTED_FREE
+    state.progress.updates += 1
+    state.progress.start = NEVER_FREE if first and not done.converged else STARTED_FREE
     yielded = done.yielded
     for tree in range(len(scene.trees.role)):
         if state.deformed[tree] == 0 and state.given[tree] == WAS_GIVEN:

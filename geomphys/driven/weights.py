@@ -21,7 +21,9 @@ class Weights(NamedTuple):
     closing_speed: float = 0.1  # m/s: and there no faster than this
     unusual: float = 1.0  # of lever²: a joint bent farther than `stretch` beyond the range of the recording
     stretch: float = math.radians(10.0)  # rad, beyond the range in which the recording used a joint so far
-    shift_of_depth: float = 3.0  # times the recorded depth: as far is a tree in one piece translated, then it bends
+    shift_of_depth: float = (
+        3.0  # times the recorded depth: a rigid tree is translated up to that far; beyond, its joints yield too
+    )
     least_shift: float = 3e-3  # m: as far as this it always is,
     most_shift: float = 0.03  # m: and no farther than this,
     shift_speed: float = 0.05  # m/s: nor faster than this

@@ -48,7 +48,7 @@ LIMIT_NEAR = 0.1  # rad or m: limits of joints farther off are not looked at
 @kernel
 def add_effect(c: Coupled, first: int, unknown: int, axis: int, speed: float) -> None:
     """Add to what a unit rate of an unknown does along an axis, in the effects from number `first` on."""
-    solve = c.solve[0]
+    solve = c.solve
     for e in range(first, solve.effects):
         if c.effects[e].unknown == unknown:
             c.effects[e].speed[axis] += speed
@@ -116,7 +116,7 @@ def complete_row(scene: Scene, m: Machine, r: Row, t: float, h: float) -> None:
     c, sim = m.coupled, m.simulated
     point = add(vec_of(r.arm_a), vec_of(sim.motion[r.a].position))
     set_vec(r.point, point)
-    r.first_effect = c.solve[0].effects
+    r.first_effect = c.solve.effects
     set_vec(r.prescribed, (0.0, 0.0, 0.0))
     debt = vec_of(sim.slots[r.pair, r.slot].slip_debt)
     set_vec(r.slip_debt, quat_rotate(quat_of(sim.motion[r.a].orientation), debt))
@@ -130,21 +130,21 @@ def complete_row(scene: Scene, m: Machine, r: Row, t: float, h: float) -> None:
                 add_effects(scene, c, r.first_effect, r.b, point, axis, scale(n, -1.0))
         for i in range(6):
             sim.velocity[r.b, i] = 0.0
-    r.end_effect = c.solve[0].effects
+    r.end_effect = c.solve.effects
 
 
 @outlined
 def find_rows(scene: Scene, m: Machine, t: float, h: float, margin: float) -> None:
     """Contacts of the simulated bodies that are solved with driven ones, at time `t` of the part, for a step of `h` seconds."""
     sim = m.simulated
-    m.coupled.solve[0].effects = m.coupled.solve[0].bounds = 0
-    sim.counts[0].rows = 0
-    for k in range(sim.counts[0].pairs):
+    m.coupled.solve.effects = m.coupled.solve.bounds = 0
+    sim.counts.rows = 0
+    for k in range(sim.counts.pairs):
         p = sim.pairs[k]
         if sim.bodies[p.body[0]].awake != 2:
             continue
         add_rows_within(sim, k, t, margin)
-    for k in range(sim.counts[0].rows):
+    for k in range(sim.counts.rows):
         complete_row(scene, m, sim.rows[k], t, h)
 
 
@@ -155,14 +155,14 @@ def find_bounds(scene: Scene, m: Machine, t: float, h: float, margin: float) -> 
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN and c.trees[tree].solved == 1:
             pose_pieces_of_tree(scene, tree, c.now.poses, p.frames)
-            update_boxes(scene, p.frames, m.boxes, tree)
+            update_boxes(scene, p.frames, m.detection.boxes, tree)
             bound_joints(scene, m, tree, h)
-    find_near(scene, p.frames, m.boxes, m.still, margin, math.inf, near, p.found, m.axes, m.scratch)
-    for k in range(near.filled[0]):
+    find_near(scene, p.frames, m.still, margin, math.inf, near, m.detection)
+    for k in range(near.counts.filled):
         a, b = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
         if scene.bodies.role[b] == SIMULATED or not (is_solved(scene, c, a) or is_solved(scene, c, b)):
             continue
-        first = c.solve[0].effects
+        first = c.solve.effects
         n, clearance, prescribed = vec_at(near.normal, k), near.separation[k], 0.0
         for side in range(2):
             body = a if side == 0 else b
@@ -177,7 +177,7 @@ def find_bounds(scene: Scene, m: Machine, t: float, h: float, margin: float) -> 
 @kernel
 def add_bound(c: Coupled, first: int, clearance: float, prescribed: float) -> None:
     """Append a bound whose effects are those from number `first` on."""
-    solve = c.solve[0]
+    solve = c.solve
     if solve.bounds == len(c.bounds):
         solve.lost += 1
         return
@@ -202,7 +202,7 @@ def bound_joints(scene: Scene, m: Machine, tree: int, h: float) -> None:
             sign = 1.0 if side == 0 else -1.0
             clearance = angle - low if side == 0 else high - angle
             if clearance < LIMIT_NEAR:
-                first = c.solve[0].effects
+                first = c.solve.effects
                 add_effect(c, first, k, 0, sign)
                 add_bound(c, first, clearance, sign * change / h)
 
@@ -230,7 +230,7 @@ def rotate_arms(scene: Scene, m: Machine, t: float, h: float) -> None:
     outwards by ω² r h. A ball that rolls on b has its arm as it is.
     """
     sim = m.simulated
-    for k in range(sim.counts[0].rows):
+    for k in range(sim.counts.rows):
         r = sim.rows[k]
         half = half_rotation(scene, m, r.b, t, h)
         omega = scale(rotation_vector(half), 2.0 / h)

@@ -58,14 +58,14 @@ def label_groups(scene: Scene, m: Machine) -> bool:
     sim, c, some = m.simulated, m.coupled, False
     for tree in range(len(c.trees)):
         c.trees[tree].group = -1
-    for k in range(sim.counts[0].pairs):
+    for k in range(sim.counts.pairs):
         if may_press(m, k):
             a, b = island_tree(sim, sim.pairs[k].body[0]), sim.bodies[sim.pairs[k].body[1]].tree
             c.trees[a].group, c.trees[b].group, some = a, b, True
     changed = some
     while changed:
         changed = False
-        for k in range(sim.counts[0].pairs):
+        for k in range(sim.counts.pairs):
             if may_press(m, k):
                 a, b = island_tree(sim, sim.pairs[k].body[0]), sim.bodies[sim.pairs[k].body[1]].tree
                 changed = unite(c, a, b) or changed
@@ -81,7 +81,7 @@ def label_groups(scene: Scene, m: Machine) -> bool:
         body = sim.bodies[sim.free[s]]
         if some and body.awake == 1 and c.trees[island_tree(sim, sim.free[s])].group >= 0:
             body.awake = 3
-    for k in range(sim.counts[0].pairs):
+    for k in range(sim.counts.pairs):
         if some and sim.bodies[sim.pairs[k].body[0]].awake != 3:
             sim.pairs[k].touching = 0
     return some

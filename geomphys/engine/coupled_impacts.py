@@ -53,10 +53,10 @@ def resolve_impacts(scene: Scene, m: Machine, h: float) -> int:
         if solves(scene, c, tree):
             begin_impact(c, 3 * tree, 3 * tree + 3)
             begin_impact(c, first_unknown(scene, tree), end_unknown(scene, tree))
-    threshold, hits = sim.frame[0].threshold, 0
-    for k in range(sim.counts[0].rows):
+    threshold, hits = sim.frame.threshold, 0
+    for k in range(sim.counts.rows):
         r = sim.rows[k]
-        touches = r.clearance <= sim.frame[0].touch
+        touches = r.clearance <= sim.frame.touch
         r.mode = 1 if touches else 0
         r.target_speed = 0.0
         v = relative_velocity(sim, c, r)[0]
@@ -66,23 +66,23 @@ def resolve_impacts(scene: Scene, m: Machine, h: float) -> int:
                 r.target_speed = -r.restitution * v
     if hits == 0:
         return 0
-    for k in range(sim.counts[0].rows):
+    for k in range(sim.counts.rows):
         r = sim.rows[k]
         clear_impulse(r)
         r.tangent_target[0] = r.tangent_target[1] = 0.0
         fill_masses(sim.motion[r.a], sim.motion[r.b], r)
         add_responses(sim, c, r)
-    for k in range(c.solve[0].bounds):
+    for k in range(c.solve.bounds):
         g = c.bounds[k]
         bound_response(c, k)
         g.impulse = 0.0
-        g.target_speed = 0.0 if g.clearance <= sim.frame[0].touch else LEFT_OUT
+        g.target_speed = 0.0 if g.clearance <= sim.frame.touch else LEFT_OUT
     solve_contacts(sim, c, MOST_SWEEPS, IMPACT_PRECISION)
     for tree in range(len(scene.trees.role)):
         if solves(scene, c, tree):
             end_impact(c, 3 * tree, 3 * tree + 3)
             end_impact(c, first_unknown(scene, tree), end_unknown(scene, tree))
-    for k in range(sim.counts[0].rows):
+    for k in range(sim.counts.rows):
         r = sim.rows[k]
         if r.normal_impulse > 0.0 and sim.bodies[r.b].role == DRIVEN:
             c.trees[sim.bodies[r.b].tree].touched = 1
@@ -97,14 +97,14 @@ def resolve_impacts(scene: Scene, m: Machine, h: float) -> int:
 @kernel
 def next_impact(sim: Simulation, c: Coupled, h: float) -> float:
     """When the first of the contacts that come in fast touches, if within `h` seconds; else `h`. Marks them by `mode` 2."""
-    soonest, gap = h, sim.frame[0].gap
-    for k in range(sim.counts[0].rows):
+    soonest, gap = h, sim.frame.gap
+    for k in range(sim.counts.rows):
         r = sim.rows[k]
         r.mode = 1
         distance = r.clearance - gap
-        if distance > 0.5 * sim.frame[0].touch:
+        if distance > 0.5 * sim.frame.touch:
             v = relative_velocity(sim, c, r)[0]
-            if v < -sim.frame[0].threshold:
+            if v < -sim.frame.threshold:
                 r.mode = 2
                 fall = 0.0 if is_simulated(sim, r.b) else dot(vec_of(r.normal), vec_of(sim.gravity))
                 soonest = min(soonest, 2.0 * distance / (-v + math.sqrt(max(0.0, v * v - 2.0 * fall * distance))))

@@ -121,8 +121,8 @@ def fastest_motion(scene: Scene, m: Machine, h: float) -> float:
 @kernel
 def set_targets(sim: Simulation, c: Coupled, h: float, to_impact: bool) -> None:
     """What rows and bounds must keep over a step of `h` seconds; one that ends at an impact lets fast ones come near."""
-    gap = sim.frame[0].gap
-    for k in range(sim.counts[0].rows):
+    gap = sim.frame.gap
+    for k in range(sim.counts.rows):
         r = sim.rows[k]
         distance = r.clearance - gap
         r.mode = 0 if to_impact and r.mode == 2 else 1
@@ -130,7 +130,7 @@ def set_targets(sim: Simulation, c: Coupled, h: float, to_impact: bool) -> None:
         debt = vec_of(r.slip_debt)
         r.tangent_target[0] = -CORRECTED * dot(debt, vec_of(r.tangent)) / h
         r.tangent_target[1] = -CORRECTED * dot(debt, vec_of(r.binormal)) / h
-    for k in range(c.solve[0].bounds):
+    for k in range(c.solve.bounds):
         g = c.bounds[k]
         distance = g.clearance - gap
         g.target_speed = -distance / h if distance > 0.0 else min(-CORRECTED * distance / h, FASTEST_CORRECTION)
@@ -139,7 +139,7 @@ def set_targets(sim: Simulation, c: Coupled, h: float, to_impact: bool) -> None:
 @kernel
 def begin_with_forces(sim: Simulation, c: Coupled, h: float) -> None:
     """Begin rows with the impulses that their points' forces of the step before give in `h` seconds."""
-    for k in range(sim.counts[0].rows):
+    for k in range(sim.counts.rows):
         r = sim.rows[k]
         clear_impulse(r)
         if r.mode == 0:
@@ -156,9 +156,9 @@ def begin_with_forces(sim: Simulation, c: Coupled, h: float) -> None:
 def touching_points(sim: Simulation, a: int, b: int) -> int:
     """How many rows of two bodies touch."""
     count = 0
-    for k in range(sim.counts[0].rows):
+    for k in range(sim.counts.rows):
         r = sim.rows[k]
-        if r.a == a and r.b == b and r.clearance <= sim.frame[0].touch:
+        if r.a == a and r.b == b and r.clearance <= sim.frame.touch:
             count += 1
     return count
 
@@ -169,10 +169,10 @@ def squeeze_harder(scene: Scene, sim: Simulation, c: Coupled, h: float) -> None:
 
     As if they were recorded that much deeper; what a link's points press is shared between them.
     """
-    for k in range(sim.counts[0].rows):
+    for k in range(sim.counts.rows):
         r = sim.rows[k]
         tree = sim.bodies[r.b].tree
-        if sim.bodies[r.b].role != DRIVEN or scene.trees.squeeze[tree] == 0.0 or r.clearance > sim.frame[0].touch:
+        if sim.bodies[r.b].role != DRIVEN or scene.trees.squeeze[tree] == 0.0 or r.clearance > sim.frame.touch:
             continue
         if math.isinf(scene.trees.stiffness[tree]):
             continue
@@ -197,7 +197,7 @@ def fit_stiffness(scene: Scene, sim: Simulation, c: Coupled) -> None:
     first = 3 * len(scene.trees.role)
     for k in range(first, len(c.unknowns)):
         c.unknowns[k].moments = c.unknowns[k].yielding = 0.0
-    for i in range(sim.counts[0].rows):
+    for i in range(sim.counts.rows):
         r = sim.rows[i]
         force, yielding = sim.slots[r.pair, r.slot].normal_force, 0.0
         if force == 0.0:
@@ -232,9 +232,9 @@ def solve_step(scene: Scene, m: Machine, t: float, h: float, to_impact: bool) ->
         if sim.bodies[sim.free[s]].awake == 2:
             add_vec_from(sim.velocity[sim.free[s]], 0, vec_of(sim.gravity), h)
     rotate_arms(scene, m, t, h)
-    for k in range(sim.counts[0].rows):
+    for k in range(sim.counts.rows):
         add_responses(sim, c, sim.rows[k])
-    for k in range(c.solve[0].bounds):
+    for k in range(c.solve.bounds):
         bound_response(c, k)
         c.bounds[k].impulse = 0.0
     set_targets(sim, c, h, to_impact)
@@ -256,7 +256,7 @@ def move_bodies(scene: Scene, m: Machine, t: float, h: float, dt: float) -> None
             set_vec(k.torque, (0.0, 0.0, 0.0))
     for tree in range(len(scene.trees.role)):
         c.trees[tree].pressed = 0 if solves(scene, c, tree) else c.trees[tree].pressed
-    for k in range(sim.counts[0].rows):
+    for k in range(sim.counts.rows):
         r = sim.rows[k]
         if r.normal_impulse == 0.0:
             continue
@@ -268,7 +268,7 @@ def move_bodies(scene: Scene, m: Machine, t: float, h: float, dt: float) -> None
         if sim.bodies[r.b].role == DRIVEN:
             tree = sim.bodies[r.b].tree
             c.trees[tree].pressed = c.trees[tree].touched = 1
-    for k in range(sim.counts[0].rows):
+    for k in range(sim.counts.rows):
         r = sim.rows[k]
         j = impulse_of(r)
         slot = sim.slots[r.pair, r.slot]
@@ -323,10 +323,10 @@ def attached_point(sim: Simulation, c: Coupled, body: int, point: Vec, t: float,
 def note_slip(m: Machine, t: float, h: float) -> None:
     """Remember by how much points that stick have slipped, for the next step to take back; of what slides, nothing."""
     sim, c = m.simulated, m.coupled
-    for k in range(sim.counts[0].pairs):
+    for k in range(sim.counts.pairs):
         if sim.bodies[sim.pairs[k].body[0]].awake == 2:
             sim.pairs[k].touching = 0
-    for k in range(sim.counts[0].rows):
+    for k in range(sim.counts.rows):
         r = sim.rows[k]
         slot = sim.slots[r.pair, r.slot]
         p, x, y = r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1]
@@ -337,7 +337,7 @@ def note_slip(m: Machine, t: float, h: float) -> None:
             debt = add(vec_of(r.slip_debt), add_scaled(slip, n, -dot(slip, n)))
             debt = quat_rotate(quat_conjugate(quat_of(sim.motion[r.a].orientation)), debt)
         set_vec(slot.slip_debt, debt)
-        if p > 0.0 or r.clearance <= TOUCHED * sim.frame[0].gap:
+        if p > 0.0 or r.clearance <= TOUCHED * sim.frame.gap:
             sim.pairs[r.pair].touching = 1
         clear_impulse(r)
 

@@ -144,7 +144,7 @@ def solve_contacts(sim: Simulation, c: Coupled, sweeps: int, precision: float) -
     Done when no impulse changes a velocity by more than `precision` [m/s], or after so many `sweeps` when none does by more
     than `SETTLED`, or after `MOST_SWEEPS`: then the solve is not settled, which is counted. Returns the sweeps made.
     """
-    rows, bounds = sim.counts[0].rows, c.solve[0].bounds
+    rows, bounds = sim.counts.rows, c.solve.bounds
     total = rows + bounds
     for sweep in range(MOST_SWEEPS):
         most = 0.0
@@ -158,7 +158,7 @@ def solve_contacts(sim: Simulation, c: Coupled, sweeps: int, precision: float) -
                 most = max(most, visit(sim, c, r))
         if most <= precision or (sweep + 1 >= sweeps and most <= SETTLED):
             return sweep + 1
-    c.solve[0].unsettled += 1
+    c.solve.unsettled += 1
     return MOST_SWEEPS
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from geomphys.driven.links import Links
 from geomphys.driven.postures import Posture, make_posture
+from geomphys.jit.packed_records import Record
 from geomphys.scene.arrays import DRIVEN, Scene
 
 FLOAT, INT = np.float64, np.int64
@@ -98,7 +99,7 @@ class Coupled(NamedTuple):
 
     unknowns: Records  # (3 T + Q,) UNKNOWN: of the roots, then of the joints
     trees: Records  # (T,) TREE
-    solve: Records  # (1,) SOLVE
+    solve: Record  # SOLVE
     effects: Records  # EFFECT, of the simulated loop's rows and of the bounds
     bounds: Records  # BOUND
     begin: Posture  # the recording at the start of the part
@@ -127,7 +128,7 @@ def make_coupled(scene: Scene, poses: Floats, links: Links) -> Coupled:
     records = np.zeros(trees, TREE)
     records["rotation_offset"][:, 3] = 1.0
     return Coupled(
-        unknowns, records, np.zeros(1, SOLVE), np.zeros(MOST_EFFECTS if any_simulated else 1, EFFECT),
+        unknowns, records, np.zeros((), SOLVE), np.zeros(MOST_EFFECTS if any_simulated else 1, EFFECT),
         np.zeros(MOST_BOUNDS if any_simulated else 1, BOUND), make_posture(scene, poses), make_posture(scene, poses),
         make_posture(scene, poses),
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Driven and simulated bodies in a frame: driven ones first, then what they push, then who gives way."""
+"""Driven and simulated bodies in a frame: those that may touch together, then the driven loop, then the rest."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SUBSTEP = 1.0 / 240.0  # s: where they may meet, driven and simulated bodies alt
 STEP_TOLERANCE = 0.01  # share of a substep by which one may be longer: times of messages are rounded
 MAX_SUBSTEPS = 16  # in a frame
 NEAR = 6e-3  # m: bodies that come no nearer do not meet
-LEAST_OVERLAP = 5e-8  # m: a driven body gives way to a simulated one that is deeper in it
+LEAST_OVERLAP = 5e-8  # m: a driven body is moved out of a simulated one that is deeper in it
 
 
 @outlined
@@ -123,7 +123,7 @@ def pose_simulated(scene: Scene, m: Machine, tree: int, poses: Floats) -> None:
     p = m.workspace.piece_frames
     for frames in (p.base, p.frames, p.moved):
         pose_pieces_of_tree(scene, tree, poses, frames)
-    update_boxes(scene, p.base, m.boxes, tree)
+    update_boxes(scene, p.base, m.detection.boxes, tree)
 
 
 @kernel
@@ -139,7 +139,7 @@ def recorded_motion(scene: Scene, m: Machine, tree: int) -> float:
 
 @outlined
 def substeps_of(scene: Scene, m: Machine, dt: float) -> int:
-    """In how many parts of a frame driven and simulated bodies take turns.
+    """Number of parts into which a frame is cut for driven and simulated bodies.
 
     A driven body stands still for the rest of its part once a simulated one is in its way, however fast that is pushed
     off. Where they may meet, parts are no longer than `SUBSTEP`, so that what comes of it does not hang on the frame rate.
@@ -160,7 +160,13 @@ def substeps_of(scene: Scene, m: Machine, dt: float) -> int:
             reach = moved + dt * speed + norm(off) + NEAR
             for link in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
                 if not apart(
-                    m.boxes.body_low, m.boxes.body_high, m.boxes.body_low, m.boxes.body_high, link, body, reach
+                    m.detection.boxes.body_low,
+                    m.detection.boxes.body_high,
+                    m.detection.boxes.body_low,
+                    m.detection.boxes.body_high,
+                    link,
+                    body,
+                    reach,
                 ):
                     return min(most, MAX_SUBSTEPS)
     return 1
@@ -221,7 +227,7 @@ def move_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
     c, state = m.coupled, m.driven
     load_unknowns(scene, m, roots, angles, dt)
     lay_paths(scene, m, roots, angles, dt)
-    m.coupled.solve[0].awake = 1 if begin_frame(m.simulated, dt, gap, goes_on) else 0
+    m.coupled.solve.awake = 1 if begin_frame(m.simulated, dt, gap, goes_on) else 0
     impacts = 0
     if label_groups(scene, m):
         for group in range(len(c.trees)):
@@ -229,7 +235,7 @@ def move_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
                 take_group(scene, m, group)
                 impacts += advance_together(scene, m, roots, angles, dt)
                 pose_driven_trees(scene, m, roots, angles, dt, 0.0, dt)
-                m.simulated.counts[0].rows = 0
+                m.simulated.counts.rows = 0
                 clear_overlaps(m.simulated, dt, 2)
         take_group(scene, m, -1)
     for tree in range(len(scene.trees.role)):
@@ -246,7 +252,7 @@ def move_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
 @outlined
 def simulate_rest(scene: Scene, m: Machine, most_impacts: int) -> tuple[int, int]:
     """Move the simulated bodies that met no driven one; ends the frame of the simulated loop. Returns impacts and flags."""
-    impacts, flags = end_frame(m.simulated, most_impacts, m.coupled.solve[0].awake == 1)
+    impacts, flags = end_frame(m.simulated, most_impacts, m.coupled.solve.awake == 1)
     for tree in range(len(scene.trees.role)):
         m.workspace.work.ignored[tree] = 0
         if m.driven.given[tree] == GIVEN:
@@ -261,13 +267,13 @@ def simulate_rest(scene: Scene, m: Machine, most_impacts: int) -> tuple[int, int
 
 @outlined
 def yield_to_simulated(scene: Scene, m: Machine, params: StepParameters) -> int:
-    """Where a simulated body ended inside a driven one, the driven one gives way. Returns the rounds this took."""
+    """Where a simulated body ended inside a driven one, move the driven one out of it. Returns the passes this took."""
     p, near = m.workspace.piece_frames, m.workspace.near
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
-            update_boxes(scene, p.frames, m.boxes, tree)
-    find_near(scene, p.frames, m.boxes, m.still, 0.0, math.inf, near, p.found, m.axes, m.scratch)
-    for k in range(near.filled[0]):
+            update_boxes(scene, p.frames, m.detection.boxes, tree)
+    find_near(scene, p.frames, m.still, 0.0, math.inf, near, m.detection)
+    for k in range(near.counts.filled):
         if near.separation[k] < -LEAST_OVERLAP and scene.trees.role[near.tree_b[k]] == SIMULATED:
             note_simulated(scene, m)
             rounds = yield_by_method(scene, m, params.method)

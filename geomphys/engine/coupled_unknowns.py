@@ -76,7 +76,7 @@ def load_unknowns(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
     from that of its offset.
     """
     c, state = m.coupled, m.driven
-    solve = c.solve[0]
+    solve = c.solve
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] != DRIVEN:
             continue

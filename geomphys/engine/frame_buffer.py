@@ -24,9 +24,27 @@ FRAMES = 64  # a block
 CONTACTS = 1 << 14  # rows for a block
 RESERVE = 1 << 12  # rows a frame may need; a block ends early when fewer are left
 
-# columns of `Block.lengths` and `Block.numbers`
-RECORDED, RESIDUAL, CORRECTION, ROTATION, AMPLIFICATION, FINGERTIP_ERROR, PRECISION, ALIGNMENT = range(8)
-ITERATIONS, IMPACTS, FALLBACKS, FLAGS, CONTACTS_RECORDED, CONTACTS_KEPT, GRASPS_RECORDED, GRASPS_KEPT = range(8)
+FIGURES = np.dtype(
+    [
+        ("recorded", np.float64),  # m, deepest overlap as recorded
+        ("residual", np.float64),  # m, that is left
+        ("correction", np.float64),  # m
+        ("rotation", np.float64),  # rad, of the correction
+        ("amplification", np.float64),
+        ("fingertip_error", np.float64),  # m
+        ("contact_precision", np.float64),  # m
+        ("contact_alignment", np.float64),  # rad
+        ("iterations", np.int64),
+        ("impacts", np.int64),
+        ("fallbacks", np.int64),
+        ("flags", np.int64),
+        ("contacts_recorded", np.int64),
+        ("contacts_kept", np.int64),
+        ("grasps_recorded", np.int64),
+        ("grasps_kept", np.int64),
+    ]
+)
+"""Of a frame; see `geomphys.results.Metrics`."""
 
 
 class Block(NamedTuple):
@@ -37,8 +55,7 @@ class Block(NamedTuple):
     recorded: Floats  # (N, M, 7)
     corrected: Floats  # (N, M, 7)
     angles: Floats  # (N, Q)
-    lengths: Floats  # (N, 8) m, m, m, rad, ratio, m, m, rad
-    numbers: Ints  # (N, 8)
+    figures: NDArray[np.void]  # (N,) FIGURES
     cycles: Ints  # (N, S + 1) of each stage and of the whole step
     counts: Ints  # (N, S + 1)
     contact_end: Ints  # (N + 1,) rows of the contact arrays after each frame; [0] is 0
@@ -56,7 +73,7 @@ def make_block(moving: Ints, rest: Floats, dofs: int, frames: int = FRAMES) -> B
     ints, floats = np.int64, np.float64
     return Block(
         moving, rest, np.zeros((frames, len(moving), 7)), np.zeros((frames, len(moving), 7)), np.zeros((frames, dofs)),
-        np.zeros((frames, 8)), np.zeros((frames, 8), ints), np.zeros((frames, stages), ints), np.zeros((frames, stages), ints),
+        np.zeros(frames, FIGURES), np.zeros((frames, stages), ints), np.zeros((frames, stages), ints),
         np.zeros(frames + 1, ints), np.zeros((CONTACTS, 2), ints), np.zeros((CONTACTS, 9), floats),
         np.zeros(frames + 1, ints), np.zeros((CONTACTS, 2), ints), np.zeros((CONTACTS, 2), ints), np.zeros((CONTACTS, 4)),
     )  # fmt: skip
@@ -73,10 +90,10 @@ def has_capacity(block: Block, frame: int) -> bool:
 
 
 @kernel
-def write_depths(block: Block, frame: int, depths: GlobalDepths, method: int) -> None:
-    """Append the global depths of a frame."""
+def write_depths(block: Block, frame: int, depths: GlobalDepths, count: int, method: int) -> None:
+    """Append the global depths of a frame: those of `count` pairs of bodies."""
     row = block.depth_end[frame]
-    for k in range(min(depths.filled[0], len(block.depth_bodies) - row)):
+    for k in range(min(count, len(block.depth_bodies) - row)):
         block.depth_bodies[row, 0], block.depth_bodies[row, 1] = depths.body_a[k], depths.body_b[k]
         block.depth_numbers[row, 0], block.depth_numbers[row, 1] = depths.pairs[k], method
         for i in range(3):
@@ -111,7 +128,7 @@ def write_contacts(
         The deepest overlap that is left, m.
     """
     row, deepest, points_a, points_b = block.contact_end[frame], 0.0, scratch.on_a, scratch.on_b
-    for k in range(near.filled[0]):
+    for k in range(near.counts.filled):
         s = near.separation[k]
         deepest = max(deepest, -s)
         if scene.trees.role[near.tree_a[k]] == SIMULATED or scene.trees.role[near.tree_b[k]] == SIMULATED:
@@ -168,31 +185,31 @@ def penetrations_of(block: Block, frame: int) -> Penetrations:
 
 def metrics_of(block: Block, frame: int, held: bool, flags: int, motion: Floats) -> Metrics:
     """A frame's figures; `flags` are added to its own, `motion` (5,) are its speeds, jerks and change of shape."""
-    lengths, numbers = block.lengths[frame], block.numbers[frame]
+    figures = block.figures[frame]
     return Metrics(
         contacts=int(block.contact_end[frame + 1] - block.contact_end[frame]),
-        recorded_penetration_m=float(lengths[RECORDED]),
-        residual_penetration_m=float(lengths[RESIDUAL]),
-        iterations=int(numbers[ITERATIONS]),
-        impacts=int(numbers[IMPACTS]),
-        fallbacks=int(numbers[FALLBACKS]),
-        correction_m=float(lengths[CORRECTION]),
-        correction_rad=float(lengths[ROTATION]),
+        recorded_penetration_m=float(figures["recorded"]),
+        residual_penetration_m=float(figures["residual"]),
+        iterations=int(figures["iterations"]),
+        impacts=int(figures["impacts"]),
+        fallbacks=int(figures["fallbacks"]),
+        correction_m=float(figures["correction"]),
+        correction_rad=float(figures["rotation"]),
         held=held,
-        flags=int(numbers[FLAGS]) | flags,
+        flags=int(figures["flags"]) | flags,
         recorded_speed_m_s=float(motion[0]),
         correction_speed_m_s=float(motion[1]),
         recorded_jerk_m_s3=float(motion[2]),
         correction_jerk_m_s3=float(motion[3]),
         shape_change_rad=float(motion[4]),
-        amplification=float(lengths[AMPLIFICATION]),
-        contacts_recorded=int(numbers[CONTACTS_RECORDED]),
-        contacts_kept=int(numbers[CONTACTS_KEPT]),
-        grasps_recorded=int(numbers[GRASPS_RECORDED]),
-        grasps_kept=int(numbers[GRASPS_KEPT]),
-        fingertip_error_m=float(lengths[FINGERTIP_ERROR]),
-        contact_precision_m=float(lengths[PRECISION]),
-        contact_alignment_rad=float(lengths[ALIGNMENT]),
+        amplification=float(figures["amplification"]),
+        contacts_recorded=int(figures["contacts_recorded"]),
+        contacts_kept=int(figures["contacts_kept"]),
+        grasps_recorded=int(figures["grasps_recorded"]),
+        grasps_kept=int(figures["grasps_kept"]),
+        fingertip_error_m=float(figures["fingertip_error"]),
+        contact_precision_m=float(figures["contact_precision"]),
+        contact_alignment_rad=float(figures["contact_alignment"]),
     )
 
 

@@ -13,21 +13,9 @@ from numpy.typing import NDArray
 from geomphys.collision.detect import near_bodies
 from geomphys.collision.sweep import apart, near_trees, update_boxes
 from geomphys.engine.fingertips import TipContacts
-from geomphys.engine.frame_buffer import (
-    ALIGNMENT,
-    AMPLIFICATION,
-    CONTACTS_KEPT,
-    CONTACTS_RECORDED,
-    CORRECTION,
-    FINGERTIP_ERROR,
-    GRASPS_KEPT,
-    GRASPS_RECORDED,
-    PRECISION,
-    RECORDED,
-    ROTATION,
-)
 from geomphys.engine.state import Machine
 from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.packed_records import Record
 from geomphys.numerics.row_vectors import set_vec_at, vec_at
 from geomphys.numerics.vec3 import Vec, add, cross, dot, neg, norm, rotate, rotate_back, scale, sub
 from geomphys.scene.arrays import DRIVEN, Scene
@@ -45,27 +33,39 @@ DEEP = 5e-4  # m: amplification is measured in frames recorded deeper than this
 @kernel
 def _find_contacts(scene: Scene, m: Machine, frames: Floats, contacts: TipContacts) -> int:
     """Fill the contacts of fingertips with pieces at `frames` (P, 12), whose boxes are up to date; returns their number."""
-    near, tips, found = m.workspace.near, m.fingertips, m.workspace.piece_frames.found
+    near, tips, found = m.workspace.near, m.fingertips, m.detection.found
     last_tree, others, count = -1, 0, 0
     for i in range(len(tips.link)):
         contacts.gap[i] = math.inf
         tree = scene.bodies.tree[tips.link[i]]
         if tree != last_tree:
-            others, last_tree = near_trees(m.boxes, tree, IN_CONTACT, found), tree
-        near.filled[0] = 0
+            others, last_tree = near_trees(m.detection.boxes, tree, IN_CONTACT, found), tree
+        near.counts.filled = 0
         for k in range(others):
             for j in range(tips.body_start[i], tips.body_start[i + 1]):
                 body, other = tips.bodies[j], found[k]
                 if apart(
-                    m.boxes.body_low, m.boxes.body_high, m.boxes.tree_low, m.boxes.tree_high, body, other, IN_CONTACT
+                    m.detection.boxes.body_low,
+                    m.detection.boxes.body_high,
+                    m.detection.boxes.tree_low,
+                    m.detection.boxes.tree_high,
+                    body,
+                    other,
+                    IN_CONTACT,
                 ):
                     continue
                 for b in range(scene.trees.body_start[other], scene.trees.body_start[other + 1]):
                     if not apart(
-                        m.boxes.body_low, m.boxes.body_high, m.boxes.body_low, m.boxes.body_high, body, b, IN_CONTACT
+                        m.detection.boxes.body_low,
+                        m.detection.boxes.body_high,
+                        m.detection.boxes.body_low,
+                        m.detection.boxes.body_high,
+                        body,
+                        b,
+                        IN_CONTACT,
                     ):
-                        near_bodies(scene, frames, m.boxes, body, b, IN_CONTACT, math.inf, near, m.tip_axes, m.scratch)
-        for k in range(near.filled[0]):
+                        near_bodies(scene, frames, body, b, IN_CONTACT, math.inf, near, m.tip_detection)
+        for k in range(near.counts.filled):
             if near.separation[k] < contacts.gap[i]:
                 contacts.gap[i], contacts.piece[i] = near.separation[k], near.b[k]
                 set_vec_at(contacts.point, i, vec_at(near.point_b, k))
@@ -79,7 +79,7 @@ def _update_driven_boxes(scene: Scene, m: Machine, frames: Floats) -> None:
     """Boxes of driven trees with their pieces at `frames` (P, 12)."""
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
-            update_boxes(scene, frames, m.boxes, tree)
+            update_boxes(scene, frames, m.detection.boxes, tree)
 
 
 @kernel
@@ -105,7 +105,7 @@ def largest_offset(scene: Scene, m: Machine) -> float:
     for i in range(len(scene.pieces.kind)):
         if scene.bodies.role[scene.pieces.body[i]] != DRIVEN:
             continue
-        centre, half = vec_at(m.boxes.local_centre, i), vec_at(m.boxes.local_half, i)
+        centre, half = vec_at(m.detection.boxes.local_centre, i), vec_at(m.detection.boxes.local_half, i)
         for side in ((half[0], 0.0, 0.0), (0.0, half[1], 0.0), (0.0, 0.0, half[2])):
             largest = max(largest, norm(_offset(base, frames, i, add(centre, side))))
             largest = max(largest, norm(_offset(base, frames, i, add(centre, neg(side)))))
@@ -133,8 +133,8 @@ def _fingertip_error(scene: Scene, m: Machine, in_contact: bool) -> float:
 
 
 @kernel
-def _compare_contacts(m: Machine, lengths: Floats) -> int:
-    """Find which recorded contacts are kept, how far on the object and how much its normal turned; returns their number.
+def _compare_contacts(m: Machine, figures: Record) -> int:
+    """Find which recorded contacts are kept, how far they moved on the object and its normal rotated; returns their number.
 
     Points and normals are compared as the recorded object carries them: it may have been corrected too.
     """
@@ -153,7 +153,7 @@ def _compare_contacts(m: Machine, lengths: Floats) -> int:
             n1 = vec_at(tips.corrected.normal, i)
             rotation += math.atan2(norm(cross(n0, n1)), dot(n0, n1))
     if count > 0:
-        lengths[PRECISION], lengths[ALIGNMENT] = distance / count, rotation / count
+        figures.contact_precision, figures.contact_alignment = distance / count, rotation / count
     return count
 
 
@@ -175,30 +175,30 @@ def _count_grasps(scene: Scene, m: Machine, is_retained: bool) -> int:
 
 
 @outlined
-def measure_motion(scene: Scene, m: Machine, lengths: Floats, numbers: Ints) -> None:
+def measure_motion(scene: Scene, m: Machine, figures: Record) -> None:
     """Measures of motion quality of a frame, once its final poses, their boxes and its correction are known.
 
-    Written to `lengths` and `numbers`, the frame's rows of the block.
+    Written to `figures` (FIGURES), the frame's record in the block.
     """
     base, frames, tips = m.workspace.piece_frames.base, m.workspace.piece_frames.frames, m.fingertips
-    lengths[AMPLIFICATION] = lengths[FINGERTIP_ERROR] = lengths[PRECISION] = lengths[ALIGNMENT] = 0.0
-    if lengths[CORRECTION] == 0.0 and lengths[ROTATION] == 0.0:
+    figures.amplification = figures.fingertip_error = figures.contact_precision = figures.contact_alignment = 0.0
+    if figures.correction == 0.0 and figures.rotation == 0.0:
         count = _find_contacts(scene, m, frames, tips.recorded)
-        numbers[CONTACTS_RECORDED] = numbers[CONTACTS_KEPT] = count
-        numbers[GRASPS_RECORDED] = numbers[GRASPS_KEPT] = _count_grasps(scene, m, False) if count > 1 else 0
+        figures.contacts_recorded = figures.contacts_kept = count
+        figures.grasps_recorded = figures.grasps_kept = _count_grasps(scene, m, False) if count > 1 else 0
         return
-    if lengths[RECORDED] > DEEP:
-        lengths[AMPLIFICATION] = largest_offset(scene, m) / lengths[RECORDED]
+    if figures.recorded > DEEP:
+        figures.amplification = largest_offset(scene, m) / figures.recorded
     if len(tips.link) == 0:
-        numbers[CONTACTS_RECORDED] = numbers[CONTACTS_KEPT] = numbers[GRASPS_RECORDED] = numbers[GRASPS_KEPT] = 0
+        figures.contacts_recorded = figures.contacts_kept = figures.grasps_recorded = figures.grasps_kept = 0
         return
     _update_driven_boxes(scene, m, base)
     count = _find_contacts(scene, m, base, tips.recorded)
     _update_driven_boxes(scene, m, frames)
-    numbers[CONTACTS_RECORDED], numbers[CONTACTS_KEPT] = count, 0
-    numbers[GRASPS_RECORDED] = numbers[GRASPS_KEPT] = 0
+    figures.contacts_recorded, figures.contacts_kept = count, 0
+    figures.grasps_recorded = figures.grasps_kept = 0
     if count > 0:
         _find_contacts(scene, m, frames, tips.corrected)
-        numbers[CONTACTS_KEPT] = _compare_contacts(m, lengths)
-        numbers[GRASPS_RECORDED], numbers[GRASPS_KEPT] = _count_grasps(scene, m, False), _count_grasps(scene, m, True)
-    lengths[FINGERTIP_ERROR] = _fingertip_error(scene, m, count > 0)
+        figures.contacts_kept = _compare_contacts(m, figures)
+        figures.grasps_recorded, figures.grasps_kept = _count_grasps(scene, m, False), _count_grasps(scene, m, True)
+    figures.fingertip_error = _fingertip_error(scene, m, count > 0)

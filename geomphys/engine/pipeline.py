@@ -74,7 +74,7 @@ class Pipeline:
         """Step through frames (n, T, 7), (n, Q), (n,) into `block`; returns how many were done."""
         recording = Recording(roots, angles, dts)
         count: int = self._run_block(*self._packed, recording, self.params, self._packed_blocks[id(block)])
-        if count == 0 or self.machine.workspace.near.lost[0]:
+        if count == 0 or self.machine.workspace.near.counts["lost"]:
             raise GeomphysError(
                 f"more than {NEAR_PAIRS} pairs of convex pieces are near each other at once; decompose the meshes into fewer"
             )

@@ -78,7 +78,7 @@ def _put_back(scene: Scene, m: Machine, tree: int, roots: Floats, angles: Floats
     note_tree(scene, state, m.workspace, tree, m.recorded, not first)
     pose_pieces_of_tree(scene, tree, m.corrected, p.frames)
     pose_pieces_of_tree(scene, tree, m.corrected, p.moved)
-    update_boxes(scene, p.frames, m.boxes, tree)
+    update_boxes(scene, p.frames, m.detection.boxes, tree)
 
 
 @outlined
@@ -105,6 +105,6 @@ def contain_driven(scene: Scene, m: Machine, roots: Floats, angles: Floats, firs
             _put_back(scene, m, tree, roots, angles, first)
             flags = FLAG_QUARANTINED
     if flags != 0:  # remembered directions may stem from what is not finite
-        for k in range(len(m.axes.rows)):
-            m.axes.rows[k, 0] = -1.0
+        for k in range(len(m.detection.axes.rows)):
+            m.detection.axes.rows[k, 0] = -1.0
     return flags

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import Axes, make_axes, make_near
+from geomphys.collision.detect import Detection, make_axes, make_near
 from geomphys.collision.global_depth import GlobalDepths, make_global_depths
-from geomphys.collision.penetration import Scratch, make_scratch
-from geomphys.collision.sweep import Boxes, make_boxes
+from geomphys.collision.penetration import make_scratch
+from geomphys.collision.sweep import make_boxes
 from geomphys.driven.paper.state import PaperWorkspace
 from geomphys.driven.state import (
     DrivenState,
@@ -57,7 +57,7 @@ class Machine(NamedTuple):
     driven: DrivenState
     workspace: DrivenWorkspace
     depths: GlobalDepths
-    boxes: Boxes
+    detection: Detection
     still: Floats  # (T, 2) zeros: no tree moves while its overlaps are measured
     simulated: Simulation
     start: Floats  # (B, 7) poses at the frame's start
@@ -67,10 +67,10 @@ class Machine(NamedTuple):
     roots: Floats  # (T, 7) recorded root poses within a frame
     angles: Floats  # (Q,) recorded angles within a frame
     posture: Floats  # (Q,) angles at the frame's start
-    axes: Axes
-    scratch: Scratch
     fingertips: Fingertips
-    tip_axes: Axes  # for the measures of contacts, which thus leave `axes` as the solver left them
+    tip_detection: (
+        Detection  # for the measures of contacts: remembers directions apart, so that the solver finds its own
+    )
 
 
 def make_machine(scene: Scene, passes: int = 30, is_thumb: Ints | None = None, weights: Weights = WEIGHTS) -> Machine:
@@ -87,8 +87,9 @@ def make_machine(scene: Scene, passes: int = 30, is_thumb: Ints | None = None, w
         pose_tree(packed, origins, tree, scene.trees.rest, np.zeros(dofs), poses)
         for frames in (piece_frames.base, piece_frames.frames, piece_frames.moved):
             pose_pieces_of_tree(packed, tree, poses, frames)
-    boxes, axes, scratch = make_boxes(scene, piece_frames.base), make_axes(), make_scratch()
-    workspace = make_driven_workspace(scene, poses, origins, piece_frames, near, boxes, axes, scratch, passes, weights)
+    boxes, scratch, found = make_boxes(scene, piece_frames.base), make_scratch(), np.zeros(trees, np.int64)
+    detection = Detection(boxes, make_axes(), scratch, found)
+    workspace = make_driven_workspace(scene, poses, origins, piece_frames, near, detection, passes, weights)
     corrected, start = poses.copy(), poses.copy()
     velocity = scene.initial_velocity.copy()
     return Machine(
@@ -97,7 +98,7 @@ def make_machine(scene: Scene, passes: int = 30, is_thumb: Ints | None = None, w
         driven=make_driven_state(scene, poses),
         workspace=workspace,
         depths=make_global_depths(NEAR_PAIRS),
-        boxes=boxes,
+        detection=detection,
         still=np.zeros((trees, 2)),
         simulated=make_simulation(
             scene, poses, start=start, end=corrected, reported=velocity, frames=piece_frames.moved,
@@ -110,8 +111,6 @@ def make_machine(scene: Scene, passes: int = 30, is_thumb: Ints | None = None, w
         roots=np.zeros((trees, 7)),
         angles=np.zeros(dofs),
         posture=np.zeros(dofs),
-        axes=axes,
-        scratch=scratch,
         fingertips=make_fingertips(scene, workspace.links, is_thumb),
-        tip_axes=make_axes(1 << 10),
+        tip_detection=Detection(boxes, make_axes(1 << 10), scratch, found),
     )  # fmt: skip

@@ -14,6 +14,7 @@ from geomphys.collision.sweep import update_boxes
 from geomphys.driven.contacts_kept import RECORDED_ON, note_touches
 from geomphys.driven.groups import Outcome
 from geomphys.driven.postures import is_recorded
+from geomphys.driven.state import NOT_STARTED
 from geomphys.engine.coupled_step import (
     curve_path,
     fit_recorded_paths,
@@ -26,25 +27,13 @@ from geomphys.engine.coupled_step import (
     substeps_of,
     yield_to_simulated,
 )
-from geomphys.engine.frame_buffer import (
-    CORRECTION,
-    FALLBACKS,
-    FLAGS,
-    IMPACTS,
-    ITERATIONS,
-    RECORDED,
-    RESIDUAL,
-    ROTATION,
-    Block,
-    has_capacity,
-    write_contacts,
-    write_depths,
-)
+from geomphys.engine.frame_buffer import Block, has_capacity, write_contacts, write_depths
 from geomphys.engine.methods import update_by_method
 from geomphys.engine.motion_measures import measure_motion
 from geomphys.engine.quarantine import contain_driven, keep_posture
 from geomphys.engine.state import Machine, StepParameters
 from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.packed_records import Record
 from geomphys.jit.stage_clock import cycles
 from geomphys.results import (
     FLAG_BLOCKED,
@@ -85,42 +74,31 @@ def pose_recording(scene: Scene, m: Machine, roots: Floats, angles: Floats) -> N
             continue
         pose_tree(scene, m.workspace.origins, tree, roots, angles, m.recorded)
         pose_pieces_of_tree(scene, tree, m.recorded, m.workspace.piece_frames.base)
-        update_boxes(scene, m.workspace.piece_frames.base, m.boxes, tree)
+        update_boxes(scene, m.workspace.piece_frames.base, m.detection.boxes, tree)
 
 
 @outlined
-def measure_recorded(scene: Scene, m: Machine) -> float:
+def measure_recorded(scene: Scene, m: Machine) -> tuple[float, int]:
     """Overlaps of the recorded poses: fills `near` and `depths`; returns the deepest [m] of driven bodies with fixed and
-    other driven ones.
+    other driven ones, and the number of pairs of bodies in `depths`.
     """
     near, depth, touching = m.workspace.near, m.workspace.work.depth, 0.0
     for tree in range(len(scene.trees.role)):
         depth[tree] = 0.0
         if scene.trees.role[tree] == DRIVEN and scene.trees.dof_start[tree + 1] > scene.trees.dof_start[tree]:
             touching = RECORDED_ON
-    find_near(
-        scene,
-        m.workspace.piece_frames.base,
-        m.boxes,
-        m.still,
-        touching,
-        math.inf,
-        near,
-        m.workspace.piece_frames.found,
-        m.axes,
-        m.scratch,
-    )
-    global_depths(scene.pieces, near, m.depths)
+    find_near(scene, m.workspace.piece_frames.base, m.still, touching, math.inf, near, m.detection)
+    overlapping = global_depths(scene.pieces, near, m.depths)
     if touching > 0.0:
         note_touches(scene, m.workspace, near)
     deepest = 0.0
-    for k in range(near.filled[0]):
+    for k in range(near.counts.filled):
         deep = -near.separation[k]
         depth[near.tree_a[k]] = max(depth[near.tree_a[k]], deep)
         depth[near.tree_b[k]] = max(depth[near.tree_b[k]], deep)
         if scene.trees.role[near.tree_b[k]] != SIMULATED:
             deepest = max(deepest, deep)
-    return deepest
+    return deepest, overlapping
 
 
 @outlined
@@ -131,12 +109,10 @@ def find_contacts(scene: Scene, m: Machine, gap: float, first: bool, block: Bloc
     piece_frames, near = m.workspace.piece_frames, m.workspace.near
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
-            update_boxes(scene, piece_frames.frames, m.boxes, tree)
+            update_boxes(scene, piece_frames.frames, m.detection.boxes, tree)
     margin = CONTACT_GAPS * gap
-    find_near(
-        scene, piece_frames.frames, m.boxes, m.still, margin, math.inf, near, piece_frames.found, m.axes, m.scratch
-    )
-    of_driven = write_contacts(scene, piece_frames.frames, near, m.driven.offset, block, frame, m.scratch)
+    find_near(scene, piece_frames.frames, m.still, margin, math.inf, near, m.detection)
+    of_driven = write_contacts(scene, piece_frames.frames, near, m.driven.offset, block, frame, m.detection.scratch)
     deepest = of_driven
     if len(m.simulated.free) > 0:
         left = (
@@ -152,8 +128,8 @@ def find_contacts(scene: Scene, m: Machine, gap: float, first: bool, block: Bloc
 
 
 @kernel
-def measure_correction(scene: Scene, m: Machine, lengths: Floats) -> None:
-    """Largest distance and angle of a driven body from where it was recorded, into `lengths`."""
+def measure_correction(scene: Scene, m: Machine, figures: Record) -> None:
+    """Largest distance and angle of a driven body from where it was recorded, into `figures` (FIGURES)."""
     far, rotation = 0.0, 0.0
     for body in range(len(scene.bodies.role)):
         if scene.bodies.role[body] != DRIVEN:
@@ -166,7 +142,7 @@ def measure_correction(scene: Scene, m: Machine, lengths: Floats) -> None:
             opposite += (m.corrected[body, k] + m.recorded[body, k]) ** 2
         far = max(far, np.sqrt(square))
         rotation = max(rotation, 4.0 * np.arcsin(min(1.0, 0.5 * np.sqrt(min(same, opposite)))))
-    lengths[CORRECTION], lengths[ROTATION] = far, rotation
+    figures.correction, figures.rotation = far, rotation
 
 
 @kernel
@@ -183,7 +159,7 @@ def keep_poses(scene: Scene, m: Machine) -> None:
 def drive(
     scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float, first: bool, params: StepParameters
 ) -> Outcome:
-    """The driven loop's turn: driven bodies go on to the roots (T, 7) and angles (Q,) recorded `dt` [s] later."""
+    """The driven loop: driven bodies go on to the roots (T, 7) and angles (Q,) recorded `dt` [s] later."""
     note_simulated(scene, m)
     done = update_by_method(scene, m, params.method, roots, angles, dt)
     shift_driven(scene, m)
@@ -198,13 +174,13 @@ def step(
 
     `dt` [s] is the time since the frame before it; the first frame's does not matter.
     """
-    lengths, numbers, clock = block.lengths[frame], block.numbers[frame], block.cycles[frame]
-    first = m.driven.started[0] == 0
+    figures, clock = block.figures[frame], block.cycles[frame]
+    first = m.driven.progress.start == NOT_STARTED
     t0 = cycles()
     keep_poses(scene, m)
     pose_recording(scene, m, roots, angles)
     t1 = cycles()
-    lengths[RECORDED] = measure_recorded(scene, m)
+    figures.recorded, overlapping = measure_recorded(scene, m)
     t2 = cycles()
     if len(m.simulated.free) > 0:
         fit_recorded_paths(scene, m, roots, dt, first)
@@ -225,9 +201,9 @@ def step(
         moves = not first and len(m.simulated.free) > 0 and dt > 0.0
         if moves:
             impacts += move_together(scene, m, now_at, joint_values, dt / parts, params.gap, part > 0)
-            if m.coupled.solve[0].unsettled > 0:
+            if m.coupled.solve.unsettled > 0:
                 flags |= FLAG_SWEEP_BOUND
-            if m.coupled.solve[0].lost > 0:
+            if m.coupled.solve.lost > 0:
                 flags |= FLAG_IMPACT_BOUND
         simulating += cycles() - t3
         more = drive(scene, m, now_at, joint_values, dt / parts, first, params)
@@ -247,10 +223,10 @@ def step(
                 flags |= contain_driven(scene, m, now_at, joint_values, first)
         simulating += cycles() - t3
     t4 = cycles()
-    write_depths(block, frame, m.depths, done.method)
-    lengths[RESIDUAL], left = find_contacts(scene, m, params.gap, first, block, frame)
-    measure_correction(scene, m, lengths)
-    measure_motion(scene, m, lengths, numbers)
+    write_depths(block, frame, m.depths, overlapping, done.method)
+    figures.residual, left = find_contacts(scene, m, params.gap, first, block, frame)
+    measure_correction(scene, m, figures)
+    measure_motion(scene, m, figures)
     t5 = cycles()
     for k in range(len(block.moving)):
         for i in range(7):
@@ -259,25 +235,25 @@ def step(
     for k in range(len(angles)):
         driven = scene.trees.role[scene.dofs.tree[k]] == DRIVEN
         block.angles[frame, k] = m.driven.last.angles[k] if driven else angles[k]
-    numbers[ITERATIONS], numbers[IMPACTS], numbers[FALLBACKS], numbers[FLAGS] = (
+    figures.iterations, figures.impacts, figures.fallbacks, figures.flags = (
         done.rounds,
         impacts,
         done.fallbacks,
         flags,
     )
-    if not done.converged or left > LEFT or (not first and lengths[RESIDUAL] > SUNK):
-        numbers[FLAGS] |= FLAG_NOT_CONVERGED
+    if not done.converged or left > LEFT or (not first and figures.residual > SUNK):
+        figures.flags |= FLAG_NOT_CONVERGED
     if done.yielded:
-        numbers[FLAGS] |= FLAG_SHAPE_CHANGED
+        figures.flags |= FLAG_SHAPE_CHANGED
     touches = block.contact_end[frame + 1] > block.contact_end[frame]
-    if lengths[RECORDED] == 0.0 and touches and not is_pressed(scene, m) and lengths[CORRECTION] > BLOCKED_FROM:
-        numbers[FLAGS] |= FLAG_BLOCKED
-    if first and (lengths[RECORDED] > 0.0 or lengths[RESIDUAL] > LEFT):
-        numbers[FLAGS] |= FLAG_STARTED_INSIDE
+    if figures.recorded == 0.0 and touches and not is_pressed(scene, m) and figures.correction > BLOCKED_FROM:
+        figures.flags |= FLAG_BLOCKED
+    if first and (figures.recorded > 0.0 or figures.residual > LEFT):
+        figures.flags |= FLAG_STARTED_INSIDE
     clock[KINEMATICS], clock[RECORDED_DEPTH], clock[OVERLAP] = t1 - t0, t2 - t1, t4 - t2 - simulating
     clock[IMPULSES], clock[CONTACTS], clock[WHOLE] = simulating, t5 - t4, t5 - t0
     counts = block.counts[frame]
-    counts[KINEMATICS], counts[RECORDED_DEPTH], counts[OVERLAP] = len(block.moving), m.depths.filled[0], done.rounds
+    counts[KINEMATICS], counts[RECORDED_DEPTH], counts[OVERLAP] = len(block.moving), overlapping, done.rounds
     counts[IMPULSES], counts[WHOLE] = impacts, 1
     counts[CONTACTS] = block.contact_end[frame + 1] - block.contact_end[frame]
 
@@ -311,7 +287,7 @@ def run_block(
         if not has_capacity(block, frame):
             return frame
         step(scene, m, recording.roots[frame], recording.angles[frame], recording.dts[frame], params, block, frame)
-        if m.workspace.near.lost[0] > 0:  # the table of near pairs is full: the caller ends the replay
+        if m.workspace.near.counts.lost > 0:  # the table of near pairs is full: the caller ends the replay
             return frame
     return len(recording.dts)
 

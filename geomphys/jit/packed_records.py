@@ -4,7 +4,8 @@ A kernel that takes a NamedTuple of arrays takes seven machine words for each ar
 attribute: with the hundred arrays of a scene that is minutes of compile time and tens of microseconds a call.
 `pack` lays the addresses and shapes of the arrays of a (nested) NamedTuple out in one block of memory; kernels see
 the same attributes and pay one load for each. The arrays are shared, not copied, and must not be replaced or freed
-while the pack is in use: it keeps them alive itself.
+while the pack is in use: it keeps them alive itself. Besides arrays there are numbers, which never change, and records: an array
+of a structured type without dimensions, of which a kernel reads and sets the attributes.
 """
 
 from __future__ import annotations
@@ -13,9 +14,8 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import typeof, types
-from numba.core import cgutils
-from numba.core.typing.templates import AttributeTemplate
+from numba import from_dtype, typeof, types
+from numba.core.typing.templates import AttributeTemplate  # what `infer_getattr` takes; it has no public name
 from numba.extending import (
     NativeValue,
     infer_getattr,
@@ -27,6 +27,9 @@ from numba.extending import (
 )
 
 WORD = 8
+
+Record = Any
+"""A field that is one record of a structured type: ``array["name"]`` in Python, ``record.name`` in kernels."""
 
 
 class PackType(types.Type):
@@ -72,9 +75,13 @@ class Pack:
                 words += [part.ctypes.data, *part.shape]
             elif isinstance(part, float):
                 words.append(int(np.array(part).view(np.int64)))
+            elif isinstance(part, int):
+                words.append(int(part))
             else:
-                raise TypeError(f"{type(record).__name__}.{name}: a C-contiguous, writeable array or a float is needed")
-            fields.append((name, part.type if isinstance(part, Pack) else typeof(part)))
+                raise TypeError(
+                    f"{type(record).__name__}.{name}: a C-contiguous, writeable array or a number is needed"
+                )
+            fields.append((name, _type_of_field(part)))
         self.block = np.array(words, dtype=np.int64)
         self.address: int = int(self.block.ctypes.data)
         self.type: PackType = _type_of(tuple(fields))
@@ -87,6 +94,15 @@ class Pack:
         raise AttributeError(name)
 
 
+def _type_of_field(part: Any) -> Any:
+    """What kernels take a field for."""
+    if isinstance(part, Pack):
+        return part.type
+    if isinstance(part, np.ndarray) and part.ndim == 0 and part.dtype.names is not None:
+        return from_dtype(part.dtype)
+    return typeof(part)
+
+
 _TYPES: dict[tuple[tuple[str, types.Type], ...], PackType] = {}
 
 
@@ -95,7 +111,7 @@ def _type_of(fields: tuple[tuple[str, types.Type], ...]) -> PackType:
 
 
 def pack(record: Any) -> Any:
-    """A pack of a NamedTuple of C-contiguous arrays and inner NamedTuples."""
+    """A pack of a NamedTuple of C-contiguous arrays, numbers and inner NamedTuples."""
     return record if isinstance(record, Pack) else Pack(record)
 
 
@@ -118,7 +134,8 @@ def _unbox_pack(kind: PackType, value: Any, context: Any) -> NativeValue:
     address = context.pyapi.long_as_longlong(number)
     context.pyapi.decref(number)
     pointer = context.builder.inttoptr(address, ir.IntType(8).as_pointer())
-    return NativeValue(pointer, is_error=cgutils.is_not_null(context.builder, context.pyapi.err_occurred()))
+    error = context.pyapi.err_occurred()
+    return NativeValue(pointer, is_error=context.builder.icmp_unsigned("!=", error, ir.Constant(error.type, None)))
 
 
 @infer_getattr
@@ -139,14 +156,28 @@ def _load(builder: Any, block: Any, offset: int) -> Any:
     return value
 
 
+def _tuple_of(builder: Any, values: list[Any], kind: Any) -> Any:
+    """The values as an LLVM array of a type."""
+    packed = ir.Constant(kind, ir.Undefined)
+    for position, value in enumerate(values):
+        packed = builder.insert_value(packed, value, position)
+    return packed
+
+
 @lower_getattr_generic(PackType)
 def _lower_attribute(context: Any, builder: Any, kind: PackType, block: Any, name: str) -> Any:
     offset, field = kind.locate(name)
     address = _load(builder, block, offset)
     if isinstance(field, PackType):
         return builder.inttoptr(address, ir.IntType(8).as_pointer())
+    if isinstance(field, types.Record):
+        return builder.inttoptr(address, context.get_value_type(field))
     if isinstance(field, types.Float):
         return builder.bitcast(address, ir.DoubleType())
+    if isinstance(field, types.Boolean):
+        return builder.trunc(address, context.get_value_type(field))
+    if isinstance(field, types.Integer):
+        return address
     array = context.make_array(field)(context, builder)
     shape = [_load(builder, block, offset + WORD * (1 + axis)) for axis in range(field.ndim)]
     itemsize = context.get_abi_sizeof(context.get_data_type(field.dtype))
@@ -156,13 +187,13 @@ def _lower_attribute(context: Any, builder: Any, kind: PackType, block: Any, nam
         strides.insert(0, stride)
         stride = builder.mul(stride, extent)
     array.data = builder.inttoptr(address, array.data.type)
-    array.shape = cgutils.pack_array(builder, shape)
-    array.strides = cgutils.pack_array(builder, strides)
+    array.shape = _tuple_of(builder, shape, array.shape.type)
+    array.strides = _tuple_of(builder, strides, array.strides.type)
     array.itemsize = ir.Constant(ir.IntType(64), itemsize)
     count = ir.Constant(ir.IntType(64), 1)
     for extent in shape:
         count = builder.mul(count, extent)
     array.nitems = count
-    array.meminfo = cgutils.get_null_value(array.meminfo.type)
-    array.parent = cgutils.get_null_value(array.parent.type)
+    array.meminfo = ir.Constant(array.meminfo.type, None)
+    array.parent = ir.Constant(array.parent.type, None)
     return array._getvalue()

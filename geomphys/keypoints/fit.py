@@ -75,13 +75,13 @@ def objective(model: FitModel, state: FitState, points: Floats, seen: Ints, angl
             body = model.body[i]
             x, y, z = poses[body, 0] - points[i, 0], poses[body, 1] - points[i, 1], poses[body, 2] - points[i, 2]
             total += model.weight[i] * (x * x + y * y + z * z)
-    smoothness = state.figures[2]
+    smoothness = state.weights.smoothness
     for j in range(len(angles)):
         rest, near = angles[j] - model.rest[j], angles[j] - state.target[j]
         total += model.lever[j] ** 2 * (state.rest_weight[j] * rest * rest + smoothness * near * near)
-    if state.figures[3] > 0.0:
+    if state.weights.orientation > 0.0:
         error = orientation_error(state, poses)
-        total += state.figures[3] * dot(error, error)
+        total += state.weights.orientation * dot(error, error)
     return 0.5 * total
 
 
@@ -112,7 +112,7 @@ def point_jacobian(model: FitModel, state: FitState, poses: Floats, body: int, c
                 columns[count] = column
                 count += 1
         link = model.parent[link]
-    if model.fits_root[0]:
+    if model.fits_root:
         r = sub(x, centre)
         for k in range(3):
             for m in range(6):
@@ -152,7 +152,7 @@ def assemble(model: FitModel, state: FitState, points: Floats, seen: Ints, centr
                 b = columns[n]
                 value = w * (u * jacobian[0, b] + v * jacobian[1, b] + t * jacobian[2, b])
                 hessian[max(a, b), min(a, b)] += value
-    smoothness = state.figures[2]
+    smoothness = state.weights.smoothness
     for j in range(len(model.rest)):
         scale = model.lever[j] ** 2
         hessian[j, j] += scale * (state.rest_weight[j] + smoothness)
@@ -162,11 +162,11 @@ def assemble(model: FitModel, state: FitState, points: Floats, seen: Ints, centr
     first = len(model.rest)
     for j in range(first, len(gradient)):
         hessian[j, j] += ROOT_RIDGE
-    if state.figures[3] > 0.0:
+    if state.weights.orientation > 0.0:
         error = orientation_error(state, state.poses)
         for k in range(3):
-            gradient[first + 3 + k] += state.figures[3] * error[k]
-            hessian[first + 3 + k, first + 3 + k] += state.figures[3]
+            gradient[first + 3 + k] += state.weights.orientation * error[k]
+            hessian[first + 3 + k, first + 3 + k] += state.weights.orientation
 
 
 @kernel
@@ -239,7 +239,7 @@ def choose_free(model: FitModel, state: FitState, shown: Ints) -> None:
         at_upper = state.angles[j] >= model.upper[j] and state.gradient[j] < 0.0
         state.free[j] = int(shown[j] != 0 and not at_lower and not at_upper)
     for j in range(len(model.rest), len(state.free)):
-        state.free[j] = model.fits_root[0]
+        state.free[j] = 1 if model.fits_root else 0
 
 
 @kernel
@@ -255,7 +255,7 @@ def try_step(model: FitModel, state: FitState, centre: Vec) -> float:
             largest = max(largest, abs(value - state.angles[j]))
     for k in range(7):
         trial_root[k] = state.root[k]
-    if model.fits_root[0]:
+    if model.fits_root:
         shift = (state.step[n], state.step[n + 1], state.step[n + 2])
         rotation_step = (state.step[n + 3], state.step[n + 4], state.step[n + 5])
         rotation = quat_from_rotation_vector(rotation_step)
@@ -294,13 +294,13 @@ def seen_centre(points: Floats, seen: Ints) -> Vec:
 
 
 @kernel
-def fit_frame(model: FitModel, state: FitState, points: Floats, seen: Ints, shown: Ints, limit: int) -> None:
+def fit_frame(model: FitModel, state: FitState, points: Floats, seen: Ints, shown: Ints, limit: int) -> float:
     """Fit the points of a frame, from the posture in `state.angles` and `state.root`, which become those of the result.
 
     Parameters
     ----------
     model, state
-        `state.target` and `state.figures[2]` (smoothness) are set by the caller; `state.figures` are filled.
+        `state.target` and `state.weights` are set by the caller.
     points
         (K, 3) m, world frame.
     seen
@@ -309,6 +309,11 @@ def fit_frame(model: FitModel, state: FitState, points: Floats, seen: Ints, show
         (Q,) 1 for joints that may move.
     limit
         Most iterations.
+
+    Returns
+    -------
+    float
+        Root mean square distance of the seen points from their links' origins [m].
     """
     pose_links(model, state.root, state.angles, state.poses)
     centre, damping, iterations = seen_centre(points, seen), 1e-9, 0
@@ -345,8 +350,7 @@ def fit_frame(model: FitModel, state: FitState, points: Floats, seen: Ints, show
             for k in range(3):
                 total += (state.poses[body, k] - points[i, k]) ** 2
             count += 1
-    state.figures[0] = math.sqrt(total / max(count, 1))
-    state.figures[1] = iterations
+    return math.sqrt(total / max(count, 1))
 
 
 @kernel
@@ -356,15 +360,15 @@ def measure_uncertainty(model: FitModel, state: FitState, points: Floats, seen: 
     `shares` (Q,) becomes the variance that is left of the pull to rest alone: 1 where the points say nothing, near 0 where they
     determine the value. Uses the workspace; the posture stays.
     """
-    smoothness = state.figures[2]
-    state.figures[2] = 0.0
+    smoothness = state.weights.smoothness
+    state.weights.smoothness = 0.0
     for j in range(len(model.rest)):
         state.rest_weight[j] = REST_WEIGHT
     assemble(model, state, points, seen, seen_centre(points, seen))
-    state.figures[2] = smoothness
+    state.weights.smoothness = smoothness
     joints = len(model.rest)
     for j in range(len(state.free)):
-        state.free[j] = 1 if j < joints else model.fits_root[0]
+        state.free[j] = 1 if j < joints or model.fits_root else 0
     for j in range(joints):
         shares[j] = 1.0
     if factorise(state, 0.0):

@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from geomphys.jit.packed_records import Record
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -40,7 +42,16 @@ class FitModel(NamedTuple):
     body: Ints  # (K,) whose origin it is
     weight: Floats  # (K,)
     shown_by: Ints  # (Q, K) 1 where a point moves with the joint
-    fits_root: Ints  # (1,) 1 if the root's pose is unknown too
+    fits_root: bool  # whether the root's pose is unknown too
+
+
+TERM_WEIGHTS = np.dtype(
+    [
+        ("smoothness", np.float64),  # of the term about `target`
+        ("orientation", np.float64),  # m², of the term about `orientation`; 0: there is none
+    ]
+)
+"""Weights of terms of the objective that are not those of every frame."""
 
 
 class FitState(NamedTuple):
@@ -63,4 +74,4 @@ class FitState(NamedTuple):
     step: Floats  # (N,)
     free: Ints  # (N,) 1 for unknowns of this step
     orientation: Floats  # (4,) of the root as the source has it
-    figures: Floats  # (4,) RMS distance [m], iterations, weights of the smoothness term and of the orientation [m²]
+    weights: Record  # TERM_WEIGHTS

@@ -82,56 +82,59 @@ class KeypointFitter:
             (`geomphys.keypoints.palm_orientation.PalmOrientation`); None where it has none.
         """
         state, model = self.state, self.model
-        state.figures[3] = 0.0
-        if orientation is not None and model.fits_root[0]:
-            state.orientation[:], state.figures[3] = orientation, lever * lever
+        state.weights["orientation"] = 0.0
+        if orientation is not None and model.fits_root:
+            state.orientation[:], state.weights["orientation"] = orientation, lever * lever
         pattern = self._pattern(seen)
         shown = pattern.shown
-        if not model.fits_root[0]:
+        if not model.fits_root:
             state.root[:] = root
-        shows_root = pattern.shows_root or (state.figures[3] > 0.0 and pattern.has_palm)
-        if not pattern.any_seen or (model.fits_root[0] and not shows_root):
+        shows_root = pattern.shows_root or (state.weights["orientation"] > 0.0 and pattern.has_palm)
+        if not pattern.any_seen or (model.fits_root and not shows_root):
             state.increment[:] = 0.0
             pose_links(self._model, state.root, state.angles, state.poses)
             return FittedPosture(state.root.copy(), state.angles.copy(), True)
-        if not self.started:
-            self._start(points, seen, shown)
-        else:
-            self._fit_next(points, seen, shown)
-        self._count(points, seen)
+        fit = self._fit_next if self.started else self._start
+        distance = fit(points, seen, shown)
+        self._count(points, seen, distance)
         return FittedPosture(state.root.copy(), state.angles.copy(), not pattern.shown.all())
 
-    def _start(self, points: Floats, seen: Ints, shown: Ints) -> None:
-        """First posture: the best from several starts, each with the rigid motion that brings its points nearest."""
+    def _start(self, points: Floats, seen: Ints, shown: Ints) -> float:
+        """First posture: the best from several starts, each with the rigid motion that brings its points nearest.
+
+        Returns the root mean square distance of the points [m].
+        """
         state, model = self.state, self.model
         low = np.where(np.isfinite(model.lower), model.lower, model.rest)
         high = np.where(np.isfinite(model.upper), model.upper, model.rest)
-        state.figures[2] = 0.0
+        state.weights["smoothness"] = 0.0
         given, best = state.root.copy(), None
         for share in (0.0, 0.25, 0.5):
             state.angles[:] = np.clip(model.rest + share * ((low + high) / 2 - model.rest), model.lower, model.upper)
             state.root[:] = given
-            if model.fits_root[0]:
+            if model.fits_root:
                 state.root[:] = self._nearest_root(points, seen)
             for _ in range(2):  # what the points show is not known before
-                fit_frame(self._model, self._state, points, seen, shown, FIRST_ITERATIONS)
-            if best is None or state.figures[0] < best[0]:
-                best = (state.figures[0], state.root.copy(), state.angles.copy())
+                distance = fit_frame(self._model, self._state, points, seen, shown, FIRST_ITERATIONS)
+            if best is None or distance < best[0]:
+                best = (distance, state.root.copy(), state.angles.copy())
         assert best is not None
-        state.figures[0], state.root[:], state.angles[:] = best
+        distance, state.root[:], state.angles[:] = best
         state.increment[:] = 0.0
         self.started = True
         pose_links(self._model, state.root, state.angles, state.poses)
+        return distance
 
-    def _fit_next(self, points: Floats, seen: Ints, shown: Ints) -> None:
-        """Posture of a later frame, from the last one."""
+    def _fit_next(self, points: Floats, seen: Ints, shown: Ints) -> float:
+        """Posture of a later frame, from the last one; returns the root mean square distance of the points [m]."""
         state, model = self.state, self.model
         last_angles = state.angles.copy()
         predicted = last_angles + state.increment * (np.abs(state.increment) < MAX_INCREMENT)
         np.minimum(np.maximum(predicted, model.lower), model.upper, out=state.target)
-        state.figures[2] = SMOOTHNESS_WEIGHT
-        fit_frame(self._model, self._state, points, seen, shown, ITERATIONS)
+        state.weights["smoothness"] = SMOOTHNESS_WEIGHT
+        distance = fit_frame(self._model, self._state, points, seen, shown, ITERATIONS)
         state.increment[:] = state.angles - last_angles
+        return distance
 
     def _pattern(self, seen: Ints) -> _Pattern:
         """What is shown where these points are seen.
@@ -159,15 +162,14 @@ class KeypointFitter:
         use = seen != 0
         own, other = self.state.poses[self.model.body[use], :3], points[use]
         rotation = rotation_from_quaternion(self.state.orientation)
-        if self.state.figures[3] == 0.0:
+        if self.state.weights["orientation"] == 0.0:
             rotation, _ = nearest_rotation(own, other)
         pose[:3] = other.mean(axis=0) - rotation @ own.mean(axis=0)
         pose[3:] = quaternion_from_rotation(rotation)
         return pose
 
-    def _count(self, points: Floats, seen: Ints) -> None:
+    def _count(self, points: Floats, seen: Ints, distance: float) -> None:
         """Add the frame to the figures of the fit."""
-        distance = float(self.state.figures[0])
         self.squares, self.largest = self.squares + distance * distance, max(self.largest, distance)
         if self.frames % PROBED_FRAMES == 0:
             shares = np.ones(len(self.model.rest))

@@ -86,7 +86,7 @@ def _misfit(model: FitModel, factors: Mapping[int, float], samples: PointSamples
     lengths = np.array([factors.get(int(parent), 1.0) for parent in model.parent])
     origin = model.origin.copy()
     origin[:, :3] *= lengths[:, None]
-    fitter = KeypointFitter(model._replace(origin=origin, fits_root=np.array([1], dtype=np.int64)))
+    fitter = KeypointFitter(model._replace(origin=origin, fits_root=True))
     rest = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     for points, seen in samples.frames:
         fitter.fit(points, seen, rest)

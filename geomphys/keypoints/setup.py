@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.keypoints.fit import pose_links
-from geomphys.keypoints.fit_model import REST_WEIGHT, FitModel, FitState
+from geomphys.keypoints.fit_model import REST_WEIGHT, TERM_WEIGHTS, FitModel, FitState
 from geomphys.scene.arrays import Scene
 from geomphys.scene.kinematics import joint_origins
 
@@ -63,7 +63,7 @@ def make_model(scene: Scene, tree: int, bodies: Ints, weights: Floats, *, fits_r
         body=np.asarray(bodies, dtype=np.int64),
         weight=np.asarray(weights, dtype=np.float64),
         shown_by=np.zeros((end - start, len(bodies)), dtype=np.int64),
-        fits_root=np.array([int(fits_root)], dtype=np.int64),
+        fits_root=fits_root,
     )
     return _with_levers(model)
 
@@ -89,7 +89,7 @@ def make_state(model: FitModel) -> FitState:
         step=np.zeros(unknowns),
         free=np.zeros(unknowns, dtype=np.int64),
         orientation=np.array([0.0, 0.0, 0.0, 1.0]),
-        figures=np.zeros(4),
+        weights=np.zeros((), TERM_WEIGHTS),
     )
 
 

@@ -164,7 +164,7 @@ def quat_unit(q: Quat) -> Quat:
 
 @kernel
 def quat_rotate(q: Quat, v: Vec) -> Vec:
-    """V turned by the unit quaternion q."""
+    """V rotated by the unit quaternion q."""
     u = (q[0], q[1], q[2])
     c = cross(u, v)
     t = (c[0] + c[0], c[1] + c[1], c[2] + c[2])
@@ -174,7 +174,7 @@ def quat_rotate(q: Quat, v: Vec) -> Vec:
 
 @kernel
 def quat_from_rotation_vector(v: Vec) -> Quat:
-    """Unit quaternion of the turn by |v| rad about v; exact for tiny angles."""
+    """Unit quaternion of the rotation by |v| rad about v; exact for tiny angles."""
     angle = norm(v)
     if angle < 1e-9:
         return quat_unit((0.5 * v[0], 0.5 * v[1], 0.5 * v[2], 1.0))
@@ -195,7 +195,7 @@ def rotation_vector(q: Quat) -> Vec:
 
 @kernel
 def slerp(a: Quat, b: Quat, w: float) -> Quat:
-    """The turn a share `w` of the way from a to b, the shorter way round; a itself at 0."""
+    """Spherical interpolation from a (w = 0) to b, along the shorter arc; a itself at 0."""
     if w == 0.0:
         return a
     step = rotation_vector(quat_mul(quat_conjugate(a), b))

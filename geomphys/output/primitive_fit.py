@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from geomphys.collision.query import outline
 from geomphys.numerics.transforms import matrix_from_frame
-from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, SPHERE, World
+from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, HULL, SPHERE, World
 
 Floats = NDArray[np.float64]
 
@@ -23,7 +24,7 @@ MIN_DEVIATION_RATIO = 1.1
 """Least ratio of the standard deviations of points along two principal axes."""
 
 
-class Primitive(NamedTuple):
+class PlacedPrimitive(NamedTuple):
     """A box, cylinder (along z) or sphere in the frame of its body."""
 
     tag: str  # element of URDF
@@ -31,7 +32,7 @@ class Primitive(NamedTuple):
     body_from_shape: Floats  # (4, 4)
 
 
-def primitives_of_body(world: World, body: int) -> list[Primitive]:
+def primitives_of_body(world: World, body: int) -> list[PlacedPrimitive]:
     """The pieces of a body; one box or cylinder about its display mesh where it has none; nothing without a surface."""
     bodies = world.scene.bodies
     found = [
@@ -43,26 +44,27 @@ def primitives_of_body(world: World, body: int) -> list[Primitive]:
     return found or ([fitted_primitive(points)] if len(points) else [])
 
 
-def _primitives_of_piece(world: World, piece: int) -> Iterator[Primitive]:
+def _primitives_of_piece(world: World, piece: int) -> Iterator[PlacedPrimitive]:
     pieces = world.scene.pieces
     kind, size = int(pieces.kind[piece]), pieces.size[piece]
     body_from_piece = matrix_from_frame(pieces.local[piece])
     if kind == SPHERE:
-        yield Primitive("sphere", (float(size[0]),), body_from_piece)
+        yield PlacedPrimitive("sphere", (float(size[0]),), body_from_piece)
     elif kind == BOX:
-        yield Primitive("box", tuple((2.0 * size).tolist()), body_from_piece)
+        yield PlacedPrimitive("box", tuple((2.0 * size).tolist()), body_from_piece)
     elif kind in (CYLINDER, CAPSULE):
         radius, half = float(size[0]), float(size[1])
-        yield Primitive("cylinder", (radius, 2.0 * half), body_from_piece)
+        yield PlacedPrimitive("cylinder", (radius, 2.0 * half), body_from_piece)
         for end in (-half, half) if kind == CAPSULE else ():
-            yield Primitive("sphere", (radius,), body_from_piece @ _translation(np.array([0.0, 0.0, end])))
+            yield PlacedPrimitive("sphere", (radius,), body_from_piece @ _translation(np.array([0.0, 0.0, end])))
     else:
         start, stop = pieces.vertex_start[piece : piece + 2]
-        shape = fitted_primitive(pieces.vertices[start:stop])
+        points = pieces.vertices[start:stop] if kind == HULL else outline(pieces, piece)
+        shape = fitted_primitive(points)
         yield shape._replace(body_from_shape=body_from_piece @ shape.body_from_shape)
 
 
-def fitted_primitive(points: Floats) -> Primitive:
+def fitted_primitive(points: Floats) -> PlacedPrimitive:
     """The box or cylinder about points (n, 3) of the least volume, along the axes of their frame or their principal axes."""
     candidates = list(_along(points, np.eye(3)))
     if (axes := _principal_axes(points)) is not None:
@@ -74,20 +76,20 @@ def fitted_primitive(points: Floats) -> Primitive:
     return best
 
 
-def _along(points: Floats, axes: Floats) -> Iterator[Primitive]:
+def _along(points: Floats, axes: Floats) -> Iterator[PlacedPrimitive]:
     """The box, and a cylinder for each of three axes (rows of (3, 3)), about points."""
     local = points @ axes.T
     low, high = local.min(axis=0), local.max(axis=0)
     lengths, middle = np.maximum(high - low, MIN_LENGTH_M), (low + high) / 2
     placed = np.eye(4)
     placed[:3, :3], placed[:3, 3] = axes.T, axes.T @ middle
-    yield Primitive("box", tuple(lengths.tolist()), placed)
+    yield PlacedPrimitive("box", tuple(lengths.tolist()), placed)
     for x, y, z in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         across = local[:, [x, y]] - middle[[x, y]]
         radius = max(float(np.sqrt((across * across).sum(axis=1)).max()), MIN_LENGTH_M / 2)
         rotated = placed.copy()
         rotated[:3, :3] = placed[:3, [x, y, z]]
-        yield Primitive("cylinder", (radius, float(lengths[z])), rotated)
+        yield PlacedPrimitive("cylinder", (radius, float(lengths[z])), rotated)
 
 
 def _principal_axes(points: Floats) -> Floats | None:
@@ -102,7 +104,7 @@ def _principal_axes(points: Floats) -> Floats | None:
     return np.array([first, second, np.cross(first, second)])
 
 
-def _volume(shape: Primitive) -> float:
+def _volume(shape: PlacedPrimitive) -> float:
     if shape.tag == "box":
         return float(np.prod(shape.sizes))
     radius, length = shape.sizes

@@ -21,9 +21,10 @@ from lxml import etree
 from geomphys.errors import ModelError
 from geomphys.numerics.transforms import rotation_about
 from geomphys.output.colours import Colour, colours_of_trees
-from geomphys.output.primitive_fit import Primitive, primitives_of_body
+from geomphys.output.primitive_fit import PlacedPrimitive, primitives_of_body
 from geomphys.scene.arrays import World
 from geomphys.scene.free_joints import joint_ends, links_above_free_joint
+from geomphys.scene.primitives import PRIMITIVES, PrimitiveShape, attributes_of
 from geomphys.scene.scene_file import ObjectTable
 from geomphys.scene.urdf_elements import SHAPES
 from geomphys.storage.remote_files import AnyPath
@@ -56,7 +57,7 @@ class ShownLink(NamedTuple):
     """How a link is shown."""
 
     frame: str  # frame id
-    primitives: Sequence[Primitive]  # in place of meshes
+    primitives: Sequence[PlacedPrimitive]  # in place of meshes
 
 
 def urdf_for_viewers(path: AnyPath, links: Mapping[str, ShownLink], colour: Colour) -> str:
@@ -119,7 +120,7 @@ def _replace_meshes(link: etree._Element, links: Mapping[str, ShownLink]) -> Non
         link.remove(visual)
 
 
-def visual_of(shape: Primitive) -> etree._Element:
+def visual_of(shape: PlacedPrimitive) -> etree._Element:
     """A visual element of a primitive, without a material; lengths to 1 µm, so that no rounding of a library shows."""
     matrix = shape.body_from_shape
     if abs(matrix[2, 0]) > 1.0 - 1e-9:  # roll and yaw turn about one axis
@@ -161,27 +162,25 @@ def _make_drawable(element: etree._Element) -> None:
     shape = geometry[0] if geometry is not None and len(geometry) == 1 else None
     if shape is None or shape.tag not in SHAPES or not _has_size(shape):
         parent.remove(element)
-    elif shape.tag == "capsule":
+    elif PRIMITIVES[shape.tag].parts is not None:
         at = parent.index(element)
-        for part in reversed(_capsule_parts(element, shape)):
+        for part in reversed(_parts(element, shape)):
             parent.insert(at, part)
         parent.remove(element)
 
 
-def _capsule_parts(element: etree._Element, shape: etree._Element) -> list[etree._Element]:
-    """A visual of a capsule as one of a cylinder and two of spheres."""
-    radius, length = float(shape.get("radius", "0")), float(shape.get("length", "0"))
+def _parts(element: etree._Element, shape: etree._Element) -> list[etree._Element]:
+    """A visual of a primitive as visuals of those that every viewer knows."""
+    lengths = tuple(
+        n for key, count in PRIMITIVES[shape.tag].attributes.items() for n in _numbers(shape.get(key), count)
+    )
     origin = element.find("origin")
     middle, rpy = ([0.0] * 3, [0.0] * 3) if origin is None else (_numbers(origin.get(key)) for key in ("xyz", "rpy"))
     roll, pitch, yaw = (rotation_about(axis, angle) for axis, angle in zip(np.eye(3), rpy, strict=True))
-    along = (yaw @ pitch @ roll)[:, 2] * (length / 2)
-    caps = [np.array(middle) + along, np.array(middle) - along]
-    parts: list[tuple[etree._Element, list[float]]] = []
-    if length > 0.0:
-        parts.append((etree.Element("cylinder", radius=repr(radius), length=repr(length)), middle))
-    parts += [(etree.Element("sphere", radius=repr(radius)), cap.tolist()) for cap in caps]
+    axis_z = (yaw @ pitch @ roll)[:, 2]
     found = []
-    for primitive, position in parts:
+    for name, part_lengths, height in PrimitiveShape(shape.tag, lengths).parts:
+        position = (np.array(middle) + axis_z * height).tolist() if height else middle
         copy = deepcopy(element)
         for child in copy.findall("origin"):
             copy.remove(child)
@@ -189,7 +188,7 @@ def _capsule_parts(element: etree._Element, shape: etree._Element) -> list[etree
         copy.insert(0, etree.Element("origin", xyz=xyz, rpy=rpy_text))
         geometry = copy.find("geometry")
         assert geometry is not None
-        geometry[0] = primitive
+        geometry[0] = etree.Element(name, attributes_of(name, part_lengths))
         found.append(copy)
     return found
 
@@ -210,12 +209,11 @@ def _numbers(text: str | None, count: int = 3) -> list[float]:
 
 def urdf_of_objects(name: str, tables: Sequence[ObjectTable], world: World, palette: dict[str, Colour]) -> str:
     """URDF in which every object is a link of its name that floats in the link ``world``."""
-    bodies = {body: row for row, body in enumerate(world.body_names)}
     robot = etree.Element("robot", name=name)
     etree.SubElement(robot, "link", name=WORLD)
     for table in tables:
         link = etree.SubElement(robot, "link", name=table.name)
-        for shape in primitives_of_body(world, bodies[table.name]):
+        for shape in _primitives_of_object(table, world):
             visual = visual_of(shape)
             visual.append(_material(palette[table.name]))
             link.append(visual)
@@ -224,6 +222,18 @@ def urdf_of_objects(name: str, tables: Sequence[ObjectTable], world: World, pale
         etree.SubElement(joint, "child", link=table.name)
     text: str = etree.tostring(robot, encoding="unicode", pretty_print=True)
     return text
+
+
+def _primitives_of_object(table: ObjectTable, world: World) -> list[PlacedPrimitive]:
+    """An object of the scene file in primitives that every viewer knows."""
+    if table.primitive is None:
+        return primitives_of_body(world, world.body_names.index(table.name))
+    found = []
+    for name, lengths, height in table.primitive.parts:
+        body_from_shape = np.eye(4)
+        body_from_shape[2, 3] = height
+        found.append(PlacedPrimitive(name, lengths, body_from_shape))
+    return found
 
 
 def _material(colour: Colour) -> etree._Element:

@@ -65,7 +65,7 @@ class _Pass:
         self.hidden = hidden_links(route.model, self.branches) if self.scale == "fingers" else []
         self.samples = PointSamples()
         rotations = OrientationSamples(route.model, route.oriented)
-        fits_root = route.model.fits_root[0] and not route.in_hand
+        fits_root = route.model.fits_root and not route.in_hand
         self.rotations = rotations if fits_root and rotations.is_possible else None
 
     @property

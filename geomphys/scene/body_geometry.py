@@ -11,17 +11,9 @@ from numpy.typing import NDArray
 from geomphys.errors import MeshError
 from geomphys.numerics.transforms import apply
 from geomphys.scene.decomposition import Decomposed, DecompositionTask, Progress, decompose_all
-from geomphys.scene.mass import (
-    MassProperties,
-    combined,
-    of_box,
-    of_capsule,
-    of_cylinder,
-    of_mesh,
-    of_sphere,
-)
+from geomphys.scene.mass import MassProperties, combined, of_mesh
 from geomphys.scene.meshes import Mesh, load_mesh, oriented_outwards
-from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, Sphere
+from geomphys.scene.pieces import Hull
 from geomphys.scene.pieces import Shape as Convex
 from geomphys.scene.scene_values import Decomposition
 from geomphys.scene.source_files import path_exists
@@ -29,14 +21,10 @@ from geomphys.scene.tessellation import (
     COLLISION_SEGMENTS,
     DISPLAY_SEGMENTS,
     Triangles,
-    box_triangles,
-    capsule_triangles,
-    cylinder_triangles,
     merge_surfaces,
-    sphere_triangles,
     triangulate_faces,
 )
-from geomphys.scene.urdf_file import BoxShape, CapsuleShape, CylinderShape, MeshShape, Shape, SphereShape
+from geomphys.scene.urdf_file import MeshShape, Shape
 from geomphys.storage.remote_files import AnyPath
 
 Floats = NDArray[np.float64]
@@ -95,7 +83,7 @@ class GeometryLoader:
                 mesh = self.mesh(shape, name)
                 surface = (mesh.vertices, mesh.faces)
             else:
-                surface = _tessellated(shape, DISPLAY_SEGMENTS)
+                surface = shape.kind.triangles(shape.lengths, DISPLAY_SEGMENTS)
             is_identity = np.array_equal(matrix, np.eye(4))
             surfaces.append(surface if is_identity else (apply(matrix, surface[0]), surface[1]))
         return merge_surfaces(surfaces)
@@ -160,20 +148,8 @@ class GeometryLoader:
             if key not in self._solids:
                 self._solids[key] = self._mesh_solid(shape, method, name)
             return self._solids[key]
-        convex_shapes: Convex
-        if isinstance(shape, BoxShape):
-            x, y, z = shape.size
-            convex_shapes, mass = Box((0.5 * x, 0.5 * y, 0.5 * z)), of_box(shape.size, 1.0)
-        elif isinstance(shape, SphereShape):
-            convex_shapes, mass = Sphere(shape.radius), of_sphere(shape.radius, 1.0)
-        elif isinstance(shape, CapsuleShape):
-            convex_shapes, mass = Capsule(shape.radius, 0.5 * shape.length), of_capsule(shape.radius, shape.length, 1.0)
-        else:
-            convex_shapes, mass = (
-                Cylinder(shape.radius, 0.5 * shape.length),
-                of_cylinder(shape.radius, shape.length, 1.0),
-            )
-        return [convex_shapes], mass, _tessellated(shape, COLLISION_SEGMENTS)
+        kind, lengths = shape.kind, shape.lengths
+        return [kind.piece(lengths)], kind.mass(lengths, 1.0), kind.triangles(lengths, COLLISION_SEGMENTS)
 
     def _mesh_solid(
         self, shape: MeshShape, method: Decomposition, name: str
@@ -191,15 +167,3 @@ class GeometryLoader:
             hull = hulls[0].polytope
             surface = triangulate_faces(hull.vertices, np.split(hull.loops, np.cumsum(hull.loop_count)[:-1]))
         return list(hulls), of_mesh(*surface, 1.0), surface
-
-
-def _tessellated(shape: Shape, segments: int) -> Triangles:
-    if isinstance(shape, BoxShape):
-        return box_triangles(shape.size)
-    if isinstance(shape, SphereShape):
-        return sphere_triangles(shape.radius, segments)
-    if isinstance(shape, CapsuleShape):
-        return capsule_triangles(shape.radius, shape.length, segments)
-    if isinstance(shape, CylinderShape):
-        return cylinder_triangles(shape.radius, shape.length, segments)
-    raise AssertionError(f"no primitive: {shape}")

@@ -12,6 +12,7 @@ import sys
 import time
 from itertools import pairwise
 from threading import Event
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,29 +38,35 @@ Its own 150, 20 and 3 take twice as long as the thorough one for pieces that sta
 thirds of the time: as many pieces of large meshes, but up to twice as many of a few triangles."""
 
 
+class CutOptions(NamedTuple):
+    """How CoACD cuts a mesh."""
+
+    threshold: float  # concavity (0.01 to 1, of half the longest side) that a part may keep
+    seed: int
+    search: str = "thorough"  # one of `SEARCHES`
+    remesh: bool = (
+        False  # cut a surface of voxels, a hundredth of the size, in place of a mesh that cuts through itself
+    )
+
+
 def convex_parts(
     name: str,
     vertices: Floats,
     faces: Ints,
-    threshold: float,
-    seed: int,
+    cut: CutOptions,
     *,
-    search: str = "thorough",
-    remesh: bool = False,
     threads: int = 1,
     stop: Event | None = None,
 ) -> list[Floats]:
     """Convex decomposition of a closed mesh by CoACD: vertices (k, 3) of each part's hull, m.
 
-    `threshold` is the concavity (0.01 to 1, of half the longest side) a part may keep, `search` one of `SEARCHES`;
-    `threads` changes no part. With `remesh` CoACD cuts a surface of voxels, a hundredth of the size, in place of a mesh that
-    it finds to cut through itself; without, the mesh as it is. Raises MeshError if CoACD fails, takes longer than
+    `threads` changes no part. Raises MeshError if CoACD fails, takes longer than
     `TIMEOUT`, or gives nothing or NaN, or if `stop` is set meanwhile.
     """
     hint = 'simplify or repair it, or use decomposition = "hull"'
     with TemporaryFolder() as folder:
         source, target = folder / "mesh.npz", folder / "parts.npz"
-        np.savez(source, vertices=vertices, faces=faces, threshold=threshold, seed=seed, search=search, remesh=remesh)
+        np.savez(source, vertices=vertices, faces=faces, **cut._asdict())
         command = [sys.executable, "-P", "-m", __name__, str(source), str(target), str(os.getpid())]
         code = _run_until_exit(command, threads, stop or Event())
         if code is None:

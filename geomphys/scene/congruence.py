@@ -31,7 +31,7 @@ def translation_between(mesh: Mesh, other: Mesh) -> Floats | None:
 
 
 def _listed(mesh: Mesh, tolerance: float) -> tuple[Floats, Ints]:
-    """Corners (n, 3) from the lowest on each axis, and triangles (m, 3), in an order that hangs on neither's."""
+    """Corners (n, 3) from the lowest on each axis, and triangles (m, 3), in an order that depends on neither's."""
     corners = mesh.vertices - mesh.vertices.min(axis=0)
     order = np.lexsort(np.rint(corners / (4.0 * tolerance)).T)
     rank = np.empty(len(order), np.int64)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.errors import ConfigError, MeshError
-from geomphys.scene.coacd_process import convex_parts
+from geomphys.scene.coacd_process import CutOptions, convex_parts
 from geomphys.scene.congruence import translation_between
 from geomphys.scene.convexity import is_nearly_convex
 from geomphys.scene.coverage import REACH, grow_to_cover, piece_protrusion, uncovered_distance
@@ -297,17 +297,8 @@ def _cut(
     coarse: tuple[list[Floats], float] | None = None  # pieces that cover the part and stand out too far
     for remesh in (False, True):
         try:
-            made = convex_parts(
-                job.mesh.name,
-                plain.vertices,
-                plain.faces,
-                share,
-                job.seed,
-                search=search,
-                remesh=remesh,
-                threads=threads,
-                stop=stop,
-            )
+            cut = CutOptions(share, job.seed, search, remesh)
+            made = convex_parts(job.mesh.name, plain.vertices, plain.faces, cut, threads=threads, stop=stop)
         except MeshError:
             if coarse is not None and not stop.is_set():
                 return coarse

@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,84 +27,11 @@ def _require_positive(shape_name: str, **lengths: float) -> None:
             raise MeshError(f"{shape_name}: {name} = {value} is not a length above zero")
 
 
-@dataclass(frozen=True)
-class Sphere:
-    """A ball about the origin; `radius` > 0 in m."""
-
-    radius: float
-
-    def __post_init__(self) -> None:
-        """Raise MeshError if the radius is not a length above zero."""
-        _require_positive("sphere", radius=self.radius)
-
-
-@dataclass(frozen=True)
-class Capsule:
-    """All points within `radius` of the segment from -half_height to +half_height along z [m]; half_height may be 0."""
-
-    radius: float
-    half_height: float
-
-    def __post_init__(self) -> None:
-        """Raise MeshError if a length is out of its range."""
-        _require_positive("capsule", radius=self.radius)
-        if self.half_height != 0.0:
-            _require_positive("capsule", half_height=self.half_height)
-
-
-@dataclass(frozen=True)
-class Box:
-    """A box about the origin with half edge lengths `half_extents` [m] along x, y, z."""
-
-    half_extents: tuple[float, float, float]
-
-    def __post_init__(self) -> None:
-        """Raise MeshError if a length is out of its range."""
-        x, y, z = self.half_extents
-        _require_positive("box", x=x, y=y, z=z)
-
-
-@dataclass(frozen=True)
-class Cylinder:
-    """A solid cylinder about the origin along z: `radius` and `half_height` in m."""
-
-    radius: float
-    half_height: float
-
-    def __post_init__(self) -> None:
-        """Raise MeshError if a length is out of its range."""
-        _require_positive("cylinder", radius=self.radius, half_height=self.half_height)
-
-
-@dataclass(frozen=True, eq=False)
-class Hull:
-    """The convex hull of points (n, 3) in m; interior points are allowed."""
-
-    vertices: NDArray[np.float64]
-
-    @cached_property
-    def polytope(self) -> Polytope:
-        """Its vertices, edges and faces; MeshError if it is flat."""
-        return polytope(np.ascontiguousarray(self.vertices, dtype=np.float64))
-
-
-Shape: TypeAlias = Sphere | Capsule | Box | Cylinder | Hull
-
-
-@dataclass(frozen=True, eq=False)
-class PosedShape:
-    """A shape as a piece of a body: `local` (4, 4) is body_from_piece, `body` the body's index."""
-
-    shape: Shape
-    local: NDArray[np.float64]
-    body: int
-
-
 HILL_CLIMB_MIN_VERTICES = 24
 """Support points of hulls with more vertices are found by hill climbing, of smaller ones by linear search (measured)."""
 
 
-class _Row(NamedTuple):
+class Row(NamedTuple):
     """Entries of one piece in the arrays."""
 
     kind: int
@@ -154,34 +81,115 @@ _NO_POLYTOPE = Polytope(
 _ORIGIN = (0.0, 0.0, 0.0)
 
 
-def _row(shape: Shape, cache: dict[bytes, _Row]) -> _Row:
-    if isinstance(shape, Sphere):
-        r = float(shape.radius)
-        return _Row(SPHERE, (r, 0.0, 0.0), _ORIGIN, r, 2.0 * r, _NO_POLYTOPE)
-    if isinstance(shape, Capsule):
-        r, h = float(shape.radius), float(shape.half_height)
-        return _Row(CAPSULE, (r, h, 0.0), _ORIGIN, r + h, 2.0 * r, _NO_POLYTOPE)
-    if isinstance(shape, Cylinder):
-        r, h = float(shape.radius), float(shape.half_height)
-        return _Row(CYLINDER, (r, h, 0.0), _ORIGIN, math.hypot(r, h), 2.0 * min(r, h), _NO_POLYTOPE)
-    if isinstance(shape, Box):
-        x, y, z = (float(v) for v in shape.half_extents)
+class Shape:
+    """A convex shape in its own frame."""
+
+    def row(self) -> Row:
+        """Its entries in the arrays."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Sphere(Shape):
+    """A ball about the origin; `radius` > 0 in m."""
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        """Raise MeshError if the radius is not a length above zero."""
+        _require_positive("sphere", radius=self.radius)
+
+    def row(self) -> Row:
+        """Its entries in the arrays."""
+        r = float(self.radius)
+        return Row(SPHERE, (r, 0.0, 0.0), _ORIGIN, r, 2.0 * r, _NO_POLYTOPE)
+
+
+@dataclass(frozen=True)
+class Capsule(Shape):
+    """All points within `radius` of the segment from -half_height to +half_height along z [m]; half_height may be 0."""
+
+    radius: float
+    half_height: float
+
+    def __post_init__(self) -> None:
+        """Raise MeshError if a length is out of its range."""
+        _require_positive("capsule", radius=self.radius)
+        if self.half_height != 0.0:
+            _require_positive("capsule", half_height=self.half_height)
+
+    def row(self) -> Row:
+        """Its entries in the arrays."""
+        r, h = float(self.radius), float(self.half_height)
+        return Row(CAPSULE, (r, h, 0.0), _ORIGIN, r + h, 2.0 * r, _NO_POLYTOPE)
+
+
+@dataclass(frozen=True)
+class Box(Shape):
+    """A box about the origin with half edge lengths `half_extents` [m] along x, y, z."""
+
+    half_extents: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        """Raise MeshError if a length is out of its range."""
+        x, y, z = self.half_extents
+        _require_positive("box", x=x, y=y, z=z)
+
+    def row(self) -> Row:
+        """Its entries in the arrays."""
+        x, y, z = (float(v) for v in self.half_extents)
         half = np.array((x, y, z))
         planes = _UNIT_CUBE.planes.copy()
         planes[:, 3] = np.repeat(half, 2)
         solid = _UNIT_CUBE._replace(vertices=_UNIT_CUBE.vertices * half, planes=planes)
-        return _Row(BOX, (x, y, z), _ORIGIN, math.sqrt(x * x + y * y + z * z), 2.0 * min(x, y, z), solid)
-    points = np.ascontiguousarray(shape.vertices, dtype=np.float64)
-    key = points.tobytes()
-    if key not in cache:
-        solid = shape.polytope
+        return Row(BOX, (x, y, z), _ORIGIN, math.sqrt(x * x + y * y + z * z), 2.0 * min(x, y, z), solid)
+
+
+@dataclass(frozen=True)
+class Cylinder(Shape):
+    """A solid cylinder about the origin along z: `radius` and `half_height` in m."""
+
+    radius: float
+    half_height: float
+
+    def __post_init__(self) -> None:
+        """Raise MeshError if a length is out of its range."""
+        _require_positive("cylinder", radius=self.radius, half_height=self.half_height)
+
+    def row(self) -> Row:
+        """Its entries in the arrays."""
+        r, h = float(self.radius), float(self.half_height)
+        return Row(CYLINDER, (r, h, 0.0), _ORIGIN, math.hypot(r, h), 2.0 * min(r, h), _NO_POLYTOPE)
+
+
+@dataclass(frozen=True, eq=False)
+class Hull(Shape):
+    """The convex hull of points (n, 3) in m; interior points are allowed."""
+
+    vertices: NDArray[np.float64]
+
+    @cached_property
+    def polytope(self) -> Polytope:
+        """Its vertices, edges and faces; MeshError if it is flat."""
+        return polytope(np.ascontiguousarray(self.vertices, dtype=np.float64))
+
+    def row(self) -> Row:
+        """Its entries in the arrays."""
+        solid = self.polytope
         reach = float(np.max(np.linalg.norm(solid.vertices - solid.centre, axis=1)))
         centre = (float(solid.centre[0]), float(solid.centre[1]), float(solid.centre[2]))
-        cells = (
-            farthest_in_cells(solid.vertices - solid.centre) if len(solid.vertices) > HILL_CLIMB_MIN_VERTICES else None
-        )
-        cache[key] = _Row(HULL, _ORIGIN, centre, reach, solid.thickness, solid, cells)
-    return cache[key]
+        large = len(solid.vertices) > HILL_CLIMB_MIN_VERTICES
+        cells = farthest_in_cells(solid.vertices - solid.centre) if large else None
+        return Row(HULL, _ORIGIN, centre, reach, solid.thickness, solid, cells)
+
+
+@dataclass(frozen=True, eq=False)
+class PosedShape:
+    """A shape as a piece of a body: `local` (4, 4) is body_from_piece, `body` the body's index."""
+
+    shape: Shape
+    local: NDArray[np.float64]
+    body: int
 
 
 def _start_offsets(counts: Sequence[int] | Ints) -> Ints:
@@ -207,8 +215,14 @@ def build_pieces(shapes: Sequence[PosedShape]) -> Pieces:
     MeshError
         For a hull that is flat, has fewer than four corners or holds NaN; for lengths that are not above zero.
     """
-    cache: dict[bytes, _Row] = {}
-    rows = [_row(p.shape, cache) for p in shapes]
+    hulls: dict[bytes, Row] = {}
+    rows = []
+    for posed in shapes:
+        key = np.asarray(posed.shape.vertices, dtype=np.float64).tobytes() if isinstance(posed.shape, Hull) else b""
+        row = hulls.get(key) or posed.shape.row()
+        if key:
+            hulls[key] = row
+        rows.append(row)
     solids = [r.polytope for r in rows]
     has_cells = np.array([r.cells is not None for r in rows], dtype=bool)
     local = np.empty((len(shapes), 12))

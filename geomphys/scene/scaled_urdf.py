@@ -7,10 +7,9 @@ from contextlib import suppress
 from xml.etree.ElementTree import Element, tostring
 
 from geomphys.errors import MeshError, ModelError
+from geomphys.scene.primitives import PRIMITIVES
 from geomphys.scene.ros_packages import MeshResolver
 from geomphys.storage.remote_files import AnyPath
-
-_LENGTHS = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}
 
 
 def scaled_urdf(path: AnyPath, factors: Mapping[str, float], *, beside: bool = False) -> bytes:
@@ -38,7 +37,7 @@ def scaled_urdf(path: AnyPath, factors: Mapping[str, float], *, beside: bool = F
         for part in link.iter() if factor != 1.0 else ():
             if part.tag == "origin" and "xyz" in part.attrib:
                 part.set("xyz", _scaled(part.get("xyz", ""), factor))
-            for name in _LENGTHS.get(part.tag, ()):
+            for name in PRIMITIVES[part.tag].attributes if part.tag in PRIMITIVES else ():
                 if name in part.attrib:
                     part.set(name, _scaled(part.get(name, ""), factor))
     for joint in root.findall("joint"):

@@ -11,6 +11,7 @@ from pydantic import BaseModel, BeforeValidator, Field, ValidationError, model_v
 
 from geomphys.errors import SceneError
 from geomphys.scene.git_lfs import IS_POINTER, is_lfs_pointer
+from geomphys.scene.primitives import PRIMITIVES, PrimitiveShape
 from geomphys.scene.recording_tables import (
     NO_DELAY,
     JointsTable,
@@ -53,7 +54,7 @@ MAX_KEY_PARTS = 32
 _KEY_PART = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
 _LONG_KEY = re.compile(rf"(?:^|[\[{{,])[ \t]*(?:{_KEY_PART}\.[ \t]*){{{MAX_KEY_PARTS},}}", re.MULTILINE)
 
-_SHAPES = ("mesh", "box", "sphere", "cylinder", "capsule", "urdf")
+_SHAPES = ("mesh", *PRIMITIVES, "urdf")
 
 
 class SceneTable(Table):
@@ -132,8 +133,16 @@ class ObjectTable(Table):
 
     @property
     def shape(self) -> str:
-        """The shape key that is set: mesh, box, sphere, cylinder, capsule or urdf."""
+        """The shape key that is set: mesh, urdf or the name of a primitive."""
         return next(key for key in _SHAPES if getattr(self, key) is not None)
+
+    @property
+    def primitive(self) -> PrimitiveShape | None:
+        """The primitive that it is; None for a mesh or a URDF."""
+        if self.shape not in PRIMITIVES:
+            return None
+        lengths = getattr(self, self.shape)
+        return PrimitiveShape(self.shape, lengths if isinstance(lengths, tuple) else (lengths,))
 
     @model_validator(mode="after")
     def _check(self) -> ObjectTable:

@@ -33,14 +33,14 @@ def box_triangles(size: tuple[float, float, float]) -> Triangles:
 def sphere_triangles(radius: float, segments: int) -> Triangles:
     """Ball about the origin with its poles on z."""
     polar = np.linspace(-0.5 * np.pi, 0.5 * np.pi, segments // 2 + 1)
-    return _surface_of_revolution(radius * np.cos(polar), radius * np.sin(polar), segments)
+    return surface_of_revolution(radius * np.cos(polar), radius * np.sin(polar), segments)
 
 
 @lru_cache(maxsize=4096)
 def cylinder_triangles(radius: float, height: float, segments: int) -> Triangles:
     """Cylinder of full height along z about the origin."""
     half = 0.5 * height
-    return _surface_of_revolution(np.array([0.0, radius, radius, 0.0]), np.array([-half, -half, half, half]), segments)
+    return surface_of_revolution(np.array([0.0, radius, radius, 0.0]), np.array([-half, -half, half, half]), segments)
 
 
 @lru_cache(maxsize=4096)
@@ -48,7 +48,7 @@ def capsule_triangles(radius: float, height: float, segments: int) -> Triangles:
     """Capsule along z about the origin, `height` without its caps."""
     cap = np.linspace(0.0, 0.5 * np.pi, segments // 4 + 1)
     around, up = radius * np.cos(cap), radius * np.sin(cap) + 0.5 * height
-    return _surface_of_revolution(np.concatenate([around[::-1], around]), np.concatenate([-up[::-1], up]), segments)
+    return surface_of_revolution(np.concatenate([around[::-1], around]), np.concatenate([-up[::-1], up]), segments)
 
 
 def triangulate_faces(vertices: Floats, loops: list[Ints]) -> Triangles:
@@ -68,7 +68,7 @@ def merge_surfaces(parts: list[Triangles]) -> Triangles:
     return _read_only(np.concatenate([v for v, _ in parts]), np.concatenate(faces))
 
 
-def _surface_of_revolution(radii: Floats, heights: Floats, segments: int) -> Triangles:
+def surface_of_revolution(radii: Floats, heights: Floats, segments: int) -> Triangles:
     """Surface of revolution about z of a profile; its first and last points are poles on the axis."""
     angles = np.arange(segments) * (2 * np.pi / segments)
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)

@@ -16,7 +16,7 @@ from geomphys.scene.scene_file import AvatarTable, ObjectTable
 from geomphys.scene.scene_values import Decomposition
 from geomphys.scene.skeleton import Link, Skeleton, load_skeleton, require_solid
 from geomphys.scene.tessellation import Triangles, merge_surfaces
-from geomphys.scene.urdf_file import BoxShape, CapsuleShape, CylinderShape, MeshShape, Shape, SphereShape
+from geomphys.scene.urdf_file import MeshShape
 from geomphys.storage.remote_files import AnyPath
 
 DEFAULT_DENSITY = 1000.0
@@ -110,7 +110,8 @@ def read_object(table: ObjectTable, path: AnyPath, loader: GeometryLoader) -> Tr
         for body in bodies:
             body.mass = body.geometry.mass.scaled(density)
         return Tree(table.name, table, role, table.material, 0.0, bodies, skeleton, not_shown=not_shown)
-    shapes: list[ShapeInBody] = [(_shape(table, path), np.eye(4))]
+    shape = table.primitive or MeshShape(path.parent / str(table.mesh), (table.scale,) * 3)
+    shapes: list[ShapeInBody] = [(shape, np.eye(4))]
     geometry = loader.body_geometry(shapes, table.decomposition, where)
     if geometry.mass.mass == 0.0:
         raise MeshError(f"{where}: {table.mesh} encloses no volume: check its triangles")
@@ -120,18 +121,6 @@ def read_object(table: ObjectTable, path: AnyPath, loader: GeometryLoader) -> Tr
     solid = geometry.mass.scaled(density) if mass is None else geometry.mass.with_mass(mass)
     body = TreeBody(table.name, table.name, geometry, solid, loader.visual_triangles(shapes, where))
     return Tree(table.name, table, role, table.material, solid.mass, [body])
-
-
-def _shape(table: ObjectTable, path: AnyPath) -> Shape:
-    if table.box is not None:
-        return BoxShape(table.box)
-    if table.sphere is not None:
-        return SphereShape(table.sphere)
-    if table.cylinder is not None:
-        return CylinderShape(*table.cylinder)
-    if table.capsule is not None:
-        return CapsuleShape(*table.capsule)
-    return MeshShape(path.parent / str(table.mesh), (table.scale,) * 3)
 
 
 def _skeleton(urdf: str, path: AnyPath, where: str) -> Skeleton:

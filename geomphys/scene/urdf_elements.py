@@ -12,6 +12,7 @@ from xml.etree.ElementTree import Element, SubElement
 from geomphys.errors import InputError, MeshError, ModelError
 from geomphys.scene.free_joints import FREE_TYPES
 from geomphys.scene.model_formats import other_model, xacro_advice, xacro_remnant
+from geomphys.scene.primitives import PRIMITIVES, PrimitiveShape, primitive_shape
 from geomphys.scene.ros_packages import MeshResolver
 from geomphys.storage.remote_files import AnyPath
 
@@ -21,7 +22,7 @@ MAX_LINKS = 2000
 MAX_ATTRIBUTE_LENGTH = 65_536
 """characters of an attribute"""
 JOINT_TYPES = ("fixed", "revolute", "continuous", "prismatic")
-SHAPES = ("box", "cylinder", "sphere", "capsule", "mesh")
+SHAPES = (*PRIMITIVES, "mesh")
 MAX_VALUE = 1e6
 """m or rad; larger numbers are errors"""
 MIN_LENGTH = 1e-6
@@ -33,13 +34,9 @@ _NUMBERS: dict[str, dict[str, int | None]] = {
     "axis": {"xyz": 3},
     "limit": {"lower": 1, "upper": 1},
     "mimic": {"multiplier": 1, "offset": 1},
-    "box": {"size": 3},
-    "sphere": {"radius": 1},
-    "cylinder": {"radius": 1, "length": 1},
-    "capsule": {"radius": 1, "length": 1},
     "mesh": {"scale": None},
+    **{name: dict(primitive.attributes) for name, primitive in PRIMITIVES.items()},
 }
-_REQUIRED = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}
 _USED_ELEMENTS = {"link": ("visual", "collision"), "joint": ("origin", "parent", "child", "axis", "limit", "mimic")}
 
 
@@ -47,9 +44,8 @@ class CheckedRobot(NamedTuple):
     """The validated part of a ``<robot>`` element: links and joints only."""
 
     root: Element
-    capsules: set[
-        tuple[str, str, int]
-    ]  # (link, "visual" or "collision", index) of capsules, which `root` has as cylinders
+    primitives: dict[tuple[str, str, int], PrimitiveShape]
+    """By (link, "visual" or "collision", index): `root` has a sphere in place of each, as the library reads not all of them."""
     not_shown: list[str]  # problems of skipped visuals
     resolver: MeshResolver
 
@@ -74,7 +70,7 @@ def checked_robot(path: AnyPath, root: Any) -> CheckedRobot:
         raise ModelError(f"{path}: is an SRDF, which has no links: name the URDF it belongs to")
     if not 1 <= count <= MAX_LINKS:
         raise ModelError(f"{path}: has {count or 'no'} links, expected 1 to {MAX_LINKS}")
-    checked = CheckedRobot(Element("robot", {"name": root.get("name")}), set(), [], MeshResolver(path.parent))
+    checked = CheckedRobot(Element("robot", {"name": root.get("name")}), {}, [], MeshResolver(path.parent))
     for kind in ("link", "joint"):
         seen: set[str] = set()
         for position, element in enumerate(root.findall(kind)):
@@ -127,7 +123,7 @@ def _copy_shapes(path: AnyPath, name: str, element: Any, target: Element, checke
         number = 0
         for entry in element.findall(kind):
             try:
-                _check_shape(path, name, kind, entry, checked.resolver)
+                primitive = _check_shape(path, name, kind, entry, checked.resolver)
             except InputError as fault:
                 if kind == "collision":
                     raise
@@ -137,16 +133,16 @@ def _copy_shapes(path: AnyPath, name: str, element: Any, target: Element, checke
             copy = SubElement(target, kind)
             if (origin := entry.find("origin")) is not None:
                 copy.append(origin)
-            tag = shape.tag
-            if tag == "capsule":  # not supported by yourdfpy
-                checked.capsules.add((name, kind, number))
-                tag = "cylinder"
-            SubElement(SubElement(copy, "geometry"), tag, dict(shape.attrib))
+            tag, attributes = shape.tag, dict(shape.attrib)
+            if primitive is not None:
+                checked.primitives[name, kind, number] = primitive
+                tag, attributes = "sphere", {"radius": "1"}
+            SubElement(SubElement(copy, "geometry"), tag, attributes)
             number += 1
 
 
-def _check_shape(path: AnyPath, name: str, kind: str, entry: Any, resolver: MeshResolver) -> None:
-    """Validate a visual or collision element: one known shape with valid numbers."""
+def _check_shape(path: AnyPath, name: str, kind: str, entry: Any, resolver: MeshResolver) -> PrimitiveShape | None:
+    """Validate a visual or collision element: one known shape with valid numbers. Returns it if it is a primitive."""
     where = f"{path}: link {name!r}"
     geometry = entry.find("geometry")
     shapes = [] if geometry is None else list(geometry)
@@ -164,17 +160,17 @@ def _check_shape(path: AnyPath, name: str, kind: str, entry: Any, resolver: Mesh
             resolver.find(shape.get("filename"))
         except MeshError as error:
             raise MeshError(f"{where}: {error}") from None
-        return
-    lengths = [n for key in _REQUIRED[shape.tag] for n in _floats(shape.get(key))]
-    if shape.tag == "capsule" and lengths[1] == 0.0:
-        lengths.pop()  # a sphere
-    if min(lengths) < MIN_LENGTH:
-        raise ModelError(f"{where}: a {shape.tag} of {lengths} m, expected at least {MIN_LENGTH:g}")
+        return None
+    lengths = tuple(n for key in PRIMITIVES[shape.tag].attributes for n in _floats(shape.get(key)))
+    primitive = primitive_shape(shape.tag, lengths)
+    if min(primitive.lengths) < MIN_LENGTH:
+        raise ModelError(f"{where}: a {shape.tag} of {list(primitive.lengths)} m, expected at least {MIN_LENGTH:g}")
+    return primitive
 
 
 def _check_numbers(path: AnyPath, where: str, element: Any) -> None:
     for entry in element.iter():
-        for key in _REQUIRED.get(entry.tag, ()):
+        for key in PRIMITIVES[entry.tag].attributes if entry.tag in PRIMITIVES else ():
             if entry.get(key) is None:
                 raise ModelError(f"{path}: {where}: <{entry.tag}> has no {key}")
         for key, count in _NUMBERS.get(entry.tag, {}).items():

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from geomphys.errors import ModelError
 from geomphys.scene.model_formats import XACRO_USE, other_format, xacro_advice
+from geomphys.scene.primitives import PrimitiveShape
 from geomphys.scene.ros_packages import MeshResolver
 from geomphys.scene.source_files import track_contents
 from geomphys.scene.urdf_elements import checked_robot
@@ -24,36 +25,6 @@ MAX_FILE_BYTES = 64 * 2**20
 
 
 @dataclass(frozen=True)
-class BoxShape:
-    """A box by its full edge lengths, m."""
-
-    size: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class SphereShape:
-    """A sphere, m."""
-
-    radius: float
-
-
-@dataclass(frozen=True)
-class CylinderShape:
-    """A cylinder along z by radius and full length, m."""
-
-    radius: float
-    length: float
-
-
-@dataclass(frozen=True)
-class CapsuleShape:
-    """A capsule along z by radius and length without the caps, m."""
-
-    radius: float
-    length: float
-
-
-@dataclass(frozen=True)
 class MeshShape:
     """A mesh file and its scale."""
 
@@ -61,7 +32,7 @@ class MeshShape:
     scale: tuple[float, float, float]
 
 
-Shape = BoxShape | SphereShape | CylinderShape | CapsuleShape | MeshShape
+Shape = PrimitiveShape | MeshShape
 
 
 class UrdfLink(NamedTuple):
@@ -99,7 +70,7 @@ def read_urdf(path: AnyPath) -> Urdf:
 
     def posed_shapes(link: str, kind: str, elements: list[Any]) -> list[tuple[Shape, Floats]]:
         return [
-            (_shape(e.geometry, (link, kind, k) in checked.capsules, checked.resolver), _origin(e.origin))
+            (checked.primitives.get((link, kind, k)) or _mesh(e.geometry.mesh, checked.resolver), _origin(e.origin))
             for k, e in enumerate(elements)
         ]
 
@@ -152,16 +123,6 @@ def _parsed_xml(path: AnyPath, data: bytes) -> Element:
     return tree
 
 
-def _shape(geometry: Any, is_capsule: bool, resolver: MeshResolver) -> Shape:
-    if geometry.box is not None:
-        x, y, z = (float(v) for v in geometry.box.size)
-        return BoxShape((x, y, z))
-    if geometry.sphere is not None:
-        return SphereShape(float(geometry.sphere.radius))
-    if geometry.cylinder is not None:
-        radius, length = float(geometry.cylinder.radius), float(geometry.cylinder.length)
-        if is_capsule:
-            return CapsuleShape(radius, length) if length > 0.0 else SphereShape(radius)
-        return CylinderShape(radius, length)
-    scale = np.broadcast_to(np.float64(1.0) if geometry.mesh.scale is None else geometry.mesh.scale, 3)
-    return MeshShape(resolver.find(geometry.mesh.filename), (float(scale[0]), float(scale[1]), float(scale[2])))
+def _mesh(mesh: Any, resolver: MeshResolver) -> MeshShape:
+    scale = np.broadcast_to(np.float64(1.0) if mesh.scale is None else mesh.scale, 3)
+    return MeshShape(resolver.find(mesh.filename), (float(scale[0]), float(scale[1]), float(scale[2])))

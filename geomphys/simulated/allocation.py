@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,8 +14,6 @@ from geomphys.scene.arrays import HULL, SIMULATED, SPHERE, Floats, Scene
 from geomphys.simulated.state import BODY, COUNTS, ENERGY, FRAME, MOTION, PAIR, ROW, SLOT, Records, Simulation
 
 WIDE = 4.0  # a still body wider along x than this many median widths is looked at each time
-MOST_PAIRS = 4096
-MOST_POINTS = 4096
 
 
 def piece_arms(scene: Scene, motion: Records) -> Floats:
@@ -92,6 +91,16 @@ def body_records(scene: Scene) -> tuple[Records, Records]:
     return motion, bodies
 
 
+class Capacity(NamedTuple):
+    """Of the tables of a frame."""
+
+    pairs: int = 4096  # of pieces that may meet
+    points: int = 4096  # in contact
+
+
+CAPACITY = Capacity()
+
+
 def make_simulation(
     scene: Scene,
     poses: Floats,
@@ -101,8 +110,7 @@ def make_simulation(
     reported: Floats,
     frames: Floats,
     scratch: Scratch,
-    max_pairs: int = MOST_PAIRS,
-    max_points: int = MOST_POINTS,
+    capacity: Capacity = CAPACITY,
 ) -> Simulation:
     """The simulated loop of a scene.
 
@@ -114,9 +122,8 @@ def make_simulation(
         (B, 7) world poses of all bodies at the start; those of what never moves stay.
     start, end, reported, frames, scratch
         Arrays of the caller, as in `Simulation`: each frame is simulated from and to what stands there.
-    max_pairs, max_points
-        Capacity for pairs of pieces that may meet in a frame, and for contact points. Where it is too small for a
-        frame, simulated bodies stay where they are for that frame, and it is reported.
+    capacity
+        Where it is too small for a frame, simulated bodies stay where they are for that frame, and it is reported.
     """
     motion, kinds = body_records(scene)
     motion["position"], motion["orientation"] = poses[:, :3], poses[:, 3:]
@@ -132,7 +139,7 @@ def make_simulation(
     narrow = width <= WIDE * np.median(width) if len(still) else np.zeros(0, bool)
     ordered = still[narrow][np.argsort(hulls[still[narrow], 0], kind="stable")]
     possible = len(boxes) * int(np.isin(scene.pieces.body, free).sum())
-    pairs, points = max(1, min(max_pairs, possible)), max(4, min(max_points, 4 * possible))
+    pairs, points = max(1, min(capacity.pairs, possible)), max(4, min(capacity.points, 4 * possible))
     return Simulation(
         pieces=scene.pieces,
         gravity=scene.gravity,
@@ -155,8 +162,8 @@ def make_simulation(
         reported=reported,
         frames=frames,
         scratch=scratch,
-        counts=np.zeros(1, COUNTS),
-        frame=np.zeros(1, FRAME),
+        counts=np.zeros((), COUNTS),
+        frame=np.zeros((), FRAME),
         boxes=boxes,
         body_boxes=hulls,
         old_pairs=np.zeros(pairs + 1, PAIR),

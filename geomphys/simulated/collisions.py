@@ -22,22 +22,22 @@ def join_collision(sim: Simulation, chosen: int) -> None:
     """
     a, b = sim.rows[chosen].a, sim.rows[chosen].b
     fixed = sim.bodies[b].role == FIXED
-    for k in range(sim.counts[0].rows):
+    for k in range(sim.counts.rows):
         r = sim.rows[k]
         other = r.b
         same = other == b or (fixed and sim.bodies[other].role == FIXED)
-        on = same and r.a == a and sim.rows[k].clearance <= sim.frame[0].touch
+        on = same and r.a == a and sim.rows[k].clearance <= sim.frame.touch
         r.mode = 2 if on else 0
 
 
 @kernel
 def fastest_approach(sim: Simulation) -> int:
     """The touching point that approaches fastest, of those above the threshold; -1 for none."""
-    worst, chosen = -sim.frame[0].threshold, -1
-    for k in range(sim.counts[0].rows):
+    worst, chosen = -sim.frame.threshold, -1
+    for k in range(sim.counts.rows):
         r = sim.rows[k]
         a, pair = r.a, r.pair
-        if not has_changed(sim, a) or has_yielded(sim, pair) or r.clearance > sim.frame[0].touch:
+        if not has_changed(sim, a) or has_yielded(sim, pair) or r.clearance > sim.frame.touch:
             continue
         v = normal_speed(sim.velocity, r, a, r.b)
         if v < worst and sim.pairs[pair].hits < MOST_HITS:
@@ -69,7 +69,7 @@ def resolve(sim: Simulation, t: float, budget: int) -> tuple[int, bool]:
     load_velocities(sim)
     load_paths(sim, t)
     set_limits(sim)
-    for k in range(sim.counts[0].pairs):
+    for k in range(sim.counts.pairs):
         sim.pairs[k].hits = 0
     done, full = 0, False
     while True:

@@ -164,8 +164,8 @@ def add_row(sim: Simulation, pair: int, count: int, t: float, n: Vec, x: Vec, cl
     """Append the row of contact point number `count` of a pair: at x, normal n, both world."""
     p = sim.pairs[pair]
     a, b = sim.motion[p.body[0]], sim.motion[p.body[1]]
-    k = sim.counts[0].rows
-    sim.counts[0].rows = k + 1
+    k = sim.counts.rows
+    sim.counts.rows = k + 1
     r = sim.rows[k]
     tangent = perpendicular(n)
     set_vec(r.normal, n)
@@ -214,8 +214,8 @@ def add_rows_within(sim: Simulation, pair: int, t: float, margin: float) -> None
     i, j = p.piece[0], p.piece[1]
     on_a, on_b = sim.scratch.on_a, sim.scratch.on_b
     found = manifold(Shapes(sim.pieces, sim.frames), i, j, (s, n, pa, pb), on_a, on_b, sim.scratch)
-    if sim.counts[0].rows + found > len(sim.rows):
-        sim.counts[0].lost += 1
+    if sim.counts.rows + found > len(sim.rows):
+        sim.counts.lost += 1
         return
     keep_old_slots(sim, pair)
     count = 0

@@ -23,7 +23,7 @@ UNEVEN = 3.0  # a frame longer or shorter than the one before by this factor say
 @kernel
 def mean_velocities(sim: Simulation, body: int) -> tuple[Vec, Vec]:
     """Mean velocity of the origin [m/s] and mean rate of turning [rad/s] of a body through the frame."""
-    start, end, rate = sim.start[body], sim.end[body], 1.0 / sim.frame[0].dt
+    start, end, rate = sim.start[body], sim.end[body], 1.0 / sim.frame.dt
     rotation = rotation_vector(quat_mul(quat_from(end, 3), quat_conjugate(quat_from(start, 3))))
     return scale(sub(vec_from(end, 0), vec_from(start, 0)), rate), scale(rotation, rate)
 
@@ -51,7 +51,7 @@ def extrapolated(a: Vec, before: Vec) -> Vec:
 @kernel
 def fit_paths(sim: Simulation) -> None:
     """Accelerations of the tracked things of the scene for this frame, from those before."""
-    dt = sim.frame[0].dt
+    dt = sim.frame.dt
     for k in range(len(sim.paths)):
         body = sim.paths[k]
         if sim.bodies[body].role != FIXED:
@@ -81,7 +81,7 @@ def set_path(sim: Simulation, body: int) -> None:
     m.base_time = 0.0
     set_vec(m.position, vec_from(start, 0))
     set_quat(m.orientation, quat_from(start, 3))
-    set_vec(m.velocity, add_scaled(v, vec_of(m.acceleration), -0.5 * sim.frame[0].dt))
+    set_vec(m.velocity, add_scaled(v, vec_of(m.acceleration), -0.5 * sim.frame.dt))
     set_vec(m.rotation_rate, w)
     load_path(sim, body, 0.0)
 

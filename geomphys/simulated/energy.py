@@ -74,7 +74,7 @@ def add_up(sim: Simulation) -> None:
             gain = energy(sim, body) - sim.energy[body].before
             island.excess = island.excess + gain
             island.kinetic = island.kinetic + kinetic(sim.motion[body])
-    for k in range(sim.counts[0].pairs):
+    for k in range(sim.counts.pairs):
         p = sim.pairs[k]
         island, b = sim.energy[sim.bodies[p.body[0]].island], p.body[1]
         if is_simulated(sim, b):

@@ -67,9 +67,9 @@ def begin(sim: Simulation, goes_on: bool) -> None:
     for s in range(len(sim.free)):
         set_free(sim, sim.free[s])
     fit_paths(sim)
-    sim.counts[0].rows = 0
-    sim.counts[0].lost = 0
-    for k in range(sim.counts[0].pairs):
+    sim.counts.rows = 0
+    sim.counts.lost = 0
+    for k in range(sim.counts.pairs):
         sim.pairs[k].encounters = 0
         sim.pairs[k].yielded = 0
         if not goes_on:

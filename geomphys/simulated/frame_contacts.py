@@ -35,7 +35,7 @@ def write_touches(sim: Simulation, poses: Floats, bodies: Ints, values: Floats, 
     int
         One past the last row written.
     """
-    for k in range(sim.counts[0].pairs):
+    for k in range(sim.counts.pairs):
         pair = sim.pairs[k]
         a = pair.body[0]
         for m in range(4):
@@ -78,7 +78,7 @@ def deepest_overlap(sim: Simulation, frames: Floats) -> float:
         m; 0 if there is none.
     """
     deepest = 0.0
-    for k in range(sim.counts[0].pairs):
+    for k in range(sim.counts.pairs):
         pair = sim.pairs[k]
         if sim.bodies[pair.body[1]].role == DRIVEN:
             continue

@@ -40,7 +40,7 @@ def rise(sim: Simulation, k: int) -> None:
 @kernel
 def sink(sim: Simulation, k: int) -> None:
     """Move the pair at index k towards the back until it comes before its children."""
-    pair, count = sim.queue[k], sim.counts[0].queued
+    pair, count = sim.queue[k], sim.counts.queued
     while True:
         child = 2 * k + 1
         if child >= count:
@@ -59,8 +59,8 @@ def put(sim: Simulation, pair: int, time: float) -> None:
     """Put `pair` in at `time` [s of the frame], or move it there."""
     sim.pairs[pair].due = time
     if sim.pairs[pair].queue_index < 0:
-        k = sim.counts[0].queued
-        sim.counts[0].queued = k + 1
+        k = sim.counts.queued
+        sim.counts.queued = k + 1
         stand(sim, k, pair)
     rise(sim, sim.pairs[pair].queue_index)
     sink(sim, sim.pairs[pair].queue_index)
@@ -72,8 +72,8 @@ def take_out(sim: Simulation, pair: int) -> None:
     k = sim.pairs[pair].queue_index
     if k < 0:
         return
-    count = sim.counts[0].queued - 1
-    sim.counts[0].queued = count
+    count = sim.counts.queued - 1
+    sim.counts.queued = count
     sim.pairs[pair].queue_index = -1
     if k < count:
         last = sim.queue[count]
@@ -85,6 +85,6 @@ def take_out(sim: Simulation, pair: int) -> None:
 @kernel
 def empty_queue(sim: Simulation) -> None:
     """Take all pairs out."""
-    for pair in range(sim.counts[0].pairs):
+    for pair in range(sim.counts.pairs):
         sim.pairs[pair].queue_index = -1
-    sim.counts[0].queued = 0
+    sim.counts.queued = 0

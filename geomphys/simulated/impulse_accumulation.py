@@ -1,4 +1,4 @@
-"""Where impulses go: to the bodies' motions, and to the sums of the frame."""
+"""Applies impulses to the motions of bodies and accumulates them for each contact point of the frame."""
 
 from __future__ import annotations
 
@@ -54,8 +54,8 @@ def note(sim: Simulation, k: int, normal: float, friction: Vec) -> None:
 
 @kernel
 def commit(sim: Simulation) -> None:
-    """Give the impulses the rows hold to the bodies' motions and the frame's sums, and clear them."""
-    for k in range(sim.counts[0].rows):
+    """Apply the impulses of all rows to the bodies, add them to the sums of the frame, and clear them."""
+    for k in range(sim.counts.rows):
         r = sim.rows[k]
         normal = r.normal_impulse
         if normal == 0.0 and r.tangent_impulse[0] == 0.0 and r.tangent_impulse[1] == 0.0:
@@ -70,7 +70,7 @@ def commit(sim: Simulation) -> None:
 def drop_rows(sim: Simulation, t: float) -> None:
     """Add what the contact forces on changed bodies did until time `t` to the frame's sums, and drop their rows."""
     retained = 0
-    for k in range(sim.counts[0].rows):
+    for k in range(sim.counts.rows):
         r = sim.rows[k]
         if has_changed(sim, r.a):
             slot = sim.slots[r.pair, r.slot]
@@ -82,4 +82,4 @@ def drop_rows(sim: Simulation, t: float) -> None:
         if retained < k:
             sim.rows[retained] = sim.rows[k]
         retained += 1
-    sim.counts[0].rows = retained
+    sim.counts.rows = retained

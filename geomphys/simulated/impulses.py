@@ -33,7 +33,7 @@ PRECISION = 1e-13  # of the fastest approach: sweeps over the points of a collis
 @kernel
 def let_go(sim: Simulation) -> None:
     """No impulses are sought any more for the rows of pairs that have yielded."""
-    for k in range(sim.counts[0].rows):
+    for k in range(sim.counts.rows):
         if has_yielded(sim, sim.rows[k].pair):
             sim.rows[k].mode = 0
 
@@ -110,7 +110,7 @@ def collide(sim: Simulation, velocity: Floats, elastic: float) -> None:
 
     `elastic` is 1 for restitution as the materials say, 0 for none. The rows' impulses must be zero before.
     """
-    count = sim.counts[0].rows
+    count = sim.counts.rows
     members, only, fastest = 0, -1, 0.0
     for k in range(count):
         r = sim.rows[k]
@@ -165,13 +165,13 @@ def settle(sim: Simulation, velocity: Floats, sweeps: int, precision: float) -> 
     Done when no sweep changes a velocity by more than `precision` [m/s]; returns the number of sweeps made. A row whose
     bodies nothing has changed since is passed over.
     """
-    count, visit = sim.counts[0].rows, 0
+    count, visit = sim.counts.rows, 0
     for k in range(count):
         sim.rows[k].visit = 0
         sim.bodies[sim.rows[k].a].disturbed = 0
         sim.bodies[sim.rows[k].b].disturbed = 0
     for sweep in range(sweeps):
-        sim.counts[0].sweeps += 1
+        sim.counts.sweeps += 1
         most = 0.0
         for i in range(count):
             k = i if sweep & 1 == 0 else count - 1 - i
@@ -197,7 +197,7 @@ def settle_normals(sim: Simulation, velocity: Floats, sweeps: int, precision: fl
     """`settle` for the normal impulses alone: a fair start where nothing is known of the friction yet."""
     for _ in range(sweeps):
         most = 0.0
-        for k in range(sim.counts[0].rows):
+        for k in range(sim.counts.rows):
             if sim.rows[k].mode == 1:
                 most = max(most, solve_normal(sim, velocity, k))
         if most <= precision:

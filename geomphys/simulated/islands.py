@@ -1,4 +1,4 @@
-"""Which bodies a meeting concerns: the two that meet, and all that hang together with them through contact points."""
+"""Which bodies an impact concerns: the two that touch, and all that are connected to them through contact points."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def mark_connected(sim: Simulation, pair: int, t: float) -> None:
     grows = True
     while grows:
         grows = False
-        for k in range(sim.counts[0].pairs):
+        for k in range(sim.counts.pairs):
             a, b = sim.pairs[k].body[0], sim.pairs[k].body[1]
             if is_simulated(sim, b) and has_changed(sim, a) != has_changed(sim, b) and are_connected(sim, k, t):
                 sim.bodies[a].changed = sim.bodies[a].awake

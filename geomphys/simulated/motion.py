@@ -51,7 +51,7 @@ def rotation_at(m: Motion, t: float) -> Vec:
 
 @kernel
 def angular_speed_bound(m: Motion) -> float:
-    """Bound on the rate of turning over the step [rad/s]; `m` is a body's record of `motion`."""
+    """Bound on the angular speed over the step [rad/s]; `m` is a body's record of `motion`."""
     return norm(vec_of(m.rotation_rate)) + norm(vec_of(m.rotation_change)) * m.step_length
 
 
@@ -77,7 +77,7 @@ def refresh(m: Motion) -> None:
 
 @kernel
 def plan(m: Motion, h: float) -> None:
-    """Lay out how a simulated body turns over the next `h` > 0 seconds, from its angular momentum and torque."""
+    """Plan the rotation of a simulated body over the next `h` > 0 seconds, from its angular momentum and torque."""
     q0 = quat_mul(quat_of(m.orientation), quat_of(m.principal))
     q1 = rotate_freely(q0, vec_of(m.inertia), vec_of(m.angular_momentum), vec_of(m.torque), h)
     rotation = rotation_vector(quat_mul(q1, quat_conjugate(q0)))

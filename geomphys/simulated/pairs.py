@@ -22,7 +22,7 @@ def any_beyond_range(sim: Simulation, t: float) -> bool:
         if has_changed(sim, body):
             m = sim.motion[body]
             gone = norm(sub(point_at(m, t), vec_of(m.listed_position))) + min(2.0, m.listed_rotation) * m.reach
-            if gone + reach_ahead(sim, body, sim.frame[0].span_end - t) > m.listed_range:
+            if gone + reach_ahead(sim, body, sim.frame.span_end - t) > m.listed_range:
                 return True
     return False
 
@@ -81,8 +81,8 @@ def new_pair(sim: Simulation, k: int, i: int, j: int, a: int, b: int) -> None:
 @kernel
 def append_old(sim: Simulation, old: int) -> None:
     """Append a pair of the old list, with what is remembered of it."""
-    k = sim.counts[0].pairs
-    sim.counts[0].pairs = k + 1
+    k = sim.counts.pairs
+    sim.counts.pairs = k + 1
     sim.pairs[k] = sim.old_pairs[old]
     for m in range(4):
         sim.slots[k, m] = sim.old_pair_slots[old, m]
@@ -94,10 +94,10 @@ def skip_old(sim: Simulation, old: int) -> int:
     loaded = False
     for m in range(4):
         loaded = loaded or sim.old_pair_slots[old, m].normal_impulse > 0.0
-    if loaded and sim.counts[0].pairs < len(sim.pairs):
+    if loaded and sim.counts.pairs < len(sim.pairs):
         append_old(sim, old)
-        sim.pairs[sim.counts[0].pairs - 1].seen_at = -1.0
-        sim.pairs[sim.counts[0].pairs - 1].queue_index = -1
+        sim.pairs[sim.counts.pairs - 1].seen_at = -1.0
+        sim.pairs[sim.counts.pairs - 1].queue_index = -1
     return old + 1
 
 
@@ -107,22 +107,22 @@ def add_pair(sim: Simulation, i: int, j: int, a: int, b: int, old: int) -> int:
 
     Returns how far it is after.
     """
-    count = sim.counts[0].old_pairs
+    count = sim.counts.old_pairs
     while old < count:
         p = sim.old_pairs[old]
         if p.piece[0] > i or (p.piece[0] == i and p.piece[1] >= j):
             break
         old = skip_old(sim, old)
-    k = sim.counts[0].pairs
+    k = sim.counts.pairs
     if k == len(sim.pairs):
-        sim.counts[0].lost += 1
+        sim.counts.lost += 1
         return old
     p = sim.old_pairs[old]
     if old < count and p.piece[0] == i and p.piece[1] == j:
         append_old(sim, old)
         old += 1
     else:
-        sim.counts[0].pairs = k + 1
+        sim.counts.pairs = k + 1
         new_pair(sim, k, i, j, a, b)
     sim.pairs[k].seen_at = -1.0
     sim.pairs[k].queue_index = -1
@@ -132,13 +132,13 @@ def add_pair(sim: Simulation, i: int, j: int, a: int, b: int, old: int) -> int:
 @kernel
 def save_pairs(sim: Simulation) -> None:
     """Make the present pairs the old ones."""
-    count = sim.counts[0].pairs
+    count = sim.counts.pairs
     for k in range(count):
         sim.old_pairs[k] = sim.pairs[k]
         for m in range(4):
             sim.old_pair_slots[k, m] = sim.slots[k, m]
-    sim.counts[0].old_pairs = count
-    sim.counts[0].pairs = 0
+    sim.counts.old_pairs = count
+    sim.counts.pairs = 0
 
 
 @outlined
@@ -147,8 +147,8 @@ def find_pairs(sim: Simulation, t: float, until: float) -> None:
 
     Pairs come sorted by (piece a, piece b). One that has pushed in this frame stays on the list.
     """
-    sim.frame[0].span_start = t
-    sim.frame[0].span_end = until
+    sim.frame.span_start = t
+    sim.frame.span_end = until
     save_pairs(sim)
     box_all(sim)
     old = 0
@@ -164,7 +164,7 @@ def find_pairs(sim: Simulation, t: float, until: float) -> None:
                 for j in range(sim.bodies[b].first_piece, sim.bodies[b].end_piece):
                     if not apart(box, sim.boxes[j]):
                         old = add_pair(sim, i, j, a, b, old)
-    while old < sim.counts[0].old_pairs:
+    while old < sim.counts.old_pairs:
         old = skip_old(sim, old)
     label_islands(sim)
 
@@ -178,7 +178,7 @@ def label_islands(sim: Simulation) -> None:
     changed = True
     while changed:
         changed = False
-        for k in range(sim.counts[0].pairs):
+        for k in range(sim.counts.pairs):
             b = sim.pairs[k].body[1]
             if is_simulated(sim, b):
                 x, y = sim.bodies[sim.pairs[k].body[0]], sim.bodies[b]

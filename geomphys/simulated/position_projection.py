@@ -32,13 +32,13 @@ def is_short(sim: Simulation, k: int) -> bool:
     Things of the scene may touch, as whoever wrote it placed them: to lift one off the other would take energy from
     nowhere.
     """
-    return bool(sim.rows[k].clearance < -sim.frame[0].tolerance)
+    return bool(sim.rows[k].clearance < -sim.frame.tolerance)
 
 
 @kernel
 def any_short(sim: Simulation) -> bool:
     """Whether any row of a changed body is short."""
-    for k in range(sim.counts[0].rows):  # noqa: SIM110
+    for k in range(sim.counts.rows):  # noqa: SIM110
         if has_changed(sim, sim.rows[k].a) and is_short(sim, k):
             return True
     return False
@@ -47,7 +47,7 @@ def any_short(sim: Simulation) -> bool:
 @kernel
 def distance_to_keep(sim: Simulation, k: int) -> float:
     """Clearance that the surfaces of row k must have after the moving apart [m]."""
-    gap, clearance = sim.frame[0].gap, sim.rows[k].clearance
+    gap, clearance = sim.frame.gap, sim.rows[k].clearance
     return CLEAR * gap if is_short(sim, k) else min(gap, clearance)
 
 
@@ -57,7 +57,7 @@ def sweep_apart(sim: Simulation, give: float) -> bool:
 
     With `give` above 0 a row's goal is lower by that share of what its own impulse alone would move it.
     """
-    gap, count = sim.frame[0].gap, sim.counts[0].rows
+    gap, count = sim.frame.gap, sim.counts.rows
     for s in range(len(sim.free)):
         for i in range(6):
             sim.displacement[sim.free[s]][i] = 0.0
@@ -82,7 +82,7 @@ def stay_if_useless(sim: Simulation) -> None:
 
     What is squeezed would else be moved to and fro for ever.
     """
-    count = sim.counts[0].rows
+    count = sim.counts.rows
     for s in range(len(sim.free)):
         island = sim.free[s]
         if sim.bodies[island].island != island:
@@ -94,7 +94,7 @@ def stay_if_useless(sim: Simulation) -> None:
                 moved = normal_speed(sim.displacement, r, r.a, r.b)
                 before = min(before, r.clearance)
                 after = min(after, r.clearance + moved)
-        if after < before + CLEAR * sim.frame[0].gap:
+        if after < before + CLEAR * sim.frame.gap:
             for i in range(len(sim.free)):
                 if sim.bodies[sim.free[i]].island == island:
                     displacement = sim.displacement[sim.free[i]]
@@ -109,7 +109,7 @@ def project_positions(sim: Simulation) -> float:
     Corrects what a step's straight-line contact missed of a turning body's path, micrometres, and resolves an overlap
     there was at the start. Clearances of the rows are brought up to date to first order; returns the least of them [m].
     """
-    count = sim.counts[0].rows
+    count = sim.counts.rows
     for k in range(count):
         r = sim.rows[k]
         on = has_changed(sim, r.a) and not has_yielded(sim, r.pair)

@@ -40,20 +40,20 @@ def set_limits(sim: Simulation) -> None:
     Such a body may squeeze another against something that does not yield, and no impulse would ever be enough. Four
     times what stops the whole island's approach, and holds its weight, is enough for all that can be done.
     """
-    for k in range(sim.counts[0].rows):
+    for k in range(sim.counts.rows):
         r = sim.rows[k]
         a, b = r.a, r.b
         if not has_changed(sim, a) or is_simulated(sim, b) or sim.bodies[b].moves == 0:
             continue
         v = norm(speed_at(sim.velocity, r, a, b))
         effective_mass = sim.island_mass[sim.bodies[a].island]
-        r.impulse_limit = 4.0 * effective_mass * (v + WEIGHT_TIME * sim.frame[0].weight)
+        r.impulse_limit = 4.0 * effective_mass * (v + WEIGHT_TIME * sim.frame.weight)
 
 
 @kernel
 def clear_rows(sim: Simulation) -> None:
     """Take the impulses out of the rows of changed bodies."""
-    for k in range(sim.counts[0].rows):
+    for k in range(sim.counts.rows):
         if has_changed(sim, sim.rows[k].a):
             clear_impulse(sim.rows[k])
 
@@ -62,7 +62,7 @@ def clear_rows(sim: Simulation) -> None:
 def yield_squeezed(sim: Simulation) -> bool:
     """Let go of pairs whose path-following body would need more than its bound. Returns whether there were any."""
     any_yielded = False
-    for k in range(sim.counts[0].rows):
+    for k in range(sim.counts.rows):
         r = sim.rows[k]
         if r.mode == 1 and r.normal_impulse >= 0.999 * r.impulse_limit:
             sim.pairs[r.pair].yielded = 1
@@ -75,10 +75,10 @@ def yield_squeezed(sim: Simulation) -> bool:
 def stop_slow_approach(sim: Simulation) -> None:
     """Take the approach out of all touching points of changed bodies at once, with ε = 0."""
     least = 0.0
-    for k in range(sim.counts[0].rows):
+    for k in range(sim.counts.rows):
         r = sim.rows[k]
         a, b = r.a, r.b
-        on = has_changed(sim, a) and r.clearance <= sim.frame[0].touch
+        on = has_changed(sim, a) and r.clearance <= sim.frame.touch
         on = on and not has_yielded(sim, r.pair)
         r.mode = 1 if on else 0
         r.target_speed = 0.0
@@ -103,26 +103,26 @@ def choose_held(sim: Simulation, h: float) -> float:
     Returns the fastest motion at one of them [m/s].
     """
     fastest = 0.0
-    for k in range(sim.counts[0].pairs):
+    for k in range(sim.counts.pairs):
         if has_changed(sim, sim.pairs[k].body[0]):
             sim.pairs[k].resting = 0
-    for k in range(sim.counts[0].rows):
+    for k in range(sim.counts.rows):
         r = sim.rows[k]
-        touches = r.clearance <= sim.frame[0].touch
+        touches = r.clearance <= sim.frame.touch
         if touches and has_changed(sim, r.a) and not has_yielded(sim, r.pair):
             sim.pairs[r.pair].resting = 1
-    for k in range(sim.counts[0].rows):
+    for k in range(sim.counts.rows):
         r = sim.rows[k]
         r.mode = 0
         if has_changed(sim, r.a) and not has_yielded(sim, r.pair):
             speed = speed_at(sim.velocity, r, r.a, r.b)
             v, clearance = dot(speed, vec_of(r.normal)), r.clearance
             held = sim.pairs[r.pair].resting == 1
-            slowest = -SLOW_PART * sim.frame[0].threshold if held else 0.0
-            if clearance <= sim.frame[0].touch or v > slowest:
+            slowest = -SLOW_PART * sim.frame.threshold if held else 0.0
+            if clearance <= sim.frame.touch or v > slowest:
                 fastest = max(fastest, norm(speed))
                 separating_speed = v if v > FAINT else 0.0
-                r.target_speed = -2.0 * max(0.0, clearance - sim.frame[0].gap) / h - separating_speed
+                r.target_speed = -2.0 * max(0.0, clearance - sim.frame.gap) / h - separating_speed
                 r.mode = 1
                 sim.pairs[r.pair].resting = 1
     return fastest
@@ -189,7 +189,7 @@ def advance_arms(sim: Simulation, t: float, h: float) -> None:
     Velocities at both ends of the step then have the directions of both ends, and what stands on a turntable goes along
     its circle; else the table would throw it outwards by ω² r h.
     """
-    for k in range(sim.counts[0].rows):
+    for k in range(sim.counts.rows):
         r = sim.rows[k]
         path = sim.motion[r.b]
         omega = vec_of(path.rotation_rate)
@@ -213,7 +213,7 @@ def hold(sim: Simulation, t: float, h: float, sweeps: int) -> None:
     set_limits(sim)
     fastest = choose_held(sim, h)
     advance_arms(sim, t, h)
-    count = sim.counts[0].rows
+    count = sim.counts.rows
     for _ in range(MOST_YIELDS):
         fall(sim, t, h)
         known = False

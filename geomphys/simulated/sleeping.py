@@ -37,9 +37,9 @@ def note_rest(sim: Simulation, body: int, reported: Floats) -> None:
     """
     m, kind = sim.motion[body], sim.bodies[body]
     fastest = norm(vec_of(m.velocity)) + norm(vec_of(m.angular_velocity)) * m.reach
-    borne = kind.touched == 1 and sim.frame[0].weight > 0.0
+    borne = kind.touched == 1 and sim.frame.weight > 0.0
     if fastest < SLOW_SPEED and (borne or kind.awake == 0):
-        m.slow_time = m.slow_time + sim.frame[0].dt
+        m.slow_time = m.slow_time + sim.frame.dt
     else:
         m.slow_time = 0.0
     square = 0.0
@@ -48,7 +48,7 @@ def note_rest(sim: Simulation, body: int, reported: Floats) -> None:
         square += change * change
     path = norm(sub(vec_of(m.position), vec_from(m.rest_pose, 0))) + 2.0 * math.sqrt(square) * m.reach
     if path < REST_DISTANCE and fastest < REST_SPEED and norm(vec_of(m.acceleration)) < REST_ACCELERATION:
-        m.quiet_time = m.quiet_time + sim.frame[0].dt
+        m.quiet_time = m.quiet_time + sim.frame.dt
     else:
         m.quiet_time = 0.0
         set_vec_from(m.rest_pose, 0, vec_of(m.position))
@@ -99,7 +99,7 @@ def wake(sim: Simulation, first: bool) -> bool:
         body = sim.free[s]
         if not is_quiet(sim.motion[body]) or (not first and sim.bodies[body].awake == 1):
             wake_island(sim, body)
-    for k in range(sim.counts[0].pairs):
+    for k in range(sim.counts.pairs):
         b = sim.pairs[k].body[1]
         if not is_simulated(sim, b) and is_moving(sim, b):
             wake_island(sim, sim.pairs[k].body[0])
@@ -121,8 +121,8 @@ def wake(sim: Simulation, first: bool) -> bool:
 @kernel
 def sum_sleeping_forces(sim: Simulation) -> None:
     """Contact forces of sleeping bodies go on: add what they do in the frame to its sums."""
-    dt = sim.frame[0].dt
-    for k in range(sim.counts[0].pairs):
+    dt = sim.frame.dt
+    for k in range(sim.counts.pairs):
         if sim.bodies[sim.pairs[k].body[0]].awake == 0:
             for m in range(sim.pairs[k].point_count):
                 slot = sim.slots[k, m]

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from geomphys.collision.scratch import Scratch
 from geomphys.jit.kernel import kernel
+from geomphys.jit.packed_records import Record
 from geomphys.scene.arrays import SIMULATED, Floats, Ints, Pieces
 
 FLOAT, INT = np.float64, np.int64
@@ -223,8 +224,8 @@ class Simulation(NamedTuple):
     # workspace
     frames: Floats  # (P, 12) world_from_piece at some time of the frame
     scratch: Scratch
-    counts: Records  # (1,) COUNTS
-    frame: Records  # (1,) FRAME
+    counts: Record  # COUNTS
+    frame: Record  # FRAME
     boxes: Floats  # (P, 6) low and high corner of what a piece sweeps
     body_boxes: Floats  # (B, 6)
     old_pairs: Records  # (N + 1,) PAIR

@@ -71,12 +71,12 @@ def passes_by(sim: Simulation, body: int) -> bool:
     a = add(vec_from(start, 0), quat_rotate(quat_from(start, 3), vec_from(ball, 0)))
     b = add(vec_from(end, 0), quat_rotate(quat_from(end, 3), vec_from(ball, 0)))
     # on the way it leaves the straight line by less than its acceleration and the turning of its middle move it
-    m, dt = sim.motion[body], sim.frame[0].dt
+    m, dt = sim.motion[body], sim.frame.dt
     reach = ball[3] + 2.0 * norm(vec_from(ball, 0)) + 0.125 * dt * dt * norm(vec_of(m.acceleration))
     for i in range(3):
-        if min(a[i], b[i]) - reach > sim.frame[0].extent[3 + i]:
+        if min(a[i], b[i]) - reach > sim.frame.extent[3 + i]:
             return True
-        if max(a[i], b[i]) + reach < sim.frame[0].extent[i]:
+        if max(a[i], b[i]) + reach < sim.frame.extent[i]:
             return True
     return False
 
@@ -90,7 +90,7 @@ def box_path(sim: Simulation, body: int) -> None:
         set_vec_from(box, 3, (-math.inf, -math.inf, -math.inf))
         return
     set_path(sim, body)
-    m, t0, t1 = sim.motion[body], sim.frame[0].span_start, sim.frame[0].span_end
+    m, t0, t1 = sim.motion[body], sim.frame.span_start, sim.frame.span_end
     h = t1 - t0
     angle, rotation_curvature = h * angular_speed_bound(m), 0.25 * h * h * norm(vec_of(m.rotation_change))
     path_curvature = 0.125 * h * h * norm(vec_of(m.acceleration))
@@ -106,7 +106,7 @@ def box_path(sim: Simulation, body: int) -> None:
 def reach_ahead(sim: Simulation, body: int, left: float) -> float:
     """How far any point of a simulated body may get in `left` seconds as it moves now [m]."""
     m = sim.motion[body]
-    acceleration = max(norm(vec_of(m.acceleration)), sim.frame[0].weight)
+    acceleration = max(norm(vec_of(m.acceleration)), sim.frame.weight)
     chord = min(2.0, 2.0 * left * norm(vec_of(m.angular_velocity)))
     return left * norm(vec_of(m.velocity)) + 0.5 * left * left * acceleration + chord * m.reach
 
@@ -114,8 +114,8 @@ def reach_ahead(sim: Simulation, body: int, left: float) -> float:
 @kernel
 def box_free(sim: Simulation, body: int) -> None:
     """Box of a simulated body, and of its pieces, in the span looked at; notes the range it is for."""
-    m, kind, t = sim.motion[body], sim.bodies[body], sim.frame[0].span_start
-    reach = reach_ahead(sim, body, sim.frame[0].span_end - t) + MARGIN
+    m, kind, t = sim.motion[body], sim.bodies[body], sim.frame.span_start
+    reach = reach_ahead(sim, body, sim.frame.span_end - t) + MARGIN
     m.listed_range = reach
     m.listed_rotation = 0.0
     set_vec(m.listed_position, point_at(m, t))
@@ -130,14 +130,14 @@ def box_free(sim: Simulation, body: int) -> None:
 def box_all(sim: Simulation) -> None:
     """Boxes of all bodies that move, in the span looked at."""
     for i in range(3):
-        sim.frame[0].extent[i] = math.inf
-        sim.frame[0].extent[3 + i] = -math.inf
+        sim.frame.extent[i] = math.inf
+        sim.frame.extent[3 + i] = -math.inf
     for s in range(len(sim.free)):
         body = sim.free[s]
         box_free(sim, body)
         box = sim.body_boxes[body]
         for i in range(3):
-            sim.frame[0].extent[i] = min(sim.frame[0].extent[i], box[i])
-            sim.frame[0].extent[3 + i] = max(sim.frame[0].extent[3 + i], box[3 + i])
+            sim.frame.extent[i] = min(sim.frame.extent[i], box[i])
+            sim.frame.extent[3 + i] = max(sim.frame.extent[3 + i], box[3 + i])
     for k in range(len(sim.paths)):
         box_path(sim, sim.paths[k])

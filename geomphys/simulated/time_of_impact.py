@@ -1,12 +1,12 @@
-"""When two moving pieces first come near: continuous collision, rotation included, nothing missed.
+"""Time of impact of two moving pieces: conservative, rotation included.
 
 Along a direction n that is kept fixed in the world, or in one of the two bodies, the separation
 
     f(τ) = min over points x of a and y of b of n·(x - y)
 
-never exceeds the distance and is a minimum of smooth functions whose second derivative is bounded by some C, so
+is at most the distance, and a minimum of smooth functions whose second derivative is bounded by some C, so
 between two times   f ≥ min(f(τ0), f(τ1)) - C (τ1 - τ0)²/8.   A span over which that stays positive is free. The search
-advances from free span to free span, taking the exact distance and a new direction at each halt, until the distance is
+advances from free span to free span, taking the exact distance and a new direction after each, until the distance is
 down to the one asked for (conservative advancement, Mirtich 1996, with separating directions in place of a motion
 bound, so that gliding over a surface costs one span).
 """
@@ -49,7 +49,7 @@ def measure_pair_within(sim: Simulation, pair: int, t: float, far: float) -> tup
 
     Beyond `far` [m] the separation is only a lower bound, that along the normal, and the points are void.
     """
-    sim.counts[0].looks += 1
+    sim.counts.looks += 1
     pose_pair(sim, pair, t)
     p = sim.pairs[pair]
     found = separate(Shapes(sim.pieces, sim.frames), p.piece[0], p.piece[1], far, vec_of(p.axis), sim.scratch)
@@ -61,7 +61,7 @@ def measure_pair_within(sim: Simulation, pair: int, t: float, far: float) -> tup
 
 @kernel
 def swing(m: Motion, arm: float) -> float:
-    """Bound on the acceleration that turning gives a point `arm` from the reference point [m/s²]."""
+    """Bound on the acceleration that rotation gives a point `arm` from the reference point [m/s²]."""
     rate = angular_speed_bound(m)
     return (rate * rate + 2.0 * norm(vec_of(m.rotation_change))) * arm
 
@@ -88,7 +88,7 @@ def attached_curvature(reference: Motion, other: Motion, arm: float, t: float, h
 
 @kernel
 def attached_direction(m: Motion, n: Vec, t0: float, t1: float) -> Vec:
-    """Direction n at t0, turned with a body until t1."""
+    """Direction n at t0, rotated with a body until t1."""
     back = quat_rotate(quat_from_rotation_vector(neg(rotation_at(m, t0))), n)
     return quat_rotate(quat_from_rotation_vector(rotation_at(m, t1)), back)
 
@@ -124,7 +124,7 @@ def span(sim: Simulation, pair: int, n: Vec, f0: float, t0: float, t1: float, en
     p = sim.pairs[pair]
     a, b = sim.motion[p.body[0]], sim.motion[p.body[1]]
     arm_a, arm_b = sim.arm[p.piece[0]], sim.arm[p.piece[1]]
-    sim.counts[0].spans += 1
+    sim.counts.spans += 1
     pose_pair(sim, pair, t1)
     h = t1 - t0
     acceleration = abs(dot(n, sub(vec_of(a.acceleration), vec_of(b.acceleration))))

@@ -54,12 +54,12 @@ IMPACT_BOUND = 32
 def lay_rows(sim: Simulation, t: float) -> float:
     """Make the contact points of changed bodies anew at time `t`. Returns the least clearance among them [m]."""
     drop_rows(sim, t)
-    first = sim.counts[0].rows
-    for k in range(sim.counts[0].pairs):
+    first = sim.counts.rows
+    for k in range(sim.counts.pairs):
         if has_changed(sim, sim.pairs[k].body[0]):
             add_rows(sim, k, t)
     least = math.inf
-    for k in range(first, sim.counts[0].rows):
+    for k in range(first, sim.counts.rows):
         least = min(least, sim.rows[k].clearance)
     return least
 
@@ -75,10 +75,10 @@ def part(sim: Simulation, t: float) -> float:
         if not any_short(sim):
             break
         near = project_positions(sim)
-        for k in range(sim.counts[0].pairs):
+        for k in range(sim.counts.pairs):
             if concerns_changed(sim, k):
                 sim.pairs[k].seen_at = -1.0
-        if least >= -3.0 * sim.frame[0].gap:
+        if least >= -3.0 * sim.frame.gap:
             return near
         least = lay_rows(sim, t)
     return least
@@ -97,8 +97,8 @@ def missed(sim: Simulation, pair: int) -> float:
 @kernel
 def queue_pairs(sim: Simulation, t: float, t1: float) -> None:
     """Find when the pairs of changed bodies meet before `t1` and queue them."""
-    gap = sim.frame[0].gap
-    for k in range(sim.counts[0].pairs):
+    gap = sim.frame.gap
+    for k in range(sim.counts.pairs):
         p = sim.pairs[k]
         if not concerns_changed(sim, k):
             continue
@@ -123,7 +123,7 @@ def queue_pairs(sim: Simulation, t: float, t1: float) -> None:
 def longest_step(sim: Simulation, left: float) -> float:
     """Step that is short enough for the bodies that may touch something [s]."""
     h = left
-    for k in range(sim.counts[0].pairs):
+    for k in range(sim.counts.pairs):
         p = sim.pairs[k]
         for side in range(2):
             body = p.body[side]
@@ -162,16 +162,16 @@ def depth_inside(sim: Simulation, k: int, t: float) -> float:
 @kernel
 def clear_together(sim: Simulation, t: float) -> None:
     """Move changed bodies out of what they are inside of by their contact points, clear of driven links too if that can be."""
-    f = sim.frame[0]
-    for k in range(sim.counts[0].pairs):
+    f = sim.frame
+    for k in range(sim.counts.pairs):
         if has_changed(sim, sim.pairs[k].body[0]):
             add_rows(sim, k, t)
     f.tolerance = LEFT * f.gap
     project_positions(sim)
     f.tolerance = TOUCHING * f.gap
-    for k in range(sim.counts[0].rows):
+    for k in range(sim.counts.rows):
         clear_impulse(sim.rows[k])
-    sim.counts[0].rows = 0
+    sim.counts.rows = 0
 
 
 @outlined
@@ -182,12 +182,12 @@ def clear_overlaps(sim: Simulation, t: float, awake: int) -> None:
     contact points of a curved surface need not be where it is deepest. Driven links, which must be placed at `t`, give way
     afterwards to what came into them by that.
     """
-    allowed = LEFT * sim.frame[0].gap
+    allowed = LEFT * sim.frame.gap
     for s in range(len(sim.free)):
         sim.bodies[sim.free[s]].changed = 1 if sim.bodies[sim.free[s]].awake == awake else 0
     for clearing in range(CLEARING_ROUNDS):
         deepest = -math.inf
-        for k in range(sim.counts[0].pairs):
+        for k in range(sim.counts.pairs):
             depth = depth_inside(sim, k, t)
             deepest = max(deepest, depth)
             if clearing > 0 and depth > allowed:
@@ -226,11 +226,11 @@ def advance(sim: Simulation, t0: float, t1: float, budget: int, max_stops: int) 
         bound = bound or full
         hold(sim, t, t1 - t, SWEEPS if stops == 0 else FEW_SWEEPS)
         if any_beyond_range(sim, t):
-            list_pairs_again(sim, t, sim.frame[0].span_end)
+            list_pairs_again(sim, t, sim.frame.span_end)
             note_energies(sim)  # islands are no longer what they were
             continue
         queue_pairs(sim, t, t1)
-        if sim.counts[0].queued == 0:
+        if sim.counts.queued == 0:
             break
         pair = sim.queue[0]
         t = sim.pairs[pair].due
@@ -253,7 +253,7 @@ def begin_step(sim: Simulation, t: float, t1: float, steps: int) -> None:
     """Begin the step of the frame from `t` to `t1` as if it were a frame of its own: pairs further ahead are none of it."""
     if steps > 1:
         list_pairs_again(sim, t, t1)
-    for k in range(sim.counts[0].pairs):
+    for k in range(sim.counts.pairs):
         sim.pairs[k].encounters = 0
     if t > 0.0:
         for s in range(len(sim.free)):
@@ -266,11 +266,11 @@ def play(sim: Simulation, max_impacts: int) -> tuple[int, int, float]:
 
     Returns the number of collisions, 0 or `IMPACT_BOUND`, and the time of the frame at which the bodies stand.
     """
-    dt = sim.frame[0].dt
+    dt = sim.frame.dt
     steps = max(1, math.ceil(dt / STEP - STEP_TOLERANCE))
     max_stops = 20 * steps + 2 * max_impacts
     t, step, looked, impacts, stops, flags = 0.0, 0, 0, 0, 0, 0
-    if sim.counts[0].pairs == 0:
+    if sim.counts.pairs == 0:
         steps = 1
     while step < steps and stops <= max_stops:
         t1 = dt * (step + 1) / steps
@@ -298,19 +298,19 @@ def part_at_end(sim: Simulation, bounded: bool) -> None:
     Something squeezed cannot be free where it is; where it stood at the frame's start the driven bodies left it clear.
     """
     left = bounded
-    for k in range(sim.counts[0].pairs):
+    for k in range(sim.counts.pairs):
         left = left or has_yielded(sim, k)
         sim.pairs[k].yielded = 0
     if not left:
         return
-    dt, margin = sim.frame[0].dt, -3.0 * sim.frame[0].gap
+    dt, margin = sim.frame.dt, -3.0 * sim.frame.gap
     mark_all(sim)
     for s in range(len(sim.free)):
         sim.motion[sim.free[s]].base_time = dt
     before = part(sim, dt)
     if before >= margin:
         return
-    for k in range(sim.counts[0].rows):
+    for k in range(sim.counts.rows):
         if sim.rows[k].clearance < margin:
             sim.bodies[sim.bodies[sim.rows[k].a].island].island_awake = 2
     for s in range(len(sim.free)):
@@ -359,7 +359,7 @@ def simulate(sim: Simulation, dt: float, max_impacts: int, gap: float, goes_on: 
 @outlined
 def begin_frame(sim: Simulation, dt: float, gap: float, goes_on: bool) -> bool:
     """The first half of `simulate`: which pairs may meet, and which bodies are awake; returns whether any is."""
-    f = sim.frame[0]
+    f = sim.frame
     f.dt, f.gap, f.touch = dt, gap, TOUCH * gap
     f.weight = norm(vec_of(sim.gravity))
     f.tolerance = TOUCHING * gap
@@ -373,12 +373,12 @@ def begin_frame(sim: Simulation, dt: float, gap: float, goes_on: bool) -> bool:
 def end_frame(sim: Simulation, max_impacts: int, awake: bool) -> tuple[int, int]:
     """The second half of `simulate`: bodies that are `awake`, and not moved together with driven ones, move."""
     impacts, flags = 0, 0
-    if awake and sim.counts[0].lost == 0:
+    if awake and sim.counts.lost == 0:
         impacts, flags, t = play(sim, max_impacts)
         mark_all(sim)
         drop_rows(sim, t)
         part_at_end(sim, flags != 0)
-    if sim.counts[0].lost > 0:
+    if sim.counts.lost > 0:
         # some pairs or contact points were left out: nothing may move past them
         flags |= IMPACT_BOUND
         for s in range(len(sim.free)):

@@ -49,7 +49,7 @@ def test_each_panel_alone_is_smaller(landed: Results, tmp_path: Path) -> None:
 
 def test_without_stage_times_the_others_are_shown(pressed: Results, tmp_path: Path) -> None:
     out = tmp_path / "out.mcap"
-    geomphys.run(pressed.log, pressed.scene, out=out, timing=False)
+    geomphys.run(pressed.log, pressed.scene, out=out, options=geomphys.OutputOptions(timing=False))
     geomphys.plot_output(out, tmp_path / "a.png")
     with pytest.raises(geomphys.LogError, match="--no-timing"):
         geomphys.plot_output(out, tmp_path / "b.png", panels=["time"])

@@ -37,11 +37,11 @@ def flat(tmp_path_factory):
     return folder, write_log(folder, FLAT)
 
 
-def calibrated(folder, log, *, ways=WAYS, only=None, **errors):
+def calibrated(folder, log, *, ways=WAYS, seek=("offset", "surface"), **errors):
     scene = write_scene(folder, **errors)
     found = stretches(ways)
     return geomphys.calibrate(
-        log, scene, flats=found[:3], touches=[(a + 0.1, "") for a, _ in found[3:]], on=["table"], only=only
+        log, scene, flats=found[:3], touches=[(a + 0.1, "") for a, _ in found[3:]], on=["table"], seek=seek
     )
 
 
@@ -140,7 +140,7 @@ def test_touches_alone_show_fewer_directions_than_there_are_touches(rich):
 
 
 def test_it_shows_the_height_where_the_offset_is_right(flat):
-    found = calibrated(*flat, ways=FLAT, only="surface", height=0.70)
+    found = calibrated(*flat, ways=FLAT, seek=("surface",), height=0.70)
     assert found.surfaces["table"].height_m == pytest.approx(HEIGHT, abs=0.001)
     assert found.offset_m == pytest.approx(OFFSET[0])
 
@@ -149,14 +149,14 @@ def test_a_tilted_table_is_found(tmp_path):
     log = write_log(tmp_path, ((0, 3, 0), (0, 3, 40)), tilt=(0.0, 3.0, 0.0))
     scene = write_scene(tmp_path)
     ways = [(0.55, 0.95), (1.55, 1.95)]
-    found = geomphys.calibrate(log, scene, flats=ways[:1], on=["table"], only="surface")
+    found = geomphys.calibrate(log, scene, flats=ways[:1], on=["table"], seek=("surface",))
     assert found.surfaces["table"].tilt_deg == pytest.approx(3.0, abs=0.5)
 
 
 def test_slow_moments_count_where_nothing_is_named(flat):
     folder, log = flat
     scene = write_scene(folder, height=0.72)
-    found = geomphys.calibrate(log, scene, on=["table"], only="surface")
+    found = geomphys.calibrate(log, scene, on=["table"], seek=("surface",))
     assert found.surfaces["table"].height_m == pytest.approx(HEIGHT, abs=0.001)
 
 
@@ -164,7 +164,7 @@ def test_it_is_written_and_the_rest_of_the_file_stays(flat):
     folder, log = flat
     scene = write_scene(folder, height=0.70)
     before = scene.read_text()
-    found = calibrated(folder, log, ways=FLAT, only="surface", height=0.70).write()
+    found = calibrated(folder, log, ways=FLAT, seek=("surface",), height=0.70).write()
     after = scene.read_text()
     assert found.written
     changed = [(a, b) for a, b in zip(before.splitlines(), after.splitlines(), strict=True) if a != b]
@@ -173,9 +173,11 @@ def test_it_is_written_and_the_rest_of_the_file_stays(flat):
     assert "# measured with a ruler" in after
     assert "# oak" in after
     assert "# calibrated: 0.0 mm left over" in after
-    again = geomphys.calibrate(log, scene, flats=stretches(FLAT), on=["table"], only="surface")
+    again = geomphys.calibrate(log, scene, flats=stretches(FLAT), on=["table"], seek=("surface",))
     assert again.surfaces["table"].height_m == pytest.approx(HEIGHT, abs=0.001)
-    assert geomphys.calibrate(log, scene, flats=stretches(FLAT), on=["table"], only="surface").changes == again.changes
+    assert (
+        geomphys.calibrate(log, scene, flats=stretches(FLAT), on=["table"], seek=("surface",)).changes == again.changes
+    )
 
 
 @pytest.mark.parametrize(("call", "message"), [
@@ -269,14 +271,14 @@ def with_long_fingers(folder, factor):
 def test_the_length_of_a_finger_comes_back_and_is_written_as_another_urdf(tmp_path, factor):
     log, scene = with_long_fingers(tmp_path, factor)
     touches = [(a + 0.2, "middle_distal") for a, _ in stretches(FINGER_WAYS)]
-    found = geomphys.calibrate(log, scene, touches=touches, on=["table"], only="fingers")
+    found = geomphys.calibrate(log, scene, touches=touches, on=["table"], seek=("fingers",))
     assert found.finger_scale == {"middle": pytest.approx(factor, abs=0.02)}
     assert found.unobservable == ("delay of /glove",)
     before = (tmp_path / "hand.urdf").read_bytes()
     found.write()
     assert (tmp_path / "hand.urdf").read_bytes() == before
     assert 'urdf = "hand_scaled.urdf" # calibrated: ' in scene.read_text()
-    again = geomphys.calibrate(log, scene, touches=touches, on=["table"], only="fingers")
+    again = geomphys.calibrate(log, scene, touches=touches, on=["table"], seek=("fingers",))
     assert again.changes == ()
     assert again.residual_m < 0.001
     assert load_skeleton(tmp_path / "hand_scaled.urdf").dof_names == load_skeleton(tmp_path / "hand.urdf").dof_names
@@ -285,7 +287,7 @@ def test_the_length_of_a_finger_comes_back_and_is_written_as_another_urdf(tmp_pa
 def test_fingers_that_touched_nothing_are_named_and_left(tmp_path):
     log, scene = with_long_fingers(tmp_path, 1.1)
     touches = [(a + 0.2, "") for a, _ in stretches(FINGER_WAYS)]
-    found = geomphys.calibrate(log, scene, touches=touches, on=["table"], only="fingers")
+    found = geomphys.calibrate(log, scene, touches=touches, on=["table"], seek=("fingers",))
     assert {n: f for n, f in found.finger_scale.items() if n != "middle"} == dict.fromkeys(
         ("thumb", "index", "ring", "little"), 1.0
     )
@@ -295,6 +297,6 @@ def test_fingers_that_touched_nothing_are_named_and_left(tmp_path):
 def test_a_finger_and_an_offset_that_is_not_known_cannot_be_told_apart_by_few_touches(tmp_path):
     log, scene = with_long_fingers(tmp_path, 1.1)
     touches = [(a + 0.2, "middle_distal") for a, _ in stretches(FINGER_WAYS)]
-    found = geomphys.calibrate(log, scene, touches=touches, on=["table"], fingers=True)
+    found = geomphys.calibrate(log, scene, touches=touches, on=["table"], seek=("offset", "surface", "fingers"))
     assert found.changes == ()
     assert "length of 'middle'" in " ".join(found.unobservable)

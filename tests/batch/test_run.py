@@ -8,8 +8,10 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -25,6 +27,11 @@ LONG = 15_000
 """Frames of a log that takes some seconds."""
 
 
+NO_TIMES = geomphys.OutputOptions(timing=False)
+Ended = Callable[[Entry], None] | None
+Progress = Callable[[int, int | None], None] | None
+
+
 class Case:
     """Logs, a scene, and a folder for the outputs."""
 
@@ -35,17 +42,25 @@ class Case:
         for name, count in frames.items():
             write_log(self.logs / f"{name}.mcap", frames=count)
 
-    def run(self, **options: object) -> geomphys.BatchReport:
-        """The batch, without stage times."""
-        options = {"jobs": 1, "timing": False, **options}
-        return geomphys.run_batch([self.logs], self.scene, self.out, **options)  # type: ignore[arg-type]
+    def run(self, *, config: geomphys.Config | None = None, ended: Ended = None, progress: Progress = None,
+            **options: Any) -> geomphys.BatchReport:  # fmt: skip
+        """The batch, without stage times; `options` are of `BatchOptions`."""
+        return geomphys.run_batch(
+            [self.logs], self.scene, self.out, config=config, options=geomphys.BatchOptions(**{"jobs": 1, **options}),
+            outputs=NO_TIMES, callbacks=geomphys.BatchCallbacks(ended=ended, progress=progress),
+        )  # fmt: skip
 
     def check(self, *names: str, config: geomphys.Config | None = None) -> None:
         """Compare outputs with those of single replays; nothing else lies in the folder."""
         for name in names:
             single_run = self.scene.parent / f"{name}_alone.mcap"
             geomphys.run(
-                self.logs / f"{name}.mcap", self.scene, out=single_run, timing=False, config=config, force=True
+                self.logs / f"{name}.mcap",
+                self.scene,
+                out=single_run,
+                options=geomphys.OutputOptions(timing=False),
+                config=config,
+                force=True,
             )
             assert (self.out / f"{name}.mcap").read_bytes() == single_run.read_bytes(), name
         assert {path.name for path in self.out.iterdir()} == {*(f"{name}.mcap" for name in names), "manifest.json"}
@@ -80,9 +95,9 @@ def test_resume_replays_only_what_is_not_the_same_any_more(tmp_path: Path) -> No
     case = Case(tmp_path, a=60, b=70, c=80)
     case.run()
 
-    def replayed(**options: object) -> set[str]:
+    def replayed(config: geomphys.Config | None = None) -> set[str]:
         done: list[Entry] = []
-        case.run(resume=True, ended=done.append, **options)
+        case.run(resume=True, ended=done.append, config=config)
         return {entry.out for entry in done}
 
     assert replayed() == set()
@@ -101,7 +116,9 @@ def test_a_log_that_is_gone_fails_alone_when_resumed(tmp_path: Path) -> None:
     case = Case(tmp_path, a=60, b=70)
     case.run()
     far = "https://127.0.0.1:9/gone.mcap"
-    report = geomphys.run_batch([case.logs, far], case.scene, case.out, timing=False, jobs=1, resume=True)
+    report = geomphys.run_batch(
+        [case.logs, far], case.scene, case.out, options=geomphys.BatchOptions(jobs=1, resume=True), outputs=NO_TIMES
+    )
     assert [(entry.out, entry.status) for entry in report.entries] == [
         ("a.mcap", "done"), ("b.mcap", "done"), ("gone.mcap", "failed")
     ]  # fmt: skip
@@ -138,8 +155,8 @@ def test_several_processes_begin_with_the_largest_logs(tmp_path: Path) -> None:
         (tmp_path / name).write_bytes(bytes(size))
     logs = [*(tmp_path / name for name in ("a.mcap", "gone.mcap", "b.mcap", "bag")), as_path("s3://bucket/c.mcap")]
     job = Job(
-        log=bag, scene=bag, scene_sha256="", world_sha256="", out=bag, rrd=None, config=geomphys.Config(), timing=True,
-        copy_input=False, ros2=False, running=bag,
+        log=bag, scene=bag, scene_sha256="", world_sha256="", out=bag, rrd=None, config=geomphys.Config(),
+        options=geomphys.OutputOptions(), running=bag,
     )  # fmt: skip
     assert [index for index, _ in largest_first([replace(job, log=log) for log in logs])] == [2, 3, 0, 1, 4]
 
@@ -167,7 +184,7 @@ def test_outputs_that_are_there_are_not_replaced_unasked(tmp_path: Path) -> None
 def test_a_log_is_never_an_output(tmp_path: Path) -> None:
     case = Case(tmp_path, a=60)
     with pytest.raises(geomphys.OutputError, match="is an input"):
-        geomphys.run_batch([case.logs / "a.mcap"], case.scene, case.logs, force=True)
+        geomphys.run_batch([case.logs / "a.mcap"], case.scene, case.logs, options=geomphys.BatchOptions(force=True))
 
 
 def test_a_folder_takes_one_batch_at_a_time(tmp_path: Path) -> None:

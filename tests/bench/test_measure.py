@@ -11,7 +11,7 @@ from geomphys.bench.experiments import NAMES, experiment_files
 from geomphys.bench.fingertip_meter import TipFigures
 from geomphys.bench.measure import WARM_UP_FRAMES, PeerFrame, measure
 from geomphys.bench.report import distribution_of
-from geomphys.bench.run import run_bench
+from geomphys.bench.run import BenchOptions, run_bench
 from geomphys.bench.scaling import OVERLAP, Curve, block_of_pieces, curves, slide, table_of_hands, world_of_objects
 from geomphys.config import Config
 from geomphys.errors import ConfigError, InputError
@@ -121,4 +121,4 @@ def test_names_that_are_none_and_folders_without_recordings(tmp_path: Path) -> N
     with pytest.raises(InputError, match=r"recordings/gallery_hand\.mcap"):
         run_bench(tmp_path, only=["gallery"])
     with pytest.raises(ConfigError, match="repeats = 0"):
-        run_bench(repeats=0)
+        BenchOptions(repeats=0)

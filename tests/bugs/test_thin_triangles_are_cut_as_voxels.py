@@ -14,6 +14,7 @@ from scipy.spatial import ConvexHull
 
 from geomphys.errors import MeshError
 from geomphys.scene import decomposition
+from geomphys.scene.coacd_process import CutOptions
 from geomphys.scene.coverage import piece_protrusion
 from geomphys.scene.decomposition import decompose
 from geomphys.scene.meshes import Mesh
@@ -63,9 +64,9 @@ def test_voxels_are_cut_where_coacd_fails_at_the_mesh(monkeypatch: pytest.Monkey
     asked: list[bool] = []
     corners, faces = ell()
 
-    def cut(*_: object, remesh: bool, **__: object) -> list[np.ndarray]:
-        asked.append(remesh)
-        if remesh:
+    def cut(name: str, vertices: np.ndarray, faces: np.ndarray, cut: CutOptions, **_: object) -> list[np.ndarray]:
+        asked.append(cut.remesh)
+        if cut.remesh:
             return [corners]
         if fault == "failed":
             raise MeshError("ell: convex decomposition failed")

@@ -108,7 +108,7 @@ def test_a_log_cut_anywhere(case: Case, tmp_path: Path, capsys: pytest.CaptureFi
 
 def test_results_with_wrong_bytes(case: Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     good, bad = tmp_path / "good.mcap", tmp_path / "bad.mcap"
-    geomphys.run(case.log, case.scene, out=good, timing=False)
+    geomphys.run(case.log, case.scene, out=good, options=geomphys.OutputOptions(timing=False))
     whole, chance = good.read_bytes(), random.Random(4)
     with good.open("rb") as stream:
         summary = make_reader(stream).get_summary()
@@ -303,7 +303,7 @@ def test_bombs_cost_less_than_a_gigabyte(tmp_path: Path) -> None:
     (tmp_path / "lie.mcap").write_bytes(HEADER + chunk(b"zstd", packed, 255 * 2**20) + END)
     write_log(tmp_path / "ok.mcap")
     geomphys.run(tmp_path / "ok.mcap", Path(tmp_path, "scene.toml").write_text(SCENE) and tmp_path / "scene.toml",
-                 out=tmp_path / "out.mcap", timing=False)  # fmt: skip
+                 out=tmp_path / "out.mcap", options=geomphys.OutputOptions(timing=False))  # fmt: skip
     whole = (tmp_path / "out.mcap").read_bytes()
     with (tmp_path / "out.mcap").open("rb") as stream:
         summary = make_reader(stream).get_summary()

@@ -161,7 +161,8 @@ def test_a_child_ends_with_its_parent_after_sigkill(tmp_path: Path, module: str)
             " 'end_with_parent(int(sys.argv[-1])); time.sleep(600)', *command[4:]], **more)\n"
             "    return child\n"
             "subprocess.Popen, child = popen, None\n"
-            "threading.Thread(target=c.convex_parts, args=('m', np.zeros((3, 3)), np.zeros((1, 3), int), 0.1, 0)).start()\n"
+            "mesh = 'm', np.zeros((3, 3)), np.zeros((1, 3), int), c.CutOptions(0.1, 0)\n"
+            "threading.Thread(target=c.convex_parts, args=mesh).start()\n"
             "while child is None: pass\n"
         )
     code = start + "import time; time.sleep(1.0); print(child.pid, flush=True); time.sleep(600)"

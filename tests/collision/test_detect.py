@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
+import numpy as np
 import pytest
 
+from geomphys.collision.detect import Detection, find_near, make_axes, make_near, measure_near
+from geomphys.collision.penetration import make_scratch
+from geomphys.collision.support import pose_pieces
+from geomphys.collision.sweep import make_boxes
 from geomphys.engine.state import make_machine
 from geomphys.engine.step import measure_recorded, pose_recording
 from geomphys.jit.packed_records import pack
-from geomphys.scene.arrays import FIXED
+from geomphys.scene.arrays import DRIVEN, FIXED
+from geomphys.scene.pieces import Sphere
 from tests.driven.logs import Engine, Run, play
 from tests.laws.test_driven_random import random_scene
+from tests.simulated.scenes import Thing, make_scene
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +33,7 @@ def near_of(run: Run, machine: object, frame: int) -> dict[tuple[int, int], floa
     pose_recording(pack(run.world.scene), packed, f.roots, f.angles)
     measure_recorded(pack(run.world.scene), packed)
     near = machine.workspace.near
-    return {(int(near.a[k]), int(near.b[k])): float(near.separation[k]) for k in range(near.filled[0])}
+    return {(int(near.a[k]), int(near.b[k])): float(near.separation[k]) for k in range(near.counts["filled"])}
 
 
 def test_no_overlap_is_missed_and_none_invented(run: Run) -> None:
@@ -56,3 +66,53 @@ def test_losing_remembered_directions_costs_no_answer(run: Run) -> None:
         without = near_of(run, make_machine(run.world.scene), frame)
         assert list(with_memory) == list(without)  # the same order too
         assert list(with_memory.values()) == pytest.approx(list(without.values()), abs=1e-9)
+
+
+def rows_of_balls(count: int) -> tuple[Any, Any, np.ndarray]:
+    """Driven balls in a row, 1 cm from each other: scene and detection packed, frames of the pieces."""
+    scene = make_scene([Thing(shape=Sphere(0.05), role=DRIVEN, at=(0.11 * k, 0, 0)) for k in range(count)])
+    frames, still = np.zeros((count, 12)), scene.trees.rest
+    pose_pieces(pack(scene.pieces), still, frames)
+    detection = Detection(make_boxes(scene, frames), make_axes(64), make_scratch(), np.zeros(count, np.int64))
+    return pack(scene), pack(detection), frames
+
+
+@pytest.mark.parametrize(("size", "lost"), [(9, 0), (8, 1), (3, 6)])
+def test_pairs_beyond_the_table_are_counted_and_the_first_ones_are_there(size: int, lost: int) -> None:
+    scene, detection, frames = rows_of_balls(10)
+    near = make_near(size)
+    for _ in range(2):  # what is there is replaced; lost ones add up until the caller clears them
+        find_near(scene, frames, np.zeros((10, 2)), 0.02, math.inf, pack(near), detection)
+    assert near.counts["filled"] == size
+    assert near.counts["lost"] == 2 * lost
+    assert [(int(a), int(b)) for a, b in zip(near.a, near.b, strict=True)] == [(k, k + 1) for k in range(size)]
+    assert near.separation == pytest.approx(0.01, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("reach", "margin", "found"), [(0.0, 0.009, 0), (0.0, 0.011, 9), (0.004, 0.0, 0), (0.006, 0.0, 9)]
+)
+def test_pairs_are_listed_as_far_as_both_may_move_and_the_margin(reach: float, margin: float, found: int) -> None:
+    scene, detection, frames = rows_of_balls(10)
+    near = make_near(64)
+    find_near(scene, frames, np.full((10, 2), reach), margin, math.inf, pack(near), detection)
+    assert near.counts["filled"] == found
+
+
+def test_what_a_remembered_direction_parts_is_bounded_and_not_measured() -> None:
+    scene, detection, frames = rows_of_balls(3)
+    near = make_near(64)
+    find_near(scene, frames, np.zeros((3, 2)), 0.2, math.inf, pack(near), detection)
+    assert near.exact[: near.counts["filled"]].all()
+    frames[:, 10] += (0.0, 0.03, 0.0)  # the middle one goes aside: the remembered directions are a bit off
+    find_near(scene, frames, np.zeros((3, 2)), 0.2, 0.005, pack(near), detection)
+    count = int(near.counts["filled"])
+    assert count == 3
+    assert not near.exact[:count].any()
+    true = np.linalg.norm(frames[near.a[:count], 9:] - frames[near.b[:count], 9:], axis=1) - 0.1
+    assert (near.separation[:count] <= true + 1e-12).all()
+    assert (near.separation[:count] > 0.005).all()
+    for k in range(count):
+        found = measure_near(scene.pieces, frames, k, 1.0, pack(near), detection.axes, detection.scratch)
+        assert found == pytest.approx(true[k], abs=1e-9)
+    assert near.exact[:count].all()

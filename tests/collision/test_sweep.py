@@ -105,7 +105,7 @@ def test_the_sweep_finds_what_brute_force_finds(still: int, moving: int, spread:
 
 def test_a_wide_floor_does_not_lengthen_every_search() -> None:
     scene, _, boxes = made(3, 500, 4, 2.0)
-    assert boxes.widest[0] < 1.0
+    assert boxes.widest < 1.0
     assert {len(scene.trees.role) - 2} <= set(boxes.others.tolist())
     both = np.concatenate([boxes.sorted_still, boxes.others])
     assert sorted(both.tolist()) == list(range(len(scene.trees.role)))

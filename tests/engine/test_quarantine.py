@@ -80,7 +80,12 @@ def test_a_driven_body_is_put_back_marked_and_counted(
 ) -> None:
     write_log(tmp_path / "log.mcap")
     (tmp_path / "scene.toml").write_text(SCENE)
-    good = geomphys.run(tmp_path / "log.mcap", tmp_path / "scene.toml", out=tmp_path / "good.mcap", timing=False)
+    good = geomphys.run(
+        tmp_path / "log.mcap",
+        tmp_path / "scene.toml",
+        out=tmp_path / "good.mcap",
+        options=geomphys.OutputOptions(timing=False),
+    )
     poisoned(monkeypatch, place(value))
     words = ["replay", tmp_path / "log.mcap", "-s", tmp_path / "scene.toml", "-o", tmp_path / "bad.mcap", "--no-timing"]
     assert command([*map(str, words)]) == 0

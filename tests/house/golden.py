@@ -32,7 +32,7 @@ def write_outputs(folder: Path, experiments: list[ExperimentFiles]) -> None:
     for files in experiments:
         if files.exists:
             out = folder / f"{files.name}.mcap"
-            geomphys.run(files.log, files.scene, out=out, timing=False, force=True)
+            geomphys.run(files.log, files.scene, out=out, options=geomphys.OutputOptions(timing=False), force=True)
             lines.append(f"{hashlib.sha256(out.read_bytes()).hexdigest()}  {out.name}\n")
             contents.append(f"{content_digest(out)}  {out.name}\n")
             sys.stdout.write(lines[-1])

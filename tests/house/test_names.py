@@ -1,4 +1,4 @@
-"""Identifiers are the field's words, and kernels take few parameters."""
+"""Identifiers are the field's words, functions take few parameters, and numbers are not arrays."""
 
 from __future__ import annotations
 
@@ -191,20 +191,6 @@ def test_a_word_that_only_contains_one_is_none(name: str) -> None:
 
 MOST_PARAMETERS = 8
 
-MANY_PARAMETERS = {
-    "collision.detect": "find_near near_bodies near_pairs_of_trees near_pairs_within_tree",
-}
-"""Module -> its kernels with more parameters than `MOST_PARAMETERS`. Only ever shorter: hand on a record instead."""
-
-
-def kernels(module: ast.Module) -> Iterator[ast.FunctionDef]:
-    """The compiled functions of a module."""
-    for node in ast.walk(module):
-        if isinstance(node, ast.FunctionDef):
-            names = {ast.unparse(d.func if isinstance(d, ast.Call) else d) for d in node.decorator_list}
-            if names & {"kernel", "outlined", "inlined"}:
-                yield node
-
 
 def parameter_count(function: ast.FunctionDef) -> int:
     """How many parameters a function takes."""
@@ -212,19 +198,31 @@ def parameter_count(function: ast.FunctionDef) -> int:
     return len(taken.posonlyargs) + len(taken.args) + len(taken.kwonlyargs)
 
 
-def test_kernels_take_few_parameters() -> None:
+def test_functions_of_the_library_take_few_parameters() -> None:
     many = {
-        f"{name}.{function.name}"
+        f"{name}.{node.name}"
         for name, path in modules("geomphys").items()
-        for function in kernels(tree(path))
-        if parameter_count(function) > MOST_PARAMETERS
+        for node in ast.walk(tree(path))
+        if isinstance(node, ast.FunctionDef) and parameter_count(node) > MOST_PARAMETERS
     }
-    listed = {f"{name}.{function}" for name, functions in MANY_PARAMETERS.items() for function in functions.split()}
-    assert not many - listed, f"more than {MOST_PARAMETERS} parameters: pass a record: {sorted(many - listed)}"
-    assert not listed - many, f"have fewer now, or are gone: take out of MANY_PARAMETERS: {sorted(listed - many)}"
+    assert not many, f"more than {MOST_PARAMETERS} parameters: pass a record of options: {sorted(many)}"
 
 
-def test_parameters_of_kernels_are_counted() -> None:
-    text = "@kernel\ndef a(x, /, y, *, z): ...\n@outlined\ndef b(): ...\ndef c(x): ...\n@inlined\ndef d(x): ..."
-    assert [(f.name, parameter_count(f)) for f in kernels(ast.parse(text))] == [("a", 3), ("b", 0), ("d", 1)]
-    assert any(True for path in modules("geomphys").values() for _ in kernels(tree(path)))
+def test_parameters_are_counted() -> None:
+    functions = ast.parse("def a(x, /, y, *, z): ...\ndef b(): ...").body
+    assert [parameter_count(f) for f in functions if isinstance(f, ast.FunctionDef)] == [3, 0]
+
+
+ONE_ELEMENT = re.compile(r"np\.(zeros|ones|empty|full)\(\(?1[,)]")
+
+
+@pytest.mark.parametrize("folder", ["collision", "driven", "engine", "keypoints", "simulated"])
+def test_no_array_of_one_element_stands_for_a_number(folder: str) -> None:
+    bad = [
+        f"{name}:{number}"
+        for name, path in modules("geomphys").items()
+        if name.split(".")[0] == folder
+        for number, line in enumerate(path.read_text().splitlines(), start=1)
+        if ONE_ELEMENT.search(line)
+    ]
+    assert not bad, f"return it, or make it a number or a record (`geomphys.jit.packed_records`): {bad}"

@@ -76,6 +76,37 @@ def test_python_sees_the_same_attributes() -> None:
         _ = packed.nothing
 
 
+STATE = np.dtype([("count", np.int64), ("at", np.float64, 3)])
+
+
+class Numbers(NamedTuple):
+    whole: int
+    flag: bool
+    real: float
+    state: np.ndarray
+
+
+@kernel
+def _count_up(numbers: Numbers, times: int) -> float:
+    for _ in range(times):
+        numbers.state.count += numbers.whole
+    if numbers.flag:
+        numbers.state.at[1] = numbers.real
+    return numbers.state.count + numbers.state.at[2]
+
+
+@pytest.mark.parametrize("flag", [False, True])
+def test_numbers_and_a_record_are_fields(flag: bool) -> None:
+    state = np.zeros((), STATE)
+    state["count"], state["at"] = 2, (1.0, 2.0, 0.5)
+    packed = pack(Numbers(-3, flag, 0.25, state))
+    assert _count_up(packed, 4) == 2 - 12 + 0.5
+    assert state["count"] == packed.state["count"] == -10
+    assert state["at"].tolist() == [1.0, 0.25 if flag else 2.0, 0.5]
+    assert packed.flag is flag
+    assert [words_of(t) for _, t in packed.type.fields] == [1, 1, 1, 1]
+
+
 def test_it_keeps_its_arrays_alive() -> None:
     packed = pack(Outer(0.0, Inner(np.arange(5), np.full((2, 3, 4), 0.0)), np.full((4, 3), 2.0)))
     rubbish = [np.full((4, 3), float(k)) for k in range(200)]

@@ -37,6 +37,8 @@ class Arrays(NamedTuple):
         (1.0, 2.0),
         Arrays(np.zeros(3), 1.0),
         pack(Arrays(np.zeros(3), 1.0)).type,
+        pack(Arrays(np.zeros((), ROW), 3)).type,
+        pack(Arrays(np.zeros(3), True)).type,
     ],
     ids=repr,
 )

@@ -116,7 +116,7 @@ def test_the_same_log_and_scene_give_the_same_output_in_any_folder(tmp_path):
         )
         (folder / "hand.urdf").write_text(text)
         out = folder / "out.mcap"
-        geomphys.run(log, write_scene(folder), out=out, timing=False)
+        geomphys.run(log, write_scene(folder), out=out, options=geomphys.OutputOptions(timing=False))
         found.append(everything_in(out))
         assert str(tmp_path).encode() not in b"".join(data for _, data in found[-1][2])
         world = world_of_output(open_output(out))

@@ -63,7 +63,12 @@ def test_the_gradient_is_that_of_the_objective(hand):
     packed, work = pack(model), pack(state)
     angles, roots = motion(hand[1], 40)
     points, seen = points_of(model, roots[0], angles[0]), all_seen(model)
-    state.root[:], state.angles[:], state.target[:], state.figures[2] = roots[30], angles[30], angles[20], 0.3
+    state.root[:], state.angles[:], state.target[:], state.weights["smoothness"] = (
+        roots[30],
+        angles[30],
+        angles[20],
+        0.3,
+    )
     pose_links(packed, state.root, state.angles, state.poses)
     assemble(packed, work, points, seen, (0.1, 0.2, 0.3))
     for j in range(len(model.rest)):
@@ -83,7 +88,7 @@ def test_the_gradient_of_the_rotation_is_that_of_the_objective_with_an_orientati
     angles, roots = motion(hand[1], 40)
     points, seen = points_of(model, roots[0], angles[0]), all_seen(model)
     state.angles[:], state.root[:] = angles[10], roots[10]
-    state.orientation[:], state.figures[3] = quaternion_from_rpy((10.0, -20.0, 30.0)), 0.01
+    state.orientation[:], state.weights["orientation"] = quaternion_from_rpy((10.0, -20.0, 30.0)), 0.01
     pose_links(packed, state.root, state.angles, state.poses)
     centre = np.array([0.1, 0.2, 0.3])
     assemble(packed, work, points, seen, tuple(centre))

@@ -7,14 +7,14 @@ import pytest
 
 from geomphys.scene.convexity import is_nearly_convex
 from geomphys.scene.meshes import Mesh
-from geomphys.scene.tessellation import _surface_of_revolution, merge_surfaces, sphere_triangles
+from geomphys.scene.tessellation import merge_surfaces, sphere_triangles, surface_of_revolution
 from tests.scene.models import cube
 
 
 def lathed(profile: list[tuple[float, float]]) -> Mesh:
     """A profile (radius, height) from pole to pole turned about z."""
     radius, height = np.array(profile).T
-    return Mesh("lathed", *_surface_of_revolution(radius, height, 48))
+    return Mesh("lathed", *surface_of_revolution(radius, height, 48))
 
 
 def revolved(profile: list[tuple[float, float]], segments: int = 48) -> Mesh:
@@ -40,7 +40,7 @@ def dented_ball(depth: float) -> Mesh:
     radius, height = 0.1 * np.sin(polar), 0.1 * np.cos(polar)
     bowl = polar < np.radians(19.9)
     height[bowl] = level - depth * (1 - (radius[bowl] / rim) ** 2)
-    return Mesh("ball", *_surface_of_revolution(radius, height, 64))
+    return Mesh("ball", *surface_of_revolution(radius, height, 64))
 
 
 @pytest.mark.parametrize("depth", [0.005, 0.01, 0.015])

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from geomphys.errors import ModelError
+from geomphys.scene.primitives import PrimitiveShape
 from geomphys.scene.skeleton import load_skeleton
-from geomphys.scene.urdf_file import BoxShape, CapsuleShape, SphereShape, read_urdf
+from geomphys.scene.urdf_file import read_urdf
 from tests.scene.models import ball, joint, link, urdf
 
 XMLNS = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
@@ -109,7 +110,7 @@ def test_a_wrong_visual_is_left_out_and_a_wrong_collision_refused(tmp_path: Path
     good = '<visual><geometry><box size="1 2 3"/></geometry></visual>'
     text = visual(inner)
     skeleton = load_skeleton(urdf(tmp_path / "a.urdf", text.replace("<collision>", good + "<collision>", 1)))
-    assert [v.shape for v in skeleton.links[0].visuals] == [BoxShape((1.0, 2.0, 3.0))]
+    assert [v.shape for v in skeleton.links[0].visuals] == [PrimitiveShape("box", (1.0, 2.0, 3.0))]
     (line,) = skeleton.not_shown
     assert says in line
     assert "link 'a'" in line
@@ -132,20 +133,20 @@ def test_a_capsule_is_read_where_it_stands(tmp_path: Path) -> None:
         '<geometry><capsule radius="0.03" length="0"/></geometry>',
     ]
     collisions = read_urdf(urdf(tmp_path / "a.urdf", link("a", *shapes))).links[0].collisions
-    assert [type(shape).__name__ for shape, _ in collisions] == [
-        "SphereShape",
-        "CapsuleShape",
-        "CylinderShape",
-        "SphereShape",
+    assert [shape.name for shape, _ in collisions] == [
+        "sphere",
+        "capsule",
+        "cylinder",
+        "sphere",
     ]
-    assert collisions[1][0] == CapsuleShape(0.03, 0.05)
+    assert collisions[1][0] == PrimitiveShape("capsule", (0.03, 0.05))
     assert collisions[1][1][:3, 3].tolist() == [1.0, 2.0, 3.0]
-    assert collisions[3][0] == SphereShape(0.03)
+    assert collisions[3][0] == PrimitiveShape("sphere", (0.03,))
 
 
 def test_a_capsule_after_a_wrong_visual_is_still_the_capsule(tmp_path: Path) -> None:
     shapes = ['<box size="0 0 0"/>', '<capsule radius="1" length="2"/>', '<cylinder radius="1" length="2"/>']
     visuals = "".join(f"<visual><geometry>{s}</geometry></visual>" for s in shapes)
     urdf(tmp_path / "a.urdf", f'<link name="a">{visuals}</link>')
-    kinds = [type(shape).__name__ for shape, _ in read_urdf(tmp_path / "a.urdf").links[0].visuals]
-    assert kinds == ["CapsuleShape", "CylinderShape"]
+    kinds = [shape.name for shape, _ in read_urdf(tmp_path / "a.urdf").links[0].visuals]
+    assert kinds == ["capsule", "cylinder"]

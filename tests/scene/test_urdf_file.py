@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 
 from geomphys.errors import InputError, MeshError, ModelError
 from geomphys.scene import urdf_file
+from geomphys.scene.primitives import PrimitiveShape
 from geomphys.scene.ros_packages import resolve_mesh
 from geomphys.scene.skeleton import load_skeleton
-from geomphys.scene.urdf_file import BoxShape, CylinderShape, MeshShape, SphereShape, read_urdf
+from geomphys.scene.urdf_file import MeshShape, read_urdf
 from tests.scene.models import ball, joint, link, urdf
 
 MESH = '<geometry><mesh filename="{}"{}/></geometry>'
@@ -31,12 +32,12 @@ def test_every_shape_is_read_with_its_place(tmp_path: Path) -> None:
         ),
     )
     shapes = read_urdf(path).links[0].collisions
-    assert shapes[0][0] == BoxShape((1.0, 2.0, 3.0))
+    assert shapes[0][0] == PrimitiveShape("box", (1.0, 2.0, 3.0))
     assert shapes[0][1][:3, 3].tolist() == [1.0, 2.0, 3.0]
     assert shapes[0][1][1, 0] == pytest.approx(1.0)
-    assert shapes[1][0] == SphereShape(0.5)
+    assert shapes[1][0] == PrimitiveShape("sphere", (0.5,))
     assert shapes[1][1].tolist() == [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
-    assert shapes[2][0] == CylinderShape(0.5, 2.0)
+    assert shapes[2][0] == PrimitiveShape("cylinder", (0.5, 2.0))
     assert shapes[3][0] == MeshShape(tmp_path / "meshes/a.stl", (0.001, 0.001, -0.001))
     assert shapes[4][0] == MeshShape(tmp_path / "b.obj", (2.0, 2.0, 2.0))
 
@@ -147,7 +148,7 @@ def numbers(element: str) -> str:
         ),
         (numbers("<geometry/>"), "link 'a' has a <collision> of nothing"),
         (numbers(""), "link 'a' has a <collision> of nothing"),
-        (numbers("<geometry><ellipsoid/></geometry>"), "of 'ellipsoid', expected one of box, cylinder"),
+        (numbers("<geometry><ellipsoid/></geometry>"), "of 'ellipsoid', expected one of box, sphere"),
         (numbers('<geometry><capsule radius="1"/></geometry>'), "link 'a': <capsule> has no length"),
         (numbers('<geometry><capsule radius="0" length="1"/></geometry>'), "a capsule of [0.0, 1.0] m"),
         (numbers("<geometry><mesh/></geometry>"), "a <mesh> without a filename"),

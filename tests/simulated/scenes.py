@@ -13,7 +13,7 @@ from geomphys.collision.support import pose_pieces
 from geomphys.jit.packed_records import pack
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PosedShape, Shape, Sphere, build_pieces
-from geomphys.simulated.allocation import make_simulation
+from geomphys.simulated.allocation import CAPACITY, Capacity, make_simulation
 from geomphys.simulated.update import simulate
 
 MATERIALS = ("wood", "human", "metal", "ice", "rubber")
@@ -162,11 +162,11 @@ class Player:
         self.set_up()
         self.targets: dict[int, Callable[[float], Sequence[float]]] = {}
 
-    def set_up(self, max_pairs: int = 4096) -> None:
-        """Make the simulated loop, with room for so many pairs."""
+    def set_up(self, capacity: Capacity = CAPACITY) -> None:
+        """Make the simulated loop."""
         self.simulation = make_simulation(
             self.scene, self.poses, start=self.poses, end=self.end, reported=self.velocity,
-            frames=self.frames, scratch=self.scratch, max_pairs=max_pairs,
+            frames=self.frames, scratch=self.scratch, capacity=capacity,
         )  # fmt: skip
         self.packed = pack(self.simulation)
 

@@ -28,7 +28,7 @@ class Stage:
         self.sim = player.packed
         player.end[:] = player.poses
         weight = float(np.linalg.norm(player.scene.gravity))
-        frame = player.simulation.frame[0]
+        frame = player.simulation.frame
         frame["dt"], frame["gap"], frame["touch"] = dt, player.gap, TOUCH * player.gap
         frame["weight"], frame["threshold"] = weight, max(LEAST_THRESHOLD, 2.0 * weight * STEP)
         begin(self.sim, False)
@@ -59,12 +59,12 @@ class Stage:
     @property
     def pairs(self) -> Records:
         """`PAIR` of each pair that may meet."""
-        return self.player.simulation.pairs[: self.player.simulation.counts["pairs"][0]]
+        return self.player.simulation.pairs[: self.player.simulation.counts["pairs"]]
 
     @property
     def rows(self) -> Records:
         """`ROW` of each contact point."""
-        return self.player.simulation.rows[: self.player.simulation.counts["rows"][0]]
+        return self.player.simulation.rows[: self.player.simulation.counts["rows"]]
 
     def pair(self, a: int, b: int) -> int:
         """Number of the first pair of two bodies."""

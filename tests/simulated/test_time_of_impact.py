@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from geomphys.scene.pieces import Box, Sphere
 from geomphys.simulated.motion import load_velocities
 from geomphys.simulated.resting_contact import SWEEPS, hold
-from geomphys.simulated.time_of_impact import first_touch
+from geomphys.simulated.state import MOTION
+from geomphys.simulated.time_of_impact import attached_curvature, first_touch, pose_pair, reach_along, span, swing
 from tests.simulated.scenes import Player, Thing, floor
 from tests.simulated.stages import Stage
 
@@ -64,3 +67,81 @@ def test_a_corner_that_dips_in_and_out_within_the_span_is_not_missed() -> None:
     angle = 0.5 * math.pi * found / DT
     assert angle < 0.25 * math.pi
     assert 0.065 - 0.05 * (math.cos(angle) + math.sin(angle)) == pytest.approx(0.0, abs=2e-6)
+
+
+def motion_of(rng: np.random.Generator, *, turns: float, moves: float, step: float) -> np.ndarray:
+    """A record of `MOTION` planned for a step: turning at about `turns` [rad/s], moving at `moves` [m/s]."""
+    m = np.zeros(1, MOTION)[0]
+    m["rotation_rate"], m["rotation_change"] = turns * rng.normal(size=3), turns / step * 0.3 * rng.normal(size=3)
+    m["velocity"], m["acceleration"] = moves * rng.normal(size=3), 9.81 * rng.normal(size=3) * bool(moves)
+    m["position"], m["orientation"], m["step_length"] = 0.05 * rng.normal(size=3), (0, 0, 0, 1), step
+    return m  # type: ignore[no-any-return]
+
+
+def moved(m: np.ndarray, point: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Where a point, given from the reference point, is at times after the base time (n, 3)."""
+    t = times[:, None]
+    turn = Rotation.from_rotvec(t * m["rotation_rate"] + t * (t - m["step_length"]) * m["rotation_change"])
+    return m["position"] + t * m["velocity"] + 0.5 * t * t * m["acceleration"] + turn.apply(point)  # type: ignore[no-any-return]
+
+
+def largest_second_derivative(values: np.ndarray, dt: float) -> float:
+    """Of equally spaced values (n, ...): the norm over all axes but the first."""
+    second = np.diff(values, 2, axis=0) / dt**2
+    return float(np.abs(second).max() if second.ndim == 1 else np.linalg.norm(second, axis=1).max())
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_turning_accelerates_no_point_beyond_its_bound_and_the_bound_is_near(seed: int) -> None:
+    rng, step = np.random.default_rng(seed), 1 / 240
+    m = motion_of(rng, turns=30.0, moves=0.0, step=step)
+    times, arms = np.linspace(0.0, step, 401), rng.normal(size=(60, 3))
+    arms *= 0.1 / np.linalg.norm(arms, axis=1, keepdims=True)
+    worst = max(largest_second_derivative(moved(m, arm, times), times[1]) for arm in arms)
+    assert worst <= swing(m, 0.1) <= 4.0 * worst
+
+
+@pytest.mark.parametrize(
+    ("turns", "moves", "reach"),
+    [((25, 0), (0, 0), 0.1), ((0, 25), (0, 0), 0.1), ((8, 0), (0, 5), 0.0), ((20, 30), (1, 2), 0.1)],
+    ids=["reference turns", "other turns", "other passes", "all"],
+)  # fmt: skip
+def test_along_an_attached_direction_nothing_bends_faster_than_its_bound(
+    turns: tuple[float, float], moves: tuple[float, float], reach: float
+) -> None:
+    """f(τ) = n(τ)·(point of the other - reference point), n carried along by the reference."""
+    step = 1 / 240
+    times, rng = np.linspace(0.0, step, 401), np.random.default_rng(1)
+    for _ in range(40):
+        reference, other = (motion_of(rng, turns=w, moves=v, step=step) for w, v in zip(turns, moves, strict=True))
+        if not reach:
+            other["position"] = reference["position"]
+        arm, n = rng.normal(size=(2, 3))
+        arm, n = reach * arm / np.linalg.norm(arm), n / np.linalg.norm(n)
+        here = moved(reference, np.zeros(3), times)
+        f = np.einsum("ni,ni->n", moved(reference, n, times) - here, moved(other, arm, times) - here)
+        assert largest_second_derivative(f, times[1]) <= attached_curvature(reference, other, reach, 0.0, step)
+
+
+@pytest.mark.parametrize("spin", [0.0, 40.0, 150.0])
+def test_a_span_is_nowhere_lower_than_it_says(spin: float) -> None:
+    """Two cubes pass each other; the separation along a direction fixed in the world is measured at many moments."""
+    rng = np.random.default_rng(3)
+    for _ in range(8):
+        cubes = [
+            Thing(shape=Box((0.05, 0.03, 0.04)), at=at, v=rng.normal(size=3), w=spin * rng.normal(size=3))
+            for at in ((0, 0, 0), (0.13, 0.01, 0.02))
+        ]
+        stage = Stage(Player(cubes, gravity=(0, 0, 0), gap=GAP), DT)
+        stage.call(load_velocities)
+        stage.call(hold, 0.0, DT, SWEEPS)
+        n = (1.0, 0.0, 0.0) if stage.pairs["body"][0][0] == 1 else (-1.0, 0.0, 0.0)
+
+        def along(t: float, stage: Stage = stage, n: tuple[float, float, float] = n) -> float:
+            stage.call(pose_pair, 0, t)
+            return float(stage.call(reach_along, 0, n))  # type: ignore[arg-type]
+
+        end, low = stage.call(span, 0, n, along(0.0), 0.0, DT, -math.inf)  # type: ignore[misc]
+        values = [along(t) for t in np.linspace(0.0, DT, 101)]
+        assert end == pytest.approx(values[-1], abs=1e-12)
+        assert low <= min(values) + 1e-12

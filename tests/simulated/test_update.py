@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box, Capsule, Cylinder, Sphere
+from geomphys.simulated.allocation import Capacity
 from geomphys.simulated.frame_contacts import write_touches
 from geomphys.simulated.update import IMPACT_BOUND, QUARANTINED
 from tests.simulated.scenes import GRAVITY, Player, Thing, floor, make_scene
@@ -149,7 +150,7 @@ def test_more_slow_landings_than_a_frame_has_room_for_are_told(most: int, told: 
 
 def test_without_room_for_pairs_bodies_stay_and_it_is_told() -> None:
     player = Player([Thing(shape=Sphere(0.05), at=(0.1 * k, 0, 0.0505)) for k in range(4)] + [floor()])
-    player.set_up(max_pairs=2)
+    player.set_up(Capacity(pairs=2))
     before = player.poses.copy()
     player.step(1 / 60)
     assert player.flags & IMPACT_BOUND

@@ -96,8 +96,18 @@ def one_line(capsys: pytest.CaptureFixture[str]) -> str:
 
 def test_a_replay_over_http_gives_the_bytes_of_a_local_one(files: Path, web: Web, tmp_path: Path) -> None:
     outs = tmp_path / "local.mcap", tmp_path / "far.mcap"
-    geomphys.run(files / "press.mcap", files / "press.toml", out=outs[0], timing=False, copy_input=True)
-    geomphys.run(f"{web.url}/press.mcap", f"{web.url}/press.toml", out=outs[1], timing=False, copy_input=True)
+    geomphys.run(
+        files / "press.mcap",
+        files / "press.toml",
+        out=outs[0],
+        options=geomphys.OutputOptions(timing=False, copy_input=True),
+    )
+    geomphys.run(
+        f"{web.url}/press.mcap",
+        f"{web.url}/press.toml",
+        out=outs[1],
+        options=geomphys.OutputOptions(timing=False, copy_input=True),
+    )
     logs = [geomphys.open_output(out) for out in outs]
     assert logs[0].metadata == logs[1].metadata
     difference = geomphys.compare_outputs(*outs)
@@ -109,8 +119,20 @@ def test_a_replay_over_http_gives_the_bytes_of_a_local_one(files: Path, web: Web
     for topic in ("/input/tracker/finger", "/tf", "/contacts", "/metrics"):
         assert logs[0].counts[topic] == logs[1].counts[topic]
     (files / "plain.toml").write_text(SCENE)  # nothing in it says where it was read
-    geomphys.run(files / "press.mcap", files / "plain.toml", out=outs[0], timing=False, force=True)
-    geomphys.run(f"{web.url}/press.mcap", f"{web.url}/plain.toml", out=outs[1], timing=False, force=True)
+    geomphys.run(
+        files / "press.mcap",
+        files / "plain.toml",
+        out=outs[0],
+        options=geomphys.OutputOptions(timing=False),
+        force=True,
+    )
+    geomphys.run(
+        f"{web.url}/press.mcap",
+        f"{web.url}/plain.toml",
+        out=outs[1],
+        options=geomphys.OutputOptions(timing=False),
+        force=True,
+    )
     assert outs[0].read_bytes() == outs[1].read_bytes()
 
 
@@ -297,7 +319,12 @@ def test_places() -> None:
 def test_a_batch_on_a_store_gives_the_bytes_of_a_local_one(
     files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    geomphys.run(files / "press.mcap", files / "press.toml", out=tmp_path / "local.mcap", timing=False)
+    geomphys.run(
+        files / "press.mcap",
+        files / "press.toml",
+        out=tmp_path / "local.mcap",
+        options=geomphys.OutputOptions(timing=False),
+    )
     with s3_server(monkeypatch) as bucket:
         import s3fs
 
@@ -322,7 +349,9 @@ def test_a_batch_on_a_store_gives_the_bytes_of_a_local_one(
         assert json.loads(capsys.readouterr().out)["up_to_date"] == ["press.mcap"]
         assert run(["diff", f"{folder}/press.mcap", f"{folder}/sub/short.mcap", "--html", f"{bucket}/report.html"]) == 0
         assert b"</html>" in store.cat_file("motion/report.html")
-        geomphys.run(f"{bucket}/in/press.mcap", scene, out=f"{bucket}/one.mcap", timing=False)
+        geomphys.run(
+            f"{bucket}/in/press.mcap", scene, out=f"{bucket}/one.mcap", options=geomphys.OutputOptions(timing=False)
+        )
         assert store.cat_file("motion/one.mcap") == store.cat_file("motion/out/press.mcap")
         assert run(["replay", f"{bucket}/in/press.mcap", "-s", scene, "-o", f"{bucket}/one.mcap"]) == 2
         assert "--force" in capsys.readouterr().err

@@ -49,9 +49,9 @@ def next_random(state: int) -> int:
 
 
 @kernel
-def draw_order(w: PaperWorkspace) -> None:
-    """Shuffle the chains (Fisher and Yates) by seed and frame."""
-    state = next_random(next_random(w.seed[0]) ^ w.frame[0])
+def draw_order(w: PaperWorkspace, number: int) -> None:
+    """Shuffle the chains (Fisher and Yates) by the seed and the number of the frame."""
+    state = next_random(next_random(w.seed) ^ number)
     for c in range(len(w.order)):
         w.order[c] = c
     for c in range(len(w.order) - 1, 0, -1):
@@ -66,15 +66,15 @@ def update_tree(scene: Scene, w: PaperWorkspace, tree: int) -> None:
     """Pose a driven tree, its pieces and its boxes at the iterate."""
     pose_tree(scene, w.origins, tree, w.now.roots, w.now.angles, w.now.poses)
     pose_pieces_of_tree(scene, tree, w.now.poses, w.frames)
-    update_boxes(scene, w.frames, w.boxes, tree)
+    update_boxes(scene, w.frames, w.detection.boxes, tree)
 
 
 @outlined
 def detect(scene: Scene, w: PaperWorkspace) -> float:
     """Check the iterate for collisions, here and now: fills `near`; returns the sum of all depths [m]."""
-    find_near(scene, w.frames, w.boxes, w.reach, 0.0, math.inf, w.near, w.found, w.axes, w.scratch)
+    find_near(scene, w.frames, w.reach, 0.0, math.inf, w.near, w.detection)
     overlap = 0.0
-    for k in range(w.near.filled[0]):
+    for k in range(w.near.counts.filled):
         overlap += max(0.0, -w.near.separation[k])
     return overlap
 
@@ -98,7 +98,7 @@ def can_move(scene: Scene, w: PaperWorkspace, body: int, other: int) -> bool:
 def _find_link(scene: Scene, w: PaperWorkspace, chain: int) -> tuple[int, int]:
     """The chain's interpenetrating link nearest its root and the body that it is deepest in; (-1, -1): none."""
     link, obstacle, deepest = -1, -1, math.inf
-    for k in range(w.near.filled[0]):
+    for k in range(w.near.counts.filled):
         s = w.near.separation[k]
         if s >= 0.0:
             continue
@@ -132,14 +132,14 @@ def contacts_of(scene: Scene, w: PaperWorkspace, link: int, count: int) -> tuple
     middle, pd, deep, points = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0
     weight, deepest, low, high = 0.0, 0.0, math.inf, -math.inf
     along = unit(quat_rotate(orientation_of(w.now.poses, link), vec_of(w.limbs.along, link)))
-    for k in range(near.filled[0]):
+    for k in range(near.counts.filled):
         s, a, b = near.separation[k], scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
         other = b if a == link else a
         if s >= 0.0 or (a != link and b != link) or not can_move(scene, w, link, other):
             continue
         n, pa, pb = vec_of(near.normal, k), vec_of(near.point_a, k), vec_of(near.point_b, k)
         found = manifold(
-            Shapes(scene.pieces, w.frames), near.a[k], near.b[k], (s, n, pa, pb), w.points_a, w.points_b, w.scratch
+            Shapes(scene.pieces, w.frames), near.a[k], near.b[k], (s, n, pa, pb), w.points_a, w.points_b, w.detection.scratch
         )  # fmt: skip
         for i in range(found):
             p = vec_of(w.points_a, i) if a == link else vec_of(w.points_b, i)

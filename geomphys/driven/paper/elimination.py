@@ -62,7 +62,7 @@ def sum_depths(scene: Scene, w: PaperWorkspace, first: int) -> int:
     for body in range(scene.trees.body_start[b], scene.trees.body_start[b + 1]):
         for i in range(5):
             w.sums[body, i] = 0.0
-    while k < near.filled[0] and near.tree_a[k] == a and near.tree_b[k] == b:
+    while k < near.counts.filled and near.tree_a[k] == a and near.tree_b[k] == b:
         depth = -near.separation[k]
         if depth > 0.0:
             row = w.sums[_object_of(scene, b, scene.pieces.body[near.b[k]])]
@@ -81,7 +81,7 @@ def propose_translations(scene: Scene, w: PaperWorkspace) -> None:
         for i in range(3):
             w.shift[tree, i] = 0.0
     k = 0
-    while k < w.near.filled[0]:  # pairs of pieces stand together by pairs of trees
+    while k < w.near.counts.filled:  # pairs of pieces stand together by pairs of trees
         a, b = w.near.tree_a[k], w.near.tree_b[k]
         k = sum_depths(scene, w, k)
         if a == b:
@@ -120,7 +120,7 @@ def translate_trees(scene: Scene, w: PaperWorkspace) -> bool:
 @kernel
 def overlaps_others(w: PaperWorkspace, tree: int) -> bool:
     """Whether a driven tree overlaps another object in the poses last checked."""
-    for k in range(w.near.filled[0]):
+    for k in range(w.near.counts.filled):
         a, b = w.near.tree_a[k], w.near.tree_b[k]
         if a != b and tree in (a, b) and w.near.separation[k] < 0.0:
             return True
@@ -182,8 +182,8 @@ def copy_driven(scene: Scene, source: Posture, target: Posture) -> None:
 
 
 @outlined
-def eliminate(scene: Scene, w: PaperWorkspace) -> Elimination:
-    """Take driven trees out of what they overlap at the iterate `now`."""
+def eliminate(scene: Scene, w: PaperWorkspace, number: int) -> Elimination:
+    """Take driven trees out of what they overlap at the iterate `now`; `number` is that of the frame, for the order of chains."""
     chained, patience, passes, interpolations = False, PATIENCE, 0, 0
     for tree in range(len(w.cancelled)):
         w.cancelled[tree] = 0
@@ -193,9 +193,9 @@ def eliminate(scene: Scene, w: PaperWorkspace) -> Elimination:
     overlap = detect(scene, w)
     if overlap == 0.0:
         return Elimination(0, 0, 0.0)
-    draw_order(w)
+    draw_order(w, number)
     least = overlap
-    for count in range(w.passes[0]):
+    for count in range(w.passes):
         passes = count + 1
         if chained:
             move_chains(scene, w, count)

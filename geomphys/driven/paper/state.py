@@ -7,9 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import Axes, Near
-from geomphys.collision.scratch import Scratch
-from geomphys.collision.sweep import Boxes
+from geomphys.collision.detect import Detection, Near
 from geomphys.config import Config
 from geomphys.driven.postures import Posture, make_posture
 from geomphys.driven.state import DrivenWorkspace
@@ -38,15 +36,11 @@ class PaperWorkspace(NamedTuple):
     origins: Floats  # (B, 7) joint origins
     frames: Floats  # (P, 12) world_from_piece of the iterate
     reach: Floats  # (T, 2) zeros: nothing moves while it is checked
-    found: Ints  # (T,)
     near: Near
-    boxes: Boxes
-    axes: Axes
-    scratch: Scratch
+    detection: Detection
     limbs: Limbs
-    seed: Ints  # (1,) of the order of chains
-    frame: Ints  # (1,) frames so far
-    passes: Ints  # (1,) bound on the passes of a frame
+    seed: int  # of the order of chains
+    passes: int  # bound on the passes of a frame
     now: Posture  # the iterate
     target: Posture  # where the coupling takes driven trees
     free: Posture  # last free state of each driven tree
@@ -131,15 +125,11 @@ def make_paper_workspace(scene: Scene, shared: DrivenWorkspace, config: Config) 
         origins=shared.origins,
         frames=shared.piece_frames.frames,
         reach=np.zeros((trees, 2)),
-        found=shared.piece_frames.found,
         near=shared.near,
-        boxes=shared.boxes,
-        axes=shared.axes,
-        scratch=shared.scratch,
+        detection=shared.detection,
         limbs=make_limbs(scene),
-        seed=np.array([config.seed & 0x7FFFFFFFFFFFFFFF]),
-        frame=np.zeros(1, np.int64),
-        passes=np.array([config.max_iterations]),
+        seed=config.seed & 0x7FFFFFFFFFFFFFFF,
+        passes=config.max_iterations,
         now=now,
         target=target,
         free=free,

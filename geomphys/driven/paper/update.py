@@ -18,7 +18,7 @@ from geomphys.driven.paper.elimination import eliminate, overlaps_others
 from geomphys.driven.paper.state import PaperWorkspace
 from geomphys.driven.postures import copy_tree, is_recorded, vec_of
 from geomphys.driven.reach_cones import cone_bound
-from geomphys.driven.state import STARTED_FREE, DrivenState
+from geomphys.driven.state import NOT_STARTED, STARTED_FREE, DrivenState
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import dot, norm, sub
 from geomphys.scene.arrays import DRIVEN, Scene
@@ -50,7 +50,7 @@ def stand_around(scene: Scene, w: PaperWorkspace, recorded: Floats) -> None:
             for k in range(7):
                 w.now.poses[body, k] = recorded[body, k]
         pose_pieces_of_tree(scene, tree, w.now.poses, w.frames)
-        update_boxes(scene, w.frames, w.boxes, tree)
+        update_boxes(scene, w.frames, w.detection.boxes, tree)
 
 
 @outlined
@@ -127,14 +127,14 @@ def update_driven_as_published(
 ) -> Outcome:
     """Couple the driven trees to this frame's recording and eliminate their overlaps; see `update_driven`."""
     take_recording(scene, state, w, angles, recorded)
-    first = state.started[0] == 0
+    first = state.progress.start == NOT_STARTED
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
             attract(scene, state, w, tree, roots, angles, 0.0 if first else dt)
-    done = eliminate(scene, w)
+    done = eliminate(scene, w, state.progress.updates)
     note_offsets(scene, state, w, roots, angles, recorded)
-    state.started[0] = STARTED_FREE
-    w.frame[0] += 1
+    state.progress.start = STARTED_FREE
+    state.progress.updates += 1
     method = INTERPOLATED if done.interpolations > 0 else GLOBAL
     return Outcome(done.passes, method, done.interpolations, done.overlap == 0.0, False)
 
@@ -146,6 +146,6 @@ def yield_as_published(scene: Scene, state: DrivenState, w: PaperWorkspace, reco
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
             copy_tree(scene, state.last, tree, w.now)
-    done = eliminate(scene, w)
+    done = eliminate(scene, w, state.progress.updates)
     note_offsets(scene, state, w, state.recorded.roots, state.recorded.angles, recorded)
     return done.passes

@@ -1,0 +1,92 @@
+"""The table of recorded contacts, and the spots where pairs touched in passes of a search before."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from geomphys.driven.constraints import _remember_spot, forget_spots, needed
+from geomphys.driven.contacts_kept import forget_touches, note_touch
+from geomphys.driven.state import SPOTS, TOUCHES
+from geomphys.engine.state import Machine, make_machine
+from geomphys.jit.packed_records import pack
+from geomphys.scene import arrays as s
+from geomphys.scene.pieces import Sphere
+from tests.simulated.scenes import Thing, floor, make_scene
+
+
+@pytest.fixture
+def table() -> tuple[object, object, Machine]:
+    """A packed scene of three driven balls and a floor, its packed workspace, and the machine they are of."""
+    scene = make_scene([*(Thing(shape=Sphere(0.05), role=s.DRIVEN, at=(0.2 * k, 0, 0.06)) for k in range(3)), floor()])
+    machine = make_machine(scene)
+    return pack(scene), pack(machine.workspace), machine
+
+
+def touches(machine: Machine) -> list[tuple[int, int, float]]:
+    """(tip, other body, gap) of what is noted."""
+    work = machine.workspace.work
+    count = int(work.counts["touches"])
+    return [(int(a), int(b), float(g)) for (a, b), g in zip(work.touch[:count], work.touch_gap[:count], strict=True)]
+
+
+def test_a_contact_is_noted_once_with_its_smallest_gap(table: tuple[object, object, Machine]) -> None:
+    scene, ws, machine = table
+    for tip, gap in ((0, 2e-3), (1, 1e-3), (0, -1e-3), (0, 5e-4)):
+        note_touch(scene, ws, tip, 3, gap)
+    note_touch(scene, ws, 0, 2, 1e-3)
+    assert touches(machine) == [(0, 3, -1e-3), (1, 3, 1e-3), (0, 2, 1e-3)]
+
+
+@pytest.mark.parametrize("tree", range(3))
+def test_the_contacts_of_one_tree_are_forgotten_and_the_others_stay(
+    table: tuple[object, object, Machine], tree: int
+) -> None:
+    scene, ws, machine = table
+    noted = [(0, 3, 1e-3), (1, 3, 2e-3), (2, 3, 3e-3), (1, 2, 4e-3), (0, 1, 5e-3)]
+    for tip, other, gap in noted:
+        note_touch(scene, ws, tip, other, gap)
+    forget_touches(scene, ws, tree)
+    assert touches(machine) == [touch for touch in noted if touch[0] != tree]
+
+
+def test_a_full_table_of_contacts_stays_as_it_is(table: tuple[object, object, Machine]) -> None:
+    scene, ws, machine = table
+    for k in range(TOUCHES + 3):
+        note_touch(scene, ws, 0, 100 + k, 1e-3)
+    assert [other for _, other, _ in touches(machine)] == [100 + k for k in range(TOUCHES)]
+
+
+def test_spots_are_remembered_once_each_and_the_oldest_goes_first(table: tuple[object, object, Machine]) -> None:
+    scene, ws, machine = table
+    near, work, poses = machine.workspace.near, machine.workspace.work, machine.recorded
+    near.a[0], near.b[0], near.normal[0] = 0, 3, (0.0, 0.0, 1.0)
+    forget_spots(ws)
+
+    def touch_at(x: float) -> None:
+        near.point_a[0] = near.point_b[0] = (x, 0.0, 0.01)
+        _remember_spot(scene, ws, poses, 0)
+
+    touch_at(0.0)
+    touch_at(2e-4)  # the same spot: replaced
+    touch_at(0.01)
+    assert (work.spot[:, 0] >= 0).sum() == 2
+    assert work.spot_at[:2, 3].tolist() == pytest.approx([2e-4, 0.01])
+    assert np.array_equal(work.spot_at[0, :3], [0.0, 0.0, 1.0])
+    for k in range(SPOTS - 2 + 1):
+        touch_at(0.1 + 0.01 * k)
+    assert (work.spot[:, 0] >= 0).all()
+    assert work.spot_at[0, 3] == pytest.approx(0.1 + 0.01 * (SPOTS - 2))
+    assert work.spot_at[1, 3] == pytest.approx(0.01)
+    forget_spots(ws)
+    assert (work.spot[:, 0] == -1).all()
+    assert work.counts["next_spot"] == 0
+
+
+@pytest.mark.parametrize(
+    ("apart", "expected"), [(-1e-3, 1.1e-3), (0.0, 0.0), (5e-5, 0.0), (1e-4, 0.0), (1.0, 1e-4 - 1.0)]
+)
+def test_a_pair_has_to_come_apart_by_its_overlap_and_the_gap_or_not_nearer_than_it(
+    apart: float, expected: float
+) -> None:
+    assert needed(1e-4, apart) == pytest.approx(expected, abs=1e-15)

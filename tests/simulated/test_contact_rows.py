@@ -1,0 +1,71 @@
+"""The table of contact points: what is dropped from it, what is added up before, and what does not fit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from geomphys.scene.pieces import Box, Sphere
+from geomphys.simulated.allocation import Capacity
+from geomphys.simulated.impulse_accumulation import drop_rows
+from geomphys.simulated.update import IMPACT_BOUND
+from tests.simulated.scenes import Player, Thing, floor
+from tests.simulated.stages import Stage
+
+CUBE = Box((0.05, 0.05, 0.05))
+
+
+def balls(count: int) -> Stage:
+    """Balls on a floor, one contact point each."""
+    return Stage(Player([*(Thing(shape=Sphere(0.05), at=(0.2 * k, 0, 0.05)) for k in range(count)), floor()]))
+
+
+@pytest.mark.parametrize("changed", [(0,), (1,), (0, 2), (3,), (), (0, 1, 2, 3)])
+def test_rows_of_changed_bodies_are_dropped_and_the_others_stay_in_order(changed: tuple[int, ...]) -> None:
+    stage = balls(4)
+    rows, since, until = stage.rows, 1e-3, 3e-3
+    assert rows["a"].tolist() == [0, 1, 2, 3]
+    rows["since"], rows["restitution"] = since, 0.1 * np.arange(4)
+    slots, pairs = stage.player.simulation.slots, rows["pair"].copy()
+    for k, pair in enumerate(pairs):
+        slots[pair, 0]["normal_force"], slots[pair, 0]["friction_force"] = 10.0 + k, (0.0, k, 0.0)
+        slots[pair, 0]["normal_impulse"], slots[pair, 0]["friction_impulse"] = 1.0, (0.0, 0.0, 0.0)
+    stage.bodies["changed"] = 0
+    stage.bodies["changed"][list(changed)] = 1
+    before = rows.copy()
+    stage.call(drop_rows, until)
+    left = [k for k in range(4) if k not in changed]
+    assert np.array_equal(stage.rows, before[left])
+    for k, pair in enumerate(pairs):
+        elapsed = until - since if k in changed else 0.0
+        assert slots[pair, 0]["normal_impulse"] == pytest.approx(1.0 + elapsed * (10.0 + k), rel=1e-12)
+        assert slots[pair, 0]["friction_impulse"][1] == pytest.approx(elapsed * k, rel=1e-12)
+
+
+def cubes(points: int) -> Player:
+    """Two cubes that lie on a floor, four contact points each, in a table of so many."""
+    player = Player([Thing(shape=CUBE, at=(0.3 * k, 0, 0.05)) for k in range(2)] + [floor()])
+    player.set_up(Capacity(points=points))
+    return player
+
+
+@pytest.mark.parametrize(("points", "laid", "lost"), [(8, 8, 0), (7, 4, 1), (4, 4, 1)])
+def test_points_of_a_pair_that_do_not_fit_are_counted_and_none_of_them_is_laid_out(
+    points: int, laid: int, lost: int
+) -> None:
+    stage = Stage(cubes(points))
+    assert len(stage.rows) == laid
+    assert stage.player.simulation.counts["lost"] == lost
+    assert len(set(stage.rows["a"])) == laid // 4
+
+
+@pytest.mark.parametrize(("points", "flag"), [(8, 0), (7, IMPACT_BOUND)])
+def test_a_frame_without_capacity_for_its_points_leaves_bodies_where_they_are_and_says_so(
+    points: int, flag: int
+) -> None:
+    player = cubes(points)
+    before = player.poses.copy()
+    player.velocity[0, 0] = 0.1
+    player.step(1 / 60)
+    assert player.flags == flag
+    assert np.array_equal(player.poses, before) == bool(flag)
