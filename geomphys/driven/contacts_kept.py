@@ -30,9 +30,8 @@ def note_touch(scene: Scene, ws: DrivenWorkspace, tip: int, body: int, gap: floa
             work.touch_gap[i] = min(work.touch_gap[i], gap)
             return
     i = work.counts.touches
-    if i < len(work.touch):
-        work.touch[i, 0], work.touch[i, 1], work.touch_gap[i] = tip, body, gap
-        work.counts.touches = i + 1
+    work.touch[i, 0], work.touch[i, 1], work.touch_gap[i] = tip, body, gap
+    work.counts.touches = i + 1
 
 
 @outlined

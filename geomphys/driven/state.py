@@ -22,7 +22,6 @@ PAIRS = 1 << 14  # most pairs of pieces that can be near at once
 ROWS = 1024  # most rows of a quadratic problem
 SPOTS = 512  # contact spots remembered in a search
 REFERENCE_BODIES = 3  # bodies with which a tree may be taken along
-TOUCHES = 64  # recorded contacts of a frame
 
 # rows of near pairs (DrivenWorkspace.row_state)
 NO_ROW, REQUESTED, HAS_ROW = 0, 1, 2
@@ -183,6 +182,7 @@ def make_search_workspace(scene: Scene, poses: Floats, passes: int) -> SearchWor
     """Workspace of a search of up to `passes` passes in a scene."""
     trees, bodies = len(scene.trees.role), len(scene.bodies.role)
     dofs, pieces = len(scene.dofs.lower), len(scene.pieces.kind)
+    contacts = max(int((scene.bodies.role == DRIVEN).sum()) * bodies, 1)  # one of every tip and body fits
     return SearchWorkspace(
         before=make_posture(scene, poses),
         now=make_posture(scene, poses),
@@ -218,9 +218,9 @@ def make_search_workspace(scene: Scene, poses: Floats, passes: int) -> SearchWor
         spot=np.full((SPOTS, 2), -1),
         spot_at=np.zeros((SPOTS, 9)),
         counts=np.zeros((), SEARCH_COUNTS),
-        touch=np.zeros((TOUCHES, 2), np.int64),
-        touch_gap=np.zeros(TOUCHES),
-        touch_goal=np.zeros(TOUCHES),
+        touch=np.zeros((contacts, 2), np.int64),
+        touch_gap=np.zeros(contacts),
+        touch_goal=np.zeros(contacts),
         closing=np.zeros(trees),
         unit=np.ones(dofs),
         passes=passes,

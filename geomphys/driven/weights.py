@@ -26,7 +26,7 @@ class Weights(NamedTuple):
     )
     least_shift: float = 3e-3  # m: as far as this it always is,
     most_shift: float = 0.03  # m: and no farther than this,
-    shift_speed: float = 0.05  # m/s: nor faster than this
+    shift_speed: float = 0.12  # m/s: nor faster than this
 
 
 WEIGHTS = Weights()

@@ -160,13 +160,13 @@ def depth_inside(sim: Simulation, k: int, t: float) -> float:
 
 
 @kernel
-def clear_together(sim: Simulation, t: float) -> None:
+def clear_together(sim: Simulation, t: float, allowed: float) -> None:
     """Move changed bodies out of what they are inside of by their contact points, clear of driven links too if that can be."""
     f = sim.frame
     for k in range(sim.counts.pairs):
         if has_changed(sim, sim.pairs[k].body[0]):
             add_rows(sim, k, t)
-    f.tolerance = LEFT * f.gap
+    f.tolerance = allowed
     project_positions(sim)
     f.tolerance = TOUCHING * f.gap
     for k in range(sim.counts.rows):
@@ -179,10 +179,11 @@ def clear_overlaps(sim: Simulation, t: float, awake: int) -> None:
     """Move bodies whose `awake` is so out of what is not driven where they ended inside it, at time `t` of the frame.
 
     What sweeps left undone and steps missed, micrometres; velocities are left alone. First together, then pair by pair:
-    contact points of a curved surface need not be where it is deepest. Driven links, which must be placed at `t`, give way
+    contact points of a curved surface need not be where it is deepest. What is not solved together with driven trees (`awake` 1)
+    may touch, as whoever wrote the scene placed it. Driven links, which must be placed at `t`, give way
     afterwards to what came into them by that.
     """
-    allowed = LEFT * sim.frame.gap
+    allowed = (LEFT if awake == 2 else TOUCHING) * sim.frame.gap
     for s in range(len(sim.free)):
         sim.bodies[sim.free[s]].changed = 1 if sim.bodies[sim.free[s]].awake == awake else 0
     for clearing in range(CLEARING_ROUNDS):
@@ -201,7 +202,7 @@ def clear_overlaps(sim: Simulation, t: float, awake: int) -> None:
             return
         if clearing == 0:
             drop_rows(sim, t)
-            clear_together(sim, t)
+            clear_together(sim, t, allowed)
 
 
 @outlined

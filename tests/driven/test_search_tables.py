@@ -7,7 +7,7 @@ import pytest
 
 from geomphys.driven.constraints import _remember_spot, forget_spots, needed
 from geomphys.driven.contacts_kept import forget_touches, note_touch
-from geomphys.driven.state import SPOTS, TOUCHES
+from geomphys.driven.state import SPOTS
 from geomphys.engine.state import Machine, make_machine
 from geomphys.jit.packed_records import pack
 from geomphys.scene import arrays as s
@@ -50,11 +50,13 @@ def test_the_contacts_of_one_tree_are_forgotten_and_the_others_stay(
     assert touches(machine) == [touch for touch in noted if touch[0] != tree]
 
 
-def test_a_full_table_of_contacts_stays_as_it_is(table: tuple[object, object, Machine]) -> None:
+def test_a_contact_of_every_tip_with_every_body_finds_a_row(table: tuple[object, object, Machine]) -> None:
     scene, ws, machine = table
-    for k in range(TOUCHES + 3):
-        note_touch(scene, ws, 0, 100 + k, 1e-3)
-    assert [other for _, other, _ in touches(machine)] == [100 + k for k in range(TOUCHES)]
+    every = [(tip, other) for tip in range(3) for other in range(4)]
+    for tip, other in every:
+        note_touch(scene, ws, tip, other, 1e-3)
+    assert [touch[:2] for touch in touches(machine)] == every
+    assert len(machine.workspace.work.touch) == len(every)
 
 
 def test_spots_are_remembered_once_each_and_the_oldest_goes_first(table: tuple[object, object, Machine]) -> None:

@@ -11,12 +11,12 @@ from lxml import etree
 from trimesh.transformations import euler_matrix
 
 from geomphys.load import load_world
-from geomphys.output.primitive_fit import Primitive, fitted_primitive, primitives_of_body
+from geomphys.output.primitive_fit import PlacedPrimitive, fitted_primitive, primitives_of_body
 from geomphys.output.urdf_description import descriptions, visual_of
 from geomphys.scene.arrays import CAPSULE, HULL
 
 
-def read_back(shape: Primitive) -> tuple[str, list[float], np.ndarray]:
+def read_back(shape: PlacedPrimitive) -> tuple[str, list[float], np.ndarray]:
     """Tag, lengths and pose of a primitive, read from its element of a URDF, by another library's Euler angles."""
     visual = visual_of(shape)
     (element,), origin = visual.find("geometry"), visual.find("origin")

@@ -112,10 +112,8 @@ def test_a_replay_over_http_gives_the_bytes_of_a_local_one(files: Path, web: Web
     assert logs[0].metadata == logs[1].metadata
     difference = geomphys.compare_outputs(*outs)
     assert difference.equal
-    texts = ["".join(log.descriptions().values()) for log in logs]
-    for name in ("meshes/cube.stl", "models/door/leaf.stl"):
-        assert f'"{web.url}/{name}"' in texts[1]
-        assert f'"{(files / name).as_uri()}"' in texts[0]
+    assert logs[0].descriptions() == logs[1].descriptions()  # they name no file
+    assert "door/leaf" in "".join(logs[0].descriptions().values())
     for topic in ("/input/tracker/finger", "/tf", "/contacts", "/metrics"):
         assert logs[0].counts[topic] == logs[1].counts[topic]
     (files / "plain.toml").write_text(SCENE)  # nothing in it says where it was read
