@@ -286,10 +286,11 @@ def search(
         ws.problem.last_step[i] = 0.0
     while True:
         limit, drawn = row_limit(step), touching and not paced and work.counts.touches > 0
-        if listed >= (DRAWN if drawn else limit):
+        reach = max(limit, DRAWN) if drawn else limit
+        if listed >= reach:
             least = update_separations(scene, ws, limit, ON)
         else:
-            listed, known, least = max(limit, DRAWN if drawn else 0.0) + MARGIN, False, 0.0
+            listed, known, least = reach + MARGIN, False, 0.0
             if count == 0:
                 known, least = measure_listed_pairs(scene, ws, listed, ON)
             if not known:
