@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from geomphys.collision.extent import gap_along
 from geomphys.collision.penetration import Scratch, Separation, separation
 from geomphys.collision.support import shapes_of
-from geomphys.collision.sweep import Boxes, apart, near_trees
+from geomphys.collision.sweep import Boxes, apart, bodies_apart, body_apart_from_tree, near_trees
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.jit.packed_records import Record
 from geomphys.numerics.vec3 import Vec
@@ -196,10 +196,10 @@ def near_pairs_of_trees(
     """Append the pairs of pieces of two trees that are within `limit` [m]."""
     boxes = detection.boxes
     for body_a in range(scene.trees.body_start[tree_a], scene.trees.body_start[tree_a + 1]):
-        if apart(boxes.body_low, boxes.body_high, boxes.tree_low, boxes.tree_high, body_a, tree_b, limit):
+        if body_apart_from_tree(boxes, body_a, tree_b, limit):
             continue
         for body_b in range(scene.trees.body_start[tree_b], scene.trees.body_start[tree_b + 1]):
-            if not apart(boxes.body_low, boxes.body_high, boxes.body_low, boxes.body_high, body_a, body_b, limit):
+            if not bodies_apart(boxes, body_a, body_b, limit):
                 near_bodies(scene, frames, body_a, body_b, limit, enough, near, detection)
 
 
@@ -212,9 +212,7 @@ def near_pairs_within_tree(
     last = scene.trees.body_start[tree + 1]
     for body_a in range(scene.trees.body_start[tree], last):
         for body_b in range(body_a + 1, last):
-            if scene.excluded[body_a, body_b] == 0 and not apart(
-                boxes.body_low, boxes.body_high, boxes.body_low, boxes.body_high, body_a, body_b, limit
-            ):
+            if scene.excluded[body_a, body_b] == 0 and not bodies_apart(boxes, body_a, body_b, limit):
                 near_bodies(scene, frames, body_a, body_b, limit, enough, near, detection)
 
 

@@ -129,6 +129,18 @@ def apart(low_a: Floats, high_a: Floats, low_b: Floats, high_b: Floats, i: int, 
 
 
 @kernel
+def bodies_apart(boxes: Boxes, a: int, b: int, margin: float) -> bool:
+    """Whether the boxes of two bodies are farther apart than `margin` [m] along some axis."""
+    return apart(boxes.body_low, boxes.body_high, boxes.body_low, boxes.body_high, a, b, margin)
+
+
+@kernel
+def body_apart_from_tree(boxes: Boxes, body: int, tree: int, margin: float) -> bool:
+    """Whether the boxes of a body and of a tree are farther apart than `margin` [m] along some axis."""
+    return apart(boxes.body_low, boxes.body_high, boxes.tree_low, boxes.tree_high, body, tree, margin)
+
+
+@kernel
 def near_trees(boxes: Boxes, tree: int, margin: float, found: Ints) -> int:
     """Trees whose boxes come within `margin` [m] of that of `tree`, itself left out; returns their number.
 

@@ -166,8 +166,8 @@ def _finish(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> None:
 
 
 @kernel
-def _stay_if_free(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, kind: int) -> None:
-    """Let a driven tree yield in a way, `kind`, from where it is, which is its target too."""
+def _yield_from_here(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, kind: int) -> None:
+    """Start the search for a driven tree, which may yield as `kind` says, where it is; that is its target too."""
     work = ws.work
     work.kind[tree] = LOCKED
     if scene.trees.role[tree] != DRIVEN:
@@ -189,7 +189,7 @@ def yield_driven(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded
     set_around(scene, state, ws, recorded, 1.0)
     for kind in (RIGID, ARTICULATED):  # what grips from several sides has to open its joints
         for tree in range(len(work.kind)):
-            _stay_if_free(scene, state, ws, tree, kind)
+            _yield_from_here(scene, state, ws, tree, kind)
         if measure_near_pairs(scene, ws, 0.0, 0.0) >= 0.0:
             break
         found = search(scene, ws, state.recorded.angles, gap, PASSES, False, False, ANY_PATH)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.detect import find_near
-from geomphys.collision.sweep import apart, update_boxes
+from geomphys.collision.sweep import bodies_apart, update_boxes
 from geomphys.driven.coupling import relax
 from geomphys.driven.postures import copy_tree, is_recorded
 from geomphys.driven.state import GIVEN, WAS_GIVEN
@@ -159,15 +159,7 @@ def substeps_of(scene: Scene, m: Machine, dt: float) -> int:
             speed = norm((m.velocity[body, 0], m.velocity[body, 1], m.velocity[body, 2]))
             reach = moved + dt * speed + norm(off) + NEAR
             for link in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-                if not apart(
-                    m.detection.boxes.body_low,
-                    m.detection.boxes.body_high,
-                    m.detection.boxes.body_low,
-                    m.detection.boxes.body_high,
-                    link,
-                    body,
-                    reach,
-                ):
+                if not bodies_apart(m.detection.boxes, link, body, reach):
                     return min(most, MAX_SUBSTEPS)
     return 1
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.detect import near_bodies
-from geomphys.collision.sweep import apart, near_trees, update_boxes
+from geomphys.collision.sweep import bodies_apart, body_apart_from_tree, near_trees, update_boxes
 from geomphys.engine.fingertips import TipContacts
 from geomphys.engine.state import Machine
 from geomphys.jit.kernel import kernel, outlined
@@ -44,26 +44,10 @@ def _find_contacts(scene: Scene, m: Machine, frames: Floats, contacts: TipContac
         for k in range(others):
             for j in range(tips.body_start[i], tips.body_start[i + 1]):
                 body, other = tips.bodies[j], found[k]
-                if apart(
-                    m.detection.boxes.body_low,
-                    m.detection.boxes.body_high,
-                    m.detection.boxes.tree_low,
-                    m.detection.boxes.tree_high,
-                    body,
-                    other,
-                    IN_CONTACT,
-                ):
+                if body_apart_from_tree(m.detection.boxes, body, other, IN_CONTACT):
                     continue
                 for b in range(scene.trees.body_start[other], scene.trees.body_start[other + 1]):
-                    if not apart(
-                        m.detection.boxes.body_low,
-                        m.detection.boxes.body_high,
-                        m.detection.boxes.body_low,
-                        m.detection.boxes.body_high,
-                        body,
-                        b,
-                        IN_CONTACT,
-                    ):
+                    if not bodies_apart(m.detection.boxes, body, b, IN_CONTACT):
                         near_bodies(scene, frames, body, b, IN_CONTACT, math.inf, near, m.tip_detection)
         for k in range(near.counts.filled):
             if near.separation[k] < contacts.gap[i]:

@@ -56,7 +56,7 @@ def _primitives_of_piece(world: World, piece: int) -> Iterator[PlacedPrimitive]:
         radius, half = float(size[0]), float(size[1])
         yield PlacedPrimitive("cylinder", (radius, 2.0 * half), body_from_piece)
         for end in (-half, half) if kind == CAPSULE else ():
-            yield PlacedPrimitive("sphere", (radius,), body_from_piece @ _translation(np.array([0.0, 0.0, end])))
+            yield PlacedPrimitive("sphere", (radius,), body_from_piece @ raised(end))
     else:
         start, stop = pieces.vertex_start[piece : piece + 2]
         points = pieces.vertices[start:stop] if kind == HULL else outline(pieces, piece)
@@ -111,7 +111,8 @@ def _volume(shape: PlacedPrimitive) -> float:
     return float(np.pi * radius * radius * length)
 
 
-def _translation(offset: Floats) -> Floats:
+def raised(height: float) -> Floats:
+    """(4, 4) of a translation along z [m]."""
     matrix = np.eye(4)
-    matrix[:3, 3] = offset
+    matrix[2, 3] = height
     return matrix

@@ -21,7 +21,7 @@ from lxml import etree
 from geomphys.errors import ModelError
 from geomphys.numerics.transforms import rotation_about
 from geomphys.output.colours import Colour, colours_of_trees
-from geomphys.output.primitive_fit import PlacedPrimitive, primitives_of_body
+from geomphys.output.primitive_fit import PlacedPrimitive, primitives_of_body, raised
 from geomphys.scene.arrays import World
 from geomphys.scene.free_joints import joint_ends, links_above_free_joint
 from geomphys.scene.primitives import PRIMITIVES, PrimitiveShape, attributes_of
@@ -129,17 +129,16 @@ def visual_of(shape: PlacedPrimitive) -> etree._Element:
         rpy = (math.atan2(matrix[2, 1], matrix[2, 2]), math.asin(-matrix[2, 0]), math.atan2(matrix[1, 0], matrix[0, 0]))
     visual = etree.Element("visual")
     etree.SubElement(visual, "origin", xyz=_text(matrix[:3, 3]), rpy=_text(rpy))
-    geometry = etree.SubElement(visual, "geometry")
-    if shape.tag == "box":
-        etree.SubElement(geometry, "box", size=_text(shape.sizes))
-    else:
-        sizes = zip(("radius", "length"), shape.sizes, strict=False)
-        etree.SubElement(geometry, shape.tag, {name: _text([size]) for name, size in sizes})
+    etree.SubElement(etree.SubElement(visual, "geometry"), shape.tag, attributes_of(shape.tag, shape.sizes, _rounded))
     return visual
 
 
 def _text(numbers: Iterable[float]) -> str:
-    return " ".join(f"{round(float(number), 6) + 0.0:.9g}" for number in numbers)  # + 0.0: no -0
+    return " ".join(map(_rounded, numbers))
+
+
+def _rounded(number: float) -> str:
+    return f"{round(float(number), 6) + 0.0:.9g}"  # + 0.0: no -0
 
 
 def _drop_above_free_joint(robot: etree._Element) -> None:
@@ -228,12 +227,7 @@ def _primitives_of_object(table: ObjectTable, world: World) -> list[PlacedPrimit
     """An object of the scene file in primitives that every viewer knows."""
     if table.primitive is None:
         return primitives_of_body(world, world.body_names.index(table.name))
-    found = []
-    for name, lengths, height in table.primitive.parts:
-        body_from_shape = np.eye(4)
-        body_from_shape[2, 3] = height
-        found.append(PlacedPrimitive(name, lengths, body_from_shape))
-    return found
+    return [PlacedPrimitive(name, lengths, raised(height)) for name, lengths, height in table.primitive.parts]
 
 
 def _material(colour: Colour) -> etree._Element:

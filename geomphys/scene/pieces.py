@@ -7,6 +7,7 @@ along z. Vertices, edges, faces, interior point and smallest width of a hull are
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -81,12 +82,12 @@ _NO_POLYTOPE = Polytope(
 _ORIGIN = (0.0, 0.0, 0.0)
 
 
-class Shape:
+class Shape(ABC):
     """A convex shape in its own frame."""
 
+    @abstractmethod
     def row(self) -> Row:
         """Its entries in the arrays."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)

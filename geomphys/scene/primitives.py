@@ -94,10 +94,10 @@ def primitive_shape(name: str, lengths: Lengths) -> PrimitiveShape:
     return PrimitiveShape(name, lengths)
 
 
-def attributes_of(name: str, lengths: Lengths) -> dict[str, str]:
-    """Attributes of the URDF element of a primitive."""
+def attributes_of(name: str, lengths: Lengths, number: Callable[[float], str] = repr) -> dict[str, str]:
+    """Attributes of the URDF element of a primitive; `number` writes a length."""
     left, texts = list(lengths), {}
     for key, count in PRIMITIVES[name].attributes.items():
-        texts[key] = " ".join(map(repr, left[:count]))
+        texts[key] = " ".join(map(number, left[:count]))
         del left[:count]
     return texts

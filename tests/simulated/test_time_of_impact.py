@@ -75,14 +75,14 @@ def motion_of(rng: np.random.Generator, *, turns: float, moves: float, step: flo
     m["rotation_rate"], m["rotation_change"] = turns * rng.normal(size=3), turns / step * 0.3 * rng.normal(size=3)
     m["velocity"], m["acceleration"] = moves * rng.normal(size=3), 9.81 * rng.normal(size=3) * bool(moves)
     m["position"], m["orientation"], m["step_length"] = 0.05 * rng.normal(size=3), (0, 0, 0, 1), step
-    return m  # type: ignore[no-any-return]
+    return m
 
 
 def moved(m: np.ndarray, point: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Where a point, given from the reference point, is at times after the base time (n, 3)."""
     t = times[:, None]
     turn = Rotation.from_rotvec(t * m["rotation_rate"] + t * (t - m["step_length"]) * m["rotation_change"])
-    return m["position"] + t * m["velocity"] + 0.5 * t * t * m["acceleration"] + turn.apply(point)  # type: ignore[no-any-return]
+    return m["position"] + t * m["velocity"] + 0.5 * t * t * m["acceleration"] + turn.apply(point)
 
 
 def largest_second_derivative(values: np.ndarray, dt: float) -> float:
@@ -139,9 +139,9 @@ def test_a_span_is_nowhere_lower_than_it_says(spin: float) -> None:
 
         def along(t: float, stage: Stage = stage, n: tuple[float, float, float] = n) -> float:
             stage.call(pose_pair, 0, t)
-            return float(stage.call(reach_along, 0, n))  # type: ignore[arg-type]
+            return float(stage.call(reach_along, 0, n))
 
-        end, low = stage.call(span, 0, n, along(0.0), 0.0, DT, -math.inf)  # type: ignore[misc]
+        end, low = stage.call(span, 0, n, along(0.0), 0.0, DT, -math.inf)
         values = [along(t) for t in np.linspace(0.0, DT, 101)]
         assert end == pytest.approx(values[-1], abs=1e-12)
         assert low <= min(values) + 1e-12
