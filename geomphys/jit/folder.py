@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 import sys
 from functools import lru_cache
+from importlib.metadata import version
 from pathlib import Path
 
-import llvmlite
-import llvmlite.binding
-import numba
-
+from geomphys.jit.machine_code import processor
 from geomphys.storage.cache import Store, sources, user_cache_folder
-
-PACKAGE = Path(__file__).parent.parent
 
 COMPILED = re.compile(rb"^@(kernel|outlined|inlined)$|^(from|import) (numba|llvmlite)\b", re.MULTILINE)
 """Found in modules that have a say in the machine code; those they import have one too."""
@@ -26,17 +23,16 @@ IMPORTED = re.compile(rb"^from (geomphys\.[\w.]+) import", re.MULTILINE)
 def cache_folder() -> Path:
     """Folder of the machine code of this version of the package, made on first use: see `geomphys.storage.cache`.
 
-    It is named after the sources that bear on the code, where they are and when they were written (numba looks at both),
-    the versions of numba and Python, and the processor.
+    It is named after the sources that bear on the code, the versions of numba, llvmlite and Python, what numba is told by
+    the environment, and the processor.
     """
-    settings = [getattr(numba.config, name) for name in ("OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "ENABLE_AVX")]
-    processor = llvmlite.binding.get_host_cpu_name(), llvmlite.binding.get_host_cpu_features().flatten()
-    digest = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__} {sys.version} {settings} {processor}".encode())
+    settings = sorted(
+        item for item in os.environ.items() if item[0].startswith("NUMBA_") and item[0] != "NUMBA_CACHE_DIR"
+    )
+    about = version("numba"), version("llvmlite"), sys.version, settings, processor()
+    digest = hashlib.sha256(repr(about).encode())
     for name, text in _sources_of_machine_code():
         digest.update(name.encode() + b"\0" + text + b"\0")
-    for path in sorted(PACKAGE.rglob("*.py")):
-        if COMPILED.search(path.read_bytes()):
-            digest.update(f"{path} {path.stat().st_mtime_ns}".encode())
     return user_cache_folder(f"kernels-{digest.hexdigest()[:16]}")
 
 

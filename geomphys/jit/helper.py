@@ -9,7 +9,7 @@ import json
 import signal
 import sys
 
-from geomphys.jit.products import key_of
+from geomphys.jit.products import Key
 from geomphys.jit.work import undisturbed, work
 from geomphys.storage.child_process import end_with_parent
 
@@ -19,7 +19,7 @@ def main(parent: int) -> None:
     end_with_parent(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process it helps decides
     with undisturbed():
-        work([key_of(plain) for plain in json.load(sys.stdin)], load=False, newest_first=True)
+        work([Key(*plain) for plain in json.load(sys.stdin)], newest_first=True)
 
 
 if __name__ == "__main__":

@@ -1,20 +1,48 @@
 """The decorators of every compiled kernel.
 
 Kernels are numba functions without ``fastmath`` (results must not depend on the machine's vector width) whose machine
-code is cached on disk, see `geomphys.jit`. They do not call themselves.
+code is kept on disk, see `geomphys.jit`. They do not call themselves, and raise nothing.
 """
 
 from __future__ import annotations
 
+import inspect
+import threading
 from collections.abc import Callable
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
+from geomphys.jit.calls import Entry
 from geomphys.jit.folder import cache_folder
-from geomphys.jit.kernels import Kernel, Outlined
+from geomphys.jit.kinds import kind_of
+from geomphys.jit.registry import Definition, Instruction
+from geomphys.jit.work import load_entry
 
 F = TypeVar("F", bound=Callable[..., object])
 
-__all__ = ["are_compiled", "cache_folder", "inlined", "kernel", "outlined"]
+__all__ = ["are_compiled", "cache_folder", "inlined", "instruction", "kernel", "outlined"]
+
+_lock = threading.RLock()
+
+
+class Kernel(Definition):
+    """A function that is compiled when it is first called, and into each kernel that calls it."""
+
+    def __init__(self, function: Callable[..., Any], inlined: bool = False, outlined: bool = False) -> None:
+        super().__init__(function, inlined, outlined)
+        self._entries: dict[tuple[Any, ...], Entry] = {}
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        """Call it from Python; compiles what is not compiled yet."""
+        if len(args) != self.parameters:
+            bound = inspect.signature(self.py_func).bind(*args, **kwargs)
+            bound.apply_defaults()
+            args = bound.args
+        kinds = tuple(map(kind_of, args))
+        entry = self._entries.get(kinds)
+        if entry is None:
+            with _lock:
+                entry = self._entries[kinds] = load_entry(self, kinds)
+        return entry(args)
 
 
 def are_compiled(method: str = "exact") -> bool:
@@ -36,9 +64,14 @@ def outlined(function: F) -> F:
 
     What it returns must be annotated: None, bool, int, float, or a tuple or NamedTuple of them.
     """
-    return cast(F, Outlined(function))
+    return cast(F, Kernel(function, outlined=True))
 
 
 def inlined(function: F) -> F:
     """Compile `function` into each of its callers: for short ones that take many arrays and hand on a few numbers."""
     return cast(F, Kernel(function, inlined=True))
+
+
+def instruction(name: str) -> Callable[[], int]:
+    """An instruction of LLVM that takes nothing and gives an int64, for kernels."""
+    return cast(Callable[[], int], Instruction(name))

@@ -3,15 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, cast
 
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
-
-from geomphys.jit.kernel import kernel
+from geomphys.jit.kernel import instruction, kernel
 
 STAGES = (
     "step.kinematics",
@@ -23,17 +17,7 @@ STAGES = (
 """Dotted call paths of the stages inside a frame's step; `step` itself is their whole."""
 
 
-def _read_counter(typing_context: Any) -> Any:
-    """llvm.readcyclecounter: cycles since some moment, as int64."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        function = builder.module.declare_intrinsic("llvm.readcyclecounter", fnty=ir.FunctionType(ir.IntType(64), []))
-        return builder.call(function, [])
-
-    return types.int64(), generate
-
-
-_cycle_counter = cast(Callable[[], int], intrinsic(_read_counter))
+_cycle_counter = instruction("llvm.readcyclecounter")
 
 
 @kernel

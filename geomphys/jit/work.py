@@ -19,9 +19,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 
-from geomphys.jit.products import CacheEntry, Key, plain_key, symbol_of
-from geomphys.jit.slots import Unit, fill_slot, is_loaded, make_slots, units
+from geomphys.jit.calls import Entry
+from geomphys.jit.kinds import Kind
+from geomphys.jit.machine_code import is_linked, link, make_slots
+from geomphys.jit.products import Key, Product, is_there, load, locked, save, symbol_of
+from geomphys.jit.registry import Definition, definitions
 from geomphys.storage.child_process import available_cores
+from geomphys.storage.deferred_signals import signals_deferred
 
 MOST_PROCESSES = 4
 """More would have little to do; each takes 0.3 GB."""
@@ -63,20 +67,39 @@ def undisturbed() -> Iterator[None]:
             gc.enable()
 
 
-def complete(keys: Sequence[Key]) -> None:
-    """Load outlined kernels and all they jump to; compile those that are not on disk, with helpers if they are many."""
+def load_entry(kernel: Definition, kinds: tuple[Kind, ...]) -> Entry:
+    """A kernel as Python calls it, for arguments of these kinds; compiles what is not compiled yet."""
+    key = kernel.key(kinds)
+    name = f"{symbol_of(key)}.entry"
+    with undisturbed():
+        product = load(name)
+        if product is None:
+            with locked(name, wait=True):
+                product = load(name) or _compiled(key, entry=True)
+                save(name, product)
+        units = complete(product.callees)
+        make_slots(units)
+        addresses = link({unit: needed.code for unit, needed in units.items()} | {name: product.code})
+    return Entry(addresses[name], kinds, product.returns)
+
+
+def complete(keys: Sequence[Key]) -> dict[str, Product]:
+    """Outlined kernels and all they jump to, but for those that are linked, by their symbols.
+
+    Compiles those that are not on disk, with helpers if they are many.
+    """
     helpers: list[subprocess.Popen[bytes]] = []
 
     def each(done: int, known: int, waiting: Sequence[Key]) -> None:
         if not helpers and len(waiting) >= WORTHWHILE:
-            missing = [key for key in waiting if CacheEntry(f"{symbol_of(key)}.unit").peek() is None]
+            missing = [key for key in waiting if not is_there(f"{symbol_of(key)}.unit")]
             if len(missing) >= WORTHWHILE:
                 helpers.extend(_helper(missing) for _ in range(processes() - 1))
         for listener in _listeners:
             listener(done, known)
 
     try:
-        work(keys, load=True, newest_first=False, before_compiling=each)
+        return work([key for key in keys if not is_linked(symbol_of(key))], newest_first=False, before_compiling=each)
     finally:
         for helper in helpers:
             helper.kill()
@@ -86,70 +109,66 @@ def complete(keys: Sequence[Key]) -> None:
 def work(
     keys: Sequence[Key],
     *,
-    load: bool,
     newest_first: bool,
     before_compiling: Callable[[int, int, Sequence[Key]], None] = lambda *_: None,
-) -> None:
-    """See to it that outlined kernels and all they jump to are on disk.
+) -> dict[str, Product]:
+    """See to it that outlined kernels and all they jump to are on disk; returns them by their symbols.
 
     Parameters
     ----------
     keys
         The kernels.
-    load
-        Whether they are needed in this process too.
     newest_first
         The order: processes that begin at different ends meet late.
     before_compiling
         Called before each that is not on disk, with the number of those done, of those known, and those that wait.
     """
-    waiting, known, locked = deque(keys), set(keys), 0
+    waiting, known, busy = deque(keys), set(keys), 0
+    products: dict[str, Product] = {}
     while waiting:
         key = waiting.pop() if newest_first else waiting.popleft()
         done = len(known) - len(waiting) - 1
-        needs = _provide(key, load, partial(before_compiling, done, len(known), waiting))
-        if needs is None:  # someone else is at it
+        product = _provide(key, partial(before_compiling, done, len(known), waiting))
+        if product is None:  # someone else is at it
             waiting.appendleft(key) if newest_first else waiting.append(key)
-            locked += 1
-            if locked >= len(waiting):
+            busy += 1
+            if busy >= len(waiting):
                 time.sleep(LOOK_AGAIN_S)
-                locked = 0
+                busy = 0
             continue
-        locked = 0
-        waiting.extend(need for need in needs if need not in known)
-        known.update(needs)
+        busy = 0
+        products[symbol_of(key)] = product
+        new = [callee for callee in product.callees if callee not in known and not is_linked(symbol_of(callee))]
+        waiting.extend(new)
+        known.update(new)
+    return products
 
 
-def _provide(key: Key, load: bool, before_compiling: Callable[[], None]) -> list[Key] | None:
-    """Compile an outlined kernel or, to `load` it, take it from disk. Returns those it jumps to; None if it is locked."""
-    make_slots([key])
-    unit, stored = _unit(key), CacheEntry(f"{symbol_of(key)}.unit")
-    if is_loaded(key):
-        return unit.loaded[key][1]
-    if not load and (product := stored.peek()) is not None:
-        return product.callees()
-    if not stored.is_there():
-        before_compiling()
-    with stored.locked(wait=False) as free:
+def _provide(key: Key, before_compiling: Callable[[], None]) -> Product | None:
+    """An outlined kernel from disk, or compiled; None if another process is at it."""
+    name = f"{symbol_of(key)}.unit"
+    product = load(name)
+    if product is not None:
+        return product
+    before_compiling()
+    with locked(name, wait=False) as free:
         if not free:
             return None
-        product = stored.find()
-        needs = [] if product is None else product.callees()
-        make_slots(needs)
-        compiled = unit.make(key, stored)
-        if not compiled.cache_hits:
-            needs = unit.needs()
-            stored.save(needs)
-    unit.loaded[key] = compiled, needs
-    fill_slot(key, compiled.address)
-    return needs
+        product = load(name)
+        if product is None:
+            product = _compiled(key, entry=False)
+            save(name, product)
+    return product
 
 
-def _unit(key: Key) -> Unit:
-    """The kernel of a key."""
-    if (key.module, key.name) not in units:
+def _compiled(key: Key, entry: bool) -> Product:
+    """Compile a kernel, as Python calls it or as other kernels do."""
+    with signals_deferred():  # one of numba's C modules prints a traceback where a signal ends its import
+        from geomphys.jit.compiler import compile_entry, compile_unit
+    if (key.module, key.name) not in definitions:
         importlib.import_module(key.module)
-    return units[key.module, key.name]
+    kernel = definitions[key.module, key.name]
+    return compile_entry(kernel, key) if entry else compile_unit(kernel, key)
 
 
 def processes() -> int:
@@ -168,6 +187,6 @@ def _helper(keys: Sequence[Key]) -> subprocess.Popen[bytes]:
     )
     assert process.stdin is not None
     with suppress(OSError):
-        process.stdin.write(json.dumps([plain_key(key) for key in keys]).encode())
+        process.stdin.write(json.dumps(keys).encode())
         process.stdin.close()
     return process

@@ -5,7 +5,8 @@ from __future__ import annotations
 import ast
 
 import geomphys.engine.step  # noqa: F401 - brings in all kernels of a frame
-from geomphys.jit.kernels import OPTIONS, Outlined, kernels
+from geomphys.jit.compiler import OPTIONS
+from geomphys.jit.registry import definitions
 from geomphys.jit.returns import declared_return
 from tests.house.sources import modules, tree
 
@@ -28,7 +29,7 @@ def test_results_do_not_depend_on_the_machine() -> None:
 
 
 def test_every_outlined_kernel_says_what_it_returns() -> None:
-    outlined = [kernel for kernel in kernels.values() if isinstance(kernel, Outlined)]
+    outlined = [kernel for kernel in definitions.values() if kernel.outlined]
     assert len(outlined) > 30
     for kernel in outlined:
         declared_return(kernel.py_func)

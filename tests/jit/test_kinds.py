@@ -1,4 +1,4 @@
-"""Types of kernels as texts: every type that a kernel of the package takes comes back, and nothing else does."""
+"""Kinds of arguments are what numba takes the arguments for; nothing else is one."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from numba import typeof, types
 
-from geomphys.jit.packed_records import pack
-from geomphys.jit.type_records import text_of_type, type_of_text
+from geomphys.jit.kinds import kind_of, kind_of_text, text_of
+from geomphys.jit.numba_types import kind_of_type, type_of_kind
+from geomphys.jit.packed_records import Pack, pack
 
 ROW = np.dtype({"names": ["a", "b"], "formats": ["<i4", ("<f8", (2, 3))], "offsets": [0, 16], "itemsize": 72})
 
@@ -36,32 +37,38 @@ class Arrays(NamedTuple):
         (1, 2.0, (True, 3)),
         (1.0, 2.0),
         Arrays(np.zeros(3), 1.0),
-        pack(Arrays(np.zeros(3), 1.0)).type,
-        pack(Arrays(np.zeros((), ROW), 3)).type,
-        pack(Arrays(np.zeros(3), True)).type,
+        pack(Arrays(np.zeros(3), 1.0)),
+        pack(Arrays(np.zeros((), ROW), 3)),
+        pack(Arrays(np.zeros(3), True)),
     ],
     ids=repr,
 )
 def test_a_type_comes_back(value: Any) -> None:
-    kind = value if isinstance(value, types.Type) else typeof(value)
-    text = text_of_type(kind)
-    text_of_type.cache_clear()
-    type_of_text.cache_clear()
-    again = type_of_text(text)
+    kind = kind_of(value)
+    again = kind_of_text(text_of(kind))
     assert again == kind
-    assert str(again) == str(kind)  # files are named after it
+    kind_of_type.cache_clear()
+    assert kind_of_type(type_of_kind(again)) == kind
+    if not isinstance(value, Pack):
+        assert type_of_kind(kind) == typeof(value)
 
 
 def test_read_only_arrays_stay_read_only() -> None:
     array = np.zeros(3)
     array.flags.writeable = False
-    assert not type_of_text(text_of_type(typeof(array))).mutable
+    assert not type_of_kind(kind_of(array)).mutable
 
 
 @pytest.mark.parametrize("kind", [types.unicode_type, types.pyobject, types.List(types.int64)])
-def test_what_no_kernel_takes_is_refused(kind: Any) -> None:
+def test_types_that_no_kernel_takes_are_refused(kind: Any) -> None:
     with pytest.raises(TypeError):
-        text_of_type(kind)
+        kind_of_type(kind)
+
+
+@pytest.mark.parametrize("value", ["text", [1], {}, np.zeros(2, ">f8"), np.array(["a"]), np.array([None])], ids=repr)
+def test_values_that_no_kernel_takes_are_refused(value: Any) -> None:
+    with pytest.raises(TypeError):
+        kind_of(value)
 
 
 @pytest.mark.parametrize(
@@ -69,4 +76,4 @@ def test_what_no_kernel_takes_is_refused(kind: Any) -> None:
 )
 def test_other_texts_are_refused(plain: Any) -> None:
     with pytest.raises((LookupError, TypeError, ValueError)):
-        type_of_text(json.dumps(plain))
+        type_of_kind(kind_of_text(json.dumps(plain)))

@@ -1,0 +1,168 @@
+"""From kernels to machine code by numba: imported where something is compiled, and nowhere else.
+
+Two numba features carry this, both of its public interface: `numba.extending.overload` compiles a kernel into its
+callers; `numba.cfunc` makes an outlined kernel, or what Python calls, a function of its own, whose text in LLVM's
+language becomes an object file (`geomphys.jit.machine_code`).
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from typing import Any
+
+import numba
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic, lower_builtin, overload, type_callable
+
+from geomphys.jit.kinds import kind_of_text
+from geomphys.jit.machine_code import SLOT, make_slots, object_file
+from geomphys.jit.numba_types import kind_of_type, type_of_kind
+from geomphys.jit.products import Key, Product, symbol_of
+from geomphys.jit.registry import Definition, Instruction, definitions, instructions
+from geomphys.jit.returns import declared_return
+from geomphys.jit.words import load_value, words_of_value
+
+
+def _options() -> dict[str, Any]:
+    """Options of every kernel.
+
+    Kernels never allocate, so the counting of references to arrays, which costs a fifth of the compiling, is left out
+    where numba has a switch for that.
+    """
+    options: dict[str, Any] = {"error_model": "numpy"}
+    try:
+        numba.njit(_nrt=False)(lambda: None)
+    except (KeyError, TypeError):
+        return options
+    return options | {"_nrt": False}
+
+
+OPTIONS = _options()
+INSIDE = OPTIONS | {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+"""Options of what only other kernels call."""
+
+_known: set[Definition | Instruction] = set()
+_requested: dict[str, Key] = {}
+"""What compiled code of this process jumps to, by symbol."""
+
+
+def compile_unit(kernel: Definition, key: Key) -> Product:
+    """Compile an outlined kernel."""
+    return _product(kernel.py_func, declared_return(kernel.py_func)(*_types(key)), symbol_of(key))
+
+
+def compile_entry(kernel: Definition, key: Key) -> Product:
+    """Compile a function of two pointers, to the words of arguments and of a result, that calls a kernel.
+
+    Raises TypeError where the kernel returns what is no number or tuple.
+    """
+    kinds = _types(key)
+    returned: list[Any] = []
+    called: Any = kernel
+    arguments, store = _arguments(kinds), _store(returned)
+
+    def entry(words: int, result: int) -> None:
+        store(result, called(*arguments(words)))
+
+    def entry_without_arguments(words: int, result: int) -> None:
+        store(result, called())
+
+    function = entry if kinds else entry_without_arguments
+    product = _product(function, types.void(types.intp, types.intp), f"{symbol_of(key)}.entry")
+    return product._replace(returns=kind_of_type(returned[-1]))
+
+
+def _types(key: Key) -> list[Any]:
+    return list(map(type_of_kind, kind_of_text(key.kinds)))
+
+
+def _product(function: Callable[..., Any], signature: Any, symbol: str) -> Product:
+    _introduce_kernels()
+    compiled = numba.cfunc(signature, **OPTIONS)(function)
+    code, callees = object_file(compiled.inspect_llvm(), compiled.native_name, symbol)
+    return Product(code, [_requested[callee] for callee in callees], "none")
+
+
+def _introduce_kernels() -> None:
+    """Tell numba what a call of a kernel in another one is."""
+    for instruction in instructions:
+        if instruction not in _known:
+            _introduce_instruction(instruction)
+    for kernel in list(definitions.values()):
+        if kernel not in _known:
+            _introduce_outlined(kernel) if kernel.outlined else _introduce_kernel(kernel)
+    _known.update(instructions, definitions.values())
+
+
+def _introduce_kernel(kernel: Definition) -> None:
+    overload(kernel, jit_options=INSIDE | {"forceinline": kernel.inlined}, strict=False)(
+        lambda *args, **kwargs: kernel.py_func
+    )
+
+
+def _introduce_outlined(kernel: Definition) -> None:
+    def typed(context: Any) -> Any:
+        def call(*args: Any) -> Any:
+            return declared_return(kernel.py_func)
+
+        call.pysig = inspect.signature(kernel.py_func)  # type: ignore[attr-defined]
+        return call
+
+    def lowered(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kinds = tuple(kind_of_type(types.unliteral(kind)) for kind in signature.args)
+        symbol = symbol_of(kernel.key(kinds))
+        _requested[symbol] = kernel.key(kinds)
+        make_slots([symbol])
+        given = [context.get_value_type(kind) for kind in signature.args]
+        pointer = ir.FunctionType(context.get_value_type(signature.return_type), given).as_pointer()
+        name = symbol + SLOT
+        slot = builder.module.globals.get(name) or ir.GlobalVariable(builder.module, pointer, name)
+        return builder.call(builder.load(slot), args)
+
+    type_callable(kernel)(typed)
+    lower_builtin(kernel, types.VarArg(types.Any))(lowered)
+
+
+def _introduce_instruction(instruction: Instruction) -> None:
+    def typed(context: Any) -> Any:
+        return lambda: types.int64
+
+    def lowered(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kind = ir.FunctionType(ir.IntType(64), [])
+        return builder.call(builder.module.declare_intrinsic(instruction.name, fnty=kind), [])
+
+    type_callable(instruction)(typed)
+    lower_builtin(instruction)(lowered)
+
+
+def _arguments(kinds: list[Any]) -> Any:
+    """A function for kernels: the arguments of these types, from the address of their words."""
+
+    def typed(context: Any, words: Any) -> Any:
+        def lowered(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+            words = builder.inttoptr(given[0], ir.IntType(64).as_pointer())
+            value, _ = load_value(context, builder, signature.return_type, words, 0)
+            return value
+
+        return types.BaseTuple.from_types(kinds)(words), lowered
+
+    return intrinsic(typed)
+
+
+def _store(returned: list[Any]) -> Any:
+    """A function for kernels that stores a value as words; `returned` gets the value's type."""
+
+    def typed(context: Any, words: Any, value: Any) -> Any:
+        returned.append(types.unliteral(value))
+
+        def lowered(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+            words = builder.inttoptr(given[0], ir.IntType(64).as_pointer())
+            for position, word in enumerate(words_of_value(builder, value, given[1])):
+                builder.store(word, builder.gep(words, [ir.Constant(ir.IntType(64), position)]))
+            return context.get_dummy_value()
+
+        return types.none(words, value), lowered
+
+    return intrinsic(typed)
