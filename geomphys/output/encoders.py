@@ -211,16 +211,16 @@ class FrameEncoder:
 
     def timing(self, stages: Sequence[Sequence[tuple[str, int, int]]], frames: Ints, times_ns: Ints) -> list[bytes]:
         """geomphys.Timing of the stages (dotted name, ns, count) of frames (n,) at times (n,)."""
-        names, ns, counts = zip(*(stage for of_frame in stages for stage in of_frame), strict=True)
-        index = {name: k for k, name in enumerate(dict.fromkeys(names))}
+        every = [stage for of_frame in stages for stage in of_frame]
+        index = {name: k for k, name in enumerate(dict.fromkeys(name for name, _, _ in every))}
         rows = message(
             Stage,
-            name=strings([name.encode() for name in index]).take(np.array([index[name] for name in names])),
-            ns=np.array(ns, np.int64),
-            count=np.array(counts, np.int64),
+            name=strings([name.encode() for name in index]).take(np.array([index[name] for name, _, _ in every], int)),
+            ns=np.array([ns for _, ns, _ in every], np.int64),
+            count=np.array([count for _, _, count in every], np.int64),
         )
         heads = message(Timing, timestamp=stamps(times_ns), frame=frames).split()
-        return _joined(heads, message(Timing, stages=rows).split(np.array([len(s) for s in stages])))
+        return _joined(heads, message(Timing, stages=rows).split(np.array([len(s) for s in stages], np.int64)))
 
     def log(self, level: str, text: str, time_ns: int) -> bytes:
         """foxglove.Log; `level` is info, warning or error."""

@@ -127,7 +127,7 @@ def strings(texts: Sequence[bytes]) -> Rows:
 def array_rows(values: NDArray[Any]) -> Rows:
     """The little-endian bytes of each row of numbers (n, k)."""
     little = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
-    return Rows([Block(little.view(np.uint8).reshape(len(values), -1))])
+    return Rows([Block(little.view(np.uint8).reshape(len(values), values.shape[1] * values.itemsize))])
 
 
 def message(kind: type[Message], **columns: Any) -> Rows:
