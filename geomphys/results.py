@@ -114,7 +114,7 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class FrameResult:
-    """A corrected frame. It owns its arrays: they stay valid when the next frame is computed."""
+    """A corrected frame. No other frame has its arrays: they stay as they are when the next is computed."""
 
     frame: Frame
     recorded: Floats  # (B, 7) world pose of every body as recorded

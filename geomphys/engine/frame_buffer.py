@@ -1,4 +1,4 @@
-"""Results of a block of frames as flat arrays: what the compiled step writes and Python takes apart."""
+"""Results of a block of frames as flat arrays: what the compiled step writes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from geomphys.collision.penetration import Scratch
 from geomphys.collision.support import Shapes
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.jit.stage_clock import STAGES
-from geomphys.results import Contacts, Metrics, Penetrations
 from geomphys.scene.arrays import SIMULATED, Scene
 
 Floats = NDArray[np.float64]
@@ -155,66 +154,3 @@ def write_contacts(
             row += 1
     block.contact_end[frame + 1] = row
     return deepest
-
-
-def contacts_of(block: Block, frame: int) -> Contacts:
-    """A frame's contacts, as arrays of their own."""
-    rows = slice(block.contact_end[frame], block.contact_end[frame + 1])
-    bodies, values = block.contact_bodies[rows], block.contact_values[rows].copy()
-    return Contacts(
-        bodies[:, 0].copy(),
-        bodies[:, 1].copy(),
-        values[:, 0:3],
-        values[:, 3:6],
-        values[:, 6],
-        values[:, 7],
-        values[:, 8],
-    )
-
-
-def penetrations_of(block: Block, frame: int) -> Penetrations:
-    """A frame's penetration depths, as arrays of their own."""
-    rows = slice(block.depth_end[frame], block.depth_end[frame + 1])
-    bodies, numbers, values = (
-        block.depth_bodies[rows].copy(),
-        block.depth_numbers[rows].copy(),
-        block.depth_values[rows].copy(),
-    )
-    return Penetrations(bodies[:, 0], bodies[:, 1], values[:, :3], numbers[:, 0], values[:, 3], numbers[:, 1])
-
-
-def metrics_of(block: Block, frame: int, held: bool, flags: int, motion: Floats) -> Metrics:
-    """A frame's figures; `flags` are added to its own, `motion` (5,) are its speeds, jerks and change of shape."""
-    figures = block.figures[frame]
-    return Metrics(
-        contacts=int(block.contact_end[frame + 1] - block.contact_end[frame]),
-        recorded_penetration_m=float(figures["recorded"]),
-        residual_penetration_m=float(figures["residual"]),
-        iterations=int(figures["iterations"]),
-        impacts=int(figures["impacts"]),
-        fallbacks=int(figures["fallbacks"]),
-        correction_m=float(figures["correction"]),
-        correction_rad=float(figures["rotation"]),
-        held=held,
-        flags=int(figures["flags"]) | flags,
-        recorded_speed_m_s=float(motion[0]),
-        correction_speed_m_s=float(motion[1]),
-        recorded_jerk_m_s3=float(motion[2]),
-        correction_jerk_m_s3=float(motion[3]),
-        shape_change_rad=float(motion[4]),
-        amplification=float(figures["amplification"]),
-        contacts_recorded=int(figures["contacts_recorded"]),
-        contacts_kept=int(figures["contacts_kept"]),
-        grasps_recorded=int(figures["grasps_recorded"]),
-        grasps_kept=int(figures["grasps_kept"]),
-        fingertip_error_m=float(figures["fingertip_error"]),
-        contact_precision_m=float(figures["contact_precision"]),
-        contact_alignment_rad=float(figures["contact_alignment"]),
-    )
-
-
-def poses_of(block: Block, rows: Floats) -> Floats:
-    """All bodies' poses (B, 7) of a frame, from its rows (M, 7) of those that move."""
-    poses = block.rest.copy()
-    poses[block.moving] = rows
-    return poses

@@ -68,6 +68,7 @@ class GraspMeter:
         self._names = world.body_names
         self._scene: Scene = world.scene
         role = world.scene.bodies.role
+        self._driven: NDArray[np.bool_] = role == DRIVEN
         driven = bool((role == DRIVEN).any())
         self._bodies = {int(b): _Body() for b in np.flatnonzero(role == SIMULATED) if driven}
         gravity = float(np.linalg.norm(world.scene.gravity))
@@ -81,12 +82,12 @@ class GraspMeter:
         if not self._bodies or before is None or self._time_ns <= before:
             return ()
         dt = (self._time_ns - before) * 1e-9
-        contacts, role = result.contacts, self._scene.bodies.role
-        if not self._supported and not contacts.normal_impulse.any():
+        contacts = result.contacts
+        gripping = contacts.normal_impulse > 0.0
+        if gripping.any():
+            gripping &= self._driven[contacts.body_a] | self._driven[contacts.body_b]
+        if not self._supported and not gripping.any():
             return ()
-        gripping = ((role[contacts.body_a] == DRIVEN) | (role[contacts.body_b] == DRIVEN)) & (
-            contacts.normal_impulse > 0.0
-        )
         near = {*contacts.body_a[gripping].tolist(), *contacts.body_b[gripping].tolist()} & self._bodies.keys()
         messages: list[tuple[str, str]] = []
         for body in sorted(near | self._supported):

@@ -12,15 +12,15 @@ from geomphys.config import Config
 from geomphys.driven.paper.state import make_paper_workspace
 from geomphys.driven.weights import WEIGHTS, Weights
 from geomphys.engine.fingertips import thumbs_of
-from geomphys.engine.frame_buffer import Block, contacts_of, make_block, metrics_of, penetrations_of, poses_of
+from geomphys.engine.frame_buffer import Block, make_block
+from geomphys.engine.frame_results import BlockResults, results_of
 from geomphys.engine.grasps import GraspMeter
 from geomphys.engine.log_messages import FrameReporter, Message
 from geomphys.engine.missed_motion import MissedMotion
 from geomphys.engine.state import NEAR_PAIRS, Method, StepParameters, make_machine
-from geomphys.engine.step import WHOLE, Recording, run_block, run_block_as_published
+from geomphys.engine.step import Recording, run_block, run_block_as_published
 from geomphys.errors import GeomphysError
 from geomphys.jit.packed_records import pack
-from geomphys.jit.stage_clock import STAGES, ns_per_cycle
 from geomphys.numerics.motion_rates import MotionMeter
 from geomphys.results import FLAG_CATCHING_UP, Frame, FrameResult
 from geomphys.scene.arrays import DRIVEN, Scene, World
@@ -40,6 +40,7 @@ class Chunk:
     motion: Floats  # (n, 5) speeds, jerks and change of shape, as in `Metrics`
     flags: list[int]  # (n,) beside those of the frames and of the step
     is_last: bool = False
+    results: BlockResults | None = None  # made when the first is asked for
 
 
 class Pipeline:
@@ -139,25 +140,11 @@ class Pipeline:
 
     def result(self, chunk: Chunk, row: int, encode_ns: int, messages: tuple[Message, ...] = ()) -> FrameResult:
         """The result of a frame of a chunk; `encode_ns` is what the sinks took for the frame before."""
-        block, frame, scale = chunk.block, chunk.frames[row], ns_per_cycle()
-        stages = [("decode", chunk.decode_ns, 1), ("step", int(block.cycles[row, WHOLE] * scale), 1)]
-        stages += [
-            (name, int(block.cycles[row, k] * scale), int(block.counts[row, k])) for k, name in enumerate(STAGES)
-        ]
-        metrics = metrics_of(block, row, frame.held, frame.flags | chunk.flags[row], chunk.motion[row])
-        recorded = poses_of(block, block.recorded[row])
+        frame = chunk.frames[row]
+        if chunk.results is None:
+            chunk.results = results_of(chunk.block, chunk.frames, chunk.flags, chunk.motion)
+        result = chunk.results.result(frame, row, chunk.decode_ns, encode_ns)
         if chunk.flags[row] & FLAG_CATCHING_UP:
-            self._pose_as_recorded(frame, recorded)
-        result = FrameResult(
-            frame=frame,
-            recorded=recorded,
-            corrected=poses_of(block, block.corrected[row]),
-            angles=block.angles[row].copy(),
-            contacts=contacts_of(block, row),
-            penetrations=penetrations_of(block, row),
-            metrics=metrics,
-            timing=(*stages, ("encode", encode_ns, 1)),
-            messages=(*self._reporter.report(metrics), *messages),
-        )
-        grasped = self._grasps.add(result)
-        return replace(result, messages=(*grasped, *result.messages)) if grasped else result
+            self._pose_as_recorded(frame, result.recorded)
+        messages = (*self._grasps.add(result), *self._reporter.report(result.metrics), *messages)
+        return replace(result, messages=messages) if messages else result

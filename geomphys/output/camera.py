@@ -85,12 +85,11 @@ def _visible_fraction(eye: Floats, points: Floats, triangles: Floats, ignored: f
     a, ab, ac = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     rays = points - eye
     end = 0.97 if ignored is None else 1.0 - ignored / np.linalg.norm(rays, axis=1)[:, None]
-    p = np.cross(rays[:, None], ac[None])
-    determinant = np.einsum("ntk,tk->nt", p, ab)
+    from_a = eye - a
+    determinant = rays @ np.cross(ac, ab).T  # (r x ac) . ab = r . (ac x ab)
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = 1.0 / determinant
-        from_a = eye - a
-        u = np.einsum("ntk,tk->nt", p, from_a) * inverse
+        u = rays @ np.cross(ac, from_a).T * inverse
         q = np.cross(from_a, ab)
         v = rays @ q.T * inverse
         t = np.einsum("tk,tk->t", ac, q)[None] * inverse

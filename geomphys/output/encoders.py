@@ -1,32 +1,42 @@
-"""Encodes the messages of the output log: protobuf messages of Foxglove and geomphys, ROS 2 messages in CDR."""
+"""Encodes the messages of the output log, those of many frames at once: protobuf of Foxglove and geomphys, ROS 2 in CDR."""
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from foxglove_schemas_protobuf.ArrowPrimitive_pb2 import ArrowPrimitive
+from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.Pose_pb2 import Pose
 from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
+from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
-from google.protobuf.message import Message
-from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
 
 from geomphys.output.cdr import HEADER, NS_PER_S, CdrWriter
 from geomphys.output.contact_arrows import arrow_lengths, arrow_orientations
-from geomphys.output.proto.geomphys_pb2 import Contacts, FrameMetrics, PenetrationDepths, Timing
+from geomphys.output.frame_columns import RaggedContacts, RaggedPenetrations
+from geomphys.output.proto.geomphys_pb2 import (
+    Contact,
+    Contacts,
+    FrameMetrics,
+    PairPenetration,
+    PenetrationDepths,
+    Stage,
+    Timing,
+)
+from geomphys.output.protobuf_columns import Rows, array_rows, constant, message, stamps, strings
 from geomphys.output.urdf_description import WORLD
 from geomphys.results import METHODS, Metrics
-from geomphys.results import Contacts as ContactArrays
-from geomphys.results import Penetrations as PenetrationArrays
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 STRING_DEFINITION = b"string data\n"
 JOINT_STATE_DEFINITION = b"""\
@@ -48,33 +58,30 @@ _LEVELS = {"info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR}
 
 
 class TransformsEncoder:
-    """foxglove.FrameTransforms from ``world`` to a list of frames; one message is reused, its poses and times are set.
+    """foxglove.FrameTransforms from ``world`` to a list of frames.
 
     Parameters
     ----------
     children : sequence of str
-        Frame ids, in the order of the rows handed to `encode`.
+        Frame ids, in the order of the columns handed to `encode`.
     """
 
     def __init__(self, children: Sequence[str]) -> None:
-        self._message = FrameTransforms()
-        self._fields: list[tuple[Timestamp, Vector3, Quaternion]] = []
-        for child in children:
-            transform = self._message.transforms.add(parent_frame_id=WORLD, child_frame_id=child)
-            self._fields.append((transform.timestamp, transform.translation, transform.rotation))
-        self._seconds = 0
+        self._children = strings([child.encode() for child in children])
+        self._count = len(children)
 
-    def encode(self, poses: Floats, time_ns: int) -> bytes:
-        """The message with world poses (n, 7): position [m] and quaternion x y z w."""
-        seconds, nanos = divmod(time_ns, NS_PER_S)
-        if seconds != self._seconds:
-            self._seconds = seconds
-            for stamp, _, _ in self._fields:
-                stamp.seconds = seconds
-        for (stamp, p, q), pose in zip(self._fields, poses.tolist(), strict=True):
-            stamp.nanos = nanos
-            p.x, p.y, p.z, q.x, q.y, q.z, q.w = pose
-        return _serialized(self._message)
+    def encode(self, poses: Floats, times_ns: Ints) -> list[bytes]:
+        """The messages with world poses (n, m, 7), position [m] and quaternion x y z w, at times (n,)."""
+        frames = np.repeat(np.arange(len(poses)), self._count)
+        rows = message(
+            FrameTransform,
+            timestamp=stamps(times_ns).take(frames),
+            parent_frame_id=WORLD.encode(),
+            child_frame_id=self._children.take(np.tile(np.arange(self._count), len(poses))),
+            translation=_vectors(poses[..., :3].reshape(-1, 3)),
+            rotation=_vectors(poses[..., 3:].reshape(-1, 4)),
+        )
+        return message(FrameTransforms, transforms=rows).split(np.full(len(poses), self._count))
 
 
 class JointStateEncoder:
@@ -91,10 +98,11 @@ class JointStateEncoder:
             message.align(8)
         self._names = bytes(message.data()[12:])
 
-    def encode(self, positions: Floats, time_ns: int) -> bytes:
-        """The message with `positions` (n,) [rad or m]."""
-        stamp = struct.pack("<iI", *divmod(time_ns, NS_PER_S))
-        return HEADER + stamp + self._names + positions.astype("<f8").tobytes() + bytes(8)
+    def encode(self, positions: Floats, times_ns: Ints) -> list[bytes]:
+        """The messages with `positions` (n, q) [rad or m] at times (n,)."""
+        stamp = array_rows(np.stack(np.divmod(times_ns, NS_PER_S), axis=1).astype(np.uint32))
+        parts = [constant(HEADER), stamp, constant(self._names), array_rows(positions), constant(bytes(8))]
+        return Rows([block for part in parts for block in part.blocks]).split()
 
 
 def encode_string(text: str) -> bytes:
@@ -110,140 +118,123 @@ class ContactPointsEncoder:
     FIELDS = ("x", "y", "z", "depth", "nx", "ny", "nz", "body_a", "body_b")
 
     def __init__(self) -> None:
-        self._layout = PointCloud(frame_id=WORLD, point_stride=4 * len(self.FIELDS))
-        self._layout.pose.orientation.w = 1.0
+        layout = PointCloud(frame_id=WORLD, point_stride=4 * len(self.FIELDS))
+        layout.pose.orientation.w = 1.0
         for column, name in enumerate(self.FIELDS):
-            self._layout.fields.add(name=name, offset=4 * column, type=PackedElementField.FLOAT32)
+            layout.fields.add(name=name, offset=4 * column, type=PackedElementField.FLOAT32)
+        self._layout = constant(layout.SerializeToString())
 
-    def encode(self, contacts: ContactArrays, time_ns: int) -> bytes:
-        """The message of a frame."""
-        rows = np.empty((len(contacts.depth), len(self.FIELDS)), np.dtype("<f4"))
-        rows[:, :3], rows[:, 3], rows[:, 4:7] = contacts.point, contacts.depth, contacts.normal
-        rows[:, 7], rows[:, 8] = contacts.body_a, contacts.body_b
-        message = PointCloud(data=rows.tobytes())
-        message.MergeFrom(self._layout)
-        _set_time(message.timestamp, time_ns)
-        return _serialized(message)
+    def encode(self, contacts: RaggedContacts, times_ns: Ints) -> list[bytes]:
+        """The messages of frames at times (n,)."""
+        columns, counts = contacts
+        points = np.empty((len(columns.depth), len(self.FIELDS)), np.float32)
+        points[:, :3], points[:, 3], points[:, 4:7] = columns.point, columns.depth, columns.normal
+        points[:, 7], points[:, 8] = columns.body_a, columns.body_b
+        size = 4 * len(self.FIELDS)
+        time = message(PointCloud, timestamp=stamps(times_ns))
+        tail = message(PointCloud, data=constant(b"").followed_by(size * counts))
+        heads = Rows([*time.blocks, *self._layout.blocks, *tail.blocks]).split()
+        return _joined(heads, array_rows(points).split(counts))
 
 
 class ContactArrowsEncoder:
     """foxglove.SceneUpdate with an arrow along the normal at each contact; it replaces the arrows of the frame before."""
 
-    def __init__(self) -> None:
-        self._arrow = ArrowPrimitive(shaft_diameter=0.002, head_length=0.005, head_diameter=0.005)
-        color = self._arrow.color
-        color.r, color.g, color.b, color.a = 0.95, 0.35, 0.1, 1.0
+    COLOR = Color(r=0.95, g=0.35, b=0.1, a=1.0)
 
-    def encode(self, contacts: ContactArrays, time_ns: int) -> bytes:
-        """The message of a frame."""
-        message = SceneUpdate()
-        entity = message.entities.add(frame_id=WORLD, id="contacts")
-        _set_time(entity.timestamp, time_ns)
-        orientations, lengths = arrow_orientations(contacts.normal), arrow_lengths(contacts.depth)
-        rows = zip(contacts.point.tolist(), orientations.tolist(), lengths.tolist(), strict=True)
-        for point, orientation, length in rows:
-            arrow = entity.arrows.add(shaft_length=length)
-            arrow.MergeFrom(self._arrow)
-            p, q = arrow.pose.position, arrow.pose.orientation
-            p.x, p.y, p.z = point
-            q.x, q.y, q.z, q.w = orientation
-        return _serialized(message)
+    def encode(self, contacts: RaggedContacts, times_ns: Ints) -> list[bytes]:
+        """The messages of frames at times (n,)."""
+        columns, counts = contacts
+        arrows = message(
+            ArrowPrimitive,
+            pose=message(
+                Pose,
+                position=_vectors(columns.point),
+                orientation=_vectors(arrow_orientations(columns.normal)),
+            ),
+            shaft_length=arrow_lengths(columns.depth),
+            shaft_diameter=0.002,
+            head_length=0.005,
+            head_diameter=0.005,
+            color=self.COLOR.SerializeToString(),
+        )
+        tails = message(SceneEntity, arrows=arrows).split(counts)
+        entity = message(SceneEntity, timestamp=stamps(times_ns), frame_id=WORLD.encode(), id=b"contacts")
+        lengths = np.array([len(tail) for tail in tails], np.int64)
+        return _joined(message(SceneUpdate, entities=entity.followed_by(lengths)).split(), tails)
 
 
 class FrameEncoder:
-    """The channels with numbers of a frame: contacts, penetration depths, metrics, stage times, and log lines.
-
-    Only messages of scalar fields are reused: one with repeated fields or strings keeps the memory of all its former
-    contents.
-    """
+    """The channels with numbers of frames: contacts, penetration depths, metrics, stage times, and log lines."""
 
     def __init__(self, names: Sequence[str]) -> None:
-        self._names = names
-        self._metrics = FrameMetrics()
+        self._names = strings([name.encode() for name in names])
+        self._methods = strings([name.encode() for name in METHODS])
 
-    def contacts(self, contacts: ContactArrays, frame: int, time_ns: int) -> bytes:
-        """geomphys.Contacts."""
-        message, names = Contacts(frame=frame), self._names
-        _set_time(message.timestamp, time_ns)
-        columns = zip(*(column.tolist() for column in contacts), strict=True)
-        for body_a, body_b, point, normal, depth, normal_impulse, tangential_impulse in columns:
-            contact = message.contacts.add(
-                body_a=names[body_a],
-                body_b=names[body_b],
-                depth=depth,
-                normal_impulse=normal_impulse,
-                tangential_impulse=tangential_impulse,
-            )
-            p, n = contact.point, contact.normal
-            p.x, p.y, p.z = point
-            n.x, n.y, n.z = normal
-        return _serialized(message)
+    def contacts(self, contacts: RaggedContacts, frames: Ints, times_ns: Ints) -> list[bytes]:
+        """geomphys.Contacts of frames (n,) at times (n,)."""
+        columns, counts = contacts
+        rows = message(
+            Contact,
+            body_a=self._names.take(columns.body_a),
+            body_b=self._names.take(columns.body_b),
+            point=_vectors(columns.point),
+            normal=_vectors(columns.normal),
+            depth=columns.depth,
+            normal_impulse=columns.normal_impulse,
+            tangential_impulse=columns.tangential_impulse,
+        )
+        heads = message(Contacts, timestamp=stamps(times_ns), frame=frames).split()
+        return _joined(heads, message(Contacts, contacts=rows).split(counts))
 
-    def penetrations(self, pairs: PenetrationArrays, frame: int, time_ns: int) -> bytes:
-        """geomphys.PenetrationDepths."""
-        message = PenetrationDepths(frame=frame)
-        _set_time(message.timestamp, time_ns)
-        columns = zip(*(column.tolist() for column in pairs), strict=True)
-        for body_a, body_b, pd, convex_pairs, largest, method in columns:
-            pair = message.pairs.add(
-                body_a=self._names[body_a],
-                body_b=self._names[body_b],
-                convex_pairs=convex_pairs,
-                largest=largest,
-                method=METHODS[method],
-            )
-            pair.pd.x, pair.pd.y, pair.pd.z = pd
-        return _serialized(message)
+    def penetrations(self, pairs: RaggedPenetrations, frames: Ints, times_ns: Ints) -> list[bytes]:
+        """geomphys.PenetrationDepths of frames (n,) at times (n,)."""
+        columns, counts = pairs
+        rows = message(
+            PairPenetration,
+            body_a=self._names.take(columns.body_a),
+            body_b=self._names.take(columns.body_b),
+            pd=_vectors(columns.pd),
+            convex_pairs=columns.convex_pairs,
+            largest=columns.largest,
+            method=self._methods.take(columns.method),
+        )
+        heads = message(PenetrationDepths, timestamp=stamps(times_ns), frame=frames).split()
+        return _joined(heads, message(PenetrationDepths, pairs=rows).split(counts))
 
-    def metrics(self, metrics: Metrics, frame: int, time_ns: int) -> bytes:
-        """geomphys.FrameMetrics."""
-        message = self._metrics
-        message.frame = frame
-        _set_time(message.timestamp, time_ns)
-        message.contacts = metrics.contacts
-        message.recorded_penetration_m = metrics.recorded_penetration_m
-        message.residual_penetration_m = metrics.residual_penetration_m
-        message.iterations = metrics.iterations
-        message.impacts = metrics.impacts
-        message.fallbacks = metrics.fallbacks
-        message.correction_m = metrics.correction_m
-        message.correction_rad = metrics.correction_rad
-        message.held = metrics.held
-        message.flags = metrics.flags
-        message.recorded_speed_m_s = metrics.recorded_speed_m_s
-        message.correction_speed_m_s = metrics.correction_speed_m_s
-        message.recorded_jerk_m_s3 = metrics.recorded_jerk_m_s3
-        message.correction_jerk_m_s3 = metrics.correction_jerk_m_s3
-        message.shape_change_rad = metrics.shape_change_rad
-        message.amplification = metrics.amplification
-        message.contacts_recorded = metrics.contacts_recorded
-        message.contacts_kept = metrics.contacts_kept
-        message.grasps_recorded = metrics.grasps_recorded
-        message.grasps_kept = metrics.grasps_kept
-        message.fingertip_error_m = metrics.fingertip_error_m
-        message.contact_precision_m = metrics.contact_precision_m
-        message.contact_alignment_rad = metrics.contact_alignment_rad
-        return _serialized(message)
+    def metrics(self, metrics: Sequence[Metrics], frames: Ints, times_ns: Ints) -> list[bytes]:
+        """geomphys.FrameMetrics of frames (n,) at times (n,)."""
+        columns = {
+            name: np.array(column) for name, column in zip(Metrics._fields, zip(*metrics, strict=True), strict=True)
+        }
+        return message(FrameMetrics, timestamp=stamps(times_ns), frame=frames, **columns).split()
 
-    def timing(self, stages: Iterable[tuple[str, int, int]], frame: int, time_ns: int) -> bytes:
-        """geomphys.Timing of stages (dotted name, ns, count)."""
-        message = Timing(frame=frame)
-        _set_time(message.timestamp, time_ns)
-        for name, ns, count in stages:
-            message.stages.add(name=name, ns=ns, count=count)
-        return _serialized(message)
+    def timing(self, stages: Sequence[Sequence[tuple[str, int, int]]], frames: Ints, times_ns: Ints) -> list[bytes]:
+        """geomphys.Timing of the stages (dotted name, ns, count) of frames (n,) at times (n,)."""
+        every = [stage for of_frame in stages for stage in of_frame]
+        index = {name: k for k, name in enumerate(dict.fromkeys(name for name, _, _ in every))}
+        rows = message(
+            Stage,
+            name=strings([name.encode() for name in index]).take(np.array([index[name] for name, _, _ in every], int)),
+            ns=np.array([ns for _, ns, _ in every], np.int64),
+            count=np.array([count for _, _, count in every], np.int64),
+        )
+        heads = message(Timing, timestamp=stamps(times_ns), frame=frames).split()
+        return _joined(heads, message(Timing, stages=rows).split(np.array([len(s) for s in stages], np.int64)))
 
     def log(self, level: str, text: str, time_ns: int) -> bytes:
         """foxglove.Log; `level` is info, warning or error."""
-        message = Log(name="geomphys", level=_LEVELS[level], message=text)
-        _set_time(message.timestamp, time_ns)
-        return _serialized(message)
+        line = Log(name="geomphys", level=_LEVELS[level], message=text)
+        line.timestamp.seconds, line.timestamp.nanos = divmod(time_ns, NS_PER_S)
+        data: bytes = line.SerializeToString()
+        return data
 
 
-def _set_time(stamp: Timestamp, time_ns: int) -> None:
-    stamp.seconds, stamp.nanos = divmod(time_ns, NS_PER_S)
+def _vectors(values: Floats) -> Rows:
+    """Messages with the fields x y z, or x y z w, of (n, 3) or (n, 4)."""
+    kind = Vector3 if values.shape[1] == 3 else Quaternion
+    return message(kind, **dict(zip("xyzw", values.T, strict=False)))
 
 
-def _serialized(message: Message) -> bytes:
-    data: bytes = message.SerializeToString()
-    return data
+def _joined(heads: Sequence[bytes], tails: Sequence[bytes]) -> list[bytes]:
+    return [head + tail for head, tail in zip(heads, tails, strict=True)]

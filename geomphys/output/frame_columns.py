@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.output.contact_arrows import ARROW_SCALE, MAX_ARROW_LENGTH, arrow_lengths
-from geomphys.results import FrameResult
+from geomphys.results import Contacts, FrameResult, Penetrations
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -16,6 +17,34 @@ Flags = NDArray[np.bool_]
 
 CORRECTION_THRESHOLD = 1e-4
 """Difference of a coordinate [m] or quaternion component above which a body is drawn as corrected."""
+
+
+class RaggedContacts(NamedTuple):
+    """The contacts of n frames one after another, and how many are of each."""
+
+    columns: Contacts
+    counts: Ints  # (n,)
+
+
+class RaggedPenetrations(NamedTuple):
+    """The penetration depths of n frames one after another, and how many are of each."""
+
+    columns: Penetrations
+    counts: Ints  # (n,)
+
+
+def all_contacts(results: Sequence[FrameResult]) -> RaggedContacts:
+    """The contacts of the frames."""
+    columns = zip(*(result.contacts for result in results), strict=True)
+    counts = np.array([len(result.contacts.depth) for result in results], np.int64)
+    return RaggedContacts(Contacts(*map(np.concatenate, columns)), counts)
+
+
+def all_penetrations(results: Sequence[FrameResult]) -> RaggedPenetrations:
+    """The penetration depths of the frames."""
+    columns = zip(*(result.penetrations for result in results), strict=True)
+    counts = np.array([len(result.penetrations.largest) for result in results], np.int64)
+    return RaggedPenetrations(Penetrations(*map(np.concatenate, columns)), counts)
 
 
 def is_corrected(recorded: Floats, corrected: Floats) -> Flags:

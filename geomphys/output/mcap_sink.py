@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
 import numpy as np
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.message import Message
-from mcap.writer import Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 from numpy.typing import NDArray
 
 from geomphys import __version__
 from geomphys.config import Config
 from geomphys.errors import LogError, OutputError
+from geomphys.output import frame_columns
 from geomphys.output.attached_files import scene_files
 from geomphys.output.encoders import (
     JOINT_STATE_DEFINITION,
@@ -28,6 +31,7 @@ from geomphys.output.encoders import (
 )
 from geomphys.output.finite_check import check_finite
 from geomphys.output.input_copy import InputCopy
+from geomphys.output.mcap_writer import McapWriter
 from geomphys.output.proto.geomphys_pb2 import Contacts, FrameMetrics, PenetrationDepths, Timing
 from geomphys.output.provenance import METADATA_RECORD, Provenance
 from geomphys.output.sink import ContextManaged
@@ -40,6 +44,7 @@ from geomphys.scene.arrays import DRIVEN, FIXED, World
 from geomphys.storage.output_file import OutputFile
 from geomphys.storage.remote_files import AnyPath
 
+_SHOWN_CONTACTS = ("/contacts/points", "/contacts/scene")
 _PROTOBUF_CHANNELS: dict[str, type[Message]] = {
     "/meshes": SceneUpdate,
     "/recorded/meshes": SceneUpdate,
@@ -53,6 +58,21 @@ _PROTOBUF_CHANNELS: dict[str, type[Message]] = {
     "/timing": Timing,
     "/log": Log,
 }
+
+BATCH_FRAMES = 128
+"""Frames that are buffered and encoded together."""
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class FrameMessage(NamedTuple):
+    """A message of the output that is not in the file yet."""
+
+    topic: str
+    frame: int
+    time_ns: int
+    data: bytes
 
 
 class McapSink(ContextManaged):
@@ -100,11 +120,12 @@ class McapSink(ContextManaged):
         self._files = scene_files(world)
         self._input = InputCopy(self._input_path, config.recover) if self._input_path else None
         self._output = output
-        self._file = Writer(output.stream)
+        self._file = McapWriter(output.stream)
         self._file.start(profile=self.profile, library=f"geomphys {__version__}")
         self._declare_channels()
         self._prepare_messages()
-        self._started = False
+        self._results: list[FrameResult] = []
+        self._started = self._has_transforms = False
         self._had_contacts = True  # so that a first frame without contacts writes empty messages
 
     def write(self, result: FrameResult) -> None:
@@ -118,12 +139,12 @@ class McapSink(ContextManaged):
                 "between 0 (1970) and 2**31 s (2038); shift the log's clock"
             )
         check_finite(result, self._world.body_names)
-        try:
-            if self._input is not None:
-                self._input.copy_until(time, self._file)
-            self._write(result, time)
-        except OSError as problem:
-            raise self._output.error(problem) from problem
+        self._results.append(result)
+        if len(self._results) >= BATCH_FRAMES:
+            try:
+                self._write_batch()
+            except OSError as problem:
+                raise self._output.error(problem) from problem
 
     def close(self, complete: bool) -> None:
         """Finish the file and give it its name; see `Sink.close`."""
@@ -132,6 +153,7 @@ class McapSink(ContextManaged):
         output, self._output = self._output, None
         log_error: LogError | None = None
         try:
+            self._write_batch()
             if not self._started:
                 self._write_static_messages(0)
             if self._input is not None:
@@ -140,7 +162,7 @@ class McapSink(ContextManaged):
                 except LogError as problem:
                     log_error, complete = problem, False
             self._file.add_metadata(METADATA_RECORD, self._provenance.record(complete=complete))
-            self._file.finish()  # type: ignore[no-untyped-call]
+            self._file.finish()
         except OSError as problem:
             output.discard()
             raise output.error(problem) from problem
@@ -148,35 +170,76 @@ class McapSink(ContextManaged):
         if log_error is not None:
             raise log_error
 
-    def _write(self, result: FrameResult, time: int) -> None:
-        frame, write_message, encoder = result.frame.index, self._write_message, self._frame_encoder
+    def _write_batch(self) -> None:
+        """Write the buffered frames."""
+        results, self._results = self._results, []
+        if not results:
+            return
+        times, frames = (np.array([getattr(r.frame, name) for r in results]) for name in ("time_ns", "index"))
         if not self._started:
-            self._write_static_messages(time)
-            write_message("/tf", self._first_transforms.encode(result.corrected, time), time, frame)
-        else:
-            write_message("/tf", self._transforms.encode(result.corrected[self._moving], time), time, frame)
-        write_message("/recorded/tf", self._recorded.encode(result.recorded[self._driven], time), time, frame)
-        for topic, message, start, end in self._joints:
-            write_message(topic, message.encode(result.angles[start:end], time), time, frame)
-        contacts = result.contacts
-        write_message("/contacts", encoder.contacts(contacts, frame, time), time, frame)
-        has_contacts = len(contacts.depth) > 0
-        if has_contacts or self._had_contacts:
-            write_message("/contacts/points", self._points.encode(contacts, time), time, frame)
-            write_message("/contacts/scene", self._arrows.encode(contacts, time), time, frame)
-        self._had_contacts = has_contacts
-        write_message("/penetration", encoder.penetrations(result.penetrations, frame, time), time, frame)
-        write_message("/metrics", encoder.metrics(result.metrics, frame, time), time, frame)
-        if self._timing:
-            write_message("/timing", encoder.timing(result.timing, frame, time), time, frame)
-        for level, text in result.messages:
-            write_message("/log", encoder.log(level, text, time), time, frame)
-        for moment in result.moments:
-            data = encoder.log("info", log_text(moment), moment.time_ns)
-            write_message("/log", data, moment.time_ns, moment.frame)
+            self._write_static_messages(results[0].frame.time_ns)
+        messages = self._messages(results, frames, times)
+        if self._input is None:
+            self._add([message for of_frame in messages for message in of_frame])
+            return
+        for of_frame, time in zip(messages, times.tolist(), strict=True):
+            self._input.copy_until(time, self._file)
+            self._add(of_frame)
 
-    def _write_message(self, topic: str, data: bytes, time: int, frame: int) -> None:
-        self._file.add_message(self._channels[topic], time, data, time, frame & 0xFFFFFFFF)
+    def _messages(self, results: Sequence[FrameResult], frames: Ints, times: Ints) -> Iterator[list[FrameMessage]]:
+        """Encode frames (n,) at times (n,); yields the messages of each."""
+        encoder = self._frame_encoder
+        contacts, pairs = frame_columns.all_contacts(results), frame_columns.all_penetrations(results)
+        corrected, recorded = (np.stack([getattr(r, name) for r in results]) for name in ("corrected", "recorded"))
+        columns = [
+            ("/tf", self._encode_transforms(corrected, times)),
+            ("/recorded/tf", self._recorded.encode(recorded[:, self._driven], times)),
+            *self._encode_joints(results, times),
+            ("/contacts", encoder.contacts(contacts, frames, times)),
+            ("/contacts/points", self._points.encode(contacts, times)),
+            ("/contacts/scene", self._arrows.encode(contacts, times)),
+            ("/penetration", encoder.penetrations(pairs, frames, times)),
+            ("/metrics", encoder.metrics([r.metrics for r in results], frames, times)),
+        ]
+        if self._timing:
+            columns.append(("/timing", encoder.timing([r.timing for r in results], frames, times)))
+        for row, result in enumerate(results):
+            has_contacts = bool(contacts.counts[row])
+            is_shown = has_contacts or self._had_contacts
+            self._had_contacts = has_contacts
+            index, time = result.frame.index, result.frame.time_ns
+            found = [
+                FrameMessage(topic, index, time, data[row])
+                for topic, data in columns
+                if is_shown or topic not in _SHOWN_CONTACTS
+            ]
+            found += [FrameMessage("/log", index, time, encoder.log(*line, time)) for line in result.messages]
+            found += [
+                FrameMessage("/log", m.frame, m.time_ns, encoder.log("info", log_text(m), m.time_ns))
+                for m in result.moments
+            ]
+            yield found
+
+    def _encode_transforms(self, corrected: Floats, times: Ints) -> list[bytes]:
+        """/tf of frames (n, B, 7): in the first of all every body, then those that move."""
+        first = [] if self._has_transforms else self._first_transforms.encode(corrected[:1], times[:1])
+        self._has_transforms = True
+        rest = slice(len(first), None)
+        return first + self._transforms.encode(corrected[rest, self._moving], times[rest])
+
+    def _encode_joints(self, results: Sequence[FrameResult], times: Ints) -> Iterator[tuple[str, list[bytes]]]:
+        """Topic and messages of the joints of each avatar."""
+        angles = np.stack([result.angles for result in results])
+        for topic, encoder, start, end in self._joints:
+            yield topic, encoder.encode(angles[:, start:end], times)
+
+    def _add(self, messages: Sequence[FrameMessage]) -> None:
+        topics, frames, times, data = zip(*messages, strict=True)
+        channels = [self._channels[topic] for topic in topics]
+        self._file.add_messages(channels, np.array(times), np.array(frames), data)
+
+    def _write_message(self, topic: str, data: bytes, time: int) -> None:
+        self._add([FrameMessage(topic, 0, time, data)])
 
     def _declare_channels(self) -> None:
         file, schemas = self._file, dict[str, int]()
@@ -227,12 +290,11 @@ class McapSink(ContextManaged):
         """Write the robot descriptions, the display meshes and the attachments at the time of the first frame."""
         self._started = True
         for topic, text in self._descriptions.items():
-            self._write_message(topic, encode_string(text), time, 0)
+            self._write_message(topic, encode_string(text), time)
         self._write_surfaces(time)
         for file in self._files:
-            # the time of creation, 0, is not recorded
-            self._file.add_attachment(0, time, file.name, file.media_type, file.data)
+            self._file.add_attachment(time, file.name, file.media_type, file.data)
 
     def _write_surfaces(self, time: int) -> None:
-        self._write_message("/meshes", encode_surfaces(self._world, time), time, 0)
-        self._write_message("/recorded/meshes", encode_ghosts(self._world, time), time, 0)
+        self._write_message("/meshes", encode_surfaces(self._world, time), time)
+        self._write_message("/recorded/meshes", encode_ghosts(self._world, time), time)

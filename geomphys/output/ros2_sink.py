@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 
 from geomphys.output.encoders import JOINT_STATE_DEFINITION, STRING_DEFINITION
-from geomphys.output.mcap_sink import McapSink
+from geomphys.output.mcap_sink import FrameMessage, Ints, McapSink
 from geomphys.output.ros2_messages import (
     MARKERS_DEFINITION,
     TF_DEFINITION,
@@ -67,16 +69,19 @@ class Ros2Sink(McapSink):
         self._tf_recorded = TransformsCdrEncoder([f"recorded/{names[b]}" for b in self._driven])
         self._markers = ContactMarkersEncoder()
 
-    def _write(self, result: FrameResult, time: int) -> None:
-        frame, write_message = result.frame.index, self._write_message
-        if not self._started:
-            self._write_static_messages(time)
-            write_message("/tf_static", self._tf_static.encode(result.corrected[self._still], time), time, frame)
-        write_message("/tf", self._tf.encode(result.corrected[self._moving], time), time, frame)
-        write_message("/recorded/tf", self._tf_recorded.encode(result.recorded[self._driven], time), time, frame)
-        for topic, message, start, end in self._joints:
-            write_message(topic, message.encode(result.angles[start:end], time), time, frame)
-        write_message("/contacts/markers", self._markers.encode(result.contacts, time), time, frame)
+    def _messages(self, results: Sequence[FrameResult], frames: Ints, times: Ints) -> Iterator[list[FrameMessage]]:
+        joints = dict(self._encode_joints(results, times))
+        for row, (result, time) in enumerate(zip(results, times.tolist(), strict=True)):
+            found = {
+                "/tf": self._tf.encode(result.corrected[self._moving], time),
+                "/recorded/tf": self._tf_recorded.encode(result.recorded[self._driven], time),
+                **{topic: data[row] for topic, data in joints.items()},
+                "/contacts/markers": self._markers.encode(result.contacts, time),
+            }
+            if not self._has_transforms:
+                self._has_transforms = True
+                found = {"/tf_static": self._tf_static.encode(result.corrected[self._still], time), **found}
+            yield [FrameMessage(topic, result.frame.index, time, data) for topic, data in found.items()]
 
     def _write_surfaces(self, time: int) -> None:
-        self._write_message("/meshes", encode_surface_markers(self._world, time), time, 0)
+        self._write_message("/meshes", encode_surface_markers(self._world, time), time)
