@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from .command import command, current_terminal
-from .options import INPUT, INPUT_FILE, OUTPUT_FILE, check_outputs, force_option, json_option
+from .options import INPUT, INPUT_FILE, OUTPUT_FILE, check_ending, check_outputs, force_option, json_option
 from .progress import progress_bar
 from .terminal import counted, fields, heading, printable
 
@@ -46,7 +46,7 @@ OVERLAPS_SHOWN = 10
     metavar="MM",
     help="End with exit code 4 if bodies overlap by more than this (mm) in any frame.",
 )
-@click.option("--junit", type=OUTPUT_FILE, metavar="FILE", help="Write what was claimed and found as JUnit XML.")
+@click.option("--junit", type=OUTPUT_FILE, metavar="FILE.xml", help="Write what was claimed and found as JUnit XML.")
 @force_option
 @json_option
 def audit(
@@ -67,22 +67,27 @@ def audit(
     Of any other log, with --scene, the motion is measured as it was recorded: penetration, self-overlap, speed, jerk. The
     exit code is 4 if it goes deeper than --max-penetration.
     """
-    from geomphys.output.output_log import is_output
-
     check_outputs(junit, force=force, inputs=(motion, scene))
+    check_ending(junit, ".xml")
+    from geomphys.output.output_log import is_output
+    from geomphys.output.provenance import files_of_log
+    from geomphys.scene.source_files import tracked_sources
+
     terminal = current_terminal()
-    if scene is None or is_output(motion):
-        claim, found = _audit_output(terminal, motion, scene, recorded, max_penetration, as_json)
-    else:
-        if recorded:
-            raise click.UsageError(f"{motion}: is no output of geomphys; --recorded is for outputs")
-        if junit is not None and max_penetration is None:
-            raise click.UsageError("--junit has nothing to claim: add --max-penetration MM")
-        claim, found = _audit_log(terminal, motion, scene, max_penetration, as_json)
+    with tracked_sources() as sources:
+        if scene is None or is_output(motion):
+            claim, found = _audit_output(terminal, motion, scene, recorded, max_penetration, as_json)
+        else:
+            if recorded:
+                raise click.UsageError(f"{motion}: is no output of geomphys; --recorded is for outputs")
+            if junit is not None and max_penetration is None:
+                raise click.UsageError("--junit has nothing to claim: add --max-penetration MM")
+            claim, found = _audit_log(terminal, motion, scene, max_penetration, as_json)
     if junit is not None:
         from geomphys.analysis.junit import Claim, write_junit
 
-        write_junit(junit, [Claim(motion.name, claim, found)], force=force, inputs=(motion,))
+        read = (*files_of_log(motion), *sources.contents)
+        write_junit(junit, [Claim(motion.name, claim, found)], force=force, inputs=read)
     if found:
         terminal.error(f"{motion}: {found}")
         return EXIT_OVERLAPS

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from .command import command, current_terminal
-from .options import INPUT_FILE, SEED, check_outputs, force_option, json_option
+from .options import INPUT_FILE, SEED, check_ending, check_outputs, force_option, json_option
 from .progress import ProgressBars, meshes_report
 from .terminal import printable
 
@@ -53,10 +53,11 @@ def decompose(path: Path, out: Path | None, threshold: float | None, seed: int, 
     has_many_meshes = path.suffix.lower() in {".toml", ".urdf"}
     if has_many_meshes and out is not None and (str(out) == "-" or (out.exists() and not out.is_dir())):
         raise click.UsageError(f"{out}: is a file; the pieces of {path} need a folder")
+    from geomphys.authoring.convex_pieces import FORMATS, decompose_file, write_pieces
+
     if not has_many_meshes:
         check_outputs(out, force=force, inputs=(path,))
-
-    from geomphys.authoring.convex_pieces import decompose_file, write_pieces
+        check_ending(out, *FORMATS)
 
     terminal = current_terminal()
     with ProgressBars(terminal) as bars:

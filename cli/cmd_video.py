@@ -24,7 +24,7 @@ FORMATS = (".mp4", ".gif")
 )
 @picture_options(
     "VIDEO",
-    "The .mp4 or .gif to write.",
+    "The .mp4 or .gif to write; - is standard output, a GIF.",
     size=(640, 480),
     size_limit=4096,
     size_text="Width and height of each half, even numbers.",

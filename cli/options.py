@@ -28,6 +28,8 @@ class PathOrUrl(click.Path):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the path or URL as a path object; usage error where it does not exist."""
+        if str(value) == "-" and not self.file_okay:
+            self.fail("standard output is no folder; name one", param, ctx)
         if "://" not in str(value):
             return super().convert(value, param, ctx)
         from geomphys.errors import InputError

@@ -75,7 +75,8 @@ def _rows(summary: Summary) -> Iterator[tuple[str, Sequence[str | Text]]]:
         yield "Notes", notes
     yield from finding_rows(summary.findings, False)
     if summary.worst:
-        yield "Look at", moment_lines(summary.worst, summary.out or summary.rrd)
+        named = (path for path in (summary.out, summary.rrd) if path and path != "-")
+        yield "Look at", moment_lines(summary.worst, next(named, None))
     if "step" in summary.timing:
         yield "Time", list(_times(summary))
     if summary.out or summary.rrd:
@@ -171,6 +172,8 @@ def _times(summary: Summary) -> Iterator[str]:
 
 def _written(path: str) -> str:
     """Return a file and its size."""
+    if path == "-":
+        return "to standard output"
     from geomphys.storage.remote_files import as_path
 
     size = as_path(path).stat().st_size

@@ -15,6 +15,7 @@ from mcap.writer import Writer
 import geomphys
 from geomphys.output.input_copy import MessageCopy
 from geomphys.recording.reader import open_log
+from tests.test_documented_output import SHOWN, is_run, stories
 
 ROOT = Path(__file__).resolve().parent.parent
 GUIDES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "assets" / "docs").glob("*.md"))]
@@ -26,9 +27,6 @@ ELSEWHERE = {
     "--scheduler": "tests/batch",
 }
 """Part of a command that needs a screen, a server or minutes -> where it is tested."""
-
-SHOWN_ELSEWHERE = ("README.md", "your_recording.md")
-"""Guides whose commands on recordings of the checkout are run by `test_documented_output.py`, which compares the text."""
 
 OUTPUT_OPTIONS = ("-o", "-O", "--rrd", "--html", "--junit", "--lerobot", "--foxglove")
 ENDS = {"diff": {0, 1}, "audit": {0, 4}, "check": {0, 1}}
@@ -104,7 +102,7 @@ def cases() -> list[object]:
     for path in GUIDES:
         lines = [line for line in commands(path) if line not in seen]
         seen.update(lines)
-        if path.name in SHOWN_ELSEWHERE:
+        if str(path.relative_to(ROOT)) in SHOWN:  # there their text is compared too
             lines = [line for line in lines if not on_recordings(line) and "out/" not in line]
         elif any(map(on_recordings, lines)):
             found.append(pytest.param(lines, id=path.stem, marks=pytest.mark.slow))
@@ -141,3 +139,10 @@ def test_no_guide_is_left_out() -> None:
         "tables.md", "your_recording.md", "CONTRIBUTING.md",
     }  # fmt: skip
     assert all((ROOT / where).exists() for where in ELSEWHERE.values())
+
+
+def test_no_command_is_left_out() -> None:
+    run_here = {line for case in cases() for line in case.values[0]}  # type: ignore[attr-defined]
+    shown = [line for name in SHOWN for lines, _ in stories((ROOT / name).read_text()) for line in lines]
+    run_there = {line.strip() for line in shown if is_run(line)}
+    assert {line for path in GUIDES for line in commands(path)} <= run_here | run_there

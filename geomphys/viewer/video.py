@@ -18,7 +18,7 @@ from geomphys.output.output_results import results_of_output
 from geomphys.output.output_world import world_of_output
 from geomphys.results import FrameResult
 from geomphys.scene.arrays import World
-from geomphys.storage.output_file import OutputFile, check_target
+from geomphys.storage.output_file import OutputFile, check_target, is_standard_output
 from geomphys.storage.remote_files import AnyPath
 from geomphys.viewer.frame_picture import FramePainter, sample_of, viewpoint_of
 
@@ -90,7 +90,7 @@ def make_video(
     result : Path
         The output log (``.mcap``).
     out : Path
-        The video; its suffix, ``.mp4`` or ``.gif``, is its format.
+        The video; its suffix, ``.mp4`` or ``.gif``, is its format; ``-``: a GIF on standard output.
     config : VideoConfig, optional
     force : bool
         Whether a file that is there may be replaced.
@@ -107,7 +107,7 @@ def make_video(
         The video cannot be written.
     """
     config = config or VideoConfig()
-    suffix = out.suffix.lower()
+    suffix = ".gif" if is_standard_output(out) else out.suffix.lower()
     if suffix not in SUFFIXES:
         raise OutputError(f"{out}: ends in {out.suffix!r}; a video is {' or '.join(SUFFIXES)}")
     check_target(out, force=force, inputs=(result,))

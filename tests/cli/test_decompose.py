@@ -77,8 +77,3 @@ def test_what_cannot_be_cut_is_1_and_one_line(
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert says in error
-
-
-def test_a_name_of_no_known_format(stool: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["decompose", str(stool), "-o", str(tmp_path / "pieces.xyz")]) == 1
-    assert ".glb" in capsys.readouterr().err

@@ -18,14 +18,13 @@ from tests.made import Results
 __all__ = ["furnished"]
 
 
-QUICK = ("init", "decompose")
+QUICK = ("init", "decompose", "snapshot")
 SLOW = ("plot", "diff", "replay", "ros2", "batch", "export", "lerobot", "video", "calibrate", "audit")
 SEVERAL = {"diff", "replay", "ros2", "batch", "export", "lerobot"}
 """These write several files; one may be whole before the next fails."""
 NOT_WALKED = {
     **dict.fromkeys(("bench", "check", "completion", "info", "schema", "stats"), "writes nothing"),
     "demo": "is a replay",
-    "snapshot": "its picture is made by the viewer's own process, then published as every output",
     "view": "starts the viewer",
 }
 
@@ -41,7 +40,8 @@ def test_any_call_that_fails_is_one_line_and_leaves_what_was_there(
     folder = tmp_path / "outputs"
     folder.mkdir()
     name = {"replay": "a.mcap", "init": "a.toml", "plot": "a.png", "diff": "a.html", "decompose": "a.glb",
-            "ros2": "a.mcap", "video": "a.gif", "audit": "a.xml", "calibrate": "a.toml"}.get(command, "")  # fmt: skip
+            "ros2": "a.mcap", "video": "a.gif", "audit": "a.xml", "calibrate": "a.toml",
+            "snapshot": "a.png"}.get(command, "")  # fmt: skip
     if name:
         (folder / name).write_bytes(b"an earlier output")
     out = folder / name
@@ -60,6 +60,7 @@ def test_any_call_that_fails_is_one_line_and_leaves_what_was_there(
         "export": ["export", pressed.out, "-o", folder, "--force", "-q"],
         "lerobot": ["export", landed.out, "--lerobot", folder / "set", "-q"],
         "video": ["video", pressed.out, "-o", out, "--to", "0.1", "--size", 64, 64, "-j", 1, "--force", "-q"],
+        "snapshot": ["snapshot", pressed.out, "-o", out, "--size", 64, 64, "--force", "-q"],
         "calibrate": ["calibrate", root / "recordings/webxr_hand.mcap", "-s", out, *flat],
         "audit": ["audit", pressed.out, "--max-penetration", 5, "--junit", out, "--force", "-q"],
     }

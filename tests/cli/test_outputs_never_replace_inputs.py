@@ -162,20 +162,111 @@ def test_standard_output_gets_the_file_and_stderr_the_figures(case: Case, tmp_pa
     assert done.stdout == (tmp_path / "out.mcap").read_bytes()
 
 
-@pytest.mark.parametrize("what", ["plot", "decompose", "init", "html"])
+@pytest.mark.parametrize(
+    "what",
+    ["replay", "rrd", "plot", "decompose", "init", "html", "overlay", "junit", "snapshot", "video", "foxglove"],
+)
 def test_every_command_that_writes_a_file_writes_it_to_standard_output(
-    what: str, furnished: Case, pressed: Results, tmp_path: Path
+    what: str,
+    furnished: Case,
+    pressed: Results,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfdbinary: pytest.CaptureFixture[bytes],
 ) -> None:
+    replay, video = ["replay", furnished.log, "-s", furnished.scene], ["--to", "0.1", "--size", "64", "64", "-j", "1"]
     words, begin = {
+        "replay": ([*replay, "-o", "-"], b"\x89MCAP"),
+        "rrd": ([*replay, "--rrd", "-"], b"RRF2"),
         "plot": (["plot", pressed.out, "-o", "-"], b"\x89PNG"),
         "decompose": (["decompose", furnished.folder / "cube.obj", "-o", "-"], b"glTF"),
         "init": (["init", furnished.log, "--urdf", furnished.folder / "cup.urdf", "-o", "-"], b"# "),
         "html": (["diff", pressed.out, pressed.out, "--html", "-"], b"<!doctype html>"),
+        "overlay": (["diff", pressed.out, pressed.out, "--rrd", "-"], b"RRF2"),
+        "junit": (["audit", pressed.out, "--junit", "-"], b"<?xml"),
+        "snapshot": (["snapshot", pressed.out, "-o", "-", "--size", "64", "64"], b"\x89PNG"),
+        "video": (["video", pressed.out, "-o", "-", *video], b"GIF89a"),
+        "foxglove": (["export", pressed.out, "--foxglove", "-"], b"{"),
     }[what]
-    script = "from geomphys_cli.main import main; main()"
-    done = subprocess.run([sys.executable, "-c", script, *map(str, words)], capture_output=True)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith(begin), done.stdout[:100]
+    before = contents(furnished.folder)
+    monkeypatch.chdir(tmp_path)
+    assert run([str(word) for word in words]) == 0
+    printed, said = capfdbinary.readouterr()
+    assert printed.startswith(begin), printed[:100]
+    assert b"error" not in said
+    assert b"snapshot -" not in said, "the command would read a file of that name"
+    assert contents(furnished.folder) == before
+
+
+@pytest.mark.parametrize(
+    "words", [["export", "-o", "-"], ["export", "--lerobot", "-"], ["batch", "-O", "-"], ["demo", "-O", "-"]]
+)
+def test_a_folder_is_no_standard_output(
+    words: list[str],
+    pressed: Results,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    read = {"export": [pressed.out], "batch": [pressed.log, "-s", pressed.scene]}.get(words[0], [])
+    assert run([words[0], *map(str, read), *words[1:]]) == 2
+    assert "standard output is no folder" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("victim", ["cube.obj", "cup.urdf", "bag/part.mcap"])
+@pytest.mark.parametrize("motion", ["log", "output"])
+def test_audit_writes_over_no_file_that_it_reads(
+    furnished: Case, victim: str, motion: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Under a name that ends as a report does: a link leads to the file."""
+    folder = furnished.folder
+    (folder / "bag").mkdir()
+    os.link(furnished.log, folder / "bag" / "part.mcap")
+    parts = "rosbag2_bagfile_information:\n  relative_file_paths: [part.mcap]\n"
+    (folder / "bag" / "metadata.yaml").write_text(parts)
+    read = folder / "bag"
+    if motion == "output":
+        read = folder / "out.mcap"
+        geomphys.run(furnished.log, furnished.scene, out=read)
+        victim = victim.replace("bag/part.mcap", "out.mcap")
+    os.link(folder / victim, folder / "report.xml")
+    before = contents(folder)
+    words = ["audit", read, "-s", furnished.scene, "--max-penetration", 50, "--junit", folder / "report.xml"]
+    assert run([*map(str, words), "--force", "-q"]) == 2
+    assert "is an input" in capsys.readouterr().err
+    assert contents(folder) == before
+
+
+@pytest.mark.parametrize(
+    ("words", "option"),
+    [
+        (["replay", "LOG", "-s", "SCENE"], "-o"),
+        (["replay", "LOG", "-s", "SCENE"], "--rrd"),
+        (["init", "LOG", "--urdf", "URDF"], "-o"),
+        (["diff", "OUT", "OUT"], "--html"),
+        (["diff", "OUT", "OUT"], "--rrd"),
+        (["plot", "OUT"], "-o"),
+        (["snapshot", "OUT"], "-o"),
+        (["video", "OUT"], "-o"),
+        (["export", "OUT"], "--foxglove"),
+        (["audit", "OUT"], "--junit"),
+        (["decompose", "MESH"], "-o"),
+    ],
+)
+@pytest.mark.parametrize("name", ["a.bag", "a"])
+def test_another_suffix_is_refused_by_every_output_alike(
+    words: list[str], option: str, name: str, furnished: Case, pressed: Results, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = furnished.folder
+    names = {"LOG": furnished.log, "SCENE": furnished.scene, "OUT": pressed.out}
+    names |= {"URDF": folder / "cup.urdf", "MESH": folder / "cube.obj"}
+    before = contents(folder)
+    assert run([*(str(names.get(word, word)) for word in words), option, str(folder / name)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"{folder / name}: ends in {Path(name).suffix or 'no suffix'}; what is written there ends in ." in line
+    assert contents(folder) == before
 
 
 def test_two_replays_to_one_name_leave_a_whole_output(case: Case, tmp_path: Path) -> None:
