@@ -55,7 +55,7 @@ ITERATIONS = 12
 """Steps of a stage."""
 MAX_STEP = 20.0
 """Units; longest step."""
-STARTS = 20
+STARTS = 10
 """Random changes of the size of `EXPECTED` that are started from besides none,"""
 NEAR_STARTS = 6
 """and changes within `NEAR` standard deviations of the best, in which it is sure least."""
