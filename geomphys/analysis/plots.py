@@ -161,21 +161,19 @@ class _Curves:
             "blocked": float(int(metrics["flags"]) & FLAG_BLOCKED > 0),
         }
         for name, value in values.items():
-            self.values.setdefault(name, BinnedCurve()).add(value)
+            self.values.setdefault(name, BinnedCurve()).add(frame.index, value)
         times = {stage.name: stage.ns / 1e3 for stage in frame.timing}
         for name in dict.fromkeys([*self.stages, *times]):
             if name not in self.stages:
                 self.stages[name] = BinnedCurve()
-                for _ in range(self.frames):
-                    self.stages[name].add(0.0)
-            self.stages[name].add(times.get(name, 0.0))
+                for number in range(self.first, frame.index):
+                    self.stages[name].add(number, 0.0)
+            self.stages[name].add(frame.index, times.get(name, 0.0))
         self.frames += 1
 
     def x(self) -> Floats:
         """Frame number at which each bin begins."""
-        bins = self.values["recorded"]
-        starts: Floats = self.first + bins.stride * np.arange(len(bins.maximum()), dtype=np.float64)
-        return starts
+        return self.values["recorded"].frames().astype(np.float64)
 
 
 def _read(log: OutputLog, progress: Callable[[int, int | None], None] | None) -> _Curves:

@@ -14,6 +14,7 @@ from geomphys.authoring.resting_frames import frame_of_touch, means_of_parts
 from geomphys.authoring.surface_gaps import GapMeter
 from geomphys.config import Config
 from geomphys.errors import ConfigError, LogError
+from geomphys.numerics.even_samples import EvenSamples
 from geomphys.numerics.transforms import angle_between
 from geomphys.recording.frames import FrameSource
 from geomphys.results import Frame
@@ -24,8 +25,8 @@ Floats = NDArray[np.float64]
 
 MAX_FRAMES = 8
 """Frames of a stretch that are used, evenly spread, each the mean of its part where the hand rests."""
-MAX_SAMPLES = 256
-"""Frames of a stretch that are kept, evenly spread."""
+MAX_SAMPLES = 257
+"""Of a stretch fewer frames than this are retained, evenly spread."""
 SPEED_TIME = 0.1
 """s over which a speed is taken that is to be slow."""
 SLOW_M_S = 0.02
@@ -96,7 +97,7 @@ def collect(
     first_body, last_body = world.scene.trees.body_start[tree : tree + 2]
     names = [name.split("/", 1)[1] for name in world.body_names[first_body:last_body]]
     links = [_link_of(s.link, names, world.tree_names[tree]) for s, _ in stretches]
-    recorded, buckets = Recorded(), [_Thinned() for _ in stretches]
+    recorded, buckets = Recorded(), [EvenSamples[Frame](MAX_SAMPLES) for _ in stretches]
     slow: list[Contact] = []
     recent: deque[tuple[int, Floats]] = deque()
     surfaces = list(movable) or [
@@ -120,7 +121,7 @@ def collect(
                 continue
             for k, (stretch, _) in enumerate(stretches):
                 if stretch.begin <= seconds <= stretch.end:
-                    buckets[k].add(frame)
+                    buckets[k].offer(frame)
             recent.append((frame.time_ns, frame.roots[tree, :3]))
             while len(recent) > 2 and frame.time_ns - recent[1][0] >= SPEED_TIME * 1e9:
                 recent.popleft()
@@ -132,7 +133,7 @@ def collect(
                 if abs(gaps[best]) < NEAR_M:
                     slow.append(Contact(frame, surfaces[best], -1, True))
     for k, (stretch, surface) in enumerate(stretches):
-        frames = buckets[k].retained
+        frames = buckets[k].items
         if not frames:
             raise LogError(f"{log}: has no good frame from {stretch.begin:g} to {stretch.end:g} s after its first")
         if stretch.is_touch:
@@ -158,22 +159,6 @@ def _rests(slow: Sequence[Contact], tree: int, columns: slice) -> list[Contact]:
         frames = means_of_parts([contact.frame for contact in run], MAX_FRAMES, tree, columns)
         found += [run[0]._replace(frame=frame, stretch=k) for frame in frames]
     return found
-
-
-class _Thinned:
-    """At most `MAX_SAMPLES` frames, evenly spread: every one, then every second …"""
-
-    def __init__(self) -> None:
-        self.retained: list[Frame] = []
-        self.stride, self.count = 1, 0
-
-    def add(self, frame: Frame) -> None:
-        if self.count % self.stride == 0:
-            self.retained.append(frame)
-            if len(self.retained) > MAX_SAMPLES:
-                del self.retained[1::2]
-                self.stride *= 2
-        self.count += 1
 
 
 def _link_of(name: str, names: Sequence[str], avatar: str) -> int:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from geomphys.keypoints.fit_model import FitModel
 from geomphys.keypoints.setup import RIGID, point_distances
+from geomphys.numerics.even_samples import EvenSamples
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -26,7 +27,7 @@ MIN_LENGTH = 0.005
 ROUNDING = 1e-6
 """m; a joint that is nearer to its link's origin is at it."""
 MAX_SAMPLES = 4096
-"""Frames of which distances are kept: every one, then every second …"""
+"""Distances are measured in fewer frames than this, evenly spread over a recording."""
 MIN_SAMPLES = 10
 """Distances that a segment needs."""
 DIGITS = 3
@@ -97,28 +98,24 @@ def segment_owners(model: FitModel, segments: list[Segment]) -> list[int]:
 
 
 class DistanceSamples:
-    """Recorded lengths of segments, of at most `MAX_SAMPLES` frames that are spread evenly over the recording."""
+    """Recorded lengths of segments, of fewer than `MAX_SAMPLES` frames that are spread evenly over the recording."""
 
     def __init__(self, segments: list[Segment]) -> None:
         self.segments = segments
-        self.rows: list[Floats] = []
-        self.stride, self.count = 1, 0
+        self._samples = EvenSamples[Floats](MAX_SAMPLES)
 
     def add(self, points: Floats, seen: NDArray[np.int64]) -> None:
         """Add a frame: points (K, 3) m, and which of them are seen."""
-        if self.count % self.stride == 0:
+        if self._samples.takes_next():
             a = [s.first for s in self.segments]
             b = [s.second for s in self.segments]
             known = (seen[a] != 0) & (seen[b] != 0)
-            self.rows.append(np.where(known, np.linalg.norm(points[a] - points[b], axis=1), np.nan))
-            if len(self.rows) >= MAX_SAMPLES:
-                del self.rows[1::2]
-                self.stride *= 2
-        self.count += 1
+            self._samples.append(np.where(known, np.linalg.norm(points[a] - points[b], axis=1), np.nan))
 
     def medians(self) -> list[tuple[Segment, float]]:
         """The segments that were seen often enough, and the medians of their lengths [m]."""
-        table = np.array(self.rows).reshape(len(self.rows), len(self.segments))
+        rows = self._samples.items
+        table = np.array(rows).reshape(len(rows), len(self.segments))
         return [
             (s, float(np.nanmedian(table[:, k])))
             for k, s in enumerate(self.segments)

@@ -22,6 +22,8 @@ MAX_INCREMENT = 0.5
 """rad or m; a larger one of the last frame is not carried on."""
 PROBED_FRAMES = 16
 """Every so many frames it is measured what the points show."""
+BEYOND = 0.05
+"""rad or m; points that draw a joint at its limit at least this far beyond it are counted."""
 NOT_SHOWN = 0.5
 """Share of the variance of the pull to rest that is left where the points do not show a joint."""
 
@@ -61,6 +63,7 @@ class KeypointFitter:
         self.unshown = np.zeros(
             len(model.rest), dtype=np.int64
         )  # (Q,) probed frames in which the points do not show it
+        self.limited = np.zeros(len(model.rest), dtype=np.int64)  # (Q,) probed frames with points beyond its limits
         self.squares = 0.0  # m², sum of mean square distances
         self.largest = 0.0  # m, largest root mean square distance of a frame
 
@@ -174,9 +177,20 @@ class KeypointFitter:
         if self.frames % PROBED_FRAMES == 0:
             shares = np.ones(len(self.model.rest))
             measure_uncertainty(self._model, self._state, points, seen, shares)
-            self.unshown += shares > NOT_SHOWN
+            is_unshown = shares > NOT_SHOWN
+            self.unshown += is_unshown
+            self.limited += self._is_pressed_on_limits() & ~is_unshown
             self.probed += 1
         self.frames += 1
+
+    def _is_pressed_on_limits(self) -> NDArray[np.bool_]:
+        """(Q,) whether a joint is at a limit that the points draw it beyond: a Gauss-Newton step without limits says how far."""
+        model, state = self.model, self.state
+        hessian = np.tril(state.hessian) + np.tril(state.hessian, -1).T
+        step = -np.linalg.solve(hessian, state.gradient)[: len(model.rest)]
+        below, above = state.angles <= model.lower, state.angles >= model.upper
+        pressed: NDArray[np.bool_] = (below & (step < -BEYOND)) | (above & (step > BEYOND))
+        return pressed
 
 
 def _rigid_group(model: FitModel) -> NDArray[np.bool_]:

@@ -17,30 +17,14 @@ from geomphys.keypoints.fitter import KeypointFitter
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+PointFrames = Sequence[tuple[Floats, Ints]]
 
 MAX_FRAMES = 64
-"""Frames that are kept: every one, then every second …"""
+"""Lengths are sought on fewer frames than this, evenly spread over a recording."""
 RANGE = 0.3
 """Factors that are tried are up to this share from that of the branch,"""
 STEPS = 13
 """so many, and between them the least of a parabola."""
-
-
-class PointSamples:
-    """Points of at most `MAX_FRAMES` frames that are spread evenly over the recording."""
-
-    def __init__(self) -> None:
-        self.frames: list[tuple[Floats, Ints]] = []
-        self.stride, self.count = 1, 0
-
-    def add(self, points: Floats, seen: Ints) -> None:
-        """Add a frame: points (K, 3) m, and which of them are seen."""
-        if self.count % self.stride == 0 and seen.any():
-            self.frames.append((points.copy(), seen.copy()))
-            if len(self.frames) >= MAX_FRAMES:
-                del self.frames[1::2]
-                self.stride *= 2
-        self.count += 1
 
 
 def hidden_links(model: FitModel, branches: Sequence[str]) -> list[int]:
@@ -62,17 +46,17 @@ def hidden_links(model: FitModel, branches: Sequence[str]) -> list[int]:
 
 
 def find_hidden_factors(
-    model: FitModel, links: Sequence[int], factors: Mapping[int, float], samples: PointSamples
+    model: FitModel, links: Sequence[int], factors: Mapping[int, float], frames: PointFrames
 ) -> dict[int, float]:
     """Link -> factor of `links`, each with the others as they are found before it.
 
-    `factors` are those of all links (link -> factor).
+    `factors` are those of all links (link -> factor), `frames` points (K, 3) m with which of them are seen (K,).
     """
     found = dict(factors)
     for link in links:
         first = found.get(link, 1.0)
         tried = first * np.linspace(1.0 - RANGE, 1.0 + RANGE, STEPS)
-        squares = np.array([_misfit(model, {**found, link: float(f)}, samples) for f in tried])
+        squares = np.array([_misfit(model, {**found, link: float(f)}, frames) for f in tried])
         best = int(np.clip(squares.argmin(), 1, STEPS - 2))
         low, middle, high = squares[best - 1 : best + 2]
         curvature = low - 2.0 * middle + high
@@ -81,14 +65,14 @@ def find_hidden_factors(
     return {link: found[link] for link in links}
 
 
-def _misfit(model: FitModel, factors: Mapping[int, float], samples: PointSamples) -> float:
+def _misfit(model: FitModel, factors: Mapping[int, float], frames: PointFrames) -> float:
     """m², sum over frames of the mean square distance of a model with other lengths from the points."""
     lengths = np.array([factors.get(int(parent), 1.0) for parent in model.parent])
     origin = model.origin.copy()
     origin[:, :3] *= lengths[:, None]
     fitter = KeypointFitter(model._replace(origin=origin, fits_root=True))
     rest = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-    for points, seen in samples.frames:
+    for points, seen in frames:
         fitter.fit(points, seen, rest)
     return fitter.squares
 

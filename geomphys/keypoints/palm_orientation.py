@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 from geomphys.keypoints.fit import pose_links
 from geomphys.keypoints.fit_model import FitModel
 from geomphys.keypoints.setup import nearest_rotation, spans_plane
+from geomphys.numerics.even_samples import EvenSamples
 from geomphys.numerics.transforms import angle_between, quaternion_from_rotation, quaternion_product
 from geomphys.scene.topic_sources import PalmOrientation
 
 Floats = NDArray[np.float64]
 
 MAX_SAMPLES = 1024
-"""Frames of which rotations are kept: every one, then every second …"""
+"""Rotations are taken of fewer frames than this, evenly spread over a recording."""
 MIN_SAMPLES = 20
 """Rotations that are needed."""
 MAX_DEVIATION = 0.1
@@ -52,8 +53,8 @@ class OrientationSamples:
         poses = np.zeros((len(model.parent), 7))
         pose_links(model, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), model.rest, poses)
         self._own = poses[model.body, :3]
-        self.rows: list[tuple[Floats, Floats, float, float]] = []  # orientations (K, 4), of the root (4,); see `add`
-        self.stride, self.count = 1, 0
+        # orientations (K, 4), of the root (4,); see `add`
+        self._samples = EvenSamples[tuple[Floats, Floats, float, float]](MAX_SAMPLES)
 
     @property
     def is_possible(self) -> bool:
@@ -62,27 +63,24 @@ class OrientationSamples:
 
     def add(self, poses: Floats, seen: NDArray[np.int64]) -> None:
         """Add a frame: poses (K, 7) of the points in the world, and which of them are seen."""
-        if self.count % self.stride == 0:
+        if self._samples.takes_next():
             use = self._rigid & (seen != 0)
             if all(seen[k] for k in self.oriented) and spans_plane(self._own[use]):
                 rotation, left = nearest_rotation(self._own[use], poses[use, :3])
                 root = quaternion_from_rotation(rotation)
-                self.rows.append((poses[self.oriented, 3:].copy(), root, left, _sensitivity(self._own[use])))
-            if len(self.rows) >= MAX_SAMPLES:
-                del self.rows[1::2]
-                self.stride *= 2
-        self.count += 1
+                self._samples.append((poses[self.oriented, 3:].copy(), root, left, _sensitivity(self._own[use])))
 
     def orientation(self) -> PalmOrientation | None:
         """The orientation that agrees best with the points; None if none agrees."""
-        if len(self.rows) < MIN_SAMPLES:
+        rows = self._samples.items
+        if len(rows) < MIN_SAMPLES:
             return None
-        roots = np.array([row[1] for row in self.rows])
-        distance, sensitivity = (float(np.median([row[k] for row in self.rows])) for k in (2, 3))
+        roots = np.array([row[1] for row in rows])
+        distance, sensitivity = (float(np.median([row[k] for row in rows])) for k in (2, 3))
         best: PalmOrientation | None = None
         smallest = MAX_DEVIATION
         for column, k in enumerate(self.oriented):
-            recorded = np.array([row[0][column] for row in self.rows])
+            recorded = np.array([row[0][column] for row in rows])
             if float(np.max(angle_between(recorded, recorded[0]))) < MIN_MOTION:
                 continue
             rotations = quaternion_product(recorded * [-1.0, -1.0, -1.0, 1.0], roots)

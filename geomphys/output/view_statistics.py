@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from geomphys.numerics.even_samples import EvenSamples
 from geomphys.numerics.transforms import rotation_from_quaternion
 from geomphys.output.camera import ContactFrame, Viewpoint, choose_viewpoint
 from geomphys.results import FrameResult
@@ -14,9 +15,11 @@ from geomphys.scene.arrays import DRIVEN, FIXED, World
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+_Entry = tuple[Floats, Floats]
+"""Poses (b, 7) of bodies, and contact points (n, 3), of a frame."""
 
-MAX_FRAMES = 600
-"""Maximum number of frames sampled: of all frames, and of frames with contacts or corrections."""
+MAX_FRAMES = 601
+"""Fewer frames are sampled: of all frames, and of frames with contacts or corrections."""
 MAX_CONTACT_FRAMES = 8
 """Frames with contacts for which occlusion by the avatar itself is checked."""
 _MOTION_MARGIN = 2.0
@@ -47,8 +50,8 @@ class ViewStatistics:
         self._static_bodies = np.flatnonzero(~moving)
         self._is_driven = bodies.role == DRIVEN
         self._first_poses: Floats | None = None
-        self._all = _ThinnedSamples()
-        self._event_frames = _ThinnedSamples()
+        self._all = EvenSamples[_Entry](MAX_FRAMES)
+        self._event_frames = EvenSamples[_Entry](MAX_FRAMES)
         shapes = [world.triangles[body][0] for body in self._bodies]
         lows = np.array([s.min(axis=0) if len(s) else np.zeros(3) for s in shapes]).reshape(-1, 3)
         highs = np.array([s.max(axis=0) if len(s) else np.zeros(3) for s in shapes]).reshape(-1, 3)
@@ -64,9 +67,9 @@ class ViewStatistics:
             is_driven = self._is_driven[contacts.body_a] | self._is_driven[contacts.body_b]
             has_event = bool(is_driven.any()) or result.metrics.correction_m > 0.0
             entry = (result.corrected[self._bodies], contacts.point[is_driven])
-            self._all.add(entry)
+            self._all.offer(entry)
             if has_event:
-                self._event_frames.add(entry)
+                self._event_frames.offer(entry)
 
     def viewpoint(self) -> Viewpoint:
         """The viewpoint: it frames contacts and corrections, and the other motion if that is nearby."""
@@ -80,9 +83,9 @@ class ViewStatistics:
             points = np.concatenate([event_points, motion[nearby.all(axis=1)]])
         return choose_viewpoint(points, self._static_triangles(), self._contact_frames())
 
-    def _boxes(self, sample: _ThinnedSamples) -> Floats:
+    def _boxes(self, sample: EvenSamples[_Entry]) -> Floats:
         """Corners (n, 3) of the boxes of all bodies in the sampled frames, world frame, m."""
-        poses = np.array([pose for pose, _ in sample.entries]).reshape(-1, len(self._bodies), 7)[:, self._solid]
+        poses = np.array([pose for pose, _ in sample.items]).reshape(-1, len(self._bodies), 7)[:, self._solid]
         rotations = rotation_from_quaternion(poses[..., 3:])
         corners = np.einsum("nbij,bkj->nbki", rotations, self._corners[self._solid]) + poses[:, :, None, :3]
         flat: Floats = corners.reshape(-1, 3)
@@ -90,7 +93,7 @@ class ViewStatistics:
 
     def _contact_frames(self) -> list[ContactFrame]:
         """Contact points, and the boxes of the avatar that may occlude them, of some frames with contacts."""
-        in_contact = [entry for entry in self._event_frames.entries if len(entry[1])]
+        in_contact = [entry for entry in self._event_frames.items if len(entry[1])]
         contact_frames = []
         for pose, points in in_contact[:: max(1, -(-len(in_contact) // MAX_CONTACT_FRAMES))]:
             rotations = rotation_from_quaternion(pose[:, 3:])
@@ -109,19 +112,3 @@ class ViewStatistics:
                 rotation = rotation_from_quaternion(self._first_poses[body, 3:])
                 triangles.append((vertices @ rotation.T + self._first_poses[body, :3])[faces])
         return np.concatenate(triangles)
-
-
-class _ThinnedSamples:
-    """At most `MAX_FRAMES` entries, evenly sampled from a sequence of unknown length."""
-
-    def __init__(self) -> None:
-        self.entries: list[tuple[Floats, Floats]] = []
-        self._stride, self._offered = 1, 0
-
-    def add(self, entry: tuple[Floats, Floats]) -> None:
-        if self._offered % self._stride == 0:
-            self.entries.append(entry)
-            if len(self.entries) > MAX_FRAMES:
-                self.entries = self.entries[::2]
-                self._stride *= 2
-        self._offered += 1

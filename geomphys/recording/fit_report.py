@@ -7,21 +7,22 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from geomphys.recording.display_names import join_names, printable
 from geomphys.recording.keypoint_routes import KeypointRoute
 from geomphys.scene.arrays import World
 
-SELDOM_SHOWN = 0.05
-"""Share of the frames from which on it is reported that the points do not show a joint."""
+REPORTED_SHARE = 0.05
+"""Share of the frames from which on it is reported that the points do not show a joint, or lie beyond its limits."""
 FAR_M = 0.02
 """m; root mean square distance of a fit from which on it is a warning."""
 MAX_NAMES = 8
 
 
 @dataclass(frozen=True)
-class UnshownJoint:
-    """A joint that the points do not show in part of the frames: there it stays near its rest, or its last value."""
+class JointShare:
+    """A joint to which something happens in part of the frames."""
 
     joint: str
     share: float  # of the frames
@@ -38,7 +39,8 @@ class FitReport:
     rms_m: float  # root mean square distance of the points from their links, over all frames
     largest_rms_m: float  # the same of the worst frame
     held_frames: int
-    unshown: tuple[UnshownJoint, ...]
+    unshown: tuple[JointShare, ...]  # the points do not show them: there they stay near rest, or their last value
+    limited: tuple[JointShare, ...]  # they are at a limit of the URDF, and the points lie beyond it
     oriented_by: str = ""  # point whose orientation counts for the pose of the root; "" for none
 
     def warnings(self) -> Iterator[str]:
@@ -49,17 +51,33 @@ class FitReport:
                 f"topic {printable(self.topic)}: check `layout` and `links`, the side of the hand, and `root`"
             )
         if self.unshown:
-            worst = sorted(self.unshown, key=lambda joint: -joint.share)
-            names = join_names([f"{u.joint} ({100 * u.share:.0f} %)" for u in worst], MAX_NAMES)
-            yield f"joints that the points do not show in part of the frames, and that stay near rest there: {names}"
+            yield (
+                "joints that the points do not show in part of the frames, and that stay near rest there: "
+                f"{_share_names(self.unshown)}"
+            )
+        if self.limited:
+            yield (
+                f"joints of {printable(self.avatar)} that the points take beyond the limits of its URDF in part of the frames: "
+                f"links stay off the points there: {_share_names(self.limited)}"
+            )
+
+
+def _share_names(joints: tuple[JointShare, ...]) -> str:
+    """Names and shares, the largest first."""
+    ordered = sorted(joints, key=lambda joint: -joint.share)
+    return join_names([f"{printable(j.joint)} ({100 * j.share:.0f} %)" for j in ordered], MAX_NAMES)
 
 
 def fit_report(world: World, route: KeypointRoute) -> FitReport:
     """Report on the frames fitted so far."""
     fitter = route.fitter
     assert fitter is not None
-    share = fitter.unshown / max(fitter.probed, 1)
     names = world.dof_names[route.columns]
+
+    def shares(counts: NDArray[np.int64]) -> tuple[JointShare, ...]:
+        share = counts / max(fitter.probed, 1)
+        return tuple(JointShare(names[k], float(share[k])) for k in np.flatnonzero(share > REPORTED_SHARE))
+
     return FitReport(
         avatar=world.tree_names[route.tree],
         topic=route.input.source.topic,
@@ -68,6 +86,7 @@ def fit_report(world: World, route: KeypointRoute) -> FitReport:
         rms_m=math.sqrt(fitter.squares / max(fitter.frames, 1)),
         largest_rms_m=fitter.largest,
         held_frames=route.held_frames,
-        unshown=tuple(UnshownJoint(names[k], float(share[k])) for k in np.flatnonzero(share > SELDOM_SHOWN)),
+        unshown=shares(fitter.unshown),
+        limited=shares(fitter.limited),
         oriented_by="" if route.orientation is None else route.input.points[route.orientation.point].child,
     )

@@ -10,14 +10,18 @@ from numpy.typing import NDArray
 from geomphys.config import Config
 from geomphys.errors import LogError
 from geomphys.keypoints.bone_scale import BASE, DistanceSamples, branch_names, find_segments
-from geomphys.keypoints.hidden_lengths import PointSamples, find_hidden_factors, hidden_links
+from geomphys.keypoints.hidden_lengths import MAX_FRAMES, find_hidden_factors, hidden_links
 from geomphys.keypoints.palm_orientation import OrientationSamples
+from geomphys.numerics.even_samples import EvenSamples
 from geomphys.recording.frames import FrameSource, LogPass
 from geomphys.recording.keypoint_routes import KeypointRoute
 from geomphys.recording.name_words import FINGERS, words
 from geomphys.scene.arrays import World
 from geomphys.scene.topic_sources import PalmOrientation
 from geomphys.storage.remote_files import AnyPath
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 PLAUSIBLE = (0.4, 2.5)
 """Factors outside of this are those of another unit, or of points that are not what the scene says."""
@@ -63,7 +67,7 @@ class _Pass:
         self.branches = branch_names(route.model.parent, route.model.column, route.links)
         self.distances = DistanceSamples(find_segments(route.model, self.branches)) if self.scale != "none" else None
         self.hidden = hidden_links(route.model, self.branches) if self.scale == "fingers" else []
-        self.samples = PointSamples()
+        self.samples = EvenSamples[tuple[Floats, Ints]](MAX_FRAMES)
         rotations = OrientationSamples(route.model, route.oriented)
         fits_root = route.model.fits_root and not route.in_hand
         self.rotations = rotations if fits_root and rotations.is_possible else None
@@ -77,8 +81,8 @@ class _Pass:
         """Add the points of the frame."""
         if self.distances is not None:
             self.distances.add(self.route.points, self.route.seen)
-        if self.hidden:
-            self.samples.add(self.route.points, self.route.seen)
+        if self.hidden and self.samples.takes_next() and self.route.seen.any():
+            self.samples.append((self.route.points.copy(), self.route.seen.copy()))
         if self.rotations is not None:
             self.rotations.add(self.route.poses, self.route.seen)
 
@@ -102,9 +106,9 @@ class _Pass:
             bones = {self.route.links[k]: f for k, f in self.distances.link_factors(self.route.model).items()}
             links |= bones
             shown |= bones
-        if self.hidden and self.samples.frames:
+        if self.hidden and self.samples.items:
             known = {k: links[name] for k, name in enumerate(self.route.links) if name in links}
-            known = find_hidden_factors(self.route.model, self.hidden, known, self.samples)
+            known = find_hidden_factors(self.route.model, self.hidden, known, self.samples.items)
             lengths = {self.route.links[k]: factor for k, factor in known.items()}
             links |= lengths
             shown |= lengths

@@ -13,6 +13,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from geomphys.numerics.even_samples import EvenSamples
 from geomphys.recording.name_words import words
 from geomphys.scene.recording_tables import RecordingTable
 
@@ -23,7 +24,7 @@ METRES_PER_UNIT: dict[LengthUnit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 """Unit of length -> metres."""
 
 SAMPLES = 1024
-"""Maximum number of positions sampled from a pose."""
+"""Fewer positions of a pose are sampled."""
 PLAUSIBLE_SPEED = 2.0
 """m/s; people's hands and bodies do not go faster on the average."""
 PLAUSIBLE_DISTANCE = 5.0
@@ -73,29 +74,19 @@ class SpaceGuess(NamedTuple):
 class MotionSamples:
     """Positions of one pose over time, evenly thinned out so that memory stays bounded."""
 
-    times: list[int] = field(default_factory=list)
-    positions: list[Corner] = field(default_factory=list)
+    samples: EvenSamples[tuple[int, Corner]] = field(default_factory=lambda: EvenSamples(SAMPLES))  # ns, position
     frame: str = ""
-    _stride: int = 1
-    _skip: int = 0
 
     def add(self, time: int, x: float, y: float, z: float) -> None:
         """Add a position at a time [ns]."""
-        if self._skip:
-            self._skip -= 1
-            return
-        self._skip = self._stride - 1
-        self.times.append(time)
-        self.positions.append((x, y, z))
-        if len(self.times) >= SAMPLES:
-            del self.times[1::2], self.positions[1::2]
-            self._stride *= 2
+        self.samples.offer((time, (x, y, z)))
 
     def motion(self) -> PoseExtent | None:
         """Sum up; None without a sample."""
-        if not self.times:
+        if not self.samples.items:
             return None
-        positions, times = np.array(self.positions), np.array(self.times, dtype=np.float64) / 1e9
+        positions = np.array([position for _, position in self.samples.items])
+        times = np.array([time for time, _ in self.samples.items], dtype=np.float64) / 1e9
         if len(positions) >= 50:
             low, high = np.percentile(positions, (2, 98), axis=0)
         else:

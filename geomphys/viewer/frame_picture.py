@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.errors import ConfigError
+from geomphys.numerics.even_samples import EvenSamples
 from geomphys.numerics.transforms import rotation_from_quaternion
 from geomphys.output import colours, frame_columns
 from geomphys.output.camera import ContactFrame, Viewpoint, choose_viewpoint
@@ -124,14 +125,10 @@ def viewpoint_of(world: World, results: Sequence[FrameResult], focus: str | None
 
 def sample_of(results: Iterable[FrameResult], count: int = 64) -> list[FrameResult]:
     """Fewer than `2 * count` results, evenly spread over a sequence of unknown length."""
-    sample: list[FrameResult] = []
-    stride = 1
-    for number, result in enumerate(results):
-        if number % stride == 0:
-            sample.append(result)
-            if len(sample) >= 2 * count:
-                sample, stride = sample[::2], 2 * stride
-    return sample
+    samples = EvenSamples[FrameResult](2 * count)
+    for result in results:
+        samples.offer(result)
+    return samples.items
 
 
 def _bodies_in_focus(world: World, results: Sequence[FrameResult], boxes: _Box, focus: str | None) -> NDArray[np.int64]:

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 import geomphys
-from geomphys.analysis.binned_curve import MAX_BINS, BinnedCurve
+from geomphys.analysis.binned_curve import BinnedCurve
 from tests.made import Results
 
 
@@ -71,14 +71,16 @@ def test_a_picture_is_not_overwritten(pressed: Results, tmp_path: Path) -> None:
     geomphys.plot_output(pressed.out, tmp_path / "a.png", force=True)
 
 
-@pytest.mark.parametrize("length", [1, 2 * MAX_BINS, 2 * MAX_BINS + 1, 5 * MAX_BINS + 3])
-def test_bins_keep_means_and_largest_of_equal_stretches(length: int) -> None:
+@pytest.mark.parametrize("length", [1, 2, 3, 16, 17, 333])
+@pytest.mark.parametrize("capacity", [2, 16, 50])
+def test_bins_keep_means_and_largest_of_equal_stretches(length: int, capacity: int) -> None:
     series = np.random.default_rng(length).random(length)
-    bins = BinnedCurve()
-    for value in series:
-        bins.add(value)
-    assert len(bins.maximum()) <= 2 * MAX_BINS
+    bins = BinnedCurve(capacity)
+    for frame, value in enumerate(series):
+        bins.add(frame, value)
     starts = range(0, length, bins.stride)
+    assert bins.frames().tolist() == list(starts)
+    assert len(bins.frames()) <= capacity
     assert bins.maximum().tolist() == [series[k : k + bins.stride].max() for k in starts]
     assert bins.mean() == pytest.approx([series[k : k + bins.stride].mean() for k in starts])
 

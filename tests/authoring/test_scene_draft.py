@@ -141,6 +141,8 @@ def test_the_recorded_space_is_noticed_and_the_table_stands_where_it_would(tmp_p
     assert not report.warnings
     low = min(wrist(k)[2] - 0.05 * math.sin(wave(k)) for k in range(150))
     assert tables["object"][0]["position"] == pytest.approx([0.5, 0.3, low - 0.025], abs=6e-3)
+    assert "# Its height is a guess until `geomphys calibrate` has found it." in draft.text
+    assert "# of its middle; a guess: its top is where the recorded links came lowest" in draft.text
     if expected:
         without = tmp_path / "scenes" / "without.toml"
         head, _, tail = draft.text.partition("[recording]")

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from geomphys_cli.main import run
 
+from tests.cli.imported_packages import imported_packages
 from tests.cli.press import SCENE
 from tests.made import Results
 
@@ -40,13 +39,8 @@ def test_different_is_1_and_says_where(pressed: Results, capsys: pytest.CaptureF
 @pytest.mark.parametrize("words", [["stats", "{out}", "--json"], ["diff", "{out}", "{out}"]])
 def test_figures_are_read_without_what_computes_motion(pressed: Results, words: list[str]) -> None:
     """Loading the kernels and what makes a scene takes four times as long as reading a short output."""
-    code = (
-        "import sys; from geomphys_cli.main import run; code = run(sys.argv[1:]); "
-        "print(*{m.split('.')[0] for m in sys.modules}, file=sys.stderr); sys.exit(code)"
-    )
-    command = [sys.executable, "-c", code, *(word.format(out=pressed.out) for word in words)]
-    loaded = subprocess.run(command, capture_output=True, text=True, check=True).stderr.split()
-    assert not {"numba", "scipy", "trimesh", "pydantic"} & set(loaded)
+    imported = imported_packages([word.format(out=pressed.out) for word in words])
+    assert not {"numba", "scipy", "trimesh", "pydantic"} & imported
 
 
 def test_diff_as_json(landed: Results, capsys: pytest.CaptureFixture[str]) -> None:

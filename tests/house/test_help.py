@@ -17,7 +17,8 @@ from click.testing import CliRunner
 from geomphys_cli.main import COMMANDS, cli
 from geomphys_cli.options import PathOrUrl
 
-from tests.house.sources import ROOT, modules
+from tests.cli.imported_packages import imported_packages
+from tests.house.sources import modules
 
 HEAVY = {"numpy", "numba", "rerun", "trimesh", "scipy", "matplotlib", "coacd", "pydantic", "rich", "mcap", "yourdfpy"}
 
@@ -90,12 +91,7 @@ def test_every_option_is_explained(name: str) -> None:
 
 @pytest.mark.parametrize("words", [["--help"], *([name, "-h"] for name in COMMANDS)])
 def test_help_imports_nothing_heavy(words: list[str]) -> None:
-    code = (
-        "import sys; from geomphys_cli.main import run; code = run(sys.argv[1:]); "
-        "print(*{m.split('.')[0] for m in sys.modules}, file=sys.stderr); sys.exit(code)"
-    )
-    outcome = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=True, cwd=ROOT)
-    assert not HEAVY & set(outcome.stderr.split())
+    assert not HEAVY & imported_packages(words)
 
 
 def test_help_answers_in_a_third_of_a_second_of_cpu() -> None:

@@ -151,6 +151,19 @@ def test_values_stay_within_limits_where_the_points_come_from_beyond(hand):
     assert (found.angles <= model.upper).all()
 
 
+@pytest.mark.parametrize(("beyond", "frames"), [(0.3, 13), (0.0, 0), (-0.05, 0)])
+def test_a_joint_that_the_points_take_beyond_its_limit_is_counted(hand, beyond, frames):
+    model, rng = model_of(hand), np.random.default_rng(2)
+    fitter, bent, root = KeypointFitter(model), motion(hand[1], 1)[0][0], np.array([0, 0, 1, 0, 0, 0, 1.0])
+    k = joint(hand, "index_proximal")
+    bent[k] = model.upper[k] + beyond
+    for _ in range(200):
+        points = points_of(model, root, bent) + rng.normal(0, 0.0005, (len(model.body), 3))
+        fitter.fit(points, all_seen(model), root)
+    assert fitter.limited[k] == frames
+    assert fitter.limited.sum() == frames
+
+
 def test_the_twist_of_a_straight_thumb_stays_at_rest_and_is_reported(hand):
     model = model_of(hand)
     fitter, rng = KeypointFitter(model), np.random.default_rng(1)

@@ -7,7 +7,7 @@ import pytest
 
 from geomphys.config import Config
 from geomphys.keypoints.bone_scale import branch_names
-from geomphys.keypoints.hidden_lengths import MAX_FRAMES, PointSamples, hidden_links
+from geomphys.keypoints.hidden_lengths import hidden_links
 from geomphys.keypoints.setup import make_model
 from geomphys.load import load_world
 from geomphys.recording.point_measures import measure_points
@@ -55,11 +55,3 @@ def test_a_hand_whose_links_all_have_points_has_none(tmp_path):
     bodies = np.array([k for k, n in enumerate(names) if "spread" not in n and "twist" not in n])
     model = make_model(load_world(write_scene(tmp_path)).scene, 0, bodies, np.ones(len(bodies)), fits_root=True)
     assert hidden_links(model, branch_names(model.parent, model.column, names)) == []
-
-
-def test_samples_are_spread_over_a_recording():
-    samples = PointSamples()
-    for k in range(1000):
-        samples.add(np.full((2, 3), float(k)), np.ones(2, dtype=np.int64))
-    assert MAX_FRAMES // 2 <= len(samples.frames) <= MAX_FRAMES
-    assert samples.frames[-1][0][0, 0] > 900

@@ -37,4 +37,4 @@ def test_memory_is_bounded(world: World) -> None:
     results = frames(world, 60)
     for _ in range(3 * MAX_FRAMES // len(results)):
         statistics.add(results)
-    assert MAX_FRAMES // 3 < len(statistics._all.entries) <= MAX_FRAMES
+    assert MAX_FRAMES // 3 < len(statistics._all.items) <= MAX_FRAMES

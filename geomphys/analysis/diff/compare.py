@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 from defusedxml import ElementTree
 
+from geomphys.analysis.binned_curve import BinnedCurve
 from geomphys.analysis.diff.channels import Channel, Tolerance
 from geomphys.analysis.diff.difference import Curves, Matching, OutputDifference
-from geomphys.analysis.diff.measures import Envelope, Peak, Peaks
+from geomphys.analysis.diff.measures import Peak, Peaks
 from geomphys.analysis.diff.motion_channels import JointChannel, PoseChannel
 from geomphys.analysis.diff.result_channels import ContactChannel, LogChannel, MetricsChannel, PenetrationChannel
 from geomphys.analysis.diff.scene_words import scene_differences
@@ -25,6 +26,8 @@ from geomphys.storage.remote_files import AnyPath
 CHANNELS = ("/tf", "/recorded/tf", "joint_states", "/contacts", "/penetration", "/metrics", "/log")
 """What can be compared; ``joint_states`` stands for the joint values of every avatar."""
 
+CURVE_POINTS = 1200
+"""Maximum number of points of a curve."""
 PEAKS = 4
 """Number of frames with the largest differences that are shown."""
 MIN_PEAK_DISTANCE_NS = 500_000_000
@@ -210,7 +213,8 @@ class _FrameComparison:
 
     def __post_init__(self) -> None:
         self.peaks = Peaks(PEAKS, MIN_PEAK_DISTANCE_NS)
-        self._position, self._angle, self._joints, self._contacts, self._depth = (Envelope() for _ in range(5))
+        curves = [BinnedCurve(CURVE_POINTS) for _ in range(5)]
+        self._position, self._angle, self._joints, self._contacts, self._depth = curves
 
     def add(self, a: OutputFrame, b: OutputFrame) -> None:
         joints = 0.0
@@ -232,9 +236,9 @@ class _FrameComparison:
 
     def curves(self) -> Curves:
         return Curves(
-            position_m=self._position.points(),
-            angle_rad=self._angle.points(),
-            joints_rad=self._joints.points(),
-            contacts=self._contacts.points(),
-            penetration_m=self._depth.points(),
+            position_m=self._position.maxima(),
+            angle_rad=self._angle.maxima(),
+            joints_rad=self._joints.maxima(),
+            contacts=self._contacts.maxima(),
+            penetration_m=self._depth.maxima(),
         )

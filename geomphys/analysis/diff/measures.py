@@ -103,36 +103,6 @@ class DifferenceTable:
         )
 
 
-class Envelope:
-    """A curve over the frames with at most `capacity` points, each the maximum over equally many frames."""
-
-    def __init__(self, capacity: int = 1200) -> None:
-        self._capacity = 2 * (capacity // 2)
-        self._stride = 1
-        self._in_last = 0
-        self._frames: list[int] = []
-        self._values: list[float] = []
-
-    def add(self, frame: int, value: float) -> None:
-        """Take the value of the next frame."""
-        if self._values and self._in_last < self._stride:
-            self._in_last += 1
-            self._values[-1] = max(self._values[-1], value)
-            return
-        if len(self._values) == self._capacity:
-            self._frames = self._frames[::2]
-            pairs = zip(self._values[::2], self._values[1::2], strict=True)
-            self._values = [max(pair) for pair in pairs]
-            self._stride *= 2
-        self._frames.append(frame)
-        self._values.append(value)
-        self._in_last = 1
-
-    def points(self) -> tuple[Ints, Floats]:
-        """Frames (n,) and values (n,)."""
-        return np.array(self._frames, np.int64), np.array(self._values)
-
-
 class Peak(NamedTuple):
     """A frame with a large difference, and its stored payload."""
 

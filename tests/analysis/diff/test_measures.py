@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from geomphys.analysis.diff.measures import DifferenceTable, Envelope, Peak, Peaks
+from geomphys.analysis.diff.measures import DifferenceTable, Peak, Peaks
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -38,19 +38,6 @@ def test_things_may_come_late_and_go() -> None:
     assert differences.each()["b"].rms == 3.0
     assert differences.has("b")
     assert not differences.has("c")
-
-
-@pytest.mark.parametrize("length", [1, 2, 3, 16, 17, 333])
-@pytest.mark.parametrize("capacity", [2, 16, 50])
-def test_an_envelope_keeps_the_largest_of_every_stretch(length: int, capacity: int) -> None:
-    series = np.random.default_rng(length).random(length).tolist()
-    envelope = Envelope(capacity)
-    for frame, value in enumerate(series):
-        envelope.add(frame, value)
-    frames, tops = envelope.points()
-    assert len(frames) <= capacity
-    ends = [*frames[1:], len(series)]
-    assert [max(series[a:b]) for a, b in zip(frames, ends, strict=True)] == tops.tolist()
 
 
 def test_peaks_lie_apart() -> None:
