@@ -142,8 +142,8 @@ class ContactArrowsEncoder:
 
     COLOR = Color(r=0.95, g=0.35, b=0.1, a=1.0)
 
-    def encode(self, contacts: RaggedContacts, times_ns: Ints) -> list[bytes]:
-        """The messages of frames at times (n,)."""
+    def encode(self, contacts: RaggedContacts, times_ns: Ints, durations: Floats) -> list[bytes]:
+        """The messages of frames at times (n,), with their durations (n,) [s]; see `arrow_lengths`."""
         columns, counts = contacts
         arrows = message(
             ArrowPrimitive,
@@ -152,7 +152,7 @@ class ContactArrowsEncoder:
                 position=_vectors(columns.point),
                 orientation=_vectors(arrow_orientations(columns.normal)),
             ),
-            shaft_length=arrow_lengths(columns.depth),
+            shaft_length=arrow_lengths(columns, np.repeat(durations, counts)),
             shaft_diameter=0.002,
             head_length=0.005,
             head_diameter=0.005,

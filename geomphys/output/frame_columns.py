@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.output.contact_arrows import ARROW_SCALE, MAX_ARROW_LENGTH, arrow_lengths
+from geomphys.output.contact_arrows import ARROW_SCALE, MAX_ARROW_LENGTH, arrow_lengths, frame_durations
 from geomphys.results import Contacts, FrameResult, Penetrations
 
 Floats = NDArray[np.float64]
@@ -79,12 +79,11 @@ def rows_with_content(counts_per_frame: Sequence[int], before: int) -> tuple[Int
     return rows, counts[rows]
 
 
-def contact_arrows(results: Sequence[FrameResult]) -> tuple[Floats, Floats]:
-    """Points (k, 3) and arrows (k, 3) of all contacts of the frames, m."""
-    points = np.concatenate([result.contacts.point for result in results])
-    normals = np.concatenate([result.contacts.normal for result in results])
-    depths = np.concatenate([result.contacts.depth for result in results])
-    return points, normals * arrow_lengths(depths)[:, None]
+def contact_arrows(results: Sequence[FrameResult], before_ns: int | None) -> tuple[Floats, Floats]:
+    """Points (k, 3) and arrows (k, 3) of all contacts of the frames, m; `before_ns` is the time of the frame before the first."""
+    contacts, counts = all_contacts(results)
+    durations = frame_durations(np.array([result.frame.time_ns for result in results]), before_ns)
+    return contacts.point, contacts.normal * arrow_lengths(contacts, np.repeat(durations, counts))[:, None]
 
 
 def depth_arrows(results: Sequence[FrameResult]) -> tuple[Floats, Floats]:

@@ -19,6 +19,7 @@ from geomphys.config import Config
 from geomphys.errors import LogError, OutputError
 from geomphys.output import frame_columns
 from geomphys.output.attached_files import scene_files
+from geomphys.output.contact_arrows import frame_durations
 from geomphys.output.encoders import (
     JOINT_STATE_DEFINITION,
     STRING_DEFINITION,
@@ -126,6 +127,7 @@ class McapSink(ContextManaged):
         self._prepare_messages()
         self._results: list[FrameResult] = []
         self._started = self._has_transforms = False
+        self._time_before: int | None = None  # ns
         self._had_contacts = True  # so that a first frame without contacts writes empty messages
 
     def write(self, result: FrameResult) -> None:
@@ -197,7 +199,7 @@ class McapSink(ContextManaged):
             *self._encode_joints(results, times),
             ("/contacts", encoder.contacts(contacts, frames, times)),
             ("/contacts/points", self._points.encode(contacts, times)),
-            ("/contacts/scene", self._arrows.encode(contacts, times)),
+            ("/contacts/scene", self._arrows.encode(contacts, times, self._durations(times))),
             ("/penetration", encoder.penetrations(pairs, frames, times)),
             ("/metrics", encoder.metrics([r.metrics for r in results], frames, times)),
         ]
@@ -219,6 +221,12 @@ class McapSink(ContextManaged):
                 for m in result.moments
             ]
             yield found
+
+    def _durations(self, times: Ints) -> Floats:
+        """Durations (n,) [s] of the next frames."""
+        durations = frame_durations(times, self._time_before)
+        self._time_before = int(times[-1])
+        return durations
 
     def _encode_transforms(self, corrected: Floats, times: Ints) -> list[bytes]:
         """/tf of frames (n, B, 7): in the first of all every body, then those that move."""

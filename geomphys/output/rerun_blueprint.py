@@ -118,7 +118,10 @@ def legend() -> str:
         (_COLOUR_NAMES[colours.CORRECTED], "corrected: moved from where it was recorded"),
         (_COLOUR_NAMES[colours.IN_CONTACT], "in contact"),
         (_COLOUR_NAMES[colours.GHOST], "where it was recorded, while it is corrected"),
-        (_COLOUR_NAMES[colours.CONTACT], "points of contact, and normals as long as they are deep"),
+        (
+            _COLOUR_NAMES[colours.CONTACT],
+            "points of contact, and normals: 1 cm longer for each newton, else by the depth",
+        ),
         (_COLOUR_NAMES[colours.DEPTH], "global penetration depth of a recorded overlap"),
     )
     return "".join(f"- **{colour}**: {meaning}\n" for colour, meaning in rows)

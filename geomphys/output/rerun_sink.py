@@ -241,7 +241,7 @@ class RerunSink(ContextManaged):
         before = 1 if last is None else len(last.contacts.depth)  # the first frame says that there are none
         rows, counts = frame_columns.rows_with_content([len(r.contacts.depth) for r in results], before)
         if len(rows):
-            points, arrows = frame_columns.contact_arrows(results)
+            points, arrows = frame_columns.contact_arrows(results, None if last is None else last.frame.time_ns)
             self._stream.send(
                 (*CONTACTS, "points"), times, rows, rr.Points3D.columns(positions=points).partition(counts)
             )

@@ -113,9 +113,10 @@ class ContactMarkersEncoder:
     def __init__(self) -> None:
         self._shown = 0
 
-    def encode(self, contacts: Contacts, time_ns: int) -> bytes:
-        """The message of a frame."""
-        ends = contacts.point + contacts.normal * arrow_lengths(contacts.depth)[:, None]
+    def encode(self, contacts: Contacts, time_ns: int, duration: float) -> bytes:
+        """The message of a frame and its duration [s]; see `arrow_lengths`."""
+        lengths = arrow_lengths(contacts, np.full(len(contacts.depth), duration))
+        ends = contacts.point + contacts.normal * lengths[:, None]
         markers = [
             _Marker(WORLD, "contacts", k, ARROW, scale=(_SHAFT_M, _HEAD_M, _HEAD_M), points=(start, end))
             for k, (start, end) in enumerate(zip(contacts.point.tolist(), ends.tolist(), strict=True))

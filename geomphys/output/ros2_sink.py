@@ -70,13 +70,13 @@ class Ros2Sink(McapSink):
         self._markers = ContactMarkersEncoder()
 
     def _messages(self, results: Sequence[FrameResult], frames: Ints, times: Ints) -> Iterator[list[FrameMessage]]:
-        joints = dict(self._encode_joints(results, times))
+        joints, durations = dict(self._encode_joints(results, times)), self._durations(times)
         for row, (result, time) in enumerate(zip(results, times.tolist(), strict=True)):
             found = {
                 "/tf": self._tf.encode(result.corrected[self._moving], time),
                 "/recorded/tf": self._tf_recorded.encode(result.recorded[self._driven], time),
                 **{topic: data[row] for topic, data in joints.items()},
-                "/contacts/markers": self._markers.encode(result.contacts, time),
+                "/contacts/markers": self._markers.encode(result.contacts, time, durations[row]),
             }
             if not self._has_transforms:
                 self._has_transforms = True

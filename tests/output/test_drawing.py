@@ -10,9 +10,17 @@ from hypothesis import strategies as st
 
 from geomphys.output.camera import ContactFrame, choose_viewpoint
 from geomphys.output.colours import colour_of_material
-from geomphys.output.contact_arrows import MAX_ARROW_LENGTH, MIN_ARROW_LENGTH, arrow_lengths
+from geomphys.output.contact_arrows import (
+    ARROW_SCALE,
+    FORCE_SCALE,
+    MAX_ARROW_LENGTH,
+    MIN_ARROW_LENGTH,
+    arrow_lengths,
+    frame_durations,
+)
 from geomphys.output.frame_columns import changed_rows, rows_with_content
 from geomphys.output.vertex_normals import with_vertex_normals
+from geomphys.results import Contacts
 from tests.output.made_world import box
 
 
@@ -131,8 +139,27 @@ def test_rows_that_hold_or_end_something(held: list[int], before: int) -> None:
     assert sum(counts) == sum(held)
 
 
-def test_arrows_grow_with_depth_and_end() -> None:
-    lengths = arrow_lengths(np.array([0.0, 1e-3, 2e-3, 10.0]))
+def contacts(depths: list[float], impulses: list[float]) -> Contacts:
+    count = len(depths)
+    bodies, vectors = np.zeros(count, np.int64), np.zeros((count, 3))
+    return Contacts(bodies, bodies, vectors, vectors, np.array(depths), np.array(impulses), np.zeros(count))
+
+
+def test_arrows_grow_with_the_force_at_every_frame_rate() -> None:
+    for rate in (30.0, 240.0):
+        some = contacts([5e-3, 5e-3, 0.0, 0.0], [0.0, 1.0 / rate, 3.0 / rate, 1e9])
+        lengths = arrow_lengths(some, np.full(4, 1.0 / rate))
+        pressed = [MIN_ARROW_LENGTH + FORCE_SCALE * 1.0, MIN_ARROW_LENGTH + FORCE_SCALE * 3.0, MAX_ARROW_LENGTH]
+        assert lengths == pytest.approx([MIN_ARROW_LENGTH + ARROW_SCALE * 5e-3, *pressed])
+
+
+def test_frames_last_since_the_one_before() -> None:
+    assert frame_durations(np.array([5, 7, 10]), None).tolist() == pytest.approx([0.0, 2e-9, 3e-9])
+    assert frame_durations(np.array([5, 7]), 1).tolist() == pytest.approx([4e-9, 2e-9])
+
+
+def test_arrows_grow_with_depth_where_no_force_is_known_and_end() -> None:
+    lengths = arrow_lengths(contacts([0.0, 1e-3, 2e-3, 10.0], [1.0] * 4), np.zeros(4))
     assert lengths[0] == MIN_ARROW_LENGTH
     assert lengths[3] == MAX_ARROW_LENGTH
     assert np.diff(lengths[:3]) == pytest.approx(np.diff(lengths[:3])[0] * np.ones(2))

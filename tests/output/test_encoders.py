@@ -104,7 +104,7 @@ def test_frames_are_encoded_together_as_alone() -> None:
         joints.encode(poses[:, 0, :2], times),
         encoder.contacts(ragged(*some), at(0, 1, 2), times),
         points.encode(ragged(*some), times),
-        arrows.encode(ragged(*some), times),
+        arrows.encode(ragged(*some), times, np.array([0.0, 0.1, 0.1])),
         encoder.penetrations(pairs, at(0, 1, 2), times),
         encoder.timing(stages, at(0, 1, 2), times),
     ]
@@ -115,7 +115,7 @@ def test_frames_are_encoded_together_as_alone() -> None:
             joints.encode(poses[k : k + 1, 0, :2], time),
             encoder.contacts(one, frame, time),
             points.encode(one, time),
-            arrows.encode(one, time),
+            arrows.encode(one, time, np.array([0.1 if k else 0.0])),
             encoder.penetrations(RaggedPenetrations(depths[k], one.counts), frame, time),
             encoder.timing(stages[k : k + 1], frame, time),
         ]
@@ -188,7 +188,7 @@ def test_encoding_many_frames_takes_no_more_memory_than_some() -> None:
     def encode(frames: int) -> None:
         for k in range(frames):
             points.encode(one, at(k))
-            arrows.encode(one, at(k))
+            arrows.encode(one, at(k), np.ones(1))
             transforms.encode(np.full((1, 4, 7), float(k)), at(k))
             encoder.contacts(one, at(k), at(k))
             encoder.penetrations(pairs, at(k), at(k))
@@ -208,7 +208,7 @@ def resident_bytes() -> int:
 
 def test_contact_arrows_stand_at_the_points_along_the_normals() -> None:
     some = contacts([(0, 1), (2, 3)])
-    message = SceneUpdate.FromString(ContactArrowsEncoder().encode(ragged(some), at(9))[0])
+    message = SceneUpdate.FromString(ContactArrowsEncoder().encode(ragged(some), at(9), np.ones(1))[0])
     (entity,) = message.entities
     assert entity.timestamp.ToNanoseconds() == 9
     assert entity.frame_id == "world"
@@ -218,7 +218,7 @@ def test_contact_arrows_stand_at_the_points_along_the_normals() -> None:
         assert (p.x, p.y, p.z) == tuple(point)
         assert rotation_from_quaternion([q.x, q.y, q.z, q.w])[:, 0] == pytest.approx(normal, abs=1e-12)
         assert arrow.shaft_length > 0
-    empty = SceneUpdate.FromString(ContactArrowsEncoder().encode(ragged(contacts([])), at(9))[0])
+    empty = SceneUpdate.FromString(ContactArrowsEncoder().encode(ragged(contacts([])), at(9), np.ones(1))[0])
     assert [len(e.arrows) for e in empty.entities] == [0]
     assert empty.entities[0].id == entity.id, "an entity of the same id replaces the arrows of before"
 

@@ -123,7 +123,9 @@ def test_contacts_are_drawn_while_they_last(out: Path, results: list[FrameResult
     vectors = latest(out, "/world/contacts/normals", "Arrows3D:vectors")
     for i, result in enumerate(results):
         assert points[i] == origins[i] == result.contacts.point.astype(np.float32).tolist()
-        expected = result.contacts.normal * arrow_lengths(result.contacts.depth)[:, None]
+        seconds = 0.0 if i == 0 else 1e-9 * (result.frame.time_ns - results[i - 1].frame.time_ns)
+        lengths = arrow_lengths(result.contacts, np.full(len(points[i]), seconds))
+        expected = result.contacts.normal * lengths[:, None]
         assert np.allclose(np.reshape(vectors[i], (-1, 3)), expected, atol=1e-6)
         depths = latest(out, "/world/penetration_depths", "Arrows3D:vectors")[i] if i < 8 else None
         if depths is not None:
