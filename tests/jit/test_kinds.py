@@ -41,7 +41,7 @@ class Arrays(NamedTuple):
         pack(Arrays(np.zeros((), ROW), 3)),
         pack(Arrays(np.zeros(3), True)),
     ],
-    ids=repr,
+    ids=lambda value: text_of(kind_of(value)),
 )
 def test_a_type_comes_back(value: Any) -> None:
     kind = kind_of(value)
