@@ -11,6 +11,7 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.message import Message
+from mcap.writer import Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 from numpy.typing import NDArray
 
@@ -32,7 +33,6 @@ from geomphys.output.encoders import (
 )
 from geomphys.output.finite_check import check_finite
 from geomphys.output.input_copy import InputCopy
-from geomphys.output.mcap_writer import McapWriter
 from geomphys.output.proto.geomphys_pb2 import Contacts, FrameMetrics, PenetrationDepths, Timing
 from geomphys.output.provenance import METADATA_RECORD, Provenance
 from geomphys.output.sink import ContextManaged
@@ -121,7 +121,7 @@ class McapSink(ContextManaged):
         self._files = scene_files(world)
         self._input = InputCopy(self._input_path, config.recover) if self._input_path else None
         self._output = output
-        self._file = McapWriter(output.stream)
+        self._file = Writer(output.stream)
         self._file.start(profile=self.profile, library=f"geomphys {__version__}")
         self._declare_channels()
         self._prepare_messages()
@@ -164,7 +164,7 @@ class McapSink(ContextManaged):
                 except LogError as problem:
                     log_error, complete = problem, False
             self._file.add_metadata(METADATA_RECORD, self._provenance.record(complete=complete))
-            self._file.finish()
+            self._file.finish()  # type: ignore[no-untyped-call]
         except OSError as problem:
             output.discard()
             raise output.error(problem) from problem
@@ -180,13 +180,11 @@ class McapSink(ContextManaged):
         times, frames = (np.array([getattr(r.frame, name) for r in results]) for name in ("time_ns", "index"))
         if not self._started:
             self._write_static_messages(results[0].frame.time_ns)
-        messages = self._messages(results, frames, times)
-        if self._input is None:
-            self._add([message for of_frame in messages for message in of_frame])
-            return
-        for of_frame, time in zip(messages, times.tolist(), strict=True):
-            self._input.copy_until(time, self._file)
-            self._add(of_frame)
+        for of_frame, time in zip(self._messages(results, frames, times), times.tolist(), strict=True):
+            if self._input is not None:
+                self._input.copy_until(time, self._file)
+            for message in of_frame:
+                self._add(message)
 
     def _messages(self, results: Sequence[FrameResult], frames: Ints, times: Ints) -> Iterator[list[FrameMessage]]:
         """Encode frames (n,) at times (n,); yields the messages of each."""
@@ -241,13 +239,12 @@ class McapSink(ContextManaged):
         for topic, encoder, start, end in self._joints:
             yield topic, encoder.encode(angles[:, start:end], times)
 
-    def _add(self, messages: Sequence[FrameMessage]) -> None:
-        topics, frames, times, data = zip(*messages, strict=True)
-        channels = [self._channels[topic] for topic in topics]
-        self._file.add_messages(channels, np.array(times), np.array(frames), data)
+    def _add(self, message: FrameMessage) -> None:
+        channel, time = self._channels[message.topic], message.time_ns
+        self._file.add_message(channel, time, message.data, time, message.frame & 0xFFFFFFFF)
 
     def _write_message(self, topic: str, data: bytes, time: int) -> None:
-        self._add([FrameMessage(topic, 0, time, data)])
+        self._add(FrameMessage(topic, 0, time, data))
 
     def _declare_channels(self) -> None:
         file, schemas = self._file, dict[str, int]()
@@ -301,7 +298,8 @@ class McapSink(ContextManaged):
             self._write_message(topic, encode_string(text), time)
         self._write_surfaces(time)
         for file in self._files:
-            self._file.add_attachment(time, file.name, file.media_type, file.data)
+            # the time of creation, 0, is not recorded
+            self._file.add_attachment(0, time, file.name, file.media_type, file.data)
 
     def _write_surfaces(self, time: int) -> None:
         self._write_message("/meshes", encode_surfaces(self._world, time), time)
