@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import ctypes
-import importlib
 import struct
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from geomphys.jit.kinds import Kind
+from geomphys.jit.kinds import Kind, named_tuple
 
-_FUNCTION = ctypes.PYFUNCTYPE(None, ctypes.c_char_p, ctypes.c_void_p)  # the lock of the interpreter is kept
-
-
+_FUNCTION = ctypes.PYFUNCTYPE(None, ctypes.c_char_p, ctypes.c_void_p)  # the lock of the interpreter is held
 _LETTERS: dict[str, str] = {"none": "", "float32": "d", "float64": "d", "uint64": "Q"}
 
 
@@ -85,5 +82,5 @@ def _value(kind: Kind, words: Iterator[Any]) -> Any:
         return next(words)
     if kind[0] == "named":
         _, module, name, *items = kind
-        return getattr(importlib.import_module(module), name)(*(_value(item, words) for item in items))
+        return named_tuple(module, name)(*(_value(item, words) for item in items))
     return tuple(_value(item, words) for item in kind[1:])

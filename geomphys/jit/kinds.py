@@ -11,7 +11,9 @@ A kind is a name (``"float64"``) or a tuple of a tag and its parts:
 
 from __future__ import annotations
 
+import importlib
 import json
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -66,8 +68,8 @@ def kind_of(value: Any) -> Kind:
         return ("tuple", *map(kind_of, value))
     if isinstance(value, np.void):
         return kind_of_dtype(value.dtype)
-    kind = getattr(value, "kind", None)  # a pack
-    if isinstance(kind, tuple):
+    kind = getattr(value, "kind", None)
+    if isinstance(kind, PackKind):
         return kind
     raise TypeError(f"{type(value).__name__} is a type that kernels do not take")
 
@@ -109,6 +111,15 @@ def dtype_of(plain: Any) -> Any:
     _, names, formats, offsets, size = plain
     fields = [dtype_of(one) for one in formats]
     return {"names": list(names), "formats": fields, "offsets": list(offsets), "itemsize": size}
+
+
+@lru_cache(maxsize=256)
+def named_tuple(module: str, name: str) -> Any:
+    """The NamedTuple of a kind. Raises ValueError where the name is that of something else."""
+    owner = getattr(importlib.import_module(module), name)
+    if not (isinstance(owner, type) and issubclass(owner, tuple) and hasattr(owner, "_fields")):
+        raise ValueError(f"{name} is no named tuple")
+    return owner
 
 
 def text_of(kind: Kind) -> str:

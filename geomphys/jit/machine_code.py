@@ -23,10 +23,12 @@ _slots: dict[str, ctypes.c_void_p] = {}
 _LONG_NAME = re.compile(r"[\w.$]{200,}")
 """LLVM cuts names of blocks at 1,024 characters, by which two become one when a text is read again."""
 
-NEVER_CALLED = re.compile(r"numba_(gil_ensure|gil_release|do_raise|unpickle|runtime_build_excinfo_struct)|Py_?[A-Z]\w+")
+_NEVER_CALLED = re.compile(
+    r"numba_(gil_ensure|gil_release|do_raise|unpickle|runtime_build_excinfo_struct)|Py_?[A-Z]\w+"
+)
 """What numba reports an exception with that a C function cannot raise: kernels raise none."""
 
-FOREIGN = re.compile(r"numba_|NRT_|_?Py")
+_FOREIGN = re.compile(r"numba_|NRT_|_?Py")
 
 
 def make_slots(symbols: Iterable[str]) -> None:
@@ -76,13 +78,12 @@ def object_file(text: str, name: str, symbol: str) -> tuple[bytes, list[str]]:
         The module needs something of numba's runtime, as what allocates memory does.
     """
     module = llvm.parse_assembly(_LONG_NAME.sub(_short, text))
-    needed = [function for function in module.functions if function.is_declaration]
-    foreign = [function for function in needed if FOREIGN.match(function.name)]
-    for outer in (function.name for function in needed):
-        known = NEVER_CALLED.fullmatch(outer) if FOREIGN.match(outer) else llvm.address_of_symbol(outer)
-        if not (known or outer.startswith("llvm.")):
+    needed = [f for f in module.functions if f.is_declaration and not f.name.startswith("llvm.")]
+    never_called = [function for function in needed if _NEVER_CALLED.fullmatch(function.name)]
+    for outer in {f.name for f in needed} - {f.name for f in never_called}:
+        if _FOREIGN.match(outer) or llvm.address_of_symbol(outer) is None:
             raise TypeError(f"{symbol} calls {outer}: kernels do without numba's runtime and Python")
-    module.link_in(llvm.parse_assembly("\n".join(["declare void @llvm.trap()", *map(_trap, foreign)])))
+    module.link_in(llvm.parse_assembly("\n".join(["declare void @llvm.trap()", *map(_trap, never_called)])))
     for value in chain(module.functions, module.global_variables):
         if not value.is_declaration:
             value.linkage = "internal"
@@ -109,8 +110,8 @@ def processor() -> tuple[str, str]:
     return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
-@lru_cache(maxsize=1)
 def _target_machine() -> Any:
+    """A target machine of its own: an engine takes it over."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     cpu, features = processor()
@@ -120,6 +121,4 @@ def _target_machine() -> Any:
 @lru_cache(maxsize=1)
 def _engine() -> Any:
     """LLVM's linker of object files in memory."""
-    machine = _target_machine()
-    _target_machine.cache_clear()  # the engine owns it
-    return llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+    return llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target_machine())

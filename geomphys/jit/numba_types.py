@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import importlib
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numba import from_dtype, types
 
-from geomphys.jit.kinds import PLAIN, Kind, dtype_of, plain_dtype
+from geomphys.jit.kinds import PLAIN, Kind, dtype_of, named_tuple, plain_dtype
 from geomphys.jit.pack_type import PackType
 
 _BY_TYPE = {getattr(types, name): name for name in PLAIN}
@@ -54,11 +53,3 @@ def type_of_kind(kind: Kind) -> Any:
     if tag == "tuple":
         return types.BaseTuple.from_types([type_of_kind(part) for part in parts])
     raise ValueError(f"{tag!r} is no type of a kernel")
-
-
-def named_tuple(module: str, name: str) -> Any:
-    """The NamedTuple of a kind. Raises ValueError where the name is that of something else."""
-    owner = getattr(importlib.import_module(module), name)
-    if not (isinstance(owner, type) and issubclass(owner, tuple) and hasattr(owner, "_fields")):
-        raise ValueError(f"{name} is no named tuple")
-    return owner

@@ -26,7 +26,7 @@ class Key(NamedTuple):
 
 
 class Product(NamedTuple):
-    """A kernel as it is kept."""
+    """A kernel as it is on disk."""
 
     code: bytes  # object file, see `geomphys.jit.machine_code`
     callees: list[Key]  # the outlined kernels it jumps to
@@ -49,7 +49,7 @@ def load(name: str) -> Product | None:
 
 
 def save(name: str, product: Product) -> None:
-    """Keep a product; where nothing can be written it is made again next time."""
+    """Store a product; where nothing can be written it is made again next time."""
     callees = list(map(list, product.callees))
     store().save(name, {"code": product.code, "callees": callees, "returns": text_of(product.returns)})
 

@@ -72,11 +72,8 @@ def load_entry(kernel: Definition, kinds: tuple[Kind, ...]) -> Entry:
     key = kernel.key(kinds)
     name = f"{symbol_of(key)}.entry"
     with undisturbed():
-        product = load(name)
-        if product is None:
-            with locked(name, wait=True):
-                product = load(name) or _compiled(key, entry=True)
-                save(name, product)
+        product = _provide(key, entry=True)
+        assert product is not None  # it waits for other processes
         units = complete(product.callees)
         make_slots(units)
         addresses = link({unit: needed.code for unit, needed in units.items()} | {name: product.code})
@@ -128,7 +125,7 @@ def work(
     while waiting:
         key = waiting.pop() if newest_first else waiting.popleft()
         done = len(known) - len(waiting) - 1
-        product = _provide(key, partial(before_compiling, done, len(known), waiting))
+        product = _provide(key, entry=False, before_compiling=partial(before_compiling, done, len(known), waiting))
         if product is None:  # someone else is at it
             waiting.appendleft(key) if newest_first else waiting.append(key)
             busy += 1
@@ -144,19 +141,22 @@ def work(
     return products
 
 
-def _provide(key: Key, before_compiling: Callable[[], None]) -> Product | None:
-    """An outlined kernel from disk, or compiled; None if another process is at it."""
-    name = f"{symbol_of(key)}.unit"
+def _provide(key: Key, *, entry: bool, before_compiling: Callable[[], None] = lambda: None) -> Product | None:
+    """A kernel from disk, or compiled: as Python calls it, an `entry`, or as other kernels do.
+
+    While another process is at it, an entry is waited for; an outlined kernel is not, but is None.
+    """
+    name = f"{symbol_of(key)}.{'entry' if entry else 'unit'}"
     product = load(name)
     if product is not None:
         return product
     before_compiling()
-    with locked(name, wait=False) as free:
+    with locked(name, wait=entry) as free:
         if not free:
             return None
         product = load(name)
         if product is None:
-            product = _compiled(key, entry=False)
+            product = _compiled(key, entry)
             save(name, product)
     return product
 

@@ -186,9 +186,11 @@ class KeypointFitter:
     def _is_pressed_on_limits(self) -> NDArray[np.bool_]:
         """(Q,) whether a joint is at a limit that the points draw it beyond: a Gauss-Newton step without limits says how far."""
         model, state = self.model, self.state
+        below, above = state.angles <= model.lower, state.angles >= model.upper
+        if not (below.any() or above.any()):
+            return below
         hessian = np.tril(state.hessian) + np.tril(state.hessian, -1).T
         step = -np.linalg.solve(hessian, state.gradient)[: len(model.rest)]
-        below, above = state.angles <= model.lower, state.angles >= model.upper
         pressed: NDArray[np.bool_] = (below & (step < -BEYOND)) | (above & (step > BEYOND))
         return pressed
 

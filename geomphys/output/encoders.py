@@ -17,6 +17,7 @@ from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from google.protobuf.message import Message
 from numpy.typing import NDArray
 
 from geomphys.output.cdr import HEADER, NS_PER_S, CdrWriter
@@ -184,8 +185,7 @@ class FrameEncoder:
             normal_impulse=columns.normal_impulse,
             tangential_impulse=columns.tangential_impulse,
         )
-        heads = message(Contacts, timestamp=stamps(times_ns), frame=frames).split()
-        return _joined(heads, message(Contacts, contacts=rows).split(counts))
+        return _with_rows(Contacts, frames, times_ns, counts, contacts=rows)
 
     def penetrations(self, pairs: RaggedPenetrations, frames: Ints, times_ns: Ints) -> list[bytes]:
         """geomphys.PenetrationDepths of frames (n,) at times (n,)."""
@@ -199,8 +199,7 @@ class FrameEncoder:
             largest=columns.largest,
             method=self._methods.take(columns.method),
         )
-        heads = message(PenetrationDepths, timestamp=stamps(times_ns), frame=frames).split()
-        return _joined(heads, message(PenetrationDepths, pairs=rows).split(counts))
+        return _with_rows(PenetrationDepths, frames, times_ns, counts, pairs=rows)
 
     def metrics(self, metrics: Sequence[Metrics], frames: Ints, times_ns: Ints) -> list[bytes]:
         """geomphys.FrameMetrics of frames (n,) at times (n,)."""
@@ -219,8 +218,7 @@ class FrameEncoder:
             ns=np.array([ns for _, ns, _ in every], np.int64),
             count=np.array([count for _, _, count in every], np.int64),
         )
-        heads = message(Timing, timestamp=stamps(times_ns), frame=frames).split()
-        return _joined(heads, message(Timing, stages=rows).split(np.array([len(s) for s in stages], np.int64)))
+        return _with_rows(Timing, frames, times_ns, np.array([len(s) for s in stages], np.int64), stages=rows)
 
     def log(self, level: str, text: str, time_ns: int) -> bytes:
         """foxglove.Log; `level` is info, warning or error."""
@@ -234,6 +232,12 @@ def _vectors(values: Floats) -> Rows:
     """Messages with the fields x y z, or x y z w, of (n, 3) or (n, 4)."""
     kind = Vector3 if values.shape[1] == 3 else Quaternion
     return message(kind, **dict(zip("xyzw", values.T, strict=False)))
+
+
+def _with_rows(kind: type[Message], frames: Ints, times_ns: Ints, counts: Ints, **rows: Rows) -> list[bytes]:
+    """Messages of frames (n,) at times (n,), each with `counts` (n,) of the rows of one repeated field."""
+    heads = message(kind, timestamp=stamps(times_ns), frame=frames).split()
+    return _joined(heads, message(kind, **rows).split(counts))
 
 
 def _joined(heads: Sequence[bytes], tails: Sequence[bytes]) -> list[bytes]:

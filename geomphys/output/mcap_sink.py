@@ -155,7 +155,10 @@ class McapSink(ContextManaged):
         output, self._output = self._output, None
         log_error: LogError | None = None
         try:
-            self._write_batch()
+            try:
+                self._write_batch()
+            except LogError as problem:
+                log_error, complete = problem, False
             if not self._started:
                 self._write_static_messages(0)
             if self._input is not None:
@@ -173,7 +176,8 @@ class McapSink(ContextManaged):
             raise log_error
 
     def _write_batch(self) -> None:
-        """Write the buffered frames."""
+        """Write the buffered frames; all of them also where the input log cannot be copied, which is raised at the end."""
+        log_error: LogError | None = None
         results, self._results = self._results, []
         if not results:
             return
@@ -181,10 +185,15 @@ class McapSink(ContextManaged):
         if not self._started:
             self._write_static_messages(results[0].frame.time_ns)
         for of_frame, time in zip(self._messages(results, frames, times), times.tolist(), strict=True):
-            if self._input is not None:
-                self._input.copy_until(time, self._file)
+            if self._input is not None and log_error is None:
+                try:
+                    self._input.copy_until(time, self._file)
+                except LogError as problem:
+                    log_error = problem
             for message in of_frame:
                 self._add(message)
+        if log_error is not None:
+            raise log_error
 
     def _messages(self, results: Sequence[FrameResult], frames: Ints, times: Ints) -> Iterator[list[FrameMessage]]:
         """Encode frames (n,) at times (n,); yields the messages of each."""

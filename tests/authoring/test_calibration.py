@@ -127,7 +127,7 @@ def wrong_values(folder, flats, touches, seed):
     errors["height of 'table'"] = (found.surfaces["table"].height_m - HEIGHT) / 0.002
     errors["tilt of 'table'"] = found.surfaces["table"].tilt_deg
     named = " ".join(found.unobservable)
-    assert touches < 24 or len(found.unobservable) <= 2  # the delay, and one direction in 2 of 43 logs
+    assert touches < 24 or not named.replace("delay of /glove", "")
     return [(name, float(error)) for name, error in errors.items() if name not in named and abs(error) > 1.0]
 
 

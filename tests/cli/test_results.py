@@ -40,7 +40,7 @@ def test_different_is_1_and_says_where(pressed: Results, capsys: pytest.CaptureF
 def test_figures_are_read_without_what_computes_motion(pressed: Results, words: list[str]) -> None:
     """Loading the kernels and what makes a scene takes four times as long as reading a short output."""
     imported = imported_packages([word.format(out=pressed.out) for word in words])
-    assert not {"numba", "scipy", "trimesh", "pydantic"} & imported
+    assert not {"numba", "llvmlite", "scipy", "trimesh", "pydantic"} & imported
 
 
 def test_diff_as_json(landed: Results, capsys: pytest.CaptureFixture[str]) -> None:

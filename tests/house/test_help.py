@@ -20,7 +20,20 @@ from geomphys_cli.options import PathOrUrl
 from tests.cli.imported_packages import imported_packages
 from tests.house.sources import modules
 
-HEAVY = {"numpy", "numba", "rerun", "trimesh", "scipy", "matplotlib", "coacd", "pydantic", "rich", "mcap", "yourdfpy"}
+HEAVY = {
+    "numpy",
+    "numba",
+    "llvmlite",
+    "rerun",
+    "trimesh",
+    "scipy",
+    "matplotlib",
+    "coacd",
+    "pydantic",
+    "rich",
+    "mcap",
+    "yourdfpy",
+}
 
 
 def find(name: str) -> click.Command:

@@ -183,22 +183,25 @@ def test_encoding_many_frames_takes_no_more_memory_than_some() -> None:
         body_a=some.body_a, body_b=some.body_b, pd=some.point, convex_pairs=some.body_a, largest=some.depth,
         method=np.zeros(8, np.int64),
     )  # fmt: skip
-    one, pairs = ragged(some), RaggedPenetrations(depths, at(8))
+    batch = ragged(*[some] * 100)
+    pairs = RaggedPenetrations(Penetrations(*map(np.concatenate, zip(*[depths] * 100, strict=True))), batch.counts)
 
     def encode(frames: int) -> None:
-        for k in range(frames):
-            points.encode(one, at(k))
-            arrows.encode(one, at(k), np.ones(1))
-            transforms.encode(np.full((1, 4, 7), float(k)), at(k))
-            encoder.contacts(one, at(k), at(k))
-            encoder.penetrations(pairs, at(k), at(k))
-            encoder.timing([[("step.some_stage", k, 1)] * 10], at(k), at(k))
-            encoder.log("info", f"frame {k}", k)
+        for first in range(0, frames, 100):
+            numbers = np.arange(first, first + 100)
+            points.encode(batch, numbers)
+            arrows.encode(batch, numbers, np.ones(100))
+            transforms.encode(np.full((100, 4, 7), float(first)), numbers)
+            encoder.contacts(batch, numbers, numbers)
+            encoder.penetrations(pairs, numbers, numbers)
+            encoder.timing([[("step.some_stage", k, 1)] * 10 for k in numbers.tolist()], numbers, numbers)
+            for k in numbers.tolist():
+                encoder.log("info", f"frame {k}", k)
 
-    encode(100)
+    encode(2_000)
     before = resident_bytes()
-    encode(500)
-    assert resident_bytes() - before < 2**18
+    encode(10_000)
+    assert resident_bytes() - before < 2 * 2**20
 
 
 def resident_bytes() -> int:

@@ -17,7 +17,7 @@ from mcap_protobuf.decoder import DecoderFactory as Protobuf
 from mcap_ros2.decoder import DecoderFactory as Ros2
 
 from geomphys.config import Config
-from geomphys.errors import DamagedLogError, GeomphysError, OutputError
+from geomphys.errors import DamagedLogError, GeomphysError, LogError, OutputError
 from geomphys.output.attached_files import INDEX
 from geomphys.output.mcap_sink import McapSink
 from geomphys.output.provenance import Provenance
@@ -412,6 +412,26 @@ def test_a_damaged_input_is_copied_as_far_as_it_goes_only_on_request(
     sink.close(complete=True)
     assert 0 < len(copied(out)) < len(rows)
     assert copied(out) == rows[: len(copied(out))]
+
+
+def test_an_input_that_is_overwritten_meanwhile_costs_no_frame(
+    world: World, provenance: Provenance, results: list[FrameResult], tmp_path: Path
+) -> None:
+    log, out = tmp_path / "input.mcap", tmp_path / "out.mcap"
+    log_file(log)
+    sink = McapSink(out, copy_input=log)
+    sink.open(world, Config(), provenance)
+    with log.open("r+b") as stream:
+        size = log.stat().st_size
+        stream.seek(size // 8)
+        stream.write(bytes(size // 2))
+    for result in results[:10]:
+        sink.write(result)
+    with pytest.raises(LogError, match="changed while it was read"):
+        sink.close(complete=True)
+    with (tmp_path / "out.partial.mcap").open("rb") as stream:
+        times = [m.log_time for _, _, m in make_reader(stream).iter_messages(topics=["/tf"])]
+    assert times == [result.frame.time_ns for result in results[:10]]
 
 
 def test_it_means_to_the_judge_what_it_holds(
