@@ -44,9 +44,9 @@ test-all: $(VENV)/.test test-versions distribution
 
 OLDEST_NUMBA := 0.67
 test-numba: $(VENV)/.test
-	$(PYTHON) -m venv --clear out/venv-numba
-	out/venv-numba/bin/python -m pip --disable-pip-version-check --quiet install --editable '.[test]' 'numba==$(OLDEST_NUMBA).*'
-	out/venv-numba/bin/python $(PYTEST) tests/simulated tests/driven tests/engine/test_pipeline.py
+	@rm -rf out/numba
+	$(PIP) install --target out/numba 'numba==$(OLDEST_NUMBA).*'
+	PYTHONPATH=out/numba $(BIN)/python $(PYTEST) tests/simulated tests/driven tests/engine/test_pipeline.py
 
 test-versions:
 	PYTHON=$(PYTHON) .ci/test_versions $(SETS)
