@@ -6,7 +6,6 @@ objective is quadratic in them, their mean and their covariance are all that is 
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +15,7 @@ from geomphys.collision.query import outline
 from geomphys.driven.weights import WEIGHTS
 from geomphys.numerics.transforms import compose, matrix_from_frame
 from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, DRIVEN, HULL, JOINT_FIXED, JOINT_PRISMATIC, SPHERE, Scene
+from geomphys.scene.tessellation import triangulate_faces
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -53,11 +53,9 @@ def _surface(scene: Scene, i: int) -> tuple[float, Floats, Floats]:
     kind, (r, h, _) = int(pieces.kind[i]), pieces.size[i]
     if kind in (BOX, HULL):
         corners = pieces.vertices[pieces.vertex_start[i] : pieces.vertex_start[i + 1]]
-        found = []
-        for face in range(pieces.face_start[i], pieces.face_start[i + 1]):
-            loop = pieces.loops[pieces.loop_start[face] : pieces.loop_start[face + 1]]
-            found += [corners[[loop[0], a, b]] for a, b in pairwise(loop[1:])]
-        return _triangles(np.array(found))
+        loop_start = pieces.loop_start[pieces.face_start[i] : pieces.face_start[i + 1] + 1]
+        vertices, faces = triangulate_faces(corners, pieces.loops, loop_start)
+        return _triangles(vertices[faces])
     if kind not in (SPHERE, CAPSULE, CYLINDER):
         from scipy.spatial import ConvexHull
 

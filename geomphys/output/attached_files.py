@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 from urllib.parse import unquote
@@ -40,6 +41,7 @@ class Attachment(NamedTuple):
     data: bytes
 
 
+@lru_cache(maxsize=1)
 def scene_files(world: World) -> tuple[Attachment, ...]:
     """Read the scene file, the URDFs and the meshes of a world. Raises OutputError if one cannot be read.
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from numpy.typing import NDArray
@@ -16,23 +18,33 @@ GHOST_INSET_M = 3e-4
 
 def encode_surfaces(world: World, time_ns: int) -> bytes:
     """The message: one entity for each body with a surface, of its name, in its frame and moving with it."""
-    palette = colours_of_trees(world.file)
-    message = SceneUpdate()
-    for body, (vertices, faces) in enumerate(world.triangles):
-        colour = palette[world.tree_names[world.scene.bodies.tree[body]]]
-        _add_entity(message, world.body_names[body], world.frame_names[body], (vertices, faces), colour, time_ns)
-    return _serialized(message)
+    return _serialized(_surfaces(world), time_ns)
 
 
 def encode_ghosts(world: World, time_ns: int) -> bytes:
     """The message: a translucent entity for each driven body with a surface, in the frame in which it was recorded."""
+    return _serialized(_ghosts(world), time_ns)
+
+
+@lru_cache(maxsize=1)
+def _surfaces(world: World) -> SceneUpdate:
+    palette = colours_of_trees(world.file)
+    message = SceneUpdate()
+    for body, mesh in enumerate(world.triangles):
+        colour = palette[world.tree_names[world.scene.bodies.tree[body]]]
+        _add_entity(message, world.body_names[body], world.frame_names[body], mesh, colour)
+    return message
+
+
+@lru_cache(maxsize=1)
+def _ghosts(world: World) -> SceneUpdate:
     message = SceneUpdate()
     for body in np.flatnonzero(world.scene.bodies.role == DRIVEN):
         vertices, faces = world.triangles[body]
         points = np.round(vertices - GHOST_INSET_M * _outward(vertices, faces), 7)  # m; no rounding of a library shows
         body_name, frame = RECORDED_PREFIX + world.body_names[body], RECORDED_PREFIX + world.frame_names[body]
-        _add_entity(message, body_name, frame, (points, faces), GHOST, time_ns)
-    return _serialized(message)
+        _add_entity(message, body_name, frame, (points, faces), GHOST)
+    return message
 
 
 def _outward(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -56,13 +68,11 @@ def _add_entity(
     frame: str,
     mesh: tuple[NDArray[np.float64], NDArray[np.int64]],
     colour: Colour,
-    time_ns: int,
 ) -> None:
     vertices, faces = mesh
     if len(faces) == 0:
         return
     entity = message.entities.add(id=name, frame_id=frame, frame_locked=True)
-    entity.timestamp.seconds, entity.timestamp.nanos = divmod(time_ns, 1_000_000_000)
     surface = entity.triangles.add(indices=faces.ravel().tolist())
     surface.pose.orientation.w = 1.0
     surface.color.r, surface.color.g, surface.color.b, surface.color.a = (channel / 255 for channel in colour)
@@ -70,6 +80,10 @@ def _add_entity(
         surface.points.add(x=x, y=y, z=z)
 
 
-def _serialized(message: SceneUpdate) -> bytes:
+def _serialized(surfaces: SceneUpdate, time_ns: int) -> bytes:
+    message = SceneUpdate()
+    message.CopyFrom(surfaces)
+    for entity in message.entities:
+        entity.timestamp.seconds, entity.timestamp.nanos = divmod(time_ns, 1_000_000_000)
     data: bytes = message.SerializeToString(deterministic=True)
     return data

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -32,7 +33,8 @@ from geomphys.storage.remote_files import AnyPath
 WORLD = "world"
 
 
-def descriptions(world: World) -> dict[str, str]:
+@lru_cache(maxsize=1)
+def descriptions(world: World) -> Mapping[str, str]:
     """Topic -> URDF text: ``/robot_description`` of the only avatar, ``/NAME/robot_description`` of all others.
 
     Objects without a URDF of their own share ``/objects/robot_description``. Raises ModelError or

@@ -158,9 +158,12 @@ class Scene(NamedTuple):
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class World:
-    """A scene with its names, input topics and display geometry: all that a replay needs besides a log."""
+    """A scene with its names, input topics and display geometry: all that a replay needs besides a log.
+
+    It does not change, and is equal to itself alone: what is made from one can be kept with it (`functools.lru_cache`).
+    """
 
     file: SceneFile
     path: AnyPath

@@ -165,5 +165,5 @@ class GeometryLoader:
             surface = (solid.vertices, solid.faces)
         else:  # the collision geometry is the hull
             hull = hulls[0].polytope
-            surface = triangulate_faces(hull.vertices, np.split(hull.loops, np.cumsum(hull.loop_count)[:-1]))
+            surface = triangulate_faces(hull.vertices, hull.loops, np.concatenate([[0], np.cumsum(hull.loop_count)]))
         return list(hulls), of_mesh(*surface, 1.0), surface

@@ -51,10 +51,14 @@ def capsule_triangles(radius: float, height: float, segments: int) -> Triangles:
     return surface_of_revolution(np.concatenate([around[::-1], around]), np.concatenate([-up[::-1], up]), segments)
 
 
-def triangulate_faces(vertices: Floats, loops: list[Ints]) -> Triangles:
-    """Triangulate convex faces, each given as a loop of vertices."""
-    faces = [(loop[0], loop[k], loop[k + 1]) for loop in loops for k in range(1, len(loop) - 1)]
-    return _read_only(vertices, np.array(faces, dtype=np.int64))
+def triangulate_faces(vertices: Floats, loops: Ints, loop_start: Ints) -> Triangles:
+    """Triangulate convex faces: fans about the first vertex of each loop, whose rows of `loops` `loop_start` (F + 1,) tells."""
+    rows = np.arange(loop_start[0], loop_start[-1])
+    face = np.repeat(np.arange(len(loop_start) - 1), np.diff(loop_start))
+    first, end = loop_start[face], loop_start[face + 1]
+    inner = (rows > first) & (rows + 1 < end)
+    corners = np.stack([first, rows, rows + 1], axis=1)[inner]
+    return _read_only(vertices, loops[corners].astype(np.int64))
 
 
 def merge_surfaces(parts: list[Triangles]) -> Triangles:

@@ -50,4 +50,5 @@ def test_joined_surfaces_keep_their_triangles() -> None:
 
 def test_faces_are_cut_into_fans() -> None:
     square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
-    assert triangulate_faces(square, [np.array([0, 1, 2, 3])])[1].tolist() == [[0, 1, 2], [0, 2, 3]]
+    loops = np.array([9, 9, 9, 0, 1, 2, 3, 3, 2, 0])  # the rows of another solid come first
+    assert triangulate_faces(square, loops, np.array([3, 7, 10]))[1].tolist() == [[0, 1, 2], [0, 2, 3], [3, 2, 0]]
