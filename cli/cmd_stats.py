@@ -25,23 +25,23 @@ DEGREES = 57.29577951308232
 
 ROWS = {
     "recorded_penetration_m": ("recorded penetration", "mm", 1e3),
-    "residual_penetration_m": ("penetration left", "mm", 1e3),
-    "correction_m": ("correction", "mm", 1e3),
-    "correction_rad": ("correction", "°", DEGREES),
-    "amplification": ("correction over depth", "times", 1.0),
+    "residual_penetration_m": ("residual penetration", "mm", 1e3),
+    "correction_m": ("correction, translation", "mm", 1e3),
+    "correction_rad": ("correction, rotation", "°", DEGREES),
+    "amplification": ("amplification", "times", 1.0),
     "shape_change_rad": ("change of shape (rigid)", "°", DEGREES),
-    "fingertip_error_in_contact_m": ("fingertips in contact off", "mm", 1e3),
-    "fingertip_error_m": ("fingertips off", "mm", 1e3),
-    "contact_precision_m": ("contact points moved on", "mm", 1e3),
-    "contact_alignment_rad": ("contact normals rotated", "°", DEGREES),
+    "fingertip_error_in_contact_m": ("fingertip error in contact", "mm", 1e3),
+    "fingertip_error_m": ("fingertip error", "mm", 1e3),
+    "contact_precision_m": ("contact precision", "mm", 1e3),
+    "contact_alignment_rad": ("contact alignment", "°", DEGREES),
     "contacts": ("contacts", "", 1.0),
-    "iterations": ("rounds", "", 1.0),
-    "recorded_speed_m_s": ("speed as recorded", "m/s", 1.0),
-    "corrected_speed_m_s": ("speed corrected", "m/s", 1.0),
-    "correction_speed_m_s": ("speed of the correction", "m/s", 1.0),
-    "recorded_jerk_m_s3": ("jerk as recorded", "m/s³", 1.0),
-    "corrected_jerk_m_s3": ("jerk corrected", "m/s³", 1.0),
-    "correction_jerk_m_s3": ("jerk of the correction", "m/s³", 1.0),
+    "iterations": ("iterations", "", 1.0),
+    "recorded_speed_m_s": ("speed, recorded", "m/s", 1.0),
+    "corrected_speed_m_s": ("speed, corrected", "m/s", 1.0),
+    "correction_speed_m_s": ("speed, correction", "m/s", 1.0),
+    "recorded_jerk_m_s3": ("jerk, recorded", "m/s³", 1.0),
+    "corrected_jerk_m_s3": ("jerk, corrected", "m/s³", 1.0),
+    "correction_jerk_m_s3": ("jerk, correction", "m/s³", 1.0),
 }
 """Series -> label, display unit, factor from the SI unit."""
 
@@ -61,6 +61,10 @@ def stats(outputs: tuple[Path, ...], as_json: bool) -> None:
 
     Penetration, correction, contacts and times of the stages are over the frames; speeds and jerks are those of the
     fastest driven body in each frame, as recorded, as corrected, and of the correction between them.
+
+    Amplification is the correction over the recorded penetration. Fingertip error is how far fingertips are from where
+    they were recorded, contact precision and alignment how far contact points lie from the recorded ones and by how
+    much their normals differ. Iterations are those of the solver that removes overlaps.
     """
     import geomphys
 

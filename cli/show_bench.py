@@ -155,7 +155,7 @@ def _stages(experiments: Sequence[ExperimentResult]) -> Sheet:
         for e in experiments
         for s in e.stages
     ]
-    note = "µs a frame; count: moving bodies, overlapping pairs of bodies, rounds, impacts, contacts, a frame."
+    note = "µs a frame; count: moving bodies, overlapping pairs of bodies, iterations, impacts, contacts, a frame."
     return Sheet("Stages", note, ("stage", "median", "p95", "p99", "mean", "count"), tuple(rows))
 
 

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+from geomphys_cli.cmd_stats import ROWS
 from geomphys_cli.main import run
 
 from tests.cli.imported_packages import imported_packages
@@ -94,10 +95,15 @@ def test_trouble_is_2_and_one_line(
     assert output.err.count("\n") == 1
 
 
+def test_each_row_of_the_table_of_stats_has_a_name_of_its_own() -> None:
+    labels = [label for label, *_ in ROWS.values()]
+    assert len(set(labels)) == len(labels) > 10
+
+
 def test_stats(landed: Results, pressed: Results, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["stats", str(landed.out), str(pressed.out)]) == 0
     text = capsys.readouterr().out
-    for word in ("out.mcap", "all 2", "recorded penetration", "speed of the correction", "step.overlap", "p99"):
+    for word in ("out.mcap", "all 2", "recorded penetration", "speed, correction", "step.overlap", "p99"):
         assert word in text
     assert run(["stats", str(pressed.out), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
