@@ -11,12 +11,15 @@ from importlib.metadata import version
 from pathlib import Path
 
 from geomphys.jit.machine_code import processor
-from geomphys.storage.cache import Store, sources, user_cache_folder
+from geomphys.storage.cache import Store, remove_unused, sources, user_cache_folder
 
 COMPILED = re.compile(rb"^@(kernel|outlined|inlined)$|^(from|import) (numba|llvmlite)\b", re.MULTILINE)
 """Found in modules that have a say in the machine code; those they import have one too."""
 
 IMPORTED = re.compile(rb"^from (geomphys\.[\w.]+) import", re.MULTILINE)
+
+FOLDERS = re.compile(r"kernels-[0-9a-f]{16}")
+"""Names of the folders of all versions."""
 
 
 @lru_cache(maxsize=1)
@@ -24,7 +27,7 @@ def cache_folder() -> Path:
     """Folder of the machine code of this version of the package, made on first use: see `geomphys.storage.cache`.
 
     It is named after the sources that bear on the code, the versions of numba, llvmlite and Python, what numba is told by
-    the environment, and the processor.
+    the environment, and the processor. Folders of versions that were not used for a month are removed.
     """
     settings = sorted(
         item for item in os.environ.items() if item[0].startswith("NUMBA_") and item[0] != "NUMBA_CACHE_DIR"
@@ -33,7 +36,9 @@ def cache_folder() -> Path:
     digest = hashlib.sha256(repr(about).encode())
     for name, text in _sources_of_machine_code():
         digest.update(name.encode() + b"\0" + text + b"\0")
-    return user_cache_folder(f"kernels-{digest.hexdigest()[:16]}")
+    folder = user_cache_folder(f"kernels-{digest.hexdigest()[:16]}")
+    remove_unused(folder, FOLDERS)
+    return folder
 
 
 @lru_cache(maxsize=1)

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import secrets
+import shutil
 import stat
 import tempfile
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from functools import lru_cache
@@ -18,6 +21,11 @@ from geomphys.storage.temporary_folders import TemporaryFolder
 
 DIGEST_SIZE = hashlib.sha256().digest_size
 
+UNUSED_S = 30 * 86_400
+"""s; folders of other versions that were used within this time are left alone."""
+
+REMOVED = ".removed-"
+"""Between the name of a folder that is being removed and a random number."""
 
 _temporary: dict[str, TemporaryFolder] = {}
 """Caches of this process alone, removed at its end."""
@@ -62,6 +70,34 @@ def is_private(path: Path) -> bool:
     about = path.lstat()
     is_plain = stat.S_ISDIR(about.st_mode) or stat.S_ISREG(about.st_mode)
     return is_plain and about.st_uid == os.getuid() and not about.st_mode & 0o022
+
+
+def remove_unused(folder: Path, names: re.Pattern[str]) -> None:
+    """Mark a folder as used now, and remove those beside it with such names that were not for `UNUSED_S`.
+
+    The mark is the modification time. A folder is renamed before it is removed, so a process that starts meanwhile finds
+    all of it or nothing; one that was marked at that moment gets its name back. What a crash leaves renamed is removed later.
+    """
+    if not names.fullmatch(folder.name):
+        return  # the temporary folder of a process, which has other programs' folders beside it
+    oldest = time.time() - UNUSED_S
+    with suppress(OSError):
+        os.utime(folder)
+        for other in folder.parent.iterdir():
+            name = other.name.partition(REMOVED)[0]
+            if names.fullmatch(name) and other.stat().st_mtime < oldest:
+                _remove_if_unused(other, other.with_name(f"{name}{REMOVED}{secrets.token_hex(4)}"), oldest)
+
+
+def _remove_if_unused(folder: Path, renamed: Path, oldest: float) -> None:
+    """Remove a folder under another name, if it is this user's own and was not marked as used meanwhile."""
+    with suppress(OSError):
+        if is_private(folder):
+            folder.rename(renamed)
+            if renamed.stat().st_mtime < oldest:
+                shutil.rmtree(renamed, ignore_errors=True)
+            else:
+                renamed.rename(folder)
 
 
 @lru_cache(maxsize=1)

@@ -20,9 +20,11 @@ from mcap.stream_reader import StreamReader  # noqa: E402
 import geomphys  # noqa: E402
 from geomphys.bench.experiments import ExperimentFiles, experiment_files  # noqa: E402
 
-GLOVE = ExperimentFiles(
-    name="robot_glove", log=ROOT / "recordings/robot_glove.mcap", scene=ROOT / "assets/scenes/robot_glove.toml"
-)
+OTHERS = [
+    ExperimentFiles(name=name, log=ROOT / f"recordings/{name}.mcap", scene=ROOT / f"assets/scenes/{name}.toml")
+    for name in ("gripper_cube", "hand_lift", "isaac_hand", "leap_hand", "manus_hand", "robot_glove", "webxr_hand")
+]
+"""Recordings of the checkout that are no experiments."""
 
 
 def write_outputs(folder: Path, experiments: list[ExperimentFiles]) -> None:
@@ -57,7 +59,7 @@ def content_digest(path: Path) -> str:
 
 
 if __name__ == "__main__":
-    every = [*experiment_files(ROOT, ()), GLOVE]
+    every = [*experiment_files(ROOT, ()), *OTHERS]
     if unknown := set(sys.argv[2:]) - {files.name for files in every}:
         raise SystemExit(f"no recording: {', '.join(sorted(unknown))}")
     write_outputs(Path(sys.argv[1]), [files for files in every if not sys.argv[2:] or files.name in sys.argv[2:]])

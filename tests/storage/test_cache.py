@@ -6,6 +6,7 @@ import hashlib
 import os
 import pickle
 import re
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -155,3 +156,50 @@ def test_sources_are_those_of_the_whole_package() -> None:
     """Machine code and scenes in the cache are found by them: what is left out could change unnoticed."""
     names = {"geomphys", *(f"geomphys.{name}" for name in modules("geomphys") if name)}
     assert names <= set(cache.sources())
+
+
+def folder_of_kernels(base: Path, name: str, days: float) -> Path:
+    """A folder with a file, last used so many days ago."""
+    folder = base / name
+    folder.mkdir(mode=0o700)
+    (folder / "code").write_bytes(b"machine code")
+    used = time.time() - days * 86_400
+    os.utime(folder, (used, used))
+    return folder
+
+
+KERNELS = re.compile(r"kernels-[0-9a-f]{16}")
+
+
+def test_folders_of_kernels_that_were_not_used_for_a_month_are_removed(tmp_path: Path) -> None:
+    current = folder_of_kernels(tmp_path, f"kernels-{'0' * 16}", days=40)
+    recent = folder_of_kernels(tmp_path, f"kernels-{'1' * 16}", days=29)
+    folder_of_kernels(tmp_path, f"kernels-{'2' * 16}", days=31)
+    folder_of_kernels(tmp_path, f"kernels-{'3' * 16}.removed-0123abcd", days=31)  # a process ended here
+    other = folder_of_kernels(tmp_path, "pieces", days=400)
+    writable = folder_of_kernels(tmp_path, f"kernels-{'4' * 16}", days=31)
+    writable.chmod(0o777)
+    cache.remove_unused(current, KERNELS)
+    assert sorted(tmp_path.iterdir()) == sorted([current, recent, writable, other])
+    assert time.time() - current.stat().st_mtime < 60  # marked as used
+
+
+def test_a_folder_that_is_used_while_it_is_removed_keeps_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    old = folder_of_kernels(tmp_path, f"kernels-{'2' * 16}", days=31)
+    rename = Path.rename
+
+    def used_meanwhile(self: Path, target: Path) -> Path:
+        os.utime(self)
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", used_meanwhile)
+    cache.remove_unused(folder_of_kernels(tmp_path, f"kernels-{'0' * 16}", days=0), KERNELS)
+    assert (old / "code").read_bytes() == b"machine code"
+
+
+def test_nothing_beside_a_temporary_folder_is_removed(tmp_path: Path) -> None:
+    foreign = folder_of_kernels(tmp_path, f"kernels-{'2' * 16}", days=31)
+    cache.remove_unused(folder_of_kernels(tmp_path, "geomphys-1x2y", days=0), KERNELS)
+    assert foreign.is_dir()
