@@ -1,4 +1,4 @@
-"""The simulated loop of a scene: what never changes filled in, memory for the rest."""
+"""Allocates the simulated loop of a scene: constant fields filled in, workspaces for the rest."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from geomphys.collision.sweep import local_boxes
 from geomphys.scene.arrays import HULL, SIMULATED, SPHERE, Floats, Scene
 from geomphys.simulated.state import BODY, COUNTS, ENERGY, FRAME, MOTION, PAIR, ROW, SLOT, Records, Simulation
 
-WIDE = 4.0  # a still body wider along x than this many median widths is looked at each time
+WIDE = 4.0  # a body at rest wider along x than this many median widths is tested every time
 
 
 def piece_arms(scene: Scene, motion: Records) -> Floats:
@@ -76,7 +76,7 @@ def body_boxes(scene: Scene, boxes: Floats) -> Floats:
 
 
 def body_records(scene: Scene) -> tuple[Records, Records]:
-    """(B,) `MOTION` and (B,) `BODY` with what never changes filled in."""
+    """(B,) `MOTION` and (B,) `BODY` with the constant fields filled in."""
     source, count = scene.bodies, len(scene.bodies.role)
     motion, bodies = np.zeros(count, MOTION), np.zeros(count, BODY)
     free = source.role == SIMULATED
@@ -92,10 +92,10 @@ def body_records(scene: Scene) -> tuple[Records, Records]:
 
 
 class Capacity(NamedTuple):
-    """Of the tables of a frame."""
+    """Capacities of the tables of a frame."""
 
-    pairs: int = 4096  # of pieces that may meet
-    points: int = 4096  # in contact
+    pairs: int = 4096  # pairs of pieces that may come into contact
+    points: int = 4096  # pairs in contact
 
 
 CAPACITY = Capacity()
@@ -119,9 +119,9 @@ def make_simulation(
     scene
         The scene.
     poses
-        (B, 7) world poses of all bodies at the start; those of what never moves stay.
+        (B, 7) world poses of all bodies at the start; those of fixed bodies stay.
     start, end, reported, frames, scratch
-        Arrays of the caller, as in `Simulation`: each frame is simulated from and to what stands there.
+        Arrays of the caller, as in `Simulation`: read and written by each frame.
     capacity
         Where it is too small for a frame, simulated bodies stay where they are for that frame, and it is reported.
     """

@@ -1,4 +1,4 @@
-"""Which collisions there are at a moment, and their resolution one at a time."""
+"""Finds the collisions at a moment and resolves them one at a time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from geomphys.simulated.motion import load_velocities, refresh
 from geomphys.simulated.resting_contact import set_limits, stop_slow_approach
 from geomphys.simulated.state import Simulation, has_changed, has_yielded
 
-MOST_HITS = 3  # of a pair at one moment: what then still approaches is stopped, all of it together
+MOST_HITS = 3  # collisions of a pair at one moment; beyond, all points that still approach are stopped together
 
 
 @kernel
@@ -49,8 +49,8 @@ def fastest_approach(sim: Simulation) -> int:
 def resolve(sim: Simulation, t: float, budget: int) -> tuple[int, bool]:
     """Resolve the collisions of the changed bodies' contact points at time `t` of the frame.
 
-    The fastest goes first; each changes velocities, and what then approaches is a collision again. What approaches
-    slower than the threshold is stopped, all of it together.
+    The fastest goes first; each changes velocities, and points that approach after that collide again. Points that approach
+    slower than the threshold are stopped together.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def resolve(sim: Simulation, t: float, budget: int) -> tuple[int, bool]:
     t
         s of the frame.
     budget
-        Collisions that the frame may still have; beyond, nothing bounces.
+        Most further collisions of the frame; beyond, nothing bounces.
 
     Returns
     -------

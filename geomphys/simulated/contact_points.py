@@ -1,6 +1,6 @@
-"""Contact points of a pair: found, matched with those of the step before, laid out for the solvers.
+"""Contact points of a pair: found, matched with those of the step before, written as rows for the solvers.
 
-A row holds everything an impulse at the point does to both bodies.
+A row has the response of both bodies to an impulse at the point.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from geomphys.simulated.motion import point_at
 from geomphys.simulated.state import Motion, Row, Simulation, Slot, has_yielded
 from geomphys.simulated.time_of_impact import LOOK_FAR, measure_pair_within
 
-NEAR = 4e-4  # m: contact points with no more clearance take part in the solving
+NEAR = 4e-4  # m: contact points with no more clearance are solved
 SAME = 4e-6  # m²: squared distance within which a point continues one of the step before
 
 
@@ -41,13 +41,13 @@ def direction_of(r: Row, axis: int) -> Vec:
 
 @kernel
 def clear_impulse(r: Row) -> None:
-    """Take the impulses out of a row."""
+    """Set the impulses of a row to zero."""
     r.normal_impulse = r.tangent_impulse[0] = r.tangent_impulse[1] = 0.0
 
 
 @kernel
 def fill_masses(a: Motion, b: Motion, r: Row) -> None:
-    """What unit impulses along normal and tangents of row `r` do: turns of both bodies, velocities at the point.
+    """Responses to unit impulses along normal and tangents of row `r`: angular velocities of both bodies, velocity at the point.
 
     `a`, `b` are the bodies' records of `motion`.
     """
@@ -74,7 +74,7 @@ def fill_masses(a: Motion, b: Motion, r: Row) -> None:
 
 @kernel
 def invert_mass(r: Row) -> None:
-    """Note what follows from `inverse_mass_t` of row `r`."""
+    """Set the fields of row `r` that derive from `inverse_mass_t`."""
     k_tt, k_tb, k_bb = vec_of(r.inverse_mass_t)
     inverse, half = 1.0 / (k_tt * k_bb - k_tb * k_tb), 0.5 * (k_tt - k_bb)
     set_vec(r.mass_t, (inverse * k_bb, -inverse * k_tb, inverse * k_tt))
@@ -83,7 +83,7 @@ def invert_mass(r: Row) -> None:
 
 @kernel
 def clear_impulses(slot: Slot) -> None:
-    """Begin the sums of a frame."""
+    """Set the accumulated impulses of a frame to zero."""
     slot.normal_impulse = 0.0
     set_vec(slot.friction_impulse, (0.0, 0.0, 0.0))
     set_vec(slot.normal_impulses, (0.0, 0.0, 0.0))
@@ -91,7 +91,7 @@ def clear_impulses(slot: Slot) -> None:
 
 @kernel
 def clear_slot(slot: Slot) -> None:
-    """Make a slot one that holds no point, and never did."""
+    """Clear a slot: no point, no accumulated impulses."""
     clear_impulses(slot)
     set_vec(slot.local, (0.0, 0.0, 0.0))
     set_vec(slot.friction_force, (0.0, 0.0, 0.0))
@@ -102,14 +102,14 @@ def clear_slot(slot: Slot) -> None:
 
 @kernel
 def keep_old_slots(sim: Simulation, pair: int) -> None:
-    """Copy the contact points of a pair aside."""
+    """Copy the contact points of a pair to `old_slots`."""
     for m in range(4):
         sim.old_slots[m] = sim.slots[pair, m]
 
 
 @kernel
 def continued(sim: Simulation, x: Vec) -> int:
-    """Which of the old contact points the point x (relative to a, a's frame) continues; -1: none. It is then taken."""
+    """Which of the old contact points the point x (relative to a, a's frame) continues; -1: none. It is marked as matched."""
     best, slot = SAME, -1
     for m in range(4):
         if sim.old_slots[m].used == 0:
@@ -124,7 +124,7 @@ def continued(sim: Simulation, x: Vec) -> int:
 
 @kernel
 def open_slot(sim: Simulation, pair: int, m: int, old: int, x: Vec, clearance: float) -> None:
-    """Begin slot m of a pair at the point x (relative to a, a's frame), with what the old point `old`, if any, gathered."""
+    """Begin slot m of a pair at the point x (relative to a, a's frame), with the totals of the old point `old`, if any."""
     slot = sim.slots[pair, m]
     if old >= 0:
         sim.slots[pair, m] = sim.old_slots[old]
@@ -138,7 +138,7 @@ def open_slot(sim: Simulation, pair: int, m: int, old: int, x: Vec, clearance: f
 
 @kernel
 def hand_over_sums(sim: Simulation, pair: int, count: int) -> None:
-    """Give the impulses of old points that nothing continues to the first of the pair's `count` slots: none is lost."""
+    """Add the impulses of old points without a match to the first of the pair's `count` slots, so that none is lost."""
     for m in range(count, 4):
         clear_impulses(sim.slots[pair, m])
     first = sim.slots[pair, 0]
@@ -150,7 +150,7 @@ def hand_over_sums(sim: Simulation, pair: int, count: int) -> None:
 
 @kernel
 def close_slots(sim: Simulation, pair: int, count: int) -> None:
-    """Mark the slots from `count` on as holding no point; what they gathered stays until it is handed over."""
+    """Mark the slots from `count` on as holding no point; their accumulated impulses stay until `hand_over_sums`."""
     for m in range(count, 4):
         slot = sim.slots[pair, m]
         slot.used = 0
@@ -201,9 +201,9 @@ def add_rows(sim: Simulation, pair: int, t: float) -> None:
 
 @outlined
 def add_rows_within(sim: Simulation, pair: int, t: float, margin: float) -> None:
-    """Look at a pair at time `t` of the frame and append a row for each contact point nearer than `margin` [m].
+    """Find the contact points of a pair at time `t` of the frame and append a row for each nearer than `margin` [m].
 
-    The bases of simulated bodies must stand at `t`.
+    The base times of simulated bodies must be `t`.
     """
     p = sim.pairs[pair]
     s, n, pa, pb = measure_pair_within(sim, pair, t, max(LOOK_FAR, margin))

@@ -1,10 +1,10 @@
-"""How bodies that follow a path move within a frame.
+"""Motion of bodies with prescribed poses within a frame.
 
-Only where it is at every frame is known. A tracked thing of the scene goes from one to the next on the parabola that
-the frames before call for: its acceleration is the change of the mean velocity from frame to frame, carried on to the
-middle of the frame as it changed last, and none where it turned round. What moves smoothly then strikes and carries
-with the velocity it has at that moment, at any frame rate; what starts, stops or trembles goes straight. Driven
-bodies go straight in their turns, whose ends lie on such parabolas.
+Only the poses at the frames are known. A tracked body moves from one to the next on a parabola: its acceleration is the
+change of the mean velocity from frame to frame, extrapolated to the middle of this frame, and zero where it changed
+sign. A body that moves smoothly then hits and supports others with its true velocity, at any frame rate; one that starts,
+stops or trembles moves on straight lines. Driven bodies move on straight lines within substeps, whose ends lie on such
+parabolas.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from geomphys.numerics.vec3 import Vec, add_scaled, dot, quat_conjugate, quat_mu
 from geomphys.scene.arrays import FIXED
 from geomphys.simulated.state import Simulation
 
-UNEVEN = 3.0  # a frame longer or shorter than the one before by this factor says nothing of the acceleration
+UNEVEN = 3.0  # frames whose lengths differ by this factor give no acceleration
 
 
 @kernel
 def mean_velocities(sim: Simulation, body: int) -> tuple[Vec, Vec]:
-    """Mean velocity of the origin [m/s] and mean rate of turning [rad/s] of a body through the frame."""
+    """Mean velocity of the origin [m/s] and mean angular velocity [rad/s] of a body through the frame."""
     start, end, rate = sim.start[body], sim.end[body], 1.0 / sim.frame.dt
     rotation = rotation_vector(quat_mul(quat_from(end, 3), quat_conjugate(quat_from(start, 3))))
     return scale(sub(vec_from(end, 0), vec_from(start, 0)), rate), scale(rotation, rate)
@@ -30,15 +30,15 @@ def mean_velocities(sim: Simulation, body: int) -> tuple[Vec, Vec]:
 
 @kernel
 def is_even(dt: float, last: float) -> bool:
-    """Whether a frame of `dt` [s] after one of `last` [s] tells of an acceleration."""
+    """Whether a frame of `dt` [s] after one of `last` [s] gives an acceleration."""
     return last < UNEVEN * dt and dt < UNEVEN * last
 
 
 @kernel
 def extrapolated(a: Vec, before: Vec) -> Vec:
-    """What an acceleration that was `before` and then `a`, a frame later, is half a frame after that.
+    """Linear extrapolation of an acceleration, `before` and a frame later `a`, to half a frame after that.
 
-    On the straight line through both; no more than twice the smaller, and 0 where their directions differ.
+    At most twice the smaller, and 0 where their signs differ.
     """
     b = add_scaled(scale(a, 1.5), before, -0.5)
     if dot(a, before) <= 0.0 or dot(a, b) <= 0.0:
@@ -50,7 +50,7 @@ def extrapolated(a: Vec, before: Vec) -> Vec:
 
 @kernel
 def fit_paths(sim: Simulation) -> None:
-    """Accelerations of the tracked things of the scene for this frame, from those before."""
+    """Accelerations of the tracked bodies of the scene for this frame, from the frames before."""
     dt = sim.frame.dt
     for k in range(len(sim.paths)):
         body = sim.paths[k]
@@ -96,7 +96,7 @@ def load_path(sim: Simulation, body: int, t: float) -> None:
 
 @kernel
 def load_paths(sim: Simulation, t: float) -> None:
-    """`load_path` for all tracked things of the scene."""
+    """`load_path` for all tracked bodies of the scene."""
     for k in range(len(sim.paths)):
         body = sim.paths[k]
         if sim.bodies[body].role == FIXED:

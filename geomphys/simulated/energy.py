@@ -1,10 +1,10 @@
-"""The energy of islands: contact with things that stand still never adds to it.
+"""Energy of islands: contact with fixed bodies never increases it.
 
-Contact forces are constant over a step, so on a body that wobbles they lag behind, and do a little work where they
-should do none; so do a solution that has not quite settled and the micrometres by which surfaces are kept apart. What
-a step has added is taken off the motion of the bodies that touched something in it, all of an island's in the same
-proportion, so that energy never rises but by what driven and moving bodies put in. Bodies that touch nothing, and
-islands that touch nothing still, whose momentum must stay, are left alone.
+Contact forces are constant over a step, so on a body that wobbles they lag and do a little work where they should do
+none; so do a solve that has not fully converged and the clearance of micrometres between surfaces. The energy that a step
+added is removed from the velocities of the bodies that touched something in it, in the same proportion for all of an
+island, so that energy only rises by the work of driven and moving bodies. Bodies without contact, and islands without
+contact with a fixed body, whose momentum must be conserved, are not changed.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from geomphys.numerics.vec3 import dot, scale
 from geomphys.simulated.sleeping import is_moving
 from geomphys.simulated.state import Motion, Simulation, is_simulated
 
-NOTHING, STILL, MOVING = 0, 1, 2  # what an island touches
+NOTHING, STILL, MOVING = 0, 1, 2  # contacts of an island
 
 
 @kernel
@@ -36,7 +36,7 @@ def energy(sim: Simulation, body: int) -> float:
 
 @kernel
 def note_energies(sim: Simulation) -> None:
-    """Note the energies of all simulated bodies, whose bases stand at the present time; none has touched anything yet."""
+    """Store the energies of all simulated bodies, whose base times are the present one, and clear what they touched."""
     for s in range(len(sim.free)):
         body = sim.free[s]
         sim.energy[body].before = energy(sim, body)
@@ -45,9 +45,9 @@ def note_energies(sim: Simulation) -> None:
 
 @kernel
 def note_new_energies(sim: Simulation) -> None:
-    """Note the energies anew in islands with a body that the caller has just put where it stands.
+    """Store the energies anew in islands with a body that the caller has just placed.
 
-    It may have been somewhat inside another, and has been lifted out of that.
+    It may have overlapped another slightly and been moved out of it.
     """
     for s in range(len(sim.free)):
         sim.energy[sim.bodies[sim.free[s]].island].excess = 0.0
@@ -63,7 +63,7 @@ def note_new_energies(sim: Simulation) -> None:
 
 @kernel
 def add_up(sim: Simulation) -> None:
-    """Add up what the islands have gained since `note_energies`, and note what they touch."""
+    """Sum the energy that islands have gained since `note_energies`, and mark what they touch."""
     for s in range(len(sim.free)):
         island = sim.energy[sim.bodies[sim.free[s]].island]
         island.excess, island.kinetic, island.support = 0.0, 0.0, NOTHING
@@ -87,8 +87,8 @@ def add_up(sim: Simulation) -> None:
 
 @outlined
 def take_excess(sim: Simulation) -> None:
-    """Slow down what touched something, in islands that touch still things and none that move by themselves, to the
-    energy `note_energies` found.
+    """Scale the velocities of bodies in contact, in islands that touch fixed bodies and no driven or moving ones, to the
+    energy that `note_energies` stored.
     """
     add_up(sim)
     for s in range(len(sim.free)):

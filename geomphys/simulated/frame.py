@@ -1,4 +1,4 @@
-"""Beginning and end of a frame: from the poses and velocities the caller gives to motions, and back."""
+"""Begins and ends a frame: converts the poses and velocities of the caller to motions, and back."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ QUARANTINED = 64
 def set_free(sim: Simulation, body: int) -> None:
     """Motion of a simulated body at the frame's start, from its pose and the reported velocity.
 
-    The angular momentum is kept from the frame before unless the caller changed the angular velocity meanwhile.
+    The angular momentum is that of the frame before unless the caller changed the angular velocity.
     """
     m, reported, start = sim.motion[body], sim.reported[body], sim.start[body]
     q = quat_from(start, 3)
@@ -63,7 +63,7 @@ def set_free(sim: Simulation, body: int) -> None:
 
 @kernel
 def begin(sim: Simulation, goes_on: bool) -> None:
-    """Set up the motions of simulated bodies, and clear the sums of the frame before, unless it `goes_on`."""
+    """Set up the motions of simulated bodies, and clear the accumulated impulses, unless the frame `goes_on`."""
     for s in range(len(sim.free)):
         set_free(sim, sim.free[s])
     fit_paths(sim)
@@ -79,7 +79,7 @@ def begin(sim: Simulation, goes_on: bool) -> None:
 
 @kernel
 def mark_all(sim: Simulation) -> None:
-    """Let all simulated bodies that are awake count as changed."""
+    """Mark all simulated bodies that are awake as changed."""
     for s in range(len(sim.free)):
         kind = sim.bodies[sim.free[s]]
         kind.changed = kind.awake
@@ -87,7 +87,7 @@ def mark_all(sim: Simulation) -> None:
 
 @kernel
 def put_back(sim: Simulation, body: int) -> None:
-    """Put a simulated body back to its pose at the frame's start, at rest; the pose it had is set aside."""
+    """Put a simulated body back to its pose at the frame's start, at rest; the pose it had is saved."""
     m = sim.motion[body]
     set_vec_from(m.saved_pose, 0, vec_of(m.position))
     set_quat_from(m.saved_pose, 3, quat_of(m.orientation))
@@ -101,7 +101,7 @@ def put_back(sim: Simulation, body: int) -> None:
 
 @kernel
 def undo_put_back(sim: Simulation, body: int) -> None:
-    """Return a body to the pose set aside by `put_back`; it stays at rest."""
+    """Return a body to the pose saved by `put_back`; it stays at rest."""
     m = sim.motion[body]
     set_vec(m.position, vec_from(m.saved_pose, 0))
     set_quat(m.orientation, quat_from(m.saved_pose, 3))

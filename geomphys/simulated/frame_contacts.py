@@ -1,4 +1,4 @@
-"""The contacts of a frame: where simulated bodies touched, with what impulse, and what overlap is left."""
+"""Contacts of a frame: points where simulated bodies touched, their impulses, and the remaining overlap."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def write_touches(sim: Simulation, poses: Floats, bodies: Ints, values: Floats, 
         (n, 9), written: point [m], unit normal out of b into a, overlap [m], normal and tangential impulse of the
         frame [N s].
     first
-        The first row to write. What does not fit is left out.
+        The first row to write. Points beyond the capacity are left out.
 
     Returns
     -------
@@ -48,7 +48,7 @@ def write_touches(sim: Simulation, poses: Floats, bodies: Ints, values: Floats, 
             bodies[first, 0], bodies[first, 1] = a, pair.body[1]
             n = vec_of(pair.axis)
             if slot.normal_impulse > 0.0:
-                # that of the impulses: a body that bounced is elsewhere by now
+                # the normal of the impulses: a body that bounced has moved on
                 n = unit(vec_of(slot.normal_impulses))
             square = 0.0
             for i in range(3):

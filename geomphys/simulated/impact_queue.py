@@ -1,7 +1,7 @@
-"""The queue of impacts: a binary heap of pairs, the one due first in front, of equal ones the first on the list.
+"""The queue of impacts: a binary heap of pairs by time of impact, of equal times the first in the list.
 
-A pair stands in it at most once; when one of its bodies changes course it is put in again with its new time, or taken
-out. Where it stands is kept with the pair (`queue_index`), as is when it is due (`due`).
+It holds a pair at most once; when the motion of one of its bodies changes it is put in again with its new time, or
+removed. Its index in the heap (`queue_index`) and its time (`due`) are fields of the pair.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ def comes_before(sim: Simulation, a: int, b: int) -> bool:
 
 @kernel
 def stand(sim: Simulation, k: int, pair: int) -> None:
-    """Let `pair` stand at index k."""
+    """Write `pair` to index k."""
     sim.queue[k] = pair
     sim.pairs[pair].queue_index = k
 
@@ -68,7 +68,7 @@ def put(sim: Simulation, pair: int, time: float) -> None:
 
 @kernel
 def take_out(sim: Simulation, pair: int) -> None:
-    """Take `pair` out if it is in."""
+    """Remove `pair` if it is in the queue."""
     k = sim.pairs[pair].queue_index
     if k < 0:
         return
@@ -84,7 +84,7 @@ def take_out(sim: Simulation, pair: int) -> None:
 
 @kernel
 def empty_queue(sim: Simulation) -> None:
-    """Take all pairs out."""
+    """Remove all pairs."""
     for pair in range(sim.counts.pairs):
         sim.pairs[pair].queue_index = -1
     sim.counts.queued = 0

@@ -10,7 +10,7 @@ from geomphys.simulated.state import Row, Simulation, has_changed, is_simulated
 
 @kernel
 def impulse_of(r: Row) -> Vec:
-    """World impulse on body a that row `r` holds [N s]."""
+    """World impulse of row `r` on body a [N s]."""
     j = scale(vec_of(r.normal), r.normal_impulse)
     j = add_scaled(j, vec_of(r.tangent), r.tangent_impulse[0])
     return add_scaled(j, vec_of(r.binormal), r.tangent_impulse[1])
@@ -31,7 +31,7 @@ def give_velocity(sim: Simulation, k: int, j: Vec) -> None:
 
 @kernel
 def give_force(sim: Simulation, k: int, j: Vec, rate: float) -> None:
-    """Let the force `rate` j [N] of row k act on both bodies from now on, on b reversed; `rate` is in 1/s."""
+    """Add the force `rate` j [N] of row k to both bodies, to b reversed; `rate` is in 1/s."""
     r = sim.rows[k]
     m = sim.motion[r.a]
     add_vec(m.acceleration, j, rate * m.inverse_mass)
@@ -44,7 +44,7 @@ def give_force(sim: Simulation, k: int, j: Vec, rate: float) -> None:
 
 @kernel
 def note(sim: Simulation, k: int, normal: float, friction: Vec) -> None:
-    """Add an impulse [N s] of row k to its point's sums of the frame."""
+    """Add an impulse [N s] of row k to the totals of its point."""
     r = sim.rows[k]
     slot = sim.slots[r.pair, r.slot]
     slot.normal_impulse = slot.normal_impulse + normal
@@ -54,7 +54,7 @@ def note(sim: Simulation, k: int, normal: float, friction: Vec) -> None:
 
 @kernel
 def commit(sim: Simulation) -> None:
-    """Apply the impulses of all rows to the bodies, add them to the sums of the frame, and clear them."""
+    """Apply the impulses of all rows to the bodies, add them to the totals of their points, and clear them."""
     for k in range(sim.counts.rows):
         r = sim.rows[k]
         normal = r.normal_impulse
@@ -68,7 +68,7 @@ def commit(sim: Simulation) -> None:
 
 @kernel
 def drop_rows(sim: Simulation, t: float) -> None:
-    """Add what the contact forces on changed bodies did until time `t` to the frame's sums, and drop their rows."""
+    """Add the impulses of contact forces on changed bodies until time `t` to the totals, and drop their rows."""
     retained = 0
     for k in range(sim.counts.rows):
         r = sim.rows[k]

@@ -10,7 +10,7 @@ Where two faces meet, the points of the collision get their normal impulses toge
 then their friction, by sweeps over the points. Each impulse acts on both bodies with opposite signs: momentum is kept
 to rounding; each takes energy, as (1 - ε²) and friction do.
 
-The points are the rows whose `mode` says so; their impulses so far stand in `normal_impulse` and `tangent_impulse`. `velocity`
+The points are the rows with `mode` > 0; their impulses so far are `normal_impulse` and `tangent_impulse`. `velocity`
 holds six numbers a body: velocity of the reference point and angular velocity.
 """
 
@@ -26,13 +26,13 @@ from geomphys.simulated.contact_points import apply_impulse, normal_speed, speed
 from geomphys.simulated.state import Row, Simulation, has_yielded
 
 SWEEPS = 300
-UNFELT = 0.1  # of the precision asked for: smaller changes of velocity do not call for another visit to a row
+UNFELT = 0.1  # of the requested precision: smaller changes of velocity do not make a row be visited again
 PRECISION = 1e-13  # of the fastest approach: sweeps over the points of a collision end when none changes by more
 
 
 @kernel
 def let_go(sim: Simulation) -> None:
-    """No impulses are sought any more for the rows of pairs that have yielded."""
+    """Take the rows of pairs that were given up out of the solve."""
     for k in range(sim.counts.rows):
         if has_yielded(sim, sim.rows[k].pair):
             sim.rows[k].mode = 0
@@ -74,10 +74,10 @@ def solve_friction(sim: Simulation, velocity: Floats, k: int, cap: float) -> flo
     vx, vy = dot(vec_of(r.tangent), v), dot(vec_of(r.binormal), v)
     i_tt, i_tb, i_bb = vec_of(r.mass_t)
     x0, y0, mass = r.tangent_impulse[0], r.tangent_impulse[1], r.inverse_mass_most
-    # what stops the sliding, if the cone allows it
+    # impulse that stops the sliding, if it is within the cone
     x, y = x0 - i_tt * vx - i_tb * vy, y0 - i_tb * vx - i_bb * vy
     if x * x + y * y > cap * cap:
-        # else against the sliding, on the cone
+        # else opposite to the sliding, on the cone
         x, y = x0 - vx / mass, y0 - vy / mass
         size = math.sqrt(x * x + y * y)
         if size > cap:
@@ -89,7 +89,7 @@ def solve_friction(sim: Simulation, velocity: Floats, k: int, cap: float) -> flo
 
 @kernel
 def solve_normal(sim: Simulation, velocity: Floats, k: int) -> float:
-    """One sweep's change of the normal impulse at row k, which may only push, towards v_n >= `target_speed`.
+    """One sweep's change of the normal impulse at row k, >= 0 in total, towards v_n >= `target_speed`.
 
     Returns how much it changed the normal velocity [m/s].
     """
@@ -108,7 +108,7 @@ def solve_normal(sim: Simulation, velocity: Floats, k: int) -> float:
 def collide(sim: Simulation, velocity: Floats, elastic: float) -> None:
     """Resolve one collision: the rows whose `mode` is 2, by (8)–(10).
 
-    `elastic` is 1 for restitution as the materials say, 0 for none. The rows' impulses must be zero before.
+    `elastic` is 1 for the restitution of the materials, 0 for none. The rows' impulses must be zero on entry.
     """
     count = sim.counts.rows
     members, only, fastest = 0, -1, 0.0
@@ -143,7 +143,7 @@ def collide(sim: Simulation, velocity: Floats, elastic: float) -> None:
 
 @kernel
 def disturb(sim: Simulation, body: int, visit: int) -> None:
-    """Note that visit number `visit` to a row has changed a body's velocity, if anything can."""
+    """Store that visit number `visit` changed a body's velocity, if its inverse mass is not zero."""
     if sim.motion[body].inverse_mass > 0.0:
         sim.bodies[body].disturbed = visit
 
@@ -158,12 +158,12 @@ def is_disturbed(sim: Simulation, r: Row) -> bool:
 
 @outlined
 def settle(sim: Simulation, velocity: Floats, sweeps: int, precision: float) -> int:
-    """Solve all rows whose `mode` is 1 together: v_n >= `target_speed`, impulses only push, friction within its cone.
+    """Solve all rows whose `mode` is 1 together: v_n >= `target_speed`, normal impulses >= 0, friction within its cone.
 
-    Projected sweeps over the rows (Gauss-Seidel), to and fro so that forces travel up and down a stack, from the
-    impulses they hold, which must be in the velocities already.
+    Projected sweeps over the rows (Gauss-Seidel), forwards and backwards so that forces travel up and down a stack, starting
+    from their present impulses, which must already be part of the velocities.
     Done when no sweep changes a velocity by more than `precision` [m/s]; returns the number of sweeps made. A row whose
-    bodies nothing has changed since is passed over.
+    bodies have not changed since its last visit is skipped.
     """
     count, visit = sim.counts.rows, 0
     for k in range(count):
@@ -194,7 +194,7 @@ def settle(sim: Simulation, velocity: Floats, sweeps: int, precision: float) -> 
 
 @kernel
 def settle_normals(sim: Simulation, velocity: Floats, sweeps: int, precision: float) -> None:
-    """`settle` for the normal impulses alone: a fair start where nothing is known of the friction yet."""
+    """`settle` for the normal impulses alone: a start where friction is not known yet."""
     for _ in range(sweeps):
         most = 0.0
         for k in range(sim.counts.rows):

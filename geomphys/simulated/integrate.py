@@ -1,8 +1,8 @@
 """Free motion of a rigid body: the exact parabola, and rotation with constant angular momentum.
 
-A free body's angular momentum L is kept as state in the world frame, so it is conserved to the last bit. Its
-orientation follows  q̇ = ½ ω q,  ω = R I⁻¹ Rᵀ L,  by the classical Runge-Kutta scheme of fourth order in turns of at
-most `ROTATION_STEP`, whatever the frame rate; with three equal moments the turn is exact.
+The state of a free body is its angular momentum L in the world frame, so it is conserved to the last bit. Its
+orientation follows  q̇ = ½ ω q,  ω = R I⁻¹ Rᵀ L,  by the classical Runge-Kutta scheme of fourth order in rotations of at
+most `ROTATION_STEP`, at any frame rate; with three equal moments the rotation is exact.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from geomphys.numerics.vec3 import (
     rot_from_quat,
 )
 
-ROTATION_STEP = 0.03  # rad: one Runge-Kutta step turns no further; its error per radian is then below 1e-8
-MOST_STEPS = 20000  # of a call: what turns faster still is followed more coarsely
+ROTATION_STEP = 0.03  # rad: one Runge-Kutta step rotates no further; its error per radian is then below 1e-8
+MOST_STEPS = 20000  # Runge-Kutta steps of a call: bodies that rotate faster get larger ones
 
 
 @kernel
 def angular_velocity(q: Quat, inertia: Vec, momentum: Vec) -> Vec:
-    """ω = R I⁻¹ Rᵀ L [rad/s, world] of a body whose principal axes stand as `q` (world_from_principal)."""
+    """ω = R I⁻¹ Rᵀ L [rad/s, world] of a body whose principal axes have the orientation `q` (world_from_principal)."""
     own = quat_rotate(quat_conjugate(q), momentum)
     return quat_rotate(q, (own[0] / inertia[0], own[1] / inertia[1], own[2] / inertia[2]))
 
@@ -74,7 +74,7 @@ def rotate_freely(q: Quat, inertia: Vec, momentum: Vec, torque: Vec, h: float) -
     Returns
     -------
     tuple
-        world_from_principal after `h`, a unit quaternion; `q` itself if nothing turns.
+        world_from_principal after `h`, a unit quaternion; `q` itself without rotation.
     """
     still = momentum[0] == 0.0 and momentum[1] == 0.0 and momentum[2] == 0.0
     free = torque[0] == 0.0 and torque[1] == 0.0 and torque[2] == 0.0
@@ -102,7 +102,7 @@ def rotate_freely(q: Quat, inertia: Vec, momentum: Vec, torque: Vec, h: float) -
 
 @kernel
 def inverse_inertia(q: Quat, inertia: Vec) -> Rot:
-    """R I⁻¹ Rᵀ of a body whose principal axes stand as `q`."""
+    """R I⁻¹ Rᵀ of a body whose principal axes have the orientation `q`."""
     r = rot_from_quat(q)
     i, j, k = 1.0 / inertia[0], 1.0 / inertia[1], 1.0 / inertia[2]
     xx = i * r[0] * r[0] + j * r[1] * r[1] + k * r[2] * r[2]

@@ -1,4 +1,4 @@
-"""Which bodies an impact concerns: the two that touch, and all that are connected to them through contact points."""
+"""Finds the bodies that an impact changes: the two that touch, and all that are connected to them through contact points."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from geomphys.simulated.time_of_impact import measure_pair
 
 @kernel
 def concerns_changed(sim: Simulation, pair: int) -> bool:
-    """Whether one of a pair's bodies has changed course."""
+    """Whether the motion of one of a pair's bodies has changed."""
     p = sim.pairs[pair]
     b = p.body[1]
     return has_changed(sim, p.body[0]) or (is_simulated(sim, b) and has_changed(sim, b))
@@ -18,7 +18,7 @@ def concerns_changed(sim: Simulation, pair: int) -> bool:
 
 @kernel
 def are_connected(sim: Simulation, pair: int, t: float) -> bool:
-    """Whether the bodies of a pair have contact points with each other, or will have when they are looked at at `t`."""
+    """Whether the bodies of a pair have contact points with each other, or will have when they are measured at `t`."""
     if has_yielded(sim, pair):
         return False
     if sim.pairs[pair].point_count > 0:
@@ -30,7 +30,7 @@ def are_connected(sim: Simulation, pair: int, t: float) -> bool:
 
 @outlined
 def mark_connected(sim: Simulation, pair: int, t: float) -> None:
-    """Let the bodies count as changed, and no others, that the meeting of a pair at time `t` of the frame concerns."""
+    """Mark as changed the bodies, and no others, that the impact of a pair at time `t` of the frame concerns."""
     for s in range(len(sim.free)):
         sim.bodies[sim.free[s]].changed = 0
     for side in range(2):

@@ -1,4 +1,4 @@
-"""Where each body is at any time of the frame; planning and carrying on its motion."""
+"""Poses of bodies at any time of the frame; planning and advancing their motion."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def plan(m: Motion, h: float) -> None:
 
 @kernel
 def move_base(m: Motion, t: float) -> None:
-    """Let a simulated body run to time `t` of the frame and make that its base."""
+    """Advance a simulated body to time `t` of the frame and make that its base time."""
     h = t - m.base_time
     if h != 0.0:
         p, q = point_at(m, t), orientation_at(m, t)

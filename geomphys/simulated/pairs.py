@@ -1,4 +1,4 @@
-"""Which pairs of pieces may meet in a frame."""
+"""Finds the pairs of pieces that may come into contact in a frame."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from geomphys.simulated.swept_boxes import apart, box_all, reach_ahead
 
 @kernel
 def any_beyond_range(sim: Simulation, t: float) -> bool:
-    """Whether a changed body may leave the range its pairs were looked for in before the time they are for ends."""
+    """Whether a changed body may leave the range in which its pairs were searched before their time span ends."""
     for s in range(len(sim.free)):
         body = sim.free[s]
         if has_changed(sim, body):
@@ -40,7 +40,7 @@ def insert(sim: Simulation, count: int, body: int) -> int:
 
 @kernel
 def near_bodies(sim: Simulation, a: int) -> int:
-    """Bodies whose boxes meet that of simulated body a, simulated ones below it left out; sorted, in `found`."""
+    """Bodies whose boxes overlap that of simulated body a, simulated ones below it left out; sorted, in `found`."""
     box = sim.body_boxes[a]
     low, high = box[0], box[3]
     count = 0
@@ -65,7 +65,7 @@ def near_bodies(sim: Simulation, a: int) -> int:
 
 @kernel
 def new_pair(sim: Simulation, k: int, i: int, j: int, a: int, b: int) -> None:
-    """Record k of `pairs`, and its slots, for a pair of which nothing is known yet."""
+    """Record k of `pairs`, and its slots, for a new pair."""
     p = sim.pairs[k]
     p.piece[0], p.piece[1], p.body[0], p.body[1] = i, j, a, b
     p.point_count = p.encounters = p.resting = p.yielded = p.touching = 0
@@ -80,7 +80,7 @@ def new_pair(sim: Simulation, k: int, i: int, j: int, a: int, b: int) -> None:
 
 @kernel
 def append_old(sim: Simulation, old: int) -> None:
-    """Append a pair of the old list, with what is remembered of it."""
+    """Append a pair of the old list with its cached data."""
     k = sim.counts.pairs
     sim.counts.pairs = k + 1
     sim.pairs[k] = sim.old_pairs[old]
@@ -90,7 +90,7 @@ def append_old(sim: Simulation, old: int) -> None:
 
 @kernel
 def skip_old(sim: Simulation, old: int) -> int:
-    """Go past a pair of the old list that is no longer near; what pushed in this frame stays. Returns the next one."""
+    """Skip a pair of the old list that is no longer near; one with an impulse in this frame stays. Returns the next one."""
     loaded = False
     for m in range(4):
         loaded = loaded or sim.old_pair_slots[old, m].normal_impulse > 0.0
@@ -103,9 +103,9 @@ def skip_old(sim: Simulation, old: int) -> int:
 
 @kernel
 def add_pair(sim: Simulation, i: int, j: int, a: int, b: int, old: int) -> int:
-    """Append a pair of pieces, with what is remembered of it; `old` is how far the old list is through.
+    """Append a pair of pieces with its cached data; `old` is the position in the old list.
 
-    Returns how far it is after.
+    Returns the position after it.
     """
     count = sim.counts.old_pairs
     while old < count:
@@ -131,7 +131,7 @@ def add_pair(sim: Simulation, i: int, j: int, a: int, b: int, old: int) -> int:
 
 @kernel
 def save_pairs(sim: Simulation) -> None:
-    """Make the present pairs the old ones."""
+    """Copy the pairs to the old list."""
     count = sim.counts.pairs
     for k in range(count):
         sim.old_pairs[k] = sim.pairs[k]
@@ -143,9 +143,9 @@ def save_pairs(sim: Simulation) -> None:
 
 @outlined
 def find_pairs(sim: Simulation, t: float, until: float) -> None:
-    """List the pairs of pieces, one of a simulated body, that may meet between times `t` and `until` of the frame.
+    """List the pairs of pieces, one of a simulated body, that may come into contact between times `t` and `until` of the frame.
 
-    Pairs come sorted by (piece a, piece b). One that has pushed in this frame stays on the list.
+    Pairs are sorted by (piece a, piece b). One with an impulse in this frame stays on the list.
     """
     sim.frame.span_start = t
     sim.frame.span_end = until
@@ -171,7 +171,7 @@ def find_pairs(sim: Simulation, t: float, until: float) -> None:
 
 @kernel
 def label_islands(sim: Simulation) -> None:
-    """Give bodies that may meet, directly or through others, the same label, and add up the mass of each island."""
+    """Give bodies that may touch, directly or through others, the same label, and sum the mass of each island."""
     for s in range(len(sim.free)):
         sim.bodies[sim.free[s]].island = sim.free[s]
         sim.island_mass[sim.free[s]] = 0.0

@@ -1,6 +1,6 @@
-"""Surfaces that overlap are moved apart; what touches may go on touching.
+"""Position projection: moves overlapping surfaces apart, without changing velocities; touching ones may stay so.
 
-Nothing but the poses changes. Where not all can be free, the overlap is shared out.
+Where not all can be free of overlap, it is distributed.
 """
 
 from __future__ import annotations
@@ -16,28 +16,25 @@ from geomphys.simulated.motion import refresh
 from geomphys.simulated.state import Simulation, has_changed, has_yielded
 
 PROJECTION_SWEEPS = 200
-SETTLED = 1e-3  # of the gap kept: the moving apart ends when no sweep changes a distance by more
-TOUCHING = (
-    0.75  # gaps: surfaces that overlap by no more only touch: the last digit of whoever wrote down where they are
-)
-LEFT = 0.025  # gaps: so much at the end of a frame
-CLEAR = 0.05  # gaps: what overlaps by more is moved so far apart; a move that gains less is none
-GIVE = 0.02  # where not all can be free: share by which rows give in to what pushes back, so that overlap is shared out
+SETTLED = 1e-3  # of the gap: the sweeps end when none changes a distance by more
+TOUCHING = 0.75  # gaps: surfaces that overlap by no more count as touching: rounding of written poses
+LEFT = 0.025  # gaps: the same at the end of a frame
+CLEAR = 0.05  # gaps: the clearance given to surfaces that overlap by more; a smaller gain counts as none
+GIVE = 0.02  # where not all can be free: regularisation of the rows, which distributes the overlap
 
 
 @kernel
 def is_short(sim: Simulation, k: int) -> bool:
-    """Whether the surfaces of row k are too near each other to stay so.
+    """Whether the clearance of row k has to grow.
 
-    Things of the scene may touch, as whoever wrote it placed them: to lift one off the other would take energy from
-    nowhere.
+    Bodies that the scene file places in contact may stay so: lifting one off the other would add energy.
     """
     return bool(sim.rows[k].clearance < -sim.frame.tolerance)
 
 
 @kernel
 def any_short(sim: Simulation) -> bool:
-    """Whether any row of a changed body is short."""
+    """Whether any row of a changed body has to grow."""
     for k in range(sim.counts.rows):  # noqa: SIM110
         if has_changed(sim, sim.rows[k].a) and is_short(sim, k):
             return True
@@ -46,16 +43,16 @@ def any_short(sim: Simulation) -> bool:
 
 @kernel
 def distance_to_keep(sim: Simulation, k: int) -> float:
-    """Clearance that the surfaces of row k must have after the moving apart [m]."""
+    """Clearance that row k must have after the projection [m]."""
     gap, clearance = sim.frame.gap, sim.rows[k].clearance
     return CLEAR * gap if is_short(sim, k) else min(gap, clearance)
 
 
 @kernel
 def sweep_apart(sim: Simulation, give: float) -> bool:
-    """Sweeps over the rows of `project_positions`, from the start. Returns whether they settled.
+    """Sweeps over the rows of `project_positions`, from zero. Returns whether they converged.
 
-    With `give` above 0 a row's goal is lower by that share of what its own impulse alone would move it.
+    With `give` above 0 a row's target is lower by that share of the displacement by its own impulse.
     """
     gap, count = sim.frame.gap, sim.counts.rows
     for s in range(len(sim.free)):
@@ -78,9 +75,9 @@ def sweep_apart(sim: Simulation, give: float) -> bool:
 
 @kernel
 def stay_if_useless(sim: Simulation) -> None:
-    """Take back the displacements of islands in which the last sweeps increased no clearance.
+    """Undo the displacements of islands in which the last sweeps increased no clearance.
 
-    What is squeezed would else be moved to and fro for ever.
+    Bodies pressed from two sides would otherwise oscillate.
     """
     count = sim.counts.rows
     for s in range(len(sim.free)):
@@ -104,10 +101,10 @@ def stay_if_useless(sim: Simulation) -> None:
 
 @outlined
 def project_positions(sim: Simulation) -> float:
-    """Move changed bodies, the lightest most, so that no row stays short; velocities are left alone.
+    """Move changed bodies, the lightest most, so that every row has its clearance; velocities do not change.
 
-    Corrects what a step's straight-line contact missed of a turning body's path, micrometres, and resolves an overlap
-    there was at the start. Clearances of the rows are brought up to date to first order; returns the least of them [m].
+    Corrects the error of a step's linearised contacts on a rotating body, micrometres, and resolves overlap of the first
+    frame. Updates the clearances of the rows to first order; returns the least of them [m].
     """
     count = sim.counts.rows
     for k in range(count):

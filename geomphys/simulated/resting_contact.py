@@ -1,10 +1,10 @@
 """Resting contact: the contact points of touching bodies solved together.
 
 Below a threshold approach speed nothing bounces. Over a step of h seconds the contact forces are constant; the motion
-along the normal that they give, ½ h (v_n⁰ + v_n¹), must leave every point no nearer than the gap kept, forces only
-push, and friction stays in Coulomb's cone: it holds if it can and else opposes the sliding. With the velocities of
-both ends of the step in the mean, gravity does exactly the work it should, a body slides down a slope on the exact
-parabola, and a body at rest is pushed by exactly its weight.
+along the normal that they give, ½ h (v_n⁰ + v_n¹), must leave every point at least the gap apart, normal
+forces are >= 0, and friction is in Coulomb's cone: it sticks if it can and else opposes the sliding. As the mean of the
+velocities at both ends of the step counts, gravity does exactly its work, a body slides down a slope on the exact
+parabola, and the force on a body at rest is exactly its weight.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ from geomphys.simulated.impulses import let_go, settle, settle_normals
 from geomphys.simulated.motion import load_velocities, orientation_at, plan
 from geomphys.simulated.state import Simulation, has_changed, has_yielded, is_simulated
 
-SWEEPS = 400  # at most; what is left then is small, and the next step goes on from there
-FEW_SWEEPS = 60  # after a halt within the step
-STILL = 1e-11  # m/s: the solving ends when no sweep changes a velocity by more ...
+SWEEPS = 400  # sweeps at most; the rest is small, and the next step starts from there
+FEW_SWEEPS = 60  # sweeps at most after an impact within the step
+STILL = 1e-11  # m/s: sweeps end when none changes a velocity by more ...
 STILL_PART = 1e-6  # ... or by more than this share of the fastest motion at a contact point
-APPROACH = 2e-4  # m/s: touching points that approach no faster are stopped in the course of the step
-FAINT = 5e-3  # m/s: points that part no faster are held as if they did not part
+APPROACH = 2e-4  # m/s: touching points that approach no faster are stopped within the step
+FAINT = 5e-3  # m/s: points that separate no faster are solved as if they did not
 SLOW_PART = (
-    1.0  # of the threshold: points near but not touching that approach no faster are held if others of the pair touch
+    1.0  # of the threshold: points near but not touching that approach no faster are solved if others of the pair touch
 )
 WEIGHT_TIME = 0.01  # s: more than twice the longest step
 MOST_YIELDS = 4
-ALONG = 0.1  # of the rate of what carries it: what rotates at another rate is not carried round
+ALONG = 0.1  # of the angular velocity of its support: a body that rotates otherwise does not move along with it
 
 
 @kernel
 def set_limits(sim: Simulation) -> None:
-    """Bound the normal impulses of bodies that follow a path.
+    """Bound the normal impulses of bodies with prescribed motion.
 
-    Such a body may squeeze another against something that does not yield, and no impulse would ever be enough. Four
-    times what stops the whole island's approach, and holds its weight, is enough for all that can be done.
+    Such a body may press another against a fixed one, where no impulse is enough. The bound is four times what stops the
+    whole island's approach and supports its weight.
     """
     for k in range(sim.counts.rows):
         r = sim.rows[k]
@@ -52,7 +52,7 @@ def set_limits(sim: Simulation) -> None:
 
 @kernel
 def clear_rows(sim: Simulation) -> None:
-    """Take the impulses out of the rows of changed bodies."""
+    """Set the impulses of the rows of changed bodies to zero."""
     for k in range(sim.counts.rows):
         if has_changed(sim, sim.rows[k].a):
             clear_impulse(sim.rows[k])
@@ -60,7 +60,7 @@ def clear_rows(sim: Simulation) -> None:
 
 @kernel
 def yield_squeezed(sim: Simulation) -> bool:
-    """Let go of pairs whose path-following body would need more than its bound. Returns whether there were any."""
+    """Give up pairs whose body with prescribed motion would need more than its bound. Returns whether there were any."""
     any_yielded = False
     for k in range(sim.counts.rows):
         r = sim.rows[k]
@@ -73,7 +73,7 @@ def yield_squeezed(sim: Simulation) -> bool:
 
 @outlined
 def stop_slow_approach(sim: Simulation) -> None:
-    """Take the approach out of all touching points of changed bodies at once, with ε = 0."""
+    """Stop the approach at all touching points of changed bodies together, with ε = 0."""
     least = 0.0
     for k in range(sim.counts.rows):
         r = sim.rows[k]
@@ -98,7 +98,7 @@ def stop_slow_approach(sim: Simulation) -> None:
 
 @kernel
 def choose_held(sim: Simulation, h: float) -> float:
-    """Mark the points that contact forces hold over the next `h` seconds, and set what they must hold.
+    """Mark the points that contact forces act at over the next `h` seconds, and set their target velocities.
 
     Returns the fastest motion at one of them [m/s].
     """
@@ -130,7 +130,7 @@ def choose_held(sim: Simulation, h: float) -> float:
 
 @kernel
 def begin_with_old_force(sim: Simulation, k: int, h: float) -> bool:
-    """Set the impulses of row k to what its point's forces of the step before do in `h` seconds, and apply them.
+    """Warm start: set the impulses of row k to those of its point's forces of the step before over `h` seconds, and apply them.
 
     Returns whether there were any.
     """
@@ -151,7 +151,7 @@ def begin_with_old_force(sim: Simulation, k: int, h: float) -> bool:
 
 @kernel
 def keep_force(sim: Simulation, k: int, h: float) -> None:
-    """Turn the impulses of row k into constant forces over `h` seconds: its point's, and those on both bodies."""
+    """Convert the impulses of row k to constant forces over `h` seconds: of its point, and on both bodies."""
     r = sim.rows[k]
     j, normal = impulse_of(r), r.normal_impulse
     give_force(sim, k, j, 1.0 / h)
@@ -163,9 +163,9 @@ def keep_force(sim: Simulation, k: int, h: float) -> None:
 
 @kernel
 def fall(sim: Simulation, t: float, h: float) -> None:
-    """Let gravity act for `h` seconds on the velocities and motions of changed bodies, nothing else.
+    """Apply gravity alone for `h` seconds to the velocities and motions of changed bodies.
 
-    What follows its path gets the velocities it has then, at `t` + `h`.
+    Bodies with prescribed motion get their velocities at `t` + `h`.
     """
     load_paths(sim, t + h)
     for s in range(len(sim.free)):
@@ -178,16 +178,16 @@ def fall(sim: Simulation, t: float, h: float) -> None:
 
 @kernel
 def rotates_with(omega: Vec, support_omega: Vec) -> bool:
-    """Whether what rotates at `omega` [rad/s] is carried round by what rotates at `support_omega`; a ball that rolls is not."""
+    """Whether a body that rotates at `omega` [rad/s] rotates with its support, at `support_omega`; a ball that rolls does not."""
     return norm(sub(omega, support_omega)) <= ALONG * norm(support_omega)
 
 
 @kernel
 def advance_arms(sim: Simulation, t: float, h: float) -> None:
-    """Rotate the arms of held points to the end of the step with the tracked bodies that support them.
+    """Rotate the arms of solved points to the end of the step with the tracked bodies that support them.
 
-    Velocities at both ends of the step then have the directions of both ends, and what stands on a turntable goes along
-    its circle; else the table would throw it outwards by ω² r h.
+    Velocities at both ends of the step then have the directions of both ends, and a body on a turntable moves along
+    its circle; otherwise the table would throw it outwards by ω² r h.
     """
     for k in range(sim.counts.rows):
         r = sim.rows[k]
@@ -207,8 +207,8 @@ def advance_arms(sim: Simulation, t: float, h: float) -> None:
 def hold(sim: Simulation, t: float, h: float, sweeps: int) -> None:
     """Contact forces on the changed bodies from time `t` of the frame for `h` seconds, and their motions under them.
 
-    Points that touch or approach slowly are held; what comes in faster is left to collide. `velocity` of the state
-    must hold the present velocities.
+    Points that touch or approach slowly are solved; faster ones are left to collide. `velocity` of the state
+    must be the present velocities.
     """
     set_limits(sim)
     fastest = choose_held(sim, h)

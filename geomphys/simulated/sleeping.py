@@ -1,8 +1,8 @@
-"""Bodies at rest that nothing moving is near are left out of the loop until that changes.
+"""Sleep: islands at rest without a moving body near are left out of the loop until that changes.
 
-An island sleeps when all its bodies have been at rest for `REST_TIME`: no point of them has gone farther than
-`REST_DISTANCE` from where it was, which is less than would be seen in an hour, whatever it trembles by. Asleep, a body keeps
-its pose bit for bit.
+An island sleeps when all its bodies have been at rest for `REST_TIME`: no point of them has moved farther than
+`REST_DISTANCE` from where it was, however it trembles; a drift that slow is invisible for an hour. Asleep, a body keeps its pose
+bit for bit.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ REST_TIME = 0.25  # s
 REST_DISTANCE = 4e-9  # m
 REST_SPEED = 1e-6  # m/s, of any point
 REST_ACCELERATION = 1e-3  # m/s²
-SLOW_SPEED = 2e-3  # m/s, of any point: what something bears and that moves no faster for
-SLOW_TIME = 1.0  # s is at rest too: rolling resistance, which there is no other of, would have stopped it
+SLOW_SPEED = 2e-3  # m/s, of any point: a supported body that moves no faster for
+SLOW_TIME = 1.0  # s is at rest too: this stands in for rolling resistance
 
 
 @kernel
@@ -31,7 +31,7 @@ def is_quiet(m: Motion) -> bool:
 
 @kernel
 def note_rest(sim: Simulation, body: int, reported: Floats) -> None:
-    """Count for how long a simulated body has been at rest at the frame's end, and take what motion is left away.
+    """Update how long a simulated body has been at rest at the frame's end, and set the rest of its motion to zero.
 
     `reported` is its record of the velocities for the caller.
     """
@@ -60,7 +60,7 @@ def note_rest(sim: Simulation, body: int, reported: Floats) -> None:
 
 @kernel
 def is_moving(sim: Simulation, body: int) -> bool:
-    """Whether a body that is not simulated moves in this frame, or wants to."""
+    """Whether a body that is not simulated moves in this frame, or is recorded to."""
     if sim.bodies[body].moves == 0:
         return False
     m = sim.motion[body]
@@ -70,13 +70,13 @@ def is_moving(sim: Simulation, body: int) -> bool:
 
 @kernel
 def wake_island(sim: Simulation, body: int) -> None:
-    """Let the island of a body be awake."""
+    """Wake the island of a body."""
     sim.bodies[sim.bodies[body].island].island_awake = 1
 
 
 @kernel
 def lay_to_rest(sim: Simulation, body: int) -> None:
-    """Take all motion out of a body."""
+    """Set all motion of a body to zero."""
     m, nothing = sim.motion[body], (0.0, 0.0, 0.0)
     set_vec(m.velocity, nothing)
     set_vec(m.acceleration, nothing)
@@ -91,7 +91,7 @@ def lay_to_rest(sim: Simulation, body: int) -> None:
 def wake(sim: Simulation, first: bool) -> bool:
     """Decide which bodies are awake, from the pairs just found.
 
-    `first` says that the frame begins; in its course none falls asleep. Returns whether any is awake.
+    `first`: the frame begins; bodies fall asleep only then. Returns whether any is awake.
     """
     for s in range(len(sim.free)):
         sim.bodies[sim.free[s]].island_awake = 0
@@ -120,7 +120,7 @@ def wake(sim: Simulation, first: bool) -> bool:
 
 @kernel
 def sum_sleeping_forces(sim: Simulation) -> None:
-    """Contact forces of sleeping bodies go on: add what they do in the frame to its sums."""
+    """Contact forces of sleeping bodies continue: add their impulses of the frame to the totals."""
     dt = sim.frame.dt
     for k in range(sim.counts.pairs):
         if sim.bodies[sim.pairs[k].body[0]].awake == 0:

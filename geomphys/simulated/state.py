@@ -1,7 +1,7 @@
-"""What the simulated loop is handed: the bodies' motion, the pairs that may meet, the contact points being solved.
+"""State of the simulated loop: motion of the bodies, pairs that may touch, contact points being solved.
 
-Everything is made once by `make_simulation`; a frame allocates nothing. Tables are arrays of records, whose types stand
-here. Since its base time τ0 a body moves as
+Everything is made once by `make_simulation`; a frame allocates nothing. Tables are arrays of records, whose types are
+defined here. Since its base time τ0 a body moves as
 
     reference point  p + v τ + ½ a τ²,   orientation  exp(w τ + d τ (τ - h)) q,
 
@@ -36,8 +36,8 @@ MOTION = np.dtype(
         ("torque", FLOAT, 3),  # N m, mean over the step
         ("angular_velocity", FLOAT, 3),  # rad/s at the base time
         ("inverse_inertia", FLOAT, 9),  # world, at the base time
-        ("inverse_mass", FLOAT),  # 1/kg; 0 for what follows its path
-        ("listed_range", FLOAT),  # m: how far from `listed_position` the pairs on the list hold good
+        ("inverse_mass", FLOAT),  # 1/kg; 0 for bodies with prescribed motion
+        ("listed_range", FLOAT),  # m: how far from `listed_position` the list of pairs is valid
         ("listed_position", FLOAT, 3),  # m: reference point when they were listed
         ("listed_rotation", FLOAT),  # rad: how far it has rotated since then
         ("reach", FLOAT),  # m: no surface point that rotation moves is farther from the reference point
@@ -47,11 +47,11 @@ MOTION = np.dtype(
         ("mass", FLOAT),  # kg, of a simulated body
         ("reported_angular_velocity", FLOAT, 3),  # rad/s: angular velocity last written for the caller
         ("quiet_time", FLOAT),  # s: how long it has been at rest
-        ("slow_time", FLOAT),  # s: how long it has hardly moved while something bore it
-        ("saved_pose", FLOAT, 7),  # a pose kept for later, reference point and orientation
+        ("slow_time", FLOAT),  # s: how long it has been slow while supported
+        ("saved_pose", FLOAT, 7),  # saved pose: reference point and orientation
         ("reported_pose", FLOAT, 7),  # pose last written for the caller
         ("rest_pose", FLOAT, 7),  # reference point and orientation since when it has been at rest
-        ("path_velocity", FLOAT, 6),  # m/s, rad/s: mean velocities of a tracked thing in the frame before
+        ("path_velocity", FLOAT, 6),  # m/s, rad/s: mean velocities of a tracked body in the frame before
         ("path_acceleration", FLOAT, 6),  # m/s², rad/s²: how they had changed
         ("path_time", FLOAT),  # s: how long that frame was
     ]
@@ -65,17 +65,17 @@ BODY = np.dtype(
         ("first_piece", INT),
         ("end_piece", INT),  # one past its last
         ("material", INT),
-        ("island", INT),  # label shared by bodies that may touch each other within the frame
-        ("changed", INT),  # 1: has changed course at this moment
+        ("island", INT),  # label shared by bodies that may touch within the frame
+        ("changed", INT),  # 1: its motion has changed at this moment
         ("moves", INT),  # 1: may move
-        ("awake", INT),  # 0: rests, nothing moving is near; 1: moves; 2: with driven bodies; 3: so, in another group
-        ("island_awake", INT),  # the same of the island that bears this body's name
-        ("fresh", INT),  # 1: stands where the caller put it, not where the frame before left it
+        ("awake", INT),  # 0: asleep; 1: awake; 2: solved together with driven bodies; 3: the same, in another group
+        ("island_awake", INT),  # the same of the island labelled by this body
+        ("fresh", INT),  # 1: placed by the caller, not where the frame before left it
         ("touched", INT),  # 1: has had contact points in this step
         ("disturbed", INT),  # number of the visit to a row that last changed its velocity while rows were solved
     ]
 )
-"""What a body is, and how it stands in this frame."""
+"""Role of a body, and its state in this frame."""
 
 ROW = np.dtype(
     [
@@ -100,16 +100,19 @@ ROW = np.dtype(
         ("target_speed", FLOAT),  # m/s: the normal velocity must not end below it
         ("friction", FLOAT),
         ("restitution", FLOAT),
-        ("since", FLOAT),  # s of the frame: since when the point's forces act
-        ("impulse_limit", FLOAT),  # N s: largest normal impulse; finite only if b follows a path and might squeeze a
+        ("since", FLOAT),  # s of the frame: start of the point's forces
+        (
+            "impulse_limit",
+            FLOAT,
+        ),  # N s: largest normal impulse; finite only if b has prescribed motion and may press a against something
         ("mass_t", FLOAT, 3),  # kg: inverse of the matrix `inverse_mass_t`
         ("inverse_mass_most", FLOAT),  # 1/kg: the larger of its eigenvalues
-        # where driven bodies take part
+        # in the coupled solve with driven bodies
         ("point", FLOAT, 3),  # m, world
-        ("prescribed", FLOAT, 3),  # m/s along the three axes: relative velocity that the recording alone makes
-        ("first_effect", INT),  # what unknowns of driven trees do to it
+        ("prescribed", FLOAT, 3),  # m/s along the three axes: relative velocity prescribed by the recording
+        ("first_effect", INT),  # its rows of `EFFECT`: responses of driven trees' unknowns
         ("end_effect", INT),
-        ("slip_debt", FLOAT, 3),  # m, world: by how much the point has slipped while it stuck
+        ("slip_debt", FLOAT, 3),  # m, world: drift of the point while it stuck
         ("inverse_mass_nt", FLOAT, 2),  # 1/kg: what a unit normal impulse changes the two tangential velocities by
         ("tangent_target", FLOAT, 2),  # m/s: sliding velocity that friction seeks
     ]
@@ -121,21 +124,21 @@ PAIR = np.dtype(
         ("piece", INT, 2),  # a of a simulated body, b of any other
         ("body", INT, 2),
         ("point_count", INT),  # contact points now
-        ("encounters", INT),  # times it met in this step
-        ("resting", INT),  # 1: some point of it is held by contact forces
-        ("queue_index", INT),  # where it stands in the queue, -1: nowhere
+        ("encounters", INT),  # impacts in this step
+        ("resting", INT),  # 1: contact forces act at some point of it
+        ("queue_index", INT),  # index in the queue, -1: not in it
         ("hits", INT),  # collisions at this moment
-        ("yielded", INT),  # 1: b follows its path and squeezes a: left alone until the frame's end
+        ("yielded", INT),  # 1: b, of prescribed motion, presses a against something: given up until the frame's end
         ("axis", FLOAT, 3),  # last separating direction
-        ("distance", FLOAT),  # m: separation when last looked at
+        ("distance", FLOAT),  # m: separation when last measured
         ("seen_at", FLOAT),  # s of the frame: when that was, -1: not in this frame
-        ("due", FLOAT),  # s of the frame: its next meeting
+        ("due", FLOAT),  # s of the frame: its next impact
         ("friction", FLOAT),
         ("restitution", FLOAT),
-        ("touching", INT),  # 1: was in contact at the last step in which driven bodies took part
+        ("touching", INT),  # 1: was in contact in the last coupled step
     ]
 )
-"""A pair of pieces that may meet, and what is remembered of it."""
+"""A pair of pieces that may touch, and its cached data."""
 
 SLOT = np.dtype(
     [
@@ -145,22 +148,22 @@ SLOT = np.dtype(
         ("normal_impulse", FLOAT),  # N s, of the frame
         ("friction_impulse", FLOAT, 3),  # N s, of the frame
         ("normal_impulses", FLOAT, 3),  # N s: normal impulses of the frame as vectors
-        ("used", INT),  # 1: the slot holds a point
-        ("depth", FLOAT),  # m: minus the clearance when last looked at
-        ("slip_debt", FLOAT, 3),  # m, a's frame: by how much the point has slipped while it stuck
+        ("used", INT),  # 1: the slot has a point
+        ("depth", FLOAT),  # m: minus the clearance when last measured
+        ("slip_debt", FLOAT, 3),  # m, a's frame: drift of the point while it stuck
     ]
 )
-"""A contact point of a pair, remembered from step to step."""
+"""A contact point of a pair, cached from step to step."""
 
 ENERGY = np.dtype(
     [
         ("before", FLOAT),  # J: of a body, at the step's start
-        ("excess", FLOAT),  # J: what the bodies of an island that touched something have gained
+        ("excess", FLOAT),  # J: gain of the bodies of an island that touched something
         ("kinetic", FLOAT),  # J: their kinetic energy
-        ("support", INT),  # what the island touches: see `geomphys.simulated.energy`
+        ("support", INT),  # contacts of the island: see `geomphys.simulated.energy`
     ]
 )
-"""Energy of a body, and of the island that bears its name."""
+"""Energy of a body, and of the island labelled by it."""
 
 COUNTS = np.dtype(
     [
@@ -168,7 +171,7 @@ COUNTS = np.dtype(
         ("old_pairs", INT),
         ("rows", INT),
         ("queued", INT),
-        ("lost", INT),  # pairs and contact points that did not fit in their table
+        ("lost", INT),  # pairs and contact points beyond the capacity of their table
         ("looks", INT),  # work done so far: narrow phases, ...
         ("spans", INT),  # ... spans of time, ...
         ("sweeps", INT),  # ... sweeps of the solver
@@ -179,13 +182,13 @@ COUNTS = np.dtype(
 FRAME = np.dtype(
     [
         ("dt", FLOAT),  # s
-        ("gap", FLOAT),  # m: clearance kept
+        ("gap", FLOAT),  # m: clearance between surfaces in contact
         ("touch", FLOAT),  # m: clearance that counts as touching
-        ("tolerance", FLOAT),  # m: overlap that is left as it is
+        ("tolerance", FLOAT),  # m: overlap that is tolerated
         ("threshold", FLOAT),  # m/s: slower approaches are resting contact
         ("weight", FLOAT),  # m/s²: |gravity|
-        ("extent", FLOAT, 6),  # m: box of all that simulated bodies can reach
-        ("span_start", FLOAT),  # s of the frame: the span that pairs are looked for in
+        ("extent", FLOAT, 6),  # m: box of everything that simulated bodies can reach
+        ("span_start", FLOAT),  # s of the frame: the span in which pairs are searched
         ("span_end", FLOAT),
     ]
 )
@@ -198,14 +201,14 @@ Slot: TypeAlias = Any  # of `SLOT`
 
 
 class Simulation(NamedTuple):
-    """All that the kernels of the simulated loop work on: the scene, their state, their workspace."""
+    """Scene, state and workspace of the kernels of the simulated loop."""
 
     pieces: Pieces
     gravity: Floats  # (3,) m/s²
     materials: Floats  # (2, K, K) restitution and friction
     free: Ints  # (S,) the simulated bodies
     paths: Ints  # (M,) bodies that move but are not simulated
-    still: Ints  # (n,) bodies that never move and are not wide, by the low x of their boxes
+    still: Ints  # (n,) bodies that never move and are not wide, sorted by the low x of their boxes
     still_low: Floats  # (n,) m
     widest: float  # m: the widest of them along x
     others: Ints  # (m,) bodies that move and still ones that are wide
@@ -217,22 +220,22 @@ class Simulation(NamedTuple):
     bodies: Records  # (B,) BODY
     pairs: Records  # (N,) PAIR
     slots: Records  # (N, 4) SLOT
-    # what the caller gives and takes
+    # input and output of a frame
     start: Floats  # (B, 7) poses at the frame's start
     end: Floats  # (B, 7) poses at its end; those of simulated bodies are written
     reported: Floats  # (B, 6) m/s of the centre of mass and rad/s, world: see `simulate`
     # workspace
-    frames: Floats  # (P, 12) world_from_piece at some time of the frame
+    frames: Floats  # (P, 12) world_from_piece at the time last posed
     scratch: Scratch
     counts: Record  # COUNTS
     frame: Record  # FRAME
-    boxes: Floats  # (P, 6) low and high corner of what a piece sweeps
+    boxes: Floats  # (P, 6) low and high corner of the volume that a piece sweeps
     body_boxes: Floats  # (B, 6)
     old_pairs: Records  # (N + 1,) PAIR
     old_pair_slots: Records  # (N + 1, 4) SLOT
     rows: Records  # (K,) ROW
     velocity: Floats  # (B, 6) velocities while contact points are solved
-    displacement: Floats  # (B, 6) small ones, while surfaces are moved apart
+    displacement: Floats  # (B, 6) displacements of position projection
     island_mass: Floats  # (B,) kg: of the island with this label
     energy: Records  # (B,) ENERGY
     queue: Ints  # (N,) the queue of impacts
@@ -248,11 +251,11 @@ def is_simulated(sim: Simulation, body: int) -> bool:
 
 @kernel
 def has_changed(sim: Simulation, body: int) -> bool:
-    """Whether a simulated body has changed course at this moment."""
+    """Whether the motion of a simulated body has changed at this moment."""
     return sim.bodies[body].changed == 1
 
 
 @kernel
 def has_yielded(sim: Simulation, pair: int) -> bool:
-    """Whether a pair is left alone until the frame's end."""
+    """Whether a pair is given up until the frame's end."""
     return sim.pairs[pair].yielded == 1

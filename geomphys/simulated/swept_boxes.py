@@ -1,4 +1,4 @@
-"""Boxes that hold everything a body, and each of its pieces, can reach in a frame."""
+"""Swept boxes: bounds of everything a body, and each of its pieces, can reach in a frame."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from geomphys.simulated.driven_paths import set_path
 from geomphys.simulated.motion import angular_speed_bound, orientation_at, point_at
 from geomphys.simulated.state import Simulation
 
-MARGIN = 2e-3  # m: how much farther than expected a body may go before pairs are looked for again
+MARGIN = 2e-3  # m: how much farther than expected a body may move before pairs are searched again
 
 
 @kernel
@@ -44,7 +44,7 @@ def box_piece(sim: Simulation, piece: int, p: Vec, r: Rot, grow: float, join: bo
 
 @kernel
 def box_body(sim: Simulation, body: int) -> None:
-    """Box of a body, from those of its pieces; an empty body's lies nowhere."""
+    """Box of a body, from those of its pieces; (inf, -inf) for a body without pieces."""
     box, kind = sim.body_boxes[body], sim.bodies[body]
     for i in range(3):
         low, high = math.inf, -math.inf
@@ -57,7 +57,7 @@ def box_body(sim: Simulation, body: int) -> None:
 
 @kernel
 def apart(a: Floats, b: Floats) -> bool:
-    """Whether two boxes have nothing in common."""
+    """Whether two boxes are disjoint."""
     for i in range(3):  # noqa: SIM110
         if a[i] > b[3 + i] or b[i] > a[3 + i]:
             return True
@@ -66,11 +66,11 @@ def apart(a: Floats, b: Floats) -> bool:
 
 @kernel
 def passes_by(sim: Simulation, body: int) -> bool:
-    """Whether a body that follows its path is nowhere near what simulated bodies can reach in the frame."""
+    """Whether a body with prescribed motion is out of reach of all simulated bodies in the frame."""
     ball, start, end = sim.balls[body], sim.start[body], sim.end[body]
     a = add(vec_from(start, 0), quat_rotate(quat_from(start, 3), vec_from(ball, 0)))
     b = add(vec_from(end, 0), quat_rotate(quat_from(end, 3), vec_from(ball, 0)))
-    # on the way it leaves the straight line by less than its acceleration and the turning of its middle move it
+    # it leaves the straight line by less than the effects of acceleration and of the rotation about its centre
     m, dt = sim.motion[body], sim.frame.dt
     reach = ball[3] + 2.0 * norm(vec_from(ball, 0)) + 0.125 * dt * dt * norm(vec_of(m.acceleration))
     for i in range(3):
@@ -83,7 +83,7 @@ def passes_by(sim: Simulation, body: int) -> bool:
 
 @kernel
 def box_path(sim: Simulation, body: int) -> None:
-    """Motion of a body that follows its path through the frame, and its boxes in the span; none if it passes by."""
+    """Prescribed motion of a body through the frame, and its boxes in the span; empty ones if it is out of reach."""
     kind, box = sim.bodies[body], sim.body_boxes[body]
     if passes_by(sim, body):
         set_vec_from(box, 0, (math.inf, math.inf, math.inf))
@@ -104,7 +104,7 @@ def box_path(sim: Simulation, body: int) -> None:
 
 @kernel
 def reach_ahead(sim: Simulation, body: int, left: float) -> float:
-    """How far any point of a simulated body may get in `left` seconds as it moves now [m]."""
+    """How far any point of a simulated body may move in `left` seconds with its present motion [m]."""
     m = sim.motion[body]
     acceleration = max(norm(vec_of(m.acceleration)), sim.frame.weight)
     chord = min(2.0, 2.0 * left * norm(vec_of(m.angular_velocity)))
@@ -113,7 +113,7 @@ def reach_ahead(sim: Simulation, body: int, left: float) -> float:
 
 @kernel
 def box_free(sim: Simulation, body: int) -> None:
-    """Box of a simulated body, and of its pieces, in the span looked at; notes the range it is for."""
+    """Box of a simulated body, and of its pieces, in the span searched; stores the range it is valid for."""
     m, kind, t = sim.motion[body], sim.bodies[body], sim.frame.span_start
     reach = reach_ahead(sim, body, sim.frame.span_end - t) + MARGIN
     m.listed_range = reach
@@ -128,7 +128,7 @@ def box_free(sim: Simulation, body: int) -> None:
 
 @kernel
 def box_all(sim: Simulation) -> None:
-    """Boxes of all bodies that move, in the span looked at."""
+    """Boxes of all bodies that move, in the span searched."""
     for i in range(3):
         sim.frame.extent[i] = math.inf
         sim.frame.extent[3 + i] = -math.inf

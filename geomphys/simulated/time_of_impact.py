@@ -26,7 +26,7 @@ from geomphys.simulated.state import Motion, Simulation
 
 MOST_SPANS = 200
 MOST_TRIES = 60
-LOOK_FAR = 1e-3  # m: farther apart, a lower bound of the distance is enough
+LOOK_FAR = 1e-3  # m: for pairs farther apart a lower bound of the distance is enough
 
 
 @kernel
@@ -45,9 +45,9 @@ def measure_pair(sim: Simulation, pair: int, t: float) -> tuple[float, Vec, Vec,
 
 @outlined
 def measure_pair_within(sim: Simulation, pair: int, t: float, far: float) -> tuple[float, Vec, Vec, Vec]:
-    """Separation [m], normal out of b into a, and witness points of a pair at time `t`; remembered with the pair.
+    """Separation [m], normal out of b into a, and witness points of a pair at time `t`; cached with the pair.
 
-    Beyond `far` [m] the separation is only a lower bound, that along the normal, and the points are void.
+    Beyond `far` [m] the separation is only a lower bound, that along the normal, and the points are undefined.
     """
     sim.counts.looks += 1
     pose_pair(sim, pair, t)
@@ -61,7 +61,7 @@ def measure_pair_within(sim: Simulation, pair: int, t: float, far: float) -> tup
 
 @kernel
 def swing(m: Motion, arm: float) -> float:
-    """Bound on the acceleration that rotation gives a point `arm` from the reference point [m/s²]."""
+    """Bound on the acceleration by rotation of a point `arm` from the reference point [m/s²]."""
     rate = angular_speed_bound(m)
     return (rate * rate + 2.0 * norm(vec_of(m.rotation_change))) * arm
 
@@ -70,7 +70,7 @@ def swing(m: Motion, arm: float) -> float:
 def attached_curvature(reference: Motion, other: Motion, arm: float, t: float, h: float) -> float:
     """C for a direction fixed in the body `reference` from time `t` on for `h` s; `arm` is that of the other's piece.
 
-    Both bodies are records of `motion`. With d the way from one reference point to a point of the other body, f = n·d, so
+    Both bodies are records of `motion`. With d the vector from one reference point to a point of the other body, f = n·d, so
     |f''| ≤ |n''| |d| + 2 |n'| |d'| + |d''|.
     """
     angular_speed = angular_speed_bound(reference)
@@ -95,7 +95,7 @@ def attached_direction(m: Motion, n: Vec, t0: float, t1: float) -> Vec:
 
 @kernel
 def reach_along(sim: Simulation, pair: int, n: Vec) -> float:
-    """Separation of a pair along n where its pieces are placed [m]."""
+    """Separation of a pair along n at the present frames of its pieces [m]."""
     p = sim.pairs[pair]
     return gap_along(Shapes(sim.pieces, sim.frames), p.piece[0], p.piece[1], n)
 
@@ -113,7 +113,7 @@ def span(sim: Simulation, pair: int, n: Vec, f0: float, t0: float, t1: float, en
     t0, t1
         s of the frame.
     enough
-        m; a direction along which the separation never gets lower will do.
+        m; a direction along which the separation stays above this suffices.
 
     Returns
     -------
@@ -148,8 +148,8 @@ def free_until(
 ) -> float:
     """A time up to `t1`, as late as found, before which the pair's separation stays above `target` - `slack`.
 
-    n and `f0` > `target` are direction and separation at `t0`. Unless it is `t1` itself, or something turns fast, the
-    separation along n comes down to about the target there.
+    n and `f0` > `target` are direction and separation at `t0`. Unless it is `t1` itself, or a body rotates fast, the
+    separation along n is about the target there.
     """
     ahead = t1
     for _ in range(MOST_TRIES):
@@ -170,7 +170,7 @@ def first_touch(sim: Simulation, pair: int, t0: float, t1: float, target: float,
     Parameters
     ----------
     sim, pair
-        The pair; its remembered separation is used if it was looked at at `t0`.
+        The pair; its cached separation is used if it was measured at `t0`.
     t0, t1
         Span to search, s of the frame.
     target
@@ -182,7 +182,7 @@ def first_touch(sim: Simulation, pair: int, t0: float, t1: float, target: float,
     Returns
     -------
     float
-        Time [s of the frame]; inf if it does not happen before `t1`.
+        Time [s of the frame]; inf if there is none before `t1`.
     """
     cached = sim.pairs[pair]
     t = t0

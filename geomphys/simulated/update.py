@@ -1,9 +1,8 @@
 """One frame of the simulated loop: bodies move to their next impact, it is resolved, they move on.
 
-Within a frame time runs in steps of at most `STEP`, the same whatever the frame rate: contact forces are constant over
-a step, and which bodies may meet is looked for step by step. Within a step the queue holds when each pair is due to
-meet; the earliest is resolved, the bodies it concerns, and those that may touch them, get new forces and motions, and
-their pairs are put into the queue again.
+A frame is divided in steps of at most `STEP`, at any frame rate: contact forces are constant over a step, and pairs that may
+touch are searched step by step. Within a step the queue has the time of impact of each pair; the earliest is resolved, the
+bodies that it concerns, and those that may touch them, get new forces and motions, and their pairs are queued again.
 """
 
 from __future__ import annotations
@@ -32,27 +31,25 @@ from geomphys.simulated.time_of_impact import first_touch, measure_pair, pose_pa
 
 STEP = 1.0 / 240.0  # s: contact forces are constant for no longer
 STEP_TOLERANCE = 0.01  # share of a step by which one may be longer: times of messages are rounded
-ROTATION_PER_STEP = 0.1  # rad: a body that may touch something turns no further in a step
+ROTATION_PER_STEP = 0.1  # rad: a body that may touch something rotates no further in a step
 LEAST_STEP = 1e-6  # s
 LEAST_THRESHOLD = 1e-3  # m/s: also where there is no gravity, slower approaches do not bounce
 TOUCH = 5.0  # gaps: clearance that counts as touching
-MAX_ENCOUNTERS = 40  # of a pair in a step, if one follows its path: beyond, it is squeezed and let go
-MISSED = (
-    3.0  # gaps: by how much surfaces that contact forces hold may come nearer within a step if bodies are fast, ...
-)
-SLOW = 0.05  # m/s: ... and by one if they are slow: lifting them off again takes more energy than they have
+MAX_ENCOUNTERS = 40  # impacts of a pair in a step, if one has prescribed motion: beyond, the pair is given up
+MISSED = 3.0  # gaps: how far surfaces in resting contact may approach within a step if bodies are fast, ...
+SLOW = 0.05  # m/s: ... and by one if they are slow: separating them again takes more energy than they have
 PROJECTION_ROUNDS = 20
 CLEARING_ROUNDS = 5
 
 __all__ = ["IMPACT_BOUND", "QUARANTINED", "simulate"]
 
 IMPACT_BOUND = 32
-"""A bound was hit: of collisions, of stops, or the capacity for pairs and contact points."""
+"""A bound was hit: of collisions, of impacts, or the capacity for pairs and contact points."""
 
 
 @kernel
 def lay_rows(sim: Simulation, t: float) -> float:
-    """Make the contact points of changed bodies anew at time `t`. Returns the least clearance among them [m]."""
+    """Find the contact points of changed bodies at time `t`. Returns the least clearance among them [m]."""
     drop_rows(sim, t)
     first = sim.counts.rows
     for k in range(sim.counts.pairs):
@@ -66,7 +63,7 @@ def lay_rows(sim: Simulation, t: float) -> float:
 
 @outlined
 def part(sim: Simulation, t: float) -> float:
-    """Contact points of the changed bodies at time `t`, overlaps among them resolved.
+    """Contact points of the changed bodies at time `t`, after position projection.
 
     Returns the least clearance that is left [m], to first order where it is small.
     """
@@ -86,7 +83,7 @@ def part(sim: Simulation, t: float) -> float:
 
 @kernel
 def missed(sim: Simulation, pair: int) -> float:
-    """By how many gaps the surfaces of a pair that is held may come nearer within a step."""
+    """How far the surfaces of a pair in resting contact may approach within a step, in gaps."""
     for side in range(2):
         m = sim.motion[sim.pairs[pair].body[side]]
         if norm(vec_of(m.velocity)) + norm(vec_of(m.angular_velocity)) * m.reach > SLOW:
@@ -96,7 +93,7 @@ def missed(sim: Simulation, pair: int) -> float:
 
 @kernel
 def queue_pairs(sim: Simulation, t: float, t1: float) -> None:
-    """Find when the pairs of changed bodies meet before `t1` and queue them."""
+    """Find the times of impact before `t1` of the pairs of changed bodies and queue them."""
     gap = sim.frame.gap
     for k in range(sim.counts.pairs):
         p = sim.pairs[k]
@@ -108,7 +105,7 @@ def queue_pairs(sim: Simulation, t: float, t1: float) -> None:
         if not has_yielded(sim, k):
             target, slack = gap, 0.25 * gap
             if p.resting == 1:
-                # contact forces keep it: only what they miss counts
+                # contact forces act on it: only their error counts
                 if sim.pairs[k].seen_at != t:
                     measure_pair(sim, k, t)
                 target, slack = min(0.0, sim.pairs[k].distance) - missed(sim, k) * gap, 0.5 * gap
@@ -121,7 +118,7 @@ def queue_pairs(sim: Simulation, t: float, t1: float) -> None:
 
 @kernel
 def longest_step(sim: Simulation, left: float) -> float:
-    """Step that is short enough for the bodies that may touch something [s]."""
+    """Longest step for the bodies that may touch something [s]."""
     h = left
     for k in range(sim.counts.pairs):
         p = sim.pairs[k]
@@ -136,7 +133,7 @@ def longest_step(sim: Simulation, left: float) -> float:
 
 @kernel
 def list_pairs_again(sim: Simulation, t: float, until: float) -> None:
-    """Look anew for pairs that may meet from time `t` of the frame `until` another; all bodies then count as changed."""
+    """Search again for pairs that may touch between times `t` and `until` of the frame; all bodies then count as changed."""
     mark_all(sim)
     move_bases(sim, t)
     drop_rows(sim, t)
@@ -149,7 +146,7 @@ def list_pairs_again(sim: Simulation, t: float, until: float) -> None:
 
 @kernel
 def depth_inside(sim: Simulation, k: int, t: float) -> float:
-    """How deep the changed body of pair k is in what is not driven, at time `t` of the frame [m]; below 0: not at all."""
+    """Depth of the changed body of pair k in a body that is not driven, at time `t` of the frame [m]; below 0: none."""
     p = sim.pairs[k]
     if not has_changed(sim, p.body[0]) or p.point_count == 0 or sim.bodies[p.body[1]].role == DRIVEN:
         return -math.inf
@@ -161,7 +158,7 @@ def depth_inside(sim: Simulation, k: int, t: float) -> float:
 
 @kernel
 def clear_together(sim: Simulation, t: float, allowed: float) -> None:
-    """Move changed bodies out of what they are inside of by their contact points, clear of driven links too if that can be."""
+    """Move changed bodies out of overlap by their contact points, and clear of driven links if that is possible."""
     f = sim.frame
     for k in range(sim.counts.pairs):
         if has_changed(sim, sim.pairs[k].body[0]):
@@ -176,12 +173,12 @@ def clear_together(sim: Simulation, t: float, allowed: float) -> None:
 
 @outlined
 def clear_overlaps(sim: Simulation, t: float, awake: int) -> None:
-    """Move bodies whose `awake` is so out of what is not driven where they ended inside it, at time `t` of the frame.
+    """Move the bodies of one kind of `awake` out of overlap with what is not driven, at time `t` of the frame.
 
-    What sweeps left undone and steps missed, micrometres; velocities are left alone. First together, then pair by pair:
-    contact points of a curved surface need not be where it is deepest. What is not solved together with driven trees (`awake` 1)
-    may touch, as whoever wrote the scene placed it. Driven links, which must be placed at `t`, give way
-    afterwards to what came into them by that.
+    Removes the error of unfinished sweeps and of the step, micrometres; velocities do not change. First by all contact
+    points, then pair by pair: contact points of a curved surface need not be its deepest. Bodies that are not solved together
+    with driven trees (`awake` 1) may touch, as the scene file placed them. Driven links, which must be posed at `t`, are moved
+    afterwards out of what moved into them.
     """
     allowed = (LEFT if awake == 2 else TOUCHING) * sim.frame.gap
     for s in range(len(sim.free)):
@@ -209,8 +206,8 @@ def clear_overlaps(sim: Simulation, t: float, awake: int) -> None:
 def advance(sim: Simulation, t0: float, t1: float, budget: int, max_stops: int) -> tuple[int, int, bool]:
     """Move the simulated bodies from time `t0` of the frame to `t1`, from impact to impact.
 
-    Returns the number of collisions resolved, how often motion halted, and whether a bound was hit; if it was that on
-    halts, the bodies stand where the last one left them.
+    Returns the number of collisions resolved, the number of impacts, and whether a bound was hit; if it was that on
+    impacts, the bodies are where the last one left them.
     """
     impacts, stops, bound = 0, 0, False
     t = t0
@@ -228,7 +225,7 @@ def advance(sim: Simulation, t0: float, t1: float, budget: int, max_stops: int) 
         hold(sim, t, t1 - t, SWEEPS if stops == 0 else FEW_SWEEPS)
         if any_beyond_range(sim, t):
             list_pairs_again(sim, t, sim.frame.span_end)
-            note_energies(sim)  # islands are no longer what they were
+            note_energies(sim)  # islands have changed
             continue
         queue_pairs(sim, t, t1)
         if sim.counts.queued == 0:
@@ -251,7 +248,7 @@ def advance(sim: Simulation, t0: float, t1: float, budget: int, max_stops: int) 
 
 @kernel
 def begin_step(sim: Simulation, t: float, t1: float, steps: int) -> None:
-    """Begin the step of the frame from `t` to `t1` as if it were a frame of its own: pairs further ahead are none of it."""
+    """Begin the step of the frame from `t` to `t1` as if it were a frame of its own: later pairs are not searched."""
     if steps > 1:
         list_pairs_again(sim, t, t1)
     for k in range(sim.counts.pairs):
@@ -265,7 +262,7 @@ def begin_step(sim: Simulation, t: float, t1: float, steps: int) -> None:
 def play(sim: Simulation, max_impacts: int) -> tuple[int, int, float]:
     """Move the simulated bodies through the frame.
 
-    Returns the number of collisions, 0 or `IMPACT_BOUND`, and the time of the frame at which the bodies stand.
+    Returns the number of collisions, 0 or `IMPACT_BOUND`, and the time of the frame that the bodies have reached.
     """
     dt = sim.frame.dt
     steps = max(1, math.ceil(dt / STEP - STEP_TOLERANCE))
@@ -294,9 +291,9 @@ def play(sim: Simulation, max_impacts: int) -> tuple[int, int, float]:
 
 @outlined
 def part_at_end(sim: Simulation, bounded: bool) -> None:
-    """Free bodies that were left overlapping what follows its path: out of it if they can be, else back to the start.
+    """Move bodies that overlap one of prescribed motion out of it, or else back to their pose at the frame's start.
 
-    Something squeezed cannot be free where it is; where it stood at the frame's start the driven bodies left it clear.
+    A body pressed from two sides cannot be free where it is; at its pose at the frame's start the driven bodies left it clear.
     """
     left = bounded
     for k in range(sim.counts.pairs):
@@ -333,10 +330,10 @@ def simulate(sim: Simulation, dt: float, max_impacts: int, gap: float, goes_on: 
     ----------
     sim
         What `make_simulation` made of the scene. Read: `start` and `end`, (B, 7) world poses of all bodies at the
-        frame's start and end, between which driven and fixed bodies move evenly; `reported`, (B, 6) world velocity of
+        frame's start and end, between which driven bodies move at constant velocity; `reported`, (B, 6) world velocity of
         the centre of mass [m/s] and angular velocity [rad/s] of simulated bodies; `frames`, (P, 12), world_from_piece of
-        still pieces. Written: the end poses and velocities of simulated bodies; `frames` of moving pieces, where they are
-        at some time of the frame.
+        still pieces. Written: the end poses and velocities of simulated bodies; `frames` of moving pieces, at
+        the time last posed.
     dt
         s, above 0.
     max_impacts
@@ -359,7 +356,7 @@ def simulate(sim: Simulation, dt: float, max_impacts: int, gap: float, goes_on: 
 
 @outlined
 def begin_frame(sim: Simulation, dt: float, gap: float, goes_on: bool) -> bool:
-    """The first half of `simulate`: which pairs may meet, and which bodies are awake; returns whether any is."""
+    """The first half of `simulate`: pairs that may touch, and bodies that are awake; returns whether any is."""
     f = sim.frame
     f.dt, f.gap, f.touch = dt, gap, TOUCH * gap
     f.weight = norm(vec_of(sim.gravity))
@@ -380,7 +377,7 @@ def end_frame(sim: Simulation, max_impacts: int, awake: bool) -> tuple[int, int]
         drop_rows(sim, t)
         part_at_end(sim, flags != 0)
     if sim.counts.lost > 0:
-        # some pairs or contact points were left out: nothing may move past them
+        # some pairs or contact points did not fit: nothing may move past them
         flags |= IMPACT_BOUND
         for s in range(len(sim.free)):
             put_back(sim, sim.free[s])
