@@ -1,9 +1,9 @@
 """Factors from the bone lengths of a model to those of recorded points: for each finger or limb, or one for all.
 
-A *branch* is the part of the tree below the last link from which several moving chains hang: a finger of a hand, a limb. What
-is in no branch is the *base*: the palm. A *segment* is a pair of points whose distance no joint changes. A factor is the
-least-squares one of the segments' lengths L to the medians m of the recorded distances: sum(L m) / sum(L²). A branch that
-shows fewer than two segments takes the factor of all segments together. Bones of a body differ more than those of a finger:
+A *branch* is the part of the tree below the last link with several moving chains: a finger of a hand, a limb. Links
+in no branch are the *base*: the palm. A *segment* is a pair of points whose distance no joint changes. A factor is the
+least-squares one of the segments' lengths L to the medians m of the recorded distances: sum(L m) / sum(L²). A branch
+with fewer than two segments takes the factor of all segments together. Bones of a body differ more than those of a finger:
 there each link whose length alone makes that of a segment has a factor of its own.
 """
 
@@ -25,7 +25,7 @@ Ints = NDArray[np.int64]
 MIN_LENGTH = 0.005
 """m; shorter segments do not count."""
 ROUNDING = 1e-6
-"""m; a joint that is nearer to its link's origin is at it."""
+"""m; a joint nearer to its link's origin counts as at it."""
 MAX_SAMPLES = 4096
 """Distances are measured in fewer frames than this, evenly spread over a recording."""
 MIN_SAMPLES = 10
@@ -33,11 +33,11 @@ MIN_SAMPLES = 10
 DIGITS = 3
 """Decimal places of a factor: 0.05 % of a length."""
 BASE = "base"
-"""Name of what is in no branch."""
+"""Name of the links in no branch."""
 
 
 class Segment(NamedTuple):
-    """Two points that keep their distance."""
+    """Two points at a constant distance."""
 
     first: int  # point
     second: int
@@ -68,7 +68,7 @@ def branch_names(parents: Ints, columns: Ints, links: Sequence[str]) -> list[str
 
 
 def find_segments(model: FitModel, branches: list[str]) -> list[Segment]:
-    """All pairs of points that keep their distance in any posture and are not at one place."""
+    """All pairs of points with a constant distance above zero in any posture."""
     distances = point_distances(model)
     variation, length = np.ptp(distances, axis=0), np.mean(distances, axis=0)
     found = []

@@ -1,14 +1,14 @@
-"""Fits joint values, and where no tracker gives it the pose of the root, to the points of a frame: damped Gauss-Newton.
+"""Fits joint values, and the root pose where no tracker gives it, to the points of a frame: damped Gauss-Newton.
 
-Minimised is, over joint values q within their limits and the root's pose,
+Minimises, over joint values q within their limits and the root's pose,
 
     1/2 sum_i w_i |x_i(q, root) - p_i|² + 1/2 sum_j l_j² (r_j (q_j - rest_j)² + s (q_j - target_j)²) + 1/2 l_o² |a|²
 
 with the points p_i that are seen, the lever l_j of each joint, s = `SMOOTHNESS_WEIGHT` and target the values of the last frame,
 and, where the source has an orientation of the palm, the rotation vector a from that to the root's and its lever l_o.
-The pull to rest r_j is weak where the points show a joint and stronger where they do not, as the twist of a straight finger:
-there they hold nothing but noise (`weigh_rest`).
-The start is the result of the last frame, so of equivalent solutions the near one is found.
+The weight r_j of the rest posture is low where the points determine a joint and higher where they do not, as for the twist of a
+straight finger, where they only give noise (`weigh_rest`).
+It starts from the result of the last frame, so of equivalent solutions the near one is found.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ STEP_TOLERANCE = 3e-3
 MAX_STEP = 0.5
 """rad; longest step of a joint value."""
 ROOT_RIDGE = 1e-9
-"""Added to the Hessian of the root, so that what no point shows has a solution: no motion."""
+"""Added to the Hessian of the root, so that undetermined directions have a solution: no motion."""
 
 
 @kernel
@@ -89,7 +89,7 @@ def objective(model: FitModel, state: FitState, points: Floats, seen: Ints, angl
 def point_jacobian(model: FitModel, state: FitState, poses: Floats, body: int, centre: Vec) -> int:
     """Derivative (3, N) of a link's origin with respect to the unknowns.
 
-    Fills `state.jacobian` at the columns that it lists in `state.columns`; returns their number. The root turns about `centre`.
+    Fills `state.jacobian` at the columns that it lists in `state.columns`; returns their number. The root rotates about `centre`.
     """
     columns, jacobian = state.columns, state.jacobian
     x, count, link = position_of(poses, body), 0, body
@@ -171,7 +171,7 @@ def assemble(model: FitModel, state: FitState, points: Floats, seen: Ints, centr
 
 @kernel
 def weigh_rest(model: FitModel, state: FitState, seen: Ints, centre: Vec) -> None:
-    """Set the pull to rest of each joint by how far the seen points are from its axis, in the posture `state.poses`."""
+    """Set the rest weight of each joint by how far the seen points are from its axis, in the posture `state.poses`."""
     for j in range(len(model.rest)):
         state.rest_weight[j] = 0.0
     for i in range(len(model.body)):
@@ -233,7 +233,7 @@ def substitute(state: FitState) -> None:
 
 @kernel
 def choose_free(model: FitModel, state: FitState, shown: Ints) -> None:
-    """Mark the unknowns of a step: joints that a seen point shows, or none ever does; not those that press on a limit."""
+    """Mark the unknowns of a step: joints that a seen point determines, or none ever does, but for those pressed on a limit."""
     for j in range(len(model.rest)):
         at_lower = state.angles[j] <= model.lower[j] and state.gradient[j] > 0.0
         at_upper = state.angles[j] >= model.upper[j] and state.gradient[j] < 0.0
@@ -355,10 +355,10 @@ def fit_frame(model: FitModel, state: FitState, points: Floats, seen: Ints, show
 
 @kernel
 def measure_uncertainty(model: FitModel, state: FitState, points: Floats, seen: Ints, shares: Floats) -> None:
-    """How little the points of the last frame say about each joint.
+    """How little the points of the last frame determine each joint.
 
-    `shares` (Q,) becomes the variance that is left of the pull to rest alone: 1 where the points say nothing, near 0 where they
-    determine the value. Uses the workspace; the posture stays.
+    Sets `shares` (Q,) to the posterior variance as a share of that by the rest term alone: 1 where the points are uninformative,
+    near 0 where they determine the value. Uses the workspace; the posture does not change.
     """
     smoothness = state.weights.smoothness
     state.weights.smoothness = 0.0

@@ -13,17 +13,17 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 REST_WEIGHT = 1e-3
-"""Pull to the rest posture of a joint that the points show, of the pull of one point at the joint's lever."""
+"""Weight of the rest posture of a joint that the points determine, relative to one point at the joint's lever."""
 UNSHOWN_WEIGHT = 0.1
-"""The same of a joint that they do not show: so much that noise does not turn it."""
+"""The same of a joint that they do not determine: high enough that noise does not move it."""
 SHOWN = 0.05
-"""Between these: the pull of the points on a joint, of that of one point at its lever, at which half of it is left."""
+"""Between these: the weight of the points on a joint, relative to one point at its lever, at which the rest weight is half."""
 SMOOTHNESS_WEIGHT = 0.3
-"""Pull to the values of the last frame, carried on by its increment (4.1)."""
+"""Weight of the values of the last frame plus its increment."""
 
 
 class FitModel(NamedTuple):
-    """One tree and K points on it. Columns are its Q joint values."""
+    """One tree and K points on it. The columns are its Q joint values."""
 
     # the tree's B bodies, parents first; the root is body 0
     parent: Ints  # (B,)
@@ -51,7 +51,7 @@ TERM_WEIGHTS = np.dtype(
         ("orientation", np.float64),  # m², of the term about `orientation`; 0: there is none
     ]
 )
-"""Weights of terms of the objective that are not those of every frame."""
+"""Weights of the terms of the objective that may be absent."""
 
 
 class FitState(NamedTuple):

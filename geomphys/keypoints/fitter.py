@@ -1,4 +1,4 @@
-"""Fits the points of a recording frame by frame: first posture, warm starts, what is held, what the points do not show."""
+"""Fits the points of a recording frame by frame: first posture, warm starts, held frames, undetermined joints."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ Ints = NDArray[np.int64]
 FIRST_ITERATIONS = 200
 ITERATIONS = 30
 MAX_INCREMENT = 0.5
-"""rad or m; a larger one of the last frame is not carried on."""
+"""rad or m; a larger increment of the last frame is not extrapolated."""
 PROBED_FRAMES = 16
-"""Every so many frames it is measured what the points show."""
+"""Uncertainty is measured every so many frames."""
 BEYOND = 0.05
-"""rad or m; points that draw a joint at its limit at least this far beyond it are counted."""
+"""rad or m; a frame counts where the points would take a joint at its limit at least this far beyond it."""
 NOT_SHOWN = 0.5
-"""Share of the variance of the pull to rest that is left where the points do not show a joint."""
+"""Posterior share of the variance of the rest term from which a joint counts as undetermined."""
 
 
 MAX_PATTERNS = 4096
-"""Patterns of seen points that are remembered."""
+"""Patterns of seen points that are cached."""
 
 
 class FittedPosture(NamedTuple):
@@ -37,16 +37,16 @@ class FittedPosture(NamedTuple):
 
     root: Floats  # (7,) world pose
     angles: Floats  # (Q,)
-    held: bool  # the points lack what the fit needs: all or part of the posture is the last one
+    held: bool  # the points are too few: all or part of the posture is that of the last frame
 
 
 class _Pattern(NamedTuple):
-    """What a set of seen points shows."""
+    """What a set of seen points determines."""
 
     any_seen: bool
-    shown: Ints  # (Q,) 1 for joints that a seen point shows, or none ever does
+    shown: Ints  # (Q,) 1 for joints that a seen point determines, or none ever does
     shows_root: bool  # by points alone
-    has_palm: bool  # a point of the palm, which shows the root together with an orientation
+    has_palm: bool  # a point of the palm, which determines the root together with an orientation
 
 
 class KeypointFitter:
@@ -62,7 +62,7 @@ class KeypointFitter:
         self.frames = self.probed = 0
         self.unshown = np.zeros(
             len(model.rest), dtype=np.int64
-        )  # (Q,) probed frames in which the points do not show it
+        )  # (Q,) probed frames in which the points do not determine it
         self.limited = np.zeros(len(model.rest), dtype=np.int64)  # (Q,) probed frames with points beyond its limits
         self.squares = 0.0  # m², sum of mean square distances
         self.largest = 0.0  # m, largest root mean square distance of a frame
@@ -82,7 +82,7 @@ class KeypointFitter:
             (7,) world pose of the root; used where the model does not have it unknown.
         orientation, lever
             (4,) orientation of the root as the source has it, and the lever [m] of its weight
-            (`geomphys.keypoints.palm_orientation.PalmOrientation`); None where it has none.
+            (`geomphys.keypoints.palm_orientation.PalmOrientation`); None without one.
         """
         state, model = self.state, self.model
         state.weights["orientation"] = 0.0
@@ -140,10 +140,10 @@ class KeypointFitter:
         return distance
 
     def _pattern(self, seen: Ints) -> _Pattern:
-        """What is shown where these points are seen.
+        """What is determined where these points are seen.
 
-        The pose of the root is by enough of those that are rigid with each other, not in a line; where there are too few of these
-        at all, half of all points have to be seen.
+        The pose of the root is where enough points that are rigid with each other are seen, not in a line; in models with too few
+        of these, where half of all points are seen.
         """
         key = seen.tobytes()
         if key not in self._patterns:
@@ -172,7 +172,7 @@ class KeypointFitter:
         return pose
 
     def _count(self, points: Floats, seen: Ints, distance: float) -> None:
-        """Add the frame to the figures of the fit."""
+        """Add the frame to the statistics of the fit."""
         self.squares, self.largest = self.squares + distance * distance, max(self.largest, distance)
         if self.frames % PROBED_FRAMES == 0:
             shares = np.ones(len(self.model.rest))
@@ -184,7 +184,7 @@ class KeypointFitter:
         self.frames += 1
 
     def _is_pressed_on_limits(self) -> NDArray[np.bool_]:
-        """(Q,) whether a joint is at a limit that the points draw it beyond: a Gauss-Newton step without limits says how far."""
+        """(Q,) whether a joint is at a limit and the points would take it beyond, by a Gauss-Newton step without limits."""
         model, state = self.model, self.state
         below, above = state.angles <= model.lower, state.angles >= model.upper
         if not (below.any() or above.any()):

@@ -1,7 +1,7 @@
-"""Lengths of links that no two points measure, such as the moving metacarpal of a little finger: those that fit the points best.
+"""Fits lengths of links that no two points measure, such as the moving metacarpal of a little finger.
 
-A link is one of these if it hangs on a joint, has no point at its origin, and carries points at a distance. Its factor is sought
-about that of its branch, as the one with which the fit comes nearest to the points of some frames.
+A link is one of these if it is below a joint, has no point at its origin, and moves points at a distance. Its factor is searched
+about that of its branch, as the one with the least fit error on some frames.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ Ints = NDArray[np.int64]
 PointFrames = Sequence[tuple[Floats, Ints]]
 
 MAX_FRAMES = 64
-"""Lengths are sought on fewer frames than this, evenly spread over a recording."""
+"""Lengths are fitted to fewer frames than this, evenly spread over a recording."""
 RANGE = 0.3
 """Factors that are tried are up to this share from that of the branch,"""
 STEPS = 13
-"""so many, and between them the least of a parabola."""
+"""so many, and between them the minimum of a parabola."""
 
 
 def hidden_links(model: FitModel, branches: Sequence[str]) -> list[int]:
-    """Links of a branch (not the base) that hang on a joint, have no point, and whose length moves points."""
+    """Links of a branch (not the base) that are below a joint, have no point, and whose length moves points."""
     count = len(model.parent)
     pointed = set(map(int, model.body))
     found = []
@@ -36,7 +36,7 @@ def hidden_links(model: FitModel, branches: Sequence[str]) -> list[int]:
         children = [k for k in range(count) if model.parent[k] == link]
         long = [k for k in children if np.linalg.norm(model.origin[k, :3]) > ROUNDING]
         coincident = {link}
-        for k in range(link, count):  # what is at the place of the link has its point
+        for k in range(link, count):  # the point of a body at the same position
             if model.parent[k] in coincident and np.linalg.norm(model.origin[k, :3]) <= ROUNDING:
                 coincident.add(k)
         carries = any(_hangs_on(model, body, link) for body in pointed)

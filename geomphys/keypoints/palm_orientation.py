@@ -1,9 +1,9 @@
 """Measures the fixed rotation between an oriented point of a palm and the root link, and how well the two agree.
 
-Sources turn the axes of a wrist or palm each in their own way. So the recorded orientation is compared, frame by frame, with that
-of the root link by the points that no joint moves against it (Kabsch 1976). Where the rotation between the two is the same
-throughout, it is the convention of the source, and the recorded orientation counts; where it varies, as with
-orientations that are not filled in, it does not.
+Every source has axes of its own for a wrist or palm. So the recorded orientation is compared, frame by frame, with that of the
+root link by the points that no joint moves relative to it (Kabsch 1976). Where the rotation between the two is constant, it is
+the convention of the source, and the recorded orientation is used; where it varies, as with orientations that are not filled
+in, it is not.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ Floats = NDArray[np.float64]
 MAX_SAMPLES = 1024
 """Rotations are taken of fewer frames than this, evenly spread over a recording."""
 MIN_SAMPLES = 20
-"""Rotations that are needed."""
+"""Fewest rotations."""
 MAX_DEVIATION = 0.1
-"""rad; median angle of the rotations from their mean, above which the orientation does not count."""
+"""rad; median angle of the rotations from their mean, above which the orientation is not used."""
 MIN_MOTION = 0.02
 """rad; orientations that change by less over a recording are not filled in, or are not needed."""
 MIN_DEVIATION = 0.002
 """rad; a smaller median angle counts as this one."""
 OWN_SHARE = 0.1
-"""Of the variance of the rotations, what is at least that of the orientation and not of the points."""
+"""Least share of the variance of the rotations that is attributed to the orientation, not to the points."""
 MAX_LEVER = 0.2
 """m; most weight of an orientation, see `PalmOrientation.lever`."""
 MEDIAN_OF_3 = 1.538
@@ -44,8 +44,8 @@ class OrientationSamples:
     """Rotations between the orientations of the oriented points of a model and its root link."""
 
     def __init__(self, model: FitModel, oriented: Sequence[int]) -> None:
-        """`oriented` are the points whose orientations are tried: of these, those whose link is rigid with the root."""
-        moving = np.zeros(len(model.parent), dtype=bool)  # against the root link
+        """`oriented`: candidate points; those whose link is rigid with the root are used."""
+        moving = np.zeros(len(model.parent), dtype=bool)  # relative to the root link
         for body in range(1, len(model.parent)):
             moving[body] = moving[model.parent[body]] or model.column[body] >= 0
         self.oriented = [k for k in oriented if not moving[model.body[k]]]
@@ -58,7 +58,7 @@ class OrientationSamples:
 
     @property
     def is_possible(self) -> bool:
-        """Whether the model has such points, and enough others that show its root link."""
+        """Whether the model has such points, and enough others that determine its root link."""
         return bool(self.oriented) and spans_plane(self._own[self._rigid])
 
     def add(self, poses: Floats, seen: NDArray[np.int64]) -> None:
@@ -71,7 +71,7 @@ class OrientationSamples:
                 self._samples.append((poses[self.oriented, 3:].copy(), root, left, _sensitivity(self._own[use])))
 
     def orientation(self) -> PalmOrientation | None:
-        """The orientation that agrees best with the points; None if none agrees."""
+        """The orientation that agrees best with the points; None if none does."""
         rows = self._samples.items
         if len(rows) < MIN_SAMPLES:
             return None

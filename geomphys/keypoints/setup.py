@@ -16,13 +16,13 @@ Ints = NDArray[np.int64]
 MIN_LEVER = 0.01
 """m; of joints that move no point."""
 MAX_LEVER = 0.05
-"""m; of all others, that of a finger: noise is the same on long limbs, so what it turns is less."""
+"""m; of all others, that of a finger: noise is the same on long limbs, so their angles have less."""
 PROBE_POSTURES = 6
-"""Postures that tell which joints move which points."""
+"""Postures at which it is measured which joints move which points."""
 RIGID = 1e-6
 """m; a distance that changes by more is not rigid."""
 ROOT_POINTS = 3
-"""Points that show the pose of the root, at least."""
+"""Fewest points that determine the pose of the root."""
 ROOT_EXTENT = 0.005
 """m; root mean square distance of these points from a line, at least."""
 MOVED = 1e-6
@@ -94,7 +94,7 @@ def make_state(model: FitModel) -> FitState:
 
 
 def probe_postures(model: FitModel) -> Floats:
-    """(n, Q) postures spread over the limits, always the same ones."""
+    """(n, Q) postures spread over the limits, the same ones each time."""
     low = np.where(np.isfinite(model.lower), model.lower, model.rest - 1.0)
     high = np.where(np.isfinite(model.upper), model.upper, model.rest + 1.0)
     share = np.mod(np.outer(np.arange(1, PROBE_POSTURES + 1), np.arange(1, len(low) + 1)) * np.sqrt(2.0), 1.0)
@@ -144,7 +144,7 @@ def rigid_points(model: FitModel) -> NDArray[np.bool_]:
 
 
 def spans_plane(points: Floats) -> bool:
-    """Whether points (n, 3) m are enough and not in a line, so that they show the pose of what they are fixed to."""
+    """Whether points (n, 3) m are enough and not in a line, so that they determine the pose of their body."""
     if len(points) < ROOT_POINTS:
         return False
     extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) / np.sqrt(len(points))
@@ -152,9 +152,9 @@ def spans_plane(points: Floats) -> bool:
 
 
 def nearest_rotation(own: Floats, other: Floats) -> tuple[Floats, float]:
-    """Rotation (3, 3) that turns points (n, 3), from their mean, nearest to others, from theirs (Kabsch 1976).
+    """Rotation (3, 3) that brings points (n, 3), about their mean, nearest to others, about theirs (Kabsch 1976).
 
-    Also the standard deviation [m] of the coordinates that is left after a scaling too.
+    Also the standard deviation [m] of the remaining errors of coordinates, a scaling removed too.
     """
     own, other = own - own.mean(axis=0), other - other.mean(axis=0)
     u, s, vt = np.linalg.svd(own.T @ other)
