@@ -1,10 +1,10 @@
-"""Whether two pieces can go from one pair of poses to another without passing through each other.
+"""Certifies that two pieces move from one pair of poses to another without passing through each other.
 
 Both bodies move on straight lines with constant angular velocity. The path is certified by conservative advancement: pieces
 that are a distance apart cannot touch before their relative motion has reached that distance; and where a direction, attached
 to the piece that rotates most, separates them now and at a later time, it does so in between, up to the curvature of the
-relative motion. An overlap on the path that is small against both pieces is tolerated: the ends of a path are free, or nearly
-so, and a piece that passes through another is at some time half as deep in it as the thinner of them is thick.
+relative motion. An overlap on the path that is small relative to both pieces is tolerated: the ends of a path are free, or nearly
+so, and a piece that passes through another reaches a depth of half the thickness of the thinner one.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from geomphys.scene.kinematics import frame_rotation, orientation_of, position_o
 
 Floats = NDArray[np.float64]
 
-PASSING = 0.08  # of the mean thickness of two pieces: how deep they may be in each other between two poses,
+PASSING = 0.08  # of the mean thickness of two pieces: how deep they may overlap between two poses,
 MOST_PASSING = 1e-3  # m, but no deeper
 MOMENTS = 48  # at most that are looked at
 
@@ -52,7 +52,7 @@ def passing_depth(scene: Scene, a: int, b: int) -> float:
 
 @kernel
 def _centre(scene: Scene, poses: Floats, piece: int) -> Vec:
-    """Where the centre of a piece is."""
+    """Centre of a piece in the world."""
     body, local = scene.pieces.body[piece], scene.pieces.local
     c = (scene.pieces.centre[piece, 0], scene.pieces.centre[piece, 1], scene.pieces.centre[piece, 2])
     inside = add(rotate(frame_rotation(local, piece), c), (local[piece, 9], local[piece, 10], local[piece, 11]))
@@ -74,13 +74,13 @@ def rotation_between(before: Floats, after: Floats, body: int) -> float:
 
 @kernel
 def centre_motion(scene: Scene, before: Floats, after: Floats, piece: int) -> Vec:
-    """How far the centre of a piece goes from one row of poses (B, 7) to another [m]."""
+    """How far the centre of a piece moves from one row of poses (B, 7) to another [m]."""
     return sub(_centre(scene, after, piece), _centre(scene, before, piece))
 
 
 @kernel
 def pair_motion(scene: Scene, before: Floats, after: Floats, a: int, b: int) -> tuple[float, float]:
-    """How far two pieces move against each other at most [m], and the part of it that is due to rotation."""
+    """Bound on the relative motion of two pieces [m], and its part by rotation."""
     pieces = scene.pieces
     path = norm(sub(centre_motion(scene, before, after, a), centre_motion(scene, before, after, b)))
     swing = rotation_between(before, after, pieces.body[a]) * pieces.reach[a]
@@ -90,7 +90,7 @@ def pair_motion(scene: Scene, before: Floats, after: Floats, a: int, b: int) -> 
 
 @kernel
 def _pose_between(scene: Scene, before: Floats, after: Floats, piece: int, t: float, frames: Floats) -> None:
-    """Row of `frames` of a piece at the share `t` of its body's path: its own centre goes straight."""
+    """Row of `frames` of a piece at the share `t` of its body's path: its own centre moves on a straight line."""
     body, local = scene.pieces.body[piece], scene.pieces.local
     q = slerp(orientation_of(before, body), orientation_of(after, body), t)
     c0, c1 = _centre(scene, before, piece), _centre(scene, after, piece)
@@ -114,10 +114,10 @@ def _attached_direction(before: Floats, after: Floats, body: int, share: float, 
 def is_parted_before(
     scene: Scene, before: Floats, after: Floats, a: int, b: int, n: Vec, motion: float, frames: Floats
 ) -> bool:
-    """Whether a direction that parts two pieces at `after` parts them at `before` too, with little rotation in between.
+    """Whether a direction that separates two pieces at `after` separates them at `before` too, with little rotation in between.
 
-    Then it separates them on the whole path, up to the tolerated overlap. `motion` [m] is how far they go against each
-    other at most; `frames` (P, 12) is scratch.
+    Then it separates them on the whole path, up to the tolerated overlap. `motion` [m] bounds their relative motion;
+    `frames` (P, 12) is scratch.
     """
     rotation = rotation_between(before, after, scene.pieces.body[a]) + rotation_between(
         before, after, scene.pieces.body[b]
@@ -134,7 +134,7 @@ def is_parted_before(
 def path_is_free(
     scene: Scene, before: Floats, after: Floats, a: int, b: int, frames: Floats, axes: Axes, scratch: Scratch
 ) -> bool:
-    """Whether the pieces `a` and `b` get from where the poses `before` (B, 7) put them to `after` without passing through.
+    """Whether the pieces `a` and `b` move from the poses `before` (B, 7) to `after` without passing through each other.
 
     `frames` (P, 12) is scratch; rows `a` and `b` are written. Whether they overlap at either end is not checked.
     """
@@ -158,7 +158,7 @@ def path_is_free(
         if s > left:
             return True
         if s < -1.5 * deep:
-            return t == 0.0  # what is in it already cannot go into it
+            return t == 0.0  # a pair that overlaps already cannot be entered
         moved_by = (max(s, 0.0) + deep) / motion
         if s > -deep:
             far = 1.0 - t

@@ -1,4 +1,4 @@
-"""Rows of the quadratic problem: pairs that can come near, reach cones, and bounds of unknowns."""
+"""Constraints of the quadratic program: pairs that may come near, reach cones, and bounds of unknowns."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from geomphys.scene.kinematics import orientation_of, position_of
 Floats = NDArray[np.float64]
 
 ROOT_ARM = 0.15  # m: a root may rotate by the step bound over this
-ON = 1e-5  # m: pairs this near touch
-TOUCHING = 2e-3  # m: where pairs this near were nearest is remembered
+ON = 1e-5  # m: pairs no farther apart count as touching
+TOUCHING = 2e-3  # m: nearest points of pairs no farther apart are cached
 SAME_SPOT = 1e-3  # m
 CONE_MARGIN = 1e-7  # rad
-OVERLAP_WEIGHT = 1e3  # mean weights: of an overlap that cannot be taken out at once
+OVERLAP_WEIGHT = 1e3  # mean weights: penalty of an overlap that cannot be removed in one step
 NEAR_ENOUGH = 2.5  # times the step bound, and
 NEAR_SLACK = 1e-3  # m: pairs farther apart need no row
 
 
 @kernel
 def row_limit(step: float) -> float:
-    """How near [m] a pair has to be to get a row where no point goes much farther than `step` [m]."""
+    """Distance [m] up to which a pair gets a row where no point moves much farther than `step` [m]."""
     return NEAR_ENOUGH * step + NEAR_SLACK
 
 
@@ -61,7 +61,7 @@ def _add_effect(
 def _add_row(
     scene: Scene, ws: DrivenWorkspace, poses: Floats, a: int, b: int, found: Separation, m: int, unknowns: int
 ) -> None:
-    """Row m: how the pieces a and b come apart along the normal that was `found`."""
+    """Row m: change of the separation of the pieces a and b along the normal in `found`."""
     _, n, pa, pb = found
     row = ws.problem.least.rows[m]
     for j in range(unknowns):
@@ -72,7 +72,7 @@ def _add_row(
 
 @kernel
 def needed(gap: float, s: float) -> float:
-    """By how much a pair that is `s` apart has to come apart: to stand still is allowed where it is free."""
+    """Least change of the separation `s` of a pair: none is required where it is free."""
     return min(gap - s, 0.0) if s >= 0.0 else gap - s
 
 
@@ -83,13 +83,13 @@ def _moves(ws: DrivenWorkspace, tree: int) -> bool:
 
 @kernel
 def concerns(ws: DrivenWorkspace, k: int) -> bool:
-    """Whether a tree that yields is in the near pair k."""
+    """Whether one of the trees of near pair k may move."""
     return _moves(ws, ws.near.tree_a[k]) or _moves(ws, ws.near.tree_b[k])
 
 
 @kernel
 def forget_spots(ws: DrivenWorkspace) -> None:
-    """No pair has touched yet."""
+    """Clear the cached contact spots."""
     for i in range(len(ws.work.spot)):
         ws.work.spot[i, 0] = -1
     ws.work.counts.next_spot = 0
@@ -103,7 +103,7 @@ def _inside(poses: Floats, body: int, point: Vec) -> Vec:
 
 @outlined
 def _remember_spot(scene: Scene, ws: DrivenWorkspace, poses: Floats, k: int) -> None:
-    """Keep where the near pair k is nearest, in place of a spot of its that is the same."""
+    """Cache the nearest points of near pair k, in place of a spot that is the same."""
     near, work = ws.near, ws.work
     a, b = near.a[k], near.b[k]
     la = _inside(poses, scene.pieces.body[a], vec_of(near.point_a, k))
@@ -129,7 +129,7 @@ def _remember_spot(scene: Scene, ws: DrivenWorkspace, poses: Floats, k: int) -> 
 
 @outlined
 def _add_spots(scene: Scene, ws: DrivenWorkspace, poses: Floats, k: int, gap: float, m: int, unknowns: int) -> int:
-    """Rows for where the near pair k touched in passes before: two faces are else nearest at another corner in each pass."""
+    """Rows for spots where near pair k touched in earlier passes: the nearest points of two faces jump from corner to corner."""
     near, work = ws.near, ws.work
     a, b = near.a[k], near.b[k]
     for i in range(len(work.spot)):
@@ -142,7 +142,7 @@ def _add_spots(scene: Scene, ws: DrivenWorkspace, poses: Floats, k: int, gap: fl
         pa = point_of(poses, scene.pieces.body[a], (row[3], row[4], row[5]))
         pb = point_of(poses, scene.pieces.body[b], (row[6], row[7], row[8]))
         s = dot(n, sub(pa, pb))
-        if s < near.separation[k] - 1e-7 or s > 0.01:  # else the surface is round, and its normal no longer there
+        if s < near.separation[k] - 1e-7 or s > 0.01:  # else the surface is curved, and the normal has changed
             continue
         if norm(sub(pa, vec_of(near.point_a, k))) + norm(sub(pb, vec_of(near.point_b, k))) < SAME_SPOT:
             continue
@@ -165,7 +165,7 @@ def add_term(ws: DrivenWorkspace, row: Floats, unknowns: int, weight: float, r: 
 
 @kernel
 def request_touching(ws: DrivenWorkspace) -> None:
-    """At first only pairs that touch get a row; others when an iterate shows that they obstruct."""
+    """Only pairs that touch get a row at first; others once an iterate overlaps them."""
     near = ws.near
     for k in range(near.counts.filled):
         ws.row_state[k] = REQUESTED if near.exact[k] == 1 and near.separation[k] < ON and concerns(ws, k) else NO_ROW
@@ -173,7 +173,7 @@ def request_touching(ws: DrivenWorkspace) -> None:
 
 @outlined
 def add_pairs(scene: Scene, ws: DrivenWorkspace, now: Posture, gap: float, m: int, unknowns: int, soft: bool) -> int:
-    """Rows, from row m on, of the near pairs that are to have one, as measured at `now`; returns the number of rows.
+    """Rows, from row m on, of the near pairs with a requested row, as measured at `now`; returns the number of rows.
 
     `soft`: pairs that overlap get a term of high weight in the objective instead.
     """
@@ -215,7 +215,7 @@ def add_cones(scene: Scene, ws: DrivenWorkspace, recorded: Floats, now: Posture,
 
 @outlined
 def bound_unknowns(scene: Scene, ws: DrivenWorkspace, now: Posture, step: float, firm: bool) -> None:
-    """The step bound, and limits of joints; `firm`: joints beyond theirs have to come back."""
+    """The step bound, and limits of joints; `firm`: joints beyond their limits have to return."""
     low, high, work = ws.problem.low, ws.problem.high, ws.work
     for tree in range(len(work.kind)):
         if work.kind[tree] == LOCKED:

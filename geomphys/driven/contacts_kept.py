@@ -1,9 +1,9 @@
-"""Keeps recorded contacts: a fingertip that was recorded on something ends on it.
+"""Keeps recorded contacts: a fingertip recorded in contact ends in contact.
 
-A soft term pulls the gap of a link at the end of a chain to the recorded one, or to zero where it was recorded inside, by
-the joints of its own chain alone, so that the palm is not moved by it. Only contacts with fixed or tracked bodies count: between
-two hands the term makes motion worse. The fingers of a rigid hand close no faster than `Weights.closing_speed`: they would
-otherwise jump to what the hand was translated away from.
+A penalty term moves the gap of a link at the end of a chain to the recorded one, or to zero where it was recorded inside, by
+the joints of its own chain alone, so that it does not move the palm. Only contacts with fixed or tracked bodies count: between
+two hands the term makes motion worse. The fingers of a rigid hand close no faster than `Weights.closing_speed`: otherwise they
+would jump to an object that the hand was translated away from.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from geomphys.driven.state import ARTICULATED, DrivenWorkspace
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.scene.arrays import DRIVEN, FIXED, JOINT_FIXED, Scene
 
-RECORDED_ON = 2e-3  # m: a link recorded this near touches
+RECORDED_ON = 2e-3  # m: a link recorded no farther away is in contact
 
 
 @kernel
 def note_touch(scene: Scene, ws: DrivenWorkspace, tip: int, body: int, gap: float) -> None:
-    """Keep a recorded contact, with the smallest gap."""
+    """Store a recorded contact, with its smallest gap."""
     work = ws.work
     for i in range(work.counts.touches):
         if work.touch[i, 0] == tip and work.touch[i, 1] == body:
@@ -65,7 +65,7 @@ def forget_touches(scene: Scene, ws: DrivenWorkspace, tree: int) -> None:
 
 @outlined
 def measure_touches(scene: Scene, ws: DrivenWorkspace, limit: float) -> None:
-    """Measure the nearest of the near pairs of each tip with what it touched in the recording, within `limit` [m]."""
+    """Measure, within `limit` [m], the nearest of the near pairs of each tip with the body that it touched in the recording."""
     work, near = ws.work, ws.near
     for i in range(work.counts.touches):
         tip, other = work.touch[i, 0], work.touch[i, 1]
@@ -82,14 +82,14 @@ def measure_touches(scene: Scene, ws: DrivenWorkspace, limit: float) -> None:
 
 @kernel
 def _is_touch(scene: Scene, ws: DrivenWorkspace, k: int, tip: int, other: int) -> bool:
-    """Whether the near pair k is of a tip, or what is fixed to it, and another body."""
+    """Whether near pair k is of a tip, or a body fixed to it, and the body `other`."""
     a, b, holder = scene.pieces.body[ws.near.a[k]], scene.pieces.body[ws.near.b[k]], ws.links.holder
     return bool((holder[a] == tip and b == other) or (holder[b] == tip and a == other))
 
 
 @kernel
 def _nearest(scene: Scene, ws: DrivenWorkspace, i: int) -> int:
-    """The near pair, of those measured, in which the tip of a recorded contact is nearest to what it touched; -1: none."""
+    """The near pair, of those measured, in which the tip of a recorded contact is nearest to the body it touched; -1: none."""
     nearest, found = math.inf, -1
     for k in range(ws.near.counts.filled):
         nearer = ws.near.exact[k] == 1 and ws.near.separation[k] < nearest
@@ -100,7 +100,7 @@ def _nearest(scene: Scene, ws: DrivenWorkspace, i: int) -> int:
 
 @outlined
 def set_touch_goals(scene: Scene, ws: DrivenWorkspace) -> None:
-    """Where a search begins: how far apart what touched in the recording may be at its end, from the gap there."""
+    """At the start of a search: set how far apart recorded contacts may be at its end, from the present gaps."""
     work = ws.work
     for i in range(work.counts.touches):
         k = _nearest(scene, ws, i)
@@ -110,7 +110,7 @@ def set_touch_goals(scene: Scene, ws: DrivenWorkspace) -> None:
 
 @outlined
 def add_touches(scene: Scene, ws: DrivenWorkspace, now: Posture, unknowns: int) -> float:
-    """Adds the terms of the recorded contacts of articulated trees; returns their energy."""
+    """Add the penalty terms of the recorded contacts of articulated trees; returns their energy."""
     work, near, energy = ws.work, ws.near, 0.0
     row = ws.problem.least.rows[len(ws.problem.least.bounds) - 1]
     for i in range(work.counts.touches):

@@ -1,4 +1,4 @@
-"""Virtual coupling: the damped spring that pulls a driven body back to where it was recorded.
+"""Virtual coupling: the damped spring from a driven body to its recorded pose.
 
     m A = -K x - R ẋ                                                                   (6)
 
@@ -13,7 +13,7 @@ import math
 from geomphys.jit.kernel import kernel
 from geomphys.scene.arrays import Trees
 
-REST_LENGTH = 1e-9  # m or rad: a smaller offset that hardly moves is none
+REST_LENGTH = 1e-9  # m or rad: a smaller offset at a low rate is set to zero
 REST_SPEED = 1e-7  # m/s or rad/s
 
 
@@ -51,7 +51,7 @@ def relax(x: float, v: float, mass: float, stiffness: float, damping: float, dt:
         c, s = math.cos(omega * dt), math.sin(omega * dt) / omega
         x1 = decay * (x * (c + rate * s) + v * s)
         v1 = decay * (v * (c - rate * s) - x * s * (stiffness / mass))
-    else:  # as a sum of two decays: cosh and sinh would overflow in a long gap
+    else:  # the sum of two decays: cosh and sinh would overflow in a long gap
         omega = math.sqrt(-square)
         fast = rate + omega
         slow = stiffness / mass / fast

@@ -1,7 +1,7 @@
 """Depenetration search: the nearest free translation of a tree that starts inside something, along many directions.
 
-Only the first frame, or what has closed on a tree, may need it. In the first frame nothing was anywhere before, and any
-place will do; later only one that can be reached.
+Only the first frame, or bodies that have closed on a tree, need it. In the first frame any free position is valid; later
+only one that can be reached.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from geomphys.numerics.vec3 import Vec, scale, unit
 from geomphys.scene.arrays import Scene
 
 NEAREST = 1e-3  # m
-FARTHER = 1.3  # times, from one distance tried to the next
+FARTHER = 1.3  # factor from one tried distance to the next
 DISTANCES = 30
 BISECTIONS = 12
 
@@ -31,7 +31,7 @@ def _direction(number: int) -> Vec:
 
 @kernel
 def _is_free_at(scene: Scene, ws: DrivenWorkspace, tree: int, path: Vec, gap: float, certified: bool) -> bool:
-    """Whether a tree, shifted from `now`, is clear by the gap, and if need be can be reached from where the step began."""
+    """Whether a tree, shifted from `now`, is clear by the gap, and, if `certified`, reachable from the start of the step."""
     work = ws.work
     for k in range(7):
         work.start.roots[tree, k] = work.now.roots[tree, k] + (path[k] if k < 3 else 0.0)
@@ -75,11 +75,11 @@ def _free_tree(scene: Scene, ws: DrivenWorkspace, tree: int, gap: float, certifi
 def find_depenetration(scene: Scene, ws: DrivenWorkspace, gap: float, certified: bool) -> bool:
     """Shift the trees that yield, one after the other, from `SearchWorkspace.now` to free positions near it; into `best`.
 
-    Returns whether all are free then; only if `certified` they have to be reached from where the step began.
+    Returns whether all are free then. With `certified` they must also be reachable from the start of the step.
     """
     work, free = ws.work, True
     for tree in range(len(work.kind)):
-        work.cached_kind[tree] = work.kind[tree]  # kept while one tree is looked at alone
+        work.cached_kind[tree] = work.kind[tree]  # restored after each tree
     for tree in range(len(work.kind)):
         if work.cached_kind[tree] == LOCKED:
             continue

@@ -29,7 +29,7 @@ FITTED = 1e-8  # m
 
 @outlined
 def take_limits(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: Floats) -> None:
-    """Limits of joints, widened to what was recorded and to where joints were; and extrapolated angles."""
+    """Limits of joints, widened to recorded and present values; and extrapolated angles."""
     work, last = ws.work, state.last.angles
     for q in range(len(angles)):
         work.low[q] = min(scene.dofs.lower[q], angles[q])
@@ -41,14 +41,14 @@ def take_limits(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: F
             change = steady_change(ws, q, angles[q] - state.recorded.angles[q])
             work.extrapolated[q] = min(max(last[q] + change, work.low[q]), work.high[q])
             work.expected[q] = work.extrapolated[q] + ws.weights.trend * state.joint_step[q]
-        if state.given[scene.dofs.tree[q]] == GIVEN:  # the contact solve has said where it goes
+        if state.given[scene.dofs.tree[q]] == GIVEN:  # the contact solve has set its posture
             work.extrapolated[q] = min(max(state.prescribed.angles[q], work.low[q]), work.high[q])
             work.expected[q] = work.extrapolated[q]
 
 
 @outlined
 def _fit(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, roots: Floats, angles: Floats) -> None:
-    """Bring a tree whose joints are off, in `goal`, as near to its targets as it can be, collisions ignored."""
+    """Fit a tree with joint offsets, in `goal`, to its targets, collisions ignored."""
     work, goal, target = ws.work, ws.work.goal, ws.work.target
     root = scene.trees.body_start[tree]
     if scene.trees.body_start[tree + 1] == root + 1:
@@ -79,7 +79,7 @@ def _fit(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, roots
 
 @kernel
 def take_branch(scene: Scene, ws: DrivenWorkspace, tree: int, angles: Floats, posture: Posture) -> None:
-    """Of equal angles, whole turns apart and within limits, take those nearest to the recorded ones."""
+    """Of equivalent angles (multiples of 2π apart) within limits, take those nearest to the recorded ones."""
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         revolutions = math.floor((angles[q] - posture.angles[q]) / (2.0 * math.pi) + 0.5)
         there = posture.angles[q] + revolutions * 2.0 * math.pi
@@ -89,7 +89,7 @@ def take_branch(scene: Scene, ws: DrivenWorkspace, tree: int, angles: Floats, po
 
 @outlined
 def set_goals(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats) -> None:
-    """What the coupling asks every driven tree for, placed."""
+    """Goal of every driven tree by the coupling, posed."""
     work = ws.work
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] != DRIVEN:

@@ -1,4 +1,4 @@
-"""Groups of trees that may meet: how each may yield, from where it is searched for, and what is done if nothing is free."""
+"""Solves groups of trees that may collide: how each may move, starts of the search, and fallbacks if nothing is free."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, pose_
 
 Floats = NDArray[np.float64]
 
-PASSES = 25  # of a search
-SHIFT_PASSES = 14  # where trees only shift
-FIRST_PASSES = 60  # of the first frame's
-PARTS = (4, 24)  # into which a step is cut where no start is free
+PASSES = 25  # passes of a search
+SHIFT_PASSES = 14  # passes where trees are only translated
+FIRST_PASSES = 60  # passes of that of the first frame
+PARTS = (4, 24)  # parts into which a step is divided where no start is free
 GLOBAL, LEAST_DISTANCE, INTERPOLATED = 0, 1, 2  # methods, in the order of results.METHODS
 
 
 class Outcome(NamedTuple):
-    """What the driven loop did in a frame."""
+    """Result of the driven loop in a frame."""
 
     rounds: int
     method: int  # as in results.METHODS
-    fallbacks: int  # steps cut into parts, and searches for a depenetration
+    fallbacks: int  # steps divided into parts, and depenetration searches
     converged: bool
     yielded: bool  # a rigid tree changed its shape or rotation
 
 
 @outlined
 def settle(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, source: Posture) -> None:
-    """Fix a driven tree at its final posture, which everything else of the frame sees."""
+    """Set the final posture of a driven tree; other trees are then kept clear of it."""
     work = ws.work
     for target in (state.last, work.before, work.now, work.trial, work.start, work.best):
         copy_tree(scene, source, tree, target)
@@ -54,7 +54,7 @@ def settle(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, sou
 
 @outlined
 def set_around(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, share: float) -> None:
-    """Pose what is not driven and moves, a share of its path through the step."""
+    """Pose moving bodies that are not driven at a share of their path through the step."""
     work, p = ws.work, ws.piece_frames
     for tree in range(len(scene.trees.role)):
         if scene.trees.moving[tree] == 0 or scene.trees.role[tree] == DRIVEN:
@@ -79,7 +79,7 @@ def set_around(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: 
 
 @outlined
 def choose_kinds(scene: Scene, state: DrivenState, ws: DrivenWorkspace, group: int, articulate: bool) -> bool:
-    """How the trees of a group may yield; whether some of them only shift."""
+    """Choose how the trees of a group may move; whether some of them are only translated."""
     work, shifts = ws.work, False
     for tree in range(len(work.kind)):
         work.kind[tree] = LOCKED
@@ -93,7 +93,7 @@ def choose_kinds(scene: Scene, state: DrivenState, ws: DrivenWorkspace, group: i
 
 @kernel
 def is_shifted_too_far(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats) -> bool:
-    """Whether a hand in one piece is shifted farther than its recorded depth excuses, or by too much at once."""
+    """Whether a rigid hand is translated farther than its recorded depth allows, or by too much in one frame."""
     work, w = ws.work, ws.weights
     for tree in range(len(work.kind)):
         if work.kind[tree] != RIGID or scene.trees.dof_start[tree + 1] == scene.trees.dof_start[tree]:
@@ -110,7 +110,7 @@ def is_shifted_too_far(scene: Scene, state: DrivenState, ws: DrivenWorkspace, ro
 
 @outlined
 def _search_straight(scene: Scene, ws: DrivenWorkspace, angles: Floats, gap: float, tethered: bool) -> Found:
-    """Search from the free start in `SearchWorkspace.now`; what is found can be reached straight from where the step began.
+    """Search from the free start in `SearchWorkspace.now`; its result must be reachable straight from the start of the step.
 
     Only where that fails is it required in every pass.
     """
@@ -131,7 +131,7 @@ def _search_straight(scene: Scene, ws: DrivenWorkspace, angles: Floats, gap: flo
 def _attempt(
     scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats, gap: float, shifts: bool
 ) -> Found:
-    """Search from a free start, or where trees shift, from one that overlaps if what it comes to can be reached."""
+    """Search from a free start, or for translated trees from an overlapping one if its result can be reached."""
     work, passes = ws.work, 0
     chosen = choose_start(scene, state, ws, roots, angles)
     if chosen < 0:
@@ -155,7 +155,7 @@ def _attempt(
 
 @outlined
 def _yield_partially(scene: Scene, ws: DrivenWorkspace, angles: Floats, gap: float) -> Found:
-    """Where something has moved a little into the trees that yield, in a part of a step, they are pushed out."""
+    """Move the trees out of what has moved slightly into them in a part of a step."""
     work = ws.work
     copy_moving(scene, ws, work.before, work.now)
     pose_yielding(scene, ws, work.now)
@@ -164,7 +164,7 @@ def _yield_partially(scene: Scene, ws: DrivenWorkspace, angles: Floats, gap: flo
 
 @kernel
 def _move_before(scene: Scene, ws: DrivenWorkspace) -> None:
-    """What is not driven begins the next part where it is."""
+    """Set the start of the next part for bodies that are not driven to their present poses."""
     for tree in range(len(scene.trees.role)):
         if scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
             for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
@@ -176,7 +176,7 @@ def _move_before(scene: Scene, ws: DrivenWorkspace) -> None:
 def _in_parts(
     scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats, recorded: Floats, gap: float
 ) -> tuple[bool, int]:
-    """Let what is round a group move in parts of the step, and the group with it: (whether it came free, passes)."""
+    """Move the surroundings of a group in parts of the step, and the group with them: (whether it is free, passes)."""
     work, passes = ws.work, 0
     for parts in PARTS:
         free = True
@@ -255,7 +255,7 @@ def solve_group(
 
 @outlined
 def _set_joints_to_zero(scene: Scene, ws: DrivenWorkspace, source: Posture, target: Posture) -> None:
-    """Copy the trees that yield, with their joints at zero or as near as limits allow: links that overlap there never collide."""
+    """Copy the trees of the group with joints at zero, or as near as limits allow: links that overlap there never collide."""
     for tree in range(len(ws.work.kind)):
         if ws.work.kind[tree] == LOCKED:
             continue
@@ -268,7 +268,7 @@ def _set_joints_to_zero(scene: Scene, ws: DrivenWorkspace, source: Posture, targ
 
 @outlined
 def solve_first(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: Floats, gap: float) -> Outcome:
-    """The first frame: there is no motion to keep to, so any free posture near the recorded one will do."""
+    """The first frame: without earlier motion any free posture near the recorded one is valid."""
     work, passes, fallbacks, converged = ws.work, 0, 0, True
     for tree in range(len(work.kind)):
         work.deviation_limit[tree] = math.inf

@@ -4,7 +4,7 @@
 
 solved by the dual active-set method of Goldfarb and Idnani ("A numerically stable dual method for solving strictly
 convex quadratic programs", Mathematical Programming 27, 1983) with the identity as Hessian. It starts at g, so a goal
-that satisfies everything comes back unchanged, bit for bit, and it recognises constraints that cannot be met together.
+that satisfies everything comes back unchanged, bit for bit, and it recognises constraints that cannot be satisfied together.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ PARALLEL = 1e-12  # squared sine of the angle below which a row counts as depend
 class LeastDistance(NamedTuple):
     """Problems of up to n unknowns and m rows, their workspace and solution."""
 
-    rows: Floats  # (m, n) C, rows of any length
+    rows: Floats  # (m, n) C, rows need not have unit length
     bounds: Floats  # (m,) d
     x: Floats  # (n,) the goal on entry, the solution on return
     basis: Floats  # (n, n) orthonormal; its first k columns span the active rows
@@ -62,7 +62,7 @@ def make_least_distance(unknowns: int, rows: int) -> LeastDistance:
 
 @kernel
 def _most_violated(p: LeastDistance, n: int, m: int, tolerance: float) -> int:
-    """The row that is violated most, relative to its length; -1 if all hold within `tolerance`."""
+    """The row that is violated most, relative to its length; -1 if all are satisfied within `tolerance`."""
     worst, row = -tolerance, -1
     for i in range(m):
         if p.is_active[i] == 1:
@@ -101,7 +101,7 @@ def _project(p: LeastDistance, n: int, count: int, row: int) -> float:
 
 @kernel
 def _rotate_columns(a: Floats, n: int, i: int, j: int, c: float, s: float) -> None:
-    """Turn columns i and j of `a` by the rotation (c, s)."""
+    """Apply the Givens rotation (c, s) to columns i and j of `a`."""
     for k in range(n):
         u, v = a[k, i], a[k, j]
         a[k, i] = c * u + s * v
@@ -128,7 +128,7 @@ def _add(p: LeastDistance, n: int, count: int, row: int) -> int:
 
 @kernel
 def _drop(p: LeastDistance, n: int, count: int, index: int) -> int:
-    """Let the active row at `index` go and make the triangle a triangle again."""
+    """Drop the active row at `index` and restore the triangular form."""
     p.is_active[p.active[index]] = 0
     for j in range(index + 1, count):
         for i in range(count):
@@ -153,7 +153,7 @@ def _drop(p: LeastDistance, n: int, count: int, index: int) -> int:
 
 @kernel
 def begin_least_distance(p: LeastDistance, n: int, m: int) -> None:
-    """Nothing is active."""
+    """Clear the active rows."""
     for i in range(n):
         for j in range(n):
             p.basis[i, j] = 1.0 if i == j else 0.0
@@ -163,7 +163,7 @@ def begin_least_distance(p: LeastDistance, n: int, m: int) -> None:
 
 @outlined
 def satisfy_rows(p: LeastDistance, n: int, m: int, tolerance: float, count: int) -> tuple[int, int]:
-    """Go on from a solution with `count` active rows to one for the first `m` rows: as `solve_least_distance`."""
+    """Continue from a solution with `count` active rows to one for the first `m` rows: as `solve_least_distance`."""
     for _ in range(10 * (n + m) + 20):
         row = _most_violated(p, n, m, tolerance)
         if row < 0:

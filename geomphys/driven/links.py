@@ -1,7 +1,7 @@
-"""Links as the objective sees them: weight, centre and second moments of their surface, and the levers of joints.
+"""Link data of the objective: weight, centre and second moments of the surface, and levers of joints.
 
-A link counts by the area of its collision surface. Six points with the surface's second moments stand for it; as the
-objective is quadratic in them, their mean and their covariance are all that is kept.
+A link is weighted by the area of its collision surface, and represented by six points with the surface's second moments. As
+the objective is quadratic in them, only their mean and covariance are stored.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ SHORTEST_LEVER = 0.02  # m
 
 
 class Links(NamedTuple):
-    """Fixed facts on the links of driven trees; zero for other bodies."""
+    """Constant data of the links of driven trees; zero for other bodies."""
 
     weight: Floats  # (B,) 1 on average over links with geometry
     centre: Floats  # (B, 3) m, mean of the surface, link frame
     second_moment: Floats  # (B, 9) m², covariance of the surface about the centre, link frame, row by row
-    pivot: Ints  # (T,) the link about whose centre the root turns: what carries the chains, else the heaviest
+    pivot: Ints  # (T,) the link about whose centre the root rotates: the base of the chains, else the heaviest
     lever: Floats  # (Q,) m per rad: how far a joint moves the farthest centre beyond it; 1 for prismatic joints
     yields: Ints  # (Q,) 1 for joints that are unknowns of the problem
-    rounds: Ints  # (Q,) 1 for joints of which a whole turn more or less is the same posture
+    rounds: Ints  # (Q,) 1 for joints with period 2π
     tip: Ints  # (B,) 1 for links without a moving child at the end of a chain of moving joints
-    holder: Ints  # (B,) the link that a body is fixed to: itself, where it has a moving joint or is a root
+    holder: Ints  # (B,) the link that a body is fixed to: itself, if it has a moving joint or is a root
 
 
 def _triangles(points: Floats) -> tuple[float, Floats, Floats]:
@@ -90,7 +90,7 @@ def _link_surface(scene: Scene, body: int) -> tuple[float, Floats, Floats]:
 
 
 def _pivot(scene: Scene, tree: int, weight: Floats) -> int:
-    """The link that carries most chains; without chains the heaviest one that the root carries."""
+    """The link that is the base of most chains; without chains the heaviest one fixed to the root."""
     first, last = int(scene.trees.body_start[tree]), int(scene.trees.body_start[tree + 1])
     if scene.trees.chains[tree] == 1:
         children = np.zeros(last - first, np.int64)
@@ -117,7 +117,7 @@ def _zero_poses(scene: Scene) -> Floats:
 
 
 def make_links(scene: Scene, base_weight: float = WEIGHTS.base) -> Links:
-    """Measure the links of a scene's driven trees; `base_weight` is that of a link that carries chains."""
+    """Measure the links of a scene's driven trees; `base_weight` is that of the base link of chains."""
     bodies, dofs = len(scene.bodies.role), len(scene.dofs.lower)
     weight, centre, second_moment = np.zeros(bodies), np.zeros((bodies, 3)), np.zeros((bodies, 9))
     for body in np.flatnonzero(scene.bodies.role == DRIVEN):
@@ -156,7 +156,7 @@ def make_links(scene: Scene, base_weight: float = WEIGHTS.base) -> Links:
 
 
 def _full_rotations(scene: Scene) -> Ints:
-    """(Q,) 1 for degrees of freedom that turn one joint, as far as they go themselves."""
+    """(Q,) 1 for degrees of freedom of a single revolute joint, with multiplier 1."""
     rounds, moved = np.zeros(len(scene.dofs.lower), np.int64), np.zeros(len(scene.dofs.lower), np.int64)
     for body in range(len(scene.bodies.parent)):
         q = scene.bodies.dof[body]

@@ -1,4 +1,4 @@
-"""What a correction costs: how far the surfaces of the links are from where they are to be.
+"""Objective of a correction: squared distance of the surfaces of the links from their targets.
 
     E = ½ Σ_links w Σ_points |x(q) - x*|² / 6
 
@@ -7,8 +7,8 @@ bodies: with the mass w, the covariance of the surface as their second moments, 
 roots and joints is the joint-space inertia matrix, found by composite bodies from the tips to the root (Featherstone,
 Rigid Body Dynamics Algorithms, 2008, chapter 6).
 
-A rigid hand yields in shape and rotation too, at a higher weight: the same sum over links in the root's frame, and the
-rotation of the root, count `Weights.shape` times more.
+A rigid hand may change shape and rotation too, at a higher weight: the same sum over links in the root's frame, and the
+rotation of the root, have `Weights.shape` times the weight.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ from geomphys.scene.kinematics import orientation_of, position_of
 Floats = NDArray[np.float64]
 
 ROTATION_ARM = 0.05  # m: lever of its rotation
-BEYOND = 1e4  # lever²: a joint beyond its limits
-TINY = 1e-6  # of the mean weight: what makes every unknown cost something
+BEYOND = 1e4  # lever²: penalty of a joint beyond its limits
+TINY = 1e-6  # of the mean weight: regularisation of every unknown
 
 
 @kernel
 def is_stiff(scene: Scene, tree: int) -> bool:
-    """Whether a tree is to move as a rigid body, its shape and rotation at the higher weight: no joints, or no chains."""
+    """Whether a tree moves as a rigid body, with the higher weight on shape and rotation: no joints, or no chains."""
     return bool(scene.trees.chains[tree] == 0 or scene.trees.dof_start[tree] == scene.trees.dof_start[tree + 1])
 
 
@@ -76,7 +76,7 @@ def _transposed(r: Rot) -> Rot:
 
 @kernel
 def _misfit(ws: DrivenWorkspace, poses: Floats, body: int, c: Vec, q: Quat) -> tuple[Vec, Vec, float]:
-    """Force and torque about its centre that pull a link off (c, q), per weight, and twice its energy."""
+    """Gradient (force and torque about the centre) of a link displaced from (c, q), per weight, and twice its energy."""
     away = sub(link_centre(ws, poses, body), c)
     current, desired = rot_from_quat(orientation_of(poses, body)), rot_from_quat(q)
     s = _second_moment(ws, body)
@@ -88,7 +88,7 @@ def _misfit(ws: DrivenWorkspace, poses: Floats, body: int, c: Vec, q: Quat) -> t
 
 @kernel
 def tree_energy(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> float:
-    """E of a tree, without what is dearer in one piece."""
+    """E of a tree, without the terms of rigid trees."""
     energy = 0.0
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
         w = ws.links.weight[body]
@@ -142,7 +142,7 @@ def _gather(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> floa
 
 @kernel
 def _gather_shape(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> float:
-    """Composite forces of a tree whose links are to be where its root sees them; returns the energy."""
+    """Composite forces of the shape term of a tree: targets of links in the root's frame; returns the energy."""
     force, links, target = ws.work.force, ws.links, ws.work.target
     first, last = scene.trees.body_start[tree], scene.trees.body_start[tree + 1]
     pivot, energy = pivot_of(ws, poses, tree), 0.0
@@ -259,7 +259,7 @@ def _add_rotation(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -
 
 @kernel
 def _add_smoothness(scene: Scene, ws: DrivenWorkspace, angles: Floats, tree: int) -> float:
-    """Joints go on as they were recorded to, and stay near the range in which they were used."""
+    """Smoothness: joints follow their recorded changes, and stay near the range in which they were used."""
     energy, work = 0.0, ws.work
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         i = work.column[q]
@@ -281,7 +281,7 @@ def _add_smoothness(scene: Scene, ws: DrivenWorkspace, angles: Floats, tree: int
 
 @kernel
 def _limit_energy(scene: Scene, ws: DrivenWorkspace, angles: Floats, tree: int) -> float:
-    """What it costs to be beyond limits: only ever where a joint was before its recording came back within."""
+    """Penalty of joints beyond limits, which occurs only where the recording returns within them."""
     energy, work = 0.0, ws.work
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         if work.column[q] >= 0:
@@ -294,7 +294,7 @@ def _limit_energy(scene: Scene, ws: DrivenWorkspace, angles: Floats, tree: int) 
 def assemble(scene: Scene, ws: DrivenWorkspace, now: Posture, smooth: bool) -> float:
     """Hessian and gradient of all trees in the problem at a posture; returns the energy.
 
-    `smooth`: joints are also to go on as they were recorded to.
+    `smooth`: with the smoothness term of joints.
     """
     h, g, work = ws.problem.hessian, ws.problem.gradient, ws.work
     energy, poses = 0.0, now.poses
@@ -344,7 +344,7 @@ def assemble(scene: Scene, ws: DrivenWorkspace, now: Posture, smooth: bool) -> f
 
 @kernel
 def number_unknowns(scene: Scene, ws: DrivenWorkspace) -> int:
-    """Give every tree that yields its columns, and clear the problem; returns their number."""
+    """Number the columns of every tree that may move, and clear the problem; returns their number."""
     work, n = ws.work, 0
     for q in range(len(work.column)):
         work.column[q] = -1

@@ -1,4 +1,4 @@
-"""Where driven trees are: roots, angles and the poses they make; how a point moves with each unknown."""
+"""Postures of driven trees: roots, angles and the poses of links; Jacobians of points."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def world_axis(scene: Scene, poses: Floats, joint: int) -> Vec:
 
 @kernel
 def joint_effect(scene: Scene, poses: Floats, joint: int, point: Vec, n: Vec) -> float:
-    """How fast a point beyond the joint above body `joint` moves along n per unit of the joint's degree of freedom."""
+    """Velocity along n of a point below the joint above body `joint`, per unit rate of the joint's degree of freedom."""
     axis = world_axis(scene, poses, joint)
     if scene.bodies.joint[joint] == JOINT_PRISMATIC:
         return scene.bodies.multiplier[joint] * dot(axis, n)

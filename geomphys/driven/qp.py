@@ -3,7 +3,7 @@
     minimise ½ x'Hx + g'x  subject to  C x >= d,  low <= x <= high
 
 With H = L L' and y = L'x this is the nearest point to -L⁻¹g within half-spaces (`least_distance`). Bounds are made rows
-only once they are violated: the dual method goes on from where it is.
+only once they are violated: the dual method continues from its present solution.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 TOLERANCE = 1e-11  # of a row of unit length in the metric
-WEAK = 1e-9  # length in the metric below which a row has no hold on the unknowns
+WEAK = 1e-9  # length in the metric below which a row is independent of the unknowns
 BOUND_TOLERANCE = 1e-10  # of an unknown
 
 
@@ -82,7 +82,7 @@ def _to_metric(p: Quadratic, n: int, first: int, row: Floats) -> None:
 
 @kernel
 def _normalise(p: Quadratic, n: int, i: int) -> bool:
-    """Make row i one of unit length; False if it asks for what no unknown can give."""
+    """Make row i one of unit length; False if no unknown can satisfy it."""
     row, square = p.least.rows[i], 0.0
     for k in range(n):
         square += row[k] * row[k]
@@ -135,13 +135,13 @@ def _add_bounds(p: Quadratic, n: int, m: int) -> int:
 
 @outlined
 def go_on(p: Quadratic, n: int, first: int, m: int, count: int) -> tuple[int, int, int]:
-    """Meet rows `first` to `m` too, as they were written, from a solution with `count` active rows.
+    """Add rows `first` to `m`, as they were written, to a solution with `count` active rows.
 
     Returns
     -------
     tuple
-        (SOLVED or INFEASIBLE, rows with those for bounds, active rows); where rows contradict each other `p.x` meets those
-        taken so far, within bounds.
+        (SOLVED or INFEASIBLE, rows with those for bounds, active rows); where rows are infeasible together `p.x` satisfies those
+        added so far, within bounds.
     """
     status = SOLVED
     for i in range(first, m):

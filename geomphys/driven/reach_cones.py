@@ -1,13 +1,13 @@
-"""Reach cones at work: how far the limb of a compound joint is inside its cone, and how joints move it.
+"""Evaluates reach cones: signed angle of the limb of a compound joint in its cone, and its gradient by joint.
 
 A cone is a polygon of great-circle arcs on the unit sphere, its inside on the left of its sides (corners
 counter-clockwise seen from outside); it need not be convex, nor smaller than a half sphere. The *signed angle* g of a
-direction is its angular distance from the polygon's sides, positive inside. The side on which a direction lies is read
-off at the nearest point of the polygon alone, as the way there crosses no other side: no winding number, and nothing
-special about the direction opposite.
+direction is its angular distance from the polygon's sides, positive inside. The side on which a direction lies is decided
+at the nearest point of the polygon alone, as the arc to it crosses no other side: no winding number, and no special case
+for the opposite direction.
 
-A recorded limb may point out of its cone. It is kept in free motion, but no solver turns it further out: the bound on
-g is min(0, g recorded).
+A recorded limb may point out of its cone. Free motion leaves it so, but no solver rotates it further out: the bound on g
+is min(0, g recorded).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from geomphys.scene.kinematics import frame_rotation, joint_value
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-TOUCHING = 1e-8  # of a direction to the polygon, beneath which the side's own normal tells the way in
+TOUCHING = 1e-8  # of a direction to the polygon, below which the side's own normal is the inward direction
 MOVES = 64  # inwards, of a direction
 
 
@@ -42,7 +42,7 @@ def _side_of(directions: Floats, first: int, last: int, k: int) -> Vec:
 
 @kernel
 def _nearest(directions: Floats, first: int, last: int, d: Vec) -> tuple[Vec, Vec]:
-    """Point of the polygon nearest to d, and a normal there that tells by n·d >= 0 that d is inside.
+    """Point of the polygon nearest to d, and a normal n there: d is inside if n·d >= 0.
 
     Where the nearest point is a corner, that is the sum of the normals of its two sides.
     """
@@ -101,8 +101,8 @@ def signed_angle(directions: Floats, first: int, last: int, d: Vec) -> tuple[flo
 def nearest_inside(directions: Floats, first: int, last: int, d: Vec, margin: float) -> Vec:
     """The nearest direction in the cone (as for `signed_angle`); d itself if it is `margin` [rad] inside.
 
-    With a margin above 0 the nearest one is then moved inwards until it is that far inside, or as far as the cone is
-    wide if that is less.
+    With a margin above 0 the nearest one is then moved inwards until it is that far inside, or as far as the width of the
+    cone allows.
     """
     g, nearest, inward = signed_angle(directions, first, last, d)
     if g >= margin:

@@ -1,8 +1,8 @@
-"""Whether a posture is free, and can be reached from where the step of the frame began.
+"""Certifies that a posture is free, and reachable from the start of the step.
 
-Many postures are checked in a frame. The pairs that may collide in them are listed once, as they are at the goal; how far a
-pair is apart at the goal, less how far both pieces go from there to the posture, bounds how far they are apart at the posture.
-Only pairs that this bound does not separate on the whole path are measured.
+Many postures are checked in a frame. The pairs that may collide in them are listed once, at the goal; the separation of a
+pair at the goal, less the motion of both pieces from there to the posture, bounds its separation at the posture. Only pairs
+that this bound does not separate on the whole path are measured.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from geomphys.scene.arrays import DRIVEN, Scene
 
 Floats = NDArray[np.float64]
 
-FREE, TAKEN, UNCERTAIN = 0, 1, 2  # a posture, or what stands against it
-AMPLE, MARGIN = 2.0, 12e-3  # times the motion of the goal, and m: how far postures may go for which pairs are listed
+FREE, TAKEN, UNCERTAIN = 0, 1, 2  # verdicts on a posture
+AMPLE, MARGIN = 2.0, 12e-3  # times the motion of the goal, and m: motion up to which pairs are listed
 
 
 @kernel
 def _note_travel(scene: Scene, before: Floats, after: Floats, tree: int, travel: Floats) -> float:
-    """How far the pieces of a tree go between poses (B, 7): rows (P, 4) of `travel`; returns the farthest [m].
+    """Motion of the pieces of a tree between poses (B, 7): rows (P, 4) of `travel`; returns the largest [m].
 
-    A row holds how far the centre goes, and how far rotation moves any point at most [m].
+    A row is the displacement of the centre, and a bound on the motion of any point by rotation [m].
     """
     far = 0.0
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
@@ -49,14 +49,14 @@ def _note_travel(scene: Scene, before: Floats, after: Floats, tree: int, travel:
 
 @kernel
 def _pair_travel(travel: Floats, a: int, b: int) -> float:
-    """How far two pieces go against each other at most [m]."""
+    """Bound on the relative motion of two pieces [m]."""
     x, y, z = travel[a, 0] - travel[b, 0], travel[a, 1] - travel[b, 1], travel[a, 2] - travel[b, 2]
     return math.sqrt(x * x + y * y + z * z) + travel[a, 3] + travel[b, 3]
 
 
 @outlined
 def measure_drift(scene: Scene, ws: DrivenWorkspace, before: Floats, after: Floats) -> None:
-    """How far the pieces of what is not driven go from poses `before` (B, 7) to `after`: into `drift` and `travel`."""
+    """Motion of the pieces of bodies that are not driven from poses `before` (B, 7) to `after`: into `drift` and `travel`."""
     work = ws.work
     for tree in range(len(scene.trees.role)):
         if scene.trees.moving[tree] == 0 or scene.trees.role[tree] == DRIVEN:
@@ -80,7 +80,7 @@ def _farthest(scene: Scene, motion: Floats, tree: int) -> float:
 
 @outlined
 def measure_swept_pairs(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> float:
-    """Near pairs of the trees that yield, placed at `posture`, which they may have touched on the path from where the step began.
+    """Near pairs of the trees being solved, posed at `posture`, that they may have touched on the path there.
 
     Returns the least separation; it is measured where pairs overlap, and a lower bound elsewhere.
     """
@@ -98,7 +98,7 @@ def measure_swept_pairs(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> 
 
 @kernel
 def path_of_pair_is_free(scene: Scene, ws: DrivenWorkspace, posture: Posture, k: int) -> bool:
-    """Whether the near pair k, apart at `posture`, got there from where the step began without passing through."""
+    """Whether near pair k, separated at `posture`, got there from the start of the step without passing through."""
     near, work = ws.near, ws.work
     a, b, s = near.a[k], near.b[k], near.separation[k]
     if s > _moved(scene, ws, a) + _moved(scene, ws, b):
@@ -115,7 +115,7 @@ def path_of_pair_is_free(scene: Scene, ws: DrivenWorkspace, posture: Posture, k:
 
 @kernel
 def _moved(scene: Scene, ws: DrivenWorkspace, piece: int) -> float:
-    """How far a piece has gone since the step began."""
+    """Motion of a piece since the start of the step [m]."""
     tree = scene.bodies.tree[scene.pieces.body[piece]]
     if scene.trees.role[tree] != DRIVEN:
         return float(ws.work.drift[piece])
@@ -124,16 +124,16 @@ def _moved(scene: Scene, ws: DrivenWorkspace, piece: int) -> float:
 
 @kernel
 def forget_pairs(ws: DrivenWorkspace) -> None:
-    """No pairs are listed for what is round the trees now."""
+    """Discard the listed pairs: the surroundings have changed."""
     for tree in range(len(ws.work.covered)):
         ws.work.covered[tree] = -1.0
 
 
 @outlined
 def list_pairs(scene: Scene, ws: DrivenWorkspace) -> None:
-    """List the pairs that may touch while the trees that yield go to a posture near the goal; places them at the goal.
+    """List the pairs that may touch on the path of the trees being solved to a posture near the goal; poses them at the goal.
 
-    None is measured: a bound of how far they are apart will do, also where they overlap.
+    None is measured: a lower bound of the separation suffices, also where they overlap.
     """
     p, work = ws.piece_frames, ws.work
     measure_motion(scene, ws, work.before, work.goal)
@@ -154,14 +154,14 @@ def list_pairs(scene: Scene, ws: DrivenWorkspace) -> None:
                     work.travel[i, k] = work.from_goal[i, k] = 0.0
     ws.listed.counts.lost = 0
     find_near(scene, p.frames, p.reach, 0.0, -math.inf, ws.listed, ws.detection)
-    if ws.listed.counts.lost > 0:  # what was left out is looked for again each time
+    if ws.listed.counts.lost > 0:  # the table was full: pairs are searched each time
         for tree in range(len(work.kind)):
             work.covered[tree] = -1.0
 
 
 @kernel
 def _note_travels(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> bool:
-    """How far the trees that yield go to a posture, from where the step began and from the goal; whether pairs are listed."""
+    """Motion of the trees being solved to a posture, from the start of the step and from the goal; whether pairs are listed."""
     work, covers = ws.work, True
     for tree in range(len(work.kind)):
         if work.kind[tree] != LOCKED:
@@ -173,7 +173,7 @@ def _note_travels(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> bool:
 
 @outlined
 def measure_listed_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough: float) -> tuple[bool, float]:
-    """`measure_near_pairs` at the posed iterate from the listed pairs: (whether these are all that count, least separation)."""
+    """`measure_near_pairs` at the posed iterate from the listed pairs: (whether the list is complete, least separation)."""
     work, listed, near, least = ws.work, ws.listed, ws.near, math.inf
     for tree in range(len(work.kind)):
         if work.kind[tree] != LOCKED:
@@ -205,7 +205,7 @@ def measure_listed_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough
 
 @outlined
 def _judge_listed(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
-    """As `judge`, where the listed pairs are all that the posture can meet."""
+    """As `judge`, where the listed pairs are all that may collide."""
     work, listed, p = ws.work, ws.listed, ws.piece_frames
     for k in range(listed.counts.filled):
         a, b = listed.a[k], listed.b[k]
@@ -241,7 +241,7 @@ def judge_anew(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
 
 @outlined
 def judge(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
-    """FREE, TAKEN or UNCERTAIN: a posture of the trees that yield, which pairs were listed for and whose pieces are placed."""
+    """FREE, TAKEN or UNCERTAIN: a posture of the trees being solved, for which pairs are listed and pieces posed."""
     if _note_travels(scene, ws, posture):
         return _judge_listed(scene, ws, posture)
     return judge_anew(scene, ws, posture)
@@ -249,7 +249,7 @@ def judge(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
 
 @kernel
 def _reference_separation(scene: Scene, ws: DrivenWorkspace, k: int, limit: float) -> float:
-    """Separation [m] of the listed pair k as its pieces are placed, or a bound above `limit`."""
+    """Separation [m] of listed pair k at the present frames of its pieces, or a bound above `limit`."""
     a, b = ws.listed.a[k], ws.listed.b[k]
     s = ws.listed.separation[k] - _pair_travel(ws.work.from_goal, a, b)
     if s < limit:

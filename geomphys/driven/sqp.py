@@ -1,7 +1,7 @@
-"""The search: a sequence of quadratic problems from a free posture to the best one that can be reached from it.
+"""Sequential quadratic programming: from a free posture to the best one that can be reached from it.
 
-Each pass solves the problem linear about the iterate and goes there, or a part of the way: only as far as no pair comes
-to overlap more than is tolerated and the path of every pair is certified (`advancement`). The step bound starts at 10 mm, grows
+Each pass solves the problem linearised about the iterate and takes the step, or a share of it: as far as no pair overlaps
+more than is tolerated and the path of every pair is certified (`advancement`). The step bound starts at 10 mm, grows
 when it is reached, and is halved only when the step reverses or had to be shortened.
 """
 
@@ -53,37 +53,35 @@ from geomphys.scene.kinematics import orientation_of, set_pose
 Floats = NDArray[np.float64]
 
 FIRST_STEP = 0.01  # m, at most,
-AMPLE = 2.0  # times how far links are from their targets, and
+AMPLE = 2.0  # times the distance of links from their targets, and
 SMALL_STEP = 1e-3  # m at least
 MOST_STEP = 0.03  # m
 LEAST_STEP = 3e-4  # m
 HALVINGS = 6
-MARGIN = (
-    2e-3  # m: pairs are looked for this much farther than they have to be, so that a list of them serves more passes
-)
-DRAWN = 0.02  # m: as far are fingertips drawn to what they touched in the recording
-ROUNDS = 12  # of rows added in a pass
-SETTLED = 2e-6  # m: a pass that moves nothing farther ends the search,
-SETTLED_SHIFT = 1e-8  # m, where trees only shift,
+MARGIN = 2e-3  # m: extra distance of the search for pairs, so that their list serves more passes
+DRAWN = 0.02  # m: distance up to which fingertips are moved to what they touched in the recording
+ROUNDS = 12  # rounds of added rows in a pass
+SETTLED = 2e-6  # m: a pass with less motion ends the search,
+SETTLED_SHIFT = 1e-8  # m, where trees are only translated,
 NEARLY = 5e-5  # m, and after
-PATIENCE = 6  # passes; so do as many to and fro by the least step, after which the objective is not below
+PATIENCE = 6  # passes; so do as many oscillating passes of least step after which the objective is not below
 GAINS = 0.999  # times what it was
-EVERY_STEP, STRAIGHT, ANY_PATH = 0, 1, 2  # what a search certifies
+EVERY_STEP, STRAIGHT, ANY_PATH = 0, 1, 2  # modes of certification
 
 
 class Found(NamedTuple):
-    """What a search gave; the posture is in `SearchWorkspace.best`."""
+    """Result of a search; the posture is in `SearchWorkspace.best`."""
 
-    free: bool  # whether there is one
+    free: bool  # whether a free posture was found
     passes: int
     converged: bool
     energy: float
-    paced: bool  # it was stopped by its pace
+    paced: bool  # stopped by the rate limit
 
 
 @outlined
 def _step_is_safe(scene: Scene, ws: DrivenWorkspace, mode: int) -> tuple[bool, float]:
-    """Whether all near pairs come free, or all but, from the iterate to the trial: (whether, least separation there).
+    """Whether the paths of all near pairs from the iterate to the trial are certified: (whether, least separation there).
 
     `mode` is what is certified: as in `search`.
     """
@@ -135,7 +133,7 @@ def _only_shifts(ws: DrivenWorkspace) -> bool:
 
 @kernel
 def _measure_at_iterate(scene: Scene, ws: DrivenWorkspace, k: int, limit: float) -> float:
-    """Separation of the near pair k at the iterate [m], measured within `limit`, while pieces are placed at the trial."""
+    """Separation of the near pair k at the iterate [m], measured within `limit`, while pieces are posed at the trial."""
     near, moved = ws.near, ws.piece_frames.moved
     if near.exact[k] == 0:
         pose_piece(scene.pieces, ws.work.now.poses, moved, near.a[k])
@@ -145,7 +143,7 @@ def _measure_at_iterate(scene: Scene, ws: DrivenWorkspace, k: int, limit: float)
 
 @outlined
 def _request_rows(scene: Scene, ws: DrivenWorkspace, gap: float, limit: float) -> bool:
-    """Request rows for near pairs without one that the solution, or a share of it, makes overlap; whether there are any."""
+    """Request rows for near pairs without one that overlap at the solution, or a share of it; whether there are any."""
     near, work, some = ws.near, ws.work, False
     apply_solution(scene, ws, 1.0)
     far = measure_motion(scene, ws, work.now, work.trial)
@@ -188,7 +186,7 @@ def _solve_linear(
 ) -> float:
     """Build and solve the quadratic problem at the iterate; returns the energy there.
 
-    Pairs get rows when an iterate shows that they obstruct. Rows that cannot be satisfied together become soft terms.
+    Pairs get rows once an iterate overlaps them. Rows that are infeasible together become penalty terms.
     """
     work, limit, energy = ws.work, row_limit(step), 0.0
     for attempt in range(2):
@@ -215,7 +213,7 @@ def _solve_linear(
 
 @kernel
 def _first_step(scene: Scene, ws: DrivenWorkspace) -> float:
-    """The step bound to begin with: by how far links are from their targets, so that few pairs have to be looked at."""
+    """Initial step bound, by the distance of links from their targets, so that few pairs are within it."""
     far, work = 0.0, ws.work
     for tree in range(len(work.kind)):
         if work.kind[tree] == LOCKED:
@@ -227,7 +225,7 @@ def _first_step(scene: Scene, ws: DrivenWorkspace) -> float:
 
 @outlined
 def _copy_targets(scene: Scene, ws: DrivenWorkspace, source: Floats, target: Floats) -> None:
-    """Copy targets (B, 7) of the trees that yield."""
+    """Copy targets (B, 7) of the trees being solved."""
     for tree in range(len(ws.work.kind)):
         if ws.work.kind[tree] != LOCKED:
             for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
@@ -237,7 +235,7 @@ def _copy_targets(scene: Scene, ws: DrivenWorkspace, source: Floats, target: Flo
 
 @outlined
 def _stay(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> None:
-    """From now on links are to stay where a posture has them."""
+    """Set the targets of the links to their poses in a posture."""
     for tree in range(len(ws.work.kind)):
         if ws.work.kind[tree] != LOCKED:
             for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
@@ -256,25 +254,25 @@ def search(
     tethered: bool,
     mode: int,
 ) -> Found:
-    """Search from the posture in `SearchWorkspace.now`, whose pieces are placed.
+    """Search from the posture in `SearchWorkspace.now`, whose pieces are posed.
 
     Parameters
     ----------
     scene, ws
-        The scene and the workspace: `kind` says who yields and how, `target`, `anchor`, `pace` where to.
+        The scene and the workspace: `kind`: how each tree may move; `target`, `anchor`, `pace`: where to.
     recorded
-        (Q,) rad, recorded angles: what is recorded beyond a reach cone is its bound.
+        (Q,) rad, recorded angles: a limb recorded beyond its reach cone is bounded there.
     gap
-        m; clearance kept.
+        m; clearance.
     passes
         Bound on the passes.
     touching
-        Whether recorded contacts are to be kept.
+        Whether recorded contacts have penalty terms.
     tethered
-        Whether the trees may get no farther from `SearchWorkspace.start` than their pace.
+        Whether `pace` bounds how far the trees may move from `SearchWorkspace.start`.
     mode
-        What is certified: EVERY_STEP; STRAIGHT: also the straight way from where the step of the frame began; ANY_WAY:
-        nothing, and the start may overlap, as nothing was anywhere before.
+        What is certified: EVERY_STEP; STRAIGHT: also the straight path from the start of the step; ANY_WAY:
+        nothing, and the start may overlap, as there was no frame before.
     """
     work, best, relaxed = ws.work, math.inf, mode == ANY_PATH
     step = FIRST_STEP if relaxed else _first_step(scene, ws)

@@ -1,7 +1,7 @@
-"""Free starts of a search: the last posture, that moved on as the recording is, or moved along with a body near it.
+"""Free starts of a search: the last posture, moved as the recording moved, or moved along with a body near it.
 
-Each is tried as it would be at the end of the step; it counts if it is free there and the way to it, from the last posture
-and with everything round it moving meanwhile, is certified (`reachability`).
+Each is posed as at the end of the step; it is valid if it is free there and the path to it, from the last posture and with
+the surroundings moving too, is certified (`reachability`).
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from geomphys.scene.kinematics import orientation_of, pose_tree, position_of, se
 Floats = NDArray[np.float64]
 
 HELD_BACK = 6  # bisections
-JUMP = 0.5  # rad or m: an angle recorded to go farther in a step has changed its branch
-EXTRAPOLATED, SHAPED, LAST, ALONG = 0, 1, 2, 3  # kinds of starts; ALONG + i: with the i-th of what moves near it
+JUMP = 0.5  # rad or m: an angle recorded to change more in a step has changed its branch
+EXTRAPOLATED, SHAPED, LAST, ALONG = 0, 1, 2, 3  # kinds of starts; ALONG + i: along with the i-th moving body near it
 
 
 @kernel
 def steady_change(ws: DrivenWorkspace, q: int, change: float) -> float:
-    """A joint's change in a step, without whole turns where these are the same posture; 0 if it jumped."""
+    """A joint's change in a step, modulo 2π if it is periodic; 0 if it jumped."""
     if ws.links.rounds[q] == 1:
         change -= 2.0 * math.pi * math.floor(change / (2.0 * math.pi) + 0.5)
     return 0.0 if abs(change) > JUMP else change
@@ -38,7 +38,7 @@ def steady_change(ws: DrivenWorkspace, q: int, change: float) -> float:
 
 @kernel
 def _keep_pivot(scene: Scene, ws: DrivenWorkspace, posture: Posture, tree: int) -> None:
-    """Shift a tree to where its pivot was when the step began."""
+    """Translate a tree so that its pivot is where it was at the start of the step."""
     pose_tree(scene, ws.origins, tree, posture.roots, posture.angles, posture.poses)
     path = sub(pivot_of(ws, ws.work.before.poses, tree), pivot_of(ws, posture.poses, tree))
     for i in range(3):
@@ -96,7 +96,7 @@ def _make_start(
 
 @kernel
 def _cost(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> float:
-    """Energy of the trees that yield."""
+    """Objective of the trees being solved."""
     energy = 0.0
     for tree in range(len(ws.work.kind)):
         if ws.work.kind[tree] != LOCKED:
@@ -108,7 +108,7 @@ def _cost(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> float:
 def _pose_start(
     scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats, kind: int
 ) -> bool:
-    """Pose the starts of a kind of the trees that yield; False if there are none."""
+    """Pose the starts of one kind of the trees being solved; False if there are none."""
     work, some = ws.work, False
     for tree in range(len(work.kind)):
         if work.kind[tree] != LOCKED:
@@ -141,7 +141,7 @@ def choose_start(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: F
 
 @outlined
 def choose_shallowest(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats) -> None:
-    """The start that overlaps least, free or not, into `SearchWorkspace.now`; `choose_start` was called before."""
+    """The start of least overlap, into `SearchWorkspace.now`; `choose_start` must have been called before."""
     shallowest = -math.inf
     for kind in range(ALONG + len(ws.work.reference_bodies)):
         if not _pose_start(scene, state, ws, roots, angles, kind):
@@ -154,7 +154,7 @@ def choose_shallowest(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roo
 
 @kernel
 def _blend(scene: Scene, ws: DrivenWorkspace, share: float) -> None:
-    """`SearchWorkspace.start`: yielding trees a share of the way from `.trial` to `.best`."""
+    """Interpolate `SearchWorkspace.start` between `.trial` (share 0) and `.best` (share 1)."""
     work = ws.work
     for tree in range(len(work.kind)):
         if work.kind[tree] == LOCKED:
@@ -171,7 +171,7 @@ def _blend(scene: Scene, ws: DrivenWorkspace, share: float) -> None:
 
 @outlined
 def shorten_start(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats) -> None:
-    """A start that goes along with something, in `SearchWorkspace.now`: go along only as far as it takes."""
+    """Shorten a start that moves along with a body, in `SearchWorkspace.now`, to the least motion that is free."""
     work, low, high = ws.work, 0.0, 1.0
     copy_moving(scene, ws, work.now, work.best)
     for tree in range(len(work.kind)):

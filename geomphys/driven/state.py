@@ -21,7 +21,7 @@ Ints = NDArray[np.int64]
 PAIRS = 1 << 14  # most pairs of pieces that can be near at once
 ROWS = 1024  # most rows of a quadratic problem
 SPOTS = 512  # contact spots remembered in a search
-REFERENCE_BODIES = 3  # bodies with which a tree may be taken along
+REFERENCE_BODIES = 3  # bodies that a tree may be moved along with
 
 # rows of near pairs (DrivenWorkspace.row_state)
 NO_ROW, REQUESTED, HAS_ROW = 0, 1, 2
@@ -29,29 +29,29 @@ NO_ROW, REQUESTED, HAS_ROW = 0, 1, 2
 # whether there was a frame before this one, and whether some frame ended free of overlap (PROGRESS, start)
 NOT_STARTED, STARTED_FREE, NEVER_FREE = 0, 1, 2
 
-# how a tree may yield (SearchWorkspace.kind)
+# how a tree may move (SearchWorkspace.kind)
 LOCKED, RIGID, ARTICULATED = 0, 1, 2
 
 
-# where a tree goes is given (DrivenState.given), or was given before and its shape is still off by that
+# the coupled solve prescribes the posture (DrivenState.given), or did before and the shape still differs by that
 GIVEN, WAS_GIVEN = 1, 2
 
 
 PROGRESS = np.dtype(
     [
         ("start", np.int64),  # NOT_STARTED, STARTED_FREE or NEVER_FREE
-        ("updates", np.int64),  # of the driven loop so far
+        ("updates", np.int64),  # updates of the driven loop so far
     ]
 )
-"""How far the driven loop has come."""
+"""Progress of the driven loop over the frames."""
 
 SEARCH_COUNTS = np.dtype(
     [
         ("touches", np.int64),  # rows of `touch` that are filled
-        ("next_spot", np.int64),  # row of `spot` that is filled next
+        ("next_spot", np.int64),  # row of `spot` to fill next
     ]
 )
-"""Of the tables of a search."""
+"""Counts of the tables of a search."""
 
 
 class DrivenState(NamedTuple):
@@ -60,7 +60,7 @@ class DrivenState(NamedTuple):
     progress: Record  # PROGRESS
     offset: Floats  # (T, 3) m, of each tree's root from its recorded position
     speed: Floats  # (T, 3) m/s, of the pivot's offset; impulses change it
-    last_speed: Floats  # (T, 3) m/s, what it was at the end of the last step
+    last_speed: Floats  # (T, 3) m/s, the same at the end of the last step
     last: Posture  # everything at the end of the last step, corrected
     recorded: Posture  # the recording of the last step
     shift: Floats  # (B, 6) offset of each link: of its centre [m] and its rotation [rad, rotation vector in the world]
@@ -70,7 +70,7 @@ class DrivenState(NamedTuple):
     used_high: Floats  # (Q,) and the largest
     joint_offset: Floats  # (Q,) corrected less recorded angles
     joint_step: Floats  # (Q,) their last change
-    given: Ints  # (T,) GIVEN: where it goes in this step, but for what is in its way, is `prescribed`; WAS_GIVEN; 0
+    given: Ints  # (T,) GIVEN: its posture in this step, obstacles apart, is `prescribed`; WAS_GIVEN; 0
     prescribed: Posture
 
 
@@ -78,66 +78,66 @@ class PieceFrames(NamedTuple):
     """Frames of all pieces."""
 
     base: Floats  # (P, 12) world_from_piece as recorded
-    frames: Floats  # (P, 12) as they are
+    frames: Floats  # (P, 12) current
     moved: Floats  # (P, 12) scratch
-    reach: Floats  # (T, 2) m: how far the pieces of each tree may move before the near pairs are used, and by bending
+    reach: Floats  # (T, 2) m: motion of the pieces of each tree that near pairs must cover: in the world, and by joints alone
 
 
 class SearchWorkspace(NamedTuple):
-    """Scratch of the search for a posture."""
+    """Workspace of the search for a posture."""
 
-    before: Posture  # where the step begins, of trees that do not yield too
+    before: Posture  # at the start of the step, all trees
     now: Posture  # the iterate
-    trial: Posture  # where it would go
+    trial: Posture  # the iterate after the step being tried
     best: Posture  # the best free iterate
     start: Posture  # a free start
-    goal: Posture  # what the coupling asks for
-    target: Floats  # (B, 7) where each link is to go: its centre, its orientation
+    goal: Posture  # goal by the coupling
+    target: Floats  # (B, 7) target of each link: of its centre, its orientation
     cached_target: Floats  # (B, 7) `target`, saved while another is tried
     anchor: Floats  # (B, 3) m, where each link's centre would be with the offset of the last frame
-    deviation_limit: Floats  # (T,) m: how far the links of a tree may get from there
+    deviation_limit: Floats  # (T,) m: how far the links of a tree may move from there
     shift_limit: Floats  # (T,) m: by how much the offset of a rigid tree may change in the step
-    kind: Ints  # (T,) how it may yield: LOCKED, RIGID, ARTICULATED
+    kind: Ints  # (T,) how it may move: LOCKED, RIGID, ARTICULATED
     cached_kind: Ints  # (T,) `kind`, saved while another is tried
-    group: Ints  # (T,) the trees that are solved together have one number; -1: none
+    group: Ints  # (T,) number of the group that is solved together; -1: none
     first: Ints  # (T,) first column of a tree
     column: Ints  # (Q,) of a joint, -1: none
-    extrapolated: Floats  # (Q,) angles of the last step and what was recorded since
-    expected: Floats  # (Q,) the same, with offsets going on: where joints would go by themselves
-    low: Floats  # (Q,) limits, widened to what was recorded and to where joints were
+    extrapolated: Floats  # (Q,) angles of the last step plus the recorded change
+    expected: Floats  # (Q,) the same, with offsets extrapolated
+    low: Floats  # (Q,) limits, widened to recorded and last values
     high: Floats  # (Q,)
-    used_low: Floats  # (Q,) range in which a joint is natural
+    used_low: Floats  # (Q,) range in which a joint was used
     used_high: Floats  # (Q,)
     inertia: Floats  # (B, 10) composite mass, first moment, second moments about the pivot
     force: Floats  # (B, 6) composite force and torque about the pivot
-    motion: Floats  # (P,) m, how far each piece goes from the iterate to the trial
-    drift: Floats  # (P,) m, how far pieces that the recording moves have gone since the step began
-    travel: Floats  # (P, 4) m, how far each piece goes since then: its centre, and any point by rotation at most
+    motion: Floats  # (P,) m, motion of each piece from the iterate to the trial
+    drift: Floats  # (P,) m, motion of recorded pieces since the start of the step
+    travel: Floats  # (P, 4) m, motion of each piece since then: of its centre, and bound of that by rotation
     from_goal: Floats  # (P, 4) the same from the goal
-    covered: Floats  # (T,) m: how far pieces of a tree may go for which pairs are listed
-    depth: Floats  # (T,) m, how deep a tree was recorded in something
-    hit: Ints  # (T,) 1: what the coupling asks for is not free, or cannot be reached
-    spot: Ints  # (n, 2) pieces of spots where pairs touched in passes before
+    covered: Floats  # (T,) m: motion of the pieces of a tree that the listed pairs cover
+    depth: Floats  # (T,) m, recorded depth of a tree
+    hit: Ints  # (T,) 1: the goal is not free, or cannot be reached
+    spot: Ints  # (n, 2) pieces of spots where pairs touched in earlier passes
     spot_at: Floats  # (n, 9) normal in the world, points in the links' frames
     counts: Record  # SEARCH_COUNTS
     touch: Ints  # (k, 2) tip link and body that touch in the recording
     touch_gap: Floats  # (k,) m, how far apart they were recorded
-    touch_goal: Floats  # (k,) m, how far apart they may be at the end of the step without being drawn together
-    closing: Floats  # (T,) m: how far tips of a tree are drawn to what they touch in the step
+    touch_goal: Floats  # (k,) m, gap at the end of the step up to which there is no penalty
+    closing: Floats  # (T,) m: how far the penalty may move tips of a tree in the step
     unit: Floats  # (Q,) ones
     passes: int  # bound on the passes of a search
-    reference_bodies: Ints  # (n,) bodies that move by the recording and are near
-    ignored: Ints  # (T,) 1: trees that no other need avoid
+    reference_bodies: Ints  # (n,) near bodies that the recording moves
+    ignored: Ints  # (T,) 1: trees that others need not avoid
 
 
 class DrivenWorkspace(NamedTuple):
-    """Fixed facts and scratch of the driven loop."""
+    """Constant data and workspace of the driven loop."""
 
     origins: Floats  # (B, 7) joint origins
     links: Links
     piece_frames: PieceFrames
     near: Near
-    listed: Near  # as the trees that yield are at their goals: see `reachability`
+    listed: Near  # pairs with the trees being solved at their goals: see `reachability`
     row_state: Ints  # (n,) of the near pairs: NO_ROW, REQUESTED or HAS_ROW
     work: SearchWorkspace
     problem: Quadratic
@@ -182,7 +182,7 @@ def make_search_workspace(scene: Scene, poses: Floats, passes: int) -> SearchWor
     """Workspace of a search of up to `passes` passes in a scene."""
     trees, bodies = len(scene.trees.role), len(scene.bodies.role)
     dofs, pieces = len(scene.dofs.lower), len(scene.pieces.kind)
-    contacts = max(int((scene.bodies.role == DRIVEN).sum()) * bodies, 1)  # one of every tip and body fits
+    contacts = max(int((scene.bodies.role == DRIVEN).sum()) * bodies, 1)  # capacity for every tip and body
     return SearchWorkspace(
         before=make_posture(scene, poses),
         now=make_posture(scene, poses),
@@ -239,7 +239,7 @@ def make_driven_workspace(
     passes: int,
     weights: Weights = WEIGHTS,
 ) -> DrivenWorkspace:
-    """Workspace for a scene, on arrays that the machine shares with the other loops."""
+    """Workspace for a scene, on arrays shared with the other loops."""
     unknowns = 6 * int((scene.trees.role == DRIVEN).sum()) + int(
         sum(
             scene.trees.dof_start[t + 1] - scene.trees.dof_start[t]

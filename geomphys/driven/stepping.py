@@ -1,4 +1,4 @@
-"""Steps of a search: where the iterate and the trial are, how far pieces go between them, and how far they may."""
+"""Steps of a search: poses at the iterate and the trial, motion of pieces between them, and its bounds."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, pose_
 
 Floats = NDArray[np.float64]
 
-SHALLOW = 2e-4  # m: iterates may overlap by this, if it is no more than what may be passed
+SHALLOW = 2e-4  # m: overlap that iterates may have, if it is no more than `passing_depth`
 REVERSED = -0.3  # cosine
 
 
@@ -46,7 +46,7 @@ def pose_with_pieces(scene: Scene, ws: DrivenWorkspace, posture: Posture, tree: 
 
 @outlined
 def pose_yielding(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> None:
-    """Pose the trees that yield, and their pieces."""
+    """Pose the trees being solved, and their pieces."""
     for tree in range(len(ws.work.kind)):
         if ws.work.kind[tree] != LOCKED:
             pose_with_pieces(scene, ws, posture, tree)
@@ -54,7 +54,7 @@ def pose_yielding(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> None:
 
 @outlined
 def copy_moving(scene: Scene, ws: DrivenWorkspace, source: Posture, target: Posture) -> None:
-    """Copy the trees that yield."""
+    """Copy the trees being solved."""
     for tree in range(len(ws.work.kind)):
         if ws.work.kind[tree] != LOCKED:
             copy_tree(scene, source, tree, target)
@@ -62,7 +62,7 @@ def copy_moving(scene: Scene, ws: DrivenWorkspace, source: Posture, target: Post
 
 @kernel
 def pose_yielding_pieces(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> None:
-    """Pose the pieces of the trees that yield, whose link poses are known."""
+    """Pose the pieces of the trees being solved, whose link poses are known."""
     for tree in range(len(ws.work.kind)):
         if ws.work.kind[tree] != LOCKED:
             pose_pieces_of_tree(scene, tree, posture.poses, ws.piece_frames.frames)
@@ -70,9 +70,9 @@ def pose_yielding_pieces(scene: Scene, ws: DrivenWorkspace, posture: Posture) ->
 
 @kernel
 def find_concerned(scene: Scene, ws: DrivenWorkspace, enough: float) -> float:
-    """Near pairs within the reach of their trees; returns the least separation that concerns.
+    """Near pairs within the reach of their trees; returns the least separation among the trees being solved.
 
-    Pairs that are seen to be `enough` [m] apart are not measured: theirs is a lower bound.
+    Pairs that a cached direction separates by `enough` [m] are not measured: theirs is a lower bound.
     """
     p = ws.piece_frames
     find_near(scene, p.frames, p.reach, 0.0, enough, ws.near, ws.detection)
@@ -85,9 +85,9 @@ def find_concerned(scene: Scene, ws: DrivenWorkspace, enough: float) -> float:
 
 @outlined
 def measure_near_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough: float) -> float:
-    """Near pairs of the trees that yield, within `reach` [m] of each; returns the least separation found.
+    """Near pairs of the trees being solved, within `reach` [m] of each; returns the least separation found.
 
-    Pairs that are seen to be `enough` [m] apart are not measured.
+    Pairs that a cached direction separates by `enough` [m] are not measured.
     """
     p = ws.piece_frames
     for tree in range(len(ws.work.kind)):
@@ -100,10 +100,10 @@ def measure_near_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough: 
 
 @outlined
 def update_separations(scene: Scene, ws: DrivenWorkspace, limit: float, enough: float) -> float:
-    """Bring the near pairs up to date after the step that `measure_motion` was called for; returns the least separation.
+    """Update the near pairs after the step that `measure_motion` was called for; returns the least separation.
 
-    A separation, and the gap along a direction, shrinks by no more than both pieces go. Only pairs that may have come nearer
-    than `enough` [m] are looked at, and measured within `limit` [m].
+    A separation, and the gap along a direction, shrinks by no more than the motion of both pieces. Only pairs that may be
+    nearer than `enough` [m] are measured, within `limit` [m].
     """
     near, motion, least = ws.near, ws.work.motion, math.inf
     for k in range(near.counts.filled):
@@ -127,7 +127,7 @@ def update_separations(scene: Scene, ws: DrivenWorkspace, limit: float, enough: 
 
 @outlined
 def measure_motion(scene: Scene, ws: DrivenWorkspace, before: Posture, after: Posture) -> float:
-    """How far each piece of the trees that yield goes from one posture to another; returns the farthest [m]."""
+    """Motion of each piece of the trees being solved from one posture to another; returns the largest [m]."""
     farthest = 0.0
     for tree in range(len(ws.work.kind)):
         if ws.work.kind[tree] == LOCKED:
@@ -143,7 +143,7 @@ def measure_motion(scene: Scene, ws: DrivenWorkspace, before: Posture, after: Po
 
 @kernel
 def apply_solution(scene: Scene, ws: DrivenWorkspace, share: float) -> None:
-    """The trial: a share of the solution away from the iterate."""
+    """Set the trial: the iterate plus a share of the solution."""
     x, work = ws.problem.x, ws.work
     now, trial = work.now, work.trial
     for tree in range(len(work.kind)):
@@ -169,22 +169,22 @@ def apply_solution(scene: Scene, ws: DrivenWorkspace, share: float) -> None:
 
 @outlined
 def step_to_trial(scene: Scene, ws: DrivenWorkspace) -> float:
-    """Take the whole solution, collisions ignored; returns how far a piece goes at most [m]."""
+    """Take the whole solution, collisions ignored; returns a bound on the motion of any piece [m]."""
     apply_solution(scene, ws, 1.0)
     return measure_motion(scene, ws, ws.work.now, ws.work.trial)
 
 
 @kernel
 def allowed_depth(scene: Scene, a: int, b: int) -> float:
-    """How deep [m] an iterate may leave two pieces in each other."""
+    """Depth [m] at which two pieces may overlap at an iterate."""
     return min(SHALLOW, 0.5 * passing_depth(scene, a, b))
 
 
 @outlined
 def gap_on_its_side(scene: Scene, ws: DrivenWorkspace, k: int, motion: float) -> float:
-    """Gap [m] at the trial along the direction that parts the near pair k at the iterate; the pair goes `motion` [m].
+    """Gap [m] at the trial along the direction that separates near pair k at the iterate; the pair moves `motion` [m].
 
-    Above minus the depth that may be passed, that direction separates the pair on the whole path; -inf where
+    Above minus `passing_depth`, that direction separates the pair on the whole path; -inf where
     rotation is too large to tell.
     """
     a, b, work = ws.near.a[k], ws.near.b[k], ws.work
@@ -199,7 +199,7 @@ def gap_on_its_side(scene: Scene, ws: DrivenWorkspace, k: int, motion: float) ->
 
 @kernel
 def distance_from_path(ws: DrivenWorkspace, poses: Floats, body: int) -> float:
-    """How far [m] a link's centre is from the straight path on which the coupling alone takes it."""
+    """Distance [m] of a link's centre from its straight path by the coupling alone."""
     c, a, b = link_centre(ws, poses, body), vec_of(ws.work.anchor, body), vec_of(ws.work.target, body)
     path, off = sub(b, a), sub(c, a)
     square = dot(path, path)
@@ -217,7 +217,7 @@ def _share_within(before: float, after: float, most: float) -> float:
 
 @kernel
 def share_within_rate(scene: Scene, ws: DrivenWorkspace, tethered: bool) -> float:
-    """The share of the step after which some link is as far off its path as it may be in a frame; 1: none."""
+    """The share of the step at which some link reaches the rate limit, its largest distance from its path; 1: none."""
     share, work = 1.0, ws.work
     for tree in range(len(work.kind)):
         deviation_limit = work.deviation_limit[tree]
@@ -236,7 +236,7 @@ def share_within_rate(scene: Scene, ws: DrivenWorkspace, tethered: bool) -> floa
 
 @kernel
 def reverses(scene: Scene, ws: DrivenWorkspace, share: float) -> bool:
-    """Whether the step goes against the last one; remembers it."""
+    """Whether the step is opposite to the last one; stores it."""
     x, last_step, work = ws.problem.x, ws.problem.last_step, ws.work
     both, here, last = 0.0, 0.0, 0.0
     for tree in range(len(work.kind)):

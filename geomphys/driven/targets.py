@@ -1,7 +1,7 @@
-"""Where links are to go: recorded, with the offset of the last frame, relaxed by the coupling (6).
+"""Targets of links: recorded poses plus the offsets of the last frame, relaxed by the coupling (6).
 
 A tree that was only translated has one offset, that of its root. One that rotated or changed its joints has one
-for each link, of its centre and of its rotation, in the world: so they do not depend on which angles make a posture.
+for each link, of its centre and of its rotation, in the world: so they do not depend on the choice among equivalent angles.
 """
 
 from __future__ import annotations
@@ -35,17 +35,15 @@ from geomphys.scene.kinematics import orientation_of, set_pose
 Floats = NDArray[np.float64]
 
 NO_SHIFT = 1e-6  # m: link offsets below this,
-NO_ROTATION = 1e-6  # rad, and this are none
+NO_ROTATION = 1e-6  # rad, and this count as zero
 DEVIATION_PER_MOTION = 1.9  # times its recorded motion, or
-LEAST_DEVIATION = (
-    1.4e-3  # m: how far the offset of a link may get in a frame from the path on which the coupling takes it
-)
-MOVED = 1e-7  # m or rad: what differs by less from where the coupling asks for has not met anything
+LEAST_DEVIATION = 1.4e-3  # m: how far the offset of a link may depart in a frame from its path by the coupling
+MOVED = 1e-7  # m or rad: a posture that differs by less from its goal has not touched anything
 
 
 @kernel
 def _has_offset(scene: Scene, state: DrivenState, tree: int) -> bool:
-    """Whether some link of a bent tree is off by more than nothing."""
+    """Whether some link of a tree with offsets of its links has one that is not zero."""
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
         for i in range(3):
             if abs(state.shift[body, i]) > NO_SHIFT or abs(state.shift[body, 3 + i]) > NO_ROTATION:
@@ -55,7 +53,7 @@ def _has_offset(scene: Scene, state: DrivenState, tree: int) -> bool:
 
 @kernel
 def clear_offsets(scene: Scene, state: DrivenState, tree: int) -> None:
-    """Set a tree's offsets and their rates to zero: it is where it was recorded."""
+    """Set a tree's offsets and their rates to zero."""
     state.deformed[tree] = 0
     for i in range(3):
         state.offset[tree, i] = state.speed[tree, i] = state.last_speed[tree, i] = 0.0
@@ -66,7 +64,7 @@ def clear_offsets(scene: Scene, state: DrivenState, tree: int) -> None:
 
 @kernel
 def _aim(ws: DrivenWorkspace, recorded: Floats, body: int, shift: Vec, rotation: Vec) -> None:
-    """Target of a link: recorded, with an offset."""
+    """Target of a link: its recorded pose plus an offset."""
     q = orientation_of(recorded, body)
     if rotation != (0.0, 0.0, 0.0):
         q = quat_unit(quat_mul(quat_from_rotation_vector(rotation), q))
@@ -75,9 +73,9 @@ def _aim(ws: DrivenWorkspace, recorded: Floats, body: int, shift: Vec, rotation:
 
 @outlined
 def _relax_tree(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, recorded: Floats, dt: float) -> None:
-    """Relax the offsets of a tree, and aim its links.
+    """Relax the offsets of a tree, and set the targets of its links.
 
-    Speeds are kept, so that what impulses change of them until the next step can be told.
+    Stores the rates, so that their change by impulses until the next step can be found.
     """
     trees, first = scene.trees, scene.trees.body_start[tree]
     velocity_change = sub(vec_of(state.speed, tree), vec_of(state.last_speed, tree))
@@ -114,7 +112,7 @@ def _relax_tree(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int
 
 @kernel
 def _take_given(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, recorded: Floats, dt: float) -> None:
-    """Offsets of a tree, and their rates, as those of the posture it is given, and its links aimed there."""
+    """Offsets of a tree, and their rates, from its prescribed posture, which its links are targeted at."""
     first, prescribed = scene.trees.body_start[tree], state.prescribed.poses
     for body in range(first, scene.trees.body_start[tree + 1]):
         s, c = state.shift[body], link_centre(ws, recorded, body)
@@ -153,7 +151,7 @@ def aim(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats,
 
 @kernel
 def _brake(state: DrivenState, body: int, velocity_change: Vec, rotation_change: Vec) -> None:
-    """After a contact the offset of a link has no speed left against what it met."""
+    """After a contact, remove the rate of a link's offset against what it touched."""
     for part in range(2):
         change = velocity_change if part == 0 else rotation_change
         size = norm(change)
@@ -207,7 +205,7 @@ def note_tree(
 def note_offsets(
     scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats, recorded: Floats
 ) -> None:
-    """Take offsets from the final posture `state.last`, and remember the recording."""
+    """Compute the offsets from the final posture `state.last`, and store the recording."""
     for tree in range(len(scene.trees.role)):
         if not is_recorded(scene, tree):
             continue
@@ -230,7 +228,7 @@ def note_offsets(
 
 @kernel
 def is_deformed(scene: Scene, state: DrivenState, tree: int, roots: Floats, angles: Floats) -> bool:
-    """Whether a tree is off its recording by more than a translation."""
+    """Whether a tree differs from its recording by more than a translation."""
     if orientation_of(state.last.roots, tree) != orientation_of(roots, tree):
         return True
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):  # noqa: SIM110 - no generators in kernels

@@ -1,10 +1,10 @@
-"""The driven loop of a frame: one problem for everything that may meet.
+"""The driven loop of a frame: one problem for each group of trees that may collide.
 
-The coupling relaxes the offsets of the last frame and says where every link is to go. A tree for which that is free, and
-can be reached freely, goes there. The others are solved in groups that may meet each other: from a free start nearest to
-the targets (`starts`), by a sequence of quadratic problems whose every step is certified (`sqp`). A tree in one piece is
-first only translated; where that goes too far, or does not free it, its joints and rotation yield too, at a much higher
-weight. Where moving surroundings leave no free start, the step is taken in parts.
+The coupling relaxes the offsets of the last frame, which gives the target of every link. A tree whose goal is free, and can
+be reached, goes there. The others are solved in groups that may collide: from a free start nearest to the targets
+(`starts`), by sequential quadratic programming with every step certified (`sqp`). A rigid tree is first only translated;
+where that is too far, or does not free it, its joints and rotation may change too, at a much higher weight. Where moving
+surroundings leave no free start, the step is divided in parts.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ Floats = NDArray[np.float64]
 
 @outlined
 def _go_where_free(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> bool:
-    """Settle the trees whose goals are free and can be reached, put the others back and group them; whether there are any."""
+    """Set the trees whose goals are free and reachable, put the others back and group them; whether there are any."""
     work, near = ws.work, ws.near
     measure_swept_pairs(scene, ws, work.goal)
     some = False
@@ -56,7 +56,7 @@ def _go_where_free(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> boo
             work.hit[near.tree_a[k]] = work.hit[near.tree_b[k]] = 1
             some = True
     changed = some
-    while changed:  # trees that may meet one that is stopped
+    while changed:  # trees that may collide with one that is stopped
         changed = False
         for k in range(near.counts.filled):
             a, b = near.tree_a[k], near.tree_b[k]
@@ -97,8 +97,8 @@ def update_driven(
     scene
         The scene.
     state, ws
-        Carried state, brought up to date (`state.last` is the corrected posture), and workspace (`ws.piece_frames.frames`: the
-        final frames). What is not driven stands at `state.last.poses` before the step.
+        State, updated (`state.last` is the corrected posture), and workspace (`ws.piece_frames.frames`: the
+        final frames). Bodies that are not driven are at `state.last.poses` before the step.
     roots, angles, recorded
         (T, 7), (Q,), (B, 7): the recording of this frame and its forward kinematics; of simulated bodies the poses they
         are to have.
@@ -157,7 +157,7 @@ def update_driven(
 
 @kernel
 def _finish(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> None:
-    """What is not driven is where it is."""
+    """Store the poses of bodies that are not driven."""
     for tree in range(len(scene.trees.role)):
         if scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
             for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
@@ -167,7 +167,7 @@ def _finish(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> None:
 
 @kernel
 def _yield_from_here(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, kind: int) -> None:
-    """Start the search for a driven tree, which may yield as `kind` says, where it is; that is its target too."""
+    """Start the search for a driven tree, which may move by `kind`, at its present posture, which is also its target."""
     work = ws.work
     work.kind[tree] = LOCKED
     if scene.trees.role[tree] != DRIVEN:
@@ -181,13 +181,13 @@ def _yield_from_here(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree
 
 @outlined
 def yield_driven(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, gap: float) -> int:
-    """Move driven trees out of what has come into them since `update_driven`, as little as it takes; returns the passes.
+    """Move driven trees out of what has moved into them since `update_driven`, by the least motion; returns the passes.
 
-    `recorded` (B, 7) are the poses of what is not driven now, and those recorded of what is.
+    `recorded` (B, 7): present poses of bodies that are not driven, recorded poses of those that are.
     """
     work, passes = ws.work, 0
     set_around(scene, state, ws, recorded, 1.0)
-    for kind in (RIGID, ARTICULATED):  # what grips from several sides has to open its joints
+    for kind in (RIGID, ARTICULATED):  # a grip from several sides has to open its joints
         for tree in range(len(work.kind)):
             _yield_from_here(scene, state, ws, tree, kind)
         if measure_near_pairs(scene, ws, 0.0, 0.0) >= 0.0:

@@ -1,13 +1,13 @@
-"""Chains one after the other: the interpenetrating link nearest the root is moved out, until no link interpenetrates.
+"""Moves the links of chains out, chain by chain: the interpenetrating link nearest the root, until none interpenetrates.
 
-Chains are taken in an order that is drawn anew for each frame from a seed. In a chain, link i is the interpenetrating
-link nearest the root, c_ij are the k contacts of its pieces, n_j and pd_j their normals, turned to point out of what the
+The order of the chains is drawn for each frame from a seed. In a chain, link i is the interpenetrating
+link nearest the root, c_ij are the k contacts of its pieces, n_j and pd_j their normals, oriented out of what the
 link is in, and depths. Then
 
     ee_i = (Σ_j c_ij) / k,                                                                (2)
     goal_i = ee_i ± PD_g,i,     PD_g,i = (Σ_j pd_j² n_j) / (Σ_j pd_j)                     (3), (1)
 
-and `descend` brings ee_i there; a link that lies along a surface is translated instead (`translate_link`). Of two links
+and `descend` brings ee_i there; a link along a surface is translated instead (`translate_link`). Of two links
 that both can move, each takes half.
 """
 
@@ -30,10 +30,10 @@ from geomphys.numerics.vec3 import Vec, add, add_scaled, dot, norm, quat_conjuga
 from geomphys.scene.arrays import Scene
 from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, pose_tree, position_of
 
-STEPS = 6  # of one chain in a pass
-SHARED_PASSES = 2  # the first ones, in which two links that both can move take half each
+STEPS = 6  # steps of one chain in a pass
+SHARED_PASSES = 2  # first passes, in which two links that both can move take half each
 AT_GOAL = 2e-3  # m, and
-NEAR_GOAL = 0.1  # of the way: a descent that is nearer to its goal has arrived
+NEAR_GOAL = 0.1  # of the distance: a descent that is nearer to its goal has converged
 CANCELLED = 0.1  # PD_g shorter than this share of the deepest overlap: the normals cancel
 
 NOTHING, MISSED, ARRIVED = range(3)
@@ -71,7 +71,7 @@ def update_tree(scene: Scene, w: PaperWorkspace, tree: int) -> None:
 
 @outlined
 def detect(scene: Scene, w: PaperWorkspace) -> float:
-    """Check the iterate for collisions, here and now: fills `near`; returns the sum of all depths [m]."""
+    """Discrete collision check of the iterate: fills `near`; returns the sum of all depths [m]."""
     find_near(scene, w.frames, w.reach, 0.0, math.inf, w.near, w.detection)
     overlap = 0.0
     for k in range(w.near.counts.filled):
@@ -116,7 +116,7 @@ def _find_link(scene: Scene, w: PaperWorkspace, chain: int) -> tuple[int, int]:
 
 @kernel
 def _share(scene: Scene, w: PaperWorkspace, link: int, other: int, count: int) -> float:
-    """The part of PD that `link` takes: half if the other link's chain comes later in this pass, else what is left."""
+    """The part of PD that `link` takes: half if the other link's chain comes later in this pass, else the rest."""
     chain, others = w.limbs.chain[link], w.limbs.chain[other]
     both = others >= 0 and others != chain and can_move(scene, w, other, link)
     return 0.5 if both and count < SHARED_PASSES and w.rank[others] > w.rank[chain] else 1.0
@@ -126,7 +126,7 @@ def _share(scene: Scene, w: PaperWorkspace, link: int, other: int, count: int) -
 def contacts_of(scene: Scene, w: PaperWorkspace, link: int, count: int) -> tuple[Vec, Vec, float]:
     """End effector (2) [m], PD_g (1) [m] of a link, the clearance included, and the length [m] its contacts extend over.
 
-    Where normals cancel, PD of the deepest pair of pieces stands in.
+    Where normals cancel, PD of the deepest pair of pieces is taken.
     """
     near = w.near
     middle, pd, deep, points = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0
@@ -178,7 +178,7 @@ def step_chain(scene: Scene, w: PaperWorkspace, chain: int, count: int) -> int:
 
 @outlined
 def move_chains(scene: Scene, w: PaperWorkspace, count: int) -> float:
-    """Pass `count` over all chains; returns the sum of the depths that are left [m]."""
+    """Pass `count` over all chains; returns the sum of the remaining depths [m]."""
     overlap = detect(scene, w)
     for c in range(len(w.order)):
         tree = scene.chains.tree[w.order[c]]

@@ -1,4 +1,4 @@
-"""Cyclic coordinate descent: the joints of a chain, one after the other, bring a point of a link to a goal.
+"""Cyclic coordinate descent: moves a point of a link to a goal by the joints of its chain, one after the other.
 
 From the link's own joint inwards to the chain's root, the point ee and the goal are projected on the plane of the
 joint's axis a (unit) through its origin o,
@@ -29,12 +29,12 @@ from geomphys.scene.kinematics import pose_body, position_of
 
 Floats = NDArray[np.float64]
 
-SWEEPS = 12  # over the joints of a chain
+SWEEPS = 12  # sweeps over the joints of a chain
 STILL = 1e-9  # rad or m: a sweep in which no joint moves farther ends the descent
 ON_AXIS = 1e-9  # m: a point nearer than this to a joint's axis is not moved by it
 LONGEST = 0.5  # rad or m: of a step of a degree of freedom with several joints
-CONE_STEPS = 24  # of the projection into a reach cone
-CONE_MARGIN = 1e-9  # rad inside the cone that a projected limb ends
+CONE_STEPS = 24  # steps of the projection into a reach cone
+CONE_MARGIN = 1e-9  # rad: how far inside the cone a projected limb ends
 
 
 @kernel
@@ -84,7 +84,7 @@ def pose_chain(scene: Scene, w: PaperWorkspace, link: int) -> None:
 
 @outlined
 def fit_cone(scene: Scene, w: PaperWorkspace, cone: int) -> bool:
-    """Bring the limb of a compound joint back into its reach cone by the least change of its joints; whether it is in."""
+    """Project the limb of a compound joint into its reach cone by the least change of its joints; whether it is inside."""
     start, cones = scene.cones.direction_start, scene.cones
     for _ in range(CONE_STEPS):
         d = limb_direction(scene, cone, w.now.angles)
@@ -137,7 +137,7 @@ def _shared_step(scene: Scene, w: PaperWorkspace, link: int, q: int, ee: Vec, go
 
 @outlined
 def _move_in_cone(scene: Scene, w: PaperWorkspace, cone: int, q: int, step: float) -> float:
-    """Move a joint of a compound one and project the limb into its reach cone; all of it is taken back if that fails.
+    """Move a joint of a compound one and project the limb into its reach cone; undone if that fails.
 
     Returns the change of the joint.
     """
@@ -156,7 +156,7 @@ def _move_in_cone(scene: Scene, w: PaperWorkspace, cone: int, q: int, step: floa
 
 @kernel
 def _move_joint(scene: Scene, w: PaperWorkspace, joint: int, link: int, local: Vec, goal: Vec) -> float:
-    """Move one joint so that a point of the link comes as near to the goal as it can; returns the change."""
+    """Move one joint so that a point of the link is nearest to the goal; returns the change."""
     q, ratio = scene.bodies.dof[joint], scene.bodies.multiplier[joint]
     ee = point_of(w.now.poses, link, local)
     if w.limbs.joints[q] > 1:
@@ -179,13 +179,13 @@ def _move_joint(scene: Scene, w: PaperWorkspace, joint: int, link: int, local: V
 
 @outlined
 def descend(scene: Scene, w: PaperWorkspace, link: int, anchor: int, local: Vec, goal: Vec, tolerance: float) -> float:
-    """Bring a point of a link to a goal by the joints of its chain.
+    """Move a point of a link to a goal by the joints of its chain.
 
     Parameters
     ----------
     scene, w
         The scene and the workspace, whose iterate `now` is brought up to date from the chain's root to the link. No joint
-        leaves its limits, nor a limb its reach cone; what was recorded beyond gets no farther.
+        leaves its limits, nor a limb its reach cone; values recorded beyond do not grow.
     link
         Body whose joint is the first of a sweep.
     anchor
@@ -193,7 +193,7 @@ def descend(scene: Scene, w: PaperWorkspace, link: int, anchor: int, local: Vec,
     local, goal
         m; the point ee in the link's frame, and where it is to go in the world.
     tolerance
-        m; nearer than this is at the goal.
+        m; a point nearer than this is at the goal.
 
     Returns
     -------

@@ -5,8 +5,8 @@ Of a pair of objects A and B, A is translated by
     PD_g = (Σ_i pd_i² n_i) / (Σ_i pd_i)                                                    (1)
 
 over their overlapping pairs of pieces i, and the poses are checked again. Two driven objects take half each, any other
-object stays where it is. Where the normals cancel, or the passes do not get free, the object is interpolated between its
-last stored free state and where the coupling has taken it; where there is no free state, the pass with the least overlap counts.
+object stays where it is. Where the normals cancel, or overlap remains after the passes, the object is interpolated between its
+last stored free state and its pose by the coupling; where there is no free state, the pass with the least overlap counts.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.scene.kinematics import orientation_of, position_of, set_pose
 
 CANCELLED = 0.1  # PD_g shorter than this share of the deepest overlap: the normals cancel
-PROGRESS = 0.98  # of the overlap before: more of it left is no progress
+PROGRESS = 0.98  # of the overlap before: a larger rest is no progress
 PATIENCE = 4  # passes without progress
-HALVINGS = 14  # of the way between the last free state and the current one
+HALVINGS = 14  # steps of bisection between the last free state and the current one
 
 
 class Elimination(NamedTuple):
-    """What was done to get free."""
+    """Result of the elimination."""
 
     passes: int
-    interpolations: int  # trees for which the last free state was asked for
-    overlap: float  # m, sum of the depths that are left
+    interpolations: int  # trees that were interpolated
+    overlap: float  # m, sum of the remaining depths
 
 
 @kernel
 def _propose(w: PaperWorkspace, tree: int, pd: Vec, share: float, largest: float) -> None:
-    """Let a tree go by `share` of PD_g and the clearance, if this is the deepest of its pairs of objects so far."""
+    """Set the translation of a tree to `share` of PD_g plus the clearance, if this is the deepest of its pairs so far."""
     if largest > w.deepest[tree]:
         w.deepest[tree] = largest
         d = add_scaled(scale(pd, share), unit(pd), w.gap)
@@ -48,7 +48,7 @@ def _propose(w: PaperWorkspace, tree: int, pd: Vec, share: float, largest: float
 
 @kernel
 def _object_of(scene: Scene, tree: int, body: int) -> int:
-    """The object a body counts to, as a body: a driven tree is one object, else every body is one."""
+    """The object of a body, as a body: a driven tree is one object, every other body one of its own."""
     return scene.trees.body_start[tree] if scene.trees.role[tree] == DRIVEN else body
 
 
@@ -75,13 +75,13 @@ def sum_depths(scene: Scene, w: PaperWorkspace, first: int) -> int:
 
 @outlined
 def propose_translations(scene: Scene, w: PaperWorkspace) -> None:
-    """Equation (1) for every pair of objects that overlap: `shift` of each tree by the deepest one that is its."""
+    """Equation (1) for every pair of objects that overlap: `shift` of each tree by its deepest pair."""
     for tree in range(len(w.deepest)):
         w.deepest[tree] = 0.0
         for i in range(3):
             w.shift[tree, i] = 0.0
     k = 0
-    while k < w.near.counts.filled:  # pairs of pieces stand together by pairs of trees
+    while k < w.near.counts.filled:  # pairs of pieces are sorted by pairs of trees
         a, b = w.near.tree_a[k], w.near.tree_b[k]
         k = sum_depths(scene, w, k)
         if a == b:
@@ -143,7 +143,7 @@ def _is_free(scene: Scene, w: PaperWorkspace, tree: int) -> bool:
 
 @kernel
 def _interpolate(scene: Scene, w: PaperWorkspace, tree: int, share: float) -> None:
-    """Put the iterate of a tree a share of the way from its last free state to where the coupling has taken it."""
+    """Interpolate the iterate of a tree between its last free state (share 0) and its posture by the coupling (share 1)."""
     p, target = position_of(w.free.roots, tree), position_of(w.target.roots, tree)
     q = slerp(orientation_of(w.free.roots, tree), orientation_of(w.target.roots, tree), share)
     set_pose(w.now.roots, tree, add_scaled(p, sub(target, p), share), q)
@@ -154,7 +154,7 @@ def _interpolate(scene: Scene, w: PaperWorkspace, tree: int, share: float) -> No
 
 @outlined
 def interpolate_tree(scene: Scene, w: PaperWorkspace, tree: int) -> bool:
-    """Bring a tree to the free state nearest to the current one between that and its last free one; whether there is one."""
+    """Move a tree to the free state nearest to the current one between that and its last free one; whether there is one."""
     if w.has_free[tree] == 0:
         return False
     _interpolate(scene, w, tree, 0.0)
@@ -183,7 +183,7 @@ def copy_driven(scene: Scene, source: Posture, target: Posture) -> None:
 
 @outlined
 def eliminate(scene: Scene, w: PaperWorkspace, number: int) -> Elimination:
-    """Take driven trees out of what they overlap at the iterate `now`; `number` is that of the frame, for the order of chains."""
+    """Eliminate the overlaps of driven trees at the iterate `now`; `number` is that of the frame, for the order of chains."""
     chained, patience, passes, interpolations = False, PATIENCE, 0, 0
     for tree in range(len(w.cancelled)):
         w.cancelled[tree] = 0

@@ -1,4 +1,4 @@
-"""A link that lies along a surface is translated out of it, not tilted into an unnatural pose.
+"""Translates a link that lies along a surface out of it, instead of tilting it into an unnatural pose.
 
 The parent joint moves the link's base out and the link's own joint rotates back by the same angle, so that the link's
 orientation stays. With the parent's axis b (unit) through its origin and r from there to the link's base, a rotation by φ
@@ -26,7 +26,7 @@ SLANT = 0.2  # sine of the angle between a link and a surface below which the li
 COVERED = 0.25  # of the link's length that its contacts extend over at least
 SAME_CENTRE = 1e-3  # m: joints nearer to each other are one compound joint
 PARALLEL = 0.999  # cosine of the angle of two axes from which one joint undoes what the other rotates
-ACHIEVED = 1e-9  # rad: a rotation cut short by more is none
+ACHIEVED = 1e-9  # rad: a rotation that limits shorten by more is rejected
 
 
 @kernel
@@ -49,7 +49,7 @@ def _own_joint(scene: Scene, link: int) -> int:
 
 @kernel
 def _is_single(scene: Scene, w: PaperWorkspace, joint: int) -> bool:
-    """Whether a joint is revolute and has its degree of freedom to itself."""
+    """Whether a joint is revolute and the only one of its degree of freedom."""
     return scene.bodies.joint[joint] == JOINT_REVOLUTE and w.limbs.joints[scene.bodies.dof[joint]] == 1
 
 
@@ -101,7 +101,7 @@ def _is_in_cone(scene: Scene, w: PaperWorkspace, q: int) -> bool:
 def translate_link(scene: Scene, w: PaperWorkspace, link: int, anchor: int, n: Vec, distance: float) -> bool:
     """Move a link's base by `distance` [m] along n (unit, world) and keep the link's orientation.
 
-    Parameters are those of `descend`. Returns whether its parent joint and its own, of parallel axes, can do it within
+    Parameters are those of `descend`. Returns whether its parent joint and its own, of parallel axes, can do so within
     limits and reach cones; else nothing changes.
     """
     own = _own_joint(scene, link)

@@ -1,4 +1,4 @@
-"""What the published method knows of chains, carries from frame to frame, and works with."""
+"""Constant data of chains, state from frame to frame, and workspace of the published method."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MANIFOLD = 8  # rows for the points of a contact manifold
 
 
 class Limbs(NamedTuple):
-    """Fixed facts on the chains of a scene."""
+    """Constant data of the chains of a scene."""
 
     chain: Ints  # (B,) chain that moves a body: the body is one of its links; -1: none does
     depth: Ints  # (B,) joints of its chain at and above it
@@ -35,24 +35,24 @@ class PaperWorkspace(NamedTuple):
     gap: float  # m; clearance that a correction adds to the depth
     origins: Floats  # (B, 7) joint origins
     frames: Floats  # (P, 12) world_from_piece of the iterate
-    reach: Floats  # (T, 2) zeros: nothing moves while it is checked
+    reach: Floats  # (T, 2) zeros: discrete checks need no margin
     near: Near
     detection: Detection
     limbs: Limbs
-    seed: int  # of the order of chains
+    seed: int  # seed of the order of chains
     passes: int  # bound on the passes of a frame
     now: Posture  # the iterate
-    target: Posture  # where the coupling takes driven trees
+    target: Posture  # driven trees by the coupling alone
     free: Posture  # last free state of each driven tree
     has_free: Ints  # (T,) 1: there is one
     best: Posture  # the iterate of the pass with the least overlap
     joint_rate: Floats  # (Q,) rad/s or m/s, of the offsets of joints from their recorded values
-    lower: Floats  # (Q,) limits, which leave what was recorded where it is
+    lower: Floats  # (Q,) limits, widened to recorded values
     upper: Floats  # (Q,)
     cone_bound: Floats  # (R,) rad; least signed angle of a limb in its reach cone: 0, or as recorded
     order: Ints  # (C,) chains in the order of this frame
     rank: Ints  # (C,) their indices in it
-    saved: Floats  # (Q,) angles before a change that may be taken back
+    saved: Floats  # (Q,) angles before a change that may be undone
     step: Floats  # (Q,) rad, of the projection into a reach cone
     sums: Floats  # (B, 5) of the overlaps with an object: Σ pd² n [m²], Σ pd [m], the deepest [m]
     shift: Floats  # (T, 3) m, translation of a tree in a pass
@@ -111,7 +111,7 @@ def make_paper_workspace(scene: Scene, shared: DrivenWorkspace, config: Config) 
     scene
         The scene.
     shared
-        What the machine shares with it: `shared.piece_frames.frames` are the frames it leaves.
+        Workspace shared with the step: `shared.piece_frames.frames` are the final frames.
     config
         Clearance, seed of the order of chains, bound on the passes of a frame.
     """

@@ -1,7 +1,7 @@
 """The driven loop as published: coupling, detection, elimination, once a frame, at the frame's poses alone.
 
 The coupling (6) acts on the offsets of roots and, as pseudo-magnetic attraction, on those of joints from their recorded
-angles. Nothing between two frames is looked at: what is fast enough passes through what is thin, unseen.
+angles. Nothing between two frames is checked: a fast body passes through a thin one.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ FASTEST = 1e12  # rad/s or m/s: a faster joint offset is none
 
 @outlined
 def take_recording(scene: Scene, state: DrivenState, w: PaperWorkspace, angles: Floats, recorded: Floats) -> None:
-    """Limits of this frame, which leave recorded angles (Q,) where they are; what is not driven stands as recorded (B, 7)."""
+    """Limits of this frame, widened to the recorded angles (Q,); bodies that are not driven are posed as recorded (B, 7)."""
     for q in range(len(angles)):
         w.lower[q], w.upper[q] = min(scene.dofs.lower[q], angles[q]), max(scene.dofs.upper[q], angles[q])
     for cone in range(len(w.cone_bound)):
@@ -42,7 +42,7 @@ def take_recording(scene: Scene, state: DrivenState, w: PaperWorkspace, angles: 
 
 @outlined
 def stand_around(scene: Scene, w: PaperWorkspace, recorded: Floats) -> None:
-    """What is not driven and moves stands at `recorded` (B, 7)."""
+    """Pose moving bodies that are not driven at `recorded` (B, 7)."""
     for tree in range(len(scene.trees.role)):
         if scene.trees.moving[tree] == 0 or scene.trees.role[tree] == DRIVEN:
             continue
@@ -57,7 +57,7 @@ def stand_around(scene: Scene, w: PaperWorkspace, recorded: Floats) -> None:
 def attract(
     scene: Scene, state: DrivenState, w: PaperWorkspace, tree: int, roots: Floats, angles: Floats, dt: float
 ) -> None:
-    """Relax the offsets of a tree by (6) over `dt` [s] and put the iterate there; without an offset it is as recorded."""
+    """Relax the offsets of a tree by (6) over `dt` [s] and set the iterate; without an offset it is the recording."""
     trees = scene.trees
     for k in range(7):
         w.now.roots[tree, k] = roots[tree, k]
@@ -82,7 +82,7 @@ def attract(
 
 @kernel
 def note_tree(scene: Scene, state: DrivenState, w: PaperWorkspace, tree: int, roots: Floats, angles: Floats) -> None:
-    """Offsets of a tree at the iterate; what moved it against the speed of its offset takes that speed away."""
+    """Offsets of a tree at the iterate; a correction against the rate of its offset sets that rate to zero."""
     path = sub(vec_of(w.now.roots, tree), vec_of(w.target.roots, tree))
     size = norm(path)
     against = dot(vec_of(state.speed, tree), path) / size if size > MOVED else 0.0
@@ -101,7 +101,7 @@ def note_tree(scene: Scene, state: DrivenState, w: PaperWorkspace, tree: int, ro
 def note_offsets(
     scene: Scene, state: DrivenState, w: PaperWorkspace, roots: Floats, angles: Floats, recorded: Floats
 ) -> None:
-    """Take the iterate for the frame's answer, and remember the recording."""
+    """Take the iterate as the result of the frame, and store the recording."""
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
             note_tree(scene, state, w, tree, roots, angles)
@@ -141,7 +141,7 @@ def update_driven_as_published(
 
 @outlined
 def yield_as_published(scene: Scene, state: DrivenState, w: PaperWorkspace, recorded: Floats) -> int:
-    """Take driven trees out of what has come into them since; see `yield_driven`."""
+    """Move driven trees out of what has moved into them since; see `yield_driven`."""
     stand_around(scene, w, recorded)
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
