@@ -1,7 +1,7 @@
-"""Contacts of the shared solve: rows of the simulated loop's pairs, and bounds of driven links and joints.
+"""Contacts of the coupled solve: rows of the simulated loop's pairs, and bounds of driven links and joints.
 
-Of a contact with a driven link, effects of its tree's unknowns on the relative velocity are noted, and the velocity the
-recording alone gives it, as the displacement of the link's point over the step: prescribed velocity.
+A contact with a driven link has the effects of its tree's unknowns on the relative velocity, and the velocity by the
+recording alone, as the displacement of the link's point over the step: the prescribed velocity.
 """
 
 from __future__ import annotations
@@ -42,12 +42,12 @@ from geomphys.simulated.state import Row, is_simulated
 
 Floats = NDArray[np.float64]
 
-LIMIT_NEAR = 0.1  # rad or m: limits of joints farther off are not looked at
+LIMIT_NEAR = 0.1  # rad or m: limits of joints farther away are ignored
 
 
 @kernel
 def add_effect(c: Coupled, first: int, unknown: int, axis: int, speed: float) -> None:
-    """Add to what a unit rate of an unknown does along an axis, in the effects from number `first` on."""
+    """Add to the effect of a unit rate of an unknown along an axis, in the effects from number `first` on."""
     solve = c.solve
     for e in range(first, solve.effects):
         if c.effects[e].unknown == unknown:
@@ -65,7 +65,7 @@ def add_effect(c: Coupled, first: int, unknown: int, axis: int, speed: float) ->
 
 @kernel
 def add_effects(scene: Scene, c: Coupled, first: int, body: int, point: Vec, axis: int, n: Vec) -> None:
-    """Add what the unknowns of a driven body's tree do to the velocity of its `point` along `n` (with its sign)."""
+    """Add the effects of the unknowns of a driven body's tree on the velocity of its `point` along `n` (with its sign)."""
     tree = scene.bodies.tree[body]
     for i in range(3):
         if c.unknowns[3 * tree + i].mass > 0.0:
@@ -92,9 +92,9 @@ def is_solved(scene: Scene, c: Coupled, body: int) -> bool:
 
 @kernel
 def displacement(scene: Scene, m: Machine, body: int, point: Vec, t: float, h: float) -> Vec:
-    """How far a point of a body that is not simulated is taken in a step by the recording alone [m].
+    """Displacement by the recording alone of a point of a body that is not simulated, in a step [m].
 
-    `t` is the time of the part at which the step of `h` seconds begins.
+    `t` is the time of the substep at which the step of `h` seconds begins.
     """
     c = m.coupled
     if is_solved(scene, c, body):
@@ -112,7 +112,7 @@ def displacement(scene: Scene, m: Machine, body: int, point: Vec, t: float, h: f
 
 @kernel
 def complete_row(scene: Scene, m: Machine, r: Row, t: float, h: float) -> None:
-    """Note of a row what a driven or moving body b does to it."""
+    """Set the fields of a row for a driven or moving body b."""
     c, sim = m.coupled, m.simulated
     point = add(vec_of(r.arm_a), vec_of(sim.motion[r.a].position))
     set_vec(r.point, point)
@@ -135,7 +135,7 @@ def complete_row(scene: Scene, m: Machine, r: Row, t: float, h: float) -> None:
 
 @outlined
 def find_rows(scene: Scene, m: Machine, t: float, h: float, margin: float) -> None:
-    """Contacts of the simulated bodies that are solved with driven ones, at time `t` of the part, for a step of `h` seconds."""
+    """Contacts of the simulated bodies of the group, at time `t` of the substep, for a step of `h` seconds."""
     sim = m.simulated
     m.coupled.solve.effects = m.coupled.solve.bounds = 0
     sim.counts.rows = 0
@@ -150,7 +150,7 @@ def find_rows(scene: Scene, m: Machine, t: float, h: float, margin: float) -> No
 
 @outlined
 def find_bounds(scene: Scene, m: Machine, t: float, h: float, margin: float) -> None:
-    """Bounds of driven trees that take part: against what is not simulated, and limits of their joints."""
+    """Bounds of driven trees that take part: contacts with bodies that are not simulated, and limits of their joints."""
     c, p, near = m.coupled, m.workspace.piece_frames, m.workspace.near
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN and c.trees[tree].solved == 1:
@@ -189,7 +189,7 @@ def add_bound(c: Coupled, first: int, clearance: float, prescribed: float) -> No
 
 @kernel
 def bound_joints(scene: Scene, m: Machine, tree: int, h: float) -> None:
-    """Limits of the joints of a tree that are near; none closer than where the recording is."""
+    """Near limits of the joints of a tree; widened to the recorded values."""
     c = m.coupled
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         k = unknown_of_joint(scene, q)
@@ -209,7 +209,7 @@ def bound_joints(scene: Scene, m: Machine, tree: int, h: float) -> None:
 
 @kernel
 def half_rotation(scene: Scene, m: Machine, body: int, t: float, h: float) -> Quat:
-    """Rotation of a body over the first half of a step of `h` seconds that begins at time `t` of the part."""
+    """Rotation of a body over the first half of a step of `h` seconds that begins at time `t` of the substep."""
     sim, c = m.simulated, m.coupled
     if is_simulated(sim, body):
         return quat_from_rotation_vector(scale(vec_of(sim.motion[body].angular_velocity), 0.5 * h))
@@ -224,10 +224,10 @@ def half_rotation(scene: Scene, m: Machine, body: int, t: float, h: float) -> Qu
 
 @outlined
 def rotate_arms(scene: Scene, m: Machine, t: float, h: float) -> None:
-    """Take the arms of simulated bodies as they are in the middle of the step, seen from what carries them.
+    """Set the arms of simulated bodies to those in the middle of the step, relative to their support.
 
-    What turns along with body b of a row keeps its distance from the axis then: else a turntable would throw its load
-    outwards by ω² r h. A ball that rolls on b has its arm as it is.
+    A body that rotates with body b of a row keeps its distance from the axis then: otherwise a turntable would throw its
+    load outwards by ω² r h. The arm of a ball that rolls on b does not change.
     """
     sim = m.simulated
     for k in range(sim.counts.rows):

@@ -1,4 +1,4 @@
-"""Groups of driven trees and simulated islands that may meet: each is solved by itself, whatever is elsewhere."""
+"""Groups of driven trees and simulated islands that may touch: each is solved independently of the others."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ def may_press(m: Machine, k: int) -> bool:
 
 @kernel
 def island_tree(sim: Simulation, body: int) -> int:
-    """Tree of the body that an island bears the name of."""
+    """Tree of the body that an island is labelled by."""
     return int(sim.bodies[sim.bodies[body].island].tree)
 
 
 @kernel
 def unite(c: Coupled, a: int, b: int) -> bool:
-    """Give two trees one label; whether they had two."""
+    """Merge the labels of two trees; whether they differed."""
     x, y = c.trees[a].group, c.trees[b].group
     if x == y:
         return False
@@ -37,7 +37,7 @@ def unite(c: Coupled, a: int, b: int) -> bool:
 
 @kernel
 def are_near(scene: Scene, sim: Simulation, tree: int, other: int) -> bool:
-    """Whether links of two trees may come nearer than `NEAR_TREES` in this part."""
+    """Whether links of two trees may come nearer than `NEAR_TREES` in this substep."""
     for a in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
         for b in range(scene.trees.body_start[other], scene.trees.body_start[other + 1]):
             x, y, near = sim.body_boxes[a], sim.body_boxes[b], True
@@ -50,9 +50,9 @@ def are_near(scene: Scene, sim: Simulation, tree: int, other: int) -> bool:
 
 @outlined
 def label_groups(scene: Scene, m: Machine) -> bool:
-    """Label driven trees and islands that may meet, directly or through others: what is solved together. Whether any may.
+    """Label driven trees and islands that may touch, directly or through others, to be solved together; whether there are any.
 
-    A group has steps, margins and sweeps of its own, so that nothing hangs on what is elsewhere. Its bodies count as not
+    A group has steps, margins and sweeps of its own, so that it does not depend on other groups. Its bodies count as not
     awake for the simulated loop.
     """
     sim, c, some = m.simulated, m.coupled, False
@@ -89,7 +89,7 @@ def label_groups(scene: Scene, m: Machine) -> bool:
 
 @kernel
 def take_group(scene: Scene, m: Machine, group: int) -> None:
-    """Let the trees and bodies of a group take part in what is solved now, and no others; of group -1, all that have one."""
+    """Let the trees and bodies of a group take part in the solve, and no others; group -1: those of all groups."""
     sim, c = m.simulated, m.coupled
     for tree in range(len(c.trees)):
         label = c.trees[tree].group

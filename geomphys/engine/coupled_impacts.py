@@ -1,4 +1,4 @@
-"""Impacts of driven and simulated bodies: impulses with the real masses, and when the next one is due."""
+"""Impacts of driven and simulated bodies: impulses with the real masses, and the time of the next one."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def was_touching(sim: Simulation, r: Row) -> bool:
 
 @outlined
 def resolve_impacts(scene: Scene, m: Machine, h: float) -> int:
-    """Impulses of what touches and comes in faster than the threshold, with restitution where it is new; how many do."""
+    """Impulses at contacts that touch and approach faster than the threshold, with restitution if new; returns their number."""
     sim, c = m.simulated, m.coupled
     load_coupled(sim)
     for tree in range(len(scene.trees.role)):
@@ -96,7 +96,7 @@ def resolve_impacts(scene: Scene, m: Machine, h: float) -> int:
 
 @kernel
 def next_impact(sim: Simulation, c: Coupled, h: float) -> float:
-    """When the first of the contacts that come in fast touches, if within `h` seconds; else `h`. Marks them by `mode` 2."""
+    """Time until the first fast approaching contact touches, if within `h` seconds; else `h`. Marks them by `mode` 2."""
     soonest, gap = h, sim.frame.gap
     for k in range(sim.counts.rows):
         r = sim.rows[k]

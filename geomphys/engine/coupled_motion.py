@@ -1,7 +1,7 @@
-"""Driven and simulated bodies that may meet, moved through a part of a frame together.
+"""Moves driven and simulated bodies that may touch through a substep of a frame together.
 
-In substeps of at most `STEP`: contacts, impacts with the real masses, the time of the next impact, the shared contact
-solve with the coupling (6) implicit in it, motion. What no contact acts on flies on its parabola and relaxes by (6).
+In steps of at most `STEP`: contacts, impacts with the real masses, the time of the next impact, the coupled contact solve
+with (6) implicit in it, motion. Without contact, bodies move on their parabolas and offsets relax by (6).
 """
 
 from __future__ import annotations
@@ -66,24 +66,24 @@ from geomphys.simulated.state import Simulation, is_simulated
 Floats = NDArray[np.float64]
 
 STEP = 1.0 / 240.0  # s
-LIGHT = 50.0  # times an object's mass: where the implicit mass of what presses is more, steps are half as long
+LIGHT = 50.0  # times an object's mass: where the implicit mass of what presses on it is more, steps are half as long
 STEP_TOLERANCE = 0.01  # share by which a step may be longer
 MARGIN = 4e-3  # m: contacts nearer than this are rows, and
-MARGIN_STEPS = 1.5  # times what is covered in a step
+MARGIN_STEPS = 1.5  # times the motion in a step
 ROTATION = 0.1  # rad: no body rotates farther in a step, ...
-FEWEST = 1.0 / 16.0  # ... which is shortened by no more
-SPLITS = 8  # of a step at times of impact
-CORRECTED = 0.2  # share of an overlap, or of slip, that is taken back in a step
+FEWEST = 1.0 / 16.0  # ... which is shortened to no less
+SPLITS = 8  # splits of a step at times of impact
+CORRECTED = 0.2  # share of an overlap, or of slip, that is corrected in a step
 FASTEST_CORRECTION = 0.5  # m/s
 STUCK = 0.9999  # of the friction available: beyond it a point slides
 LEAST_SHARE = 0.02  # of a joint's K, m and R
-FORGOTTEN = 0.2  # share of a joint's stiffness that is made anew in a step
-TOUCHED = 3.0  # gaps: what is nearer has been in contact
+FORGOTTEN = 0.2  # share of a joint's stiffness that is updated in a step
+TOUCHED = 3.0  # gaps: a nearer pair counts as having been in contact
 
 
 @outlined
 def pose_driven_trees(scene: Scene, m: Machine, roots: Floats, angles: Floats, t: float, h: float, dt: float) -> None:
-    """Poses of driven trees at time `t` of the part, and at `t + h` with the offsets they have at `t`; their motions there."""
+    """Poses of driven trees at time `t` of the substep, and at `t + h` with the offsets at `t`; their motions there."""
     c = m.coupled
     for tree in range(len(scene.trees.role)):
         if not solves(scene, c, tree):
@@ -103,7 +103,7 @@ def pose_driven_trees(scene: Scene, m: Machine, roots: Floats, angles: Floats, t
 
 @kernel
 def fastest_motion(scene: Scene, m: Machine, h: float) -> float:
-    """Bound on how far anything that takes part goes in a step of `h` seconds [m]."""
+    """Bound on the motion of any body of the group in a step of `h` seconds [m]."""
     sim, c, fastest, driven = m.simulated, m.coupled, 0.0, 0.0
     for s in range(len(sim.free)):
         body = sim.free[s]
@@ -120,7 +120,7 @@ def fastest_motion(scene: Scene, m: Machine, h: float) -> float:
 
 @kernel
 def set_targets(sim: Simulation, c: Coupled, h: float, to_impact: bool) -> None:
-    """What rows and bounds must keep over a step of `h` seconds; one that ends at an impact lets fast ones come near."""
+    """Set the targets of rows and bounds over a step of `h` seconds; if it ends at an impact, fast ones may approach."""
     gap = sim.frame.gap
     for k in range(sim.counts.rows):
         r = sim.rows[k]
@@ -138,7 +138,7 @@ def set_targets(sim: Simulation, c: Coupled, h: float, to_impact: bool) -> None:
 
 @kernel
 def begin_with_forces(sim: Simulation, c: Coupled, h: float) -> None:
-    """Begin rows with the impulses that their points' forces of the step before give in `h` seconds."""
+    """Warm start: impulses of rows from their points' forces of the step before, over `h` seconds."""
     for k in range(sim.counts.rows):
         r = sim.rows[k]
         clear_impulse(r)
@@ -154,7 +154,7 @@ def begin_with_forces(sim: Simulation, c: Coupled, h: float) -> None:
 
 @kernel
 def touching_points(sim: Simulation, a: int, b: int) -> int:
-    """How many rows of two bodies touch."""
+    """Number of touching rows of two bodies."""
     count = 0
     for k in range(sim.counts.rows):
         r = sim.rows[k]
@@ -165,9 +165,9 @@ def touching_points(sim: Simulation, a: int, b: int) -> int:
 
 @kernel
 def squeeze_harder(scene: Scene, sim: Simulation, c: Coupled, h: float) -> None:
-    """Let driven links press what they touch by K times `squeeze` more, with their joints, or the root of what has none.
+    """Let driven links press what they touch by K times `squeeze` more, with their joints, or the root of a tree without any.
 
-    As if they were recorded that much deeper; what a link's points press is shared between them.
+    As if they were recorded that much deeper; the force of a link is distributed over its points.
     """
     for k in range(sim.counts.rows):
         r = sim.rows[k]
@@ -189,7 +189,7 @@ def squeeze_harder(scene: Scene, sim: Simulation, c: Coupled, h: float) -> None:
 
 @outlined
 def fit_stiffness(scene: Scene, sim: Simulation, c: Coupled) -> None:
-    """Let the joints behind a pressed contact yield by K there together: k_j = s K lever_j², 1/K = sum over them of arm_j²/k_j.
+    """Set the joints behind a pressed contact to yield by K together: k_j = s K lever_j², 1/K = sum over them of arm_j²/k_j.
 
     So a link presses with K x where its joints yield one after the other, and where it touches near a joint. A joint behind
     more contacts takes the mean over them, weighted by their moments; what it had is forgotten at a rate, as forces flicker.
@@ -219,7 +219,7 @@ def fit_stiffness(scene: Scene, sim: Simulation, c: Coupled) -> None:
 
 @outlined
 def solve_step(scene: Scene, m: Machine, t: float, h: float, to_impact: bool) -> None:
-    """The shared solve over a step of `h` seconds from time `t` of the part: velocities at its end, impulses in the rows."""
+    """The coupled solve over a step of `h` seconds from time `t` of the substep: velocities at its end, impulses in the rows."""
     sim, c = m.simulated, m.coupled
     fit_stiffness(scene, sim, c)
     for tree in range(len(scene.trees.role)):
@@ -260,7 +260,7 @@ def move_bodies(scene: Scene, m: Machine, t: float, h: float, dt: float) -> None
         r = sim.rows[k]
         if r.normal_impulse == 0.0:
             continue
-        # what a contact acts on moves with the velocity it has at the end of the step
+        # a body in contact moves with its velocity at the end of the step
         for side in range(2):
             body = r.a if side == 0 else r.b
             if is_simulated(sim, body):
@@ -293,7 +293,7 @@ def move_bodies(scene: Scene, m: Machine, t: float, h: float, dt: float) -> None
 
 @kernel
 def fall_at_once(sim: Simulation, body: int, h: float) -> None:
-    """Let gravity change the velocity of a body before a step instead of during it, if it has not yet."""
+    """Apply gravity to the velocity of a body before a step instead of during it, once."""
     k = sim.motion[body]
     a = vec_of(k.acceleration)
     if a != (0.0, 0.0, 0.0):
@@ -303,7 +303,7 @@ def fall_at_once(sim: Simulation, body: int, h: float) -> None:
 
 @kernel
 def attached_point(sim: Simulation, c: Coupled, body: int, point: Vec, t: float, h: float) -> Vec:
-    """Where a point of a body is taken by a step from time `t` that has just been made."""
+    """Position of a point of a body after the step from time `t` that was just made."""
     k = sim.motion[body]
     if is_simulated(sim, body):
         saved = k.saved_pose
@@ -321,7 +321,7 @@ def attached_point(sim: Simulation, c: Coupled, body: int, point: Vec, t: float,
 
 @outlined
 def note_slip(m: Machine, t: float, h: float) -> None:
-    """Remember by how much points that stick have slipped, for the next step to take back; of what slides, nothing."""
+    """Store the drift of sticking points, for the next step to correct; zero for sliding ones."""
     sim, c = m.simulated, m.coupled
     for k in range(sim.counts.pairs):
         if sim.bodies[sim.pairs[k].body[0]].awake == 2:
@@ -344,7 +344,7 @@ def note_slip(m: Machine, t: float, h: float) -> None:
 
 @kernel
 def longest_step(scene: Scene, m: Machine) -> float:
-    """How long a step may be [s]: half as long where what presses is much heavier, with its coupling, than what is pressed."""
+    """Longest step [s]: half as long where a driven tree, with its coupling, is much heavier than the body it presses."""
     sim, c, lightest, fastest = m.simulated, m.coupled, math.inf, 0.0
     for s in range(len(sim.free)):
         k = sim.motion[sim.free[s]]
@@ -360,7 +360,7 @@ def longest_step(scene: Scene, m: Machine) -> float:
 
 @outlined
 def advance_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float) -> int:
-    """Move what takes part through a part of `dt` seconds, to the recorded `roots` and `angles`; returns the impacts."""
+    """Move the group through a substep of `dt` seconds, to the recorded `roots` and `angles`; returns the number of impacts."""
     count = max(1, math.ceil(dt / longest_step(scene, m) - STEP_TOLERANCE))
     impacts = 0
     for step in range(count):

@@ -1,8 +1,8 @@
-"""The contact solve that driven and simulated bodies share: projected Gauss-Seidel on velocities and offset rates.
+"""The coupled contact solve of driven and simulated bodies: projected Gauss-Seidel on velocities and offset rates.
 
 Every row has a normal impulse p >= 0, which keeps the normal velocity at or above its target, and a friction impulse
-within the disc μ p, which takes the sliding to its target or else opposes it (Moreau 1988, Jean 1999). Rows are swept to
-and fro until no impulse changes a velocity by more than a precision, or a bound is reached.
+within the disc μ p, which takes the sliding velocity to its target or else opposes it (Moreau 1988, Jean 1999). Rows are
+swept forwards and backwards until no impulse changes a velocity by more than a precision, or a bound is reached.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from geomphys.numerics.vec3 import Vec, add, add_scaled, cross, dot, scale
 from geomphys.simulated.contact_points import invert_mass, speed_at
 from geomphys.simulated.state import Row, Simulation, is_simulated
 
-SWEEPS = 50  # of a step: the next one begins with what this one found
-MOST_SWEEPS = 300  # of a step or an impact that is not settled before
+SWEEPS = 50  # sweeps of a step, which warm-starts the next one
+MOST_SWEEPS = 300  # sweeps of a step or an impact that has not converged before
 SETTLED = 2e-4  # m/s: less than a micrometre a step
-PRECISION = 1e-6  # m/s: of a step; what is left of it is taken back as slip or overlap
+PRECISION = 1e-6  # m/s: of a step; the rest is corrected as slip or overlap
 IMPACT_PRECISION = 1e-10  # m/s
 
 
@@ -57,7 +57,7 @@ def apply(sim: Simulation, c: Coupled, r: Row, j: Vec) -> None:
 
 @kernel
 def add_responses(sim: Simulation, c: Coupled, r: Row) -> None:
-    """Add what unknowns do to the responses of a row, which are those of its simulated bodies."""
+    """Add the responses of unknowns to those of a row, which are of its simulated bodies."""
     ra, rb = vec_of(r.arm_a), vec_of(r.arm_b)
     along = add(cross(vec_at(r.response_a, 0), ra), cross(vec_at(r.response_b, 0), rb))
     nt, nb = dot(vec_of(r.tangent), along), dot(vec_of(r.binormal), along)
@@ -79,7 +79,7 @@ def add_responses(sim: Simulation, c: Coupled, r: Row) -> None:
 
 @kernel
 def bound_response(c: Coupled, k: int) -> None:
-    """Note what a unit impulse does to bound k."""
+    """Set the response of bound k to a unit impulse."""
     g, total = c.bounds[k], 0.0
     for e in range(g.first_effect, g.end_effect):
         effect = c.effects[e]
@@ -122,7 +122,10 @@ def visit(sim: Simulation, c: Coupled, r: Row) -> float:
         t += r.inverse_mass_nt[0] * p - r.tangent_target[0]
         b += r.inverse_mass_nt[1] * p - r.tangent_target[1]
         i_tt, i_tb, i_bb = vec_of(r.mass_t)
-        x, y = x0 - i_tt * t - i_tb * b, y0 - i_tb * t - i_bb * b  # what ends the sliding, if the disc allows it
+        x, y = (
+            x0 - i_tt * t - i_tb * b,
+            y0 - i_tb * t - i_bb * b,
+        )  # impulse that stops the sliding, if it is within the disc
         if x * x + y * y > cap * cap:
             x, y = x0 - t / mass, y0 - b / mass
             size = math.sqrt(x * x + y * y)
@@ -139,10 +142,10 @@ def visit(sim: Simulation, c: Coupled, r: Row) -> float:
 
 @outlined
 def solve_contacts(sim: Simulation, c: Coupled, sweeps: int, precision: float) -> int:
-    """Solve the rows whose `mode` is 1 and all bounds together, from the impulses they hold, which must be in the velocities.
+    """Solve the rows whose `mode` is 1 and all bounds together, from their impulses, which must be part of the velocities.
 
     Done when no impulse changes a velocity by more than `precision` [m/s], or after so many `sweeps` when none does by more
-    than `SETTLED`, or after `MOST_SWEEPS`: then the solve is not settled, which is counted. Returns the sweeps made.
+    than `SETTLED`, or after `MOST_SWEEPS`: not converged, which is counted. Returns the sweeps made.
     """
     rows, bounds = sim.counts.rows, c.solve.bounds
     total = rows + bounds

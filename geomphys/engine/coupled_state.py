@@ -1,6 +1,6 @@
-"""State and workspace of the contact solve that driven and simulated bodies share.
+"""State and workspace of the coupled contact solve of driven and simulated bodies.
 
-Unknowns of a driven tree are the three offsets of its root and one offset of each joint, from where they were recorded.
+Unknowns of a driven tree are the three offsets of its root and one offset of each joint, from their recorded values.
 """
 
 from __future__ import annotations
@@ -25,34 +25,34 @@ MOST_BOUNDS = 1 << 11
 
 UNKNOWN = np.dtype(
     [
-        ("offset", FLOAT),  # m or rad: x, from where it was recorded
+        ("offset", FLOAT),  # m or rad: x, from the recorded value
         ("rate", FLOAT),  # m/s or rad/s: v, of the offset
-        ("solved", FLOAT),  # u, the rate that is being solved for
-        ("recorded_rate", FLOAT),  # w, of the recording in this part of the frame
-        ("recorded_before", FLOAT),  # w of the part before
+        ("solved", FLOAT),  # u, the rate being solved for
+        ("recorded_rate", FLOAT),  # w, of the recording in this substep
+        ("recorded_before", FLOAT),  # w of the substep before
         ("mass", FLOAT),  # kg or kg m²: m of (6), for a joint times its lever squared
         ("stiffness", FLOAT),  # N/m or N m/rad: K
         ("damping", FLOAT),  # N s/m or N m s/rad: R
-        ("effort", FLOAT),  # N or N m: the spring pulls with no more
-        ("inverse_mass", FLOAT),  # what a unit impulse changes `solved` by; 0: it follows the recording
+        ("effort", FLOAT),  # N or N m: largest force of the spring
+        ("inverse_mass", FLOAT),  # change of `solved` by a unit impulse; 0: it follows the recording
         ("arm", FLOAT),  # 1 or m/rad: its lever, of which K of (6) has the square
-        ("share", FLOAT),  # of K, m and R: such that what presses it yields by K; 1: nothing does
-        ("moments", FLOAT),  # N or N m: sum of the sizes of those of what presses it,
+        ("share", FLOAT),  # of K, m and R: such that the contact yields by K; 1: no contact
+        ("moments", FLOAT),  # N or N m: sum of the magnitudes of contact moments on it,
         (
             "yielding",
             FLOAT,
         ),  # the same, each times K over the stiffness that all joints behind its contact have together
-        ("pressed", FLOAT),  # N s or N m s: sum of the sizes of impulses on it in the last step
+        ("pressed", FLOAT),  # N s or N m s: sum of the magnitudes of impulses on it in the last step
     ]
 )
 """Offset of a root along a world axis, or of a joint."""
 
 TREE = np.dtype(
     [
-        ("solved", INT),  # 1: a simulated body is near, its contacts are solved in this part
+        ("solved", INT),  # 1: a simulated body is near, its contacts are solved in this substep
         ("pressed", INT),  # 1: a simulated body pressed it in the last step
-        ("touched", INT),  # 1: one pressed or hit it in this part
-        ("group", INT),  # label of what is solved together with it; -1: nothing is
+        ("touched", INT),  # 1: one pressed or hit it in this substep
+        ("group", INT),  # label of its group; -1: none
         ("rotation_offset", FLOAT, 4),  # x y z w: orientation of the root, from its recorded one
     ]
 )
@@ -61,11 +61,11 @@ TREE = np.dtype(
 EFFECT = np.dtype(
     [
         ("unknown", INT),
-        ("speed", FLOAT, 3),  # what a unit rate of it adds to the relative velocity along normal, tangent and binormal
-        ("response", FLOAT, 3),  # what unit impulses along them add to its rate
+        ("speed", FLOAT, 3),  # relative velocity along normal, tangent and binormal per unit rate
+        ("response", FLOAT, 3),  # rate per unit impulse along them
     ]
 )
-"""What an unknown and a contact do to each other."""
+"""Effect of an unknown on a contact, and of the contact on it."""
 
 BOUND = np.dtype(
     [
@@ -75,36 +75,36 @@ BOUND = np.dtype(
         ("prescribed", FLOAT),  # m/s or rad/s: rate of the clearance if no offset changes
         ("target_speed", FLOAT),
         ("impulse", FLOAT),  # N s or N m s
-        ("response", FLOAT),  # what a unit impulse changes the rate of the clearance by
+        ("response", FLOAT),  # change of the rate of the clearance by a unit impulse
     ]
 )
-"""Frictionless inequality of unknowns: a driven link and something that is not simulated, or the limit of a joint."""
+"""Frictionless inequality of unknowns: a driven link and a body that is not simulated, or the limit of a joint."""
 
 SOLVE = np.dtype(
     [
         ("effects", INT),
         ("bounds", INT),
-        ("lost", INT),  # contacts that did not fit in their table
-        ("unsettled", INT),  # steps and impacts of this part that ended at the bound on sweeps
-        ("started", INT),  # 1: there was a part before
+        ("lost", INT),  # contacts beyond the capacity of their table
+        ("unsettled", INT),  # steps and impacts of this substep that ended at the bound on sweeps
+        ("started", INT),  # 1: there was a substep before
         ("part_time", FLOAT),  # s: how long it was
-        ("awake", INT),  # 1: some simulated body is awake in this part
+        ("awake", INT),  # 1: some simulated body is awake in this substep
     ]
 )
-"""How much of the tables is in use, and what the solve did."""
+"""How much of the tables is in use, and counts of the solve."""
 
 
 class Coupled(NamedTuple):
-    """What the shared contact solve works on, beside the simulated loop's own tables."""
+    """Tables of the coupled contact solve, beside those of the simulated loop."""
 
     unknowns: Records  # (3 T + Q,) UNKNOWN: of the roots, then of the joints
     trees: Records  # (T,) TREE
     solve: Record  # SOLVE
     effects: Records  # EFFECT, of the simulated loop's rows and of the bounds
     bounds: Records  # BOUND
-    begin: Posture  # the recording at the start of the part
-    now: Posture  # where driven trees are
-    after: Posture  # where they would be at the end of the step with the offsets they have
+    begin: Posture  # the recording at the start of the substep
+    now: Posture  # driven trees, corrected
+    after: Posture  # the same at the end of the step with their present offsets
 
 
 def make_coupled(scene: Scene, poses: Floats, links: Links) -> Coupled:
@@ -135,7 +135,7 @@ def make_coupled(scene: Scene, poses: Floats, links: Links) -> Coupled:
 
 
 def branches(scene: Scene) -> Ints:
-    """(Q,) how many joints each degree of freedom moves that do not hang on each other: two of a gripper with a mimic joint."""
+    """(Q,) number of joints of each degree of freedom on separate branches: two for a gripper with a mimic joint."""
     counts = np.zeros(len(scene.dofs.lower), np.int64)
     for body, q in enumerate(scene.bodies.dof):
         above = int(scene.bodies.parent[body])

@@ -1,4 +1,4 @@
-"""Driven and simulated bodies in a frame: those that may touch together, then the driven loop, then the rest."""
+"""The coupled step of driven and simulated bodies: groups that may touch, then the driven loop, then the rest."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from geomphys.simulated.update import begin_frame, clear_overlaps, end_frame
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-SUBSTEP = 1.0 / 240.0  # s: where they may meet, driven and simulated bodies alternate at least so often
+SUBSTEP = 1.0 / 240.0  # s: longest substep where driven and simulated bodies may touch
 STEP_TOLERANCE = 0.01  # share of a substep by which one may be longer: times of messages are rounded
-MAX_SUBSTEPS = 16  # in a frame
-NEAR = 6e-3  # m: bodies that come no nearer do not meet
+MAX_SUBSTEPS = 16  # substeps of a frame
+NEAR = 6e-3  # m: bodies that come no nearer do not touch
 LEAST_OVERLAP = 5e-8  # m: a driven body is moved out of a simulated one that is deeper in it
 
 
@@ -50,7 +50,7 @@ def shift_driven(scene: Scene, m: Machine) -> None:
 
 @outlined
 def note_simulated(scene: Scene, m: Machine) -> None:
-    """Tell the driven loop where simulated bodies are before its step, and where they are to be after it."""
+    """Pass the poses of simulated bodies before and after the step to the driven loop."""
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == SIMULATED:
             body = scene.trees.body_start[tree]
@@ -78,7 +78,7 @@ def recording_between(scene: Scene, m: Machine, roots: Floats, angles: Floats, w
 
 @outlined
 def fit_recorded_paths(scene: Scene, m: Machine, roots: Floats, dt: float, first: bool) -> None:
-    """Accelerations that recorded roots (T, 7) have in this frame, judged from the frames before as those of tracked things.
+    """Accelerations of recorded roots (T, 7) in this frame, estimated from the frames before as those of tracked bodies.
 
     A row of `recorded_path`: root position [m], its mean velocity [m/s], how that changed [m/s²], the frame's time [s], and the
     acceleration [m/s²].
@@ -101,9 +101,9 @@ def fit_recorded_paths(scene: Scene, m: Machine, roots: Floats, dt: float, first
 
 @outlined
 def curve_path(scene: Scene, m: Machine, dt: float, part: int, parts: int) -> None:
-    """Let the end of a part of a frame lie on the parabolas of `fit_recorded_paths`, not on straight lines.
+    """Move the end of a substep onto the parabolas of `fit_recorded_paths`, from straight lines.
 
-    Of a parabola p + v u + a u (u - dt) / 2, parted evenly, that is a dt² (parts - part - 1) / (2 parts²) beside it.
+    Of a parabola p + v u + a u (u - dt) / 2, divided evenly, that is by a dt² (parts - part - 1) / (2 parts²).
     """
     share = -0.5 * dt * dt * (parts - part - 1) / (parts * parts)
     for tree in range(len(scene.trees.role)):
@@ -128,7 +128,7 @@ def pose_simulated(scene: Scene, m: Machine, tree: int, poses: Floats) -> None:
 
 @kernel
 def recorded_motion(scene: Scene, m: Machine, tree: int) -> float:
-    """How far the recording moves a driven tree in this frame, at most over its bodies [m]."""
+    """Largest motion of the bodies of a driven tree by the recording in this frame [m]."""
     most = 0.0
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
         path = sub(position_of(m.recorded, body), position_of(m.start, body))
@@ -139,10 +139,10 @@ def recorded_motion(scene: Scene, m: Machine, tree: int) -> float:
 
 @outlined
 def substeps_of(scene: Scene, m: Machine, dt: float) -> int:
-    """Number of parts into which a frame is cut for driven and simulated bodies.
+    """Number of substeps of a frame for driven and simulated bodies.
 
-    A driven body stands still for the rest of its part once a simulated one is in its way, however fast that is pushed
-    off. Where they may meet, parts are no longer than `SUBSTEP`, so that what comes of it does not hang on the frame rate.
+    A driven body stops for the rest of its substep once a simulated one obstructs it, however fast that is moved away. Where
+    they may touch, substeps are no longer than `SUBSTEP`, so that the result does not depend on the frame rate.
     """
     most = math.ceil(dt / SUBSTEP - STEP_TOLERANCE)
     if most <= 1:
@@ -166,7 +166,7 @@ def substeps_of(scene: Scene, m: Machine, dt: float) -> int:
 
 @kernel
 def is_pressed(scene: Scene, m: Machine) -> bool:
-    """Whether some driven tree was pressed or hit by a simulated body in the last part."""
+    """Whether some driven tree was pressed or hit by a simulated body in the last substep."""
     for tree in range(len(scene.trees.role)):  # noqa: SIM110 - a kernel cannot take a generator
         if m.coupled.trees[tree].touched == 1:
             return True
@@ -175,7 +175,7 @@ def is_pressed(scene: Scene, m: Machine) -> bool:
 
 @kernel
 def relax_for_now(c: Coupled, first: int, last: int, dt: float) -> None:
-    """Relax the offsets of unknowns `first` to `last` by (6); `take_back` undoes it."""
+    """Relax the offsets of unknowns `first` to `last` by (6), temporarily: until `take_back`."""
     for k in range(first, last):
         x = c.unknowns[k]
         x.solved = x.offset
@@ -185,14 +185,14 @@ def relax_for_now(c: Coupled, first: int, last: int, dt: float) -> None:
 
 @kernel
 def take_back(c: Coupled, first: int, last: int) -> None:
-    """Offsets of unknowns `first` to `last` as they were before `relax_for_now`."""
+    """Restore the offsets of unknowns `first` to `last` from before `relax_for_now`."""
     for k in range(first, last):
         c.unknowns[k].offset = c.unknowns[k].solved
 
 
 @kernel
 def lay_paths(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float) -> None:
-    """Poses at the end of a part of the frame of all that is not simulated, driven trees where (6) alone takes them."""
+    """Poses at the end of a substep of all bodies that are not simulated; driven trees by (6) alone."""
     c = m.coupled
     for tree in range(len(scene.trees.role)):
         if not is_recorded(scene, tree):
@@ -211,10 +211,10 @@ def lay_paths(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float
 
 @outlined
 def move_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float, gap: float, goes_on: bool) -> int:
-    """Solve what may meet, driven and simulated, through a part of a frame; returns the impacts.
+    """Solve groups of driven and simulated bodies that may touch through a substep; returns the number of impacts.
 
-    Simulated bodies that take part are then at its end. Driven trees that were touched are to go where this took them,
-    but for what else is in their way: `DrivenState.prescribed`. The frame of the simulated loop is begun.
+    Simulated bodies of groups are then at its end. Driven trees that were touched get the resulting posture as their goal,
+    `DrivenState.prescribed`, which other obstacles may still correct. Begins the frame of the simulated loop.
     """
     c, state = m.coupled, m.driven
     load_unknowns(scene, m, roots, angles, dt)
@@ -243,7 +243,7 @@ def move_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
 
 @outlined
 def simulate_rest(scene: Scene, m: Machine, most_impacts: int) -> tuple[int, int]:
-    """Move the simulated bodies that met no driven one; ends the frame of the simulated loop. Returns impacts and flags."""
+    """Move the simulated bodies in no group; ends the frame of the simulated loop. Returns impacts and flags."""
     impacts, flags = end_frame(m.simulated, most_impacts, m.coupled.solve.awake == 1)
     for tree in range(len(scene.trees.role)):
         m.workspace.work.ignored[tree] = 0
@@ -259,7 +259,7 @@ def simulate_rest(scene: Scene, m: Machine, most_impacts: int) -> tuple[int, int
 
 @outlined
 def yield_to_simulated(scene: Scene, m: Machine, params: StepParameters) -> int:
-    """Where a simulated body ended inside a driven one, move the driven one out of it. Returns the passes this took."""
+    """Move driven bodies out of simulated ones that ended inside them. Returns the number of passes."""
     p, near = m.workspace.piece_frames, m.workspace.near
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:

@@ -1,10 +1,10 @@
-"""Offsets of driven trees as unknowns of the contact solve: where they stand, their masses, the poses they make.
+"""Offsets of driven trees as unknowns of the contact solve: values, masses, and the resulting poses.
 
 The coupling (6), m A = -K x - R v, is taken implicitly over a step of h seconds: without contact the rate becomes
 
     u = (m v - h K x) / M,   M = m + h R + h² K,
 
-and a contact impulse p along an unknown adds p / M to it. Where nothing presses on a tree (6) is solved in closed form.
+and a contact impulse p along an unknown adds p / M to it. Without contact on a tree (6) is solved in closed form.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from geomphys.scene.kinematics import orientation_of, pose_tree, set_pose
 
 Floats = NDArray[np.float64]
 
-JUMP = 0.5  # rad or m: an angle recorded to go farther in a part has changed its branch
+JUMP = 0.5  # rad or m: an angle recorded to change more in a substep has changed its branch
 
 
 @kernel
@@ -62,7 +62,7 @@ def solves(scene: Scene, c: Coupled, tree: int) -> bool:
 
 @kernel
 def difference(scene: Scene, m: Machine, q: int, value: float) -> float:
-    """An offset of a joint; whole turns of one that goes round are none."""
+    """Offset of a joint, modulo 2π if it is continuous."""
     if m.workspace.links.rounds[q] == 1:
         value -= 2.0 * math.pi * math.floor(value / (2.0 * math.pi) + 0.5)
     return value
@@ -70,10 +70,10 @@ def difference(scene: Scene, m: Machine, q: int, value: float) -> float:
 
 @outlined
 def load_unknowns(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float) -> None:
-    """Offsets, rates and recorded rates of all driven trees for the part of the frame that ends at `roots` and `angles`.
+    """Offsets, rates and recorded rates of all driven trees for the substep that ends at `roots` and `angles`.
 
-    A tree that was pressed goes on with the velocity it had in the world: what the recording's rate changes by is taken
-    from that of its offset.
+    A tree that was pressed keeps its velocity in the world: the change of the recording's rate is subtracted from that
+    of its offset.
     """
     c, state = m.coupled, m.driven
     solve = c.solve
@@ -113,7 +113,7 @@ def load_unknowns(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
 
 @kernel
 def forget_bad_rates(c: Coupled, first: int, last: int) -> None:
-    """Rates of unknowns `first` to `last` that are not finite are none."""
+    """Set rates of unknowns `first` to `last` that are not finite to zero."""
     for k in range(first, last):
         if not math.isfinite(c.unknowns[k].rate):
             c.unknowns[k].rate = 0.0
@@ -121,7 +121,7 @@ def forget_bad_rates(c: Coupled, first: int, last: int) -> None:
 
 @kernel
 def keep_world_velocity(scene: Scene, c: Coupled, tree: int) -> None:
-    """Take the change of the recording's rates off those of a tree's offsets."""
+    """Subtract the change of the recording's rates from those of a tree's offsets."""
     for i in range(3):
         x = c.unknowns[3 * tree + i]
         x.rate -= x.recorded_rate - x.recorded_before
@@ -132,7 +132,7 @@ def keep_world_velocity(scene: Scene, c: Coupled, tree: int) -> None:
 
 @kernel
 def relax_rotation(scene: Scene, c: Coupled, tree: int, dt: float) -> None:
-    """Let what the root is rotated by beside its recording go back by (6)."""
+    """Relax the rotation offset of the root by (6)."""
     t = c.trees[tree]
     if t.rotation_offset[0] == 0.0 and t.rotation_offset[1] == 0.0 and t.rotation_offset[2] == 0.0:
         return
@@ -146,7 +146,7 @@ def relax_rotation(scene: Scene, c: Coupled, tree: int, dt: float) -> None:
 def pose_driven(
     scene: Scene, m: Machine, tree: int, roots: Floats, angles: Floats, share: float, into: Posture
 ) -> None:
-    """A driven tree at its offsets from the recording a share of the way through the part, into a posture."""
+    """Pose a driven tree, in a posture, at its offsets from the recording at a share of the substep."""
     c = m.coupled
     rotation = slerp(orientation_of(c.begin.roots, tree), orientation_of(roots, tree), share)
     rotation_offset = quat_of(c.trees[tree].rotation_offset)
@@ -185,7 +185,7 @@ def begin_step(c: Coupled, first: int, last: int, h: float) -> None:
 
 @kernel
 def begin_impact(c: Coupled, first: int, last: int) -> None:
-    """Rates and real masses of unknowns `first` to `last`, as impulses change them in no time."""
+    """Rates and real masses of unknowns `first` to `last`, for impulses, which act instantaneously."""
     for k in range(first, last):
         x = c.unknowns[k]
         x.solved = x.rate
@@ -194,7 +194,7 @@ def begin_impact(c: Coupled, first: int, last: int) -> None:
 
 @kernel
 def end_impact(c: Coupled, first: int, last: int) -> None:
-    """Rates of unknowns `first` to `last` are what was solved."""
+    """Set the rates of unknowns `first` to `last` to the solved ones."""
     for k in range(first, last):
         c.unknowns[k].rate = c.unknowns[k].solved
 

@@ -16,12 +16,12 @@ Ints = NDArray[np.int64]
 
 
 class TipContacts(NamedTuple):
-    """The nearest point of anything else to each of F fingertips."""
+    """The nearest point of another body to each of F fingertips."""
 
     gap: Floats  # (F,) m, < 0 inside; inf where nothing is near
-    piece: Ints  # (F,) of the other thing; void, as what follows, where the gap is inf
-    point: Floats  # (F, 3) m, on the other thing, world
-    normal: Floats  # (F, 3) unit, out of the other thing
+    piece: Ints  # (F,) of the other body; undefined, as the fields below, where the gap is inf
+    point: Floats  # (F, 3) m, on the other body, world
+    normal: Floats  # (F, 3) unit, out of the other body
 
 
 class Fingertips(NamedTuple):

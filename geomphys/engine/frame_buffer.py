@@ -1,4 +1,4 @@
-"""Results of a block of frames as flat arrays: what the compiled step writes."""
+"""Buffer of the results of a block of frames, as flat arrays, written by the compiled step."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ RESERVE = 1 << 12  # rows a frame may need; a block ends early when fewer are le
 FIGURES = np.dtype(
     [
         ("recorded", np.float64),  # m, deepest overlap as recorded
-        ("residual", np.float64),  # m, that is left
+        ("residual", np.float64),  # m, residual
         ("correction", np.float64),  # m
         ("rotation", np.float64),  # rad, of the correction
         ("amplification", np.float64),
@@ -124,7 +124,7 @@ def write_contacts(
     Returns
     -------
     float
-        The deepest overlap that is left, m.
+        The deepest remaining overlap, m.
     """
     row, deepest, points_a, points_b = block.contact_end[frame], 0.0, scratch.on_a, scratch.on_b
     for k in range(near.counts.filled):

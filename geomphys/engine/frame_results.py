@@ -1,4 +1,4 @@
-"""Takes a block of frames out of the buffer: columns of all frames at once, then one record a frame."""
+"""Converts a block of frames in the buffer to results: columns of all frames at once, then one record a frame."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What driven bodies do with simulated ones: held, lifted, dropped, or touched and not held; with what force and margin."""
+"""Classifies grasps of simulated bodies by driven ones: held, lifted, dropped, or touched and not held; forces and margins."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene, World
 
 Floats = NDArray[np.float64]
 
-HELD_FOR = 0.2  # s: what driven bodies alone support for so long is held
+HELD_FOR = 0.2  # s: a body supported by driven ones alone for so long is held
 LIFTED_BY = 0.01  # m
-LEAST_FORCE = 1e-3  # N: less is none
+LEAST_FORCE = 1e-3  # N: smaller forces count as none
 
 
 @dataclass(frozen=True, kw_only=True)
 class Grasp:
-    """What became of a simulated object that driven bodies touched. Forces are means over a frame."""
+    """Outcome of a simulated object that driven bodies touched. Forces are means over a frame."""
 
     body: str
     touched_s: float  # how long driven bodies pressed it
     held_s: float  # how long they alone carried it; 0: touched but not held
     lifted_m: float  # how far against gravity while it was held, at most
-    dropped: int  # how often it was let go in the air
+    dropped: int  # how often it was released in the air
     grip_force_n: float  # median of the sum of normal forces while it was held, else while it was touched
     margin: float
     """Least share of available over needed friction while it was held, but for the last 0.2 s before it was let go; inf where
@@ -49,7 +49,7 @@ class _Body:
 
     touched_s: float = 0.0
     held_s: float = 0.0
-    supported_s: float = 0.0  # since it stands on nothing else
+    supported_s: float = 0.0  # s, since it has no other support
     begin: float = 0.0  # m, its height when that began
     lifted: float = 0.0
     dropped: int = 0
@@ -136,7 +136,7 @@ class GraspMeter:
         pressed = (contacts.normal * (sign * forces)[:, None])[gripping].sum(axis=0)
         needed = float(np.linalg.norm(self._carrying_force(body, seen) - pressed))
         seen.latest.append((seen.supported_s, available / needed if needed > LEAST_FORCE else math.inf))
-        while seen.supported_s - seen.latest[0][0] >= HELD_FOR:  # what is let go needs no margin
+        while seen.supported_s - seen.latest[0][0] >= HELD_FOR:  # a released body needs no margin
             seen.margin = min(seen.margin, seen.latest.pop(0)[1])
         return [] if was_held else [("info", f"{name}: held with {force:.3g} N")]
 
@@ -147,13 +147,13 @@ class GraspMeter:
         return None if before is None else (centre - before) / dt
 
     def _carrying_force(self, body: int, seen: _Body) -> Floats:
-        """Force (3,) that what carries a body exerts on it [N]: m (a - g)."""
+        """Force (3,) of the supports of a body on it [N]: m (a - g)."""
         acceleration = np.zeros(3) if seen.acceleration is None else seen.acceleration
         force: Floats = self._scene.bodies.mass[body] * (acceleration - self._scene.gravity)
         return force
 
     def grasps(self) -> tuple[Grasp, ...]:
-        """Of every simulated body that was touched, what became of it so far."""
+        """Outcomes so far of every simulated body that was touched."""
         return tuple(
             Grasp(
                 body=self._names[body],

@@ -44,7 +44,7 @@ _TEXTS = {
 
 
 class FrameReporter:
-    """Turns the flags of frames into messages: one where a state begins, none while it lasts."""
+    """Converts flags of frames to messages: one where a state begins, none while it lasts."""
 
     def __init__(self) -> None:
         self._flags = 0
@@ -68,5 +68,5 @@ class FrameReporter:
 
 
 def is_of_flag(message: str) -> bool:
-    """Whether the text of a message says what a frame's flag says already."""
+    """Whether a message only repeats a frame's flag."""
     return any(message == text for _, text in _TEXTS.values())

@@ -1,7 +1,7 @@
 """Which method moves driven trees: the exact one or that of the paper.
 
-It is chosen when kernels are compiled, by which field of `Method` is None: numba leaves out what follows ``is not None`` of
-an argument that is, so that of the other method nothing is compiled.
+It is chosen when kernels are compiled, by which field of `Method` is None: numba drops the branch after ``is not None``
+of a None argument, so that nothing of the other method is compiled.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def _update(
 
 @kernel
 def update_by_method(scene: Scene, m: Machine, method: Method, roots: Floats, angles: Floats, dt: float) -> Outcome:
-    """Couple driven trees to the roots (T, 7) and angles (Q,) recorded `dt` [s] later and take them out of everything."""
+    """Couple driven trees to the roots (T, 7) and angles (Q,) recorded `dt` [s] later and resolve their overlaps."""
     return _update(method.exact, method.paper, scene, m, roots, angles, dt)
 
 
@@ -54,5 +54,5 @@ def _yield_exact(exact: float | None, paper: PaperWorkspace | None, scene: Scene
 
 @kernel
 def yield_by_method(scene: Scene, m: Machine, method: Method) -> int:
-    """Take driven trees out of what has come into them since; returns the passes."""
+    """Move driven trees out of what has moved into them since; returns the passes."""
     return _yield_exact(method.exact, method.paper, scene, m)

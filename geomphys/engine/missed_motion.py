@@ -1,7 +1,7 @@
-"""Motion that the recording missed is no speed: after a gap, or a jump of a tracker, a driven tree catches up slowly.
+"""Spreads motion that the recording missed over time: after a gap, or a jump of a tracker, a driven tree catches up slowly.
 
-Only where there is something to push: in scenes with simulated bodies. The tree goes on from where it was; the way missed is
-made up at a speed that grows from zero to `MOST` times the larger recorded speed before and after it.
+Only in scenes with simulated bodies, which it could hit. The tree continues from its pose before; the missed motion is
+added at a speed that grows from zero to `MOST` times the larger recorded speed before and after the gap.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ Floats = NDArray[np.float64]
 
 MOST = 1.4  # times the larger recorded speed
 GROWTH = 0.1  # s: in which the speed of catching up grows from zero to that
-SLOWEST = (0.05, 0.2, 0.2)  # m/s, rad/s, rad/s or m/s of joints: what is missed is made up at least so fast
+SLOWEST = (0.05, 0.2, 0.2)  # m/s, rad/s, rad/s or m/s of joints: least speed of catching up
 JUMP_RATIO = 3.0  # times the 99th percentile of the recording's accelerations so far, and
-LEAST_JUMP = 100.0  # m/s²: a tracker that accelerates more has jumped
+LEAST_JUMP = 100.0  # m/s²: a larger acceleration is a jump of the tracker
 LEARNED = 60  # frames until that percentile is trusted
 NOTHING = 1e-9  # m, rad
 
 
 @dataclass
 class _Tree:
-    """A driven tree: where it was recorded, where it was taken to be, and what it has to catch up with."""
+    """A driven tree: recorded and assumed pose, and the motion still to catch up with."""
 
     root: Floats  # (7,) recorded in the frame before
     angles: Floats  # (q,)
-    held: bool = False  # it stood still in a frame that was held
+    held: bool = False  # it did not move in a held frame
     velocity: Floats = field(default_factory=lambda: np.zeros(3))  # m/s, recorded
     speeds: Floats = field(default_factory=lambda: np.zeros(3))  # of root, rotation, joints in the last good frame
     missed: tuple[Floats, Rotation, Floats] | None = None  # from the recording to where the tree is
@@ -74,7 +74,7 @@ class MissedMotion:
         return flags
 
     def _follow_steady(self, tree: int, good: NDArray[np.bool_], roots: Floats, angles: Floats, dts: Floats) -> int:
-        """The next frames of a tree, up to the first in which it may miss something; returns how many."""
+        """The next frames of a tree, up to the first in which motion may be missing; returns how many."""
         seen = self._trees.get(tree)
         if seen is None or seen.missed is not None or seen.held:
             return 0
@@ -143,7 +143,7 @@ class MissedMotion:
 
     @staticmethod
     def _catch_up(seen: _Tree, speeds: Floats, dt: float) -> None:
-        """Make up for part of what was missed; `speeds` are those of the recording meanwhile."""
+        """Add a part of the missed motion; `speeds` are those of the recording."""
         from scipy.spatial.transform import Rotation
 
         if seen.missed is None:

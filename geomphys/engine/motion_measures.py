@@ -1,6 +1,6 @@
 """Measures of motion quality of a frame: amplification of the correction, contacts and grasps kept, fingertip error.
 
-Of a frame in which nothing is corrected only the contacts are looked for, by boxes and a margin of 2 mm.
+In a frame without correction only contacts are searched, by boxes and a margin of 2 mm.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from geomphys.scene.kinematics import frame_rotation
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-IN_CONTACT = 2e-3  # m: a fingertip recorded this near to something, or inside, is in contact
+IN_CONTACT = 2e-3  # m: a fingertip recorded no farther from a body is in contact
 RETAINED = 1e-3  # m: a contact is kept if the gap is no larger than this, or than as recorded
 ROUNDING = 1e-6  # m, by which a gap may be larger than the recorded one
 DEEP = 5e-4  # m: amplification is measured in frames recorded deeper than this
@@ -120,7 +120,7 @@ def _fingertip_error(scene: Scene, m: Machine, in_contact: bool) -> float:
 def _compare_contacts(m: Machine, figures: Record) -> int:
     """Find which recorded contacts are kept, how far they moved on the object and its normal rotated; returns their number.
 
-    Points and normals are compared as the recorded object carries them: it may have been corrected too.
+    Points and normals are compared in the frame of the object, which may have been corrected too.
     """
     tips, count, distance, rotation = m.fingertips, 0, 0.0, 0.0
     base, frames = m.workspace.piece_frames.base, m.workspace.piece_frames.frames

@@ -1,4 +1,4 @@
-"""The pipeline: frames go in, in chunks, and results come out."""
+"""The pipeline: runs frames through the compiled step in chunks, and yields their results."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ class Chunk:
     motion: Floats  # (n, 5) speeds, jerks and change of shape, as in `Metrics`
     flags: list[int]  # (n,) beside those of the frames and of the step
     is_last: bool = False
-    results: BlockResults | None = None  # made when the first is asked for
+    results: BlockResults | None = None  # made when the first is requested
 
 
 class Pipeline:
-    """A scene ready to run: takes frames, gives results, remembers what lies between.
+    """A scene with its state: takes frames and yields results.
 
     Results come one chunk late, so that the last one is known as such.
     """
@@ -72,7 +72,7 @@ class Pipeline:
         return make_block(moving, self.machine.recorded.copy(), len(scene.dofs.lower))
 
     def run(self, roots: Floats, angles: Floats, dts: Floats, block: Block) -> int:
-        """Step through frames (n, T, 7), (n, Q), (n,) into `block`; returns how many were done."""
+        """Step through frames (n, T, 7), (n, Q), (n,) into `block`; returns how many were stepped."""
         recording = Recording(roots, angles, dts)
         count: int = self._run_block(*self._packed, recording, self.params, self._packed_blocks[id(block)])
         if count == 0 or self.machine.workspace.near.counts["lost"]:
@@ -134,12 +134,12 @@ class Pipeline:
         return angles
 
     def _pose_as_recorded(self, frame: Frame, poses: Floats) -> None:
-        """Put driven trees in `poses` (B, 7) where they were recorded: a frame that catches up is not there yet."""
+        """Set driven trees in `poses` (B, 7) to their recorded poses, which a frame that catches up has not reached."""
         for tree in np.flatnonzero(self.scene.trees.role == DRIVEN).tolist():
             pose_tree(self._packed[0], self.machine.workspace.origins, tree, frame.roots, frame.angles, poses)
 
     def result(self, chunk: Chunk, row: int, encode_ns: int, messages: tuple[Message, ...] = ()) -> FrameResult:
-        """The result of a frame of a chunk; `encode_ns` is what the sinks took for the frame before."""
+        """The result of a frame of a chunk; `encode_ns`: time of the sinks for the frame before."""
         frame = chunk.frames[row]
         if chunk.results is None:
             chunk.results = results_of(chunk.block, chunk.frames, chunk.flags, chunk.motion)

@@ -1,7 +1,7 @@
 """Containment: a driven body that becomes non-finite is put back to its last good state, within the frame.
 
-Inputs are bounded and checked where they are read, so this is for what numbers at the edge of float, or a fault, make of
-them on the way. Simulated bodies are put back by their own loop (`geomphys.simulated.frame.finish`).
+Inputs are bounded and checked where they are read, so this is for overflow at the limits of floating point, or a fault of the
+program. Simulated bodies are put back by their own loop (`geomphys.simulated.frame.finish`).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def _is_good(value: float) -> bool:
 
 @kernel
 def _is_sound(scene: Scene, m: Machine, tree: int) -> bool:
-    """Whether everything that a driven tree carries on is finite."""
+    """Whether the whole state of a driven tree is finite."""
     for i in range(3):
         if not (_is_good(m.driven.offset[tree, i]) and _is_good(m.driven.speed[tree, i])):
             return False
@@ -49,7 +49,7 @@ def _is_sound(scene: Scene, m: Machine, tree: int) -> bool:
 
 @kernel
 def keep_posture(m: Machine) -> None:
-    """Keep the angles of the end of the last frame: what `contain_driven` goes back to."""
+    """Save the angles of the end of the last frame, which `contain_driven` restores."""
     for q in range(len(m.posture)):
         angle = m.driven.last.angles[q]
         if _is_good(angle):
@@ -58,7 +58,7 @@ def keep_posture(m: Machine) -> None:
 
 @outlined
 def _put_back(scene: Scene, m: Machine, tree: int, roots: Floats, angles: Floats, first: bool) -> None:
-    """A tree goes back to where it was at the frame's start, at rest; in the first frame to where it was recorded."""
+    """Restore a tree to its pose at the frame's start, at rest; in the first frame to its recorded pose."""
     p, state = m.workspace.piece_frames, m.driven
     root, last = scene.trees.body_start[tree], scene.trees.body_start[tree + 1]
     for k in range(7):
@@ -92,7 +92,7 @@ def contain_driven(scene: Scene, m: Machine, roots: Floats, angles: Floats, firs
     roots, angles
         (T, 7) and (Q,): the recording up to which the driven loop has gone.
     first
-        Whether nothing came before.
+        Whether this is the first frame.
 
     Returns
     -------
@@ -104,7 +104,7 @@ def contain_driven(scene: Scene, m: Machine, roots: Floats, angles: Floats, firs
         if scene.trees.role[tree] == DRIVEN and not _is_sound(scene, m, tree):
             _put_back(scene, m, tree, roots, angles, first)
             flags = FLAG_QUARANTINED
-    if flags != 0:  # remembered directions may stem from what is not finite
+    if flags != 0:  # cached directions may derive from values that are not finite
         for k in range(len(m.detection.axes.rows)):
             m.detection.axes.rows[k, 0] = -1.0
     return flags

@@ -37,12 +37,12 @@ NEAR_PAIRS = 1 << 14  # most pairs of pieces that can be near at once
 class Method(NamedTuple):
     """How driven bodies are corrected: one of the fields is None."""
 
-    exact: float | None  # m; clearance that the exact method keeps
+    exact: float | None  # m; clearance of the exact method
     paper: PaperWorkspace | None  # of the published method
 
 
 class StepParameters(NamedTuple):
-    """What the step needs of the configuration."""
+    """The part of the configuration that the step reads."""
 
     gap: float
     max_impacts: int
@@ -50,7 +50,7 @@ class StepParameters(NamedTuple):
 
 
 class Machine(NamedTuple):
-    """State and scratch of a replay: what changes from frame to frame. Made by `make_machine`."""
+    """State and workspace of a replay, which change from frame to frame. Made by `make_machine`."""
 
     recorded: Floats  # (B, 7) poses as recorded
     corrected: Floats  # (B, 7)
@@ -58,7 +58,7 @@ class Machine(NamedTuple):
     workspace: DrivenWorkspace
     depths: GlobalDepths
     detection: Detection
-    still: Floats  # (T, 2) zeros: no tree moves while its overlaps are measured
+    still: Floats  # (T, 2) zeros: overlaps are measured without a margin for motion
     simulated: Simulation
     start: Floats  # (B, 7) poses at the frame's start
     velocity: Floats  # (B, 6) m/s of the centre of mass and rad/s, world, of simulated bodies
@@ -68,13 +68,11 @@ class Machine(NamedTuple):
     angles: Floats  # (Q,) recorded angles within a frame
     posture: Floats  # (Q,) angles at the frame's start
     fingertips: Fingertips
-    tip_detection: (
-        Detection  # for the measures of contacts: remembers directions apart, so that the solver finds its own
-    )
+    tip_detection: Detection  # for the measures of contacts: caches directions separately from those of the solver
 
 
 def make_machine(scene: Scene, passes: int = 30, is_thumb: Ints | None = None, weights: Weights = WEIGHTS) -> Machine:
-    """Everything a replay of `scene` needs, at rest.
+    """State and workspace for a replay of `scene`, at rest.
 
     `passes` bounds those of a search for a posture; `is_thumb` (B,) marks the links of thumbs; `weights` are those of
     the objective.

@@ -51,9 +51,9 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CONTACT_GAPS = 3.0  # surfaces nearer than this many gaps are in contact
-LEFT = 1e-5  # m: an overlap of a driven body that is left is reported from here on,
+LEFT = 1e-5  # m: a residual overlap of a driven body is reported from here on,
 SUNK = 1e-4  # m: and of simulated ones from here on
-BLOCKED_FROM = 1e-4  # m: what touches something this far from its recorded pose, that is free, is blocked
+BLOCKED_FROM = 1e-4  # m: a body in contact this far from its recorded pose, that is free, is blocked
 
 KINEMATICS, RECORDED_DEPTH, OVERLAP, IMPULSES, CONTACTS, WHOLE = range(6)
 
@@ -103,8 +103,8 @@ def measure_recorded(scene: Scene, m: Machine) -> tuple[float, int]:
 
 @outlined
 def find_contacts(scene: Scene, m: Machine, gap: float, first: bool, block: Block, frame: int) -> tuple[float, float]:
-    """Contacts of the final poses, written to `block`; returns the deepest overlaps that are left [m]: of all, of driven
-    bodies.
+    """Contacts of the final poses, written to `block`; returns the deepest residual overlaps [m]: of all bodies, of
+    driven ones.
     """
     piece_frames, near = m.workspace.piece_frames, m.workspace.near
     for tree in range(len(scene.trees.role)):
@@ -147,7 +147,7 @@ def measure_correction(scene: Scene, m: Machine, figures: Record) -> None:
 
 @kernel
 def keep_poses(scene: Scene, m: Machine) -> None:
-    """Poses of what moves, at the start of a frame or a part of one."""
+    """Save the poses of moving bodies at the start of a frame or substep."""
     for body in range(len(m.start)):
         if scene.trees.moving[scene.bodies.tree[body]] == 1:
             for k in range(7):
@@ -159,7 +159,7 @@ def keep_poses(scene: Scene, m: Machine) -> None:
 def drive(
     scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float, first: bool, params: StepParameters
 ) -> Outcome:
-    """The driven loop: driven bodies go on to the roots (T, 7) and angles (Q,) recorded `dt` [s] later."""
+    """The driven loop: moves driven bodies to the roots (T, 7) and angles (Q,) recorded `dt` [s] later."""
     note_simulated(scene, m)
     done = update_by_method(scene, m, params.method, roots, angles, dt)
     shift_driven(scene, m)
@@ -271,7 +271,7 @@ def run_block(
     Parameters
     ----------
     scene, m, params
-        The scene, the machine, which is brought up to date, and the configuration.
+        The scene, the machine (state, updated), and the configuration.
     recording
         N frames.
     block
@@ -287,7 +287,7 @@ def run_block(
         if not has_capacity(block, frame):
             return frame
         step(scene, m, recording.roots[frame], recording.angles[frame], recording.dts[frame], params, block, frame)
-        if m.workspace.near.counts.lost > 0:  # the table of near pairs is full: the caller ends the replay
+        if m.workspace.near.counts.lost > 0:  # the table of near pairs is full: the caller aborts the replay
             return frame
     return len(recording.dts)
 
