@@ -62,8 +62,8 @@ def bench(
     """Measure frame times of the recorded experiments in FOLDER, which holds `recordings` and `assets`.
 
     FOLDER is the checkout if it is left out. Real recordings are measured too where $GEOMPHYS_SHARED, or the folder
-    `shared` beside FOLDER, has them. Times are without decoding and without writing, but for --whole; compiling is told
-    apart.
+    `shared` beside FOLDER, has them. Times are without decoding and without writing, but for --whole; compiling is listed
+    separately.
     """
     if as_json and markdown:
         raise click.UsageError("choose one of --json and --markdown")

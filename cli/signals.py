@@ -139,7 +139,7 @@ class StopAtFrame:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """End; raises `Stopped` if a signal waited in vain for another frame."""
+        """End; raises `Stopped` if a signal came after the last frame."""
         if _active is not None:
             _active.end_frames()
             if error is None:

@@ -80,7 +80,7 @@ class OutputMotionMeter:
         )
 
     def _set_names(self, recorded: tuple[str, ...], corrected: tuple[str, ...]) -> None:
-        """Look up links by name: they differ between the first frame, which has what stands still too, and the others."""
+        """Look up links by name: they differ between the first frame, which has the bodies at rest too, and the others."""
         links = tuple(name.removeprefix(RECORDED_PREFIX) for name in recorded)
         if self._names is None or self._names[0] != recorded:
             self._take_batch()

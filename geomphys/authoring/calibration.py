@@ -148,7 +148,7 @@ def _avatar(world: World, name: str | None) -> int:
 
 
 def _surface(world: World, name: str) -> int:
-    """Tree of a named object that stands still."""
+    """Tree of a named object at rest."""
     tables = {table.name: table for table in world.file.object}
     if name not in tables:
         raise ConfigError(f"on {name!r}: the scene has no such object; it has {', '.join(tables) or 'none'}")

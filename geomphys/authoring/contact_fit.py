@@ -8,7 +8,7 @@ length 1 where it is `LENGTH`, `ANGLE` or `SHARE`: as much as a value may be wro
 What the frames show is said by the covariance of the changes: that of the measurements, whose variance is estimated from the
 gaps that are left, with changes of the size of `EXPECTED` as prior. A touch is one measurement and a hand that lies flat three,
 however many frames and points it has, as their errors are not independent. To it is added what lies between this fit and others
-that are as good (`SAME_COST`), which are looked for from many starts: with few touches another corner of the hand may touch.
+that are as good (`SAME_COST`), which are searched from many starts: with few touches another corner of the hand may touch.
 """
 
 from __future__ import annotations

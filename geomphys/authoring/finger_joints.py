@@ -21,7 +21,7 @@ def label_finger_joints(skeleton: Skeleton) -> dict[str, JointLabel]:
 
     A finger is a chain of moving joints from a link with several such chains to a tip. It is identified by names of its
     joints and links, else by position: the thumb is the one that points elsewhere, the others follow from there. Its last
-    joints bend about one axis; what turns about another spreads.
+    joints flex about one axis; a joint about another axis abducts.
     """
     poses = skeleton.forward()
     chains = _finger_chains(skeleton)

@@ -99,7 +99,7 @@ def draft_scene(
     urdfs
         One URDF an avatar.
     folder
-        Where the scene file will stand: its paths are relative to that.
+        Folder of the scene file, to which its paths are relative.
     recover
         Go by what is readable of a damaged log.
 

@@ -35,7 +35,7 @@ SERVO_FREQUENCY = 500.0  # rad/s; natural frequency of the critically damped ser
 ROTOR_RATIO = (
     10.0  # of a servo's rotor to the inertia it moves: without one, stiff servos in a chain of light links are unstable
 )
-WELD_GAINS = (-0.5 / TIMESTEP**2, -1.0 / TIMESTEP)  # 1/s², 1/s: half of what is left of the way is made up in each step
+WELD_GAINS = (-0.5 / TIMESTEP**2, -1.0 / TIMESTEP)  # 1/s², 1/s: each step closes half of the remaining distance
 WELD_IMPEDANCE = (0.99, 0.999, 1e-4, 0.5, 2.0)  # MuJoCo's `solimp`: it hardly yields
 MIN_MASS_RATIO = 1e-3  # of an avatar's mass: lower bound of a link's mass, as MuJoCo takes no massless one
 MIN_INERTIA = 1e-8  # kg m²
@@ -68,8 +68,8 @@ def build_model(world: World, poses: Floats, jointed: bool) -> Any:
     convex hull. Fixed objects are geoms of the world, those with a topic mocap bodies; simulated ones are free bodies
     with the same mass and inertia. A driven tree is free and its root welded to a mocap body that goes where the root
     was recorded. Its links are parts of one body, which the peer puts where they were recorded; or it is `jointed`, and
-    position servos hold its joints at the recorded angles. Weld and servos are so stiff that a hand that nothing is in the
-    way of follows within 2 mm, and gravity does not pull at it. Friction cones are elliptic. In chains mode, links collide
+    position servos hold its joints at the recorded angles. Weld and servos are so stiff that a hand without obstacles
+    follows within 2 mm, and gravity does not act on it. Friction cones are elliptic. In chains mode, links collide
     but for the pairs the world leaves out. MuJoCo has no restitution and combines friction by geom: a geom has that of its
     material against itself.
 

@@ -25,8 +25,8 @@ def segments(p: Vec, u: Vec, h: float, r: float, q: Vec, v: Vec, k: float, s: fl
     """Balls and capsules A and B: centres p and q, unit axes u and v, half lengths h and k, radii r and s.
 
     Two segments are closest where their lines are, if that lies within both: there the normal is that of both axes,
-    also where they cross. Otherwise an end of one of them takes part; parallel ones meet in the middle of what they
-    share.
+    also where they cross. Otherwise an end of one of them is nearest; parallel ones are nearest in the middle of their
+    common part.
     """
     w = sub(q, p)
     c = cross(u, v)

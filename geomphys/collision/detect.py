@@ -1,4 +1,4 @@
-"""Which convex pieces are near each other, how far, and along which normal."""
+"""Finds the pairs of convex pieces that are near each other, their separations and normals."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ PAIR_COUNTS = np.dtype(
         ("lost", np.int64),  # pairs that found the table full since it was last set to 0
     ]
 )
-"""Of a table of near pairs."""
+"""Counts of a table of near pairs."""
 
 
 class Near(NamedTuple):
@@ -44,17 +44,17 @@ class Near(NamedTuple):
     normal: Floats  # (n, 3) unit, out of b into a
     point_a: Floats  # (n, 3) witness points, world
     point_b: Floats  # (n, 3)
-    exact: Ints  # (n,) 0: `separation` is a lower bound, along `normal`, and the points are void
+    exact: Ints  # (n,) 0: `separation` is a lower bound, along `normal`, and the points are undefined
 
 
 class Axes(NamedTuple):
-    """Remembered separating directions of pairs: where the next search begins. Losing one costs time only."""
+    """Cached separating directions of pairs, from which the next search starts. Losing one costs time only."""
 
     rows: Floats  # (n, 4) number of the pair, -1: none; the direction
 
 
 class Detection(NamedTuple):
-    """What collision detection works with: derived and disposable."""
+    """Workspace of collision detection: derived and disposable."""
 
     boxes: Boxes
     axes: Axes
@@ -71,20 +71,20 @@ def make_near(size: int) -> Near:
 
 
 def make_axes(size: int = 1 << 14) -> Axes:
-    """A table for `size` (a power of two) remembered directions."""
+    """A table for `size` (a power of two) cached directions."""
     return Axes(np.full((size, 4), -1.0))
 
 
 @kernel
 def _slot_of(pieces: Pieces, a: int, b: int, axes: Axes) -> tuple[int, int]:
-    """(number of a pair, the row where its direction is if that holds the number): pairs of one piece lie side by side."""
+    """(number of a pair, the row where its direction is if that holds the number): pairs of one piece have adjacent rows."""
     key = a * len(pieces.kind) + b
     return key, key & (len(axes.rows) - 1)
 
 
 @kernel
 def _recall(axes: Axes, key: int, slot: int) -> Vec:
-    """The direction remembered for a pair; zeros without one."""
+    """The direction cached for a pair; zeros without one."""
     if axes.rows[slot, 0] != key:
         return (0.0, 0.0, 0.0)
     return (axes.rows[slot, 1], axes.rows[slot, 2], axes.rows[slot, 3])
@@ -92,7 +92,7 @@ def _recall(axes: Axes, key: int, slot: int) -> Vec:
 
 @kernel
 def _remember(axes: Axes, key: int, slot: int, n: Vec) -> None:
-    """Keep a pair's direction in place of what its slot held."""
+    """Cache a pair's direction, in place of another pair's in its slot."""
     axes.rows[slot, 0] = key
     axes.rows[slot, 1], axes.rows[slot, 2], axes.rows[slot, 3] = n
 
@@ -101,7 +101,7 @@ def _remember(axes: Axes, key: int, slot: int, n: Vec) -> None:
 def pair_separation(
     pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axes: Axes, scratch: Scratch
 ) -> tuple[float, Vec, Vec, Vec]:
-    """`separation` of pieces a and b, begun at the direction remembered for the pair."""
+    """`separation` of pieces a and b, started at the direction cached for the pair."""
     key, slot = _slot_of(pieces, a, b, axes)
     s, n, pa, pb = separation(pieces, frames, a, b, limit, _recall(axes, key, slot), scratch)
     _remember(axes, key, slot, n)
@@ -124,9 +124,9 @@ def measure_near(
 
 @outlined
 def pair_bound(pieces: Pieces, frames: Floats, a: int, b: int, axes: Axes) -> tuple[float, Vec]:
-    """A lower bound of the separation of pieces a and b [m] and the direction along which they are that far apart.
+    """A lower bound of the separation of pieces a and b [m], their gap along the cached direction, and that direction.
 
-    The direction is the one remembered for the pair; -inf and zeros without one.
+    -inf and zeros without one.
     """
     key, slot = _slot_of(pieces, a, b, axes)
     n = _recall(axes, key, slot)
@@ -161,7 +161,7 @@ def near_bodies(
     near: Near,
     detection: Detection,
 ) -> None:
-    """Append the pairs of pieces of two bodies within `limit` [m], and those that no remembered direction shows to be beyond."""
+    """Append the pairs of pieces of two bodies within `limit` [m], unless a cached direction separates them farther."""
     boxes, axes = detection.boxes, detection.axes
     tree_a, tree_b = scene.bodies.tree[body_a], scene.bodies.tree[body_b]
     for a in range(scene.bodies.piece_start[body_a], scene.bodies.piece_start[body_a + 1]):
@@ -220,21 +220,21 @@ def near_pairs_within_tree(
 def find_near(
     scene: Scene, frames: Floats, reach: Floats, margin: float, enough: float, near: Near, detection: Detection
 ) -> None:
-    """All pairs of pieces with a driven one among them that may meet.
+    """All pairs of pieces, one of them driven, that may come into contact.
 
     Parameters
     ----------
     scene, frames
         The scene and its pieces' world frames (P, 12).
     reach
-        (T, 2) m; how far the pieces of each tree may move before the answer is used: in the world, and by bending only.
+        (T, 2) m; how far the pieces of each tree may move before the answer is used: in the world, and by joints alone.
     margin
         m; pairs farther apart than the reach of both and `margin` are left out.
     enough
-        m; pairs that a remembered direction shows to be this far apart are not measured: `separation` and `normal` are that
+        m; pairs that a cached direction separates this far are not measured: `separation` and `normal` are that
         bound and direction, `exact` is 0. inf: all are measured.
     near
-        The pairs replace what it held; `counts.lost` counts what did not fit.
+        The pairs replace the earlier ones; `counts.lost` counts those beyond its capacity.
     detection
         Its boxes are those of the pieces at `frames`.
     """

@@ -21,7 +21,7 @@ from geomphys.numerics.vec3 import Rot, Vec, add_scaled, cross, dot, norm, perpe
 
 GONE = 0
 SURFACE = 1
-FLAT = 2  # of the surface, but without area: its plane says nothing, its points lie on the edges of others
+FLAT = 2  # of the surface, but without area: its plane is undefined, its points lie on the edges of others
 FEW = 24
 """Corners from which on each new one is compared with all others."""
 
@@ -146,10 +146,10 @@ def first_tetrahedron(a: Core, b: Core, rot: Rot, t: Vec, count: int, scratch: S
 
 @kernel
 def outline(scratch: Scratch, face: int, new: int, faces: int, eps: float) -> int:
-    """Take away the faces that see corner `new`, from `face` on, and join their outline to it.
+    """Take away the faces that see corner `new`, starting with `face`, and join their outline to it.
 
-    A face sees the corner if that lies more than `eps` [m] above its plane. The outline is met counter-clockwise, so
-    each new face stands beside the one before. Returns the number of faces,
+    A face sees the corner if that lies more than `eps` [m] above its plane. The outline is traversed counter-clockwise, so
+    each new face is adjacent to the one before. Returns the number of faces,
     -1 if the outline does not close or the tables are full.
     """
     w = vec_of(scratch.corners[new].difference)
@@ -198,8 +198,8 @@ def outline(scratch: Scratch, face: int, new: int, faces: int, eps: float) -> in
 def foot(scratch: Scratch, n: Vec, face: int, faces: int) -> Vec:
     """Point of A that belongs to where the ray from the origin along n leaves the polytope.
 
-    From `face` on the walk goes across the edge the ray passes by; where slivers bar the way, all faces are looked at
-    that lie across the ray.
+    Walks from `face` across the edges that the ray passes; where slivers stop the walk, all faces that the ray crosses
+    are tested.
     """
     best = -np.inf
     found = face
@@ -316,7 +316,7 @@ def expand(
             for i in range(used):
                 known |= w == vec_of(scratch.corners[i].difference)
             if known:
-                # a corner that is there already: rounding has bent the surface, and this face is as good as it gets
+                # an existing corner: rounding has deformed the surface, and this face is the best one
                 lowest = min(lowest, low)
                 continue
         if used == MAX_CORNERS:

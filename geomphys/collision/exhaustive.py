@@ -2,7 +2,7 @@
 
 Those are the normals of all faces of A and of B, and the common normals of all pairs of their edges.
 
-Slow and sure: for pairs so degenerate that rounding spoils the growing polytope (`epa`).
+Slow and robust: for pairs so degenerate that rounding spoils the growing polytope (`epa`).
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def joined(core: Core, i: int, j: int) -> bool:
 def try_direction(
     a: Core, b: Core, rot: Rot, t: Vec, n: Vec, level: float, size: float, found: tuple[float, Vec]
 ) -> tuple[float, Vec]:
-    """The better of what is known and M's extent along n or -n; n need not be a unit vector.
+    """The smaller of the best extent so far and M's extent along n or -n; n need not be a unit vector.
 
     `level` is where the feature lies whose normal n is: M reaches at least so far, so a feature that lies beyond the
     best extent, or behind the origin, needs no measuring. 0 if it is not known.

@@ -26,7 +26,7 @@ FAR = 1
 OVERLAP = 2
 
 ROUNDING = 4e-16
-"""Share of the coordinates' size that the arithmetic may be off."""
+"""Share of the coordinates' size that the arithmetic may err."""
 TIGHT = 1e-12
 """Share of the distance that is left between its bounds."""
 ROUNDS = 128
@@ -93,7 +93,7 @@ def on_triangle(p: Vec, q: Vec, r: Vec) -> tuple[float, float, float, Vec]:
 
 @kernel
 def on_tetrahedron(p: Vec, q: Vec, r: Vec, s: Vec, size: float) -> tuple[Weights, Vec, bool]:
-    """Weights of the corners, the point closest to the origin, and whether the origin is inside (both void then)."""
+    """Weights of the corners, the point closest to the origin, and whether the origin is inside (both undefined then)."""
     best = np.inf
     weights = (0.0, 0.0, 0.0, 0.0)
     v = s

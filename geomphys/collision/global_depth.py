@@ -36,7 +36,7 @@ def make_global_depths(size: int) -> GlobalDepths:
 
 @kernel
 def global_depths(pieces: Pieces, near: Near, depths: GlobalDepths) -> int:
-    """Equation (1) for every pair of bodies with overlapping pieces in `near`, whose pairs stand body by body.
+    """Equation (1) for every pair of bodies with overlapping pieces in `near`, whose pairs are sorted by bodies.
 
     Returns the number of rows of `depths` that are filled.
     """

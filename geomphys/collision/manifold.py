@@ -1,8 +1,8 @@
-"""Contact manifold: up to four pairs of points where two touching pieces lie against each other.
+"""Contact manifold: up to four pairs of points at which two pieces touch.
 
 Each piece turns a feature towards the other: a face, the side line of a capsule or cylinder, a point. Seen along the
-normal, one feature is clipped by the outline of the other; what is left are points of the one, and the points of the
-other that lie behind them along the normal.
+normal, one feature is clipped by the outline of the other; the result are points of the one, and the points of the
+other behind them along the normal.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ SLOP = 1e-3
 SLOP_PART = 0.02
 """... nor those beyond this share of the smaller piece's reach."""
 STEEP = 0.1
-"""Faces whose normal has less than this along the contact normal are not lain on."""
+"""Faces whose normal has less than this along the contact normal are no support."""
 SKEW = 0.005
-"""Sine of the angle from which on two lines cross at a point instead of lying along each other."""
+"""Sine of the angle from which on two lines cross at a point instead of touching along their length."""
 
 
 @kernel
@@ -105,7 +105,7 @@ def manifold(shapes: Shapes, a: int, b: int, found: Separation, out_a: Floats, o
 
 @kernel
 def shared_part(reference: Floats, first: Vec, second: Vec, n: Vec, out: Floats) -> int:
-    """Two lines seen along n: cuts the line `reference` to what lies beside the other; 0 points if they cross.
+    """Two lines seen along n: cuts the line `reference` to the part beside the other; 0 points if they cross.
 
     Writes the points of the other line behind those of `reference`, along n, to `out`.
     """

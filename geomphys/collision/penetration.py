@@ -52,7 +52,7 @@ def separation(pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axi
     n
         Unit normal, out of B into A, world frame.
     pa, pb
-        Points on the surfaces of A and B, world frame, pa - pb = s n; void beyond `limit`.
+        Points on the surfaces of A and B, world frame, pa - pb = s n; undefined beyond `limit`.
     """
     return separate(Shapes(pieces, frames), a, b, limit, axis, scratch)
 
@@ -61,7 +61,7 @@ def separation(pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axi
 def separate(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, scratch: Scratch) -> Separation:
     """See `separation`.
 
-    The kind of A does not stand above that of B in what it calls.
+    Calls `ordered` with the pieces in ascending order of their kinds.
     """
     kind_a, kind_b = shapes.pieces.kind[a], shapes.pieces.kind[b]
     if kind_a > kind_b or (kind_a == kind_b and a > b):

@@ -19,7 +19,7 @@ from geomphys.scene.pieces import PosedShape, Shape, build_pieces
 
 
 class PairSeparation(NamedTuple):
-    """How two shapes stand to each other, world frame."""
+    """Separation of two shapes, world frame."""
 
     separation: float  # m; above 0 the distance, below 0 minus the penetration depth
     normal: Floats  # (3,) unit, out of b into a: moving a by -separation * normal makes an overlap a touch
@@ -65,7 +65,7 @@ def query(
 ) -> PairSeparation:
     """Signed separation and contact manifold of two shapes at poses (4, 4).
 
-    The separation is exact: the shortest translation that parts two overlapping shapes is -separation * normal, to a
+    The separation is exact: the shortest translation that separates two overlapping shapes is -separation * normal, to a
     relative 1e-9 between boxes and hulls, 1e-6 where a cylinder takes part, and to rounding where a formula is known.
 
     Raises

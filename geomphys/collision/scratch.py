@@ -1,4 +1,4 @@
-"""Memory of the narrow phase, allocated once."""
+"""Workspace of the narrow phase, allocated once."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ CORNER = np.dtype([("difference", np.float64, 3), ("on_a", np.float64, 3)])
 FACE = np.dtype(
     [
         ("corner", np.int64, 3),  # counter-clockwise seen from outside
-        ("across", np.int64, 3),  # 3 f + e for edge e of face f: what lies across edges 0, 1, 2
+        ("across", np.int64, 3),  # 3 f + e for edge e of face f: the adjacent edges across edges 0, 1, 2
         ("state", np.int64),
         ("normal", np.float64, 3),  # unit, outward
         ("distance", np.float64),  # m, of its plane from the origin
@@ -36,7 +36,7 @@ FaceRecords = NDArray[np.void]
 
 
 class Scratch(NamedTuple):
-    """Memory for `separation` and `manifold`; holds nothing between two calls. One per thread."""
+    """Workspace of `separation` and `manifold`, without state between two calls. One per thread."""
 
     simplex: Corners  # (4,)
     corners: Corners  # (MAX_CORNERS,) of the polytope
@@ -49,7 +49,7 @@ class Scratch(NamedTuple):
 
 
 def make_scratch() -> Scratch:
-    """Memory for `separation` and `manifold`."""
+    """Workspace of `separation` and `manifold`."""
     return Scratch(
         simplex=np.zeros(4, CORNER),
         corners=np.zeros(MAX_CORNERS, CORNER),

@@ -1,4 +1,4 @@
-"""Placing pieces in the world; the farthest point of a piece in a direction, and the face or edge that it turns there.
+"""Poses pieces in the world; support points of pieces, and their features (face or edge) towards a direction.
 
 Spheres and capsules are a *core*, a point or a segment, grown by their radius: everything below sees the core only.
 """
@@ -33,18 +33,18 @@ from geomphys.scene.direction_cells import cell_of
 RIM = 16
 """Corners that stand for a cylinder's cap."""
 TILT = 0.01
-"""Sine of the angle from which on a capsule stands on its end instead of lying on its side."""
+"""Sine of the angle from which on a capsule's feature is its end instead of its side."""
 
 
 class Shapes(NamedTuple):
-    """Pieces, and where they are: what the narrow phase reads."""
+    """Pieces and their frames, as the narrow phase reads them."""
 
     pieces: Pieces
     frames: Floats  # (P, 12) world_from_piece
 
 
 class Core(NamedTuple):
-    """What the farthest point of a piece depends on."""
+    """The part of a piece that its support point depends on."""
 
     pieces: Pieces
     kind: int
@@ -155,10 +155,10 @@ def support(core: Core, d: Vec) -> Vec:
 def farthest_corner(core: Core, d: Vec) -> int:
     """Corner of a hull farthest in direction `d`.
 
-    Climbing begins where the direction's cell says, and ends at a corner none of whose neighbours is farther, which on a
-    convex surface is the farthest of all.
+    Hill climbing starts at the corner stored for the direction's cell, and ends at one without a farther neighbour, which on
+    a convex surface is the farthest of all.
     """
-    # unsigned: numba need not look whether an index counts from the end
+    # unsigned: numba omits the check for negative indices
     pieces, vertices = core.pieces, core.pieces.vertices
     first: Any = np.uintp(core.first)
     best: Any = np.uintp(0)
@@ -199,7 +199,7 @@ def face_towards(pieces: Pieces, p: int, d: Vec) -> int:
 
 @kernel
 def feature(shapes: Shapes, p: int, d: Vec, out: Floats) -> tuple[int, Vec]:
-    """What piece `p` turns towards direction `d` (unit, world): writes its corners in the world to `out`.
+    """Feature of piece `p` towards direction `d` (unit, world): writes its corners in the world to `out`.
 
     Returns their number (2 a line, more a face, counter-clockwise seen from outside; 1 a point, which is not written)
     and a face's normal.

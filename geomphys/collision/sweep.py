@@ -1,7 +1,7 @@
 """Culling by axis-aligned boxes: trees first, then bodies, then convex pieces.
 
 Trees that stand still are sorted once along x; a query walks only those whose interval can reach it. Wide ones (a
-floor, a wall), which would make every interval long, are kept apart and looked at each time.
+floor, a wall), which would make every interval long, are listed separately and tested every time.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from geomphys.scene.arrays import CAPSULE, CYLINDER, SPHERE, Pieces, Scene
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-WIDE = 4.0  # a tree wider than this many median widths is kept apart
+WIDE = 4.0  # a tree wider than this many median widths is listed separately
 
 
 class Boxes(NamedTuple):

@@ -40,7 +40,7 @@ Floats = NDArray[np.float64]
 
 PASSING = 0.08  # of the mean thickness of two pieces: how deep they may overlap between two poses,
 MOST_PASSING = 1e-3  # m, but no deeper
-MOMENTS = 48  # at most that are looked at
+MOMENTS = 48  # times at most that are tested
 
 
 @kernel

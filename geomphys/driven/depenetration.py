@@ -73,7 +73,7 @@ def _free_tree(scene: Scene, ws: DrivenWorkspace, tree: int, gap: float, certifi
 
 @outlined
 def find_depenetration(scene: Scene, ws: DrivenWorkspace, gap: float, certified: bool) -> bool:
-    """Shift the trees that yield, one after the other, from `SearchWorkspace.now` to free positions near it; into `best`.
+    """Translate the trees being solved, one after the other, from `SearchWorkspace.now` to free positions near it; into `best`.
 
     Returns whether all are free then. With `certified` they must also be reachable from the start of the step.
     """

@@ -60,7 +60,7 @@ def note_simulated(scene: Scene, m: Machine) -> None:
 
 @outlined
 def recording_between(scene: Scene, m: Machine, roots: Floats, angles: Floats, w: float) -> None:
-    """The recording a share `w` of the way from that of the last step to `roots` (T, 7) and `angles` (Q,).
+    """The recording interpolated between that of the last step (`w` = 0) and `roots` (T, 7) and `angles` (Q,).
 
     Into `m.roots`, `m.angles` and, by forward kinematics, `m.recorded`.
     """

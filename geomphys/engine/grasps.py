@@ -30,7 +30,7 @@ class Grasp:
     dropped: int  # how often it was released in the air
     grip_force_n: float  # median of the sum of normal forces while it was held, else while it was touched
     margin: float
-    """Least share of available over needed friction while it was held, but for the last 0.2 s before it was let go; inf where
+    """Least share of available over needed friction while it was held, but for the last 0.2 s before it was released; inf where
     none was needed."""
 
     @property

@@ -1,6 +1,6 @@
 """From kernels to machine code by numba: imported where something is compiled, and nowhere else.
 
-Two numba features carry this, both of its public interface: `numba.extending.overload` compiles a kernel into its
+This uses two features of numba's public interface: `numba.extending.overload` compiles a kernel into its
 callers; `numba.cfunc` makes an outlined kernel, or what Python calls, a function of its own, whose text in LLVM's
 language becomes an object file (`geomphys.jit.machine_code`).
 """
@@ -86,7 +86,7 @@ def _product(function: Callable[..., Any], signature: Any, symbol: str) -> Produ
 
 
 def _introduce_kernels() -> None:
-    """Tell numba what a call of a kernel in another one is."""
+    """Register with numba how a kernel compiles a call of another."""
     for instruction in instructions:
         if instruction not in _known:
             _introduce_instruction(instruction)

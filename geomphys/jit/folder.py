@@ -1,4 +1,4 @@
-"""Where machine code is kept between runs: one folder for each version of the kernels' sources."""
+"""The folder of cached machine code: one for each version of the kernels' sources."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from geomphys.jit.machine_code import processor
 from geomphys.storage.cache import Store, remove_unused, sources, user_cache_folder
 
 COMPILED = re.compile(rb"^@(kernel|outlined|inlined)$|^(from|import) (numba|llvmlite)\b", re.MULTILINE)
-"""Found in modules that have a say in the machine code; those they import have one too."""
+"""Found in modules that affect the machine code, as do those they import."""
 
 IMPORTED = re.compile(rb"^from (geomphys\.[\w.]+) import", re.MULTILINE)
 
@@ -26,8 +26,8 @@ FOLDERS = re.compile(r"kernels-[0-9a-f]{16}")
 def cache_folder() -> Path:
     """Folder of the machine code of this version of the package, made on first use: see `geomphys.storage.cache`.
 
-    It is named after the sources that bear on the code, the versions of numba, llvmlite and Python, what numba is told by
-    the environment, and the processor. Folders of versions that were not used for a month are removed.
+    It is named after the sources that affect the code, the versions of numba, llvmlite and Python, numba's environment
+    variables, and the processor. Folders of versions that were not used for a month are removed.
     """
     settings = sorted(
         item for item in os.environ.items() if item[0].startswith("NUMBA_") and item[0] != "NUMBA_CACHE_DIR"
@@ -43,7 +43,7 @@ def cache_folder() -> Path:
 
 @lru_cache(maxsize=1)
 def store() -> Store:
-    """What is known of the machine code in the folder."""
+    """The stored products in the folder."""
     return Store(cache_folder())
 
 

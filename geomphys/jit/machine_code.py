@@ -1,6 +1,6 @@
 """Machine code of kernels: object files made from LLVM's text of a kernel, and linked into this process.
 
-Callers of an outlined kernel jump to the address that stands in its *slot*, a word of memory known to LLVM by a name. So
+Callers of an outlined kernel jump to the address in its *slot*, a word of memory known to LLVM by a name. So
 a caller can be compiled and kept on disk before its callees are, and kernels are compiled in any order.
 """
 
@@ -32,7 +32,7 @@ _FOREIGN = re.compile(r"numba_|NRT_|_?Py")
 
 
 def make_slots(symbols: Iterable[str]) -> None:
-    """Let LLVM know where the addresses of outlined kernels will stand."""
+    """Define the slots of outlined kernels in LLVM."""
     for symbol in symbols:
         if symbol not in _slots:
             _slots[symbol] = ctypes.c_void_p()

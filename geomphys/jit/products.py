@@ -22,7 +22,7 @@ class Key(NamedTuple):
     kinds: str
     """As a text, see `geomphys.jit.kinds.text_of`."""
     stamp: str
-    """Tells versions of a kernel apart that stands outside the package; empty inside it, see `cache_folder`."""
+    """Distinguishes versions of a kernel outside the package; empty inside it, see `cache_folder`."""
 
 
 class Product(NamedTuple):

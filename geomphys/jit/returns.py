@@ -23,7 +23,7 @@ def declared_return(function: Callable[..., object]) -> Any:
     Raises
     ------
     TypeError
-        It has no annotation, or one that stands for no type of a kernel: these are None, bool, int, float, and tuples
+        It has no annotation, or one for no type of a kernel: these are None, bool, int, float, and tuples
         and NamedTuples of them.
     """
     annotations = {"return": function.__annotations__.get("return", Any)}
@@ -41,7 +41,7 @@ def _module_of(function: Callable[..., object]) -> Any:
 
 
 def _type_of(hint: Any) -> Any:
-    """The type of a kernel that a hint stands for, or None."""
+    """The type of a kernel for a hint, or None."""
     if hint in SCALARS:
         return SCALARS[hint]
     if typing.get_origin(hint) is tuple:

@@ -1,8 +1,8 @@
 """The outlined kernels that have to be compiled before a kernel can run, shared between this process and others.
 
 What each kernel returns is known from its annotation, so kernels do not wait for each other: which are needed is found
-when their callers are compiled. Processes share the work without speaking to each other: each locks the kernel it is at,
-and finds on disk what others have made.
+when their callers are compiled. Processes share the work without speaking to each other: each locks the kernel it compiles,
+and finds on disk what others have compiled.
 """
 
 from __future__ import annotations
@@ -109,14 +109,14 @@ def work(
     newest_first: bool,
     before_compiling: Callable[[int, int, Sequence[Key]], None] = lambda *_: None,
 ) -> dict[str, Product]:
-    """See to it that outlined kernels and all they jump to are on disk; returns them by their symbols.
+    """Compile outlined kernels and all they call, unless they are on disk; returns them by their symbols.
 
     Parameters
     ----------
     keys
         The kernels.
     newest_first
-        The order: processes that begin at different ends meet late.
+        The order: processes that start at opposite ends rarely do the same work.
     before_compiling
         Called before each that is not on disk, with the number of those done, of those known, and those that wait.
     """

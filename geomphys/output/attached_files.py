@@ -1,8 +1,8 @@
-"""Files of a scene that travel in its outputs as attachments: the scene file, the URDFs and all meshes that can be read.
+"""Files of a scene that are attached to its outputs: the scene file, the URDFs and all meshes that can be read.
 
 A mesh is attached as ``meshes/DIGEST/NAME``, with the buffers of a glTF file beside it; DIGEST is made from the bytes, so the
-same mesh is attached once and no path of this machine gets into the file. The attachment `INDEX` tells which of them stands
-for which name in the scene file and the URDFs. A URDF that was scaled to points has absolute names of meshes: those become the
+same mesh is attached once and no path of this machine gets into the file. The attachment `INDEX` maps the names in
+the scene file and the URDFs to attachments. A URDF that was scaled to points has absolute names of meshes: those become the
 names of the attachments.
 """
 
@@ -45,7 +45,7 @@ class Attachment(NamedTuple):
 def scene_files(world: World) -> tuple[Attachment, ...]:
     """Read the scene file, the URDFs and the meshes of a world. Raises OutputError if one cannot be read.
 
-    A visual's mesh that is missing or of a kind that is not read is left out: it is not shown either.
+    A visual's mesh that is missing or of an unsupported format is omitted: it is not shown either.
     """
     meshes: dict[str, str | dict[str, str]] = {}
     found: dict[AnyPath, tuple[Attachment, ...]] = {}
@@ -75,7 +75,7 @@ def scene_files(world: World) -> tuple[Attachment, ...]:
 
 
 def write_attachments(files: dict[str, bytes], folder: Path) -> None:
-    """Write attached meshes below a folder; a name that leads out of it is left out, as nothing of ours writes one."""
+    """Write attached meshes below a folder; a name that leads out of it is skipped; geomphys never writes one."""
     for name, data in files.items():
         parts = PurePosixPath(name).parts
         if len(parts) > 2 and parts[0] == "meshes" and ".." not in parts and "\0" not in name:
@@ -85,7 +85,7 @@ def write_attachments(files: dict[str, bytes], folder: Path) -> None:
 
 
 def _meshes_of_urdf(urdf: AnyPath) -> Iterator[tuple[str, AnyPath]]:
-    """Name and file of the meshes in a URDF that are there and of a kind that is read."""
+    """Name and file of the meshes in a URDF that exist in a supported format."""
     from defusedxml import ElementTree
 
     resolver = MeshResolver(urdf.absolute().parent)

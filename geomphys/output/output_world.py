@@ -80,7 +80,7 @@ def _attached(folder: Path, name: str, files: dict[str, bytes], mode: str | None
 
 
 def _with_meshes(urdf: bytes, attached: dict[str, str], folder: Path) -> bytes:
-    """A URDF whose meshes are the attached ones. What is not attached is looked for nowhere else."""
+    """A URDF whose meshes are the attached ones. No other files are used."""
     root = ElementTree.fromstring(urdf)
     for mesh in root.iter("mesh"):
         mesh.set("filename", str(folder / attached.get(mesh.get("filename", ""), "not_attached")))

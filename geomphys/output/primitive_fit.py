@@ -1,6 +1,6 @@
-"""Shows a body in primitives of URDF: its convex pieces, each hull as the box or cylinder about it of the least volume.
+"""Approximates a body by URDF primitives: its convex pieces, each hull by its bounding box or cylinder of the least volume.
 
-A description of a robot names meshes by files, which are not where an output is mailed to; primitives stand in the text itself.
+A robot description names meshes by files, which do not exist on another machine; primitives are part of the text.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, HULL, SPHERE, World
 Floats = NDArray[np.float64]
 
 MIN_LENGTH_M = 1e-4
-"""m; flat things are drawn as thick as this."""
+"""m; flat bodies are drawn this thick."""
 
 MIN_DEVIATION_RATIO = 1.1
 """Least ratio of the standard deviations of points along two principal axes."""
@@ -71,7 +71,7 @@ def fitted_primitive(points: Floats) -> PlacedPrimitive:
         candidates += _along(points, axes)
     best = candidates[0]
     for shape in candidates[1:]:
-        if _volume(shape) < 0.999 * _volume(best):  # the first of equal ones, whatever rounding says
+        if _volume(shape) < 0.999 * _volume(best):  # the first of equal ones, independent of rounding
             best = shape
     return best
 
@@ -93,13 +93,13 @@ def _along(points: Floats, axes: Floats) -> Iterator[PlacedPrimitive]:
 
 
 def _principal_axes(points: Floats) -> Floats | None:
-    """Principal axes (rows) of points; None where they are too alike for the points to say which they are."""
+    """Principal axes (rows) of points; None where the deviations are too similar to determine them."""
     if len(points) < 4:
         return None
     _, deviations, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
     if deviations[0] < MIN_DEVIATION_RATIO * deviations[1] or deviations[1] < MIN_DEVIATION_RATIO * deviations[2]:
         return None
-    signs = np.sign(axes[np.arange(3), np.abs(axes).argmax(axis=1)])  # libraries choose them differently
+    signs = np.sign(axes[np.arange(3), np.abs(axes).argmax(axis=1)])  # signs differ between libraries
     first, second = signs[0] * axes[0], signs[1] * axes[1]
     return np.array([first, second, np.cross(first, second)])
 

@@ -47,7 +47,7 @@ class Block(NamedTuple):
     """Columns of bytes: (n, w), or (1, w) if all rows are the same."""
 
     data: Bytes
-    present: Flags | None = None  # (n or 1, w or 1) bytes that are written; None: all
+    present: Flags | None = None  # (n or 1, w or 1) mask of bytes that are written; None: all
 
 
 class Rows:
@@ -144,7 +144,7 @@ def message(kind: type[Message], **columns: Any) -> Rows:
     Returns
     -------
     Rows
-        Those of what is `followed_by` more go last, and count it too.
+        A column with `followed_by` bytes goes last, and its length includes them.
     """
     blocks: list[Block] = []
     following: Ints | None = None

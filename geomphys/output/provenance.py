@@ -84,7 +84,7 @@ def files_of_log(path: AnyPath) -> tuple[AnyPath, ...]:
 
 
 def recorded_provenance(record: dict[str, str]) -> Provenance:
-    """The provenance that the metadata record of an output tells; "" for what it lacks."""
+    """The provenance in the metadata record of an output; "" for missing values."""
     return Provenance(
         version=record.get("version", ""),
         input_sha256=record.get("input_sha256", ""),

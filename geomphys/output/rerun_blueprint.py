@@ -112,7 +112,7 @@ def blueprint(
 
 
 def legend() -> str:
-    """What the colours of a rerun recording mean, in Markdown."""
+    """The legend of a rerun recording's colours, in Markdown."""
     rows = (
         ("the colour of its material", "at its recorded pose"),
         (_COLOUR_NAMES[colours.CORRECTED], "corrected: moved from where it was recorded"),
@@ -149,7 +149,7 @@ def _log(rrb: Any, origin: str) -> Any:
 
 
 def _layout(rrb: Any, above: Any, below: Sequence[Any], time: Any, details: Sequence[Any] = ()) -> Blueprint:
-    """Scene (and what stands beside it) above the plots; details in a second tab."""
+    """Scene (and the views beside it) above the plots; details in a second tab."""
     main = rrb.Vertical(above, rrb.Horizontal(*below), row_shares=[2.6, 1.0], name="Motion")
     layout: Blueprint = rrb.Blueprint(
         rrb.Tabs(main, rrb.Vertical(*details, name="Details and log")) if details else main,

@@ -118,7 +118,7 @@ class Summary:
     elapsed_s: float  # on the wall clock, reading and writing included, compiling the kernels not
     messages: tuple[Message, ...]
     worst: tuple[Moment, ...]  # where to look first
-    grasps: tuple[Grasp, ...]  # of simulated bodies that driven ones touched, what became of them
+    grasps: tuple[Grasp, ...]  # outcomes of simulated bodies that driven ones touched
     findings: Findings  # of the scene: geometry not shown, bodies without contact, renamed bodies, defaults
     messages_dropped: int  # messages beyond the first MAX_MESSAGES different texts
 

@@ -1,8 +1,8 @@
 """Makes the robot descriptions (URDF texts) of the output: avatars, articulated objects, plain objects.
 
 Viewers pose a URDF's links by the frame ids of ``/tf``. Links are therefore renamed to their frame ids (these differ
-from the file with several avatars, and for objects). A mesh would have to be a file of the machine where it is looked at, so
-links that have one are shown by primitives (`primitive_fit.py`): the text holds all that it shows. The original URDFs and
+from the file with several avatars, and for objects). A mesh would have to be a file on the viewer's machine, so
+links that have one are shown by primitives (`primitive_fit.py`): the text is self-contained. The original URDFs and
 meshes are attachments of the output, the surfaces are in ``/meshes``.
 """
 
@@ -66,12 +66,12 @@ def urdf_for_viewers(path: AnyPath, links: Mapping[str, ShownLink], colour: Colo
     """Text of the URDF at `path` with links renamed to their frame ids, and primitives in place of meshes.
 
     What has no colour of its own gets `colour`. A capsule, which few viewers know, becomes a cylinder and two spheres;
-    links above a free joint that the model hangs on are left out, and visuals without a shape that can be drawn. Raises
+    links above a free joint of the whole model are omitted, and visuals without a shape that can be drawn. Raises
     ModelError.
     """
     try:
         data = path.read_bytes()
-        SafeTree.fromstring(data)  # refuses what an XML file can do to its reader
+        SafeTree.fromstring(data)  # refuses entities and DTDs
         tree = etree.fromstring(data)
     except (OSError, SafeTree.ParseError, DefusedXmlException, etree.XMLSyntaxError) as problem:
         raise ModelError(f"{path}: cannot be read as a URDF ({problem})") from problem
@@ -125,7 +125,7 @@ def _replace_meshes(link: etree._Element, links: Mapping[str, ShownLink]) -> Non
 def visual_of(shape: PlacedPrimitive) -> etree._Element:
     """A visual element of a primitive, without a material; lengths to 1 µm, so that no rounding of a library shows."""
     matrix = shape.body_from_shape
-    if abs(matrix[2, 0]) > 1.0 - 1e-9:  # roll and yaw turn about one axis
+    if abs(matrix[2, 0]) > 1.0 - 1e-9:  # roll and yaw rotate about one axis
         rpy = (0.0, math.copysign(math.pi / 2, -matrix[2, 0]), math.atan2(-matrix[0, 1], matrix[1, 1]))
     else:
         rpy = (math.atan2(matrix[2, 1], matrix[2, 2]), math.asin(-matrix[2, 0]), math.atan2(matrix[1, 0], matrix[0, 0]))
@@ -144,7 +144,7 @@ def _rounded(number: float) -> str:
 
 
 def _drop_above_free_joint(robot: etree._Element) -> None:
-    """Take out the links above a floating or planar joint that all hangs on, and the joints there."""
+    """Remove the links above a floating or planar joint of the whole model, and the joints there."""
     above = links_above_free_joint(joint_ends(robot))
     for joint in robot.findall("joint") if above else []:
         parent = joint.find("parent")
@@ -156,7 +156,7 @@ def _drop_above_free_joint(robot: etree._Element) -> None:
 
 
 def _make_drawable(element: etree._Element) -> None:
-    """Write a visual in shapes that every viewer knows; one that has none is taken out."""
+    """Write a visual in shapes that every viewer knows; remove one without any."""
     parent, geometry = element.getparent(), element.find("geometry")
     if parent is None or parent.tag != "link" or (geometry is not None and geometry.find("mesh") is not None):
         return

@@ -59,7 +59,7 @@ class ViewStatistics:
         self._corners = lows[:, None] + (highs - lows)[:, None] * _BOX  # (b, 8, 3) body frame
 
     def add(self, results: Sequence[FrameResult]) -> None:
-        """Take in frames, in order."""
+        """Add frames, in order."""
         if results and self._first_poses is None:
             self._first_poses = results[0].corrected
         for result in results:

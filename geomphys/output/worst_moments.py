@@ -1,4 +1,4 @@
-"""Finds the moments of a replay at which to look first: where it overlapped, was corrected, amplified, or lost most."""
+"""Finds the worst moments of a replay: deepest overlap, largest correction, largest amplification, most lost contacts."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LABELS = {
     "contacts_lost": "most contacts lost",
     "fallbacks": "most fallbacks",
 }
-"""Kind of a moment -> what it is called."""
+"""Kind of a moment -> its label."""
 
 MIN_CORRECTION_M = 1e-5
 """m; overlaps and corrections up to this are not worth a look."""

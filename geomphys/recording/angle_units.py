@@ -35,12 +35,12 @@ class UnitGuess(NamedTuple):
 
 
 def guess_angle_unit(ranges: Mapping[str, Range], limits: Mapping[str, Range]) -> UnitGuess:
-    """Tell radians from degrees, and both from values that are no angles.
+    """Distinguish radians, degrees, and values that are no angles.
 
     Parameters
     ----------
     ranges
-        Joint -> least and largest value as recorded. Only joints that turn.
+        Joint -> least and largest value as recorded. Revolute joints only.
     limits
         The same joints -> lower and upper limit, rad; infinite where there is none.
     """

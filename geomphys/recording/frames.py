@@ -50,7 +50,7 @@ class FrameSource:
     log : Path
         An MCAP file or a ROS 2 bag directory.
     world : World
-        Its `roots` and `joints` name the topics; a tree without them stands at `scene.trees.rest`, an angle without
+        Its `roots` and `joints` name the topics; a tree without them is at `scene.trees.rest`, an angle without
         them is 0.
     config : Config
         `time`, `clock`, `rate`, `start`, `end`, `max_gap`, `max_delay`, `clamp_limits` and `recover` are used.

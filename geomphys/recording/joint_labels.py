@@ -14,7 +14,7 @@ from typing import NamedTuple
 from geomphys.recording.name_words import FINGERS, words_of_all
 
 WRIST = "wrist"
-"""Told as a finger without segments."""
+"""Labelled as a finger without segments."""
 
 _NO_MEANING = {"joint", "joints", "j", "jnt", "angle", "pos", "position", "state", "states", "the", "finger", "hand", "human",
                "glove", "q"}  # fmt: skip

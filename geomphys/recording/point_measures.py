@@ -28,7 +28,7 @@ PLAUSIBLE = (0.4, 2.5)
 
 
 class PointMeasures(NamedTuple):
-    """What a recording tells of the points of an avatar."""
+    """Measurements of the points of an avatar in a recording."""
 
     branches: dict[str, float]  # finger, limb or "palm" -> factor
     links: dict[str, float]  # link -> factor of its geometry and of the joints on it
@@ -116,7 +116,7 @@ class _Pass:
 
 
 def _at_or_below(parents: NDArray[np.int64], links: set[int]) -> list[bool]:
-    """Whether each link is one of `links` or hangs on one: what is above all points keeps its size."""
+    """Whether each link is one of `links` or below one: links above all points keep their size."""
     found: list[bool] = []
     for link, parent in enumerate(parents):
         found.append(link in links or (parent >= 0 and found[parent]))

@@ -1,1 +1,1 @@
-"""From a scene file to what never changes in a run: geometry, kinematic trees, masses, materials."""
+"""From a scene file to the constant data of a run: geometry, kinematic trees, masses, materials."""

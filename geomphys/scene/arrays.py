@@ -102,7 +102,7 @@ class Trees(NamedTuple):
     damping: Floats  # (T,) R
     chains: Ints  # (T,) 1 for an avatar in chains mode
     self_collision: Ints  # (T,)
-    effort: Floats  # (T,) N: the coupling pulls with no more; inf without a limit
+    effort: Floats  # (T,) N: largest force of the coupling; inf without a limit
     squeeze: Floats  # (T,) m: how much deeper than recorded contacts with simulated bodies press
 
 
@@ -113,7 +113,7 @@ class Dofs(NamedTuple):
     upper: Floats  # (Q,)
     tree: Ints  # (Q,)
     chain: Ints  # (Q,) index into `Chains`, -1 outside every chain
-    effort: Floats  # (Q,) N or N m: the coupling pulls with no more; inf without a limit
+    effort: Floats  # (Q,) N or N m: largest force of the coupling; inf without a limit
 
 
 class Chains(NamedTuple):
@@ -160,9 +160,9 @@ class Scene(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class World:
-    """A scene with its names, input topics and display geometry: all that a replay needs besides a log.
+    """A scene with its names, input topics and display geometry: everything that a replay needs besides a log.
 
-    It does not change, and is equal to itself alone: what is made from one can be kept with it (`functools.lru_cache`).
+    Immutable, and equal to itself alone, so that derived values can be cached with it (`functools.lru_cache`).
     """
 
     file: SceneFile

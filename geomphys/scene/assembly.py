@@ -43,7 +43,7 @@ Floats = NDArray[np.float64]
 MAX_BODIES = 5000
 """Limit on objects and links together."""
 MAX_DRIVEN_DOFS = 3000
-"""Limit on degrees of freedom that yield: 3 for each driven object or avatar, 1 for each joint of an avatar in chains mode."""
+"""Limit on corrected degrees of freedom: 3 for each driven object or avatar, 1 for each joint of an avatar in chains mode."""
 _JOINTS = {"fixed": JOINT_FIXED, "revolute": JOINT_REVOLUTE, "continuous": JOINT_REVOLUTE, "prismatic": JOINT_PRISMATIC}
 
 

@@ -27,14 +27,14 @@ Ints = NDArray[np.int64]
 TIMEOUT = 900.0
 """s; a mesh that takes longer is refused"""
 POLL_INTERVAL = 0.1
-"""s between two looks at whether it is to stop"""
+"""s between two checks whether it is to stop"""
 SEARCHES = {
     "thorough": {"mcts_iterations": 60, "mcts_nodes": 20, "mcts_max_depth": 3, "resolution": 2000},
     "medium": {"mcts_iterations": 60, "mcts_nodes": 20, "mcts_max_depth": 3, "resolution": 1000},
     "quick": {"mcts_iterations": 30, "mcts_nodes": 10, "mcts_max_depth": 2, "resolution": 1000},
 }
-"""Of CoACD for each cut: how many are tried, planes an axis, cuts ahead; and points by which a concavity is measured.
-Its own 150, 20 and 3 take twice as long as the thorough one for pieces that stand out as far. Half the points take two
+"""CoACD's search for each cut: number of trials, planes an axis, cuts ahead; and points by which a concavity is measured.
+Its defaults 150, 20 and 3 take twice as long as the thorough one for pieces that protrude as far. Half the points take two
 thirds of the time: as many pieces of large meshes, but up to twice as many of a few triangles."""
 
 
@@ -61,7 +61,7 @@ def convex_parts(
     """Convex decomposition of a closed mesh by CoACD: vertices (k, 3) of each part's hull, m.
 
     `threads` changes no part. Raises MeshError if CoACD fails, takes longer than
-    `TIMEOUT`, or gives nothing or NaN, or if `stop` is set meanwhile.
+    `TIMEOUT`, or gives nothing or NaN, or if `stop` is set.
     """
     hint = 'simplify or repair it, or use decomposition = "hull"'
     with TemporaryFolder() as folder:

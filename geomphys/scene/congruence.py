@@ -1,4 +1,4 @@
-"""Finds meshes that are copies of each other, moved: what is cut for one serves for all."""
+"""Finds meshes that are translated copies of each other, so that the pieces of one serve for all."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 SAME = 1e-6
-"""Of a mesh's size: corners farther apart are not the same. Files of single precision keep some 1e-7."""
+"""Of a mesh's size: corners farther apart are not the same. Single precision rounds by some 1e-7."""
 
 
 def translation_between(mesh: Mesh, other: Mesh) -> Floats | None:

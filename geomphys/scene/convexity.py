@@ -1,7 +1,7 @@
 """Decides whether a closed mesh may be replaced by its convex hull within an allowed concavity.
 
 The measure is that of CoACD (Wei et al. 2022): 0.3 times the radius of a ball of the volume that the hull adds, and the
-distance from the hull to the solid, both against the allowed concavity. CoACD measures the depth of a concavity, which
+distance from the hull to the solid, both relative to the allowed concavity. CoACD measures the depth of a concavity, which
 splits narrow holes that its merging step closes again; here the distance is measured from the points that the hull
 adds, so a screw hole of a smaller radius than the allowed concavity counts as filled.
 """
@@ -37,7 +37,7 @@ class QueryBudget:
     remaining: int
 
     def spend(self, count: int) -> bool:
-        """Take `count` queries off; False if there are not that many left."""
+        """Subtract `count` queries; False if fewer are left."""
         self.remaining -= count
         return self.remaining >= 0
 

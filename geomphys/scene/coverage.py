@@ -1,9 +1,9 @@
-"""How much of a mesh's surface its convex pieces leave bare, how to cover it, and how far they stand out of it.
+"""Grows convex pieces to cover a mesh's surface; measures what they leave uncovered and how far they protrude.
 
 CoACD rounds the corners of its parts, to about 1e-4 of the mesh's size, and is given a mesh with fewer triangles, so its
-hulls fall short of the surface here and there. Here each triangle goes to the piece that reaches all of it with the
-least growth, halves of it where none does. What sticks out afterwards is found exactly, by clipping what lies in no
-single piece until nothing of it is left or a polygon that lies in none.
+hulls fall short of the surface here and there. Here each triangle is assigned to the piece that covers it with the
+least growth, halves of it where none does. The rest is found exactly, by clipping triangles that are in no single piece
+until nothing or a polygon outside all pieces remains.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 REACH = 1.5e-4
-"""Of the mesh's size: how far a piece reaches for the surface at first; twice as far where something stays bare."""
+"""Of the mesh's size: how far a piece grows to the surface at first; twice as far where something stays uncovered."""
 DOUBLINGS = 6
 GRAIN = 2e-4
-"""Of the mesh's size: smaller parts of triangles are clipped rather than divided to see whether they are bare."""
+"""Of the mesh's size: smaller parts of triangles are clipped rather than divided to test whether they are uncovered."""
 MAX_PARTS = 50_000
-"""Parts of triangles that are held against the pieces at once; if there are more, they are clipped."""
+"""Parts of triangles that are tested against the pieces at once; if there are more, they are clipped."""
 BLOCK = 1 << 16
-"""Distances from planes that are taken at once: as many as a processor keeps near it"""
+"""Distances from planes that are computed at once: as many as fit in a processor's cache"""
 TOLERANCE = 1e-9
-"""Of the mesh's size: less than that is not bare."""
+"""Of the mesh's size: less than that counts as covered."""
 
 
 class Surface:
@@ -60,12 +60,12 @@ def grow_to_cover(vertices: Floats, faces: Ints, pieces: Sequence[Floats], reach
     pieces
         Points (k, 3) whose hulls are the pieces.
     reach
-        How far pieces grow at first, m; twice as far where something stays bare. None: `REACH` of the size.
+        How far pieces grow at first, m; twice as far where something stays uncovered. None: `REACH` of the size.
 
     Returns
     -------
     list of ndarray
-        The corners of the grown pieces. If after `DOUBLINGS` something is still bare, it stays so: `uncovered_distance` tells.
+        The corners of the grown pieces. If after `DOUBLINGS` something is still uncovered, it stays so: see `uncovered_distance`.
     """
     size = float(np.ptp(vertices, axis=0).max())
     grown = [_hull(piece)[0] for piece in pieces]
@@ -98,7 +98,7 @@ def grow_to_cover(vertices: Floats, faces: Ints, pieces: Sequence[Floats], reach
 
 
 def uncovered_distance(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) -> float:
-    """How far a surface sticks out of pieces, m: corners and middles of its bare polygons beyond the nearest piece."""
+    """How far a surface protrudes from pieces, m: corners and middles of its uncovered polygons beyond the nearest piece."""
     size = float(np.ptp(vertices, axis=0).max())
     planes = [_hull(piece)[1] for piece in pieces]
     triangles = vertices[faces]
@@ -122,10 +122,10 @@ def uncovered_distance(vertices: Floats, faces: Ints, pieces: Sequence[Floats]) 
 def piece_protrusion(
     vertices: Floats, faces: Ints, pieces: Sequence[Floats], samples: int = 2000, *, beyond: float = 0.0
 ) -> float:
-    """How far convex pieces stick out of a closed surface, m: the largest distance outside it of points of theirs.
+    """How far convex pieces protrude from a closed surface, m: the largest distance outside it of points of theirs.
 
     The points are `samples` spread over the pieces by area, the same ones each time, and as many of their corners. Where
-    none is farther outside than `beyond`, m, the answer is 0, and comes sooner.
+    none is farther outside than `beyond`, m, the result is 0, and is found faster.
     """
     from scipy.spatial import cKDTree
 
@@ -139,9 +139,9 @@ def piece_protrusion(
 
 
 def _are_outside(vertices: Floats, faces: Ints, points: Floats, away: Floats) -> NDArray[np.bool_]:
-    """Which points (n, 3) are outside a closed surface that they are so far away (n,) from.
+    """Which points (n, 3) are outside a closed surface at these distances (n,) from it.
 
-    A ball of that radius about a point meets the surface nowhere, so all points in it are on the same side.
+    A ball of that radius about a point does not intersect the surface, so all points in it are on the same side.
     """
     outside, left = np.zeros(len(points), dtype=bool), np.argsort(-away, kind="stable")
     while len(left):
@@ -153,7 +153,7 @@ def _are_outside(vertices: Floats, faces: Ints, points: Floats, away: Floats) ->
 
 
 def _away(vertices: Floats, faces: Ints, planes: Sequence[Floats], pieces: Sequence[Floats], reach: float) -> Floats:
-    """How far (m, pieces) each triangle sticks out of each piece, negative inside; inf where farther than `reach`."""
+    """How far (m, pieces) each triangle protrudes from each piece, negative inside; inf where farther than `reach`."""
     away = np.full((len(faces), len(pieces)), np.inf)
     for k, (piece, sides) in enumerate(zip(pieces, planes, strict=True)):
         low, high = piece.min(axis=0) - reach, piece.max(axis=0) + reach
@@ -197,7 +197,7 @@ def _uncovered_polygons(triangles: Floats, planes: Sequence[Floats], slack: floa
     beyond = np.stack([_outside(points, p)[faces].max(axis=1) for p in planes], axis=1)
     for triangle, away in zip(triangles, beyond, strict=True):
         polygons = [triangle]
-        for k in np.argsort(away, kind="stable"):  # pieces that hold most of it first
+        for k in np.argsort(away, kind="stable"):  # pieces that contain most of it first
             polygons = [rest for polygon in polygons for rest in _subtract(polygon, planes[k], slack)]
             if not polygons:
                 break
@@ -206,7 +206,7 @@ def _uncovered_polygons(triangles: Floats, planes: Sequence[Floats], slack: floa
 
 
 def _subtract(polygon: Floats, planes: Floats, slack: float) -> list[Floats]:
-    """A convex polygon less a convex piece, as convex polygons; what lies within the slack of the piece is dropped."""
+    """A convex polygon less a convex piece, as convex polygons; parts within the slack of the piece are dropped."""
     height = polygon @ planes[:, :3].T - planes[:, 3]  # (corners, planes)
     if np.any(np.min(height, axis=0) > slack):
         return [polygon]

@@ -39,9 +39,9 @@ Progress = Callable[[str, float], None]
 """Progress callback: description of the current work, fraction done (0 to 1)."""
 
 RELATIVE_CONCAVITY = 0.02
-"""Concavity a piece may keep where nothing else is asked for, of half the mesh's longest side ..."""
+"""Default concavity of a piece, of half the mesh's longest side ..."""
 MIN_CONCAVITY, MAX_CONCAVITY = 1e-3, 5e-3
-"""... but at least and at most these, m. Less: more pieces that stand out less."""
+"""... but at least and at most these, m. Less: more pieces that protrude less."""
 MIN_THRESHOLD = 0.01
 """CoACD goes no finer, of half the longest side of what it cuts"""
 SIMPLER = 0.1
@@ -49,9 +49,9 @@ SIMPLER = 0.1
 MANY_TRIANGLES, VERY_MANY_TRIANGLES = 2_000, 10_000
 """Parts of more triangles are made simpler and searched less thoroughly; of very many, or with screw holes, quickly."""
 MAX_UNCOVERED = 1e-4
-"""Of the mesh's longest side: how far its surface may stick out of its pieces"""
+"""Of the mesh's longest side: how far its surface may protrude from its pieces"""
 MAX_PROTRUSION = 3.0
-"""Of the concavity: pieces that stand out farther are those of a mesh that really cuts through itself"""
+"""Of the concavity: pieces that protrude farther are those of a mesh that really intersects itself"""
 MAX_SHELLS = 1000
 """shells of a mesh that are cut one by one; a mesh of more is cut as a whole"""
 PROGRESS_INTERVAL = 0.2
@@ -215,7 +215,7 @@ def _run(jobs: list[_Job], progress: Progress | None, processes: int) -> list[tu
             failed = (f for f in futures.values() if f.done() and f.exception() is not None)
             next(failed, futures[0]).result()
             return [futures[k].result() for k in range(len(jobs))]
-        finally:  # no subprocess survives, however this ends
+        finally:  # stops all subprocesses, also after an exception
             stop.set()
             pool.shutdown(wait=True, cancel_futures=True)
 
@@ -274,12 +274,12 @@ def _decompose_job(job: _Job, threads: int, stop: Event) -> ConvexPieces:
 def _cut(
     job: _Job, part: Mesh, filled: Mesh, concavity: float, threads: int, stop: Event
 ) -> tuple[list[Floats], float]:
-    """Pieces of a closed part that cover it, from CoACD on the part with its screw holes filled; and how far, m, they do not.
+    """Pieces of a closed part that cover it, from CoACD on the part with its screw holes filled; and how far, m, it protrudes.
 
-    Where CoACD would take long, what a few cuts along its own faces make convex is cut so (`geomphys.scene.face_cuts`).
-    CoACD takes thin triangles, of which CAD meshes are full, for a mesh that cuts through itself, and would cut a surface of
-    voxels in its place: three times as slow, for pieces that stand out twice as far. So it does that only where it fails
-    at the mesh as it is, or its pieces stand out much too far.
+    Where CoACD would take long, it is cut along its own faces if a few cuts make it convex (`geomphys.scene.face_cuts`).
+    CoACD takes thin triangles, of which CAD meshes are full, for a mesh that intersects itself, and would cut a surface of
+    voxels in its place: three times as slow, for pieces that protrude twice as far. So it does that only where it fails
+    at the mesh as it is, or its pieces protrude much too far.
     """
     share = min(max(job.threshold * job.mesh.size / part.size, MIN_THRESHOLD), 1.0)
     search = "medium" if len(filled.faces) > MANY_TRIANGLES else "thorough"
@@ -294,7 +294,7 @@ def _cut(
         if uncovered_m <= MAX_UNCOVERED * job.mesh.size and not _stand_out(part, hulls, limit):
             return hulls, uncovered_m
     uncovered_m = job.mesh.size
-    coarse: tuple[list[Floats], float] | None = None  # pieces that cover the part and stand out too far
+    coarse: tuple[list[Floats], float] | None = None  # pieces that cover the part and protrude too far
     for remesh in (False, True):
         try:
             cut = CutOptions(share, job.seed, search, remesh)

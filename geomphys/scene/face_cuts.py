@@ -23,23 +23,23 @@ MAX_PIECES = 4
 MAX_PLANES = 16
 """Planes that are tried for a cut, those of the largest faces"""
 MARGIN = 0.02
-"""Of the concavity: how far outside a face it is cut, so that no foil of the face comes off"""
+"""Of the concavity: how far outside a face it is cut, so that no thin layer at the face is cut off"""
 MIN_AREA = 1e-3
 """Of the size squared: area of a face, or of several in one plane, that a cut is tried along"""
 MIN_HEIGHT = 0.01
-"""Of the size: a cut takes at least that much off."""
+"""Of the size: a cut removes at least that much."""
 MIN_VOLUME = 1e-5
 """Of the cubed size: less are slivers of faces that are not quite flat; pieces are grown over them afterwards."""
 MIN_GAIN = 0.3
-"""Share of the volume between hull and solid that a cut is to take away"""
+"""Share of the volume between hull and solid that a cut is to remove"""
 PART_COST = 0.03
-"""Of that volume: what a part more has to take away beside"""
+"""Of that volume: what each further part has to remove besides"""
 SAME_PLANE = 1e-3
 """Normals, and offsets as shares of the tenfold size, that differ by less are of one plane."""
 
 
 def cut_along_faces(mesh: Mesh, concavity: float) -> list[Floats] | None:
-    """Convex parts, corners (k, 3), of a watertight mesh that is not convex: the hulls of what cuts along its faces leave.
+    """Convex parts, corners (k, 3), of a watertight mesh that is not convex: the hulls of its parts after cuts along its faces.
 
     None where a few cuts do not make it convex. Each part may be replaced by its hull (`is_nearly_convex`, with this
     concavity, m). Together they hold the mesh, but for slivers.
@@ -68,7 +68,7 @@ def cut_along_faces(mesh: Mesh, concavity: float) -> list[Floats] | None:
 
 
 def _best_cut(solid: Any, size: float, margin: float) -> list[Any]:
-    """The parts of a solid after the cut that leaves the least between them and their hulls; none if all leave too much."""
+    """The parts of a solid after the cut with the least volume between them and their hulls; none if all leave too much."""
     whole = _filled_by_hull(solid)
     best, least = list[Any](), (1.0 - MIN_GAIN) * whole
     for normal, offset in _face_planes(solid, size):

@@ -1,4 +1,4 @@
-"""Floating and planar joints above a model's root link: they stand for the root's pose."""
+"""Floating and planar joints above a model's root link, in place of which the root's pose is recorded."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ STL_HEADER_BYTES = 84
 STL_TRIANGLE_BYTES = 50
 """bytes of a triangle in a binary STL"""
 MAX_MATERIALS = 500
-"""materials that an OBJ is told apart by"""
+"""materials of an OBJ that are parsed"""
 
 _FACET = re.compile(rb"\bfacet\s+normal\b", re.IGNORECASE)
 _END_FACET = re.compile(rb"\bendfacet\b", re.IGNORECASE)

@@ -22,7 +22,7 @@ Part: TypeAlias = tuple[str, Lengths, float]
 
 
 class Primitive(NamedTuple):
-    """What is known of one kind. Functions take its lengths [m] in the order in which scene files have them."""
+    """Properties of one kind. Functions take its lengths [m] in the order of scene files."""
 
     attributes: dict[str, int]  # of its URDF element: how many of the lengths each holds
     piece: Callable[[Lengths], Shape]
@@ -78,7 +78,7 @@ class PrimitiveShape:
 
     @property
     def kind(self) -> Primitive:
-        """What is known of it."""
+        """Properties of its kind."""
         return PRIMITIVES[self.name]
 
     @property

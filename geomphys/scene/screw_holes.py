@@ -1,9 +1,9 @@
-"""Meshes made simpler before they are cut: screw holes filled, and small triangles of a smooth surface taken together.
+"""Simplifies meshes before they are cut: fills screw holes, and merges small triangles of a smooth surface.
 
-A hole that is narrower than pieces may stand out costs CoACD dozens of cuts around it, whose parts it then joins again.
-So it is found and filled here: triangles which a ball that touches them from outside finds too narrow, that lie around
-a hollow together, and whose convex hull keeps near the mesh. What is filled that way stands out no farther than the
-radius. Cups, rings, handles and the room between two walls stay.
+A hole that is narrower than pieces may protrude costs CoACD dozens of cuts around it, whose parts it then joins again.
+So it is found and filled here: connected triangles around a hollow that are too narrow for a ball touching them from
+outside, and whose convex hull is near the mesh. Such a filling protrudes no farther than the radius. Cups, rings,
+handles and the space between two walls are not filled.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ FINER = 1.6
 NARROW = 0.97
 """Of the radius: a ball with less clearance does not fit."""
 ROUND = 1.1
-"""Of the diameter: what a hole may be wide, by its bounding box along its principal axes"""
+"""Of the diameter: largest width of a hole, by its bounding box along its principal axes"""
 FACING = -0.7
-"""Cosine between two walls of a hole; in a corner or along a ledge none are turned to each other so."""
+"""Cosine between two walls of a hole; in a corner or along a ledge none face each other so."""
 HOLLOW = -0.02
 """Sine of the angle by which a triangle may fall off from its neighbour and belong to the same hole"""
 SAMPLES = 200
-"""Points of a filling whose distance from the mesh is looked at"""
+"""Points of a filling whose distance from the mesh is measured"""
 
 
 def hole_radius(concavity: float) -> float:
-    """Radius of the holes that are filled, m, where pieces may keep this concavity, m."""
+    """Radius of the holes that are filled, m, for this allowed concavity, m."""
     return min(FINER * concavity, max(concavity, SCREW))
 
 
@@ -111,7 +111,7 @@ def _neighbours(mesh: Mesh) -> tuple[Ints, Ints, Floats]:
 
 
 def _filling(mesh: Mesh, surface: Surface, group: Ints, normals: Floats, radius: float) -> Floats | None:
-    """The hull of triangles that lie around a hole; None where they do not, or where it stands out too far."""
+    """The hull of triangles that lie around a hole; None where they do not, or where it protrudes too far."""
     if len(group) > 2000 or np.min(normals @ normals.T) > FACING:
         return None
     points = mesh.vertices[np.unique(mesh.faces[group])]

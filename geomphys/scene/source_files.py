@@ -35,7 +35,7 @@ _active_sources: ContextVar[Sources | None] = ContextVar("_active_sources", defa
 
 @contextmanager
 def tracked_sources() -> Iterator[Sources]:
-    """Record what is read within the block; a block around it is told too."""
+    """Record the files read within the block, also for an enclosing block."""
     sources = Sources()
     token = _active_sources.set(sources)
     try:
@@ -46,7 +46,7 @@ def tracked_sources() -> Iterator[Sources]:
 
 
 def track_sources(read: Sources) -> None:
-    """Record what has been read before, such as the files of a world that was cached."""
+    """Record files that were read before, such as those of a cached world."""
     sources = _active_sources.get()
     if sources is not None:
         sources.contents |= read.contents

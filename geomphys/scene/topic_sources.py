@@ -58,7 +58,7 @@ class KeypointSource:
 
 
 class PalmOrientation(NamedTuple):
-    """What the orientation of a wrist or palm says of the root link that is fitted to points: measured once a recording."""
+    """Relation of a recorded wrist or palm orientation to the root link that is fitted to points: measured once a recording."""
 
     point: int  # index among the points of the fit
     point_from_root: tuple[float, ...]  # x y z w

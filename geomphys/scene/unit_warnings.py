@@ -47,7 +47,7 @@ def _counts(tree: Tree, body: TreeBody, is_large: bool) -> bool:
     table = tree.table
     assert isinstance(table, ObjectTable)
     if is_large and table.scale == 1.0 and "scale" in table.model_fields_set:
-        return False  # the user says that the mesh is in metres
+        return False  # the scene file says that the mesh is in metres
     if table.mesh is not None or tree.role != FIXED or not is_large:
         return True
     return float(_sides(body.geometry.triangles).min()) > MAX_PLAUSIBLE

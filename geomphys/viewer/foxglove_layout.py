@@ -91,7 +91,7 @@ def foxglove_layout(topics: Collection[str], joints: Mapping[str, Sequence[str]]
     joints : mapping
         Topic of joint values -> names, in the order of its messages.
     eye : Viewpoint
-        Where the scene is looked at from, world frame, m.
+        Position of the camera, world frame, m.
     """
     panels: dict[str, dict[str, Any]] = {"3D!scene": _scene(topics, eye)}
     tabs: list[dict[str, Any]] = []

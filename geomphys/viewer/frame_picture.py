@@ -93,7 +93,7 @@ class _Box(NamedTuple):
 
 
 def viewpoint_of(world: World, results: Sequence[FrameResult], focus: str | None = None) -> Viewpoint:
-    """Where to look at frames from: near what moves there, from where little stands in the way.
+    """Viewpoint for frames: near the moving bodies, with little occlusion.
 
     Parameters
     ----------
