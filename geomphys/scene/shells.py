@@ -122,7 +122,7 @@ def outward_shells(vertices: Floats, faces: Ints, label: Ints) -> Ints:
 
 
 def _is_inside_any(point: Floats, triangles: Floats, label: Ints) -> bool:
-    """Whether a point (3,) is inside one of several closed surfaces (n, 3, 3), distinguished by labels: a winding number is not 0.
+    """Whether a point (3,) is inside one of several closed surfaces (n, 3, 3), by label: a winding number is not 0.
 
     The solid angles of the triangles of a surface seen from the point sum to 4 pi times that number (van Oosterom and
     Strackee 1983).
