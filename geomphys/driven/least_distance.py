@@ -163,7 +163,24 @@ def begin_least_distance(p: LeastDistance, n: int, m: int) -> None:
 
 @outlined
 def satisfy_rows(p: LeastDistance, n: int, m: int, tolerance: float, count: int) -> tuple[int, int]:
-    """Continue from a solution with `count` active rows to one for the first `m` rows: as `solve_least_distance`."""
+    """Continue from a solution with `count` active rows to one for the first `m` rows; see `begin_least_distance`.
+
+    Parameters
+    ----------
+    p
+        `rows`, `bounds` and the goal, or the solution so far, in `x`; rows should have unit length.
+    n, m
+        Unknowns and rows in use.
+    tolerance
+        How far a row may stay violated, in the unit of `bounds`.
+    count
+        Number of active rows.
+
+    Returns
+    -------
+    tuple
+        (SOLVED or INFEASIBLE, number of active rows; `p.active` and `p.multiplier` hold them).
+    """
     for _ in range(10 * (n + m) + 20):
         row = _most_violated(p, n, m, tolerance)
         if row < 0:
@@ -197,25 +214,3 @@ def satisfy_rows(p: LeastDistance, n: int, m: int, tolerance: float, count: int)
                 break
             count = _drop(p, n, count, leaving)
     return INFEASIBLE, count
-
-
-@outlined
-def solve_least_distance(p: LeastDistance, n: int, m: int, tolerance: float) -> tuple[int, int]:
-    """Solve with the first `n` unknowns and `m` rows of `p`; rows should have unit length.
-
-    Parameters
-    ----------
-    p
-        `rows`, `bounds` and the goal in `x`; the solution replaces the goal.
-    n, m
-        Unknowns and rows in use.
-    tolerance
-        How far a row may stay violated, in the unit of `bounds`.
-
-    Returns
-    -------
-    tuple
-        (SOLVED or INFEASIBLE, number of active rows; `p.active` and `p.multiplier` hold them).
-    """
-    begin_least_distance(p, n, m)
-    return satisfy_rows(p, n, m, tolerance, 0)

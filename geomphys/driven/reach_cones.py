@@ -26,7 +26,6 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 TOUCHING = 1e-8  # of a direction to the polygon, below which the side's own normal is the inward direction
-MOVES = 64  # inwards, of a direction
 
 
 @kernel
@@ -95,30 +94,6 @@ def signed_angle(directions: Floats, first: int, last: int, d: Vec) -> tuple[flo
         if inside:
             inward = scale(inward, -1.0)
     return angle if inside else -angle, nearest, inward
-
-
-@kernel
-def nearest_inside(directions: Floats, first: int, last: int, d: Vec, margin: float) -> Vec:
-    """The nearest direction in the cone (as for `signed_angle`); d itself if it is `margin` [rad] inside.
-
-    With a margin above 0 the nearest one is then moved inwards until it is that far inside, or as far as the width of the
-    cone allows.
-    """
-    g, nearest, inward = signed_angle(directions, first, last, d)
-    if g >= margin:
-        return d
-    if g < 0.0:
-        d = nearest
-    deepest, best = -math.inf, d
-    for _ in range(MOVES):
-        g, _, inward = signed_angle(directions, first, last, d)
-        if g > deepest:
-            deepest, best = g, d
-        short = margin - g
-        if short <= 1e-3 * margin:
-            break
-        d = unit(add_scaled(scale(d, math.cos(short)), inward, math.sin(short)))
-    return best
 
 
 @kernel

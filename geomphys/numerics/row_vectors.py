@@ -59,14 +59,6 @@ def add_vec(a: Floats, v: Vec, s: float) -> None:
 
 
 @kernel
-def add_vec_at(a: Floats, i: int, v: Vec, s: float) -> None:
-    """Add s v to row i of an array (n, 3)."""
-    a[i, 0] += s * v[0]
-    a[i, 1] += s * v[1]
-    a[i, 2] += s * v[2]
-
-
-@kernel
 def add_vec_from(a: Floats, i: int, v: Vec, s: float) -> None:
     """Add s v to consecutive numbers of an array (n,) from element i on."""
     a[i] += s * v[0]

@@ -19,8 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
 
-IDENTITY_POSE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-
 
 def rotation_from_quaternion(quaternion: ArrayLike) -> Floats:
     """Rotations (..., 3, 3) of unit quaternions (..., 4) x y z w. The identity gives exact ones and zeros."""

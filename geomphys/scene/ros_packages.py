@@ -20,11 +20,6 @@ MAX_SIBLINGS = 200
 """folders in each of these that are searched, in the order of their names"""
 
 
-def resolve_mesh(name: str, folder: AnyPath) -> AnyPath:
-    """Path of a mesh named in a URDF of this folder; see `MeshResolver.find`."""
-    return MeshResolver(folder).find(name)
-
-
 class MeshResolver:
     """Resolves mesh names of the URDFs in a folder; folders are searched for packages once."""
 

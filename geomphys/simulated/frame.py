@@ -109,9 +109,9 @@ def undo_put_back(sim: Simulation, body: int) -> None:
 
 
 @kernel
-def is_finite(row: Floats, first: int, count: int) -> bool:
-    """Whether consecutive numbers of a row are all finite."""
-    for i in range(first, first + count):  # noqa: SIM110
+def is_finite(row: Floats) -> bool:
+    """Whether all numbers of a row are finite."""
+    for i in range(len(row)):  # noqa: SIM110
         if not math.isfinite(row[i]):
             return False
     return True
@@ -133,7 +133,7 @@ def finish(sim: Simulation) -> int:
         set_quat_from(pose, 3, q)
         set_vec_from(reported, 0, vec_of(m.velocity))
         set_vec_from(reported, 3, vec_of(m.angular_velocity))
-        broken = not (is_finite(pose, 0, 7) and is_finite(reported, 0, 6))
+        broken = not (is_finite(pose) and is_finite(reported))
         if broken or sim.bodies[body].awake == 0:
             for i in range(7):
                 pose[i] = before[i]

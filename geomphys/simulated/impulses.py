@@ -171,7 +171,6 @@ def settle(sim: Simulation, velocity: Floats, sweeps: int, precision: float) -> 
         sim.bodies[sim.rows[k].a].disturbed = 0
         sim.bodies[sim.rows[k].b].disturbed = 0
     for sweep in range(sweeps):
-        sim.counts.sweeps += 1
         most = 0.0
         for i in range(count):
             k = i if sweep & 1 == 0 else count - 1 - i

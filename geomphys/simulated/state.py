@@ -172,9 +172,6 @@ COUNTS = np.dtype(
         ("rows", INT),
         ("queued", INT),
         ("lost", INT),  # pairs and contact points beyond the capacity of their table
-        ("looks", INT),  # work done so far: narrow phases, ...
-        ("spans", INT),  # ... spans of time, ...
-        ("sweeps", INT),  # ... sweeps of the solver
     ]
 )
 """How much of the tables is in use."""

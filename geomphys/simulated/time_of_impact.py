@@ -49,7 +49,6 @@ def measure_pair_within(sim: Simulation, pair: int, t: float, far: float) -> tup
 
     Beyond `far` [m] the separation is only a lower bound, that along the normal, and the points are undefined.
     """
-    sim.counts.looks += 1
     pose_pair(sim, pair, t)
     p = sim.pairs[pair]
     found = separate(Shapes(sim.pieces, sim.frames), p.piece[0], p.piece[1], far, vec_of(p.axis), sim.scratch)
@@ -124,7 +123,6 @@ def span(sim: Simulation, pair: int, n: Vec, f0: float, t0: float, t1: float, en
     p = sim.pairs[pair]
     a, b = sim.motion[p.body[0]], sim.motion[p.body[1]]
     arm_a, arm_b = sim.arm[p.piece[0]], sim.arm[p.piece[1]]
-    sim.counts.spans += 1
     pose_pair(sim, pair, t1)
     h = t1 - t0
     acceleration = abs(dot(n, sub(vec_of(a.acceleration), vec_of(b.acceleration))))

@@ -7,7 +7,13 @@ import itertools
 import numpy as np
 import pytest
 
-from geomphys.driven.least_distance import INFEASIBLE, SOLVED, make_least_distance, solve_least_distance
+from geomphys.driven.least_distance import (
+    INFEASIBLE,
+    SOLVED,
+    begin_least_distance,
+    make_least_distance,
+    satisfy_rows,
+)
 
 
 def exhaustive(rows, bounds, goal):
@@ -32,7 +38,8 @@ def solve(rows, bounds, goal):
     m, n = rows.shape
     problem = make_least_distance(n + 2, m + 3)
     problem.rows[:m, :n], problem.bounds[:m], problem.x[:n] = rows, bounds, goal
-    status, active = solve_least_distance(problem, n, m, 1e-12)
+    begin_least_distance(problem, n, m)
+    status, active = satisfy_rows(problem, n, m, 1e-12, 0)
     return status, problem.x[:n].copy(), active
 
 

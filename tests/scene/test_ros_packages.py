@@ -8,7 +8,7 @@ import pytest
 
 from geomphys.errors import MeshError
 from geomphys.scene import ros_packages
-from geomphys.scene.ros_packages import resolve_mesh
+from geomphys.scene.ros_packages import MeshResolver
 
 NAME = "package://my_hand/meshes/box.stl"
 
@@ -25,34 +25,36 @@ def package(folder: Path, name: str = "my_hand", mesh: bool = True) -> Path:
 
 def test_by_the_package_xml_above(tmp_path: Path) -> None:
     mesh = package(tmp_path / "checkout-1.2")
-    assert resolve_mesh(NAME, tmp_path / "checkout-1.2" / "urdf") == mesh
-    assert resolve_mesh(NAME, tmp_path / "checkout-1.2" / "urdf" / "deep" / "er") == mesh
+    assert MeshResolver(tmp_path / "checkout-1.2" / "urdf").find(NAME) == mesh
+    assert MeshResolver(tmp_path / "checkout-1.2" / "urdf" / "deep" / "er").find(NAME) == mesh
 
 
 def test_by_the_package_xml_of_a_folder_beside_those_above(tmp_path: Path) -> None:
     mesh = package(tmp_path / "src" / "meshes-of-hand")
     package(tmp_path / "src" / "description", "my_description")
-    assert resolve_mesh(NAME, tmp_path / "src" / "description" / "urdf") == mesh
+    assert MeshResolver(tmp_path / "src" / "description" / "urdf").find(NAME) == mesh
 
 
 def test_by_the_environment_and_its_package_xml(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = package(tmp_path / "workspace" / "hand-main")
     (tmp_path / "elsewhere").mkdir()
     with pytest.raises(MeshError, match="was not found"):
-        resolve_mesh(NAME, tmp_path / "elsewhere")
+        MeshResolver(tmp_path / "elsewhere").find(NAME)
     for path in (tmp_path / "workspace", tmp_path / "workspace" / "hand-main"):
         monkeypatch.setenv("ROS_PACKAGE_PATH", str(path))
-        assert resolve_mesh(NAME, tmp_path / "elsewhere") == mesh
+        assert MeshResolver(tmp_path / "elsewhere").find(NAME) == mesh
 
 
 def test_from_the_urdfs_own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = package(tmp_path / "my_hand")
     monkeypatch.chdir(tmp_path / "my_hand" / "urdf")
-    assert resolve_mesh(NAME, Path()) == mesh
-    assert resolve_mesh(NAME, Path("../urdf")) == mesh
+    assert MeshResolver(Path()).find(NAME) == mesh
+    assert MeshResolver(Path("../urdf")).find(NAME) == mesh
     package(tmp_path / "other", "by_xml")
     monkeypatch.chdir(tmp_path / "other" / "urdf")
-    assert resolve_mesh("package://by_xml/meshes/box.stl", Path()).samefile(tmp_path / "other" / "meshes" / "box.stl")
+    assert (
+        MeshResolver(Path()).find("package://by_xml/meshes/box.stl").samefile(tmp_path / "other" / "meshes" / "box.stl")
+    )
 
 
 def test_through_a_link_to_the_urdfs_folder(tmp_path: Path) -> None:
@@ -60,21 +62,21 @@ def test_through_a_link_to_the_urdfs_folder(tmp_path: Path) -> None:
     installed = tmp_path / "install" / "share"
     installed.mkdir(parents=True)
     (installed / "urdf").symlink_to(tmp_path / "src" / "hand-main" / "urdf")
-    assert resolve_mesh(NAME, installed / "urdf").samefile(mesh)
+    assert MeshResolver(installed / "urdf").find(NAME).samefile(mesh)
 
 
 def test_a_missing_file_is_told_apart_from_a_missing_package(tmp_path: Path) -> None:
     package(tmp_path / "hand-main", mesh=False)
     with pytest.raises(MeshError, match=r"no such file in the package 'my_hand', which is .*hand-main"):
-        resolve_mesh(NAME, tmp_path / "hand-main" / "urdf")
+        MeshResolver(tmp_path / "hand-main" / "urdf").find(NAME)
     with pytest.raises(MeshError, match="package 'your_hand' was not found in the folders above"):
-        resolve_mesh("package://your_hand/a.stl", tmp_path / "hand-main" / "urdf")
+        MeshResolver(tmp_path / "hand-main" / "urdf").find("package://your_hand/a.stl")
 
 
 def test_the_package_that_has_the_file_counts(tmp_path: Path) -> None:
     (tmp_path / "a" / "my_hand").mkdir(parents=True)  # so named, and empty
     mesh = package(tmp_path / "a" / "hand-main")
-    assert resolve_mesh(NAME, tmp_path / "a" / "hand-main" / "urdf") == mesh
+    assert MeshResolver(tmp_path / "a" / "hand-main" / "urdf").find(NAME) == mesh
 
 
 @pytest.mark.parametrize(
@@ -91,7 +93,7 @@ def test_manifests_that_are_none_are_passed_by(tmp_path: Path, manifest: str) ->
     package(tmp_path / "hand-main")
     (tmp_path / "hand-main" / "package.xml").write_text(manifest)
     with pytest.raises(MeshError, match="was not found"):
-        resolve_mesh(NAME, tmp_path / "hand-main" / "urdf")
+        MeshResolver(tmp_path / "hand-main" / "urdf").find(NAME)
 
 
 def test_the_search_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -99,9 +101,9 @@ def test_the_search_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     for k in range(5):
         package(tmp_path / f"package_{k}", f"name_{k}")
     package(tmp_path / "urdfs", "mine")
-    assert resolve_mesh("package://name_2/meshes/box.stl", tmp_path / "urdfs" / "urdf")
+    assert MeshResolver(tmp_path / "urdfs" / "urdf").find("package://name_2/meshes/box.stl")
     with pytest.raises(MeshError, match="was not found"):
-        resolve_mesh("package://name_4/meshes/box.stl", tmp_path / "urdfs" / "urdf")
+        MeshResolver(tmp_path / "urdfs" / "urdf").find("package://name_4/meshes/box.stl")
 
 
 @pytest.mark.parametrize(
@@ -123,9 +125,9 @@ def test_the_search_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 )
 def test_names_that_lead_nowhere(tmp_path: Path, name: str, says: str) -> None:
     with pytest.raises(MeshError, match=says.replace("(", r"\(")):
-        resolve_mesh(name, tmp_path)
+        MeshResolver(tmp_path).find(name)
 
 
 def test_a_path_in_a_package_does_not_begin_at_the_root(tmp_path: Path) -> None:
     mesh = package(tmp_path / "hand-main")
-    assert resolve_mesh("package://my_hand//meshes/box.stl", mesh.parent.parent / "urdf") == mesh
+    assert MeshResolver(mesh.parent.parent / "urdf").find("package://my_hand//meshes/box.stl") == mesh

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from geomphys.errors import InputError, MeshError, ModelError
 from geomphys.scene import urdf_file
 from geomphys.scene.primitives import PrimitiveShape
-from geomphys.scene.ros_packages import resolve_mesh
+from geomphys.scene.ros_packages import MeshResolver
 from geomphys.scene.skeleton import load_skeleton
 from geomphys.scene.urdf_file import MeshShape, read_urdf
 from tests.scene.models import ball, joint, link, urdf
@@ -49,24 +49,24 @@ def test_meshes_by_every_kind_of_name(tmp_path: Path, monkeypatch: pytest.Monkey
     mesh.parent.mkdir()
     mesh.touch()
     spaced = tmp_path / "a b.stl"
-    assert resolve_mesh("../meshes/a.stl", folder) == folder / "../meshes/a.stl"
-    assert resolve_mesh(f"file://{mesh}", folder) == mesh
-    assert resolve_mesh(f"file://localhost{mesh}", folder) == mesh
-    assert resolve_mesh(f"file://{tmp_path}/a%20b.stl", folder) == spaced
-    assert resolve_mesh("package://my_hand/meshes/a.stl", folder) == mesh
+    assert MeshResolver(folder).find("../meshes/a.stl") == folder / "../meshes/a.stl"
+    assert MeshResolver(folder).find(f"file://{mesh}") == mesh
+    assert MeshResolver(folder).find(f"file://localhost{mesh}") == mesh
+    assert MeshResolver(folder).find(f"file://{tmp_path}/a%20b.stl") == spaced
+    assert MeshResolver(folder).find("package://my_hand/meshes/a.stl") == mesh
     elsewhere = tmp_path / "other.urdf"
     with pytest.raises(MeshError, match="package 'my_hand' was not found"):
-        resolve_mesh("package://my_hand/meshes/a.stl", elsewhere.parent)
+        MeshResolver(elsewhere.parent).find("package://my_hand/meshes/a.stl")
     monkeypatch.setenv("ROS_PACKAGE_PATH", f"/nowhere:{tmp_path / 'robots'}")
-    assert resolve_mesh("package://my_hand/meshes/a.stl", elsewhere.parent) == mesh
+    assert MeshResolver(elsewhere.parent).find("package://my_hand/meshes/a.stl") == mesh
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(mesh.parent.parent))
-    assert resolve_mesh("package://my_hand/meshes/a.stl", elsewhere.parent) == mesh
+    assert MeshResolver(elsewhere.parent).find("package://my_hand/meshes/a.stl") == mesh
     monkeypatch.delenv("ROS_PACKAGE_PATH")
     installed = tmp_path / "install" / "share" / "my_hand" / "b.stl"
     installed.parent.mkdir(parents=True)
     installed.touch()
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "install"))
-    assert resolve_mesh("package://my_hand/b.stl", elsewhere.parent) == installed
+    assert MeshResolver(elsewhere.parent).find("package://my_hand/b.stl") == installed
 
 
 @pytest.mark.parametrize(
