@@ -13,8 +13,9 @@ from geomphys.engine.state import Machine, make_machine
 from geomphys.jit.kernel import kernel
 from geomphys.jit.packed_records import pack
 from geomphys.numerics.vec3 import add_scaled, slerp, sub
-from geomphys.scene.arrays import SIMULATED, Scene, World
+from geomphys.scene.arrays import SIMULATED, Scene
 from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, position_of, set_pose
+from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 

@@ -26,7 +26,8 @@ from geomphys.engine.frame_buffer import FRAMES
 from geomphys.engine.pipeline import Pipeline
 from geomphys.recording.frames import FrameSource
 from geomphys.results import FLAG_NOT_CONVERGED, FrameResult
-from geomphys.scene.arrays import DRIVEN, World
+from geomphys.scene.arrays import DRIVEN
+from geomphys.scene.world import World
 
 HERE = Path(__file__).resolve().parent
 FREE_M = 1e-5

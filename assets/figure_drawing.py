@@ -11,7 +11,8 @@ from geomphys.analysis.diff.rasterizer import Surface, View, png, render
 from geomphys.numerics.transforms import rotation_from_quaternion
 from geomphys.output import colours, frame_columns
 from geomphys.results import FrameResult
-from geomphys.scene.arrays import DRIVEN, World
+from geomphys.scene.arrays import DRIVEN
+from geomphys.scene.world import World
 
 SIZE = (480, 360)
 SMOOTH = 3

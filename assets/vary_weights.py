@@ -22,7 +22,8 @@ from geomphys.engine.frame_buffer import FRAMES
 from geomphys.engine.pipeline import Pipeline
 from geomphys.recording.frames import FrameSource
 from geomphys.results import Frame
-from geomphys.scene.arrays import DRIVEN, World
+from geomphys.scene.arrays import DRIVEN
+from geomphys.scene.world import World
 
 HERE = Path(__file__).resolve().parent
 FACTORS = (0.3, 3.0)

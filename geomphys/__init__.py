@@ -10,7 +10,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    __version__: str
     from geomphys.analysis.audit import AuditReport, audit_output
     from geomphys.analysis.diff.compare import compare_outputs
     from geomphys.analysis.diff.difference import OutputDifference
@@ -49,14 +48,17 @@ if TYPE_CHECKING:
     from geomphys.recording.inspect import LogInfo, inspect_log
     from geomphys.replays import replay, run
     from geomphys.results import Contacts, Frame, FrameResult, Metrics, Penetrations
-    from geomphys.scene.arrays import Scene, World
+    from geomphys.scene.arrays import Scene
     from geomphys.scene.scene_file import scene_json_schema
+    from geomphys.scene.world import World
+    from geomphys.version import __version__
     from geomphys.viewer.foxglove_layout import write_foxglove_layout
     from geomphys.viewer.snapshot import take_snapshot
     from geomphys.viewer.video import VideoConfig, make_video
     from geomphys.viewer.view import view_result
 
 _HOME = {
+    "__version__": "version",
     "AuditReport": "analysis.audit",
     "BatchCallbacks": "batch.run",
     "BatchOptions": "batch.run",
@@ -94,7 +96,7 @@ _HOME = {
     "Summary": "output.summary",
     "VideoConfig": "viewer.video",
     "ViewerError": "errors",
-    "World": "scene.arrays",
+    "World": "scene.world",
     "audit_motion": "analysis.motion_audit",
     "audit_output": "analysis.audit",
     "calibrate": "authoring.calibration",
@@ -198,24 +200,11 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Import a public name on first use."""
-    value: Any
-    if name == "__version__":
-        value = _installed_version()
-    elif name in _HOME:
-        value = getattr(import_module(f"geomphys.{_HOME[name]}"), name)
-    else:
+    if name not in _HOME:
         raise AttributeError(f"module 'geomphys' has no attribute {name!r}")
+    value = getattr(import_module(f"geomphys.{_HOME[name]}"), name)
     globals()[name] = value
     return value
-
-
-def _installed_version() -> str:
-    """Version of the installed package; `0+unknown` in a checkout that was never installed."""
-    metadata = import_module("importlib.metadata")
-    try:
-        return str(metadata.version("geomphys"))
-    except metadata.PackageNotFoundError:
-        return "0+unknown"
 
 
 def __dir__() -> list[str]:

@@ -14,13 +14,14 @@ from geomphys.errors import ConfigError
 from geomphys.jit.packed_records import pack
 from geomphys.numerics.transforms import compose, frame_from_matrix, matrix_from_frame
 from geomphys.recording.point_measures import measure_points
-from geomphys.scene.arrays import Floats, World
+from geomphys.scene.arrays import Floats
 from geomphys.scene.assembly import assemble, exclude_pairs
 from geomphys.scene.decomposition import Progress
 from geomphys.scene.scaled_urdf import scaled_urdf
 from geomphys.scene.scene_cache import cache_world, load_cached_world
 from geomphys.scene.scene_file import load_scene_file
 from geomphys.scene.source_files import tracked_sources
+from geomphys.scene.world import World
 from geomphys.storage.cache import user_cache_folder
 from geomphys.storage.output_file import write_file
 from geomphys.storage.remote_files import AnyPath, as_path, is_remote

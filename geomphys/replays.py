@@ -25,7 +25,7 @@ from geomphys.output.worst_moments import WorstMoments
 from geomphys.recording.frames import FrameSource
 from geomphys.recording.report import RecordingReport
 from geomphys.results import Frame, FrameResult
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 from geomphys.storage.output_file import check_targets
 from geomphys.storage.remote_files import AnyPath, as_path
 

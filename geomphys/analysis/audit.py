@@ -20,7 +20,8 @@ from geomphys.numerics.transforms import rotation_from_quaternion
 from geomphys.output.output_log import OutputFrame, open_output
 from geomphys.output.output_world import world_of_output
 from geomphys.output.provenance import sha256_of_world
-from geomphys.scene.arrays import FIXED, SIMULATED, World
+from geomphys.scene.arrays import FIXED, SIMULATED
+from geomphys.scene.world import World
 from geomphys.storage.remote_files import AnyPath, as_path
 
 Floats = NDArray[np.float64]

@@ -23,7 +23,7 @@ from geomphys.analysis.tables import POSE
 from geomphys.errors import LogError, OutputError
 from geomphys.output.output_log import OutputFrame, OutputLog, open_output
 from geomphys.output.output_world import world_of_output
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 from geomphys.storage.output_file import OutputFile, write_file
 from geomphys.storage.remote_files import AnyPath, as_path, is_remote
 

@@ -20,7 +20,7 @@ from geomphys.load import load_world
 from geomphys.numerics.transforms import rotation_from_quaternion
 from geomphys.replays import replay
 from geomphys.results import FrameResult
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 from geomphys.storage.remote_files import AnyPath, as_path
 
 DEEP_M = 2e-3

@@ -18,7 +18,7 @@ from geomphys.errors import ConfigError, LogError, OutputError
 from geomphys.output.decoders import METRICS
 from geomphys.output.output_log import OutputFrame, OutputLog, open_output
 from geomphys.output.output_world import world_of_output
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 from geomphys.storage.output_file import OutputFile, check_targets
 from geomphys.storage.remote_files import AnyPath, as_path
 

@@ -26,8 +26,9 @@ from geomphys.config import Config
 from geomphys.errors import ConfigError
 from geomphys.load import load_world, scaled_to_log
 from geomphys.numerics.transforms import matrix_from_pose, pose_from_matrix, rotation_from_quaternion
-from geomphys.scene.arrays import FIXED, World
+from geomphys.scene.arrays import FIXED
 from geomphys.scene.topic_sources import RootSource
+from geomphys.scene.world import World
 from geomphys.storage.remote_files import AnyPath, as_path
 
 Floats = NDArray[np.float64]

@@ -30,7 +30,7 @@ from geomphys.numerics.transforms import (
     rotation_about,
     rotation_from_quaternion,
 )
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

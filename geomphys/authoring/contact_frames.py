@@ -18,7 +18,8 @@ from geomphys.numerics.even_samples import EvenSamples
 from geomphys.numerics.transforms import angle_between
 from geomphys.recording.frames import FrameSource
 from geomphys.results import Frame
-from geomphys.scene.arrays import FIXED, World
+from geomphys.scene.arrays import FIXED
+from geomphys.scene.world import World
 from geomphys.storage.remote_files import AnyPath
 
 Floats = NDArray[np.float64]

@@ -6,7 +6,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
-import geomphys
 from geomphys.errors import LogError
 
 _PACKAGE = "geomphys_demo"
@@ -22,7 +21,7 @@ class DemoFiles(NamedTuple):
 
 def demo_files() -> DemoFiles:
     """A recorded hand that goes into a table, and the gallery it stands in. Raises LogError if they are not installed."""
-    checkout = Path(geomphys.__file__).resolve().parent.parent
+    checkout = Path(__file__).resolve().parents[2]
     candidates = [DemoFiles(checkout / "recordings/gallery_hand.mcap", checkout / "assets/scenes/gallery.toml")]
     spec = find_spec(_PACKAGE)
     for folder in map(Path, (spec and spec.submodule_search_locations) or ()):

@@ -9,7 +9,7 @@ import numpy as np
 from geomphys.authoring.contact_fit import Finger
 from geomphys.keypoints.bone_scale import BASE, branch_names
 from geomphys.recording.point_measures import branch_title
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 
 
 def find_fingers(world: World, tree: int, links: Collection[str]) -> tuple[Finger, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.authoring.contact_fit import CONFIDENCE, ContactFit, Unknowns
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 

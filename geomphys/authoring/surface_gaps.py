@@ -16,8 +16,9 @@ from geomphys.collision.query import outline
 from geomphys.jit.kernel import kernel
 from geomphys.jit.packed_records import pack
 from geomphys.numerics.transforms import apply, matrix_from_frame, matrix_from_pose
-from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, HULL, SPHERE, Scene, World
+from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, HULL, SPHERE, Scene
 from geomphys.scene.kinematics import joint_origins, pose_pieces_of_tree, pose_tree
+from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -23,7 +23,7 @@ from geomphys.batch.job import Job, Outcome, failure, run_job
 from geomphys.batch.worker import initialize_worker
 from geomphys.errors import ClusterError
 from geomphys.jit.kernel import are_compiled
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 from geomphys.storage.deferred_signals import blocked_in_children, signals_deferred
 from geomphys.storage.remote_files import AnyPath, is_remote
 

@@ -12,17 +12,17 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
-from geomphys import __version__
 from geomphys.config import Callbacks, Config, OutputOptions
 from geomphys.errors import GeomphysError, OutputError, SceneError
 from geomphys.load import load_world
 from geomphys.output.output_log import open_output
 from geomphys.output.provenance import sha256_of_file, sha256_of_world
 from geomphys.replays import run
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 from geomphys.storage.output_file import partial_path, publish
 from geomphys.storage.remote_files import AnyPath, is_remote
 from geomphys.storage.temporary_folders import TemporaryFolder
+from geomphys.version import __version__
 
 STOP = "stop"
 """File in the folder of running jobs; once it exists they end at their current frame."""

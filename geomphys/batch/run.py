@@ -11,7 +11,6 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from geomphys import __version__
 from geomphys.batch.executors import Control, Finished, run_in_processes, run_on_cluster
 from geomphys.batch.job import STOP, Job, Outcome
 from geomphys.batch.manifest import Entry, Manifest
@@ -21,11 +20,12 @@ from geomphys.config import Config, OutputOptions
 from geomphys.errors import OutputError, RefusedTargetError
 from geomphys.load import load_world
 from geomphys.output.provenance import files_of_log, sha256_of_file, sha256_of_log, sha256_of_world
-from geomphys.scene.arrays import World
 from geomphys.scene.decomposition import Progress
+from geomphys.scene.world import World
 from geomphys.storage.child_process import available_cores
 from geomphys.storage.output_file import InputFiles, check_target
 from geomphys.storage.remote_files import AnyPath, as_path, is_remote
+from geomphys.version import __version__
 
 RUNNING = ".running"
 """Name of the folder for incomplete files, in the batch's folder."""

@@ -17,8 +17,9 @@ from geomphys.collision.penetration import make_scratch
 from geomphys.jit.packed_records import pack
 from geomphys.numerics.transforms import compose, frame_from_matrix, matrix_from_frame, matrix_from_pose
 from geomphys.results import FrameResult
-from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, SPHERE, Pieces, World
+from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, SPHERE, Pieces
 from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PosedShape, Shape, Sphere, build_pieces
+from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 

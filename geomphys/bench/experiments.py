@@ -17,7 +17,7 @@ from geomphys.errors import ConfigError
 from geomphys.load import load_world
 from geomphys.recording.frames import FrameSource
 from geomphys.results import Frame
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 

@@ -15,7 +15,8 @@ from geomphys.engine.state import Machine, make_machine
 from geomphys.engine.step import measure_correction
 from geomphys.jit.kernel import kernel
 from geomphys.jit.packed_records import Record, pack
-from geomphys.scene.arrays import Scene, World
+from geomphys.scene.arrays import Scene
+from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 

@@ -16,7 +16,8 @@ from geomphys.config import Config
 from geomphys.engine.frame_buffer import FRAMES, Block
 from geomphys.engine.pipeline import Pipeline
 from geomphys.results import Frame, FrameResult
-from geomphys.scene.arrays import DRIVEN, World
+from geomphys.scene.arrays import DRIVEN
+from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 

@@ -12,7 +12,8 @@ from geomphys.bench.measure import PeerFrame
 from geomphys.bench.mujoco_scene import TIMESTEP, body_name, build_model, load_mujoco, mocap_name
 from geomphys.numerics.transforms import compose, invert, matrix_from_pose, pose_from_matrix
 from geomphys.results import FrameResult
-from geomphys.scene.arrays import DRIVEN, FIXED, JOINT_FIXED, SIMULATED, World
+from geomphys.scene.arrays import DRIVEN, FIXED, JOINT_FIXED, SIMULATED
+from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

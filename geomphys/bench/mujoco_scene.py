@@ -15,18 +15,8 @@ from geomphys.numerics.transforms import (
     matrix_from_pose,
     pose_from_matrix,
 )
-from geomphys.scene.arrays import (
-    BOX,
-    CAPSULE,
-    CYLINDER,
-    DRIVEN,
-    FIXED,
-    HULL,
-    JOINT_FIXED,
-    JOINT_PRISMATIC,
-    SPHERE,
-    World,
-)
+from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, DRIVEN, FIXED, HULL, JOINT_FIXED, JOINT_PRISMATIC, SPHERE
+from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from geomphys.engine.state import make_machine
 from geomphys.load import load_world
 from geomphys.numerics.transforms import apply, matrix_from_pose
 from geomphys.results import Frame
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from geomphys.driven.links import Links
 from geomphys.recording.name_words import words
-from geomphys.scene.arrays import JOINT_FIXED, Scene, World
+from geomphys.scene.arrays import JOINT_FIXED, Scene
+from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from geomphys.numerics.transforms import apply, matrix_from_pose
 from geomphys.results import FrameResult
-from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene, World
+from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
+from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 

@@ -23,8 +23,9 @@ from geomphys.errors import GeomphysError
 from geomphys.jit.packed_records import pack
 from geomphys.numerics.motion_rates import MotionMeter
 from geomphys.results import FLAG_CATCHING_UP, Frame, FrameResult
-from geomphys.scene.arrays import DRIVEN, Scene, World
+from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.scene.kinematics import pose_tree
+from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

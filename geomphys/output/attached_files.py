@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 from urllib.parse import unquote
 
 from geomphys.errors import MeshError, OutputError
-from geomphys.scene.arrays import World
 from geomphys.scene.gltf_file import BufferResolver
 from geomphys.scene.meshes import MAX_FILE_BYTES, SUFFIXES
 from geomphys.scene.ros_packages import MeshResolver
+from geomphys.scene.world import World
 from geomphys.storage.remote_files import AnyPath
 
 INDEX = "attachments.json"

@@ -15,7 +15,6 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 from numpy.typing import NDArray
 
-from geomphys import __version__
 from geomphys.config import Config
 from geomphys.errors import LogError, OutputError
 from geomphys.output import frame_columns
@@ -41,9 +40,11 @@ from geomphys.output.urdf_description import descriptions
 from geomphys.output.worst_moments import log_text
 from geomphys.recording.stamps import WRITABLE_TIMES
 from geomphys.results import FrameResult
-from geomphys.scene.arrays import DRIVEN, FIXED, World
+from geomphys.scene.arrays import DRIVEN, FIXED
+from geomphys.scene.world import World
 from geomphys.storage.output_file import OutputFile
 from geomphys.storage.remote_files import AnyPath
+from geomphys.version import __version__
 
 _SHOWN_CONTACTS = ("/contacts/points", "/contacts/scene")
 _PROTOBUF_CHANNELS: dict[str, type[Message]] = {

@@ -6,7 +6,7 @@ from geomphys.config import Config
 from geomphys.output.provenance import Provenance
 from geomphys.output.sink import ContextManaged
 from geomphys.results import FrameResult
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 
 
 class MemorySink(ContextManaged):

@@ -10,7 +10,7 @@ from geomphys.errors import LogError
 from geomphys.output.decoders import ContactRow, PenetrationRow, Poses
 from geomphys.output.output_log import CHANNELS, OutputFrame, OutputLog
 from geomphys.results import METHODS, Contacts, Frame, FrameResult, Metrics, Penetrations
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 
 
 def results_of_output(

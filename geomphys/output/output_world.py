@@ -14,9 +14,9 @@ from geomphys.errors import InputError, LogError, SceneError
 from geomphys.load import load_world
 from geomphys.output.attached_files import INDEX, write_attachments
 from geomphys.output.output_log import OutputLog
-from geomphys.scene.arrays import World
 from geomphys.scene.assembly import assemble, exclude_pairs
 from geomphys.scene.scene_file import SceneFile, parse_scene
+from geomphys.scene.world import World
 from geomphys.storage.remote_files import AnyPath
 from geomphys.storage.temporary_folders import TemporaryFolder
 

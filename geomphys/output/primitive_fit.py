@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from geomphys.collision.query import outline
 from geomphys.numerics.transforms import matrix_from_frame
-from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, HULL, SPHERE, World
+from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, HULL, SPHERE
+from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 

@@ -15,11 +15,12 @@ from typing import Any, cast
 
 import numpy as np
 
-from geomphys import __version__
 from geomphys.config import Config
 from geomphys.errors import LogError, SceneError
-from geomphys.scene.arrays import Scene, World
+from geomphys.scene.arrays import Scene
+from geomphys.scene.world import World
 from geomphys.storage.remote_files import AnyPath, open_sequential, relative_path
+from geomphys.version import __version__
 
 METADATA_RECORD = "geomphys"
 NON_PARAMETER_KEYS = ("version", "input_sha256", "scene_sha256", "world_sha256", "complete")

@@ -40,7 +40,8 @@ from geomphys.output.vertex_normals import with_vertex_normals
 from geomphys.output.view_statistics import ViewStatistics
 from geomphys.output.worst_moments import WorstMoments, document_text, log_text
 from geomphys.results import FrameResult, Metrics
-from geomphys.scene.arrays import DRIVEN, FIXED, World
+from geomphys.scene.arrays import DRIVEN, FIXED
+from geomphys.scene.world import World
 from geomphys.storage.output_file import OutputFile
 from geomphys.storage.remote_files import AnyPath
 

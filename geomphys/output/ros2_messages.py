@@ -14,7 +14,7 @@ from geomphys.output.colours import CONTACT, Colour, colours_of_trees
 from geomphys.output.contact_arrows import arrow_lengths
 from geomphys.output.urdf_description import WORLD
 from geomphys.results import Contacts
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 

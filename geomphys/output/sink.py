@@ -8,7 +8,7 @@ from typing import Protocol
 from geomphys.config import Config
 from geomphys.output.provenance import Provenance
 from geomphys.results import FrameResult
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 
 
 class Sink(Protocol):

@@ -6,11 +6,26 @@ import dataclasses
 from dataclasses import dataclass, field
 from typing import Any
 
-from geomphys import results
 from geomphys.engine.grasps import Grasp, GraspMeter
 from geomphys.engine.log_messages import is_of_flag
 from geomphys.numerics.quantiles import Quantiles
-from geomphys.results import FrameResult, Metrics, Moment
+from geomphys.results import (
+    FLAG_BEFORE_FIRST,
+    FLAG_BLOCKED,
+    FLAG_CATCHING_UP,
+    FLAG_CLAMPED,
+    FLAG_HELD,
+    FLAG_IMPACT_BOUND,
+    FLAG_NOT_CONVERGED,
+    FLAG_OUTSIDE_LIMITS,
+    FLAG_QUARANTINED,
+    FLAG_SHAPE_CHANGED,
+    FLAG_STARTED_INSIDE,
+    FLAG_SWEEP_BOUND,
+    FrameResult,
+    Metrics,
+    Moment,
+)
 from geomphys.scene.findings import Findings
 from geomphys.storage.remote_files import AnyPath
 
@@ -23,18 +38,18 @@ MAX_MESSAGES = 100
 _COUNTED = ("contacts_recorded", "contacts_kept", "grasps_recorded", "grasps_kept")
 
 FLAG_NAMES = {
-    results.FLAG_HELD: "held",
-    results.FLAG_BEFORE_FIRST: "before_first",
-    results.FLAG_CLAMPED: "clamped",
-    results.FLAG_OUTSIDE_LIMITS: "outside_limits",
-    results.FLAG_NOT_CONVERGED: "not_converged",
-    results.FLAG_IMPACT_BOUND: "impact_bound",
-    results.FLAG_QUARANTINED: "quarantined",
-    results.FLAG_BLOCKED: "blocked",
-    results.FLAG_STARTED_INSIDE: "started_inside",
-    results.FLAG_SHAPE_CHANGED: "shape_changed",
-    results.FLAG_CATCHING_UP: "catching_up",
-    results.FLAG_SWEEP_BOUND: "sweep_bound",
+    FLAG_HELD: "held",
+    FLAG_BEFORE_FIRST: "before_first",
+    FLAG_CLAMPED: "clamped",
+    FLAG_OUTSIDE_LIMITS: "outside_limits",
+    FLAG_NOT_CONVERGED: "not_converged",
+    FLAG_IMPACT_BOUND: "impact_bound",
+    FLAG_QUARANTINED: "quarantined",
+    FLAG_BLOCKED: "blocked",
+    FLAG_STARTED_INSIDE: "started_inside",
+    FLAG_SHAPE_CHANGED: "shape_changed",
+    FLAG_CATCHING_UP: "catching_up",
+    FLAG_SWEEP_BOUND: "sweep_bound",
 }
 """Name of each bit of `Metrics.flags`."""
 
@@ -223,7 +238,7 @@ class Summarizer:
         for name in _COUNTED:
             self._counts[name] += getattr(metrics, name)
         self._shape_change = max(self._shape_change, metrics.shape_change_rad)
-        self._shape_change_frames += metrics.flags & results.FLAG_SHAPE_CHANGED > 0
+        self._shape_change_frames += metrics.flags & FLAG_SHAPE_CHANGED > 0
 
     def _add_pairs(self, result: FrameResult) -> None:
         """Update the deepest pair of bodies."""

@@ -9,8 +9,9 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from numpy.typing import NDArray
 
 from geomphys.output.colours import GHOST, Colour, colours_of_trees
-from geomphys.scene.arrays import DRIVEN, World
+from geomphys.scene.arrays import DRIVEN
 from geomphys.scene.frame_ids import RECORDED_PREFIX
+from geomphys.scene.world import World
 
 GHOST_INSET_M = 3e-4
 """m; ghosts are smaller than their bodies by this on every side, so that a body at its recorded pose hides its ghost."""

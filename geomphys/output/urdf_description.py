@@ -23,11 +23,11 @@ from geomphys.errors import ModelError
 from geomphys.numerics.transforms import rotation_about
 from geomphys.output.colours import Colour, colours_of_trees
 from geomphys.output.primitive_fit import PlacedPrimitive, primitives_of_body, raised
-from geomphys.scene.arrays import World
 from geomphys.scene.free_joints import joint_ends, links_above_free_joint
 from geomphys.scene.primitives import PRIMITIVES, PrimitiveShape, attributes_of
 from geomphys.scene.scene_file import ObjectTable
 from geomphys.scene.urdf_elements import SHAPES
+from geomphys.scene.world import World
 from geomphys.storage.remote_files import AnyPath
 
 WORLD = "world"

@@ -11,7 +11,8 @@ from geomphys.numerics.even_samples import EvenSamples
 from geomphys.numerics.transforms import rotation_from_quaternion
 from geomphys.output.camera import ContactFrame, Viewpoint, choose_viewpoint
 from geomphys.results import FrameResult
-from geomphys.scene.arrays import DRIVEN, FIXED, World
+from geomphys.scene.arrays import DRIVEN, FIXED
+from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -21,9 +21,9 @@ from geomphys.recording.reader import open_log
 from geomphys.recording.recorded_space import RecordedSpace
 from geomphys.recording.report import RecordingReport
 from geomphys.recording.stamps import WRITABLE_TIMES
-from geomphys.scene.arrays import World
 from geomphys.scene.findings import Findings
 from geomphys.scene.recording_tables import RecordingTable
+from geomphys.scene.world import World
 from geomphys.storage.remote_files import AnyPath, as_path
 
 

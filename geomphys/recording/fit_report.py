@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from geomphys.recording.display_names import join_names, printable
 from geomphys.recording.keypoint_routes import KeypointRoute
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 
 REPORTED_SHARE = 0.05
 """Share of the frames from which on it is reported that the points do not show a joint, or lie beyond its limits."""

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from geomphys.recording.display_names import printable
+from geomphys.recording.log_pass import LogPass
+from geomphys.recording.prepared_log import PreparedLog
+from geomphys.recording.routes import JointRoute, RootRoute
 from geomphys.recording.stamps import NEVER
-
-if TYPE_CHECKING:
-    from geomphys.recording.frames import FrameSource, LogPass
-    from geomphys.recording.routes import JointRoute, RootRoute
 
 
 class HeldStream(NamedTuple):
@@ -25,7 +24,7 @@ class HeldStream(NamedTuple):
     text: str  # "" for a gap; else that the stream had not begun or had ended
 
 
-def held_frames_warning(source: FrameSource, log_pass: LogPass) -> str:
+def held_frames_warning(source: PreparedLog, log_pass: LogPass) -> str:
     """The warning on held frames; "" if there are none."""
     held_streams = [*_held_roots(source, log_pass), *_held_joints(source, log_pass), *_held_fits(source, log_pass)]
     if not log_pass.held_frames:
@@ -47,7 +46,7 @@ def held_frames_warning(source: FrameSource, log_pass: LogPass) -> str:
     return f"{message}: {worst.frames} by {worst.stream_name}{more}: {reason}{remedy}"
 
 
-def _held_roots(source: FrameSource, log_pass: LogPass) -> Iterator[HeldStream]:
+def _held_roots(source: PreparedLog, log_pass: LogPass) -> Iterator[HeldStream]:
     for root in log_pass.roots:
         stream = root.stream
         if stream.held_frames:
@@ -59,7 +58,7 @@ def _held_roots(source: FrameSource, log_pass: LogPass) -> Iterator[HeldStream]:
             )
 
 
-def _held_joints(source: FrameSource, log_pass: LogPass) -> Iterator[HeldStream]:
+def _held_joints(source: PreparedLog, log_pass: LogPass) -> Iterator[HeldStream]:
     for route in log_pass.joints:
         stream = route.stream
         for k in np.flatnonzero(stream.held_frames) if stream is not None else ():
@@ -77,7 +76,7 @@ def _held_joints(source: FrameSource, log_pass: LogPass) -> Iterator[HeldStream]
             )
 
 
-def _held_fits(source: FrameSource, log_pass: LogPass) -> Iterator[HeldStream]:
+def _held_fits(source: PreparedLog, log_pass: LogPass) -> Iterator[HeldStream]:
     for route in log_pass.keypoints:
         if route.held_frames:
             longest = max((r.stream.longest_gap for r in route.routes), key=lambda gap: gap.length)

@@ -15,8 +15,8 @@ from geomphys.recording.display_names import did_you_mean, join_names
 from geomphys.recording.keypoint_matching import match_points
 from geomphys.recording.reader import LogChannel, LogReader
 from geomphys.recording.samples import CONTENT_NAMES, JOINTS, PART_PLACEHOLDERS, POINTS, POSES, ContentType
-from geomphys.scene.arrays import World
 from geomphys.scene.topic_sources import JointSource, KeypointSource, RootSource
+from geomphys.scene.world import World
 
 MIN_POINTS = 3
 """Points that a fit needs at least."""

@@ -17,7 +17,7 @@ from geomphys.numerics.transforms import quaternion_product
 from geomphys.recording.channels import kind_of
 from geomphys.recording.input_plan import KeypointInput
 from geomphys.recording.routes import RootRoute
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 

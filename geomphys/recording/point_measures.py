@@ -13,11 +13,12 @@ from geomphys.keypoints.bone_scale import BASE, DistanceSamples, branch_names, f
 from geomphys.keypoints.hidden_lengths import MAX_FRAMES, find_hidden_factors, hidden_links
 from geomphys.keypoints.palm_orientation import OrientationSamples
 from geomphys.numerics.even_samples import EvenSamples
-from geomphys.recording.frames import FrameSource, LogPass
+from geomphys.recording.frames import FrameSource
 from geomphys.recording.keypoint_routes import KeypointRoute
+from geomphys.recording.log_pass import LogPass
 from geomphys.recording.name_words import FINGERS, words
-from geomphys.scene.arrays import World
 from geomphys.scene.topic_sources import PalmOrientation
+from geomphys.scene.world import World
 from geomphys.storage.remote_files import AnyPath
 
 Floats = NDArray[np.float64]

@@ -6,7 +6,7 @@ import dataclasses
 import fnmatch
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,13 +16,12 @@ from geomphys.recording.display_names import closest_name, join_names, printable
 from geomphys.recording.fit_report import FitReport, fit_report
 from geomphys.recording.held_frames import held_frames_warning
 from geomphys.recording.input_plan import split_topic
+from geomphys.recording.log_pass import LogPass
+from geomphys.recording.prepared_log import PreparedLog
 from geomphys.recording.routes import JointRoute
 from geomphys.recording.sample_warnings import largest_disorder, length_mismatch_warnings, most_repeated, time_warnings
 from geomphys.recording.transform_plan import TransformUse
 from geomphys.recording.unit_warnings import angle_warnings, space_warnings
-
-if TYPE_CHECKING:
-    from geomphys.recording.frames import FrameSource, LogPass
 
 MAX_NAMES = 8  # names listed in a warning
 
@@ -93,7 +92,7 @@ class RecordingReport:
         return dataclasses.asdict(self)
 
 
-def make_report(source: FrameSource, log_pass: LogPass) -> RecordingReport:
+def make_report(source: PreparedLog, log_pass: LogPass) -> RecordingReport:
     """Make the report of a pass over a log, up to the last frame made."""
     damage = source.reader.damage
     unmatched_recorded, ignored = _unmatched_recorded(source, log_pass.joints)
@@ -126,7 +125,7 @@ def make_report(source: FrameSource, log_pass: LogPass) -> RecordingReport:
     return dataclasses.replace(report, warnings=tuple(_warnings(source, log_pass, report)))
 
 
-def _streams(source: FrameSource, log_pass: LogPass) -> Iterator[StreamReport]:
+def _streams(source: PreparedLog, log_pass: LogPass) -> Iterator[StreamReport]:
     """Figures of each stream: roots, then joints, in the order of the scene."""
     world = source.world
     for root in log_pass.poses:
@@ -147,13 +146,13 @@ def _streams(source: FrameSource, log_pass: LogPass) -> Iterator[StreamReport]:
             yield StreamReport(topic, world.dof_names[column], True, 0, 0, 0.0, 0)
 
 
-def _names(source: FrameSource, route: JointRoute) -> set[str]:
+def _names(source: PreparedLog, route: JointRoute) -> set[str]:
     """Names of the joints in a route's topic."""
     return set(source.prescan.names.get(route.input.topic, ())) | route.names
 
 
 def _unmatched_recorded(
-    source: FrameSource, routes: list[JointRoute]
+    source: PreparedLog, routes: list[JointRoute]
 ) -> tuple[tuple[UnmatchedName, ...], tuple[str, ...]]:
     """Recorded joints without a match, and those whose joint mimics another."""
     unmatched, ignored = [], set()
@@ -174,7 +173,7 @@ def _unmatched_recorded(
 
 
 def _unmatched_joints(
-    source: FrameSource, log_pass: LogPass, recorded: tuple[UnmatchedName, ...]
+    source: PreparedLog, log_pass: LogPass, recorded: tuple[UnmatchedName, ...]
 ) -> tuple[UnmatchedName, ...]:
     """Joints of trees with a joint topic that are not recorded."""
     found = []
@@ -187,7 +186,7 @@ def _unmatched_joints(
     return tuple(found)
 
 
-def _outside_limits(source: FrameSource, log_pass: LogPass) -> Iterator[OutsideLimits]:
+def _outside_limits(source: PreparedLog, log_pass: LogPass) -> Iterator[OutsideLimits]:
     """Joints that left their limits."""
     world, dofs = source.world, source.world.scene.dofs
     for column in np.flatnonzero(log_pass.outside_frames):
@@ -199,7 +198,7 @@ def _outside_limits(source: FrameSource, log_pass: LogPass) -> Iterator[OutsideL
         yield OutsideLimits(tree, name, frames, float(amount), source.config.clamp_limits)
 
 
-def _warnings(source: FrameSource, log_pass: LogPass, report: RecordingReport) -> Iterator[str]:
+def _warnings(source: PreparedLog, log_pass: LogPass, report: RecordingReport) -> Iterator[str]:
     """All warnings, one line each."""
     if report.recovered:
         yield Diagnostic(f"the log is damaged: {report.recovered}", "damaged")
@@ -271,7 +270,7 @@ def _warnings(source: FrameSource, log_pass: LogPass, report: RecordingReport) -
         yield Diagnostic(text, "outside_limits")
 
 
-def _name_warnings(source: FrameSource, log_pass: LogPass, report: RecordingReport) -> Iterator[str]:
+def _name_warnings(source: PreparedLog, log_pass: LogPass, report: RecordingReport) -> Iterator[str]:
     """Warnings on unmatched names."""
     groups: tuple[tuple[tuple[UnmatchedName, ...], DiagnosticKey, str], ...] = (
         (
@@ -313,7 +312,7 @@ def _name_warnings(source: FrameSource, log_pass: LogPass, report: RecordingRepo
             yield Diagnostic(text, "several_gloves")
 
 
-def _unfed_avatars(source: FrameSource) -> Iterator[str]:
+def _unfed_avatars(source: PreparedLog) -> Iterator[str]:
     """Avatars without a joint topic though the log has unused joint values."""
     world, plan = source.world, source.plan
     used = {i.topic for i in plan.joints} | {k.topic for k in plan.keypoints}

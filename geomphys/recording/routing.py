@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from geomphys.recording.input_plan import is_static
+from geomphys.recording.prepared_log import PreparedLog
 from geomphys.recording.routes import ChannelRoutes, JointRoute, RootRoute
 from geomphys.recording.transform_chain import TransformBuffer
 from geomphys.recording.transform_tree import is_transform_channel, normalized_frame_id
-
-if TYPE_CHECKING:
-    from geomphys.recording.frames import FrameSource
 
 
 class RoutingTable(NamedTuple):
@@ -22,7 +20,7 @@ class RoutingTable(NamedTuple):
     tracks: TransformBuffer
 
 
-def build_routing_table(source: FrameSource, gap: int) -> RoutingTable:
+def build_routing_table(source: PreparedLog, gap: int) -> RoutingTable:
     """Make the streams of a pass over a log and the routes to them; `gap` [ns] is the longest gap to interpolate."""
     plan, prescan, clock = source.plan, source.prescan, source.plan.clock
     by_topic = source.config.rate is None and clock is not None
@@ -62,7 +60,7 @@ def build_routing_table(source: FrameSource, gap: int) -> RoutingTable:
     return routing
 
 
-def _route_transforms(source: FrameSource, routing: RoutingTable) -> None:
+def _route_transforms(source: PreparedLog, routing: RoutingTable) -> None:
     """Route messages to the transform buffer, and set the expected parent of each child frame."""
     for edge, track in routing.tracks.tracks.items():
         for key in source.transforms.tree.link(edge).keys:

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from geomphys.recording.diagnostics import Diagnostic
 from geomphys.recording.display_names import printable
+from geomphys.recording.log_pass import LogPass
+from geomphys.recording.prepared_log import PreparedLog
 from geomphys.recording.routes import JointRoute, RootRoute
 
-if TYPE_CHECKING:
-    from geomphys.recording.frames import FrameSource, LogPass
 
-
-def time_warnings(source: FrameSource, log_pass: LogPass) -> Iterator[Diagnostic]:
+def time_warnings(source: PreparedLog, log_pass: LogPass) -> Iterator[Diagnostic]:
     """Stamps that were replaced, clocks that lie apart, times that jump or drift."""
     clock = source.plan.clock
     texts = [*log_pass.times.warnings(), *source.prescan.warnings]
@@ -31,7 +29,7 @@ def largest_disorder(log_pass: LogPass) -> str:
     return f": up to {worst.max_disorder / 1e9:.3f} s behind, on topic {printable(worst.input.topic)}"
 
 
-def most_repeated(source: FrameSource, log_pass: LogPass) -> str:
+def most_repeated(source: PreparedLog, log_pass: LogPass) -> str:
     """The topic with the most duplicate times and the remedy, where most of its messages are lost; ends a sentence, or ""."""
     streams = [(r.stream.duplicates, r.input.topic) for r in log_pass.poses]
     streams += [(r.stream.duplicates, r.input.topic) for r in log_pass.joints if r.stream is not None]
@@ -44,7 +42,7 @@ def most_repeated(source: FrameSource, log_pass: LogPass) -> str:
     )
 
 
-def length_mismatch_warnings(source: FrameSource, log_pass: LogPass) -> Iterator[Diagnostic]:
+def length_mismatch_warnings(source: PreparedLog, log_pass: LogPass) -> Iterator[Diagnostic]:
     """Joint messages with unequal numbers of positions and names."""
     for topic in sorted({route.input.topic for route in log_pass.joints}):
         counts = max(

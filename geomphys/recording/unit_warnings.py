@@ -4,25 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from geomphys.recording.angle_units import guess_angle_unit, is_informative, mirrored_joints
 from geomphys.recording.channels import kind_of
 from geomphys.recording.diagnostics import Diagnostic
 from geomphys.recording.display_names import join_names, printable
+from geomphys.recording.log_pass import LogPass
+from geomphys.recording.prepared_log import PreparedLog
+from geomphys.recording.routes import JointRoute
 from geomphys.recording.space_guess import guess_space
 from geomphys.scene.arrays import DRIVEN
-
-if TYPE_CHECKING:
-    from geomphys.recording.frames import FrameSource, LogPass
-    from geomphys.recording.routes import JointRoute
 
 MAX_NAMES = 8  # names listed in a warning
 MIN_EXTENT = 0.02  # m; a recording that stays closer to its origin was read in too small a unit
 UNIT_NAMES = {"m": "metres", "cm": "centimetres", "mm": "millimetres"}
 
 
-def angle_warnings(source: FrameSource, log_pass: LogPass) -> Iterator[str]:
+def angle_warnings(source: PreparedLog, log_pass: LogPass) -> Iterator[str]:
     """One line for each topic whose angles are of another unit or sign than the scene says, by `guess_angle_unit`."""
     for route in log_pass.joints:
         ranges, limits = _angle_ranges(source, log_pass, route)
@@ -55,7 +53,7 @@ def angle_warnings(source: FrameSource, log_pass: LogPass) -> Iterator[str]:
                 )
 
 
-def space_warnings(source: FrameSource, log_pass: LogPass) -> Iterator[str]:
+def space_warnings(source: PreparedLog, log_pass: LogPass) -> Iterator[str]:
     """Warnings if the up axis or unit of the poses differs from the scene's, by `guess_space`."""
     table = source.world.file.recording
     stated = table.model_fields_set
@@ -91,7 +89,7 @@ def _is_glove(route: JointRoute) -> bool:
 
 
 def _angle_ranges(
-    source: FrameSource, log_pass: LogPass, route: JointRoute
+    source: PreparedLog, log_pass: LogPass, route: JointRoute
 ) -> tuple[dict[str, tuple[float, float]], dict[str, tuple[float, float]]]:
     """Ranges [rad] of revolute joints, and their limits; of objects only joints with limits."""
     world = source.world

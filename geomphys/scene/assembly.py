@@ -22,7 +22,6 @@ from geomphys.scene.arrays import (
     ReachCones,
     Scene,
     Trees,
-    World,
 )
 from geomphys.scene.body_geometry import GeometryLoader
 from geomphys.scene.chains import link_index
@@ -36,6 +35,7 @@ from geomphys.scene.scene_file import AvatarTable, Coupling, ObjectTable, SceneF
 from geomphys.scene.topic_sources import RootSource
 from geomphys.scene.trees import Tree, TreeBody, read_avatar, read_object
 from geomphys.scene.unit_warnings import unit_warnings
+from geomphys.scene.world import World
 from geomphys.storage.remote_files import AnyPath
 
 Floats = NDArray[np.float64]

@@ -14,11 +14,12 @@ from functools import lru_cache
 from importlib.metadata import version
 from typing import Any
 
-from geomphys.scene.arrays import Bodies, Chains, Dofs, Materials, Pieces, ReachCones, Scene, Trees, World
+from geomphys.scene.arrays import Bodies, Chains, Dofs, Materials, Pieces, ReachCones, Scene, Trees
 from geomphys.scene.findings import DefaultPair, Findings, NotShown, RenamedFrame
 from geomphys.scene.scene_file import load_scene_file
 from geomphys.scene.source_files import Sources, track_sources
 from geomphys.scene.topic_sources import JointSource, KeypointSource, RootSource
+from geomphys.scene.world import World
 from geomphys.storage.cache import Store, sources, user_cache_folder
 from geomphys.storage.remote_files import AnyPath
 

@@ -15,8 +15,9 @@ from geomphys.output import colours, frame_columns
 from geomphys.output.camera import ContactFrame, Viewpoint, choose_viewpoint
 from geomphys.output.vertex_normals import with_vertex_normals
 from geomphys.results import FrameResult
-from geomphys.scene.arrays import DRIVEN, FIXED, World
+from geomphys.scene.arrays import DRIVEN, FIXED
 from geomphys.scene.tessellation import sphere_triangles
+from geomphys.scene.world import World
 from geomphys.viewer.ray_caster import Camera, Surface, render
 
 Floats = NDArray[np.float64]

@@ -17,7 +17,7 @@ from geomphys.output.output_log import OutputLog, open_output
 from geomphys.output.output_results import results_of_output
 from geomphys.output.output_world import world_of_output
 from geomphys.results import FrameResult
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 from geomphys.storage.output_file import OutputFile, check_target, is_standard_output
 from geomphys.storage.remote_files import AnyPath
 from geomphys.viewer.frame_picture import FramePainter, sample_of, viewpoint_of

@@ -17,7 +17,7 @@ import geomphys
 from geomphys.analysis import audit
 from geomphys.analysis.audit import _PosedPair, _Shape, _shape, pairs_to_test
 from geomphys.output.output_log import open_output
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 from tests.cli.press import DEEPEST_M, SCENE
 from tests.made import Results
 
@@ -126,6 +126,7 @@ def test_nothing_of_the_engine_is_used_once_the_scene_is_read(
             "output.output_world",
             "output.provenance",
             "scene.arrays",
+            "scene.world",
             "storage.remote_files",
         )
     }

@@ -12,7 +12,7 @@ from geomphys.engine.fingertips import make_fingertips
 from geomphys.engine.motion_measures import IN_CONTACT, RETAINED, ROUNDING
 from geomphys.jit.packed_records import pack
 from geomphys.numerics.transforms import compose, frame_from_matrix, matrix_from_frame, matrix_from_pose
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -16,7 +16,8 @@ from geomphys.bench.scaling import OVERLAP, Curve, block_of_pieces, curves, slid
 from geomphys.config import Config
 from geomphys.errors import ConfigError, InputError
 from geomphys.results import FrameResult
-from geomphys.scene.arrays import DRIVEN, World
+from geomphys.scene.arrays import DRIVEN
+from geomphys.scene.world import World
 
 FRAMES = 70  # more than a block
 

@@ -13,7 +13,8 @@ from geomphys.bench.scaling import slide, world_of_objects
 from geomphys.config import Config
 from geomphys.engine.pipeline import Pipeline
 from geomphys.results import FrameResult
-from geomphys.scene.arrays import DRIVEN, World
+from geomphys.scene.arrays import DRIVEN
+from geomphys.scene.world import World
 
 mujoco = pytest.importorskip("mujoco")
 

@@ -14,7 +14,7 @@ from geomphys.analysis.diff.motion_channels import JointChannel
 from geomphys.config import Config
 from geomphys.load import load_world
 from geomphys.recording.frames import FrameSource
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 from tests.recording.log_files import Tree, joints, make_world, pose, write_log
 from tests.scene.models import joint, link, urdf
 

@@ -17,7 +17,7 @@ from geomphys.recording.check import check_log
 from geomphys.recording.frames import FrameSource
 from geomphys.recording.report import RecordingReport
 from geomphys.results import Frame
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 from tests.recording.log_files import Item, S, Tree, joints, make_world, pose, transforms, write_log
 
 EPOCH = 1_760_000_000

@@ -8,7 +8,7 @@ import numpy as np
 
 from geomphys.driven.links import Links, make_links
 from geomphys.load import load_world
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 from tests.scene.models import joint, link, urdf
 
 CONE = [[0.9, 0.1, -0.3], [0.5, 0.8, -0.3], [-0.6, 0.7, -0.4], [-0.7, -0.3, -0.6], [0.3, -0.8, -0.5]]

@@ -19,7 +19,8 @@ from geomphys.load import load_world
 from geomphys.numerics.transforms import compose, matrix_from_frame, matrix_from_pose
 from geomphys.replays import replay
 from geomphys.results import FrameResult
-from geomphys.scene.arrays import DRIVEN, World
+from geomphys.scene.arrays import DRIVEN
+from geomphys.scene.world import World
 from tests.collision.engines import coal_place, coal_shape
 from tests.recording.log_files import Item, joints, pose, write_log
 from tests.scene.models import stl

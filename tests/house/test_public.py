@@ -14,7 +14,7 @@ import geomphys
 
 
 def test_every_public_name_is_declared_for_type_checkers_and_found() -> None:
-    declared = set(geomphys._HOME) | {"__version__"}
+    declared = set(geomphys._HOME)
     assert declared == set(geomphys.__all__) == set(dir(geomphys))
     assert sorted(geomphys.__all__) == geomphys.__all__
 

@@ -17,8 +17,8 @@ from geomphys.config import Config
 from geomphys.engine.grasps import Grasp, GraspMeter
 from geomphys.load import load_world
 from geomphys.replays import replay
-from geomphys.scene.arrays import World
 from geomphys.scene.kinematics import joint_origins, pose_tree
+from geomphys.scene.world import World
 from tests.laws.replayed import Run, thing
 from tests.laws.test_grasp import frictions, ramp
 from tests.laws.test_gripper import write_gripper

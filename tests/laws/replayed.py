@@ -15,7 +15,7 @@ from geomphys.config import Config
 from geomphys.load import load_world
 from geomphys.replays import replay
 from geomphys.results import FrameResult
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 from tests.recording.log_files import pose, write_log
 
 GRAVITY = 9.81

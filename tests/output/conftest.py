@@ -8,7 +8,7 @@ import pytest
 
 from geomphys.config import Config
 from geomphys.output.provenance import Provenance, provenance_of
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 from tests.output.made_world import make_world
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from geomphys.results import Contacts, Frame, FrameResult, Metrics, Penetrations
 from geomphys.scene import arrays as s
 from geomphys.scene.scene_file import SceneFile
+from geomphys.scene.world import World
 
 URDF = """<robot name="hand">
   <link name="palm"><visual><geometry><mesh filename="meshes/palm.stl"/></geometry></visual>
@@ -50,7 +51,7 @@ T0 = 1_700_000_000_123_456_789
 STEP = 16_666_667
 
 
-def make_world(folder: Path, avatars: Sequence[str]) -> s.World:
+def make_world(folder: Path, avatars: Sequence[str]) -> World:
     """Avatars of two links and the objects above."""
     (folder / "meshes").mkdir(parents=True)
     (folder / "meshes" / "palm.stl").write_bytes(_stl(box((0.08, 0.1, 0.02))))
@@ -110,7 +111,7 @@ def make_world(folder: Path, avatars: Sequence[str]) -> s.World:
         excluded=np.zeros((0, 0), np.int64),
         initial_velocity=np.zeros((bodies, 6)),
     )
-    return s.World(
+    return World(
         file=file,
         path=folder / "scene.toml",
         scene=scene,
@@ -128,7 +129,7 @@ def make_world(folder: Path, avatars: Sequence[str]) -> s.World:
     )
 
 
-def frames(world: s.World, count: int, start: int = T0) -> list[FrameResult]:
+def frames(world: World, count: int, start: int = T0) -> list[FrameResult]:
     """Frames in which every number differs; a third of them has contacts, in the middle of each dozen."""
     random = np.random.default_rng(7)
     bodies, dofs = len(world.body_names), len(world.dof_names)

@@ -18,7 +18,7 @@ from geomphys.output.provenance import Provenance
 from geomphys.output.rerun_sink import RerunSink
 from geomphys.output.sink import ContextManaged
 from geomphys.results import FrameResult
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 from geomphys.storage.output_file import OutputFile
 from tests.cli.press import SCENE, write_log
 

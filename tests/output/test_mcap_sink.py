@@ -22,7 +22,7 @@ from geomphys.output.attached_files import INDEX
 from geomphys.output.mcap_sink import McapSink
 from geomphys.output.provenance import Provenance
 from geomphys.results import METHODS, FrameResult
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 from tests.output.made_world import STEP, T0, frames
 
 Decoded = list[tuple[int, Any]]

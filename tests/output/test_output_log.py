@@ -16,7 +16,7 @@ from geomphys.output.mcap_sink import McapSink
 from geomphys.output.output_log import OutputFrame, open_output
 from geomphys.output.provenance import provenance_of
 from geomphys.results import METHODS, FrameResult
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 from tests.output.made_world import frames, make_world
 
 

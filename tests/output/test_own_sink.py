@@ -13,7 +13,7 @@ from geomphys.config import Config
 from geomphys.output.memory_sink import MemorySink
 from geomphys.output.provenance import Provenance
 from geomphys.results import FrameResult
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 from tests.cli.press import SCENE, write_log
 
 

@@ -12,7 +12,7 @@ import pytest
 from geomphys.config import Config
 from geomphys.errors import LogError, SceneError
 from geomphys.output.provenance import provenance_of, sha256_of_log, sha256_of_world
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 from tests.output.made_world import make_world
 
 

@@ -22,7 +22,7 @@ from geomphys.output.provenance import Provenance
 from geomphys.output.rerun_sink import RerunSink
 from geomphys.output.worst_moments import WorstMoments, command_text, document_text, log_text
 from geomphys.results import FrameResult, Moment
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 from geomphys.viewer.view import offline_environment, viewer_command
 from tests.output.made_world import STEP, T0, frames
 

@@ -16,7 +16,8 @@ from geomphys.output.output_log import open_output
 from geomphys.output.provenance import provenance_of
 from geomphys.output.ros2_sink import Ros2Sink
 from geomphys.results import FrameResult
-from geomphys.scene.arrays import DRIVEN, World
+from geomphys.scene.arrays import DRIVEN
+from geomphys.scene.world import World
 from tests.output.made_world import frames, make_world
 
 STORES = [Stores.ROS2_HUMBLE, Stores.ROS2_JAZZY, Stores.EMPTY]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from geomphys.output.view_statistics import MAX_FRAMES, ViewStatistics
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 from tests.output.made_world import frames
 
 

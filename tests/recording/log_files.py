@@ -32,11 +32,11 @@ from geomphys.scene.arrays import (
     ReachCones,
     Scene,
     Trees,
-    World,
 )
 from geomphys.scene.recording_tables import RecordingTable
 from geomphys.scene.scene_file import SceneFile
 from geomphys.scene.topic_sources import JointSource, RootSource
+from geomphys.scene.world import World
 
 S = 10**9
 IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)

@@ -14,7 +14,8 @@ from geomphys.config import Config
 from geomphys.errors import LogError
 from geomphys.recording.frames import FrameSource
 from geomphys.results import FLAG_BEFORE_FIRST, FLAG_CLAMPED, FLAG_HELD, FLAG_OUTSIDE_LIMITS, Frame
-from geomphys.scene.arrays import JOINT_PRISMATIC, World
+from geomphys.scene.arrays import JOINT_PRISMATIC
+from geomphys.scene.world import World
 from tests.recording.log_files import (
     IDENTITY,
     Item,

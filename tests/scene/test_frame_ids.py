@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from geomphys.load import load_world
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 from tests.scene.models import ball, joint, urdf
 
 HAND = '[[avatar]]\nname = "hand"\nurdf = "hand.urdf"\n'

@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from geomphys.jit.packed_records import pack
 from geomphys.load import load_world
 from geomphys.numerics.transforms import compose, frame_from_matrix, matrix_from_frame, matrix_from_pose
-from geomphys.scene.arrays import World
 from geomphys.scene.kinematics import joint_origins, pose_pieces_of_tree, pose_tree
 from geomphys.scene.skeleton import load_skeleton
+from geomphys.scene.world import World
 from tests.scene.models import joint, link, urdf
 
 BALL = '<origin xyz="0.01 0.02 0.03" rpy="0.4 0.5 0.6"/><geometry><box size="0.02 0.03 0.04"/></geometry>'

@@ -14,19 +14,9 @@ from geomphys.errors import ConfigError, GeomphysError, MeshError, SceneError
 from geomphys.load import load_world
 from geomphys.numerics.transforms import compose, matrix_from_frame, matrix_from_pose, rotation_about
 from geomphys.scene import assembly
-from geomphys.scene.arrays import (
-    BOX,
-    CAPSULE,
-    CYLINDER,
-    DRIVEN,
-    FIXED,
-    HULL,
-    JOINT_PRISMATIC,
-    SIMULATED,
-    SPHERE,
-    World,
-)
+from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, DRIVEN, FIXED, HULL, JOINT_PRISMATIC, SIMULATED, SPHERE
 from geomphys.scene.skeleton import load_skeleton
+from geomphys.scene.world import World
 from tests.scene.models import ball, cube, ell, joint, link, stl, urdf
 
 HAND = '[[avatar]]\nname = "hand"\nurdf = "hand.urdf"\n'

@@ -13,7 +13,7 @@ from geomphys import load
 from geomphys.errors import MeshError
 from geomphys.output.provenance import sha256_of_world
 from geomphys.scene import scene_cache
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 from geomphys.storage import cache
 from tests.scene.models import cube, link, stl, urdf
 

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from geomphys import __version__
 from geomphys.analysis.diff.channels import ChannelDifference
 from geomphys.analysis.diff.difference import OutputDifference
 from geomphys.analysis.diff.measures import Measure
@@ -23,6 +22,7 @@ from geomphys.output.worst_moments import command_text, figure_text
 from geomphys.scene.source_files import tracked_sources
 from geomphys.storage.output_file import check_target, write_file
 from geomphys.storage.remote_files import AnyPath, as_path
+from geomphys.version import __version__
 
 _STYLE = """
 :root { color-scheme: light dark; --ink: #1d2126; --soft: #5d6570; --line: #d9dce0; --paper: #ffffff; --panel: #f6f7f8;

@@ -15,7 +15,8 @@ from geomphys.numerics.transforms import rotation_from_quaternion
 from geomphys.output.camera import choose_viewpoint
 from geomphys.output.decoders import Poses
 from geomphys.output.output_log import OutputLog
-from geomphys.scene.arrays import FIXED, World
+from geomphys.scene.arrays import FIXED
+from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 

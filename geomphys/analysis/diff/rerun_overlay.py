@@ -21,7 +21,7 @@ from geomphys.output.output_log import OutputLog, open_output
 from geomphys.output.output_world import world_of_output
 from geomphys.output.rerun_stream import UNIX_TIME_START, RerunStream, Times
 from geomphys.output.vertex_normals import with_vertex_normals
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 from geomphys.storage.output_file import OutputFile
 from geomphys.storage.remote_files import AnyPath
 

@@ -16,8 +16,8 @@ from geomphys.driven.reach_cones import cone_angle
 from geomphys.engine.state import make_machine
 from geomphys.jit.packed_records import pack
 from geomphys.load import load_world
-from geomphys.scene.arrays import World
 from geomphys.scene.kinematics import pose_tree
+from geomphys.scene.world import World
 from tests.driven.compound import CONE, NOTCHED, limit, shoulder
 from tests.scene.models import ball, joint, link, urdf
 
