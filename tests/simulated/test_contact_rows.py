@@ -7,6 +7,7 @@ import pytest
 
 from geomphys.scene.pieces import Box, Sphere
 from geomphys.simulated.allocation import Capacity
+from geomphys.simulated.contact_points import add_rows
 from geomphys.simulated.impulse_accumulation import drop_rows
 from geomphys.simulated.update import IMPACT_BOUND
 from tests.simulated.scenes import Player, Thing, floor
@@ -69,3 +70,19 @@ def test_a_frame_without_capacity_for_its_points_leaves_bodies_where_they_are_an
     player.step(1 / 60)
     assert player.flags == flag
     assert np.array_equal(player.poses, before) == bool(flag)
+
+
+def test_impulses_of_points_that_are_gone_go_to_those_that_are_there() -> None:
+    """Of four points of a cube two are found where they were; what all have passed on in the frame stays the same."""
+    stage = Stage(cubes(8))
+    slots = stage.player.simulation.slots[0]
+    for m in range(4):
+        slots[m]["normal_impulse"], slots[m]["friction_impulse"] = 1.0 + m, (0.1 * m, -1.0, 0.0)
+        slots[m]["normal_impulses"] = (0.0, 0.0, 1.0 + m)
+    slots["local"][2:] += 0.02
+    stage.player.simulation.counts["rows"] = 0
+    stage.call(add_rows, 0, 0.0)
+    assert slots["used"].tolist() == [1, 1, 1, 1]
+    assert slots["normal_impulse"].sum() == pytest.approx(10.0, rel=1e-15)
+    assert slots["friction_impulse"].sum(axis=0) == pytest.approx([0.6, -4.0, 0.0], rel=1e-15)
+    assert slots["normal_impulses"].sum(axis=0) == pytest.approx([0.0, 0.0, 10.0], rel=1e-15)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from geomphys.scene.arrays import DRIVEN
 from geomphys.scene.pieces import Box
 from geomphys.simulated.motion import load_velocities
-from geomphys.simulated.resting_contact import SWEEPS, hold
+from geomphys.simulated.resting_contact import SWEEPS, WEIGHT_TIME, hold, set_limits
 from tests.simulated.scenes import GRAVITY, Player, Thing, floor
 from tests.simulated.stages import Stage
 
@@ -68,3 +69,18 @@ def test_friction_beyond_the_cone_is_cut_to_it() -> None:
     lost = 0.3 * GRAVITY / 240
     stage = held(Thing(shape=CUBE, at=(0, 0, 0.05 + GAP), v=(0, 1.5 * lost, 0)))
     assert stage.dt * stage.motion["acceleration"][0, 1] == pytest.approx(-lost, rel=1e-4)
+
+
+def test_only_bodies_that_follow_a_path_have_bounded_impulses() -> None:
+    """Four times what stops the approach of all that is stacked, and holds it for a while."""
+    cubes = [Thing(shape=CUBE, at=(0, 0, 0.05 + GAP + k * (0.1 + GAP)), v=(0, 0, 0.3), mass=1.0 + k) for k in range(2)]
+    press = Thing(shape=CUBE, at=(0, 0, 0.25 + 3 * GAP), role=DRIVEN)
+    stage = Stage(Player([*cubes, press, floor()], gap=GAP))
+    stage.call(load_velocities)
+    stage.player.simulation.velocity[2, 2] = -0.2
+    stage.call(set_limits)
+    pressed = stage.rows["b"] == 2
+    assert pressed.sum() == 4
+    expected = 4.0 * 3.0 * (0.5 + WEIGHT_TIME * GRAVITY)
+    assert stage.rows["impulse_limit"][pressed] == pytest.approx(expected, rel=1e-12)
+    assert np.isinf(stage.rows["impulse_limit"][~pressed]).all()

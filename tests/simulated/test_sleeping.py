@@ -8,7 +8,7 @@ import pytest
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box
 from geomphys.simulated.frame_contacts import write_touches
-from geomphys.simulated.sleeping import REST_TIME, wake
+from geomphys.simulated.sleeping import REST_TIME, SLOW_SPEED, note_rest, wake
 from tests.simulated.scenes import Player, Thing, floor
 from tests.simulated.stages import Stage
 
@@ -53,6 +53,23 @@ def test_in_the_course_of_a_frame_nothing_falls_asleep() -> None:
     assert stage.bodies["awake"][:3].all()
     assert stage.call(wake, False)
     assert stage.bodies["awake"][:3].all()
+
+
+@pytest.mark.parametrize(
+    ("speed", "touched", "awake", "counts"),
+    [(0.5, 1, 1, True), (0.5, 0, 0, True), (0.5, 0, 1, False), (2.0, 1, 1, False)],
+    ids=["supported", "asleep", "in free flight", "fast"],
+)
+def test_time_of_slow_motion_counts_while_a_body_is_supported(
+    speed: float, touched: int, awake: int, counts: bool
+) -> None:
+    """The top of a throw is slow too, and nothing may fall asleep there."""
+    stage = resting()
+    m = stage.motion[0]
+    m["velocity"], m["slow_time"] = (speed * SLOW_SPEED, 0.0, 0.0), 1.0
+    stage.bodies["touched"][0], stage.bodies["awake"][0] = touched, awake
+    stage.call(note_rest, 0, np.zeros(6))
+    assert m["slow_time"] == pytest.approx(1.0 + stage.dt if counts else 0.0, rel=1e-12)
 
 
 def test_a_driven_body_that_moves_wakes_what_is_near_it() -> None:
