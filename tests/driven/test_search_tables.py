@@ -8,19 +8,7 @@ import pytest
 from geomphys.driven.constraints import _remember_spot, forget_spots, needed
 from geomphys.driven.contacts_kept import forget_touches, note_touch
 from geomphys.driven.state import SPOTS
-from geomphys.engine.state import Machine, make_machine
-from geomphys.jit.packed_records import pack
-from geomphys.scene import arrays as s
-from geomphys.scene.pieces import Sphere
-from tests.simulated.scenes import Thing, floor, make_scene
-
-
-@pytest.fixture
-def table() -> tuple[object, object, Machine]:
-    """A packed scene of three driven balls and a floor, its packed workspace, and the machine they are of."""
-    scene = make_scene([*(Thing(shape=Sphere(0.05), role=s.DRIVEN, at=(0.2 * k, 0, 0.06)) for k in range(3)), floor()])
-    machine = make_machine(scene)
-    return pack(scene), pack(machine.workspace), machine
+from geomphys.engine.state import Machine
 
 
 def touches(machine: Machine) -> list[tuple[int, int, float]]:

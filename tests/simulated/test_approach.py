@@ -10,7 +10,9 @@ from geomphys.collision.penetration import separation
 from geomphys.collision.support import pose_pieces
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box, Capsule, Sphere
+from geomphys.simulated.swept_boxes import reach_ahead
 from tests.simulated.scenes import Player, Thing, floor
+from tests.simulated.stages import Stage
 
 DT = 1 / 30
 
@@ -80,3 +82,21 @@ def test_the_tip_of_a_rod_that_dips_in_between_two_steps_strikes(rate: int) -> N
         player.step(1.0 / rate)
         assert player.overlap() < 1e-5
     assert player.impacts > 0
+
+
+@pytest.mark.parametrize("spin", [0.0, 5.0, 80.0])
+def test_no_point_goes_farther_than_a_body_reaches_ahead(spin: float) -> None:
+    """Of a cube that flies and rotates, corners among them, at moments of a frame."""
+    rng = np.random.default_rng(5)
+    for _ in range(10):
+        v, w = rng.normal(size=3), spin * rng.normal(size=3)
+        cube = Thing(shape=Box((0.05, 0.03, 0.04)), at=(0, 0, 1), v=v, w=w, mass=1.0)
+        stage = Stage(Player([cube, floor()]), DT)
+        m = stage.motion[0]
+        m["angular_velocity"], m["velocity"] = w, v
+        corners = np.array([0.05, 0.03, 0.04]) * (np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T)
+        reach = float(stage.call(reach_ahead, 0, DT))
+        for t in np.linspace(0.0, DT, 50):
+            turned = Rotation.from_rotvec(t * w).apply(corners)
+            moved = t * v + 0.5 * t * t * np.array([0.0, 0.0, -9.81]) + turned - corners
+            assert np.linalg.norm(moved, axis=1).max() <= reach + 1e-12

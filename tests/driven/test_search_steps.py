@@ -1,0 +1,141 @@
+"""Bounds on what a step of a search does, and the choice between equivalent angles: each by itself."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from geomphys.collision.penetration import separation
+from geomphys.driven.goals import take_branch
+from geomphys.driven.reachability import _note_travel, _pair_travel
+from geomphys.driven.starts import JUMP, steady_change
+from geomphys.driven.state import LOCKED, RIGID
+from geomphys.driven.stepping import gap_on_its_side, measure_near_pairs, update_separations
+from geomphys.driven.targets import _brake
+from geomphys.engine.state import Machine, make_machine
+from geomphys.jit.packed_records import pack
+from tests.driven.compound import NOTCHED, shoulder
+
+Table = tuple[Any, Any, Machine]
+
+
+def one_free(machine: Machine) -> None:
+    """The first ball is solved for, everything else stays."""
+    machine.workspace.work.kind[:] = LOCKED
+    machine.workspace.work.kind[0] = RIGID
+    machine.workspace.work.ignored[:] = 0
+
+
+@pytest.mark.parametrize("down", [0.0, 0.004, 0.009, 0.012])
+def test_separations_after_a_step_are_never_more_than_they_are(table: Table, down: float) -> None:
+    """The first ball, 1 cm above the floor, moves down; what is nearer than `enough` is measured, the rest bounded."""
+    scene, ws, machine = table
+    one_free(machine)
+    measure_near_pairs(scene, ws, 0.5, math.inf)
+    near, frames = machine.workspace.near, machine.workspace.piece_frames.frames
+    count, enough = int(near.counts["filled"]), 3e-3
+    machine.workspace.work.motion[:] = 0.0
+    machine.workspace.work.motion[0] = down
+    frames[0, 11] -= down
+    least = update_separations(scene, ws, 0.05, enough)
+    scratch = pack(machine.detection.scratch)
+    true = [
+        separation(scene.pieces, frames, int(a), int(b), 1.0, (0.0, 0.0, 0.0), scratch)[0]
+        for a, b in zip(near.a[:count], near.b[:count], strict=True)
+    ]
+    involved = (near.a[:count] == 0) | (near.b[:count] == 0)
+    assert (near.separation[:count] <= np.array(true) + 1e-12)[involved].all()
+    measured = involved & (np.array(true) < enough)
+    assert near.separation[:count][measured] == pytest.approx(np.array(true)[measured], abs=1e-12)
+    if measured.any():
+        assert least == pytest.approx(0.01 - down, abs=1e-12)
+
+
+@pytest.mark.parametrize(("angle", "motion", "sure"), [(0.0, 0.5, True), (0.1, 1e-3, True), (0.1, 0.05, False)])
+def test_a_direction_says_nothing_of_a_path_with_much_rotation(
+    table: Table, angle: float, motion: float, sure: bool
+) -> None:
+    scene, ws, machine = table
+    one_free(machine)
+    measure_near_pairs(scene, ws, 0.02, math.inf)
+    work = machine.workspace.work
+    work.now.poses[:] = work.trial.poses[:] = machine.recorded
+    work.trial.poses[0, 3:] = (0.0, 0.0, math.sin(0.5 * angle), math.cos(0.5 * angle))
+    gap = gap_on_its_side(scene, ws, 0, motion)
+    assert gap == pytest.approx(0.01, abs=1e-12) if sure else gap == -math.inf
+
+
+def test_two_pieces_come_nearer_by_no_more_than_their_travel(table: Table) -> None:
+    scene, _, machine = table
+    rng, poses = np.random.default_rng(2), machine.recorded
+    for _ in range(30):
+        after, travel = poses.copy(), np.zeros((4, 4))
+        for body in (0, 1):
+            after[body, :3] += 0.1 * rng.normal(size=3)
+            q = rng.normal(size=4)
+            after[body, 3:] = q / np.linalg.norm(q)
+            _note_travel(scene, poses, after, body, travel)
+        points = 0.05 * rng.normal(size=(2, 3))
+        points /= np.maximum(1.0, np.linalg.norm(points, axis=1, keepdims=True) / 0.05)
+        shifts = [placed(after[b], points[b]) - placed(poses[b], points[b]) for b in (0, 1)]
+        assert np.linalg.norm(shifts[0] - shifts[1]) <= _pair_travel(travel, 0, 1) + 1e-12
+        assert _pair_travel(travel, 0, 1) == pytest.approx(_pair_travel(travel, 1, 0), rel=1e-15)
+        both = np.linalg.norm(after[0, :3] - after[1, :3] - poses[0, :3] + poses[1, :3])
+        assert _pair_travel(travel, 0, 1) == pytest.approx(both + travel[:2, 3].sum(), rel=1e-12)
+
+
+def placed(pose: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """A point of a body in the world."""
+    u, w = pose[3:6], pose[6]
+    return pose[:3] + point + 2.0 * np.cross(u, np.cross(u, point) + w * point)
+
+
+@pytest.mark.parametrize(
+    ("rate", "after"),
+    [((0.3, 0.0, -2.0), (0.3, 0.0, 0.0)), ((0.3, 0.0, 2.0), (0.3, 0.0, 2.0)), ((0.3, 0.0, 0.0), (0.3, 0.0, 0.0))],
+    ids=["against the contact", "away from it", "along it"],
+)
+def test_a_contact_stops_the_rate_of_an_offset_against_it(
+    table: Table, rate: tuple[float, ...], after: tuple[float, ...]
+) -> None:
+    machine = table[2]
+    machine.driven.rate[0] = (*rate, *rate)
+    _brake(pack(machine.driven), 0, (0.0, 0.0, 0.01), (0.0, 0.0, 0.0))
+    assert machine.driven.rate[0] == pytest.approx([*after, *rate], abs=1e-15)
+    _brake(pack(machine.driven), 0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.02))
+    assert machine.driven.rate[0] == pytest.approx([*after, *after], abs=1e-15)
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Table:
+    """An arm of four revolute joints: its scene and workspace, packed, and the machine they are of."""
+    scene = shoulder(tmp_path_factory.mktemp("arm"), NOTCHED).scene
+    machine = make_machine(scene)
+    return pack(scene), pack(machine.workspace), machine
+
+
+@pytest.mark.parametrize(
+    ("goal", "recorded", "taken"),
+    [(-3.1, 3.1, -3.1 + 2 * math.pi), (0.2, 0.1, 0.2), (-2.0, 2.5, -2.0), (3.0, -3.1, 3.0)],
+    ids=["other side", "same branch", "near half a revolution", "beyond its limit"],
+)
+def test_of_equal_angles_the_one_nearest_to_the_recording_is_taken(
+    arm: Table, goal: float, recorded: float, taken: float
+) -> None:
+    scene, ws, machine = arm
+    work = machine.workspace.work
+    work.low[:], work.high[:] = -3.05, 4.0
+    work.now.angles[:] = goal
+    take_branch(scene, ws, 0, np.full(4, recorded), ws.work.now)
+    assert work.now.angles == pytest.approx(np.full(4, taken), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "steady"),
+    [(0.1, 0.1), (2 * math.pi - 0.1, -0.1), (-4 * math.pi + 0.2, 0.2), (1.01 * JUMP, 0.0), (3.0, 0.0)],
+)
+def test_a_change_of_branch_is_no_motion_and_a_jump_none_either(arm: Table, change: float, steady: float) -> None:
+    assert steady_change(arm[1], 0, change) == pytest.approx(steady, abs=1e-12)
