@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from .command import command, current_terminal
-from .options import INPUT, INPUT_FILE, OUTPUT_FILE, check_ending, check_outputs, force_option, json_option
+from .options import INPUT, INPUT_FILE, OUTPUT_FILE, THRESHOLD, check_ending, check_outputs, force_option, json_option
 from .progress import progress_bar
 from .terminal import counted, fields, heading, printable
 
@@ -42,7 +42,7 @@ OVERLAPS_SHOWN = 10
 @click.option("--recorded", is_flag=True, help="Of OUT: test the motion as it was recorded, not the corrected one.")
 @click.option(
     "--max-penetration",
-    type=click.FloatRange(min=0.0),
+    type=THRESHOLD,
     metavar="MM",
     help="End with exit code 4 if bodies overlap by more than this (mm) in any frame.",
 )

@@ -11,6 +11,7 @@ import click
 
 from .command import command, current_terminal
 from .options import (
+    COUNT,
     INPUTS,
     OUTPUT_FOLDER,
     config_of,
@@ -60,9 +61,7 @@ MM = 1000.0
     help="Folder of the results: NAME.mcap for each log, and manifest.json.",
 )
 @click.option("--rrd", is_flag=True, help="Write NAME.rrd for the rerun viewer too.")
-@click.option(
-    "--jobs", "-j", type=click.IntRange(min=1), metavar="N", help="Processes at once. Default: one a processor."
-)
+@click.option("--jobs", "-j", type=COUNT, metavar="N", help="Processes at once. Default: one a processor.")
 @click.option("--scheduler", metavar="ADDRESS", help="Run on the workers of a Dask scheduler, tcp://HOST:PORT.")
 @click.option("--resume", is_flag=True, help="Replay only what an earlier batch in DIR left undone, or what changed.")
 @click.option(

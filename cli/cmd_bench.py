@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from .command import command, current_terminal
-from .options import json_option
+from .options import COUNT, json_option
 from .progress import progress_bar
 
 
@@ -30,7 +30,7 @@ from .progress import progress_bar
 @click.option("--whole", is_flag=True, help="Whole processes and batches of the gallery, from start to files on disk.")
 @click.option(
     "--clips",
-    type=click.IntRange(min=1),
+    type=COUNT,
     default=100,
     show_default=True,
     metavar="N",
@@ -38,7 +38,7 @@ from .progress import progress_bar
 )
 @click.option(
     "--repeats",
-    type=click.IntRange(min=1),
+    type=COUNT,
     default=3,
     show_default=True,
     metavar="N",

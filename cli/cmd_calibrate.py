@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from geomphys.config import MAX_SECONDS
+
 from .command import command, current_terminal
 from .options import INPUT, json_option, scene_option
 from .terminal import fields, heading
@@ -28,8 +30,8 @@ class StretchType(click.ParamType[tuple[float, float]]):
             begin, end = (float(part) for part in str(value).split(":"))
         except ValueError:
             self.fail(f"{value!r} is not T0:T1 in seconds, as 2.5:4", param, ctx)
-        if not 0 <= begin < end:
-            self.fail(f"{value!r}: the end must come after the begin, and neither is negative", param, ctx)
+        if not 0 <= begin < end <= MAX_SECONDS:
+            self.fail(f"{value!r}: is no stretch from 0 s on that ends after it begins", param, ctx)
         return begin, end
 
 
@@ -45,8 +47,8 @@ class TouchType(click.ParamType[tuple[float, str]]):
             seconds = float(time)
         except ValueError:
             self.fail(f"{value!r} is not a time in seconds, with or without a link: 3.2 or 3.2=index_tip", param, ctx)
-        if seconds < 0:
-            self.fail(f"{value!r}: is before the first frame", param, ctx)
+        if not 0 <= seconds <= MAX_SECONDS:
+            self.fail(f"{value!r}: is no time from the first frame on, in seconds", param, ctx)
         return seconds, link
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from .command import command, current_terminal
-from .options import INPUT_FILE, SEED, check_ending, check_outputs, force_option, json_option
+from .options import INPUT_FILE, SEED, Number, check_ending, check_outputs, force_option, json_option
 from .progress import ProgressBars, meshes_report
 from .terminal import printable
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--threshold",
-    type=click.FloatRange(min=0.01, max=1.0),
+    type=Number(min=0.01, max=1.0),
     default=None,
     show_default="0.02, but 1 to 5 mm",
     help="Concavity a piece may keep, of half the longest side; a replay takes the default.",

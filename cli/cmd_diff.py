@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from .command import command, current_terminal
-from .options import INPUT_FILE, OUTPUT_FILE, check_ending, check_outputs, force_option, json_option
+from .options import INPUT_FILE, OUTPUT_FILE, THRESHOLD, check_ending, check_outputs, force_option, json_option
 from .progress import progress_bar
 
 EXIT_SAME = 0
@@ -30,14 +30,14 @@ CHANNELS = ["/tf", "/recorded/tf", "joint_states", "/contacts", "/penetration", 
 @click.argument("b", type=INPUT_FILE)
 @click.option(
     "--tolerance-m",
-    type=click.FloatRange(min=0.0),
+    type=THRESHOLD,
     default=0.0,
     metavar="M",
     help="Lengths (m) that differ by no more count as equal. Default: 0, every bit counts.",
 )
 @click.option(
     "--tolerance-rad",
-    type=click.FloatRange(min=0.0),
+    type=THRESHOLD,
     default=0.0,
     metavar="RAD",
     help="Angles (rad) that differ by no more count as equal. Default: 0.",

@@ -25,7 +25,7 @@ from .options import check_ending, check_outputs, force_option, picture_options
     size_limit=8192,
     size_text="Width and height of the picture, or of the viewer's window.",
 )
-@click.option("--frame", type=click.IntRange(min=0), default=0, show_default=True, help="Which frame, from 0.")
+@click.option("--frame", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Which frame, from 0.")
 @click.option("--whole", is_flag=True, help="The viewer's whole window, plots and all, not only the scene.")
 @force_option
 def snapshot(

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from .command import command, current_terminal
-from .options import SECONDS, check_ending, check_outputs, force_option, picture_options
+from .options import COUNT, SECONDS, Number, check_ending, check_outputs, force_option, picture_options
 from .progress import progress_bar
 from .signals import StopAtFrame
 
@@ -32,8 +32,8 @@ FORMATS = (".mp4", ".gif")
 @click.option("--from", "start", type=SECONDS, metavar="S", help="Begin S seconds after the first frame.")
 @click.option("--to", "end", type=SECONDS, metavar="S", help="End S seconds after the first frame.")
 @click.option("--worst", is_flag=True, help="Only the seconds about the largest correction.")
-@click.option("--fps", type=click.FloatRange(0.1, 240.0), help="Pictures a second. Default: 30, of a GIF 15.")
-@click.option("--jobs", "-j", type=click.IntRange(min=1), help="Processes that draw. Default: one for each core.")
+@click.option("--fps", type=Number(0.1, 240.0), help="Pictures a second. Default: 30, of a GIF 15.")
+@click.option("--jobs", "-j", type=COUNT, help="Processes that draw. Default: one for each core.")
 @force_option
 def video(
     result: Path,

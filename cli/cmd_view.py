@@ -24,5 +24,6 @@ def view(out: Path, web: bool) -> None:
     """Open OUT (.rrd or .mcap) in the rerun viewer."""
     from geomphys.viewer.view import view_result
 
-    current_terminal().detail(f"viewer: {out}")
-    view_result(out, web=web)
+    terminal = current_terminal()
+    terminal.detail(f"viewer: {out}")
+    view_result(out, web=web, serving=lambda address: terminal.note(f"shown at {address}; Ctrl-C ends it"))

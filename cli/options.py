@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +19,17 @@ if TYPE_CHECKING:
     from geomphys.storage.remote_files import AnyPath
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+
+class Number(click.FloatRange):
+    """Parameter type of a number from `min` to `max`; NaN is in no range, though click lets it through."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the number; usage error for one out of range."""
+        number = float(super().convert(value, param, ctx))
+        if math.isnan(number):
+            self.fail(f"{value!r} is not in the range {self._describe_range()}.", param, ctx)
+        return number
 
 
 class PathOrUrl(click.Path):
@@ -61,9 +73,11 @@ INPUT_FILE = PathOrUrl(exists=True, dir_okay=False, readable=True, path_type=Pat
 LOCAL_FILE = click.Path(exists=True, dir_okay=False, readable=True, path_type=Path)
 OUTPUT_FILE = PathOrUrl(dir_okay=False, path_type=Path)
 OUTPUT_FOLDER = PathOrUrl(file_okay=False, path_type=Path)
-SECONDS = click.FloatRange(0.0, MAX_SECONDS)
-HZ = click.FloatRange(*RATES_HZ)
+SECONDS = Number(0.0, MAX_SECONDS)
+HZ = Number(*RATES_HZ)
 SEED = click.IntRange(0, MAX_SEED)
+THRESHOLD = Number(0.0, 1e9)
+COUNT = click.IntRange(1, 10_000)
 
 
 def _combine_options(*options: Callable[[Any], Any]) -> Callable[[F], F]:
@@ -188,7 +202,7 @@ written_options = _combine_options(
     click.option("--ros2", is_flag=True, help="Write a ROS 2 bag: TFMessage, MarkerArray; for ros2 bag play and RViz."),
     click.option(
         "--fail-on-penetration",
-        type=click.FloatRange(min=0.0),
+        type=THRESHOLD,
         metavar="MM",
         help="End with exit code 4 if more than this overlap (mm) remains in any frame.",
     ),

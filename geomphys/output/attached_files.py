@@ -74,14 +74,19 @@ def scene_files(world: World) -> tuple[Attachment, ...]:
     return (*texts, *(files_of_meshes[name] for name in sorted(files_of_meshes)))
 
 
-def write_attachments(files: dict[str, bytes], folder: Path) -> None:
-    """Write attached meshes below a folder; a name that leads out of it is skipped; geomphys never writes one."""
+def write_attachments(files: dict[str, bytes], folder: Path) -> dict[str, Path]:
+    """Write attached meshes below a folder; returns where each is.
+
+    A name that leads out of it is skipped; geomphys never writes one.
+    """
+    written = {}
     for name, data in files.items():
         parts = PurePosixPath(name).parts
         if len(parts) > 2 and parts[0] == "meshes" and ".." not in parts and "\0" not in name:
-            path = folder.joinpath(*parts)
+            path = written[name] = folder.joinpath(*parts)
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(data)
+    return written
 
 
 def _meshes_of_urdf(urdf: AnyPath) -> Iterator[tuple[str, AnyPath]]:

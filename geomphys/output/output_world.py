@@ -65,23 +65,24 @@ def _attached(folder: Path, name: str, files: dict[str, bytes], mode: str | None
     table = tomllib.loads(text)
     content = json.loads(files[INDEX])
     meshes = content["meshes"]
-    write_attachments(files, folder)
+    written = write_attachments(files, folder)
     for entry in [*table.get("object", []), *table.get("avatar", [])]:
         if "urdf" in entry:
             urdf = folder / f"{entry['name']}.urdf"
-            urdf.write_bytes(_with_meshes(files[urdf.name], meshes[entry["name"]], folder))
+            urdf.write_bytes(_with_meshes(files[urdf.name], meshes[entry["name"]], written, folder))
             entry["urdf"] = str(urdf)
         elif "mesh" in entry:
-            entry["mesh"] = str(folder / meshes[entry["name"]])
+            entry["mesh"] = str(written[meshes[entry["name"]]])
     file: Any = SceneFile.model_validate(table)
     world = assemble(file, path, mode=mode, surfaces_only=True)
     index = {body: number for number, body in enumerate(world.body_names)}
     return exclude_pairs(world, [(index[a], index[b]) for a, b in content["zero_pose_overlaps"]])
 
 
-def _with_meshes(urdf: bytes, attached: dict[str, str], folder: Path) -> bytes:
+def _with_meshes(urdf: bytes, attached: dict[str, str], written: dict[str, Path], folder: Path) -> bytes:
     """A URDF whose meshes are the attached ones. No other files are used."""
     root = ElementTree.fromstring(urdf)
     for mesh in root.iter("mesh"):
-        mesh.set("filename", str(folder / attached.get(mesh.get("filename", ""), "not_attached")))
+        path = written.get(attached.get(mesh.get("filename", ""), ""), folder / "not_attached")
+        mesh.set("filename", str(path))
     return ElementTree.tostring(root)  # type: ignore[no-any-return]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+from collections import Counter
 from typing import Any, Literal
 
 from geomphys.scene.source_files import track_contents
@@ -12,6 +13,8 @@ from geomphys.storage.remote_files import AnyPath, lies_within
 MAX_NODES = 100_000
 MAX_DEPTH = 32
 """Nodes within nodes: the parser multiplies the matrices of a chain in a time that grows with the cube of its length."""
+MAX_ATTRIBUTE_BYTES = 2**28
+"""Bytes of all attributes of vertices, counted each time that they are used."""
 _COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 _COMPONENT_COUNTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 
@@ -23,14 +26,16 @@ def gltf_problem(data: bytes, suffix: str, max_corners: int) -> str:
     """
     tree = json.loads(_json_of(data) if suffix == "glb" else data)
     accessors, views = tree.get("accessors", []), tree.get("bufferViews", [])
-    for number, accessor in enumerate(accessors):
+    sizes = [int(a["count"]) * _COMPONENT_BYTES[a["componentType"]] * _COMPONENT_COUNTS[a["type"]] for a in accessors]
+    for number, (accessor, size) in enumerate(zip(accessors, sizes, strict=True)):
         view = accessor.get("bufferView")
+        if size < 0:
+            return f"accessor {number} has {accessor['count']} entries"
         if view is None:
-            if int(accessor["count"]) > max_corners:
+            if size > len(data):
                 return f"accessor {number} has {accessor['count']} entries and no buffer"
             continue
-        size = _COMPONENT_BYTES[accessor["componentType"]] * _COMPONENT_COUNTS[accessor["type"]]
-        if int(accessor["count"]) * size > int(views[view]["byteLength"]):
+        if size > int(views[view]["byteLength"]):
             return f"accessor {number} reaches beyond its buffer"
         if int(views[view]["byteLength"]) > int(tree["buffers"][views[view]["buffer"]]["byteLength"]):
             return f"buffer view {view} reaches beyond its buffer"
@@ -42,11 +47,20 @@ def gltf_problem(data: bytes, suffix: str, max_corners: int) -> str:
         return "a node is a child twice"
     if (depth := _depth(nodes)) > MAX_DEPTH:
         return f"has nodes {depth} deep in one another, at most {MAX_DEPTH} are read: apply the transforms when exporting it"
-    corners = [sum(_corners(p, accessors) for p in mesh.get("primitives", [])) for mesh in meshes]
-    total = sum(corners[node["mesh"]] for node in nodes if "mesh" in node)
-    return (
-        f"has {total} corners of triangles, at most {max_corners} are read: simplify it" if total > max_corners else ""
-    )
+    uses = Counter(node["mesh"] for node in nodes if "mesh" in node)
+    for what, limit, cost in (
+        ("corners of triangles", max_corners, lambda primitive: _corners(primitive, accessors)),
+        ("vertices", 2 * max_corners, lambda primitive: _vertices(primitive, accessors)),
+        (
+            "bytes of vertices",
+            MAX_ATTRIBUTE_BYTES,
+            lambda primitive: sum(sizes[a] for a in _attributes(primitive).values()),
+        ),
+    ):
+        total = sum(count * sum(map(cost, meshes[mesh].get("primitives", []))) for mesh, count in uses.items())
+        if total > limit:
+            return f"has {total} {what}, at most {limit} are read: simplify it"
+    return ""
 
 
 def _depth(nodes: list[dict[str, Any]]) -> int:
@@ -67,9 +81,21 @@ def _json_of(data: bytes) -> bytes:
     return data[20 : 20 + length]
 
 
+def _attributes(primitive: dict[str, Any]) -> dict[str, int]:
+    """Accessors of a primitive's vertices."""
+    found: dict[str, int] = primitive.get("attributes", {})
+    return found
+
+
 def _corners(primitive: dict[str, Any], accessors: list[dict[str, Any]]) -> int:
     """Number of triangle corners of a primitive."""
-    accessor = primitive.get("indices", primitive.get("attributes", {}).get("POSITION"))
+    accessor = primitive.get("indices")
+    return _vertices(primitive, accessors) if accessor is None else int(accessors[accessor]["count"])
+
+
+def _vertices(primitive: dict[str, Any], accessors: list[dict[str, Any]]) -> int:
+    """Number of vertices that a primitive brings with it, used or not: others may share them."""
+    accessor = _attributes(primitive).get("POSITION")
     return 0 if accessor is None else int(accessors[accessor]["count"])
 
 

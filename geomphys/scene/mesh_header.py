@@ -1,8 +1,7 @@
-"""Checks mesh files before they are parsed: format, announced size, truncation, COLLADA unit."""
+"""Checks mesh files before they are parsed: format, announced size, truncation."""
 
 from __future__ import annotations
 
-import math
 import re
 import struct
 
@@ -104,27 +103,3 @@ def announced_faces(data: bytes, suffix: str) -> int:
     elif suffix == "off":
         found = _OFF_FACES.match(_COMMENT.sub(b"", data[:10_000]))
     return int(found.group(1)[:12]) if found else 0
-
-
-def collada_unit(data: bytes) -> float:
-    """Length unit of a COLLADA file in metres (``<unit meter=...>`` of its asset; default 1).
-
-    ``<up_axis>`` is ignored, as in RViz: coordinates are taken as they are. Raises ValueError,
-    LookupError or ParseError for what is no XML, an entity or a DTD, or a unit that is none.
-    """
-    from defusedxml.ElementTree import fromstring
-
-    root = fromstring(data, forbid_dtd=True)
-    for asset in root:
-        if _local(asset.tag) == "asset":
-            for unit in asset:
-                if _local(unit.tag) == "unit" and unit.get("meter") is not None:
-                    metres = float(unit.get("meter", "").strip())
-                    if not (math.isfinite(metres) and 1e-9 <= metres <= 1e6):
-                        raise ValueError("unit")
-                    return metres
-    return 1.0
-
-
-def _local(tag: object) -> str:
-    return str(tag).rpartition("}")[2]

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.errors import MeshError
+from geomphys.scene.collada_file import ColladaFile, check_collada
 from geomphys.scene.gltf_file import BufferResolver, gltf_problem
 from geomphys.scene.mesh_header import (
     announced_faces,
-    collada_unit,
     is_ascii_stl,
     mesh_problem,
     stl_count,
@@ -301,14 +301,14 @@ def _parse(data: bytes, path: AnyPath, name: str) -> tuple[Floats, Ints]:
     if suffix == "obj":
         data = without_many_materials(data)
     if suffix == "dae":
-        unit = _collada_unit(data, name)
+        unit, problem = _check_collada(data, name)
     if suffix in ("gltf", "glb"):
         try:
             problem = gltf_problem(data, suffix, 3 * MAX_TRIANGLES)
         except (*_PARSER_ERRORS, RecursionError) as error:
             raise MeshError(f"{name}: {_unreadable(suffix, error)}") from None
-        if problem:
-            raise MeshError(f"{name}: {problem}")
+    if problem:
+        raise MeshError(f"{name}: {problem}")
     parser_errors: tuple[type[Exception], ...] = _PARSER_ERRORS
     if suffix == "dae":
         try:
@@ -347,12 +347,12 @@ def _unreadable(suffix: str, error: Exception) -> str:
     return f"is not a readable .{suffix} mesh ({type(error).__name__}): it may be cut off or of another kind; save it again"
 
 
-def _collada_unit(data: bytes, name: str) -> float:
-    """Length unit of a COLLADA file, m; MeshError for entities, malformed XML or an invalid unit."""
+def _check_collada(data: bytes, name: str) -> ColladaFile:
+    """Unit and problem of a COLLADA file; MeshError for entities, malformed XML or an invalid unit."""
     from xml.etree.ElementTree import ParseError
 
     try:
-        return collada_unit(data)
+        return check_collada(data, 2 * MAX_TRIANGLES)
     except (ParseError, ValueError, LookupError) as error:
         raise MeshError(f"{name}: {_unreadable('dae', error)}") from None
 

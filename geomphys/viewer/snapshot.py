@@ -25,7 +25,7 @@ from geomphys.storage.child_process import ending_with_this_process
 from geomphys.storage.output_file import check_target, write_file
 from geomphys.storage.remote_files import AnyPath
 from geomphys.viewer.frame_picture import FramePainter, viewpoint_of
-from geomphys.viewer.view import ADDRESS, as_recording, offline_environment, viewer_command
+from geomphys.viewer.view import ADDRESS, as_recording, failure_reason, offline_environment, viewer_command
 
 if TYPE_CHECKING:
     from rerun.experimental import ViewerClient
@@ -129,7 +129,7 @@ def _headless_viewer(recording: AnyPath, size: tuple[int, int]) -> Iterator[View
         try:
             yield _connect(ViewerClient, f"rerun+http://{ADDRESS}:{port}/proxy", process, messages)
         except ConnectionError as problem:
-            raise ViewerError(_failure_reason(process, messages)) from problem
+            raise ViewerError(_failure(process, messages)) from problem
         finally:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGTERM)
@@ -148,24 +148,18 @@ def _connect(client: Any, address: str, process: subprocess.Popen[bytes], messag
             connected.get_state()
         except ConnectionError as problem:
             if process.poll() is not None or time.monotonic() > end:
-                raise ViewerError(_failure_reason(process, messages)) from problem
+                raise ViewerError(_failure(process, messages)) from problem
             time.sleep(0.1)
         else:
             return connected
 
 
-def _failure_reason(process: subprocess.Popen[bytes], messages: Any) -> str:
-    """Reason why the viewer does not answer, from its output."""
+def _failure(process: subprocess.Popen[bytes], messages: Any) -> str:
+    """Reason why the viewer does not answer."""
+    with contextlib.suppress(subprocess.TimeoutExpired):  # it closes its port before it ends
+        process.wait(timeout=2.0)
     messages.seek(0)
-    text = messages.read().decode(errors="replace")
-    if "adapter" in text.lower() or "vulkan" in text.lower():
-        return (
-            "the rerun viewer found no graphics adapter; a snapshot of the output log (.mcap) needs none, "
-            "or install a Vulkan driver (a software one will do: mesa-vulkan-drivers on Debian and Ubuntu)"
-        )
-    lines = [line for line in text.splitlines() if line.strip()]
-    said = "".join(c for c in lines[-1].strip() if c.isprintable())[:200] if lines else "it said nothing"
-    return f"the rerun viewer failed (exit code {process.poll()}): {said}"
+    return failure_reason(process.poll(), messages.read().decode(errors="replace"))
 
 
 def _wait_for_load(client: ViewerClient, result: AnyPath) -> None:

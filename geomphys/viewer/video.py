@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from geomphys.config import MAX_SECONDS
 from geomphys.errors import ConfigError, LogError, OutputError
 from geomphys.output.camera import Viewpoint
 from geomphys.output.output_log import OutputLog, open_output
@@ -58,12 +59,17 @@ class VideoConfig:
         """Raise ConfigError for a value out of its range."""
         if self.worst and (self.start is not None or self.end is not None):
             raise ConfigError("worst chooses the stretch: leave out its start and end")
+        for name, time in (("start", self.start), ("end", self.end)):
+            if time is not None and not 0.0 <= time <= MAX_SECONDS:
+                raise ConfigError(f"{name} = {time:g} s: must be from 0 to {MAX_SECONDS:g} s")
         if self.start is not None and self.end is not None and self.end <= self.start:
             raise ConfigError(f"end = {self.end:g} s: must be after start = {self.start:g} s")
         if self.rate is not None and not 0.1 <= self.rate <= 240.0:
             raise ConfigError(f"rate = {self.rate:g}: must be from 0.1 to 240 pictures a second")
         if any(side % 2 or not 64 <= side <= 4096 for side in self.size):
             raise ConfigError(f"size = {self.size}: must be even numbers from 64 to 4096")
+        if self.processes < 1:
+            raise ConfigError(f"processes = {self.processes}: must be at least 1")
 
 
 class Video(NamedTuple):

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
+from threading import Thread
+from typing import IO
 
 from geomphys.config import Config
 from geomphys.errors import InputError, ViewerError
@@ -24,9 +29,14 @@ ADDRESS = "127.0.0.1"
 """Where the viewer listens: to this machine only."""
 NOWHERE = f"http://{ADDRESS}:9"
 """The discard port of this machine."""
+_PAGE = re.compile(rf"http://{re.escape(ADDRESS)}:\d+\?url=[\w%.:/+-]+")
+_LINES_KEPT, _LINE_LIMIT = 200, 4096
+"""Lines, and characters of a line, of what the viewer says; what it says of a failure is shorter."""
+_LAST_WORDS_S = 1.0
+"""Seconds that the viewer's last words are waited for once it has ended."""
 
 
-def view_result(path: AnyPath, *, web: bool = False) -> None:
+def view_result(path: AnyPath, *, web: bool = False, serving: Callable[[str], None] | None = None) -> None:
     """Open a result in the viewer and wait until it is closed.
 
     Parameters
@@ -35,6 +45,8 @@ def view_result(path: AnyPath, *, web: bool = False) -> None:
         A rerun recording (``.rrd``) or an output log (``.mcap``).
     web : bool
         Whether to show it in the browser, served on 127.0.0.1 until interrupted.
+    serving : callable, optional
+        Called with the address of the page, once it is served.
 
     Raises
     ------
@@ -50,12 +62,55 @@ def view_result(path: AnyPath, *, web: bool = False) -> None:
         options = ["--port", "auto", "--bind", ADDRESS, "--server-memory-limit", "75%"]
         if web:
             options += ["--web-viewer"]
-        command = [*viewer_command(), *options, str(recording)]
-        code = subprocess.run(
-            ending_with_this_process(command), env=offline_environment(web=web), check=False
-        ).returncode
-    if code > 0:
-        raise ViewerError(f"{path}: the viewer ended with exit code {code}; its messages are above")
+        command = ending_with_this_process([*viewer_command(), *options, str(recording)])
+        environment = {**offline_environment(web=web), "RUST_LOG": "error,re_sdk::web_viewer=info"}
+        code, said = _run(command, environment, serving)
+    if code != 0:
+        raise ViewerError(f"{path}: {failure_reason(code, said)}")
+
+
+def _run(command: list[str], environment: dict[str, str], serving: Callable[[str], None] | None) -> tuple[int, str]:
+    """Run the viewer to its end; its exit code and the last of what it said."""
+    lines: deque[str] = deque(maxlen=_LINES_KEPT)
+
+    def listen(messages: IO[str]) -> None:
+        with messages:
+            for line in iter(partial(messages.readline, _LINE_LIMIT), ""):
+                lines.append(line)
+                if serving is not None and (found := _PAGE.search(line)):
+                    serving(found[0])
+
+    process = subprocess.Popen(
+        command,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        encoding="utf-8",
+        errors="replace",
+    )
+    listener = Thread(target=listen, args=(process.stdout,), daemon=True)
+    try:
+        listener.start()
+        process.wait()
+    finally:
+        process.kill()
+        process.wait()
+    listener.join(_LAST_WORDS_S)  # a browser that the viewer opened may hold its end of the pipe
+    return process.returncode, "".join(lines)
+
+
+def failure_reason(code: int | None, text: str) -> str:
+    """Reason why the viewer does not answer or has ended, in a line, from its exit code and what it said."""
+    if any(word in text.lower() for word in ("adapter", "vulkan", "render context")):
+        return (
+            "the rerun viewer found no graphics adapter; a snapshot of the output log (.mcap) needs none, "
+            "or install a Vulkan driver (a software one will do: mesa-vulkan-drivers on Debian and Ubuntu)"
+        )
+    lines = [line for line in text.splitlines() if line.strip()]
+    telling = [line for line in lines if line.startswith(("Error", "thread "))] or lines or ["it said nothing"]
+    said = "".join(c for c in telling[-1].strip() if c.isprintable())[:200]
+    end = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
+    return f"the rerun viewer failed ({end}): {said}"
 
 
 def viewer_command() -> list[str]:

@@ -9,12 +9,19 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
-from geomphys_cli.main import run
+from geomphys_cli.cmd_calibrate import StretchType, TouchType
+from geomphys_cli.main import COMMANDS, cli, run
 
 import geomphys
 from geomphys.errors import ConfigError
+from tests.cli.every_command import every_command
 from tests.cli.press import Case
+from tests.cli.test_outputs_never_replace_inputs import furnished
+from tests.made import Results
+
+__all__ = ["furnished"]
 
 COMMAND = [sys.executable, "-P", "-m", "geomphys_cli"]
 
@@ -40,6 +47,26 @@ def test_absurd_numbers_are_wrong_usage(case: Case, words: list[str], capsys: py
     assert said.startswith("geomphys: error: ")
     assert said.count("\n") == 1
     assert words[0].strip("-") in said
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_no_number_beyond_reason_is_taken_by_any_option(
+    name: str, furnished: Case, pressed: Results, root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of all options that are numbers; with a threshold that is no number a gate would let everything through."""
+    words = every_command(furnished, pressed, pressed, root, tmp_path)[name].words
+    command = cli.get_command(click.Context(cli), name)
+    assert command is not None
+    for option in command.params:
+        if not isinstance(option.type, click.IntRange | click.FloatRange | StretchType | TouchType):
+            continue
+        for wrong in ("nan", "inf", "-1", "1e300", "9" * 30, "x", ""):
+            values = [f"0:{wrong}"] if isinstance(option.type, StretchType) else option.nargs * [wrong]
+            assert run([*words, option.opts[0], *values]) == 2, (option.opts, wrong)
+            said = capsys.readouterr()
+            assert said.err.startswith("geomphys: error: "), said.err
+            assert said.err.count("\n") == 1, said.err
+            assert said.out == ""
 
 
 @pytest.mark.parametrize(

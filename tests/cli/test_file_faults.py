@@ -9,8 +9,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from geomphys_cli.main import COMMANDS
 
+from tests.cli.every_command import every_command
 from tests.cli.press import Case
 from tests.cli.test_outputs_never_replace_inputs import furnished
 from tests.made import Results
@@ -18,19 +18,19 @@ from tests.made import Results
 __all__ = ["furnished"]
 
 
-QUICK = ("init", "decompose", "snapshot")
+QUICK = ("init", "decompose", "snapshot", "foxglove")
 SLOW = ("plot", "diff", "replay", "ros2", "batch", "export", "lerobot", "video", "calibrate", "audit")
 SEVERAL = {"diff", "replay", "ros2", "batch", "export", "lerobot"}
 """These write several files; one may be whole before the next fails."""
-NOT_WALKED = {
-    **dict.fromkeys(("bench", "check", "completion", "info", "schema", "stats"), "writes nothing"),
-    "demo": "is a replay",
-    "view": "starts the viewer",
-}
+NOT_WALKED = {"demo"}
+"""It is a replay."""
 
 
-def test_every_command_that_writes_is_walked() -> None:
-    assert set(COMMANDS) == ({*QUICK, *SLOW} - {"ros2", "lerobot"}) | NOT_WALKED.keys()
+def test_every_command_that_writes_is_walked(
+    furnished: Case, pressed: Results, landed: Results, root: Path, tmp_path: Path
+) -> None:
+    calls = every_command(furnished, pressed, landed, root, tmp_path)
+    assert {name for name, call in calls.items() if call.writes} == {*QUICK, *SLOW} | NOT_WALKED
 
 
 @pytest.mark.parametrize("command", [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
@@ -39,33 +39,16 @@ def test_any_call_that_fails_is_one_line_and_leaves_what_was_there(
 ) -> None:
     folder = tmp_path / "outputs"
     folder.mkdir()
-    name = {"replay": "a.mcap", "init": "a.toml", "plot": "a.png", "diff": "a.html", "decompose": "a.glb",
-            "ros2": "a.mcap", "video": "a.gif", "audit": "a.xml", "calibrate": "a.toml",
-            "snapshot": "a.png"}.get(command, "")  # fmt: skip
-    if name:
-        (folder / name).write_bytes(b"an earlier output")
-    out = folder / name
+    call = every_command(furnished, pressed, landed, root, folder)[command]
     if command == "calibrate":
-        out.write_text((root / "assets/scenes/webxr_hand.toml").read_text().replace('"../', f'"{root}/assets/'))
-    replay: list[object] = ["replay", furnished.log, "-s", furnished.scene, "-o", out, "--force", "-q"]
-    flat = ["--flat", "1:2", "--on", "table", "--only", "surface", "--write", "-q"]
-    words: dict[str, list[object]] = {
-        "replay": [*replay, "--rrd", folder / "a.rrd"],
-        "ros2": [*replay, "--ros2"],
-        "init": ["init", furnished.log, "--urdf", furnished.folder / "cup.urdf", "-o", out, "--force", "-q"],
-        "plot": ["plot", pressed.out, "-o", out, "--force", "-q"],
-        "diff": ["diff", pressed.out, pressed.raised, "--html", out, "--rrd", folder / "d.rrd", "--force", "-q"],
-        "decompose": ["decompose", furnished.folder / "cube.obj", "-o", out, "--force", "-q"],
-        "batch": ["batch", furnished.log, "-s", furnished.scene, "-O", folder, "--force", "-q"],
-        "export": ["export", pressed.out, "-o", folder, "--force", "-q"],
-        "lerobot": ["export", landed.out, "--lerobot", folder / "set", "-q"],
-        "video": ["video", pressed.out, "-o", out, "--to", "0.1", "--size", 64, 64, "-j", 1, "--force", "-q"],
-        "snapshot": ["snapshot", pressed.out, "-o", out, "--size", 64, 64, "--force", "-q"],
-        "calibrate": ["calibrate", root / "recordings/webxr_hand.mcap", "-s", out, *flat],
-        "audit": ["audit", pressed.out, "--max-penetration", 5, "--junit", out, "--force", "-q"],
-    }
+        name = call.writes
+    else:
+        (folder / "hand.toml").unlink()
+        name = call.writes if command not in ("batch", "export", "lerobot") else ""
+        if name:
+            (folder / name).write_bytes(b"an earlier output")
     script = Path(__file__).with_name("file_faults.py")
-    begin = [sys.executable, script, folder, *words[command]]
+    begin = [sys.executable, script, folder, *call.words]
     done = subprocess.run([str(word) for word in begin], capture_output=True, text=True, timeout=900)
     assert done.returncode == 0, done.stderr
     ends = [json.loads(line) for line in done.stdout.splitlines()]

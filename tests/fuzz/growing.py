@@ -122,27 +122,68 @@ def cubes(count: int) -> bytes:
     return "\n".join(lines).encode() + b"\n"
 
 
-def glb(nodes: list[dict[str, object]]) -> bytes:
-    """A cube at some nodes, of which the first is the root."""
+def glb(nodes: list[dict[str, object]], primitives: int = 1, vertices: int = 8, buffered: bool = True) -> bytes:
+    """A cube at some nodes, of which the first is the root; its primitives are equal, and most of its vertices unused."""
     rows = [line.split() for line in CUBE.splitlines()]
     corners = b"".join(struct.pack("<3f", *map(float, row[1:])) for row in rows if row[0] == "v")
+    corners += bytes(12 * (vertices - 8) if buffered else 0)
     faces = b"".join(struct.pack("<3I", *(int(c) - 1 for c in row[1:])) for row in rows if row[0] == "f")
-    views = [{"buffer": 0, "byteOffset": 0, "byteLength": 96}, {"buffer": 0, "byteOffset": 96, "byteLength": 144}]
+    end = len(corners)
+    views = [{"buffer": 0, "byteOffset": 0, "byteLength": end}, {"buffer": 0, "byteOffset": end, "byteLength": 144}]
+    positions = {"bufferView": 0} if buffered else {}
     tree = {
         "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": nodes,
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
-        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 8, "type": "VEC3"},
+        "meshes": [{"primitives": primitives * [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "accessors": [positions | {"componentType": 5126, "count": vertices, "type": "VEC3"},
                       {"bufferView": 1, "componentType": 5125, "count": 36, "type": "SCALAR"}],
-        "bufferViews": views, "buffers": [{"byteLength": 240}],
+        "bufferViews": views, "buffers": [{"byteLength": end + 144}],
     }  # fmt: skip
     head = json.dumps(tree).encode()
     head += b" " * (-len(head) % 4)
-    whole = struct.pack("<II", len(head), 0x4E4F534A) + head + struct.pack("<II", 240, 0x004E4942) + corners + faces
+    whole = (
+        struct.pack("<II", len(head), 0x4E4F534A) + head + struct.pack("<II", end + 144, 0x004E4942) + corners + faces
+    )
     return struct.pack("<4sII", b"glTF", 2, 12 + len(whole)) + whole
 
 
 def nested_nodes(count: int, **each: object) -> bytes:
     return glb([{"children": [k + 1], **each} for k in range(count)] + [{"mesh": 0}])
+
+
+def collada(nodes: str, library: str = "", faces: int = 1) -> bytes:
+    """Nodes of a scene and of a library; ``{mesh}`` in them stands for a tetrahedron, some of its faces more than once."""
+    tetrahedron = ["0 2 1", "0 1 3", "1 2 3", "0 3 2"]
+    indices = " ".join(tetrahedron[k % 4] for k in range(max(faces, 4)))
+    names = "".join(f'<param name="{c}" type="float"/>' for c in "XYZ")
+    accessor = f'<technique_common><accessor source="#n" count="4" stride="3">{names}</accessor></technique_common>'
+    source = f'<source id="p"><float_array id="n" count="12">0 0 0 1 0 0 0 1 0 0 0 1</float_array>{accessor}</source>'
+    shape = f'<triangles count="{max(faces, 4)}"><input semantic="VERTEX" source="#v" offset="0"/><p>{indices}</p></triangles>'
+    mesh = f'<mesh>{source}<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>{shape}</mesh>'
+    text = (
+        '<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset/>'
+        f'<library_geometries><geometry id="g">{mesh}</geometry></library_geometries><library_nodes>{library}</library_nodes>'
+        f'<library_visual_scenes><visual_scene id="s">{nodes}</visual_scene></library_visual_scenes>'
+        '<scene><instance_visual_scene url="#s"/></scene></COLLADA>'
+    )
+    return text.replace("{mesh}", '<instance_geometry url="#g"/>').encode()
+
+
+def node(number: int, inside: str) -> str:
+    return f'<node id="n{number}">{inside}</node>'
+
+
+def named(number: int) -> str:
+    return f'<instance_node url="#n{number}"/>'
+
+
+def doubling(count: int) -> bytes:
+    """Nodes of which each names the one before twice."""
+    return collada(named(count), node(0, "{mesh}") + "".join(node(k, 2 * named(k - 1)) for k in range(1, count + 1)))
+
+
+def defined_later(count: int) -> bytes:
+    """Nodes of which each names the one after it."""
+    return collada(named(0), "".join(node(k, named(k + 1)) for k in range(count)) + node(count, "{mesh}"))
 
 
 def ply(vertices: int, faces: int, kind: str = "ascii") -> bytes:
@@ -233,6 +274,18 @@ FAMILIES = {
     "cubes as deep as are read": Family("glb", lambda n: nested_nodes(n, mesh=0, translation=[3, 0, 0]), 31, 100.0),
     "cubes side by side": Family("glb", side_by_side, 300, 40.0),
     "nodes in a circle": Family("glb", lambda n: glb([{"children": [(k + 1) % n], "mesh": 0} for k in range(n)]), 3_000),
+    "meshes that share their vertices": Family("glb", lambda n: glb([{"mesh": 0}], n, 80 * n), 1_000),
+    "as many as are read": Family("glb", lambda n: glb([{"mesh": 0}], n, 80 * n), 60, 20.0),
+    "vertices without a buffer": Family("glb", lambda n: glb([{"mesh": 0}], 20, n, buffered=False), 1_400_000),
+    "nodes of a COLLADA that double": Family("dae", doubling, 500),
+    "doubled as often as is read": Family("dae", doubling, 8, 100.0),
+    "nodes of a COLLADA in a circle": Family(
+        "dae", lambda n: collada(named(0), "".join(node(k, named((k + 1) % n)) for k in range(n))), 500
+    ),
+    "nodes that are defined later": Family("dae", defined_later, 3_000),
+    "as many as are waited for": Family("dae", defined_later, 250, 60.0),
+    "nodes with one mesh": Family("dae", lambda n: collada("".join(node(k, "{mesh}") for k in range(n))), 600, 30.0),
+    "nodes with one large mesh": Family("dae", lambda n: collada("".join(node(k, "{mesh}") for k in range(n)), "", n), 1_500),
     "solids of an STL": Family(
         "stl",
         lambda n: toml(n, lambda k: f"solid a{k}\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 {k}\n"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +14,7 @@ from mcap.reader import make_reader
 from PIL import Image
 
 import geomphys
-from geomphys.errors import SceneError
+from geomphys.errors import MeshError, SceneError
 from geomphys.output.attached_files import INDEX, write_attachments
 from geomphys.output.output_log import open_output
 from geomphys.output.output_results import results_of_output
@@ -170,6 +171,30 @@ def test_an_attachment_is_written_nowhere_else(tmp_path: Path) -> None:
     assert [p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file()] == [
         "inside/meshes/ab/good.obj"
     ]
+
+
+@pytest.mark.parametrize("entry", ["wedge", "rack"])
+@pytest.mark.parametrize("how", ["absolute", "above", "attached above"])
+def test_an_output_from_somebody_else_reads_no_file_of_this_machine(
+    entry: str, how: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its list of attachments may name any file; only what is attached stands for a mesh."""
+    secret = tmp_path / "secret.stl"
+    WEDGE.export(secret)
+    output = open_output(folder / "out.mcap")
+    files, opened = output.attachments(), []
+    name = str(secret) if how == "absolute" else f"meshes/../../../..{secret}"
+    if how == "attached above":
+        files[name] = b""
+    index = json.loads(files[INDEX])
+    index["meshes"][entry] = name if entry == "wedge" else dict.fromkeys(index["meshes"][entry], name)
+    files[INDEX] = json.dumps(index).encode()
+    monkeypatch.setattr(output, "attachments", lambda: files)
+    read = Path.read_bytes
+    monkeypatch.setattr(Path, "read_bytes", lambda path: (opened.append(path.resolve()), read(path))[1])
+    with pytest.raises((SceneError, MeshError)):
+        world_of_output(output)
+    assert secret.resolve() not in opened
 
 
 def test_an_output_without_meshes_says_what_to_do(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

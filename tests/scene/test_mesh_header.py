@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from geomphys.errors import MeshError
-from geomphys.scene.mesh_header import collada_unit, is_ascii_stl, mesh_problem
+from geomphys.scene.collada_file import check_collada
+from geomphys.scene.mesh_header import is_ascii_stl, mesh_problem
 from geomphys.scene.meshes import load_mesh
 from tests.scene.models import cube, ell, stl
 
@@ -103,13 +104,13 @@ COLLADA = '<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version
     ],
 )
 def test_the_unit_of_a_collada_file(asset: str, metres: float) -> None:
-    assert collada_unit(COLLADA.format(asset).encode()) == metres
+    assert check_collada(COLLADA.format(asset).encode(), 1) == (metres, "")
 
 
 @pytest.mark.parametrize("unit", ["0", "-1", "nan", "inf", "millimetre"])
 def test_a_unit_that_is_none(unit: str) -> None:
     with pytest.raises(ValueError, match=r"unit|float"):
-        collada_unit(COLLADA.format(f'<asset><unit meter="{unit}"/></asset>').encode())
+        check_collada(COLLADA.format(f'<asset><unit meter="{unit}"/></asset>').encode(), 1)
 
 
 def test_an_l_in_millimetres_is_an_l_in_metres(tmp_path: Path) -> None:

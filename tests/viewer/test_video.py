@@ -71,6 +71,14 @@ def test_what_cannot_be_shown_is_told(landed: Results, tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=r"a video is \.mp4 or \.gif"):
         make_video(landed.out, tmp_path / "x.avi")
     assert list(tmp_path.iterdir()) == []
-    for settings in ({"worst": True, "start": 1.0}, {"start": 2.0, "end": 1.0}, {"rate": 0.0}, {"size": (63, 64)}):
+    for settings in (
+        {"worst": True, "start": 1.0},
+        {"start": 2.0, "end": 1.0},
+        {"rate": 0.0},
+        {"size": (63, 64)},
+        {"start": float("nan")},
+        {"end": float("inf")},
+        {"processes": 0},
+    ):
         with pytest.raises(ConfigError):
             VideoConfig(**settings)

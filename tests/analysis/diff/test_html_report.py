@@ -103,7 +103,7 @@ def test_names_from_files_are_no_markup(pressed: Results, tmp_path: Path) -> Non
 
 
 def test_without_the_meshes_the_page_says_so(landed: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("geomphys.output.output_world.write_attachments", lambda files, folder: None)
+    monkeypatch.setattr("geomphys.output.output_world.write_attachments", lambda files, folder: {})
     write_page(geomphys.compare_outputs(landed.out, landed.raised), tmp_path / "page.html")
     content = Page((tmp_path / "page.html").read_text())
     assert "No pictures" in content.text
