@@ -1,7 +1,8 @@
-"""Depenetration search: the nearest free translation of a tree that starts inside something, along many directions.
+"""Depenetration search: a free translation, near by, of a tree that starts inside something, along many directions.
 
 Only the first frame, or bodies that have closed on a tree, need it. In the first frame any free position is valid; later
-only one that can be reached.
+only one that can be reached. Distances grow by the factor `FARTHER`, so a free gap between
+two of them may be missed.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ def _is_free_at(scene: Scene, ws: DrivenWorkspace, tree: int, path: Vec, gap: fl
 
 @outlined
 def _free_tree(scene: Scene, ws: DrivenWorkspace, tree: int, gap: float, certified: bool) -> bool:
-    """Find the nearest free translation of a tree, into `now`."""
+    """Find the shortest free translation of a tree among those tried, into `now`."""
     distance, nearest, towards = NEAREST, math.inf, (0.0, 0.0, 0.0)
     for _ in range(DISTANCES):
         for number in range(26):

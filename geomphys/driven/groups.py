@@ -36,10 +36,15 @@ class Outcome(NamedTuple):
     """Result of the driven loop in a frame."""
 
     rounds: int
-    method: int  # as in results.METHODS
     fallbacks: int  # steps divided into parts, and depenetration searches
     converged: bool
     yielded: bool  # a rigid tree changed its shape or rotation
+
+
+@kernel
+def both(a: Outcome, b: Outcome) -> Outcome:
+    """The result of two groups, or of two substeps."""
+    return Outcome(a.rounds + b.rounds, a.fallbacks + b.fallbacks, a.converged and b.converged, a.yielded or b.yielded)
 
 
 @outlined
@@ -50,6 +55,12 @@ def settle(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, sou
         copy_tree(scene, source, tree, target)
     pose_pieces_of_tree(scene, tree, source.poses, ws.piece_frames.frames)
     update_boxes(scene, ws.piece_frames.frames, ws.detection.boxes, tree)
+
+
+@kernel
+def note_method(state: DrivenState, tree: int, fallbacks: int) -> None:
+    """Store by which method a tree was freed: of a frame's substeps that of the highest number."""
+    state.method[tree] = max(state.method[tree], LEAST_DISTANCE if fallbacks == 0 else INTERPOLATED)
 
 
 @outlined
@@ -218,14 +229,14 @@ def solve_group(
     shifts = choose_kinds(scene, state, ws, group, False)
     list_pairs(scene, ws)
     found = _attempt(scene, state, ws, roots, angles, gap, shifts)
-    passes, method, fallbacks = found.passes, LEAST_DISTANCE, 0
+    passes, fallbacks = found.passes, 0
     if shifts and (not found.free or is_shifted_too_far(scene, state, ws, roots)):
         choose_kinds(scene, state, ws, group, True)
         found = _attempt(scene, state, ws, roots, angles, gap, False)
         passes += found.passes
     converged = found.converged
     if not found.free:
-        method, fallbacks = INTERPOLATED, 1
+        fallbacks = 1
         free, more = _in_parts(scene, state, ws, roots, angles, recorded, gap)
         passes += more
         converged = free
@@ -250,7 +261,8 @@ def solve_group(
             take_branch(scene, ws, tree, angles, work.best)
             pose_tree(scene, ws.origins, tree, work.best.roots, work.best.angles, work.best.poses)
             settle(scene, state, ws, tree, work.best)
-    return Outcome(passes, method, fallbacks, converged, yielded)
+            note_method(state, tree, fallbacks)
+    return Outcome(passes, fallbacks, converged, yielded)
 
 
 @outlined
@@ -284,7 +296,7 @@ def solve_first(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: F
         if scene.trees.role[tree] == DRIVEN:
             settle(scene, state, ws, tree, work.goal)
     if not overlaps:
-        return Outcome(0, GLOBAL, 0, True, False)
+        return Outcome(0, 0, True, False)
     found = Found(False, 0, False, math.inf, False)
     for articulate in (False, True):
         shifts = choose_kinds(scene, state, ws, 0, articulate)
@@ -320,4 +332,5 @@ def solve_first(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: F
     for tree in range(len(work.kind)):
         if work.kind[tree] != LOCKED:
             settle(scene, state, ws, tree, work.best)
-    return Outcome(passes, LEAST_DISTANCE if fallbacks == 0 else INTERPOLATED, fallbacks, converged, False)
+            note_method(state, tree, fallbacks)
+    return Outcome(passes, fallbacks, converged, False)

@@ -71,6 +71,7 @@ class DrivenState(NamedTuple):
     joint_offset: Floats  # (Q,) corrected less recorded angles
     joint_step: Floats  # (Q,) their last change
     given: Ints  # (T,) GIVEN: its posture in this step, obstacles apart, is `prescribed`; WAS_GIVEN; 0
+    method: Ints  # (T,) by which each tree was freed in the frame so far, as in results.METHODS
     prescribed: Posture
 
 
@@ -163,6 +164,7 @@ def make_driven_state(scene: Scene, poses: Floats) -> DrivenState:
         joint_offset=np.zeros(dofs),
         joint_step=np.zeros(dofs),
         given=np.zeros(trees, np.int64),
+        method=np.zeros(trees, np.int64),
         prescribed=make_posture(scene, poses),
     )
 

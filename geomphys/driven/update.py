@@ -16,7 +16,7 @@ from geomphys.collision.sweep import update_boxes
 from geomphys.driven.constraints import concerns
 from geomphys.driven.contacts_kept import forget_touches
 from geomphys.driven.goals import set_goals, take_limits
-from geomphys.driven.groups import GLOBAL, PASSES, Outcome, set_around, settle, solve_first, solve_group
+from geomphys.driven.groups import PASSES, Outcome, both, set_around, settle, solve_first, solve_group
 from geomphys.driven.objective import is_stiff, link_centre
 from geomphys.driven.postures import copy_tree
 from geomphys.driven.reachability import measure_swept_pairs, path_of_pair_is_free
@@ -128,7 +128,7 @@ def update_driven(
                         work.before.poses[body, k] = recorded[body, k]
     set_around(scene, state, ws, recorded, 1.0)
     set_goals(scene, state, ws, roots, angles)
-    done = Outcome(0, GLOBAL, 0, True, False)
+    done = Outcome(0, 0, True, False)
     if first:
         for tree in range(len(scene.trees.role)):
             if scene.trees.role[tree] == DRIVEN:
@@ -138,11 +138,7 @@ def update_driven(
         for group in range(len(scene.trees.role)):
             if scene.trees.role[group] != DRIVEN or work.hit[group] == 0 or work.group[group] != group:
                 continue
-            more = solve_group(scene, state, ws, group, roots, angles, recorded, gap)
-            done = Outcome(
-                done.rounds + more.rounds, max(done.method, more.method), done.fallbacks + more.fallbacks,
-                done.converged and more.converged, done.yielded or more.yielded,
-            )  # fmt: skip
+            done = both(done, solve_group(scene, state, ws, group, roots, angles, recorded, gap))
     _finish(scene, state, ws)
     note_offsets(scene, state, ws, roots, angles, recorded)
     state.progress.updates += 1
@@ -152,7 +148,7 @@ def update_driven(
         if state.deformed[tree] == 0 and state.given[tree] == WAS_GIVEN:
             state.given[tree] = 0
         yielded = yielded or (state.deformed[tree] == 1 and state.given[tree] == 0 and is_stiff(scene, tree))
-    return Outcome(done.rounds, done.method, done.fallbacks, done.converged, yielded)
+    return Outcome(done.rounds, done.fallbacks, done.converged, yielded)
 
 
 @kernel

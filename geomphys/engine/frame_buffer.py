@@ -20,8 +20,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 FRAMES = 64  # a block
-CONTACTS = 1 << 14  # rows for a block
-RESERVE = 1 << 12  # rows a frame may need; a block ends early when fewer are left
+CONTACTS = 1 << 15  # rows for a block
+RESERVE = 1 << 14  # rows a frame may need; a block ends early when fewer are left
 
 FIGURES = np.dtype(
     [
@@ -89,12 +89,23 @@ def has_capacity(block: Block, frame: int) -> bool:
 
 
 @kernel
-def write_depths(block: Block, frame: int, depths: GlobalDepths, count: int, method: int) -> None:
-    """Append the global depths of a frame: those of `count` pairs of bodies."""
+def is_full(block: Block, frame: int) -> bool:
+    """Whether the contacts or depths of a frame filled their table to the last row, so that some may be missing."""
+    return bool(
+        block.contact_end[frame + 1] == len(block.contact_bodies)
+        or block.depth_end[frame + 1] == len(block.depth_bodies)
+    )
+
+
+@kernel
+def write_depths(scene: Scene, block: Block, frame: int, depths: GlobalDepths, count: int, method: Ints) -> None:
+    """Append the global depths of a frame: those of `count` pairs of bodies; `method` (T,) is that which freed each tree."""
     row = block.depth_end[frame]
     for k in range(min(count, len(block.depth_bodies) - row)):
         block.depth_bodies[row, 0], block.depth_bodies[row, 1] = depths.body_a[k], depths.body_b[k]
-        block.depth_numbers[row, 0], block.depth_numbers[row, 1] = depths.pairs[k], method
+        tree_a, tree_b = scene.bodies.tree[depths.body_a[k]], scene.bodies.tree[depths.body_b[k]]
+        block.depth_numbers[row, 0] = depths.pairs[k]
+        block.depth_numbers[row, 1] = max(method[tree_a], method[tree_b])
         for i in range(3):
             block.depth_values[row, i] = depths.pd[k, i]
         block.depth_values[row, 3] = depths.largest[k]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.driven.groups import GLOBAL, Outcome
+from geomphys.driven.groups import Outcome
 from geomphys.driven.paper.state import PaperWorkspace
 from geomphys.driven.paper.update import update_driven_as_published, yield_as_published
 from geomphys.driven.update import update_driven, yield_driven
@@ -34,7 +34,7 @@ def _update(
         return update_driven(scene, m.driven, m.workspace, roots, angles, m.recorded, dt, exact)
     if paper is not None:
         return update_driven_as_published(scene, m.driven, paper, roots, angles, m.recorded, dt)
-    return Outcome(0, GLOBAL, 0, False, False)
+    return Outcome(0, 0, False, False)
 
 
 @kernel

@@ -78,7 +78,8 @@ class Pipeline:
         count: int = self._run_block(*self._packed, recording, self.params, self._packed_blocks[id(block)])
         if count == 0 or self.machine.workspace.near.counts["lost"]:
             raise GeomphysError(
-                f"more than {NEAR_PAIRS} pairs of convex pieces are near each other at once; decompose the meshes into fewer"
+                f"more than {NEAR_PAIRS} pairs of convex pieces are near each other at once, or have as many contact points; "
+                "decompose the meshes into fewer"
             )
         return count
 

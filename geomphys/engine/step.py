@@ -12,7 +12,7 @@ from geomphys.collision.detect import find_near
 from geomphys.collision.global_depth import global_depths
 from geomphys.collision.sweep import update_boxes
 from geomphys.driven.contacts_kept import RECORDED_ON, note_touches
-from geomphys.driven.groups import Outcome
+from geomphys.driven.groups import GLOBAL, Outcome, both
 from geomphys.driven.postures import is_recorded
 from geomphys.driven.state import NOT_STARTED
 from geomphys.engine.coupled_step import (
@@ -27,7 +27,7 @@ from geomphys.engine.coupled_step import (
     substeps_of,
     yield_to_simulated,
 )
-from geomphys.engine.frame_buffer import Block, has_capacity, write_contacts, write_depths
+from geomphys.engine.frame_buffer import Block, has_capacity, is_full, write_contacts, write_depths
 from geomphys.engine.methods import update_by_method
 from geomphys.engine.motion_measures import measure_motion
 from geomphys.engine.quarantine import contain_driven, keep_posture
@@ -186,7 +186,9 @@ def step(
         fit_recorded_paths(scene, m, roots, dt, first)
     parts = 1 if first or params.method.paper is not None else substeps_of(scene, m, dt)
     impacts, flags, simulating = 0, 0, 0
-    done = Outcome(0, 0, 0, True, False)
+    done = Outcome(0, 0, True, False)
+    for tree in range(len(m.driven.method)):
+        m.driven.method[tree] = GLOBAL
     for part in range(parts):
         last = part == parts - 1
         if part > 0:
@@ -206,14 +208,7 @@ def step(
             if m.coupled.solve.lost > 0:
                 flags |= FLAG_IMPACT_BOUND
         simulating += cycles() - t3
-        more = drive(scene, m, now_at, joint_values, dt / parts, first, params)
-        done = Outcome(
-            done.rounds + more.rounds,
-            max(done.method, more.method),
-            done.fallbacks + more.fallbacks,
-            done.converged and more.converged,
-            done.yielded or more.yielded,
-        )
+        done = both(done, drive(scene, m, now_at, joint_values, dt / parts, first, params))
         flags |= contain_driven(scene, m, now_at, joint_values, first)
         t3 = cycles()
         if moves:
@@ -223,8 +218,10 @@ def step(
                 flags |= contain_driven(scene, m, now_at, joint_values, first)
         simulating += cycles() - t3
     t4 = cycles()
-    write_depths(block, frame, m.depths, overlapping, done.method)
+    write_depths(scene, block, frame, m.depths, overlapping, m.driven.method)
     figures.residual, left = find_contacts(scene, m, params.gap, first, block, frame)
+    if is_full(block, frame):
+        m.workspace.near.counts.lost += 1
     measure_correction(scene, m, figures)
     measure_motion(scene, m, figures)
     t5 = cycles()
@@ -287,7 +284,7 @@ def run_block(
         if not has_capacity(block, frame):
             return frame
         step(scene, m, recording.roots[frame], recording.angles[frame], recording.dts[frame], params, block, frame)
-        if m.workspace.near.counts.lost > 0:  # the table of near pairs is full: the caller aborts the replay
+        if m.workspace.near.counts.lost > 0:  # a table is full: the caller aborts the replay
             return frame
     return len(recording.dts)
 

@@ -6,6 +6,7 @@ import hashlib
 import os
 import re
 import sys
+from contextlib import suppress
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
@@ -26,13 +27,10 @@ FOLDERS = re.compile(r"kernels-[0-9a-f]{16}")
 def cache_folder() -> Path:
     """Folder of the machine code of this version of the package, made on first use: see `geomphys.storage.cache`.
 
-    It is named after the sources that affect the code, the versions of numba, llvmlite and Python, numba's environment
-    variables, and the processor. Folders of versions that were not used for a month are removed.
+    It is named after the sources that affect the code, the versions of numba, llvmlite and Python, numba's settings, and
+    the processor. Folders of versions that were not used for a month are removed.
     """
-    settings = sorted(
-        item for item in os.environ.items() if item[0].startswith("NUMBA_") and item[0] != "NUMBA_CACHE_DIR"
-    )
-    about = version("numba"), version("llvmlite"), sys.version, settings, processor()
+    about = version("numba"), version("llvmlite"), sys.version, _numba_settings(), processor()
     digest = hashlib.sha256(repr(about).encode())
     for name, text in _sources_of_machine_code():
         digest.update(name.encode() + b"\0" + text + b"\0")
@@ -45,6 +43,15 @@ def cache_folder() -> Path:
 def store() -> Store:
     """The stored products in the folder."""
     return Store(cache_folder())
+
+
+def _numba_settings() -> tuple[list[tuple[str, str]], bytes]:
+    """What numba reads its settings from: environment variables, and a file in the working directory."""
+    variables = [item for item in os.environ.items() if item[0].startswith("NUMBA_") and item[0] != "NUMBA_CACHE_DIR"]
+    file = b""
+    with suppress(OSError):
+        file = Path(".numba_config.yaml").read_bytes()
+    return sorted(variables), file
 
 
 def _sources_of_machine_code() -> list[tuple[str, bytes]]:

@@ -8,6 +8,7 @@ import yourdfpy
 
 from geomphys.driven.reach_cones import (
     cone_angle,
+    cone_bound,
     cone_row,
     limb_direction,
     signed_angle,
@@ -68,3 +69,13 @@ def test_clockwise_corners_mean_the_same_cone(tmp_path_factory):
     for d in np.random.default_rng(3).normal(size=(20, 3)):
         d /= np.linalg.norm(d)
         assert signed_angle(forth, 0, 5, tuple(d))[0] == pytest.approx(signed_angle(back, 0, 5, tuple(d))[0], abs=1e-12)
+
+
+def test_a_limb_recorded_beyond_its_cone_is_bounded_there_and_another_at_the_boundary(world):
+    scene, seen = pack(world.scene), set()
+    for seed in range(40):
+        angles = random_angles(seed)
+        g = cone_angle(scene, 0, angles)
+        seen.add(g > 0)
+        assert cone_bound(scene, 0, angles) == (0.0 if g > 0 else g)
+    assert seen == {True, False}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import sys
 import tomllib
@@ -10,7 +11,7 @@ from importlib.metadata import packages_distributions
 import pytest
 from packaging.requirements import Requirement
 
-from tests.house.sources import ROOT, imports, modules
+from tests.house.sources import ROOT, imports, modules, tree
 
 BROUGHT_BY_OTHERS = {
     "aiohttp": "errors of fsspec[http]",
@@ -92,3 +93,23 @@ def test_the_tested_set_has_hashes_and_what_the_package_asks_for() -> None:
     for text in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]:
         wanted = Requirement(text)
         assert wanted.specifier.contains(tested[re.sub(r"[-_.]+", "-", wanted.name).lower()]), text
+
+
+PUBLIC_OF_NUMBA = {"numba", "numba.extending", "numba.types"}
+"""Modules of numba whose names are public."""
+
+OTHERWISE_UNNAMED = {("geomphys.jit.pack_type", "numba.core.typing.templates")}
+"""Module of ours, module of numba's inside: `infer_getattr` accepts a subclass of its `AttributeTemplate` alone."""
+
+
+def test_of_numba_the_public_modules_are_used() -> None:
+    used = {
+        (f"geomphys.{name}", node.module if isinstance(node, ast.ImportFrom) else alias.name)
+        for name, path in modules("geomphys").items()
+        for node in ast.walk(tree(path))
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        for alias in node.names
+        if (node.module or "" if isinstance(node, ast.ImportFrom) else alias.name).split(".")[0] == "numba"
+    }
+    assert {pair for pair in used if pair[1] not in PUBLIC_OF_NUMBA} == OTHERWISE_UNNAMED
+    assert {name.split(".")[1] for name, _ in used} == {"jit"}

@@ -94,6 +94,17 @@ def test_the_story_names_functions_and_a_missing_one_would_be_noticed() -> None:
     assert not {"separations", "gap"} & definitions(ROOT / "geomphys/config.py")
 
 
+@pytest.mark.parametrize("equation", range(1, 11))
+def test_an_equation_of_the_paper_is_found_where_the_table_says(equation: int) -> None:
+    """The first row of the table that names it names a module in which it is written out or quoted by its number."""
+    table = (ROOT / "ARCHITECTURE.md").read_text().split("## Where is", 1)[1].split("\n## ", 1)[0]
+    rows = [cells for line in table.splitlines() if len(cells := line.split("|")) > 2 and f"({equation})" in cells[1]]
+    (path, *_) = re.findall(r"`(geomphys/[\w/]+\.py)", rows[0][2])
+    text = (ROOT / path).read_text()
+    ranges = [range(int(a), int(b) + 1) for a, b in re.findall(r"\((\d+)\)–\((\d+)\)", text)]
+    assert f"({equation})" in text or any(equation in numbers for numbers in ranges)
+
+
 def test_the_layers_of_the_document_are_those_of_the_code() -> None:
     (diagram,) = re.findall(r"## Layers\n.*?```text\n(.*?)```", (ROOT / "ARCHITECTURE.md").read_text(), flags=re.DOTALL)
     assert [" ".join(line.split("|")[0].split()) for line in diagram.splitlines()] == list(LAYERS)

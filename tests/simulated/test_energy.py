@@ -99,3 +99,15 @@ def test_a_body_the_caller_has_just_placed_begins_with_the_energy_it_has() -> No
     stage.call(note_new_energies)
     stage.call(take_excess)
     assert np.linalg.norm(stage.motion["velocity"][0]) < 0.3
+
+
+def test_bodies_that_collide_near_a_floor_they_do_not_touch_keep_their_momentum() -> None:
+    """The floor is near enough to be listed, and has no contact point."""
+    cubes = [Thing(shape=CUBE, at=(x, 0, 0.0505), v=(v, 0, 0)) for x, v in ((0.0, 0.3), (0.1, -0.1))]
+    stage = Stage(Player([*cubes, floor()]))
+    assert len(stage.pairs) == 3
+    stage.call(note_energies)
+    stage.bodies["touched"][:2] = 1
+    stage.motion["velocity"][:2] *= 1.1
+    stage.call(take_excess)
+    assert stage.motion["velocity"][:2, 0] == pytest.approx([0.33, -0.11], rel=1e-15)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from geomphys.jit.folder import _sources_of_machine_code
+from geomphys.jit.folder import _numba_settings, _sources_of_machine_code
 from geomphys.storage import cache
 from tests.house.sources import imports, modules
 from tests.storage.test_records import Evil
@@ -203,3 +203,18 @@ def test_nothing_beside_a_temporary_folder_is_removed(tmp_path: Path) -> None:
     foreign = folder_of_kernels(tmp_path, f"kernels-{'2' * 16}", days=31)
     cache.remove_unused(folder_of_kernels(tmp_path, "geomphys-1x2y", days=0), KERNELS)
     assert foreign.is_dir()
+
+
+def test_machine_code_is_named_after_the_settings_of_numba(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """numba reads them from the environment, and from a file in the working directory."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("NUMBA_OPT", raising=False)
+    plain = _numba_settings()
+    monkeypatch.setenv("NUMBA_OPT", "1")
+    by_variable = _numba_settings()
+    (tmp_path / ".numba_config.yaml").write_text("opt: 1\n")
+    assert plain != by_variable != _numba_settings()
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "/elsewhere")
+    monkeypatch.delenv("NUMBA_OPT")
+    (tmp_path / ".numba_config.yaml").unlink()
+    assert _numba_settings() == plain

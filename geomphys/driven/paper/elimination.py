@@ -186,7 +186,7 @@ def eliminate(scene: Scene, w: PaperWorkspace, number: int) -> Elimination:
     """Eliminate the overlaps of driven trees at the iterate `now`; `number` is that of the frame, for the order of chains."""
     chained, patience, passes, interpolations = False, PATIENCE, 0, 0
     for tree in range(len(w.cancelled)):
-        w.cancelled[tree] = 0
+        w.cancelled[tree] = w.interpolated[tree] = 0
         chained = chained or scene.trees.chains[tree] == 1
     copy_driven(scene, w.now, w.target)
     copy_driven(scene, w.now, w.best)
@@ -210,6 +210,7 @@ def eliminate(scene: Scene, w: PaperWorkspace, number: int) -> Elimination:
     for tree in range(len(w.cancelled)):
         if scene.trees.role[tree] == DRIVEN and overlaps_others(w, tree):
             interpolations += 1
+            w.interpolated[tree] = 1
             if not interpolate_tree(scene, w, tree):
                 copy_tree(scene, w.best, tree, w.now)
                 update_tree(scene, w, tree)

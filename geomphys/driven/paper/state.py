@@ -58,6 +58,7 @@ class PaperWorkspace(NamedTuple):
     shift: Floats  # (T, 3) m, translation of a tree in a pass
     deepest: Floats  # (T,) m, of the pair of objects that it is for
     cancelled: Ints  # (T,) 1: the normals of a pair of objects cancel
+    interpolated: Ints  # (T,) 1: interpolated in the last elimination
     points_a: Floats  # (MANIFOLD, 3)
     points_b: Floats  # (MANIFOLD, 3)
 
@@ -119,7 +120,7 @@ def make_paper_workspace(scene: Scene, shared: DrivenWorkspace, config: Config) 
     poses = shared.work.now.poses
     now, target, free, best = (make_posture(scene, poses) for _ in range(4))
     joint_rate, lower, upper, saved, step = (np.zeros(dofs) for _ in range(5))
-    has_free, cancelled = np.zeros(trees, np.int64), np.zeros(trees, np.int64)
+    has_free, cancelled, interpolated = (np.zeros(trees, np.int64) for _ in range(3))
     return PaperWorkspace(
         gap=config.gap,
         origins=shared.origins,
@@ -147,6 +148,7 @@ def make_paper_workspace(scene: Scene, shared: DrivenWorkspace, config: Config) 
         shift=np.zeros((trees, 3)),
         deepest=np.zeros(trees),
         cancelled=cancelled,
+        interpolated=interpolated,
         points_a=np.zeros((MANIFOLD, 3)),
         points_b=np.zeros((MANIFOLD, 3)),
     )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from geomphys.collision.sweep import update_boxes
 from geomphys.driven.coupling import relax_offset
-from geomphys.driven.groups import GLOBAL, INTERPOLATED, Outcome
+from geomphys.driven.groups import INTERPOLATED, Outcome
 from geomphys.driven.paper.chains import update_tree
 from geomphys.driven.paper.descent import fit_cone
 from geomphys.driven.paper.elimination import eliminate, overlaps_others
@@ -135,8 +135,10 @@ def update_driven_as_published(
     note_offsets(scene, state, w, roots, angles, recorded)
     state.progress.start = STARTED_FREE
     state.progress.updates += 1
-    method = INTERPOLATED if done.interpolations > 0 else GLOBAL
-    return Outcome(done.passes, method, done.interpolations, done.overlap == 0.0, False)
+    for tree in range(len(w.interpolated)):
+        if w.interpolated[tree] == 1:
+            state.method[tree] = INTERPOLATED
+    return Outcome(done.passes, done.interpolations, done.overlap == 0.0, False)
 
 
 @outlined
