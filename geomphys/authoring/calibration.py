@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.authoring.calibrated_scene import SceneChange, rpy_degrees, write_changes
-from geomphys.authoring.contact_fit import SHARE, ContactFit, ContactProblem, Unknowns, moved_offset, moved_surface
+from geomphys.authoring.contact_fit import ContactFit, fit_contacts
 from geomphys.authoring.contact_frames import Recorded, Stretch, collect
+from geomphys.authoring.contact_gaps import SHARE, Unknowns, moved_offset, moved_surface
 from geomphys.authoring.finger_lengths import find_fingers, link_factors
 from geomphys.authoring.known_changes import component_names, known_part, name_unknown
 from geomphys.authoring.resting_frames import TOUCH_WINDOWS
@@ -185,7 +186,7 @@ def _fit(world: World, tree: int, root: RootSource | None, recorded: Recorded, u
         pivots = {surface: np.zeros(3) for surface in unknowns.surfaces}
         return ContactFit(np.zeros(unknowns.size), np.diag(unknowns.expected**2), pivots, 0.0, 0.0)
     offset = np.eye(4) if root is None else matrix_from_pose([*root.position, *root.orientation])
-    return ContactProblem(world, tree, offset, recorded.contacts, unknowns).fit()
+    return fit_contacts(world, tree, offset, recorded.contacts, unknowns)
 
 
 def _result(

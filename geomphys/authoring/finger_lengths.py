@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from geomphys.authoring.contact_fit import Finger
+from geomphys.authoring.contact_gaps import Finger
 from geomphys.keypoints.bone_scale import BASE, branch_names
 from geomphys.recording.point_measures import branch_title
 from geomphys.scene.world import World

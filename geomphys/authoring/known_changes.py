@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.authoring.contact_fit import CONFIDENCE, ContactFit, Unknowns
-from geomphys.scene.world import World
+from geomphys.authoring.contact_fit import CONFIDENCE, ContactFit
+from geomphys.authoring.contact_gaps import Unknowns
+from geomphys.scene.arrays import World
 
 Floats = NDArray[np.float64]
 

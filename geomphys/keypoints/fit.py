@@ -6,9 +6,9 @@ Minimises, over joint values q within their limits and the root's pose,
 
 with the points p_i that are seen, the lever l_j of each joint, s = `SMOOTHNESS_WEIGHT` and target the values of the last frame,
 and, where the source has an orientation of the palm, the rotation vector a from that to the root's and its lever l_o.
-The weight r_j of the rest posture is low where the points determine a joint and higher where they do not, as for the twist of a
-straight finger, where they only give noise (`weigh_rest`).
-It starts from the result of the last frame, so of equivalent solutions the near one is found.
+The pull to rest r_j is weak where the points show a joint and stronger where they do not, as the twist of a straight finger:
+there they hold nothing but noise (`weigh_rest`). Both come from the diagonal of the Gauss-Newton Hessian of the points.
+The start is the result of the last frame, so of equivalent solutions the near one is found.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.jit.kernel import kernel
-from geomphys.keypoints.fit_model import REST_WEIGHT, SHOWN, UNSHOWN_WEIGHT, FitModel, FitState
+from geomphys.keypoints.fit_model import REST_WEIGHT, SHOWN, SMOOTHNESS_WEIGHT, UNSHOWN_WEIGHT, FitModel, FitState
 from geomphys.numerics.vec3 import (
     Vec,
     add,
@@ -40,7 +40,11 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 STEP_TOLERANCE = 3e-3
-"""rad (and m · 10); a smaller step ends the search: with points that are 1 mm off the next one is a thirtieth of it."""
+"""rad (and m · 10); a smaller step ends the search: with points that are 1 mm off the next one is about a tenth of it."""
+NO_GAIN = 1e-6
+"""Share of the objective; so does a step that gains no more."""
+MAX_INCREMENT = 0.5
+"""rad or m; a larger increment of the last frame is not carried on."""
 MAX_STEP = 0.5
 """rad; longest step of a joint value."""
 ROOT_RIDGE = 1e-9
@@ -86,20 +90,28 @@ def objective(model: FitModel, state: FitState, points: Floats, seen: Ints, angl
 
 
 @kernel
-def point_jacobian(model: FitModel, state: FitState, poses: Floats, body: int, centre: Vec) -> int:
+def rotate_axes(model: FitModel, state: FitState) -> None:
+    """Joint axes in the world frame, for `state.poses`."""
+    for body in range(1, len(model.parent)):
+        if model.column[body] >= 0:
+            axis = (model.axis[body, 0], model.axis[body, 1], model.axis[body, 2])
+            axis = quat_rotate(orientation_of(state.poses, body), axis)
+            state.axes[body, 0], state.axes[body, 1], state.axes[body, 2] = axis
+
+
+@kernel
+def point_jacobian(model: FitModel, state: FitState, body: int, centre: Vec) -> int:
     """Derivative (3, N) of a link's origin with respect to the unknowns.
 
     Fills `state.jacobian` at the columns that it lists in `state.columns`; returns their number. The root rotates about `centre`.
     """
-    columns, jacobian = state.columns, state.jacobian
+    columns, jacobian, poses = state.columns, state.jacobian, state.poses
     x, count, link = position_of(poses, body), 0, body
     unknowns = len(model.rest)
     while link > 0:
         column = model.column[link]
         if column >= 0 and model.kind[link] != JOINT_FIXED:
-            axis = quat_rotate(
-                orientation_of(poses, link), (model.axis[link, 0], model.axis[link, 1], model.axis[link, 2])
-            )
+            axis = (state.axes[link, 0], state.axes[link, 1], state.axes[link, 2])
             if model.kind[link] != JOINT_PRISMATIC:
                 axis = cross(axis, sub(x, position_of(poses, link)))
             known = False
@@ -129,18 +141,19 @@ def point_jacobian(model: FitModel, state: FitState, poses: Floats, body: int, c
 
 
 @kernel
-def assemble(model: FitModel, state: FitState, points: Floats, seen: Ints, centre: Vec) -> None:
-    """Gradient and Gauss-Newton Hessian of the objective at `state.angles` and `state.poses`."""
+def add_points(model: FitModel, state: FitState, points: Floats, seen: Ints, centre: Vec) -> None:
+    """Gradient and Gauss-Newton Hessian (lower triangle) of the terms of the points, at `state.poses`."""
     hessian, gradient, jacobian, columns = state.hessian, state.gradient, state.jacobian, state.columns
     for a in range(len(gradient)):
         gradient[a] = 0.0
         for b in range(a + 1):
             hessian[a, b] = 0.0
+    rotate_axes(model, state)
     for i in range(len(model.body)):
         if not seen[i]:
             continue
         body, w = model.body[i], model.weight[i]
-        count = point_jacobian(model, state, state.poses, body, centre)
+        count = point_jacobian(model, state, body, centre)
         x = w * (state.poses[body, 0] - points[i, 0])
         y = w * (state.poses[body, 1] - points[i, 1])
         z = w * (state.poses[body, 2] - points[i, 2])
@@ -152,7 +165,20 @@ def assemble(model: FitModel, state: FitState, points: Floats, seen: Ints, centr
                 b = columns[n]
                 value = w * (u * jacobian[0, b] + v * jacobian[1, b] + t * jacobian[2, b])
                 hessian[max(a, b), min(a, b)] += value
-    smoothness = state.weights.smoothness
+
+
+@kernel
+def weigh_rest(model: FitModel, state: FitState) -> None:
+    """Set the pull to rest of each joint by how far the seen points are from its axis: by the Hessian of `add_points`."""
+    for j in range(len(model.rest)):
+        shown = state.hessian[j, j] / (SHOWN * model.lever[j] ** 2)
+        state.rest_weight[j] = REST_WEIGHT + (UNSHOWN_WEIGHT - REST_WEIGHT) / (1.0 + shown * shown)
+
+
+@kernel
+def add_priors(model: FitModel, state: FitState) -> None:
+    """Add the other terms of the objective, at `state.angles` and `state.poses`."""
+    hessian, gradient, smoothness = state.hessian, state.gradient, state.weights.smoothness
     for j in range(len(model.rest)):
         scale = model.lever[j] ** 2
         hessian[j, j] += scale * (state.rest_weight[j] + smoothness)
@@ -170,65 +196,50 @@ def assemble(model: FitModel, state: FitState, points: Floats, seen: Ints, centr
 
 
 @kernel
-def weigh_rest(model: FitModel, state: FitState, seen: Ints, centre: Vec) -> None:
-    """Set the rest weight of each joint by how far the seen points are from its axis, in the posture `state.poses`."""
-    for j in range(len(model.rest)):
-        state.rest_weight[j] = 0.0
-    for i in range(len(model.body)):
-        if seen[i]:
-            count = point_jacobian(model, state, state.poses, model.body[i], centre)
-            for m in range(count):
-                a = state.columns[m]
-                if a < len(model.rest):
-                    u, v, t = state.jacobian[0, a], state.jacobian[1, a], state.jacobian[2, a]
-                    state.rest_weight[a] += model.weight[i] * (u * u + v * v + t * t)
-    for j in range(len(model.rest)):
-        shown = state.rest_weight[j] / (SHOWN * model.lever[j] ** 2)
-        state.rest_weight[j] = REST_WEIGHT + (UNSHOWN_WEIGHT - REST_WEIGHT) / (1.0 + shown * shown)
-
-
-@kernel
 def factorise(state: FitState, damping: float) -> bool:
-    """Cholesky factor of the Hessian (lower triangle) of the free unknowns, its diagonal times 1 + damping."""
-    hessian, factor, free = state.hessian, state.factor, state.free
-    for i in range(len(free)):
-        if not free[i]:
-            continue
-        for j in range(i + 1):
-            if not free[j]:
-                continue
-            total = hessian[i, j]
-            if i == j:
-                total *= 1.0 + damping
-            for k in range(j):
-                if free[k]:
-                    total -= factor[i, k] * factor[j, k]
-            if i == j:
-                if not total > 0.0:
-                    return False
-                factor[i, i] = math.sqrt(total)
-            else:
-                factor[i, j] = total / factor[j, j]
+    """Cholesky factor (lower triangle) of the Hessian, its diagonal times 1 + damping, a unit matrix for what is not free.
+
+    Column by column, so that the inner loop runs along rows.
+    """
+    hessian, factor, free, column = state.hessian, state.factor, state.free, state.column
+    n = len(free)
+    for i in range(n):
+        for j in range(i):
+            factor[i, j] = hessian[i, j] if free[i] and free[j] else 0.0
+        factor[i, i] = hessian[i, i] * (1.0 + damping) if free[i] else 1.0
+    for k in range(n):
+        if not factor[k, k] > 0.0:
+            return False
+        factor[k, k] = math.sqrt(factor[k, k])
+        for i in range(k + 1, n):
+            factor[i, k] /= factor[k, k]
+            column[i] = factor[i, k]
+        for i in range(k + 1, n):
+            value = column[i]
+            if value != 0.0:
+                for j in range(k + 1, i + 1):
+                    factor[i, j] -= value * column[j]
     return True
 
 
 @kernel
-def substitute(state: FitState) -> None:
-    """Solve factor factorᵀ x = `state.step` in place, for the free unknowns."""
-    factor, x, free = state.factor, state.step, state.free
-    n = len(x)
-    for i in range(n):
-        if free[i]:
-            for k in range(i):
-                if free[k]:
-                    x[i] -= factor[i, k] * x[k]
-            x[i] /= factor[i, i]
-    for i in range(n - 1, -1, -1):
-        if free[i]:
-            for k in range(i + 1, n):
-                if free[k]:
-                    x[i] -= factor[k, i] * x[k]
-            x[i] /= factor[i, i]
+def substitute_forward(state: FitState, first: int) -> None:
+    """Solve factor x = `state.step` in place, where the first elements up to `first` are 0."""
+    factor, x = state.factor, state.step
+    for i in range(first, len(x)):
+        for k in range(first, i):
+            x[i] -= factor[i, k] * x[k]
+        x[i] /= factor[i, i]
+
+
+@kernel
+def substitute_back(state: FitState) -> None:
+    """Solve factorᵀ x = `state.step` in place."""
+    factor, x = state.factor, state.step
+    for i in range(len(x) - 1, -1, -1):
+        x[i] /= factor[i, i]
+        for k in range(i):
+            x[k] -= factor[i, k] * x[i]
 
 
 @kernel
@@ -317,24 +328,28 @@ def fit_frame(model: FitModel, state: FitState, points: Floats, seen: Ints, show
     """
     pose_links(model, state.root, state.angles, state.poses)
     centre, damping, iterations = seen_centre(points, seen), 1e-9, 0
-    weigh_rest(model, state, seen, centre)
+    add_points(model, state, points, seen, centre)
+    weigh_rest(model, state)
     cost = objective(model, state, points, seen, state.angles, state.poses)
     searching = True
     while searching and iterations < limit:
-        assemble(model, state, points, seen, centre)
+        if iterations > 0:
+            add_points(model, state, points, seen, centre)
+        add_priors(model, state)
         choose_free(model, state, shown)
         is_better = False
         while not is_better and damping < 1e6:
             iterations += 1
             if factorise(state, damping):
                 for j in range(len(state.step)):
-                    state.step[j] = -state.gradient[j]
-                substitute(state)
+                    state.step[j] = -state.gradient[j] if state.free[j] else 0.0
+                substitute_forward(state, 0)
+                substitute_back(state)
                 largest = try_step(model, state, centre)
                 trial_cost = objective(model, state, points, seen, state.trial_angles, state.trial_poses)
                 if trial_cost <= cost:
                     is_better = True
-                    searching = largest > STEP_TOLERANCE and cost - trial_cost > 1e-6 * cost
+                    searching = largest > STEP_TOLERANCE and cost - trial_cost > NO_GAIN * cost
                     cost = trial_cost
                     accept_trial(state)
                     damping = max(0.1 * damping, 1e-9)
@@ -354,27 +369,52 @@ def fit_frame(model: FitModel, state: FitState, points: Floats, seen: Ints, show
 
 
 @kernel
-def measure_uncertainty(model: FitModel, state: FitState, points: Floats, seen: Ints, shares: Floats) -> None:
-    """How little the points of the last frame determine each joint.
+def fit_next(model: FitModel, state: FitState, points: Floats, seen: Ints, shown: Ints, limit: int) -> float:
+    """Fit the points of a frame from the posture of the last one, drawn to it carried on by its increment; see `fit_frame`."""
+    for j in range(len(model.rest)):
+        last, increment = state.angles[j], state.increment[j]
+        predicted = last + (increment if abs(increment) < MAX_INCREMENT else 0.0)
+        state.target[j] = min(max(predicted, model.lower[j]), model.upper[j])
+        state.increment[j] = -last
+    state.weights.smoothness = SMOOTHNESS_WEIGHT
+    distance = fit_frame(model, state, points, seen, shown, limit)
+    for j in range(len(model.rest)):
+        state.increment[j] += state.angles[j]
+    return distance
 
-    Sets `shares` (Q,) to the posterior variance as a share of that by the rest term alone: 1 where the points are uninformative,
-    near 0 where they determine the value. Uses the workspace; the posture does not change.
+
+@kernel
+def measure_uncertainty(model: FitModel, state: FitState, points: Floats, seen: Ints, shares: Floats) -> None:
+    """How little the points of the last frame say about each joint, and where they draw it.
+
+    `shares` (Q,) becomes the variance that is left of the pull to rest alone: 1 where the points say nothing, near 0 where they
+    determine the value; `state.step` the Gauss-Newton step without limits. Uses the workspace; the posture stays.
     """
     smoothness = state.weights.smoothness
     state.weights.smoothness = 0.0
     for j in range(len(model.rest)):
         state.rest_weight[j] = REST_WEIGHT
-    assemble(model, state, points, seen, seen_centre(points, seen))
+    add_points(model, state, points, seen, seen_centre(points, seen))
+    add_priors(model, state)
     state.weights.smoothness = smoothness
     joints = len(model.rest)
     for j in range(len(state.free)):
         state.free[j] = 1 if j < joints or model.fits_root else 0
     for j in range(joints):
         shares[j] = 1.0
+    for j in range(len(state.step)):
+        state.step[j] = 0.0
     if factorise(state, 0.0):
         for j in range(joints):
             for k in range(len(state.step)):
                 state.step[k] = 0.0
             state.step[j] = 1.0
-            substitute(state)
-            shares[j] = state.step[j] * REST_WEIGHT * model.lever[j] ** 2
+            substitute_forward(state, j)
+            square = 0.0
+            for k in range(j, len(state.step)):
+                square += state.step[k] * state.step[k]
+            shares[j] = square * REST_WEIGHT * model.lever[j] ** 2
+        for j in range(len(state.step)):
+            state.step[j] = -state.gradient[j] if state.free[j] else 0.0
+        substitute_forward(state, 0)
+        substitute_back(state)

@@ -61,6 +61,7 @@ class FitState(NamedTuple):
     increment: Floats  # (Q,) from the frame before to the last
     root: Floats  # (7,)
     poses: Floats  # (B, 7)
+    axes: Floats  # (B, 3) of the joints, world frame
     trial_poses: Floats  # (B, 7)
     trial_root: Floats  # (7,)
     trial_angles: Floats  # (Q,)
@@ -70,6 +71,7 @@ class FitState(NamedTuple):
     columns: Ints  # (N,) columns of it that are not zero
     hessian: Floats  # (N, N)
     factor: Floats  # (N, N)
+    column: Floats  # (N,) of the factor
     gradient: Floats  # (N,)
     step: Floats  # (N,)
     free: Ints  # (N,) 1 for unknowns of this step

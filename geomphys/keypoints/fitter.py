@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.jit.packed_records import pack
-from geomphys.keypoints.fit import fit_frame, measure_uncertainty, pose_links
-from geomphys.keypoints.fit_model import SMOOTHNESS_WEIGHT, FitModel
+from geomphys.keypoints.fit import fit_frame, fit_next, measure_uncertainty, pose_links
+from geomphys.keypoints.fit_model import FitModel
 from geomphys.keypoints.setup import ROOT_POINTS, make_state, nearest_rotation, rigid_points, spans_plane
 from geomphys.numerics.transforms import quaternion_from_rotation, rotation_from_quaternion
 
@@ -18,16 +18,12 @@ Ints = NDArray[np.int64]
 
 FIRST_ITERATIONS = 200
 ITERATIONS = 30
-MAX_INCREMENT = 0.5
-"""rad or m; a larger increment of the last frame is not extrapolated."""
 PROBED_FRAMES = 16
 """Uncertainty is measured every so many frames."""
 BEYOND = 0.05
 """rad or m; a frame counts where the points would take a joint at its limit at least this far beyond it."""
 NOT_SHOWN = 0.5
-"""Posterior share of the variance of the rest term from which a joint counts as undetermined."""
-
-
+"""Share of the variance of the pull to rest that is left where the points do not show a joint."""
 MAX_PATTERNS = 4096
 """Patterns of seen points that are cached."""
 
@@ -44,7 +40,8 @@ class _Pattern(NamedTuple):
     """What a set of seen points determines."""
 
     any_seen: bool
-    shown: Ints  # (Q,) 1 for joints that a seen point determines, or none ever does
+    all_shown: bool  # every joint
+    shown: Ints  # (Q,) 1 for joints that a seen point shows, or none ever does
     shows_root: bool  # by points alone
     has_palm: bool  # a point of the palm, which determines the root together with an orientation
 
@@ -97,10 +94,12 @@ class KeypointFitter:
             state.increment[:] = 0.0
             pose_links(self._model, state.root, state.angles, state.poses)
             return FittedPosture(state.root.copy(), state.angles.copy(), True)
-        fit = self._fit_next if self.started else self._start
-        distance = fit(points, seen, shown)
+        if self.started:
+            distance = fit_next(self._model, self._state, points, seen, shown, ITERATIONS)
+        else:
+            distance = self._start(points, seen, shown)
         self._count(points, seen, distance)
-        return FittedPosture(state.root.copy(), state.angles.copy(), not pattern.shown.all())
+        return FittedPosture(state.root.copy(), state.angles.copy(), not pattern.all_shown)
 
     def _start(self, points: Floats, seen: Ints, shown: Ints) -> float:
         """First posture: the best from several starts, each with the rigid motion that brings its points nearest.
@@ -128,17 +127,6 @@ class KeypointFitter:
         pose_links(self._model, state.root, state.angles, state.poses)
         return distance
 
-    def _fit_next(self, points: Floats, seen: Ints, shown: Ints) -> float:
-        """Posture of a later frame, from the last one; returns the root mean square distance of the points [m]."""
-        state, model = self.state, self.model
-        last_angles = state.angles.copy()
-        predicted = last_angles + state.increment * (np.abs(state.increment) < MAX_INCREMENT)
-        np.minimum(np.maximum(predicted, model.lower), model.upper, out=state.target)
-        state.weights["smoothness"] = SMOOTHNESS_WEIGHT
-        distance = fit_frame(self._model, self._state, points, seen, shown, ITERATIONS)
-        state.increment[:] = state.angles - last_angles
-        return distance
-
     def _pattern(self, seen: Ints) -> _Pattern:
         """What is determined where these points are seen.
 
@@ -155,7 +143,7 @@ class KeypointFitter:
             enough = ROOT_POINTS if has_group else max(ROOT_POINTS, len(seen) // 2)
             shows_root = bool(group.sum() >= enough and _spans(self.model, group))
             has_palm = bool((self._palm & (seen != 0)).any())
-            self._patterns[key] = _Pattern(bool(seen.any()), shown, shows_root, has_palm)
+            self._patterns[key] = _Pattern(bool(seen.any()), bool(shown.all()), shown, shows_root, has_palm)
         return self._patterns[key]
 
     def _nearest_root(self, points: Floats, seen: Ints) -> Floats:
@@ -184,13 +172,10 @@ class KeypointFitter:
         self.frames += 1
 
     def _is_pressed_on_limits(self) -> NDArray[np.bool_]:
-        """(Q,) whether a joint is at a limit and the points would take it beyond, by a Gauss-Newton step without limits."""
+        """(Q,) whether a joint is at a limit that the points draw it beyond, after `measure_uncertainty`."""
         model, state = self.model, self.state
+        step = state.step[: len(model.rest)]
         below, above = state.angles <= model.lower, state.angles >= model.upper
-        if not (below.any() or above.any()):
-            return below
-        hessian = np.tril(state.hessian) + np.tril(state.hessian, -1).T
-        step = -np.linalg.solve(hessian, state.gradient)[: len(model.rest)]
         pressed: NDArray[np.bool_] = (below & (step < -BEYOND)) | (above & (step > BEYOND))
         return pressed
 

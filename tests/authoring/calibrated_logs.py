@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 from mcap.writer import Writer
+from scipy.spatial.transform import Rotation
 
 from geomphys.authoring.surface_gaps import GapMeter
 from geomphys.load import load_world
 from geomphys.numerics.transforms import compose, invert, matrix_from_pose, pose_from_matrix, quaternion_from_rpy
+from geomphys.scene.arrays import World
 from geomphys.scene.scaled_urdf import scaled_urdf
 from tests.keypoints.hands import hand_urdf
 
@@ -27,6 +29,13 @@ FLAT = ((0, 0, 0), (0, 0, 50), (0, 0, -40))
 """Ways to rest, rpy [degrees] of the root link: palm down, turned about the vertical."""
 ALL_WAYS = (*FLAT, (85, 0, 0), (0, 75, 20), (-80, 10, 0), (0, 60, 120), (95, 10, 60), (10, 80, -70))
 """Palm down, on either side, on the fingertips."""
+CHANGES = (
+    *(f"offset along {a}" for a in "xyz"),
+    *(f"rotation of the offset about {a}" for a in "xyz"),
+    "height of 'table'",
+    *(f"tilt of 'table' about {a}" for a in "xy"),
+)
+"""What `calibrate` seeks in these logs."""
 SCENE = """# my desk
 [[avatar]]
 name = "hand"
@@ -71,19 +80,10 @@ def write_log(
     if factors is not None:
         (folder / "long.urdf").write_bytes(scaled_urdf(folder / "hand.urdf", factors))
         scene.write_text(scene.read_text().replace("hand.urdf", "long.urdf"))
-    world = load_world(scene)
-    meter, rng = GapMeter(world), np.random.default_rng(5)
-    roots = world.scene.trees.rest.copy()
-    angles = np.zeros(len(world.dof_names))
+    world, rng = load_world(scene), np.random.default_rng(5)
     tracker_from_root = matrix_from_pose([*OFFSET[0], *quaternion_from_rpy(OFFSET[1])])
-    resting = []
     bends = [0.15 * (k % 3) if moves else 0.0 for k in range(len(ways))]
-    for k, rotation in enumerate(ways):
-        angles[:] = bends[k]
-        roots[0] = [0.1 * np.cos(2.4 * k), 0.1 * np.sin(2.4 * k), height + 0.2, *quaternion_from_rpy(rotation)]
-        for _ in range(30):
-            roots[0, 2] -= meter.lowest_gap(0, 1, roots, angles)
-        resting.append(roots[0].copy())
+    resting = resting_poses(world, ways, bends, height)
     path = folder / "log.mcap"
     total = len(ways) * (HELD + MOVED) + MOVED
     frames = int(total * rate)
@@ -113,6 +113,49 @@ def write_log(
             _write(writer, glove, S + round((t + lag) * S), {"name": joints, "position": [bend] * len(joints)})
         writer.finish()
     return path
+
+
+def resting_poses(world: World, ways, bends, height: float) -> list[np.ndarray]:
+    """Poses (7,) of the root link in which the hand of `write_scene` rests on the table, its fingers bent by `bends`."""
+    meter, roots = GapMeter(world), world.scene.trees.rest.copy()
+    resting = []
+    for k, rotation in enumerate(ways):
+        roots[0] = [0.1 * np.cos(2.4 * k), 0.1 * np.sin(2.4 * k), height + 0.2, *quaternion_from_rpy(rotation)]
+        for _ in range(30):
+            roots[0, 2] -= meter.lowest_gap(0, 1, roots, np.full(len(world.dof_names), bends[k]))
+        resting.append(roots[0].copy())
+    return resting
+
+
+def deviations_of_touches(folder: Path, ways, noise: float) -> dict[str, float]:
+    """Standard deviations that touches in each of `ways` allow, in 2 mm and degrees, by differences of their gaps.
+
+    `noise` [m] of a touch. With it, 50 mm and 10 degrees are expected of the offset, 50 mm and 5 degrees of the table.
+    """
+    world = load_world(write_scene(folder))
+    meter, roots = GapMeter(world), world.scene.trees.rest.copy()
+    table, still = roots[1].copy(), np.zeros(len(world.dof_names))
+    tracker_from_root = matrix_from_pose([*OFFSET[0], *quaternion_from_rpy(OFFSET[1])])
+
+    def gap(root: np.ndarray, change: np.ndarray) -> float:
+        offset, turned = tracker_from_root.copy(), matrix_from_pose(table)
+        offset[:3, 3] += 0.002 * change[:3]
+        offset[:3, :3] = Rotation.from_rotvec(change[3:6], degrees=True).as_matrix() @ offset[:3, :3]
+        tilt = Rotation.from_rotvec([change[7], change[8], 0.0], degrees=True).as_matrix()
+        turned[:3, :3] = tilt @ turned[:3, :3]
+        turned[:3, 3] = tilt @ (table[:3] - [0, 0, HEIGHT]) + [0, 0, HEIGHT + 0.002 * change[6]]
+        world_from_tracker = compose(matrix_from_pose(root), invert(tracker_from_root))
+        roots[0], roots[1] = pose_from_matrix(compose(world_from_tracker, offset)), pose_from_matrix(turned)
+        return meter.lowest_gap(0, 1, roots, still)
+
+    small = 0.02 * np.eye(9)
+    jacobian = np.array([
+        [(gap(root, change) - gap(root, -change)) / 0.04 for change in small]
+        for root in resting_poses(world, ways, [0.0] * len(ways), HEIGHT)
+    ])  # fmt: skip
+    prior = np.array([25.0, 25, 25, 10, 10, 10, 25, 5, 5]) ** -2.0
+    covariance = np.linalg.inv(jacobian.T @ jacobian / noise**2 + np.diag(prior))
+    return dict(zip(CHANGES, np.sqrt(np.diag(covariance)), strict=True))
 
 
 def between(first: np.ndarray, second: np.ndarray, share: float) -> np.ndarray:

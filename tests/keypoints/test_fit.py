@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from geomphys.jit.packed_records import pack
-from geomphys.keypoints.fit import assemble, objective, pose_links
+from geomphys.keypoints.fit import add_points, add_priors, objective, pose_links
 from geomphys.keypoints.fitter import KeypointFitter
 from geomphys.keypoints.setup import make_model, make_state
 from geomphys.load import load_world
@@ -70,7 +70,8 @@ def test_the_gradient_is_that_of_the_objective(hand):
         0.3,
     )
     pose_links(packed, state.root, state.angles, state.poses)
-    assemble(packed, work, points, seen, (0.1, 0.2, 0.3))
+    add_points(packed, work, points, seen, (0.1, 0.2, 0.3))
+    add_priors(packed, work)
     for j in range(len(model.rest)):
         values = []
         for change in (-1e-6, 1e-6):
@@ -91,7 +92,8 @@ def test_the_gradient_of_the_rotation_is_that_of_the_objective_with_an_orientati
     state.orientation[:], state.weights["orientation"] = quaternion_from_rpy((10.0, -20.0, 30.0)), 0.01
     pose_links(packed, state.root, state.angles, state.poses)
     centre = np.array([0.1, 0.2, 0.3])
-    assemble(packed, work, points, seen, tuple(centre))
+    add_points(packed, work, points, seen, tuple(centre))
+    add_priors(packed, work)
     for k in range(3):
         values = []
         for change in (-1e-6, 1e-6):
