@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from geomphys.authoring.contact_frames import Contact
 from geomphys.authoring.contact_gaps import ContactGaps, Gaps, Unknowns
 from geomphys.authoring.surface_gaps import GapMeter
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 

@@ -6,9 +6,9 @@ Minimises, over joint values q within their limits and the root's pose,
 
 with the points p_i that are seen, the lever l_j of each joint, s = `SMOOTHNESS_WEIGHT` and target the values of the last frame,
 and, where the source has an orientation of the palm, the rotation vector a from that to the root's and its lever l_o.
-The pull to rest r_j is weak where the points show a joint and stronger where they do not, as the twist of a straight finger:
-there they hold nothing but noise (`weigh_rest`). Both come from the diagonal of the Gauss-Newton Hessian of the points.
-The start is the result of the last frame, so of equivalent solutions the near one is found.
+The weight r_j of the rest posture is low where the points determine a joint and higher where they do not, as for the twist of a
+straight finger, where they only give noise (`weigh_rest`): by the diagonal of the Gauss-Newton Hessian of the points.
+It starts from the result of the last frame, so of equivalent solutions the near one is found.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ STEP_TOLERANCE = 3e-3
 NO_GAIN = 1e-6
 """Share of the objective; so does a step that gains no more."""
 MAX_INCREMENT = 0.5
-"""rad or m; a larger increment of the last frame is not carried on."""
+"""rad or m; a larger increment of the last frame is not extrapolated."""
 MAX_STEP = 0.5
 """rad; longest step of a joint value."""
 ROOT_RIDGE = 1e-9
@@ -169,7 +169,7 @@ def add_points(model: FitModel, state: FitState, points: Floats, seen: Ints, cen
 
 @kernel
 def weigh_rest(model: FitModel, state: FitState) -> None:
-    """Set the pull to rest of each joint by how far the seen points are from its axis: by the Hessian of `add_points`."""
+    """Set the rest weight of each joint by how far the seen points are from its axis: by the Hessian of `add_points`."""
     for j in range(len(model.rest)):
         shown = state.hessian[j, j] / (SHOWN * model.lever[j] ** 2)
         state.rest_weight[j] = REST_WEIGHT + (UNSHOWN_WEIGHT - REST_WEIGHT) / (1.0 + shown * shown)
@@ -370,7 +370,7 @@ def fit_frame(model: FitModel, state: FitState, points: Floats, seen: Ints, show
 
 @kernel
 def fit_next(model: FitModel, state: FitState, points: Floats, seen: Ints, shown: Ints, limit: int) -> float:
-    """Fit the points of a frame from the posture of the last one, drawn to it carried on by its increment; see `fit_frame`."""
+    """Fit the points of a frame from the posture of the last one, with its extrapolation as target; see `fit_frame`."""
     for j in range(len(model.rest)):
         last, increment = state.angles[j], state.increment[j]
         predicted = last + (increment if abs(increment) < MAX_INCREMENT else 0.0)
@@ -385,10 +385,10 @@ def fit_next(model: FitModel, state: FitState, points: Floats, seen: Ints, shown
 
 @kernel
 def measure_uncertainty(model: FitModel, state: FitState, points: Floats, seen: Ints, shares: Floats) -> None:
-    """How little the points of the last frame say about each joint, and where they draw it.
+    """How little the points of the last frame determine each joint, and the step that they ask for without limits.
 
-    `shares` (Q,) becomes the variance that is left of the pull to rest alone: 1 where the points say nothing, near 0 where they
-    determine the value; `state.step` the Gauss-Newton step without limits. Uses the workspace; the posture stays.
+    Sets `shares` (Q,) to the posterior variance as a share of that by the rest term alone: 1 where the points are uninformative,
+    near 0 where they determine the value; and `state.step` to the Gauss-Newton step without limits. The posture does not change.
     """
     smoothness = state.weights.smoothness
     state.weights.smoothness = 0.0

@@ -23,7 +23,9 @@ PROBED_FRAMES = 16
 BEYOND = 0.05
 """rad or m; a frame counts where the points would take a joint at its limit at least this far beyond it."""
 NOT_SHOWN = 0.5
-"""Share of the variance of the pull to rest that is left where the points do not show a joint."""
+"""Posterior share of the variance of the rest term from which a joint counts as undetermined."""
+
+
 MAX_PATTERNS = 4096
 """Patterns of seen points that are cached."""
 
@@ -41,7 +43,7 @@ class _Pattern(NamedTuple):
 
     any_seen: bool
     all_shown: bool  # every joint
-    shown: Ints  # (Q,) 1 for joints that a seen point shows, or none ever does
+    shown: Ints  # (Q,) 1 for joints that a seen point determines, or none ever does
     shows_root: bool  # by points alone
     has_palm: bool  # a point of the palm, which determines the root together with an orientation
 
@@ -172,7 +174,7 @@ class KeypointFitter:
         self.frames += 1
 
     def _is_pressed_on_limits(self) -> NDArray[np.bool_]:
-        """(Q,) whether a joint is at a limit that the points draw it beyond, after `measure_uncertainty`."""
+        """(Q,) whether a joint is at a limit and its step without limits leads beyond, after `measure_uncertainty`."""
         model, state = self.model, self.state
         step = state.step[: len(model.rest)]
         below, above = state.angles <= model.lower, state.angles >= model.upper
