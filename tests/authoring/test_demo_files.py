@@ -33,7 +33,7 @@ def test_as_a_wheel_installs_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
                     target.parent.mkdir(parents=True, exist_ok=True)
                     shutil.copy(source, target)
     monkeypatch.syspath_prepend(str(site))
-    monkeypatch.setattr(module.geomphys, "__file__", str(tmp_path / "elsewhere/geomphys/__init__.py"))
+    monkeypatch.setattr(module, "__file__", str(tmp_path / "elsewhere/geomphys/authoring/demo_files.py"))
     files = module.demo_files()
     assert files.log.is_relative_to(site)
     assert files.log.read_bytes() == (ROOT / "recordings/gallery_hand.mcap").read_bytes()
@@ -41,7 +41,7 @@ def test_as_a_wheel_installs_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 
 def test_where_they_are_not_it_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module.geomphys, "__file__", str(tmp_path / "geomphys/__init__.py"))
+    monkeypatch.setattr(module, "__file__", str(tmp_path / "geomphys/authoring/demo_files.py"))
     monkeypatch.setattr(module, "find_spec", lambda name: None)
     with pytest.raises(LogError, match="not installed"):
         module.demo_files()
