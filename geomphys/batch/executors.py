@@ -25,6 +25,7 @@ from geomphys.errors import ClusterError
 from geomphys.jit.kernel import are_compiled
 from geomphys.scene.world import World
 from geomphys.storage.deferred_signals import blocked_in_children, signals_deferred
+from geomphys.storage.process_pool import process_pool
 from geomphys.storage.remote_files import AnyPath, is_remote
 
 Finished = tuple[int, Outcome]
@@ -76,10 +77,7 @@ def _run_until_process_dies(
     queue: JobQueue, world: World, count: int, control: Control
 ) -> Generator[Finished, None, list[tuple[int, Job]]]:
     """Run a queue until it is empty or a process dies; returns the jobs that ran when it died."""
-    context = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(
-        count, mp_context=context, initializer=initialize_worker, initargs=(pickle.dumps(world),)
-    )
+    executor = process_pool(count, initializer=initialize_worker, initargs=(pickle.dumps(world),))
     running: dict[Future[Outcome], tuple[int, Job]] = {}
     lost_jobs: list[tuple[int, Job]] = []
     try:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
+import re
 import secrets
 import shutil
 import stat
@@ -180,7 +181,7 @@ class OutputFile:
                 raise self.error(problem) from problem
             self.stream: BinaryIO = os.fdopen(descriptor, "wb")
             """Writes the file. A library that wants a name is given `temporary` instead."""
-            self._end = weakref.finalize(self, _discard, self.temporary, self.stream, close)
+            self._end = weakref.finalize(self, _discard, os.getpid(), self.temporary, self.stream, close)
 
     def publish(self, complete: bool = True) -> AnyPath:
         """Give the file its name, or `partial_path` if it is not `complete`; returns it. Raises OutputError."""
@@ -288,14 +289,11 @@ def _new_file(folder: Path, name: str) -> tuple[Path, int]:
 
 def _remove_stale(target: Path) -> None:
     """Remove temporary files of this target whose process has ended."""
-    stem = _stem(target.name)
-    length = len(stem) + 8 + len(_SUFFIX)
+    ours = re.compile(re.escape(_stem(target.name)) + "[0-9a-f]{8}" + re.escape(_SUFFIX))
     found: list[str] = []
     with suppress(PermissionError), os.scandir(target.parent) as entries:
-        found = [entry.path for entry in entries if len(entry.name) == length and entry.name.startswith(stem)]
+        found = [entry.path for entry in entries if ours.fullmatch(entry.name)]
     for name in found:
-        if not name.endswith(_SUFFIX):
-            continue
         with suppress(OSError):  # another user's, no file, just removed, in use, or locks do not work here
             descriptor = os.open(name, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
             try:
@@ -330,9 +328,10 @@ def _copy_to_standard_output(path: Path) -> None:
     sys.stdout.buffer.flush()
 
 
-def _discard(temporary: Path, stream: BinaryIO, close: Callable[[], None]) -> None:
+def _discard(maker: int, temporary: Path, stream: BinaryIO, close: Callable[[], None]) -> None:
     with suppress(OSError):  # renamed, or the folder has gone
-        temporary.unlink()
+        if os.getpid() == maker:  # a fork of the process that writes it has no say
+            temporary.unlink()
     with suppress(OSError):  # of what could not be written; the file is gone
         stream.close()
     close()

@@ -32,7 +32,7 @@ class TemporaryFolder:
         self.path = Path(tempfile.mkdtemp(prefix=PREFIX))
         unfinished = self.path / f"{LOCK}.new"
         lock = os.open(unfinished, os.O_CREAT | os.O_RDWR, 0o600)
-        self._remove = weakref.finalize(self, _remove, self.path, lock)
+        self._remove = weakref.finalize(self, _remove_own, os.getpid(), self.path, lock)
         fcntl.flock(lock, fcntl.LOCK_EX)
         unfinished.rename(self.path / LOCK)
 
@@ -70,6 +70,12 @@ def remove_stale(folder: Path) -> None:
 @lru_cache(maxsize=4)
 def _remove_stale_once(folder: str) -> None:
     remove_stale(Path(folder))
+
+
+def _remove_own(maker: int, folder: Path, lock: int) -> None:
+    """Remove a folder of this process; a fork of it leaves the folder alone."""
+    if os.getpid() == maker:
+        _remove(folder, lock)
 
 
 def _remove(folder: Path, lock: int) -> None:

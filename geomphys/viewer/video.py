@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass
-from multiprocessing import get_context
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +19,7 @@ from geomphys.output.output_world import world_of_output
 from geomphys.results import FrameResult
 from geomphys.scene.world import World
 from geomphys.storage.output_file import OutputFile, check_target, is_standard_output
+from geomphys.storage.process_pool import process_pool
 from geomphys.storage.remote_files import AnyPath
 from geomphys.viewer.frame_picture import FramePainter, sample_of, viewpoint_of
 
@@ -191,8 +191,7 @@ def _pictures(
         for result in results:
             yield _side_by_side(painter, result, eye, config.size, start_ns)
         return
-    context = get_context("spawn")
-    with ProcessPoolExecutor(config.processes, context, initializer=_begin, initargs=(world,)) as pool:
+    with process_pool(config.processes, initializer=_begin, initargs=(world,)) as pool:
         pending: list[Future[Pixels]] = []
         for result in results:
             pending.append(pool.submit(_draw, result, eye, config.size, start_ns))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -137,3 +138,23 @@ def test_no_home_and_no_passwd_entry(case: Case) -> None:
     done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     assert "geomphys-54321" in done.stdout
+
+
+def test_without_shared_memory_commands_work_or_say_so_in_one_line(
+    case: Case, pressed: Results, tmp_path: Path
+) -> None:
+    """A container whose /dev/shm cannot be written to: processes cannot share work."""
+    alone = ["unshare", "-m", "sh", "-c", 'mount -t tmpfs -o ro tmpfs /dev/shm && exec "$0" "$@"']
+    if shutil.which("unshare") is None or subprocess.run([*alone, "true"], capture_output=True).returncode != 0:
+        pytest.skip("a file system cannot be mounted here")
+    out, folder, small = tmp_path / "out.mcap", tmp_path / "batch", ["--size", "64", "64", "--to", "0.1"]
+    for code, words in (
+        (0, ["replay", case.log, "-s", case.scene, "-o", out]),
+        (1, ["batch", case.log, "-s", case.scene, "-O", folder]),
+        (1, ["video", pressed.out, "-o", tmp_path / "a.gif", "-j", "2", *small]),
+        (0, ["video", pressed.out, "-o", tmp_path / "a.gif", "-j", "1", *small]),
+    ):
+        done = subprocess.run([*alone, *COMMAND, *map(str, words), "-q"], capture_output=True, text=True, timeout=300)
+        assert done.returncode == code, done.stderr
+        said = "geomphys: error: /dev/shm: processes cannot share work here (Read-only file system); make it writable\n"
+        assert done.stderr == (said if code else ""), words

@@ -12,6 +12,7 @@ import pytest
 from geomphys_cli.main import run
 
 import geomphys
+from tests.cli.every_command import every_command
 from tests.cli.press import SCENE, Case, command_line, write_log
 from tests.made import Results
 
@@ -102,25 +103,69 @@ def test_a_part_that_is_replayed_is_not_overwritten_by_a_new_part(case: Case, tm
     assert part.read_bytes() == before
 
 
-@pytest.mark.parametrize("command", ["replay", "diff", "plot", "snapshot", "init", "decompose"])
-@pytest.mark.parametrize("kind", ["fifo", "/dev/null"])
+WRITES = (
+    "init", "replay", "ros2", "diff", "plot", "audit", "snapshot", "video", "export", "batch", "foxglove", "decompose", "demo",
+)  # fmt: skip
+"""Calls that write; `calibrate` into the scene that it reads, and the export to LeRobot into a folder that must be new."""
+
+
+def test_every_command_that_writes_is_tried(furnished: Case, pressed: Results, root: Path, tmp_path: Path) -> None:
+    calls = every_command(furnished, pressed, pressed, root, tmp_path)
+    assert {name for name, call in calls.items() if call.writes} == {*WRITES, "calibrate", "lerobot"}
+
+
+@pytest.mark.parametrize("command", WRITES)
+@pytest.mark.parametrize("kind", ["fifo", "folder", "link to a device"])
 def test_a_target_that_is_no_regular_file_is_refused(
-    command: str, kind: str, furnished: Case, pressed: Results, capsys: pytest.CaptureFixture[str]
+    command: str, kind: str, furnished: Case, pressed: Results, root: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    target = furnished.folder / "out.png" if kind == "fifo" else Path(kind)
+    folder = furnished.folder / "outputs"
+    folder.mkdir()
+    call = every_command(furnished, pressed, pressed, root, folder)[command]
+    target = folder / call.writes
+    target.parent.mkdir(exist_ok=True)
     if kind == "fifo":
         os.mkfifo(target)
-    words = {
-        "replay": [str(furnished.log), "-s", str(furnished.scene), "-o"],
-        "diff": [str(pressed.out), str(pressed.raised), "--html"],
-        "plot": [str(pressed.out), "-o"],
-        "snapshot": [str(pressed.out), "-o"],
-        "init": [str(furnished.log), "--urdf", str(furnished.folder / "cup.urdf"), "-o"],
-        "decompose": [str(furnished.folder / "cube.obj"), "-o"],
-    }[command]
-    assert run([command, *words, str(target), "--force"]) == 2
-    assert "is no regular file" in capsys.readouterr().err
-    assert target.is_fifo() if kind == "fifo" else target.is_char_device()
+    elif kind == "folder":
+        target.mkdir()
+    else:
+        target.symlink_to("/dev/null")
+    before = target.lstat()
+    code = run([*call.words, *(["--force"] if command == "demo" else [])])
+    said = capsys.readouterr().err
+    assert code in (1, 2), said
+    assert ("is a folder" if kind == "folder" else "is no regular file") in said or "is a directory" in said
+    assert (target.lstat().st_ino, target.lstat().st_mode) == (before.st_ino, before.st_mode)
+
+
+@pytest.mark.parametrize("command", [name for name in WRITES if name != "demo"])
+@pytest.mark.parametrize("how", ["hard", "symbolic"])
+def test_no_command_writes_over_a_file_that_it_reads(
+    command: str, how: str, furnished: Case, pressed: Results, root: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each input in turn, under the name of the output."""
+    folder = furnished.folder / "outputs"
+    folder.mkdir()
+    call = every_command(furnished, pressed, pressed, root, folder)[command]
+    inputs = [Path(word) for word in call.words if Path(word).is_absolute() and Path(word).is_file()]
+    if furnished.log in inputs:
+        inputs += [furnished.folder / "cup.urdf", furnished.folder / "cube.obj"]
+    assert inputs
+    for read in dict.fromkeys(inputs):
+        words, at_stake = call.words, read
+        if not read.is_relative_to(furnished.folder):  # shared with other tests: a copy is at stake
+            at_stake = furnished.folder / f"copy{read.suffix}"
+            at_stake.write_bytes(read.read_bytes())
+            words = [str(at_stake) if word == str(read) else word for word in words]
+        target = folder / call.writes
+        target.unlink(missing_ok=True)
+        target.symlink_to(at_stake) if how == "symbolic" else os.link(at_stake, target)
+        before = at_stake.read_bytes()
+        code = run(words)
+        said = capsys.readouterr().err
+        assert code in (1, 2), (read, said)
+        assert f"{target}: is an input" in said, read
+        assert at_stake.read_bytes() == before
 
 
 def test_a_part_that_is_there_needs_force(case: Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

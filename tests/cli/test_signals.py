@@ -48,7 +48,8 @@ def test_a_signal_at_any_import_ends_the_command(
     stride: int,
     command: str,
 ) -> None:
-    words = every_command(furnished, pressed, landed, root, tmp_path)[command].words
+    (tmp_path / "outputs").mkdir()
+    words = every_command(furnished, pressed, landed, root, tmp_path / "outputs")[command].words
     if stride == 1 and command not in QUICK:
         pytest.skip("every import of three commands")
     if command == "replay":

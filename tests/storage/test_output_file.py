@@ -179,6 +179,25 @@ def test_what_a_killed_process_left_is_removed_by_the_next_and_what_is_in_use_is
     assert names(tmp_path) == set()
 
 
+def test_a_hidden_file_of_the_user_is_not_taken_for_stale(tmp_path: Path) -> None:
+    for name in (".a.bin.mynotes1.tmp", ".a.bin.1234567.tmp", ".a.bin.0123456789.tmp"):
+        (tmp_path / name).write_bytes(b"kept")
+    OutputFile(tmp_path / "a.bin").discard()
+    assert len(names(tmp_path)) == 3
+
+
+def test_a_fork_removes_nothing_of_the_process_that_writes(tmp_path: Path) -> None:
+    code = (
+        "import os, sys; from pathlib import Path; from geomphys.storage.output_file import OutputFile\n"
+        "from geomphys.storage.temporary_folders import TemporaryFolder\n"
+        "output, folder = OutputFile(Path(sys.argv[1])), TemporaryFolder()\n"
+        "if os.fork() == 0: sys.exit()\n"
+        "os.wait(); assert folder.path.is_dir(); output.stream.write(b'whole'); output.publish()"
+    )
+    subprocess.run([sys.executable, "-c", code, str(tmp_path / "a.bin")], check=True)
+    assert (tmp_path / "a.bin").read_bytes() == b"whole"
+
+
 def test_file_and_folder_are_on_disk_before_it_returns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The order of SQLite's manual: the data, then the name, then the folder."""
     calls: list[str] = []
