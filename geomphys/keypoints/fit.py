@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.jit.kernel import kernel
+from geomphys.keypoints.cholesky import factorise, substitute_back, substitute_forward
 from geomphys.keypoints.fit_model import REST_WEIGHT, SHOWN, SMOOTHNESS_WEIGHT, UNSHOWN_WEIGHT, FitModel, FitState
-from geomphys.keypoints.normal_equations import factorise, substitute_back, substitute_forward
 from geomphys.numerics.vec3 import (
     Vec,
     add,
