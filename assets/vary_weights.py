@@ -98,15 +98,15 @@ COLUMNS = (
 
 REASONS = {
     "base": "of a palm, times its area: lighter, jerk is less, but what meets nothing moves with it by over 0.5 mm",
-    "shape": "in one piece: dear enough that a hand keeps its shape where a short way aside frees it",
+    "shape": "in one piece: high enough that a hand keeps its shape where a short way aside frees it",
     "smooth": "joints that tremble against contacts that are lost: more costs contacts, less raises the jerk of joints",
     "trend": "what yields more each frame goes on to: calmer, fingertips nearer; at 0.3 a pinch on a table jerks 1.12 times",
     "contact": "recorded contacts of fingertips that stay contacts; without it one in ten more is lost at doors",
     "stiff_contact": "the same in one piece: more, and joints jerk in more passes; less, and contacts are lost",
     "closing_speed": "m/s; in one piece: fingers snapped back to what the hand was shifted off",
-    "unusual": "fingers are not bent backwards beyond what the recording has shown",
+    "unusual": "fingers are not extended beyond what the recording has shown",
     "stretch": "rad; how far beyond it they may be all the same",
-    "shift_of_depth": "in one piece: times the recorded depth, how far a translation may go before the shape yields;",
+    "shift_of_depth": "in one piece: times the recorded depth, how far a translation may go before the shape changes;",
     "least_shift": "m; so far it always may,",
     "most_shift": "m; farther never,",
     "shift_speed": "m/s; nor faster: a whole hand thrown aside by a fingertip was most of the jerk at doors",
