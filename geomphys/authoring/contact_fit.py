@@ -5,7 +5,7 @@ the changes: that of the measurements, whose variance is estimated from the gaps
 `EXPECTED` as prior. A touch is one measurement and a hand that lies flat three, however many frames and points it has, as their
 errors are not independent.
 
-With few touches another corner of the hand may have touched, so fits that lie apart may be right as well. They are looked for
+With few touches another corner of the hand may have touched, so fits that lie apart may be right as well. They are searched
 from many starts. How probable a fit is, is said by its deviance, minus twice the logarithm of its posterior density: the robust
 sum of squared gaps over their variance, plus the squares of the changes over those of what is expected. Two fits are compared by
 the difference of their deviances (a likelihood ratio): the right one has d² more than a wrong one, by noise, with at most the
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from geomphys.authoring.contact_frames import Contact
 from geomphys.authoring.contact_gaps import ContactGaps, Gaps, Unknowns
 from geomphys.authoring.surface_gaps import GapMeter
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from geomphys.authoring.contact_fit import CONFIDENCE, ContactFit
 from geomphys.authoring.contact_gaps import Unknowns
-from geomphys.scene.arrays import World
+from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 

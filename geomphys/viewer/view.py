@@ -30,7 +30,7 @@ ADDRESS = "127.0.0.1"
 NOWHERE = f"http://{ADDRESS}:9"
 """The discard port of this machine."""
 _PAGE = re.compile(rf"http://{re.escape(ADDRESS)}:\d+\?url=[\w%.:/+-]+")
-_LINES_KEPT, _LINE_LIMIT = 200, 4096
+_LAST_LINES, _LINE_LIMIT = 200, 4096
 """Lines, and characters of a line, of what the viewer says; what it says of a failure is shorter."""
 _LAST_WORDS_S = 1.0
 """Seconds that the viewer's last words are waited for once it has ended."""
@@ -71,7 +71,7 @@ def view_result(path: AnyPath, *, web: bool = False, serving: Callable[[str], No
 
 def _run(command: list[str], environment: dict[str, str], serving: Callable[[str], None] | None) -> tuple[int, str]:
     """Run the viewer to its end; its exit code and the last of what it said."""
-    lines: deque[str] = deque(maxlen=_LINES_KEPT)
+    lines: deque[str] = deque(maxlen=_LAST_LINES)
 
     def listen(messages: IO[str]) -> None:
         with messages:

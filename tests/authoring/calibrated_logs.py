@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from geomphys.authoring.surface_gaps import GapMeter
 from geomphys.load import load_world
 from geomphys.numerics.transforms import compose, invert, matrix_from_pose, pose_from_matrix, quaternion_from_rpy
-from geomphys.scene.arrays import World
 from geomphys.scene.scaled_urdf import scaled_urdf
+from geomphys.scene.world import World
 from tests.keypoints.hands import hand_urdf
 
 S = 10**9

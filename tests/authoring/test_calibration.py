@@ -118,7 +118,7 @@ def test_what_is_written_is_right_whatever_is_injected(tmp_path, seed, flats, to
 
 
 def wrong_values(folder, flats, touches, seed):
-    """Values of a log with random ways to rest and random errors in the scene: what is wrong and not named, or named and shown."""
+    """Values of a log with random poses at rest and random errors in the scene: wrong and not named, or named and shown."""
     rng = np.random.default_rng(seed)
     ways = [(0.0, 0.0, float(rng.uniform(-80, 80))) for _ in range(flats)]
     ways += [tuple(map(float, rng.uniform(-80, 80, 3))) for _ in range(touches)]
