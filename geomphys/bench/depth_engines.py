@@ -29,6 +29,18 @@ class DepthPeer(Protocol):
         """The same with the pieces at `frames` (2 N, 12)."""
 
 
+def _primitive(engine: Any, pieces: Pieces, k: int) -> Any:
+    """Piece k as a primitive of coal or python-fcl, which name them alike; None for a hull."""
+    kind, (x, y, z) = int(pieces.kind[k]), pieces.size[k]
+    if kind == SPHERE:
+        return engine.Sphere(x)
+    if kind == BOX:
+        return engine.Box(2 * x, 2 * y, 2 * z)
+    if kind in (CAPSULE, CYLINDER):
+        return (engine.Capsule if kind == CAPSULE else engine.Cylinder)(x, 2 * y)
+    return None
+
+
 class Coal:
     """Calls of coal's `collide`.
 
@@ -82,15 +94,9 @@ class Coal:
         return [self._coal.Transform3s(np.ascontiguousarray(r), np.ascontiguousarray(p)) for r, p in pairs]
 
     def _shape(self, pieces: Pieces, k: int) -> Any:
-        coal, kind, (x, y, z) = self._coal, int(pieces.kind[k]), pieces.size[k]
-        if kind == SPHERE:
-            return coal.Sphere(x)
-        if kind == CAPSULE:
-            return coal.Capsule(x, 2 * y)
-        if kind == BOX:
-            return coal.Box(2 * x, 2 * y, 2 * z)
-        if kind == CYLINDER:
-            return coal.Cylinder(x, 2 * y)
+        coal = self._coal
+        if (primitive := _primitive(coal, pieces, k)) is not None:
+            return primitive
         points = coal.StdVec_Vec3s()
         for corner in pieces.vertices[pieces.vertex_start[k] : pieces.vertex_start[k + 1]]:
             points.append(corner)
@@ -144,15 +150,9 @@ class Fcl:
         ]
 
     def _shape(self, pieces: Pieces, k: int) -> Any:
-        fcl, kind, (x, y, z) = self._fcl, int(pieces.kind[k]), pieces.size[k]
-        if kind == SPHERE:
-            return fcl.Sphere(x)
-        if kind == CAPSULE:
-            return fcl.Capsule(x, 2 * y)
-        if kind == BOX:
-            return fcl.Box(2 * x, 2 * y, 2 * z)
-        if kind == CYLINDER:
-            return fcl.Cylinder(x, 2 * y)
+        fcl = self._fcl
+        if (primitive := _primitive(fcl, pieces, k)) is not None:
+            return primitive
         first, last = pieces.face_start[k], pieces.face_start[k + 1]
         faces: list[int] = []
         for face in range(first, last):
