@@ -46,7 +46,8 @@ OLDEST_NUMBA := 0.67
 test-numba: $(VENV)/.test
 	@rm -rf out/numba
 	$(PIP) install --target out/numba 'numba==$(OLDEST_NUMBA).*'
-	PYTHONPATH=out/numba $(BIN)/python $(PYTEST) tests/simulated tests/driven tests/engine/test_pipeline.py
+	PYTHONPATH=out/numba $(BIN)/python $(PYTEST) tests/simulated tests/driven tests/engine/test_pipeline.py; \
+		code=$$?; rm -rf out/numba; exit $$code
 
 test-versions:
 	PYTHON=$(PYTHON) .ci/test_versions $(SETS)

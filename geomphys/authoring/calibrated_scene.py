@@ -50,7 +50,9 @@ def write_changes(path: Path, changes: Sequence[SceneChange], comment: str) -> N
 
     try:
         document = tomlkit.parse(path.read_text(encoding="utf-8"))
-    except (OSError, TOMLKitError, UnicodeDecodeError) as problem:
+    except OSError as problem:
+        raise SceneError(f"{path}: cannot be read to be changed ({problem.strerror})") from problem
+    except (TOMLKitError, UnicodeDecodeError) as problem:
         raise SceneError(f"{path}: cannot be read to be changed ({type(problem).__name__})") from problem
     for change in changes:
         table = _table(document, path, change)

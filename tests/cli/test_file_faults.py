@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import json
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+from geomphys_cli.main import COMMANDS, run
 
 from tests.cli.every_command import every_command
 from tests.cli.press import Case
@@ -64,6 +68,67 @@ def test_any_call_that_fails_is_one_line_and_leaves_what_was_there(
         if command not in SEVERAL:
             is_published = end["call"] == "fsync" and end["number"] == 2  # of the folder, after the rename
             assert end["changed"] == ([name] if is_published else []), end
+
+
+READS_NO_FILE = {"completion", "schema", "demo", "bench", "view", "batch"}
+"""Two print a text, two read what comes with the package, one has no screen; a batch reads in processes of its own."""
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        *(name for name in (*COMMANDS, "foxglove") if name not in READS_NO_FILE | {"calibrate"}),
+        pytest.param("calibrate", marks=pytest.mark.slow),
+    ],
+)
+def test_any_input_that_cannot_be_opened_is_one_line(
+    command: str,
+    furnished: Case,
+    pressed: Results,
+    root: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Each file in turn, each time that it is opened: what was there at the first look may be gone at the second."""
+    folder = furnished.folder / "outputs"
+    folder.mkdir()
+    words = every_command(furnished, pressed, pressed, root, folder)[command].words
+    inputs = (furnished.folder, pressed.out.parent, root / "recordings", root / "assets")
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    left, opens = 0, io.open
+
+    def opened(file: Any, mode: str = "r", *more: Any, **options: Any) -> Any:
+        nonlocal left
+        if (
+            isinstance(file, str | Path)
+            and "w" not in mode
+            and folder not in Path(file).parents
+            and any(map(Path(file).is_relative_to, inputs))
+        ):
+            left -= 1
+            if left == 0:
+                raise OSError(errno.EIO, "made to fail", str(file))
+        return opens(file, mode, *more, **options)
+
+    monkeypatch.setattr("io.open", opened)
+    monkeypatch.setattr("builtins.open", opened)
+    for number in range(1, 100):
+        left = number
+        code = run(words)
+        said = capsys.readouterr().err
+        if left > 0:
+            break
+        assert code in (1, 2), (number, said)
+        left_there = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+        page = left_there.pop("a.html", b"") if command == "diff" else b""  # one of its two files may be whole
+        if b"No pictures" in page:  # it says so itself
+            (folder / "a.html").unlink(), (folder / "d.rrd").unlink()
+            continue
+        assert said.startswith("geomphys: error: "), said
+        assert said.count("\n") == 1, said
+        assert "made to fail" in said, said
+        assert left_there == before
+    assert number > 1, "it opens no file"
 
 
 @pytest.mark.parametrize("command", ["init", "diff", "plot", "decompose"])

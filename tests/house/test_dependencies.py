@@ -6,7 +6,7 @@ import ast
 import re
 import sys
 import tomllib
-from importlib.metadata import packages_distributions
+from importlib.metadata import distribution, packages_distributions
 
 import pytest
 from packaging.requirements import Requirement
@@ -28,7 +28,7 @@ NOT_IMPORTED = {
 }
 """Distributions that are declared for users and not imported, and why."""
 
-TOOLS = {"pytest-xdist", "mypy", "pytest", "ruff", "moto"}
+TOOLS = {"pytest-xdist", "mypy", "pytest", "ruff", "moto", "flask", "flask-cors"}
 """Distributions of the extra `test` that run as programs."""
 
 
@@ -113,3 +113,28 @@ def test_of_numba_the_public_modules_are_used() -> None:
     }
     assert {pair for pair in used if pair[1] not in PUBLIC_OF_NUMBA} == OTHERWISE_UNNAMED
     assert {name.split(".")[1] for name, _ in used} == {"jit"}
+
+
+def needed(extra: str) -> set[str]:
+    """Distributions that an extra of ours brings with it here, with those that these need in turn."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    waiting = [Requirement(entry) for entry in (*project["dependencies"], *project["optional-dependencies"][extra])]
+    seen: set[tuple[str, str]] = set()
+    while waiting:
+        requirement = waiting.pop()
+        name = normalised(requirement.name)
+        for wanted in ("", *requirement.extras):
+            if (name, wanted) not in seen:
+                seen.add((name, wanted))
+                further = map(Requirement, distribution(name).requires or ())
+                waiting += [f for f in further if f.marker is None or f.marker.evaluate({"extra": wanted})]
+    return {name for name, _ in seen}
+
+
+@pytest.mark.skipif(
+    sys.version_info[:2] != (3, 11) or sys.platform != "linux", reason="the lock file is of Python 3.11 on Linux"
+)
+def test_the_lock_file_has_all_that_the_tests_need_and_nothing_else() -> None:
+    lines = (ROOT / ".ci" / "tested-py311-linux-x86_64.txt").read_text().splitlines()
+    rows = [line for line in lines if not line.startswith("#")]
+    assert {row.partition("==")[0] for row in rows} == needed("test")
