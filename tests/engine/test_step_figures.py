@@ -29,7 +29,7 @@ def test_a_rotation_and_its_negative_quaternion_are_one(sign: int, angle: float)
     machine.recorded[0, 3:] = (0.0, 0.0, 0.0, 1.0)
     machine.corrected[0, 3:] = sign * np.array([0.0, math.sin(angle / 2), 0.0, math.cos(angle / 2)])
     machine.corrected[1, 0] += 0.02
-    figures = np.zeros((), FIGURES)
+    figures = np.zeros(1, FIGURES)[0]
     measure_correction(pack(scene), pack(machine), figures)
     assert figures["rotation"] == pytest.approx(angle, abs=1e-12)
     assert figures["correction"] == pytest.approx(0.02, abs=1e-15)
