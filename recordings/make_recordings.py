@@ -20,6 +20,7 @@ import keypoint_hands
 import mcap_files
 import robot_glove
 import two_arms
+import two_hands
 import wall_slide
 
 EXPERIMENTS = {
@@ -32,6 +33,7 @@ EXPERIMENTS = {
     "hand_ball": (hand_ball.make, "json"),
     "hand_lift": (hand_lift.make, "protobuf"),
     "gripper_cube": (gripper_cube.make, "ros2"),
+    "two_hands": (two_hands.make, "protobuf"),
     "robot_glove": (robot_glove.make, "ros2"),
 }
 

@@ -75,6 +75,8 @@ BOUND = np.dtype(
         ("prescribed", FLOAT),  # m/s or rad/s: rate of the clearance if no offset changes
         ("target_speed", FLOAT),
         ("impulse", FLOAT),  # N s or N m s
+        ("swept", FLOAT),  # N s or N m s: impulse after the last two sweeps
+        ("extrapolated", FLOAT),  # N s or N m s: impulse that these sweeps began with
         ("response", FLOAT),  # change of the rate of the clearance by a unit impulse
     ]
 )

@@ -115,6 +115,8 @@ ROW = np.dtype(
         ("slip_debt", FLOAT, 3),  # m, world: drift of the point while it stuck
         ("inverse_mass_nt", FLOAT, 2),  # 1/kg: what a unit normal impulse changes the two tangential velocities by
         ("tangent_target", FLOAT, 2),  # m/s: sliding velocity that friction seeks
+        ("swept", FLOAT, 3),  # N s along the three axes: impulses after the last two sweeps
+        ("extrapolated", FLOAT, 3),  # N s: impulses that these sweeps began with
     ]
 )
 """A contact point that is being solved."""
