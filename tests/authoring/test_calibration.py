@@ -37,9 +37,9 @@ def angle_to_truth(rpy):
 
 @pytest.fixture(scope="module")
 def rich(tmp_path_factory):
-    """A log that shows everything, with 1 mm of noise and what lies 20 mm off in it."""
+    """A log that shows everything, with 1 mm of noise, every twelfth frame 20 mm off."""
     folder = tmp_path_factory.mktemp("rich")
-    return folder, write_log(folder, WAYS, noise=0.001)
+    return folder, write_log(folder, WAYS, noise=0.001, outliers=12)
 
 
 @pytest.fixture(scope="module")
@@ -143,6 +143,27 @@ def wrong_values(folder, flats, touches, seed):
         shown = deviations_of_touches(folder, ways, 0.0003)
         wrong += [(f"{name} is hidden", shown[name]) for name in CHANGES if name in named and shown[name] < 0.3]
     return wrong
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(20))
+def test_flats_show_the_table_whatever_is_injected_where_the_offset_is_right(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    ways = [(0.0, 0.0, float(yaw)) for yaw in rng.uniform(-80, 80, 3)]
+    height = HEIGHT + float(rng.choice([-1.0, 1.0]) * rng.uniform(0.01, 0.05))
+    log, scene = write_log(tmp_path, ways, noise=0.001, outliers=20), write_scene(tmp_path, height=height)
+    found = geomphys.calibrate(log, scene, flats=stretches(ways), on=["table"], seek=("surface",))
+    assert found.surfaces["table"].height_m == pytest.approx(HEIGHT, abs=0.002)
+    assert found.surfaces["table"].tilt_deg < 1.0
+    assert "height of 'table'" not in found.unobservable
+
+
+def test_a_fit_from_beneath_the_table_is_no_rival(flat):
+    """A hand that is as thick on both sides might lie under a table that is 114 mm higher, which is within what is expected."""
+    folder, log = flat
+    found = geomphys.calibrate(log, write_scene(folder, height=0.70), flats=stretches(FLAT), on=["table"])
+    height = [line for line in found.unobservable if "height" in line]
+    assert height == ["offset along z with height of 'table'"]
 
 
 def test_touches_alone_show_fewer_directions_than_there_are_touches(rich):
