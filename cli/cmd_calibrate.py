@@ -126,15 +126,25 @@ def _show(terminal: Terminal, found: Calibration, only: Part | None, write: bool
     def origin(*table: str) -> str:
         return "" if table in changed else ", as the scene has it"
 
+    def within(text: str) -> float:
+        return max((value for name, value in found.confidence.items() if name.startswith(text)), default=0.0)
+
     if found.offset_m is not None and found.offset_rpy_deg is not None:
         at = ", ".join(f"{1000 * v:.1f}" for v in found.offset_m)
         rpy = ", ".join(f"{round(v, 2) + 0.0:.2f}" for v in found.offset_rpy_deg)
         rows.append(("Offset", [f"[{at}] mm, rpy [{rpy}] degrees{origin('avatar', found.avatar, 'root')}"]))
+        length, angle = within("offset along"), within("rotation of the offset")
+        if length or angle:
+            known = [f"{1000 * length:.1f} mm"] * bool(length) + [f"{angle:.2f} degrees"] * bool(angle)
+            rows.append(("", [f"what of it is shown is known to {' and '.join(known)}"]))
     for name, surface in found.surfaces.items():
-        height = f"{1000 * surface.height_m:.1f} mm high, tilted by {surface.tilt_deg:.2f} degrees"
+        length, angle = (within(f"{part} of {name!r}") for part in ("height", "tilt"))
+        height = f"{1000 * surface.height_m:.1f} mm high{f' ± {1000 * length:.1f}' if length else ''}"
+        height += f", tilted by {surface.tilt_deg:.2f}{f' ± {angle:.2f}' if angle else ''} degrees"
         rows.append((name, [height + origin("object", name, "")]))
     for finger, factor in found.finger_scale.items():
-        rows.append((finger, [f"{factor:.3f} times as long"]))
+        length = within(f"length of {finger!r}")
+        rows.append((finger, [f"{factor:.3f}{f' ± {length:.3f}' if length else ''} times as long"]))
     for topic, delay in found.delay_s.items():
         rows.append(("Delay", [f"{topic}: {1000 * delay:.1f} ms (correlation {found.correlation[topic]:.2f})"]))
     left = f"{1000 * found.residual_m:.2f} mm, {1000 * found.residual_p90_m:.2f} mm at the 90th percentile"

@@ -68,6 +68,10 @@ def test_offset_tilt_and_height_come_back_together(rich, errors):
     assert found.surfaces["table"].tilt_deg < 1.0
     assert found.residual_m < 0.002
     assert found.unobservable == ("delay of /glove",)
+    assert list(found.confidence) == list(CHANGES)
+    within = np.array([found.confidence[f"offset along {a}"] for a in "xyz"])
+    assert (np.abs(np.subtract(found.offset_m, OFFSET[0])) < within).all()
+    assert (within <= 0.002).all()
 
 
 def test_a_flat_hand_shows_height_or_offset_but_not_which(flat):

@@ -42,8 +42,9 @@ def test_a_height_that_was_guessed_is_found_and_written(drafted, capsys: pytest.
     assert rows(capsys.readouterr().out)["Next"] == "--write puts this into the scene file"
     assert run(["calibrate", log, "--scene", str(scene), *FLAT, "--write"]) == 0
     told = rows(capsys.readouterr().out)
-    (height,) = re.findall(r"([\d.]+) mm high", told["table"])
+    ((height, within),) = re.findall(r"([\d.]+) mm high ± ([\d.]+),", told["table"])
     assert float(height) == pytest.approx(740.0, abs=2.0)
+    assert 0.0 < float(within) < 2.0
     assert "as the scene has it" not in told["table"]
     assert told["Written"] == str(scene)
     assert "guess" not in scene.read_text().partition("[[object]]")[2]
