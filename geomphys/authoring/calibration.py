@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.authoring.calibrated_scene import SceneChange, rpy_degrees, write_changes
+from geomphys.authoring.calibrated_scene import MARK, SceneChange, rpy_degrees, write_changes
 from geomphys.authoring.contact_fit import ContactFit, fit_contacts
 from geomphys.authoring.contact_frames import Recorded, Stretch, collect
 from geomphys.authoring.contact_gaps import SHARE, Unknowns, moved_offset, moved_surface
@@ -85,7 +85,7 @@ class Calibration:
     @property
     def comment(self) -> str:
         """The comment on values that are written."""
-        return f"calibrated: {1000 * self.residual_m:.1f} mm left over in {self.frames} frames"
+        return f"{MARK}{1000 * self.residual_m:.1f} mm left over in {self.frames} frames"
 
 
 def calibrate(

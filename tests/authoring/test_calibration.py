@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -222,6 +224,13 @@ def test_it_is_written_and_the_rest_of_the_file_stays(flat):
     assert (
         geomphys.calibrate(log, scene, flats=stretches(FLAT), on=["table"], seek=("surface",)).changes == again.changes
     )
+
+
+def test_an_offset_on_one_line_is_written_beside_the_comment_of_the_line(rich):
+    found = calibrated(*rich, position=(0.05, -0.04, 0.005), rpy=(10, -15, 25), height=0.80)
+    scene = found.write().write().scene
+    (line,) = [line for line in Path(scene).read_text().splitlines() if line.startswith("root")]
+    assert line.partition("}")[2].strip() == f"# measured with a ruler; {found.comment}"
 
 
 @pytest.mark.parametrize(("call", "message"), [
