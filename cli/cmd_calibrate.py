@@ -115,18 +115,36 @@ def calibrate(
     if as_json:
         terminal.json(found.as_dict())
     else:
-        _show(terminal, found, write)
+        _show(terminal, found, only, write)
 
 
-def _show(terminal: Terminal, found: Calibration, write: bool) -> None:
+def _show(terminal: Terminal, found: Calibration, only: Part | None, write: bool) -> None:
+    """Print what was found, where it is from, what is left over and what the log does not show."""
     rows: list[tuple[str, list[str]]] = []
+    changed = {(change.kind, change.name, change.key) for change in found.changes}
+
+    def origin(*table: str) -> str:
+        return "" if table in changed else ", as the scene has it"
+
+    def within(text: str) -> float:
+        return max((value for name, value in found.confidence.items() if name.startswith(text)), default=0.0)
+
     if found.offset_m is not None and found.offset_rpy_deg is not None:
         at = ", ".join(f"{1000 * v:.1f}" for v in found.offset_m)
-        rows.append(("Offset", [f"[{at}] mm, rpy [{', '.join(f'{v:.2f}' for v in found.offset_rpy_deg)}] degrees"]))
+        rpy = ", ".join(f"{round(v, 2) + 0.0:.2f}" for v in found.offset_rpy_deg)
+        rows.append(("Offset", [f"[{at}] mm, rpy [{rpy}] degrees{origin('avatar', found.avatar, 'root')}"]))
+        length, angle = within("offset along"), within("rotation of the offset")
+        if length or angle:
+            known = [f"{1000 * length:.1f} mm"] * bool(length) + [f"{angle:.2f} degrees"] * bool(angle)
+            rows.append(("", [f"what of it is shown is known to {' and '.join(known)}"]))
     for name, surface in found.surfaces.items():
-        rows.append((name, [f"{1000 * surface.height_m:.1f} mm high, tilted by {surface.tilt_deg:.2f} degrees"]))
+        length, angle = (within(f"{part} of {name!r}") for part in ("height", "tilt"))
+        height = f"{1000 * surface.height_m:.1f} mm high{f' ± {1000 * length:.1f}' if length else ''}"
+        height += f", tilted by {surface.tilt_deg:.2f}{f' ± {angle:.2f}' if angle else ''} degrees"
+        rows.append((name, [height + origin("object", name, "")]))
     for finger, factor in found.finger_scale.items():
-        rows.append((finger, [f"{factor:.3f} times as long"]))
+        length = within(f"length of {finger!r}")
+        rows.append((finger, [f"{factor:.3f}{f' ± {length:.3f}' if length else ''} times as long"]))
     for topic, delay in found.delay_s.items():
         rows.append(("Delay", [f"{topic}: {1000 * delay:.1f} ms (correlation {found.correlation[topic]:.2f})"]))
     left = f"{1000 * found.residual_m:.2f} mm, {1000 * found.residual_p90_m:.2f} mm at the 90th percentile"
@@ -142,6 +160,16 @@ def _show(terminal: Terminal, found: Calibration, write: bool) -> None:
         rows.append(("Written", [found.scene]))
     elif not found.changes:
         rows.append(("Nothing", ["of this log changes the scene"]))
+        if found.frames and found.offset_m is not None and found.surfaces and only is None:
+            rows.append(
+                (
+                    "Next",
+                    [
+                        "--only surface, if the offset is right in the scene; --only offset, if the surface is",
+                        "for both: touches of a hand that is turned in different ways",
+                    ],
+                )
+            )
     elif not write:
         rows.append(("Next", ["--write puts this into the scene file"]))
     terminal.result(heading(Path(found.log).name, f" in {Path(found.scene).name}"), fields(rows))

@@ -33,6 +33,9 @@ def show_draft(terminal: Terminal, draft: SceneDraft, log: Path, out: Path) -> N
     names = (shlex.quote(str(log)), shlex.quote(str(out)))
     steps = [f"look at the lines of {out} marked CHECK, then", "geomphys check {} --scene {}".format(*names)]
     if not all(avatar.tall for avatar in draft.avatars):
+        steps.append(
+            "for the height of the table; T0:T1 is when the hand lay flat on it, seconds from the first frame:"
+        )
         steps.append("geomphys calibrate {} --scene {} --flat T0:T1 --on table --write".format(*names))
     rows.append(("Next", steps))
     terminal.result(heading(str(out), f" for {log.name}"), fields(rows))

@@ -17,6 +17,8 @@ from geomphys.storage.output_file import write_file
 LENGTH_DIGITS = 5
 ANGLE_DIGITS = 3
 QUATERNION_DIGITS = 8
+MARK = "calibrated: "
+"""How the comment on a value begins."""
 
 
 @dataclass(frozen=True)
@@ -98,12 +100,15 @@ def _write_scaled(scene: Path, urdf: str, factors: Mapping[str, float]) -> str:
 
 
 def _set(table: Any, key: str, value: Any, comment: str) -> None:
-    """Set a key, and comment it where the table is not on one line."""
+    """Set a key with a comment; where the table is on one line the comment is added to that of the line."""
     import tomlkit
     from tomlkit.items import InlineTable
 
     item = tomlkit.item(value)
-    if not isinstance(table, InlineTable):
+    if isinstance(table, InlineTable):
+        others = [part for part in table.trivia.comment.lstrip("# ").split("; ") if part and not part.startswith(MARK)]
+        table.comment("; ".join([*others, comment]))
+    else:
         item.comment(comment)
     table[key] = item
 

@@ -15,12 +15,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.authoring.calibrated_scene import SceneChange, rpy_degrees, write_changes
+from geomphys.authoring.calibrated_scene import MARK, SceneChange, rpy_degrees, write_changes
 from geomphys.authoring.contact_fit import ContactFit, fit_contacts
 from geomphys.authoring.contact_frames import Recorded, Stretch, collect
 from geomphys.authoring.contact_gaps import SHARE, Unknowns, moved_offset, moved_surface
 from geomphys.authoring.finger_lengths import find_fingers, link_factors
-from geomphys.authoring.known_changes import component_names, known_part, name_unknown
+from geomphys.authoring.known_changes import component_names, confidence, known_part, name_unknown
 from geomphys.authoring.resting_frames import TOUCH_WINDOWS
 from geomphys.authoring.time_shift import find_time_shift
 from geomphys.config import Config
@@ -68,6 +68,7 @@ class Calibration:
     frames: int  # of contact
     residual_m: float  # median of the gaps that are left
     residual_p90_m: float
+    confidence: dict[str, float]  # value that is known -> half of the interval it is in: m, degrees, share of a length
     unobservable: tuple[str, ...]  # directions that the log does not show
     changes: tuple[SceneChange, ...]  # of the scene file
     written: bool = False
@@ -84,7 +85,7 @@ class Calibration:
     @property
     def comment(self) -> str:
         """The comment on values that are written."""
-        return f"calibrated: {1000 * self.residual_m:.1f} mm left over in {self.frames} frames"
+        return f"{MARK}{1000 * self.residual_m:.1f} mm left over in {self.frames} frames"
 
 
 def calibrate(
@@ -199,7 +200,7 @@ def _result(
     unknowns: Unknowns,
     fit: ContactFit,
 ) -> Calibration:
-    shown = known_part(fit, unknowns)
+    shown, names = known_part(fit, unknowns), component_names(world, unknowns)
     changes: list[SceneChange] = []
     avatar = world.tree_names[tree]
     offset = None if root is None else [*root.position, *root.orientation]
@@ -240,7 +241,8 @@ def _result(
         frames=len(recorded.contacts),
         residual_m=fit.residual,
         residual_p90_m=fit.percentile_90,
-        unobservable=(*name_unknown(component_names(world, unknowns), fit.covariance), *hidden_lags),
+        confidence=confidence(fit, unknowns, names),
+        unobservable=(*name_unknown(names, fit.covariance), *hidden_lags),
         changes=tuple(changes),
     )
 

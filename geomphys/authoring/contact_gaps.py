@@ -82,6 +82,13 @@ class Unknowns(NamedTuple):
         offset = [translation] * 3 + [rotation] * 3 if self.offset else []
         return np.array([*offset, *([height, tilt, tilt] * len(self.surfaces)), *([factor] * len(self.fingers))])
 
+    @property
+    def units(self) -> Floats:
+        """(N,) m, degrees or share of a length, of a change of length 1."""
+        degrees = float(np.degrees(ANGLE))
+        offset = [LENGTH] * 3 + [degrees] * 3 if self.offset else []
+        return np.array([*offset, *([LENGTH, degrees, degrees] * len(self.surfaces)), *([SHARE] * len(self.fingers))])
+
 
 class Gaps(NamedTuple):
     """Gaps of the m points that touch."""

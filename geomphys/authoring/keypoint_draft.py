@@ -26,7 +26,8 @@ class KeypointDraft:
     topic: str
     layout: str
     links: int  # of the avatar that have a point
-    boxes: tuple[tuple[tuple[float, float, float], tuple[float, float, float]], ...]  # boxes of the points, as recorded
+    boxes: tuple[tuple[tuple[float, float, float], tuple[float, float, float]], ...]
+    """Boxes of the points, as recorded; none of a glove, whose points are given in the hand."""
 
     def lowest_height(self, space: RecordedSpace) -> float:
         """Lowest height of a point in the world, m."""
@@ -74,6 +75,7 @@ def find_keypoints(
             points = points_of_side(label_names(topic.frames), hand or side)
         found = set(points) & set(links_of_labels(links, hand))
         if sum(any(p.startswith(finger) for p in found) for finger in FINGERS) >= MIN_FINGERS:
-            draft = KeypointDraft(topic.topic, layout, len(found), tuple(topic.boxes.values()))
+            boxes = () if topic.kind == "glove" else tuple(topic.boxes.values())
+            draft = KeypointDraft(topic.topic, layout, len(found), boxes)
             ranked.append(((len(found), bool(side), topic.messages), draft))
     return max(ranked, key=lambda item: item[0])[1] if ranked else None

@@ -36,6 +36,14 @@ def _is_known(deviation: Floats) -> NDArray[np.bool_]:
     return known
 
 
+def confidence(fit: ContactFit, unknowns: Unknowns, names: Sequence[str]) -> dict[str, float]:
+    """Name -> half of the interval in which a value that is known is: `CONFIDENCE` standard deviations, m, degrees or share."""
+    deviations = np.sqrt(np.diag(fit.covariance))
+    within = CONFIDENCE * deviations * unknowns.units
+    known = zip(names, within, _is_known(deviations), strict=True)
+    return {name: round(float(value), 5) for name, value, is_known in known if is_known}
+
+
 def known_part(fit: ContactFit, unknowns: Unknowns) -> Floats:
     """The part of a change (N,) that is known.
 

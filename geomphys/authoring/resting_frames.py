@@ -1,7 +1,7 @@
 """Averages frames in which a hand rests, so that noise of the tracker counts less: about a touch, and along a stretch.
 
 A hand rests in some frames where neither the trend of its position, rotation and joint values nor their curvature is more than
-their noise makes, which is that of the differences of successive frames.
+their noise makes, which is that of the differences of successive frames. Frames that are far from those beside them are left out.
 """
 
 from __future__ import annotations
@@ -25,6 +25,12 @@ MAX_MOTION = 2e-4
 """m; trend or curvature of a hand that rests, beside what noise makes."""
 DEVIATIONS = 3.0
 """Standard deviations of a trend that noise may make."""
+NEIGHBOURS = 2
+"""Frames before and after one, from whose median with it an outlier differs"""
+OUTLIER = 4.0
+"""by more than so many times what four of five frames do, five standard deviations of noise,"""
+FAR = 1e-3
+"""m; and this."""
 ARM = 0.1
 """m; distance at which rotations and joint values count."""
 
@@ -41,6 +47,18 @@ def rests(frames: Sequence[Frame], tree: int, columns: slice) -> bool:
     return bool(np.all(trend < limit) and np.all(curvature < limit))
 
 
+def without_outliers(frames: Sequence[Frame], tree: int, columns: slice) -> Sequence[Frame]:
+    """The frames in which the avatar is where those beside them have it (Hampel's test)."""
+    if len(frames) < MIN_FRAMES:
+        return frames
+    values = np.array([_features(frame, frames[0], tree, columns) for frame in frames])
+    padded = np.pad(values, ((NEIGHBOURS, NEIGHBOURS), (0, 0)), mode="reflect")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1, axis=0)
+    distance = np.abs(values - np.median(windows, axis=-1))
+    is_near = np.all(distance <= OUTLIER * np.percentile(distance, 80, axis=0) + FAR, axis=1)
+    return [frame for frame, near in zip(frames, is_near, strict=True) if near]
+
+
 def mean_frame(frames: Sequence[Frame], tree: int, columns: slice) -> Frame:
     """The middle frame with the mean pose and joint values of an avatar; its rotations differ little."""
     middle = frames[len(frames) // 2]
@@ -55,6 +73,7 @@ def mean_frame(frames: Sequence[Frame], tree: int, columns: slice) -> Frame:
 
 def frame_of_touch(frames: Sequence[Frame], time_ns: float, tree: int, columns: slice) -> Frame | None:
     """Mean of the frames about a time in which the avatar rests, else of the nearest; None if none is near."""
+    frames = without_outliers(frames, tree, columns) or frames
     for window in TOUCH_WINDOWS:
         near = [frame for frame in frames if abs(frame.time_ns - time_ns) <= window * 1e9]
         if rests(near, tree, columns) or (near and window == TOUCH_WINDOWS[-1]):
@@ -64,7 +83,7 @@ def frame_of_touch(frames: Sequence[Frame], time_ns: float, tree: int, columns: 
 
 def means_of_parts(frames: Sequence[Frame], most: int, tree: int, columns: slice) -> list[Frame]:
     """At most `most` frames along a stretch: means of its parts where the avatar rests in one, else their middle frames."""
-    found = []
+    frames, found = without_outliers(frames, tree, columns) or frames, []
     for part in np.array_split(np.arange(len(frames)), min(most, max(len(frames) // MIN_FRAMES, 1))):
         own = [frames[k] for k in part]
         found.append(mean_frame(own, tree, columns) if rests(own, tree, columns) else own[len(own) // 2])

@@ -143,7 +143,7 @@ def _draft(log: AnyPath, urdfs: Sequence[Path | str], folder: Path | str, recove
     roots = {a.root.name for a in avatars if a.root is not None}
     others = UnusedStreams(
         poses=tuple(p for p in poses if p.name not in roots and p.name.split("#")[0] not in fitted),
-        joints=tuple(t.topic for t in joints if t.topic not in {a.joints_topic for a in avatars}),
+        joints=tuple(t.topic for t in joints if t.topic not in {a.joints_topic for a in avatars} | fitted),
     )
     space = log_space(info, roots | {f"{t.topic}#{c}" for t in info.topics if t.topic in fitted for c in t.motions})
     heights = [
@@ -158,7 +158,7 @@ def _draft(log: AnyPath, urdfs: Sequence[Path | str], folder: Path | str, recove
             recover=recover,
         )
         for skeleton, avatar in zip(skeletons, avatars, strict=True)
-        if avatar.root is not None and not avatar.tall and avatar.keypoints is None
+        if avatar.root is not None and not avatar.tall and not (avatar.keypoints is not None and avatar.keypoints.boxes)
     ]
     recorded = RecordedSpace.from_table(space.table)
     heights += [a.keypoints.lowest_height(recorded) for a in avatars if a.keypoints is not None and a.keypoints.boxes]

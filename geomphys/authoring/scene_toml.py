@@ -159,11 +159,9 @@ def _example(avatars: Sequence[AvatarDraft], space: SpaceGuess, lowest: float) -
     else:
         size = [round(min(b - a, 10.0) + 0.8, 1) for a, b in zip(low[:2], high[:2], strict=True)] + [0.05]
         z = round(lowest - 0.025, 3) + 0.0
-        name, reason = "table", "a guess: its top is where the recorded links came lowest"
+        name, reason = "table", "a guess until `geomphys calibrate` finds it: as low as the recorded links came"
     yield "# CHECK: an example of an object; put your own things here. class: fixed, simulated or driven;"
     yield "# shape: box, sphere, cylinder, capsule, mesh or urdf (`geomphys schema` lists every key)."
-    if name == "table":
-        yield "# Its height is a guess until `geomphys calibrate` has found it."
     yield "[[object]]"
     yield f'name = "{name}"'
     yield 'class = "fixed"'

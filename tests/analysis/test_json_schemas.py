@@ -83,8 +83,9 @@ def test_a_calibration_is_what_the_schema_says() -> None:
     surface = Surface(0.7, 0.2, (0.0, 0.0, 0.7), (0.0, 0.0, 0.0, 1.0))
     found = Calibration(
         log="log.mcap", scene="scene.toml", avatar="hand", offset_m=(0.0, 0.1, 0.2), offset_rpy_deg=None,
-        surfaces={"table": surface}, delay_s={"/glove": 0.05}, correlation={"/glove": 0.9}, frames=3, residual_m=0.001,
-        residual_p90_m=0.002, finger_scale={"index": 1.05}, unobservable=("tilt",), changes=(),
+        surfaces={"table": surface}, delay_s={"/glove": 0.05}, correlation={"/glove": 0.9},
+        frames=3, residual_m=0.001, residual_p90_m=0.002, confidence={"offset along x": 0.001},
+        finger_scale={"index": 1.05}, unobservable=("tilt",), changes=(),
     )  # fmt: skip
     Draft202012Validator(geomphys.json_schema("calibrate")).validate(json.loads(json.dumps(found.as_dict())))
 

@@ -141,8 +141,9 @@ def test_the_recorded_space_is_noticed_and_the_table_stands_where_it_would(tmp_p
     assert not report.warnings
     low = min(wrist(k)[2] - 0.05 * math.sin(wave(k)) for k in range(150))
     assert tables["object"][0]["position"] == pytest.approx([0.5, 0.3, low - 0.025], abs=6e-3)
-    assert "# Its height is a guess until `geomphys calibrate` has found it." in draft.text
-    assert "# of its middle; a guess: its top is where the recorded links came lowest" in draft.text
+    assert (
+        "# of its middle; a guess until `geomphys calibrate` finds it: as low as the recorded links came" in draft.text
+    )
     if expected:
         without = tmp_path / "scenes" / "without.toml"
         head, _, tail = draft.text.partition("[recording]")
@@ -155,6 +156,15 @@ def test_a_log_without_motion_is_refused(tmp_path, hand):
     log = write_log(tmp_path / "log.mcap", [])
     with pytest.raises(geomphys.LogError, match="nothing can follow it"):
         geomphys.draft_scene(log, [hand])
+
+
+def test_points_that_a_glove_gives_in_the_hand_are_used_and_place_no_table(root):
+    draft = geomphys.draft_scene(root / "recordings" / "manus_hand.mcap", [root / "assets" / "hand" / "hand_tips.urdf"])
+    (avatar,) = draft.avatars
+    assert (avatar.keypoints.topic, avatar.root.name) == ("/manus_glove_0", "/tracker/hand")
+    assert draft.others.joints == ()
+    (table,) = tomllib.loads(draft.text)["object"]
+    assert table["position"][2] == pytest.approx(0.74 - 0.025, abs=0.06)  # by the tracker, whose offset is not known
 
 
 def test_recordings_of_every_encoding_are_drafted_for_their_avatars(root):

@@ -120,6 +120,19 @@ def test_what_has_no_link_is_left_out_and_listed_by_check(tmp_path):
     assert report.errors == ()
 
 
+def test_joints_that_the_points_take_beyond_their_limits_are_named_with_their_share(tmp_path):
+    skeleton = write_hand(tmp_path)
+    angles, roots = motion(skeleton, 64)  # measured in every 16th frame
+    angles[:] = angles[0]
+    angles[:, skeleton.dof_names.index("index_proximal_j")] = 1.6 + 0.3
+    angles[32:, skeleton.dof_names.index("ring_proximal_j")] = -0.4 - 0.3
+    log = write_points(tmp_path / "log.mcap", np.nan_to_num(openxr_points(skeleton, angles, roots)))
+    report = check_log(log, load_world(write_scene(tmp_path, f'topic = "/hand", {UNSCALED}')))
+    (told,) = [warning for warning in report.warnings if "beyond" in warning]
+    assert told.startswith("joints of hand that the points take beyond the limits of its URDF in part of the frames: ")
+    assert told.endswith(": index_proximal_j (100 %), ring_proximal_j (50 %)")
+
+
 def test_gaps_are_interpolated_and_hold_no_frame(tmp_path, hand):
     skeleton, _, _, points = hand
     missing = np.random.default_rng(3).random(points.shape[:2]) < 0.1
