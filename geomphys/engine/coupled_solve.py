@@ -170,7 +170,7 @@ def begin_extrapolation(sim: Simulation, c: Coupled) -> None:
 
 
 @kernel
-def turns_back(sim: Simulation, c: Coupled) -> bool:
+def is_reversed(sim: Simulation, c: Coupled) -> bool:
     """Whether the last two sweeps reversed the extrapolation: its gradient restart (O'Donoghue and Candès 2015)."""
     along = 0.0
     for k in range(sim.counts.rows):
@@ -244,7 +244,7 @@ def solve_contacts(sim: Simulation, c: Coupled, sweeps: int, precision: float) -
             return sweep + 1
         if backwards and sweep < EXTRAPOLATED:
             before, momentum = momentum, 0.5 * (1.0 + math.sqrt(1.0 + 4.0 * momentum * momentum))
-            if turns_back(sim, c):
+            if is_reversed(sim, c):
                 before = momentum = 1.0
             extrapolate(sim, c, (before - 1.0) / momentum)
     c.solve.unsettled += 1
