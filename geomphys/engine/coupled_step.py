@@ -19,6 +19,7 @@ from geomphys.engine.coupled_unknowns import end_unknown, first_unknown, load_un
 from geomphys.engine.methods import yield_by_method
 from geomphys.engine.state import Machine, StepParameters
 from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import set_vec, vec_of
 from geomphys.numerics.vec3 import add, add_scaled, norm, scale, slerp, sub
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
 from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, pose_tree, position_of, set_pose
@@ -78,11 +79,7 @@ def recording_between(scene: Scene, m: Machine, roots: Floats, angles: Floats, w
 
 @outlined
 def fit_recorded_paths(scene: Scene, m: Machine, roots: Floats, dt: float, first: bool) -> None:
-    """Accelerations of recorded roots (T, 7) in this frame, estimated from the frames before as those of tracked bodies.
-
-    A row of `recorded_path`: root position [m], its mean velocity [m/s], how that changed [m/s²], the frame's time [s], and the
-    acceleration [m/s²].
-    """
+    """Accelerations of recorded roots (T, 7) in this frame, estimated from the frames before as those of tracked bodies."""
     for tree in range(len(scene.trees.role)):
         if not is_recorded(scene, tree):
             continue
@@ -90,13 +87,14 @@ def fit_recorded_paths(scene: Scene, m: Machine, roots: Floats, dt: float, first
         position, change = position_of(roots, tree), (0.0, 0.0, 0.0)
         velocity = (0.0, 0.0, 0.0)
         if not first and dt > 0.0:
-            velocity = scale(sub(position, (c[0], c[1], c[2])), 1.0 / dt)
-            if is_even(dt, c[9]):
-                change = scale(sub(velocity, (c[3], c[4], c[5])), 2.0 / (dt + c[9]))
-        acceleration = extrapolated(change, (c[6], c[7], c[8]))
-        for i in range(3):
-            c[i], c[3 + i], c[6 + i], c[10 + i] = position[i], velocity[i], change[i], acceleration[i]
-        c[9] = 0.0 if first else dt
+            velocity = scale(sub(position, vec_of(c.position)), 1.0 / dt)
+            if is_even(dt, c.duration):
+                change = scale(sub(velocity, vec_of(c.velocity)), 2.0 / (dt + c.duration))
+        set_vec(c.acceleration, extrapolated(change, vec_of(c.change)))
+        set_vec(c.position, position)
+        set_vec(c.velocity, velocity)
+        set_vec(c.change, change)
+        c.duration = 0.0 if first else dt
 
 
 @outlined
@@ -110,7 +108,7 @@ def curve_path(scene: Scene, m: Machine, dt: float, part: int, parts: int) -> No
         if not is_recorded(scene, tree):
             continue
         for i in range(3):
-            deviation = share * m.recorded_path[tree, 10 + i]
+            deviation = share * m.recorded_path[tree].acceleration[i]
             if deviation != 0.0:
                 m.roots[tree, i] += deviation
                 for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):

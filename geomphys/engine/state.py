@@ -26,12 +26,24 @@ from geomphys.jit.packed_records import pack
 from geomphys.scene.arrays import Scene
 from geomphys.scene.kinematics import joint_origins, pose_pieces_of_tree, pose_tree
 from geomphys.simulated.allocation import make_simulation
-from geomphys.simulated.state import Simulation
+from geomphys.simulated.state import Records, Simulation
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 NEAR_PAIRS = 1 << 14  # most pairs of pieces that can be near at once
+
+
+RECORDED_PATH = np.dtype(
+    [
+        ("position", np.float64, 3),  # m
+        ("velocity", np.float64, 3),  # m/s, mean over the frame
+        ("change", np.float64, 3),  # m/s²: change of that since the frame before
+        ("acceleration", np.float64, 3),  # m/s², extrapolated to the middle of the frame
+        ("duration", np.float64),  # s, of the frame
+    ]
+)
+"""Motion of a recorded root through the last frame."""
 
 
 class Method(NamedTuple):
@@ -63,7 +75,7 @@ class Machine(NamedTuple):
     start: Floats  # (B, 7) poses at the frame's start
     velocity: Floats  # (B, 6) m/s of the centre of mass and rad/s, world, of simulated bodies
     coupled: Coupled
-    recorded_path: Floats  # (T, 13) of recorded roots, as `fit_recorded_paths` fills it
+    recorded_path: Records  # (T,) RECORDED_PATH
     roots: Floats  # (T, 7) recorded root poses within a frame
     angles: Floats  # (Q,) recorded angles within a frame
     posture: Floats  # (Q,) angles at the frame's start
@@ -105,7 +117,7 @@ def make_machine(scene: Scene, passes: int = 30, is_thumb: Ints | None = None, w
         start=start,
         velocity=velocity,
         coupled=make_coupled(scene, poses, workspace.links),
-        recorded_path=np.zeros((trees, 13)),
+        recorded_path=np.zeros(trees, RECORDED_PATH),
         roots=np.zeros((trees, 7)),
         angles=np.zeros(dofs),
         posture=np.zeros(dofs),
