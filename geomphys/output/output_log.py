@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import struct
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 import numpy as np
@@ -272,7 +274,7 @@ class OutputLog:
     def _reading(self) -> Iterator[tuple[BinaryIO, SeekingReader]]:
         """Open the file and a reader; errors in the block are raised as LogError."""
         try:
-            with self.path.open("rb") as stream:
+            with _opened(self.path) as stream:
                 yield stream, SeekingReader(stream, record_size_limit=RECORD_LIMIT)
         except OSError as problem:
             raise LogError(f"{self.path}: cannot be read ({problem.strerror})") from problem
@@ -280,6 +282,13 @@ class OutputLog:
             raise DamagedLogError(
                 f"{self.path}: is no MCAP file or a damaged one ({problem}); replay the log again"
             ) from problem
+
+
+def _opened(path: AnyPath) -> BinaryIO:
+    """Open a file to read it at any place; raises OSError, at once for a pipe that nobody writes to."""
+    if isinstance(path, Path) and path.exists() and not (path.is_file() or path.is_dir()):
+        raise OSError(errno.ESPIPE, "it is no regular file", str(path))
+    return path.open("rb")
 
 
 def open_output(path: AnyPath | str) -> OutputLog:
@@ -291,7 +300,7 @@ def is_output(path: AnyPath | str) -> bool:
     """Whether a file is MCAP with the metadata of an output; False for what cannot be read."""
     path = as_path(path)
     try:
-        with path.open("rb") as stream:
+        with _opened(path) as stream:
             reader = SeekingReader(stream, record_size_limit=RECORD_LIMIT)
             return any(record.name == METADATA_RECORD for record in reader.iter_metadata())
     except (OSError, *_DAMAGE):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from geomphys.config import Config
 from geomphys.errors import DamagedLogError, LogError
 from geomphys.output.decoders import decode_transforms
 from geomphys.output.mcap_sink import McapSink
-from geomphys.output.output_log import OutputFrame, open_output
+from geomphys.output.output_log import OutputFrame, is_output, open_output
 from geomphys.output.provenance import provenance_of
 from geomphys.results import METHODS, FrameResult
 from geomphys.scene.world import World
@@ -125,6 +126,11 @@ def test_a_sample_is_spread_over_the_time(out: Path, results: list[FrameResult])
 def test_what_is_no_output_is_told(out: Path, tmp_path: Path) -> None:
     with pytest.raises(LogError, match="cannot be read"):
         open_output(tmp_path / "nothing.mcap")
+    os.mkfifo(tmp_path / "pipe.mcap")
+    for special in (tmp_path / "pipe.mcap", Path("/dev/zero")):
+        assert not is_output(special)
+        with pytest.raises(LogError, match=r"cannot be read.*no regular file"):
+            open_output(special)
     text = tmp_path / "text.mcap"
     for content in (b"", b"no log", b"x" * 1000):
         text.write_bytes(content)
