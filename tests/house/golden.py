@@ -22,7 +22,16 @@ from geomphys.bench.experiments import ExperimentFiles, experiment_files  # noqa
 
 OTHERS = [
     ExperimentFiles(name=name, log=ROOT / f"recordings/{name}.mcap", scene=ROOT / f"assets/scenes/{name}.toml")
-    for name in ("gripper_cube", "hand_lift", "isaac_hand", "leap_hand", "manus_hand", "robot_glove", "webxr_hand")
+    for name in (
+        "gripper_cube",
+        "hand_lift",
+        "isaac_hand",
+        "leap_hand",
+        "manus_hand",
+        "robot_glove",
+        "two_hands",
+        "webxr_hand",
+    )
 ]
 """Recordings of the checkout that are no experiments."""
 
