@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
@@ -32,6 +32,10 @@ class Number(click.FloatRange):
         return number
 
 
+FILE_SUFFIXES = (".bag", ".csv", ".gz", ".json", ".mcap", ".parquet", ".rrd", ".xlsx", ".zip")
+"""Suffixes (lower case) of files; no new folder is given such a name."""
+
+
 class PathOrUrl(click.Path):
     """Parameter type of a local path or URL; inputs must exist, as with `click.Path`."""
 
@@ -42,6 +46,11 @@ class PathOrUrl(click.Path):
         """Return the path or URL as a path object; usage error where it does not exist."""
         if str(value) == "-" and not self.file_okay:
             self.fail("standard output is no folder; name one", param, ctx)
+        suffix = PurePath(str(value)).suffix
+        if not self.file_okay and suffix.lower() in FILE_SUFFIXES and not Path(str(value)).is_dir():
+            self.fail(
+                f"{value}: a folder is written there, and this is the name of a file; leave out {suffix}", param, ctx
+            )
         if "://" not in str(value):
             return super().convert(value, param, ctx)
         from geomphys.errors import InputError

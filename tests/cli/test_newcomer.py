@@ -74,6 +74,8 @@ def said(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFi
         ("replay hand.mcap -s scene.toml -o new/out.mcap", 2, "make it first"),
         ("replay hand.mcap -s scene.toml -o out.rrd", 2, "choose another ending"),
         ("replay hand.mcap -s scene.toml --rrd out.mcap", 2, "choose another ending"),
+        ("batch hand.mcap -s scene.toml -O out.mcap", 2, "a folder is written there"),
+        ("export hand.mcap -o out.csv", 2, "leave out .csv"),
         ("-q replay hand.mcap -s scene.toml --clock /x", 1, "it has /glove/joint_states, /tracker/wrist"),
         ("-q replay hand.mcap -s scene.toml --start 100", 1, "with start = 100 s it has no frames"),
         ("repaly hand.mcap -s scene.toml", 2, "did you mean replay?"),
