@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .show_draft import space_lines
-from .terminal import counted, fields, heading, printable
+from .terminal import counted, fields, heading, printable, size_text
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -35,7 +35,7 @@ def show_log(terminal: Terminal, log: LogInfo) -> None:
     """Print what a log holds: the file, its topics, and what was found in them."""
     from geomphys.recording.inspect import log_space
 
-    size = f"{log.size_bytes / 1e6:,.1f} MB" + (f" in {len(log.files)} files" if len(log.files) > 1 else "")
+    size = size_text(log.size_bytes) + (f" in {len(log.files)} files" if len(log.files) > 1 else "")
     rows = [("Size", [size]), ("Messages", [f"{log.messages:,} in {log.duration_s:,.2f} s"])]
     if log.first_ns is not None:
         rows.append(("Begins", [_clock(log.first_ns)]))

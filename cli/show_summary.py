@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from .show_log import finding_rows
 from .show_motion import moment_lines
-from .terminal import counted, fields, heading, printable
+from .terminal import counted, fields, heading, printable, size_text
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -176,8 +176,7 @@ def _written(path: str) -> str:
         return "to standard output"
     from geomphys.storage.remote_files import as_path
 
-    size = as_path(path).stat().st_size
-    return f"{path} ({size / 1e6:,.1f} MB)"
+    return f"{path} ({size_text(as_path(path).stat().st_size)})"
 
 
 def _warnings(summary: Summary) -> list[str | Text]:

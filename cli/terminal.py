@@ -48,6 +48,11 @@ def counted(number: int, noun: str, plural: str = "") -> str:
     return f"{number:,} {noun}" if number == 1 else f"{number:,} {plural or noun + 's'}"
 
 
+def size_text(count: int) -> str:
+    """Return a number of bytes in MB, or in kB below a tenth of one."""
+    return f"{count / 1e6:,.1f} MB" if count >= 100_000 else f"{count / 1e3:,.1f} kB"
+
+
 def heading(name: str, rest: str = "") -> Text:
     """Return a title: a name, and what follows it."""
     from rich.text import Text

@@ -10,7 +10,7 @@ import sys
 
 import numpy as np
 import pytest
-from geomphys_cli.terminal import Terminal, json_value, printable
+from geomphys_cli.terminal import Terminal, json_value, printable, size_text
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -33,6 +33,13 @@ def test_ordinary_text_is_shown_as_it_is(text: str) -> None:
 )
 def test_control_characters_are_escaped(text: str, shown: str) -> None:
     assert printable(text) == shown
+
+
+@pytest.mark.parametrize(
+    ("count", "shown"), [(0, "0.0 kB"), (36_300, "36.3 kB"), (100_000, "0.1 MB"), (12_500_000_000, "12,500.0 MB")]
+)
+def test_no_file_with_content_is_shown_as_empty(count: int, shown: str) -> None:
+    assert size_text(count) == shown
 
 
 def test_json_holds_no_nan(capsys: pytest.CaptureFixture[str]) -> None:
