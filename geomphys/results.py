@@ -26,7 +26,7 @@ class Frame:
     flags: int = 0  # bits of `FLAG_*`
 
 
-FLAG_HELD = 1
+FLAG_HELD = 1  # a stream had no good sample: its last good value is used
 FLAG_BEFORE_FIRST = 2  # a stream has not begun yet: its first value is used
 FLAG_CLAMPED = 4  # an angle was clamped to its limit (`clamp_limits`)
 FLAG_OUTSIDE_LIMITS = 8  # a recorded angle lies outside its limits and was kept
@@ -35,9 +35,7 @@ FLAG_IMPACT_BOUND = 32  # the simulated loop reached its limit of impacts
 FLAG_QUARANTINED = 64  # a body became non-finite and was reset to its last good state
 FLAG_BLOCKED = 128  # the recorded pose is free, but the path to it is obstructed
 FLAG_STARTED_INSIDE = 256  # the first frame overlapped
-FLAG_SHAPE_CHANGED = (
-    512  # rigid mode: the shape or the orientation yielded too, as a translation would have gone too far
-)
+FLAG_SHAPE_CHANGED = 512  # mode rigid: shape or rotation changed too, as a translation would have gone too far
 FLAG_CATCHING_UP = 1024  # after a gap or a jump of a tracker, the way missed is made up at a bounded speed
 FLAG_SWEEP_BOUND = 2048  # contact forces of driven and simulated bodies ended at their bound of sweeps, not settled
 

@@ -114,24 +114,24 @@ class Summary:
     start_s: float  # time of the first frame
     duration_s: float  # from the first frame to the last
     contacts: int  # contact points of all frames
-    frames_in_contact: int
+    frames_in_contact: int  # with a contact point
     frames_penetrating: int  # the recording overlapped by more than RESIDUAL_LIMIT_M
-    recorded_penetration_max_m: float
+    recorded_penetration_max_m: float  # of driven bodies as recorded, the deepest convex pair
     recorded_penetration_median_m: float  # over the frames that penetrate
-    deepest: DeepestPenetration | None
-    residual_penetration_max_m: float
+    deepest: DeepestPenetration | None  # where that was; None without overlap
+    residual_penetration_max_m: float  # the same, measured on the corrected poses
     residual_penetration_frame: int | None  # where it is largest; None if it is 0 everywhere
     frames_with_residual: int  # more than RESIDUAL_LIMIT_M
-    correction_max_m: float
-    correction_max_rad: float
-    quality: MotionSummary
-    held_frames: int
-    impacts: int
-    fallbacks: int
+    correction_max_m: float  # largest distance of a body's origin from where it was recorded
+    correction_max_rad: float  # largest angle of a body from how it was recorded
+    quality: MotionSummary  # measures of motion quality
+    held_frames: int  # in which a stream had no good sample, and its last good value was used
+    impacts: int  # of simulated bodies
+    fallbacks: int  # corrections that fell back on the last free state
     flags: dict[str, int]  # name of a flag: frames that carry it; only flags that occurred
     timing: dict[str, StageTime]  # the stages `decode`, `step`, `encode`, as far as they were measured
     elapsed_s: float  # on the wall clock, reading and writing included, compiling the kernels not
-    messages: tuple[Message, ...]
+    messages: tuple[Message, ...]  # of `/log`, each text once
     worst: tuple[Moment, ...]  # where to look first
     grasps: tuple[Grasp, ...]  # outcomes of simulated bodies that driven ones touched
     findings: Findings  # of the scene: geometry not shown, bodies without contact, renamed bodies, defaults

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from geomphys.output.summary import FLAG_NAMES
 from geomphys.scene.scene_file import parse_scene
 from tests.house import inputs, output_reference
 from tests.house.listing import DOCUMENT, LIST, listing
@@ -145,6 +146,11 @@ def test_the_table_of_inputs_is_that_of_the_code() -> None:
 
 def test_the_reference_of_outputs_is_fresh() -> None:
     assert output_reference.PAGE.read_text() == output_reference.page(), "run: python tests/house/output_reference.py"
+
+
+def test_every_flag_has_a_meaning_in_the_reference() -> None:
+    meanings = re.findall(r"^\| (\d+) \| `\w+` \| (.*) \|$", output_reference.flags(), flags=re.MULTILINE)
+    assert [int(bit) for bit, meaning in meanings if meaning] == sorted(FLAG_NAMES)
 
 
 def test_the_reference_of_the_command_line_is_fresh() -> None:
