@@ -122,8 +122,8 @@ def test_a_name_that_is_not_utf_8_in_the_c_locale(case: Case, tmp_path: Path) ->
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root becomes another user")
-@pytest.mark.parametrize("command", ["info", "check", "replay"])
-def test_no_home_and_no_passwd_entry(case: Case, tmp_path: Path, command: str) -> None:
+@pytest.mark.parametrize("command", ["info", "check"])
+def test_no_home_and_no_passwd_entry(case: Case, command: str) -> None:
     """A container that runs as some number: the caches go to the temporary folder."""
     for path in (case.log, *case.log.parents):
         if path.stat().st_uid == 0 and path.parts[:2] == ("/", "tmp") and len(path.parts) > 2:
@@ -135,17 +135,11 @@ def test_no_home_and_no_passwd_entry(case: Case, tmp_path: Path, command: str) -
         "for name in ('HOME', 'XDG_CACHE_HOME'): os.environ.pop(name, None)\n"
         "print(user_cache_folder('worlds')); sys.exit(run(sys.argv[1:]))"
     )
-    out = tmp_path / "anybody" / "out.mcap"
-    out.parent.mkdir()
-    tmp_path.chmod(0o755)
-    out.parent.chmod(0o777)
     scene = [] if command == "info" else ["--scene", str(case.scene)]
-    written = ["-o", str(out), "--force"] if command == "replay" else []
-    words = [command, str(case.log), *scene, *written]
+    words = [command, str(case.log), *scene]
     done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     assert "geomphys-54321" in done.stdout
-    assert not written or out.stat().st_uid == 54321
 
 
 def test_without_shared_memory_commands_work_or_say_so_in_one_line(
