@@ -90,7 +90,7 @@ def _plausible_fits(gaps: ContactGaps) -> tuple[Floats, list[Floats]]:
     for k in range(STARTS):
         start = rng.uniform(-1.5, 1.5, size) * expected
         found.append(_descend(gaps, start, FIRST_STAGES[k % len(FIRST_STAGES)]))
-    squares = [_robust_squares(_final_gaps(gaps, change)) for change in found]
+    squares = [_robust_squares(_final_gaps(gaps, change)) for change in found]  # m²
     nearest = found[int(np.argmin(squares))]
     covariance, variance = _covariance(gaps, nearest)
     root = np.linalg.cholesky(covariance)
@@ -98,16 +98,18 @@ def _plausible_fits(gaps: ContactGaps) -> tuple[Floats, list[Floats]]:
         direction = rng.normal(size=size)
         direction *= NEAR / np.linalg.norm(direction) * np.sqrt(size / 3)
         found.append(_descend(gaps, nearest + root @ direction, FIRST_STAGES[0]))
-    deviance = np.array([_deviance(gaps, change, variance) for change in found])
+        squares.append(_robust_squares(_final_gaps(gaps, found[-1])))
+    deviance = np.array(
+        [own / variance + _prior_deviance(gaps, change) for own, change in zip(squares, found, strict=True)]
+    )
     best = int(deviance.argmin())
     limit = deviance[best] + PLAUSIBLE**2
     return found[best], [change for change, own in zip(found, deviance, strict=True) if own <= limit]
 
 
-def _deviance(gaps: ContactGaps, change: Floats, variance: float) -> float:
-    """Deviance of a change (N,), but for a constant; `variance` [m²] of a measurement."""
-    prior = float(np.sum((change / gaps.unknowns.expected) ** 2)) + BENEATH * gaps.count_beneath(change)
-    return _robust_squares(_final_gaps(gaps, change)) / variance + prior
+def _prior_deviance(gaps: ContactGaps, change: Floats) -> float:
+    """Deviance of a change (N,) by what is expected alone, but for a constant."""
+    return float(np.sum((change / gaps.unknowns.expected) ** 2)) + BENEATH * gaps.count_beneath(change)
 
 
 def _covariance(gaps: ContactGaps, change: Floats) -> tuple[Floats, float]:

@@ -20,6 +20,7 @@ from geomphys.engine.coupled_solve import (
     apply,
     bound_response,
     impulse_vector,
+    local_impulse,
     solve_contacts,
 )
 from geomphys.engine.coupled_state import Coupled
@@ -149,7 +150,7 @@ def begin_with_forces(sim: Simulation, c: Coupled, h: float) -> None:
         r.normal_impulse = h * slot.normal_force
         r.tangent_impulse[0], r.tangent_impulse[1] = h * dot(f, vec_of(r.tangent)), h * dot(f, vec_of(r.binormal))
         if r.normal_impulse != 0.0:
-            apply(sim, c, r, (r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1]))
+            apply(sim, c, r, local_impulse(r))
 
 
 @kernel
@@ -329,7 +330,7 @@ def note_slip(m: Machine, t: float, h: float) -> None:
     for k in range(sim.counts.rows):
         r = sim.rows[k]
         slot = sim.slots[r.pair, r.slot]
-        p, x, y = r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1]
+        p, x, y = local_impulse(r)
         debt = (0.0, 0.0, 0.0)
         if p > 0.0 and math.sqrt(x * x + y * y) < STUCK * r.friction * p:
             n, point = vec_of(r.normal), vec_of(r.point)

@@ -19,10 +19,8 @@ from geomphys.simulated.state import Row, Simulation, is_simulated
 
 SWEEPS = 50  # sweeps of a step, which warm-starts the next one
 MOST_SWEEPS = 500  # sweeps of a step or an impact that has not converged before
-EXTRAPOLATED = (
-    150  # sweeps with extrapolation between them; with friction it need not converge, so those after these ...
-)
-RELAXATION = 0.5  # ... are under-relaxed by this factor instead
+EXTRAPOLATED = 150  # first sweeps, with extrapolation between them; with friction it need not converge
+RELAXATION = 0.5  # factor of the later sweeps, which are under-relaxed instead
 SETTLED = 2e-5  # m/s: less than 0.1 um a step
 PRECISION = 1e-6  # m/s: of a step; the rest is corrected as slip or overlap
 IMPACT_PRECISION = 1e-10  # m/s
@@ -137,10 +135,8 @@ def visit(sim: Simulation, c: Coupled, r: Row, share: float) -> float:
         t += r.inverse_mass_nt[0] * p - r.tangent_target[0]
         b += r.inverse_mass_nt[1] * p - r.tangent_target[1]
         i_tt, i_tb, i_bb = vec_of(r.mass_t)
-        x, y = (
-            x0 - i_tt * t - i_tb * b,
-            y0 - i_tb * t - i_bb * b,
-        )  # impulse that stops the sliding, if it is within the disc
+        # impulse that stops the sliding, if it is within the disc
+        x, y = x0 - i_tt * t - i_tb * b, y0 - i_tb * t - i_bb * b
         if x * x + y * y > cap * cap:
             x, y = x0 - t / mass, y0 - b / mass
             size = math.sqrt(x * x + y * y)
@@ -157,11 +153,17 @@ def visit(sim: Simulation, c: Coupled, r: Row, share: float) -> float:
 
 
 @kernel
+def local_impulse(r: Row) -> Vec:
+    """Impulses of a row along normal, tangent and binormal [N s]."""
+    return (r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1])
+
+
+@kernel
 def begin_extrapolation(sim: Simulation, c: Coupled) -> None:
     """Restart extrapolation from the impulses of rows and bounds."""
     for k in range(sim.counts.rows):
         r = sim.rows[k]
-        j = (r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1])
+        j = local_impulse(r)
         set_vec(r.swept, j)
         set_vec(r.extrapolated, j)
     for k in range(c.solve.bounds):
@@ -176,7 +178,7 @@ def is_reversed(sim: Simulation, c: Coupled) -> bool:
     for k in range(sim.counts.rows):
         r = sim.rows[k]
         if r.mode == 1:
-            j = (r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1])
+            j = local_impulse(r)
             gradient, change = sub(vec_of(r.extrapolated), j), sub(j, vec_of(r.swept))
             along += gradient[0] * change[0] * r.inverse_mass_n
             along += (gradient[1] * change[1] + gradient[2] * change[2]) * r.inverse_mass_most
@@ -193,7 +195,7 @@ def extrapolate(sim: Simulation, c: Coupled, share: float) -> None:
         r = sim.rows[k]
         if r.mode != 1:
             continue
-        j = (r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1])
+        j = local_impulse(r)
         n, t, b = add_scaled(j, sub(j, vec_of(r.swept)), share)
         n = min(r.impulse_limit, max(0.0, n))
         size, cap = math.sqrt(t * t + b * b), r.friction * n
