@@ -49,14 +49,14 @@ def test_a_signal_at_any_import_ends_the_command(
     command: str,
 ) -> None:
     (tmp_path / "outputs").mkdir()
-    words, _, codes = every_command(furnished, pressed, landed, root, tmp_path / "outputs")[command]
+    words = every_command(furnished, pressed, landed, root, tmp_path / "outputs")[command].words
     if stride == 1 and command not in QUICK:
         pytest.skip("every import of three commands")
     if command == "replay":
-        words += ["--seed", str(stride)]  # of its own: loads the meshes
+        # without outputs, which a fork would end for all; a seed of its own: loads the meshes
+        words = ["replay", str(furnished.log), "-s", str(furnished.scene), "--seed", str(stride)]
     elif command == "view":
         words.remove("--web")  # says that there is no screen
-        codes = (1,)
     said = tmp_path / "said"
     said.mkdir()
     script = Path(__file__).with_name("stopped_imports.py")
@@ -65,7 +65,7 @@ def test_a_signal_at_any_import_ends_the_command(
     done = subprocess.run([str(word) for word in begin], capture_output=True, timeout=1200, env=environment)
     lines = [line for line in done.stdout.split(b"\n") if line.startswith(b'{"module"')]
     ends = [json.loads(line) for line in lines]
-    assert done.returncode in codes, done.stderr
+    assert done.returncode in ((0,) if command in QUICK else (0, 1)), done.stderr
     assert len(ends) >= {"completion": 1, "schema": 4}.get(command, 8)
     for end in ends:
         assert end["code"] == CODES[name], end
