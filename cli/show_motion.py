@@ -25,6 +25,11 @@ def motion_rows(motion: OutputMotion) -> Iterator[tuple[str, str]]:
         yield "Contacts", text
     if motion.deep_share:
         yield "Deep", f"{100.0 * motion.deep_share:.1f} % of the frames recorded more than 2 mm deep"
+    if motion.intersection_volume_m3:
+        yield (
+            "Volume",
+            f"{1e6 * motion.intersection_volume_m3:.3g} cm³ common to the bodies of the deepest recorded overlap",
+        )
     spikes = "none"
     if motion.spikes:
         spikes = counted(motion.spikes, "frame")

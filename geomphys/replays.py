@@ -211,7 +211,7 @@ def _results(
             result = pipeline.result(chunk, row, encode_ns, messages)
             worst.add(result)
             if is_last:
-                result = dataclasses.replace(result, moments=worst.moments())
+                result = dataclasses.replace(result, moments=worst.moments(worst.intersection_volume(pipeline.world)))
             start = time.perf_counter_ns()
             for sink in sinks:
                 sink.write(result)

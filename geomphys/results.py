@@ -108,6 +108,7 @@ class Moment:
     bodies: tuple[str, ...]  # the pair that overlapped most, or the body that was corrected most
     value: float
     unit: str  # "m", or "" of a ratio or a number
+    volume_m3: float | None = None  # of the deepest recorded overlap: volume common to the two bodies, if it is known
 
 
 @dataclass(frozen=True, slots=True)

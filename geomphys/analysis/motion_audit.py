@@ -12,14 +12,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from geomphys.config import Config
 from geomphys.errors import LogError
 from geomphys.load import load_world
-from geomphys.numerics.transforms import rotation_from_quaternion
 from geomphys.replays import replay
 from geomphys.results import FrameResult
+from geomphys.scene.intersection_volume import intersection_volume
 from geomphys.scene.world import World
 from geomphys.storage.remote_files import AnyPath, as_path
 
@@ -141,7 +140,10 @@ class _Totals:
             )
             for (a, b), (frames, largest, frame) in self._pairs.items()
         ]  # fmt: skip
-        volume = None if self._deepest is None else _common_volume(world, self._deepest[1], *self._deepest[2])
+        volume: float | None = 0.0
+        if self._deepest is not None:
+            _, result, pair = self._deepest
+            volume = intersection_volume(world, pair, result.recorded[list(pair)])
         return MotionAudit(
             log=log,
             scene=str(world.path),
@@ -151,7 +153,7 @@ class _Totals:
             deepest_frame=None if self._deepest is None else self._deepest[1].frame.index,
             frames_penetrating=int((depths > 0.0).sum()),
             share_deep=float((depths > DEEP_M).mean()),
-            intersection_volume_m3=0.0 if self._deepest is None else volume,
+            intersection_volume_m3=volume,
             max_self_overlap_m=max((p.largest_m for p in pairs if p.same_avatar), default=0.0),
             max_speed_m_s=float(max(self._speeds)),
             jerk_p50_m_s3=float(np.percentile(jerks, 50)),
@@ -163,21 +165,3 @@ class _Totals:
     def _same_tree(self, a: int, b: int) -> bool:
         tree = self._world.scene.bodies.tree
         return bool(tree[a] == tree[b])
-
-
-def _common_volume(world: World, result: FrameResult, a: int, b: int) -> float | None:
-    """Volume common to two bodies at their recorded poses, m³; None if the surface of one is not closed."""
-    from manifold3d import Manifold, Mesh
-
-    solids = []
-    for body in (a, b):
-        vertices, faces = world.collision_triangles[body]
-        pose = result.recorded[body]
-        placed: NDArray[np.float64] = (
-            vertices @ rotation_from_quaternion(pose[3:]).T + pose[:3] - result.recorded[a, :3]
-        )
-        solid = Manifold(Mesh(placed.astype(np.float32), faces.astype(np.uint32)))
-        if solid.is_empty():
-            return None
-        solids.append(solid)
-    return float((solids[0] ^ solids[1]).volume())

@@ -30,6 +30,8 @@ class OutputMotion(MotionFigures):
     """Those of them that are there in the corrected motion."""
     grasps_recorded: int
     grasps_kept: int
+    intersection_volume_m3: float | None
+    """Volume common to the two bodies of the deepest recorded overlap; None if the replay did not end, or a surface is open."""
 
 
 class OutputMotionMeter:
@@ -48,6 +50,7 @@ class OutputMotionMeter:
         self._batch: list[tuple[int, float, Floats, Floats]] = []
         self._indices: list[int] = []
         self._counts = [0, 0, 0, 0]
+        self._deepest_m = 0.0
         self._spike_row, self._taken = -1, 0
         self._spike_frame: int | None = None
 
@@ -59,6 +62,7 @@ class OutputMotionMeter:
         metrics = frame.metrics
         for k, name in enumerate(("contacts_recorded", "contacts_kept", "grasps_recorded", "grasps_kept")):
             self._counts[k] += int(metrics[name])
+        self._deepest_m = max(self._deepest_m, metrics["recorded_penetration_m"])
         corrected = frame.tf.values[self._rows]
         self._batch.append((frame.time_ns, metrics["recorded_penetration_m"], frame.recorded.values, corrected))
         self._indices.append(frame.index)
@@ -77,6 +81,7 @@ class OutputMotionMeter:
             contacts_kept=retained,
             grasps_recorded=grasps,
             grasps_kept=grasps_retained,
+            intersection_volume_m3=self._output.intersection_volume_m3 if self._deepest_m > 0.0 else 0.0,
         )
 
     def _set_names(self, recorded: tuple[str, ...], corrected: tuple[str, ...]) -> None:

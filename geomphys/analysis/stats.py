@@ -140,7 +140,9 @@ def statistics_of(
         series.duration_s = duration
         if series is not combined:
             combined.duration_s += duration
-        found.append(series.statistics(str(log.path), log.complete, motion.motion(), worst.moments()))
+        found.append(
+            series.statistics(str(log.path), log.complete, motion.motion(), worst.moments(log.intersection_volume_m3))
+        )
     return Statistics(outputs=tuple(found), all=combined.statistics("all", all(o.complete for o in found)))
 
 

@@ -128,6 +128,7 @@ class McapSink(ContextManaged):
         self._prepare_messages()
         self._results: list[FrameResult] = []
         self._started = self._has_transforms = False
+        self._volume: float | None = None  # m³, see `Provenance.record`
         self._time_before: int | None = None  # ns
         self._had_contacts = True  # so that a first frame without contacts writes empty messages
 
@@ -142,6 +143,8 @@ class McapSink(ContextManaged):
                 "between 0 (1970) and 2**31 s (2038); shift the log's clock"
             )
         check_finite(result, self._world.body_names)
+        for moment in result.moments:
+            self._volume = moment.volume_m3 if moment.kind == "recorded_penetration" else self._volume
         self._results.append(result)
         if len(self._results) >= BATCH_FRAMES:
             try:
@@ -167,7 +170,8 @@ class McapSink(ContextManaged):
                     self._input.close(self._file, copy_remaining=complete)
                 except LogError as problem:
                     log_error, complete = problem, False
-            self._file.add_metadata(METADATA_RECORD, self._provenance.record(complete=complete))
+            record = self._provenance.record(complete=complete, intersection_volume_m3=self._volume)
+            self._file.add_metadata(METADATA_RECORD, record)
             self._file.finish()  # type: ignore[no-untyped-call]
         except OSError as problem:
             output.discard()

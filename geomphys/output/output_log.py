@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import struct
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
@@ -155,6 +156,19 @@ class OutputLog:
     def parameters(self) -> dict[str, str]:
         """The parameters of the replay, `seed` among them, as the metadata has them."""
         return {key: value for key, value in self.metadata.items() if key not in NON_PARAMETER_KEYS}
+
+    @property
+    def intersection_volume_m3(self) -> float | None:
+        """Volume common to the two bodies of the deepest recorded overlap; None if it is not known."""
+        try:
+            volume = float(self.metadata["intersection_volume_m3"])
+        except KeyError:
+            return None
+        except ValueError:
+            volume = math.nan
+        if not (math.isfinite(volume) and volume >= 0.0):
+            raise DamagedLogError(f"{self.path}: its metadata has no valid volume; replay the log again")
+        return volume
 
     def attachments(self) -> dict[str, bytes]:
         """Name -> bytes of the attached files: the scene, the URDFs and the meshes."""

@@ -1,9 +1,9 @@
 """Provenance of an output: hashes of the inputs, the seed and all parameters, stored as its metadata record.
 
 The record ``geomphys`` holds strings: ``version``, ``input_sha256``, ``scene_sha256``, ``world_sha256``, ``seed``,
-every field of `Config` under its own name (numbers, true/false and null as in JSON) and ``complete``; where joint values were
-fitted to points, ``keypoint_scale``: avatar -> finger or ``palm`` -> factor of its lengths, as JSON. It holds no
-wall clock, path or host name, so the same run gives the same bytes.
+every field of `Config` under its own name (numbers, true/false and null as in JSON), ``intersection_volume_m3`` and
+``complete``; where joint values were fitted to points, ``keypoint_scale``: avatar -> finger or ``palm`` -> factor of its
+lengths, as JSON. It holds no wall clock, path or host name, so the same run gives the same bytes.
 """
 
 from __future__ import annotations
@@ -23,7 +23,9 @@ from geomphys.storage.remote_files import AnyPath, open_sequential, relative_pat
 from geomphys.version import __version__
 
 METADATA_RECORD = "geomphys"
-NON_PARAMETER_KEYS = ("version", "input_sha256", "scene_sha256", "world_sha256", "complete")
+MEASURES = ("intersection_volume_m3",)
+"""Keys of the record that are results."""
+NON_PARAMETER_KEYS = ("version", "input_sha256", "scene_sha256", "world_sha256", *MEASURES, "complete")
 """Keys of the record that are not parameters."""
 
 
@@ -42,14 +44,24 @@ class Provenance:
     files: tuple[AnyPath, ...] = ()
     """Every file that was read, which no output may replace; not in the record."""
 
-    def record(self, *, complete: bool) -> dict[str, str]:
-        """The metadata record; `complete` is false if the run ended early."""
+    def record(self, *, complete: bool, intersection_volume_m3: float | None = None) -> dict[str, str]:
+        """The metadata record.
+
+        `complete` is false if the run ended early. The volume is that common to the two bodies of the deepest recorded overlap;
+        None if it is not known.
+        """
+        volume = (
+            {}
+            if intersection_volume_m3 is None
+            else {"intersection_volume_m3": _parameter_text(intersection_volume_m3)}
+        )
         return {
             "version": self.version,
             "input_sha256": self.input_sha256,
             "scene_sha256": self.scene_sha256,
             "world_sha256": self.world_sha256,
             **self.parameters,
+            **volume,
             "complete": "true" if complete else "false",
         }
 

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from shlex import quote
 
 import numpy as np
+from numpy.typing import NDArray
 
 from geomphys.output.output_log import OutputFrame
 from geomphys.results import FrameResult, Moment
 from geomphys.scene.frame_ids import RECORDED_PREFIX
+from geomphys.scene.intersection_volume import intersection_volume
+from geomphys.scene.world import World
+
+Floats = NDArray[np.float64]
 
 LABELS = {
     "recorded_penetration": "deepest recorded overlap",
@@ -31,7 +36,8 @@ def figure_text(moment: Moment) -> str:
     value += " times the recorded depth" if moment.kind == "amplification" else ""
     joint = " in " if moment.kind in ("recorded_penetration", "contacts_lost") else ", "
     bodies = f": {joint.join(moment.bodies)}" if moment.bodies else ""
-    return f"{LABELS[moment.kind]} {value}{bodies}"
+    volume = f", {1e6 * moment.volume_m3:.3g} cm³ in common" if moment.volume_m3 is not None else ""
+    return f"{LABELS[moment.kind]} {value}{bodies}{volume}"
 
 
 def command_text(moment: Moment, output: str = "OUT") -> str:
@@ -62,6 +68,7 @@ class WorstMoments:
     body_names: tuple[str, ...] = ()
     _first_ns: int | None = None
     _found: dict[str, Moment] = field(default_factory=dict)
+    _deepest: tuple[tuple[int, int], Floats] | None = None  # bodies and recorded poses (2, 7) of the deepest overlap
 
     def add(self, result: FrameResult) -> None:
         """Take a frame of a replay."""
@@ -71,6 +78,9 @@ class WorstMoments:
         )
         values["fallbacks"] = m.fallbacks
         self._add(result.frame.index, result.frame.time_ns, values, lambda kind: self._bodies(kind, result))
+        deepest, pair = self._found.get("recorded_penetration"), _deepest_pair(result)
+        if deepest is not None and deepest.frame == result.frame.index and pair is not None:
+            self._deepest = (pair, result.recorded[list(pair)])
 
     def add_output(self, frame: OutputFrame) -> None:
         """Take a frame of an output; its channels ``/metrics``, ``/penetration`` and poses are used as far as they were read."""
@@ -80,9 +90,16 @@ class WorstMoments:
         values["fallbacks"] = m["fallbacks"]
         self._add(frame.index, frame.time_ns, values, lambda kind: _bodies_of_output(kind, frame))
 
-    def moments(self) -> tuple[Moment, ...]:
-        """The moments so far, in the order of `LABELS`."""
-        return tuple(self._found[kind] for kind in LABELS if kind in self._found)
+    def moments(self, volume_m3: float | None = None) -> tuple[Moment, ...]:
+        """The moments so far, in the order of `LABELS`; `volume_m3` is that of the deepest recorded overlap, if it is known."""
+        found = dict(self._found)
+        if "recorded_penetration" in found:
+            found["recorded_penetration"] = replace(found["recorded_penetration"], volume_m3=volume_m3)
+        return tuple(found[kind] for kind in LABELS if kind in found)
+
+    def intersection_volume(self, world: World) -> float | None:
+        """Volume common to the two bodies of the deepest recorded overlap [m³]; None without one, or if a surface is open."""
+        return None if self._deepest is None else intersection_volume(world, *self._deepest)
 
     def _add(
         self, frame: int, time_ns: int, values: Mapping[str, float], bodies: Callable[[str], tuple[str, ...]]
@@ -105,11 +122,17 @@ class WorstMoments:
         if kind in ("correction", "amplification"):
             distances = np.linalg.norm(result.corrected[:, :3] - result.recorded[:, :3], axis=1)
             return (self.body_names[int(distances.argmax())],)
-        pairs = result.penetrations
-        if len(pairs.largest) == 0:
-            return ()
-        row = int(pairs.largest.argmax())
-        return (self.body_names[int(pairs.body_a[row])], self.body_names[int(pairs.body_b[row])])
+        pair = _deepest_pair(result)
+        return () if pair is None else (self.body_names[pair[0]], self.body_names[pair[1]])
+
+
+def _deepest_pair(result: FrameResult) -> tuple[int, int] | None:
+    """The bodies of the deepest recorded overlap of a frame."""
+    pairs = result.penetrations
+    if len(pairs.largest) == 0:
+        return None
+    row = int(pairs.largest.argmax())
+    return int(pairs.body_a[row]), int(pairs.body_b[row])
 
 
 def _values(recorded_m: float, correction_m: float, amplification: float, lost: float) -> dict[str, float]:

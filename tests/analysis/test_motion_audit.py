@@ -30,6 +30,8 @@ def test_a_pressed_ball_is_as_deep_as_it_was_recorded(pressed: Results) -> None:
     assert not pair.same_avatar
     cap = np.pi * DEPTH_M**2 * (RADIUS_M - DEPTH_M / 3.0)
     assert report.intersection_volume_m3 == pytest.approx(cap, rel=0.05), "the ball is tessellated"
+    (statistics,) = geomphys.statistics_of([pressed.out]).outputs
+    assert statistics.motion.intersection_volume_m3 == pytest.approx(report.intersection_volume_m3, rel=1e-5)
     depths = np.array([r.metrics.recorded_penetration_m for r in geomphys.replay(pressed.log, pressed.scene)])
     assert report.share_deep == pytest.approx((depths > 2e-3).mean())
     assert report.frames == len(depths)

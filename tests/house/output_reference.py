@@ -45,7 +45,8 @@ ATTACHMENTS = """
 Attached are the scene file, `TREE.urdf` for every URDF, meshes as `meshes/DIGEST/NAME`, and `attachments.json`, which tells
 which mesh stands for which name (`meshes`: object or tree; for trees by the name in the URDF) and the pairs of links that
 overlap in the zero pose. The metadata record `geomphys` has
-`version`, `input_sha256`, `scene_sha256`, `world_sha256`, `complete` and every parameter as text.
+`version`, `input_sha256`, `scene_sha256`, `world_sha256`, `complete` and every parameter as text; where the recording overlapped
+`intersection_volume_m3`, the volume common to the two bodies of its deepest overlap.
 """
 SCHEMAS = """
 As JSON Schemas: `geomphys schema NAME`, where NAME is any command that has `--json`, and `geomphys schema manifest` of the file

@@ -55,7 +55,7 @@ def test_they_stand_in_the_log_where_they_happen(folder: Path, results: list[Fra
     for frame in log.frames():
         again.add_output(frame)
         texts += [row.text for row in frame.log]
-    assert again.moments() == summary.worst
+    assert again.moments(log.intersection_volume_m3) == summary.worst
     assert [log_text(moment) for moment in summary.worst] == texts[-len(summary.worst) :]
 
 

@@ -20,7 +20,9 @@ from geomphys.analysis.output_motion import OutputMotionMeter
 from geomphys.errors import ConfigError, LogError
 from geomphys.output.decoders import Poses
 from geomphys.output.output_log import OutputFrame, OutputLog, open_output
+from geomphys.output.provenance import MEASURES
 from geomphys.output.worst_moments import WorstMoments
+from geomphys.results import Moment
 from geomphys.storage.remote_files import AnyPath
 
 CHANNELS = ("/tf", "/recorded/tf", "joint_states", "/contacts", "/penetration", "/metrics", "/log")
@@ -122,14 +124,14 @@ def compare_outputs(
         parameters={
             name: (output_a.metadata.get(name), output_b.metadata.get(name))
             for name in dict.fromkeys([*output_a.metadata, *output_b.metadata])
-            if output_a.metadata.get(name) != output_b.metadata.get(name)
+            if name not in MEASURES and output_a.metadata.get(name) != output_b.metadata.get(name)
         },
         attachments=tuple(
             name for name in sorted(files_a.keys() | files_b.keys()) if files_a.get(name) != files_b.get(name)
         ),
         scene=scene_differences(files_a, files_b),
         motion=(measured[0].motion.motion(), measured[1].motion.motion()) if measured[0].has_motion else None,
-        worst=(measured[0].worst.moments(), measured[1].worst.moments()),
+        worst=(measured[0].moments(), measured[1].moments()),
         curves=trace.curves(),
         peaks=tuple(trace.peaks.sorted_peaks()),
     )
@@ -141,15 +143,19 @@ class _MeasuredFrames:
     def __init__(self, output: OutputLog, channels: Collection[str]) -> None:
         self._output, self._channels = output, channels
         self.has_motion = {"/tf", "/recorded/tf", "/metrics"} <= set(channels)
-        self.motion, self.worst = OutputMotionMeter(output), WorstMoments()
+        self.motion, self._worst = OutputMotionMeter(output), WorstMoments()
 
     def frames(self) -> Iterator[OutputFrame]:
         """The frames, each measured before it is handed on."""
         for frame in self._output.frames(self._channels):
             if self.has_motion:
                 self.motion.add(frame)
-                self.worst.add_output(frame)
+                self._worst.add_output(frame)
             yield frame
+
+    def moments(self) -> tuple[Moment, ...]:
+        """The moments to look at first."""
+        return self._worst.moments(self._output.intersection_volume_m3)
 
 
 def _first(output: OutputLog, channels: Collection[str]) -> OutputFrame:

@@ -29,6 +29,7 @@ def motion_table(a: OutputMotion, b: OutputMotion) -> Iterator[tuple[str, str, s
         ("grasps, recorded", "grasps_recorded", "{:,}"),
         ("grasps, kept", "grasps_kept", "{:,}"),
         ("frames recorded over 2 mm deep", "deep_share", "{:.1%}"),
+        ("deepest recorded overlap, volume in common [m³]", "intersection_volume_m3", "{:.3g}"),
         ("spikes", "spikes", "{:,}"),
         ("jerk of links over recorded, RMS", "jerk_rms_ratio", "{:.2f}"),
         ("jerk of links over recorded, p99", "jerk_p99_ratio", "{:.2f}"),
