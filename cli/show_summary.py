@@ -13,8 +13,8 @@ from .terminal import counted, fields, heading, printable, size_text
 if TYPE_CHECKING:
     from rich.text import Text
 
-    from geomphys.engine.grasps import Grasp
     from geomphys.output.summary import MotionSummary, Summary
+    from geomphys.results import Grasp
 
     from .terminal import Terminal
 

@@ -10,7 +10,6 @@ from itertools import chain
 
 from geomphys.config import Callbacks, Config, OutputOptions
 from geomphys.engine.frame_buffer import FRAMES
-from geomphys.engine.grasps import GraspMeter
 from geomphys.engine.log_messages import Message
 from geomphys.engine.pipeline import Pipeline
 from geomphys.errors import LogError
@@ -145,7 +144,7 @@ def run(
             else load_world(scene, mode=config.mode, seed=config.seed, progress=callbacks.loading)
         )
         world = scaled_to_log(log, world, config, progress=callbacks.loading)
-        summarizer = Summarizer(world.body_names, world.findings, config.method, GraspMeter(world))
+        summarizer = Summarizer(world.body_names, world.findings, config.method)
         copied_log = log if options.copy_input else None
         of_sinks = FileSinkOptions(force=force, timing=options.timing, copied_log=copied_log, ros2=options.ros2)
         sinks = [] if out is None else [make_file_sink(out, of_sinks, default=".mcap")]
@@ -211,7 +210,9 @@ def _results(
             result = pipeline.result(chunk, row, encode_ns, messages)
             worst.add(result)
             if is_last:
-                result = dataclasses.replace(result, moments=worst.moments(worst.intersection_volume(pipeline.world)))
+                result = dataclasses.replace(
+                    result, moments=worst.moments(worst.intersection_volume(pipeline.world)), grasps=pipeline.grasps()
+                )
             start = time.perf_counter_ns()
             for sink in sinks:
                 sink.write(result)

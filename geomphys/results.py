@@ -111,6 +111,34 @@ class Moment:
     volume_m3: float | None = None  # of the deepest recorded overlap: volume common to the two bodies, if it is known
 
 
+HELD_FOR = 0.2  # s: a body supported by driven ones alone for so long is held
+LIFTED_BY = 0.01  # m
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Grasp:
+    """Outcome of a simulated object that driven bodies touched. Forces are means over a frame."""
+
+    body: str
+    touched_s: float  # how long driven bodies pressed it
+    held_s: float  # how long they alone carried it; 0: touched but not held
+    lifted_m: float  # how far against gravity while it was held, at most
+    dropped: int  # how often it was released in the air
+    grip_force_n: float  # median of the sum of normal forces while it was held, else while it was touched
+    margin: float
+    """Least share of available over needed friction while it was held, but for the last 0.2 s before it was released; inf where
+    none was needed."""
+
+    @property
+    def outcome(self) -> str:
+        """One of dropped, lifted, held, touched."""
+        if self.dropped:
+            return "dropped"
+        if self.held_s < HELD_FOR:
+            return "touched"
+        return "lifted" if self.lifted_m > LIFTED_BY else "held"
+
+
 @dataclass(frozen=True, slots=True)
 class FrameResult:
     """A corrected frame. No other frame has its arrays: they stay as they are when the next is computed."""
@@ -125,3 +153,4 @@ class FrameResult:
     timing: tuple[tuple[str, int, int], ...]  # (dotted stage name, ns, count)
     messages: tuple[tuple[str, str], ...] = ()  # (level: "info" | "warning" | "error", text)
     moments: tuple[Moment, ...] = ()  # with the last frame: the worst moments of the replay
+    grasps: tuple[Grasp, ...] = ()  # with the last frame: outcomes of the simulated bodies that driven ones touched

@@ -6,6 +6,7 @@ the objective is quadratic in them, only their mean and covariance are stored.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from geomphys.driven.weights import WEIGHTS
 from geomphys.numerics.transforms import compose, matrix_from_frame
 from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, DRIVEN, HULL, JOINT_FIXED, JOINT_PRISMATIC, SPHERE, Scene
 from geomphys.scene.tessellation import triangulate_faces
+from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -153,6 +155,12 @@ def make_links(scene: Scene, base_weight: float = WEIGHTS.base) -> Links:
         if scene.bodies.parent[k] >= 0 and scene.bodies.joint[k] == JOINT_FIXED:
             holder[k] = holder[scene.bodies.parent[k]]
     return Links(weight, centre, second_moment, pivot, lever, yields, _full_rotations(scene), tip, holder)
+
+
+@lru_cache(maxsize=1)
+def links_of(world: World, base_weight: float) -> Links:
+    """`make_links` of a world's scene: measured once for all replays of a batch."""
+    return make_links(world.scene, base_weight)
 
 
 def _full_rotations(scene: Scene) -> Ints:

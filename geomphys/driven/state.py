@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.detect import Detection, Near, make_near
-from geomphys.driven.links import Links, make_links
+from geomphys.driven.links import Links
 from geomphys.driven.postures import Posture, make_posture
 from geomphys.driven.qp import Quadratic, make_quadratic
 from geomphys.driven.weights import WEIGHTS, Weights
 from geomphys.jit.packed_records import Record
 from geomphys.scene.arrays import DRIVEN, Scene
+from geomphys.scene.kinematics import joint_origins
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -234,7 +235,7 @@ def make_search_workspace(scene: Scene, poses: Floats, passes: int) -> SearchWor
 def make_driven_workspace(
     scene: Scene,
     poses: Floats,
-    origins: Floats,
+    links: Links,
     piece_frames: PieceFrames,
     near: Near,
     detection: Detection,
@@ -250,8 +251,8 @@ def make_driven_workspace(
         )
     )
     return DrivenWorkspace(
-        origins=origins,
-        links=make_links(scene, weights.base),
+        origins=joint_origins(scene),
+        links=links,
         piece_frames=piece_frames,
         near=near,
         listed=make_near(len(near.a)),

@@ -9,39 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.numerics.transforms import apply, matrix_from_pose
-from geomphys.results import FrameResult
+from geomphys.results import HELD_FOR, FrameResult, Grasp
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
 from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 
-HELD_FOR = 0.2  # s: a body supported by driven ones alone for so long is held
-LIFTED_BY = 0.01  # m
 LEAST_FORCE = 1e-3  # N: smaller forces count as none
-
-
-@dataclass(frozen=True, kw_only=True)
-class Grasp:
-    """Outcome of a simulated object that driven bodies touched. Forces are means over a frame."""
-
-    body: str
-    touched_s: float  # how long driven bodies pressed it
-    held_s: float  # how long they alone carried it; 0: touched but not held
-    lifted_m: float  # how far against gravity while it was held, at most
-    dropped: int  # how often it was released in the air
-    grip_force_n: float  # median of the sum of normal forces while it was held, else while it was touched
-    margin: float
-    """Least share of available over needed friction while it was held, but for the last 0.2 s before it was released; inf where
-    none was needed."""
-
-    @property
-    def outcome(self) -> str:
-        """One of dropped, lifted, held, touched."""
-        if self.dropped:
-            return "dropped"
-        if self.held_s < HELD_FOR:
-            return "touched"
-        return "lifted" if self.lifted_m > LIFTED_BY else "held"
 
 
 @dataclass

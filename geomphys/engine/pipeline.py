@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.config import Config
+from geomphys.driven.links import links_of
 from geomphys.driven.paper.state import make_paper_workspace
 from geomphys.driven.weights import WEIGHTS, Weights
 from geomphys.engine.fingertips import thumbs_of
@@ -22,7 +23,7 @@ from geomphys.engine.step import Recording, run_block, run_block_as_published
 from geomphys.errors import GeomphysError
 from geomphys.jit.packed_records import pack
 from geomphys.numerics.motion_rates import MotionMeter
-from geomphys.results import FLAG_CATCHING_UP, Frame, FrameResult
+from geomphys.results import FLAG_CATCHING_UP, Frame, FrameResult, Grasp
 from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.scene.kinematics import pose_tree
 from geomphys.scene.world import World
@@ -52,7 +53,8 @@ class Pipeline:
 
     def __init__(self, world: World, config: Config, weights: Weights = WEIGHTS) -> None:
         self.world = world
-        self.machine = make_machine(world.scene, config.max_iterations, thumbs_of(world), weights)
+        links = links_of(world, weights.base)
+        self.machine = make_machine(world.scene, config.max_iterations, thumbs_of(world), weights, links)
         method, self._run_block = Method(config.gap, None), run_block
         if config.method == "paper":
             paper = make_paper_workspace(world.scene, self.machine.workspace, config)
@@ -113,6 +115,10 @@ class Pipeline:
     def scene(self) -> Scene:
         """The scene."""
         return self.world.scene
+
+    def grasps(self) -> tuple[Grasp, ...]:
+        """Outcomes so far of the simulated bodies that driven ones touched."""
+        return self._grasps.grasps()
 
     def _measure_motion(self, chunk: Chunk) -> None:
         block, count = chunk.block, len(chunk.frames)

@@ -11,6 +11,7 @@ from geomphys.collision.detect import Detection, make_axes, make_near
 from geomphys.collision.global_depth import GlobalDepths, make_global_depths
 from geomphys.collision.penetration import make_scratch
 from geomphys.collision.sweep import make_boxes
+from geomphys.driven.links import Links, make_links
 from geomphys.driven.paper.state import PaperWorkspace
 from geomphys.driven.state import (
     DrivenState,
@@ -83,11 +84,17 @@ class Machine(NamedTuple):
     tip_detection: Detection  # for the measures of contacts: caches directions separately from those of the solver
 
 
-def make_machine(scene: Scene, passes: int = 30, is_thumb: Ints | None = None, weights: Weights = WEIGHTS) -> Machine:
+def make_machine(
+    scene: Scene,
+    passes: int = 30,
+    is_thumb: Ints | None = None,
+    weights: Weights = WEIGHTS,
+    links: Links | None = None,
+) -> Machine:
     """State and workspace for a replay of `scene`, at rest.
 
     `passes` bounds those of a search for a posture; `is_thumb` (B,) marks the links of thumbs; `weights` are those of
-    the objective.
+    the objective; `links` are those of `make_links`, if they are known already.
     """
     trees, bodies = len(scene.trees.role), len(scene.bodies.role)
     dofs, origins = len(scene.dofs.lower), joint_origins(scene)
@@ -99,7 +106,8 @@ def make_machine(scene: Scene, passes: int = 30, is_thumb: Ints | None = None, w
             pose_pieces_of_tree(packed, tree, poses, frames)
     boxes, scratch, found = make_boxes(scene, piece_frames.base), make_scratch(), np.zeros(trees, np.int64)
     detection = Detection(boxes, make_axes(), scratch, found)
-    workspace = make_driven_workspace(scene, poses, origins, piece_frames, near, detection, passes, weights)
+    links = make_links(scene, weights.base) if links is None else links
+    workspace = make_driven_workspace(scene, poses, links, piece_frames, near, detection, passes, weights)
     corrected, start = poses.copy(), poses.copy()
     velocity = scene.initial_velocity.copy()
     return Machine(

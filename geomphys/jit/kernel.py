@@ -22,6 +22,7 @@ F = TypeVar("F", bound=Callable[..., object])
 __all__ = ["are_compiled", "cache_folder", "inlined", "instruction", "kernel", "outlined"]
 
 _lock = threading.RLock()
+_compiled: set[str] = set()  # methods whose step was found in the cache
 
 
 class Kernel(Definition):
@@ -50,8 +51,12 @@ def are_compiled(method: str = "exact") -> bool:
 
     `method` is "exact" or "paper", see `geomphys.config.Config`.
     """
-    name = {"exact": "run_block", "paper": "run_block_as_published"}[method]
-    return any(cache_folder().glob(f"geomphys.engine.step.{name}.*.entry"))
+    if method not in _compiled:
+        name = {"exact": "run_block", "paper": "run_block_as_published"}[method]
+        if not any(cache_folder().glob(f"geomphys.engine.step.{name}.*.entry")):
+            return False
+        _compiled.add(method)
+    return True
 
 
 def kernel(function: F) -> F:

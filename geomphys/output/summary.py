@@ -6,7 +6,6 @@ import dataclasses
 from dataclasses import dataclass, field
 from typing import Any
 
-from geomphys.engine.grasps import Grasp, GraspMeter
 from geomphys.engine.log_messages import is_of_flag
 from geomphys.numerics.quantiles import Quantiles
 from geomphys.results import (
@@ -23,6 +22,7 @@ from geomphys.results import (
     FLAG_STARTED_INSIDE,
     FLAG_SWEEP_BOUND,
     FrameResult,
+    Grasp,
     Metrics,
     Moment,
 )
@@ -165,7 +165,6 @@ class Summarizer:
     body_names: tuple[str, ...]
     findings: Findings = field(default_factory=Findings)
     method: str = "exact"
-    grasps: GraspMeter | None = None
     frames: int = 0
     _first_ns: int = 0
     _earliest_ns: int = 0
@@ -185,6 +184,7 @@ class Summarizer:
     _shape_change: float = 0.0
     _shape_change_frames: int = 0
     _worst: tuple[Moment, ...] = ()
+    _grasps: tuple[Grasp, ...] = ()
     _held: int = 0
     _impacts: int = 0
     _fallbacks: int = 0
@@ -196,8 +196,6 @@ class Summarizer:
     def add(self, result: FrameResult) -> None:
         """Count one more frame."""
         metrics, frame = result.metrics, result.frame
-        if self.grasps is not None:
-            self.grasps.add(result)
         if self.frames == 0:
             self._first_ns = self._earliest_ns = self._latest_ns = frame.time_ns
         self._earliest_ns = min(self._earliest_ns, frame.time_ns)
@@ -211,7 +209,7 @@ class Summarizer:
         self._correction_m = max(self._correction_m, metrics.correction_m)
         self._correction_rad = max(self._correction_rad, metrics.correction_rad)
         self._add_quality(metrics)
-        self._worst = result.moments or self._worst
+        self._worst, self._grasps = result.moments or self._worst, result.grasps or self._grasps
         if metrics.recorded_penetration_m > RESIDUAL_LIMIT_M:
             self._recorded.add(metrics.recorded_penetration_m)
         if metrics.residual_penetration_m > self._residual:
@@ -325,7 +323,7 @@ class Summarizer:
                 for (level, text), (first, count) in self._messages.items()
             ),
             worst=self._worst,
-            grasps=() if self.grasps is None else self.grasps.grasps(),
+            grasps=self._grasps,
             findings=self.findings,
             messages_dropped=self._messages_dropped,
         )

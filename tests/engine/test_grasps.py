@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geomphys.engine.grasps import Grasp, GraspMeter
+from geomphys.engine.grasps import GraspMeter
+from geomphys.results import Grasp
 from tests.laws.test_grasp import Task, grasp
 from tests.laws.test_pressed import HAND, frictions, play, ramp, thing
 

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from geomphys.engine.grasps import Grasp, GraspMeter
+from geomphys.engine.grasps import GraspMeter
 from geomphys.load import load_world
 from geomphys.replays import replay
+from geomphys.results import Grasp
 from tests.laws.replayed import GRAVITY, Run
 
 ROOT = Path(__file__).resolve().parents[2]
