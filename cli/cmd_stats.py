@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
-    from geomphys.analysis.stats import Distribution, OutputStatistics, Statistics
+    from geomphys.analysis.metric_values import Distribution
+    from geomphys.analysis.stats import OutputStatistics, Statistics
 
     from .terminal import Terminal
 

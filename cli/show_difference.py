@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from geomphys.analysis.diff.quantities import angle_text, length_text, motion_table
+from geomphys.analysis.diff.quantities import angle_text, length_text, measure_table
 
 from .show_motion import moment_lines
 from .terminal import counted, fields, heading, printable, table_in
@@ -53,9 +53,9 @@ def show_difference(terminal: Terminal, difference: OutputDifference) -> None:
     if difference.scene:
         rows.append(("Scenes", list(difference.scene)))
     terminal.result(heading(Path(difference.a).name, f" against {Path(difference.b).name}"), fields(rows))
-    if difference.motion is not None and not difference.equal:
-        rows_of_motion = [[name, a, b] for name, a, b in motion_table(*difference.motion)]
-        terminal.result("", heading("motion", "  of each"), table_in(terminal.width, ["", "a", "b"], rows_of_motion))
+    measures = [] if difference.equal else [list(row) for row in measure_table(difference)]
+    if measures:
+        terminal.result("", heading("motion", "  of each"), table_in(terminal.width, ["", "a", "b"], measures))
     limit = None if terminal.verbose else PARTS_SHOWN
     for name, channel in difference.channels.items():
         if frames.compared and not (channel.equal and _has_no_differences(channel)):

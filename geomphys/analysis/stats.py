@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from geomphys.analysis.metric_values import Distribution, MetricValues, distribution
 from geomphys.analysis.output_motion import OutputMotion, OutputMotionMeter
 from geomphys.errors import LogError
 from geomphys.numerics.motion_rates import MotionMeter
@@ -24,33 +25,7 @@ from geomphys.storage.remote_files import AnyPath
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_METRICS = (
-    "recorded_penetration_m",
-    "residual_penetration_m",
-    "correction_m",
-    "correction_rad",
-    "contacts",
-    "iterations",
-    "amplification",
-    "shape_change_rad",
-    "contact_precision_m",
-    "contact_alignment_rad",
-)
-_FINGERTIPS = ("fingertip_error_m", "fingertip_error_in_contact_m")
 _MOTIONS = ("recorded", "corrected", "correction")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Distribution:
-    """Distribution of a series of values >= 0, in the unit of its name."""
-
-    count: int
-    mean: float
-    p50: float
-    p90: float
-    p95: float
-    p99: float
-    max: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,7 +155,8 @@ class _OutputTotals:
     _fallbacks: int = 0
     _held: int = 0
     _flags: dict[int, int] = field(default_factory=dict)
-    _values: dict[str, Quantiles] = field(default_factory=dict)
+    _metrics: MetricValues = field(default_factory=MetricValues)
+    _rates: dict[str, Quantiles] = field(default_factory=dict)
     _stages: dict[str, Quantiles] = field(default_factory=dict)
 
     def add(self, frame: OutputFrame, rates: dict[str, float]) -> None:
@@ -196,14 +172,9 @@ class _OutputTotals:
         for bit in FLAG_NAMES:
             if flags & bit:
                 self._flags[bit] = self._flags.get(bit, 0) + 1
-        for name in _METRICS:
-            value = float(metrics[name])
-            if value > 0.0 or name in ("residual_penetration_m", "iterations"):
-                self._add_value(self._values, name, value)
-        for name in _FINGERTIPS[: 2 if metrics["contacts_recorded"] else 1]:
-            self._add_value(self._values, name, metrics["fingertip_error_m"])
+        self._metrics.add(metrics)
         for name, value in rates.items():
-            self._add_value(self._values, name, value)
+            self._add_value(self._rates, name, value)
         for stage in frame.timing:
             self._add_value(self._stages, stage.name, float(stage.ns))
 
@@ -224,9 +195,10 @@ class _OutputTotals:
             held_frames=self._held,
             flags={FLAG_NAMES[bit]: self._flags[bit] for bit in FLAG_NAMES if bit in self._flags},
             values={
-                key: _distribution(self._values.get(key, Quantiles(1))) for key in (*_METRICS, *_FINGERTIPS, *motions)
+                **self._metrics.distributions(),
+                **{key: distribution(self._rates.get(key, Quantiles(1))) for key in motions},
             },
-            stages={key: _distribution(values) for key, values in self._stages.items()},
+            stages={key: distribution(values) for key, values in self._stages.items()},
             motion=motion,
             worst=worst,
         )
@@ -236,15 +208,3 @@ class _OutputTotals:
         if name not in series:
             series[name] = Quantiles()
         series[name].add(value)
-
-
-def _distribution(values: Quantiles) -> Distribution:
-    return Distribution(
-        count=values.count,
-        mean=values.total / values.count if values.count else 0.0,
-        p50=values.median(),
-        p90=values.quantile(0.90),
-        p95=values.quantile(0.95),
-        p99=values.quantile(0.99),
-        max=values.largest,
-    )

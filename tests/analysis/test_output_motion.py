@@ -9,11 +9,20 @@ import pytest
 
 import geomphys
 from geomphys.analysis import output_motion
+from geomphys.analysis.diff.quantities import measure_table
 from geomphys.analysis.joint_angles import Unwrapper, link_trees
 from geomphys.analysis.motion_quality import MotionQuality
 from geomphys.analysis.output_motion import OutputMotionMeter
 from geomphys.output.output_log import OutputFrame, open_output
 from tests.made import Results
+
+
+def test_measures_of_both_outputs_stand_side_by_side(landed: Results) -> None:
+    difference = geomphys.compare_outputs(landed.out, landed.raised)
+    shown = {name: values for name, *values in measure_table(difference)}
+    sides = [geomphys.statistics_of([path]).outputs[0].values for path in (landed.out, landed.raised)]
+    assert shown["amplification, p95"] == [f"{side['amplification'].p95:.2f}" for side in sides]
+    assert shown["correction, largest"] == [f"{1e3 * side['correction_m'].max:.3g} mm" for side in sides]
 
 
 @pytest.fixture(scope="module")
@@ -92,4 +101,9 @@ def test_statistics_and_differences_have_them(landed: Results, pressed: Results)
     as_json = json.loads(json.dumps(difference.as_dict(), allow_nan=False))
     assert as_json["motion"]["a"] == first["motion"]
     assert as_json["worst"]["a"] == first["worst"]
-    assert geomphys.compare_outputs(landed.out, landed.raised, channels=["/tf"]).motion is None
+    raised = geomphys.statistics_of([landed.raised]).outputs[0].values
+    for name, value in as_json["values"]["a"].items():
+        assert value == first["values"][name]
+        assert as_json["values"]["b"][name] == vars(raised[name])
+    poses_alone = geomphys.compare_outputs(landed.out, landed.raised, channels=["/tf"])
+    assert (poses_alone.motion, poses_alone.values) == (None, None)

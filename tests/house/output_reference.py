@@ -57,7 +57,7 @@ JSON = {
     "stats": [
         ("analysis/stats.py", "Statistics"),
         ("analysis/stats.py", "OutputStatistics"),
-        ("analysis/stats.py", "Distribution"),
+        ("analysis/metric_values.py", "Distribution"),
     ],
     "audit OUT": [("analysis/audit.py", "AuditReport"), ("analysis/audit.py", "Overlap")],
     "audit LOG --scene SCENE": [

@@ -16,6 +16,7 @@ from geomphys.analysis.diff.measures import Peak, Peaks
 from geomphys.analysis.diff.motion_channels import JointChannel, PoseChannel
 from geomphys.analysis.diff.result_channels import ContactChannel, LogChannel, MetricsChannel, PenetrationChannel
 from geomphys.analysis.diff.scene_words import scene_differences
+from geomphys.analysis.metric_values import MetricValues
 from geomphys.analysis.output_motion import OutputMotionMeter
 from geomphys.errors import ConfigError, LogError
 from geomphys.output.decoders import Poses
@@ -131,6 +132,9 @@ def compare_outputs(
         ),
         scene=scene_differences(files_a, files_b),
         motion=(measured[0].motion.motion(), measured[1].motion.motion()) if measured[0].has_motion else None,
+        values=(measured[0].values.distributions(), measured[1].values.distributions())
+        if measured[0].has_metrics
+        else None,
         worst=(measured[0].moments(), measured[1].moments()),
         curves=trace.curves(),
         peaks=tuple(trace.peaks.sorted_peaks()),
@@ -143,11 +147,14 @@ class _MeasuredFrames:
     def __init__(self, output: OutputLog, channels: Collection[str]) -> None:
         self._output, self._channels = output, channels
         self.has_motion = {"/tf", "/recorded/tf", "/metrics"} <= set(channels)
-        self.motion, self._worst = OutputMotionMeter(output), WorstMoments()
+        self.has_metrics = "/metrics" in channels
+        self.motion, self.values, self._worst = OutputMotionMeter(output), MetricValues(), WorstMoments()
 
     def frames(self) -> Iterator[OutputFrame]:
         """The frames, each measured before it is handed on."""
         for frame in self._output.frames(self._channels):
+            if self.has_metrics:
+                self.values.add(frame.metrics)
             if self.has_motion:
                 self.motion.add(frame)
                 self._worst.add_output(frame)

@@ -12,6 +12,7 @@ from typing_extensions import TypedDict
 
 from geomphys.analysis.diff.channels import ChannelDifference, Tolerance, earliest
 from geomphys.analysis.diff.measures import Measure, Peak
+from geomphys.analysis.metric_values import Distribution
 from geomphys.analysis.output_motion import OutputMotion
 from geomphys.results import Moment
 
@@ -63,6 +64,8 @@ class OutputDifference:
     scene: tuple[str, ...]  # what scene files, URDFs and meshes differ in, in words
     motion: tuple[OutputMotion, OutputMotion] | None
     """Measures of the motions of a and b; None if poses or metrics were not compared."""
+    values: tuple[dict[str, Distribution], dict[str, Distribution]] | None
+    """Distributions of the measures of frames of a and b by name, as in `OutputStatistics`; None if metrics were not compared."""
     worst: tuple[tuple[Moment, ...], tuple[Moment, ...]]
     """The moments of a and of b to look at first; none if poses or metrics were not compared."""
     curves: Curves
@@ -83,6 +86,7 @@ class OutputDifference:
             "attachments": list(self.attachments),
             "scene": list(self.scene),
             "motion": None if self.motion is None else _sides([dataclasses.asdict(motion) for motion in self.motion]),
+            "values": None if self.values is None else _sides([_distributions(values) for values in self.values]),
             "worst": _sides([[_moment(moment) for moment in moments] for moments in self.worst]),
         }
 
@@ -138,6 +142,13 @@ class MotionsRecord(TypedDict):
     b: OutputMotion
 
 
+class ValuesRecord(TypedDict):
+    """The distributions of the measures of frames by name."""
+
+    a: dict[str, Distribution]
+    b: dict[str, Distribution]
+
+
 class MomentsRecord(TypedDict):
     """The moments to look at first."""
 
@@ -159,11 +170,16 @@ class DifferenceRecord(TypedDict):
     attachments: list[str]
     scene: list[str]
     motion: MotionsRecord | None
+    values: ValuesRecord | None
     worst: MomentsRecord
 
 
 def _moment(moment: Moment) -> dict[str, Any]:
     return dataclasses.asdict(moment) | {"bodies": list(moment.bodies)}
+
+
+def _distributions(values: dict[str, Distribution]) -> dict[str, Any]:
+    return {name: dataclasses.asdict(value) for name, value in values.items()}
 
 
 def _sides(values: list[Any]) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from geomphys.analysis.diff.channels import ChannelDifference
 from geomphys.analysis.diff.difference import OutputDifference
 from geomphys.analysis.diff.measures import Measure
 from geomphys.analysis.diff.peak_pictures import Picture, first_poses, pictures_of
-from geomphys.analysis.diff.quantities import angle_text, length_text, motion_table
+from geomphys.analysis.diff.quantities import angle_text, length_text, measure_table
 from geomphys.analysis.diff.svg_curves import curve
 from geomphys.errors import InputError
 from geomphys.output.output_log import open_output
@@ -100,8 +100,7 @@ def _page(difference: OutputDifference, scene: AnyPath | None) -> Iterator[str]:
         yield from _curves(difference)
         yield from _pictures(difference, scene)
     yield from _inputs(difference)
-    if difference.motion is not None:
-        rows = [[escape(text) for text in row] for row in motion_table(*difference.motion)]
+    if rows := [[escape(text) for text in row] for row in measure_table(difference)]:
         yield "<h2>The motions</h2>" + _table(["", "a", "b"], rows, 1)
     for channel in difference.channels.values():
         yield from _channel(channel)
