@@ -61,7 +61,7 @@ _PROTOBUF_CHANNELS: dict[str, type[Message]] = {
     "/log": Log,
 }
 
-BATCH_FRAMES = 128
+BATCH_FRAMES = 512
 """Frames that are buffered and encoded together."""
 
 Floats = NDArray[np.float64]
