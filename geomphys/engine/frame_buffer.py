@@ -14,6 +14,8 @@ from geomphys.collision.penetration import Scratch
 from geomphys.collision.support import Shapes
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.jit.stage_clock import STAGES
+from geomphys.numerics.row_vectors import set_vec, vec_at
+from geomphys.numerics.vec3 import add, scale
 from geomphys.scene.arrays import SIMULATED, Scene
 
 Floats = NDArray[np.float64]
@@ -45,6 +47,31 @@ FIGURES = np.dtype(
 )
 """Of a frame; see `geomphys.results.Metrics`."""
 
+CONTACT = np.dtype(
+    [
+        ("body_a", np.int64),
+        ("body_b", np.int64),
+        ("point", np.float64, 3),  # m
+        ("normal", np.float64, 3),
+        ("depth", np.float64),  # m
+        ("normal_impulse", np.float64),  # N s
+        ("tangential_impulse", np.float64),  # N s
+    ]
+)
+"""A contact point; see `geomphys.results.Contacts`."""
+
+PENETRATION = np.dtype(
+    [
+        ("body_a", np.int64),
+        ("body_b", np.int64),
+        ("pd", np.float64, 3),  # m
+        ("convex_pairs", np.int64),
+        ("largest", np.float64),  # m
+        ("method", np.int64),
+    ]
+)
+"""The recorded overlap of a pair of bodies; see `geomphys.results.Penetrations`."""
+
 
 class Block(NamedTuple):
     """Up to N frames. M bodies move: `moving` names them; the others stay as in `rest`."""
@@ -57,25 +84,29 @@ class Block(NamedTuple):
     figures: NDArray[np.void]  # (N,) FIGURES
     cycles: Ints  # (N, S + 1) of each stage and of the whole step
     counts: Ints  # (N, S + 1)
-    contact_end: Ints  # (N + 1,) rows of the contact arrays after each frame; [0] is 0
-    contact_bodies: Ints  # (c, 2)
-    contact_values: Floats  # (c, 9) point, normal, depth, normal and tangential impulse
+    contact_end: Ints  # (N + 1,) rows of `contacts` after each frame; [0] is 0
+    contacts: NDArray[np.void]  # (c,) CONTACT
     depth_end: Ints  # (N + 1,)
-    depth_bodies: Ints  # (d, 2)
-    depth_numbers: Ints  # (d, 2) convex pairs, method
-    depth_values: Floats  # (d, 4) PD_g, largest
+    depths: NDArray[np.void]  # (d,) PENETRATION
 
 
 def make_block(moving: Ints, rest: Floats, dofs: int, frames: int = FRAMES) -> Block:
     """A buffer for `frames` frames."""
     stages = len(STAGES) + 1
-    ints, floats = np.int64, np.float64
     return Block(
-        moving, rest, np.zeros((frames, len(moving), 7)), np.zeros((frames, len(moving), 7)), np.zeros((frames, dofs)),
-        np.zeros(frames, FIGURES), np.zeros((frames, stages), ints), np.zeros((frames, stages), ints),
-        np.zeros(frames + 1, ints), np.zeros((CONTACTS, 2), ints), np.zeros((CONTACTS, 9), floats),
-        np.zeros(frames + 1, ints), np.zeros((CONTACTS, 2), ints), np.zeros((CONTACTS, 2), ints), np.zeros((CONTACTS, 4)),
-    )  # fmt: skip
+        moving=moving,
+        rest=rest,
+        recorded=np.zeros((frames, len(moving), 7)),
+        corrected=np.zeros((frames, len(moving), 7)),
+        angles=np.zeros((frames, dofs)),
+        figures=np.zeros(frames, FIGURES),
+        cycles=np.zeros((frames, stages), np.int64),
+        counts=np.zeros((frames, stages), np.int64),
+        contact_end=np.zeros(frames + 1, np.int64),
+        contacts=np.zeros(CONTACTS, CONTACT),
+        depth_end=np.zeros(frames + 1, np.int64),
+        depths=np.zeros(CONTACTS, PENETRATION),
+    )
 
 
 @kernel
@@ -83,8 +114,8 @@ def has_capacity(block: Block, frame: int) -> bool:
     """Whether a frame's contacts and depths surely fit."""
     return (
         frame < len(block.angles)
-        and len(block.contact_bodies) - block.contact_end[frame] >= RESERVE
-        and len(block.depth_bodies) - block.depth_end[frame] >= RESERVE
+        and len(block.contacts) - block.contact_end[frame] >= RESERVE
+        and len(block.depths) - block.depth_end[frame] >= RESERVE
     )
 
 
@@ -92,8 +123,7 @@ def has_capacity(block: Block, frame: int) -> bool:
 def is_full(block: Block, frame: int) -> bool:
     """Whether the contacts or depths of a frame filled their table to the last row, so that some may be missing."""
     return bool(
-        block.contact_end[frame + 1] == len(block.contact_bodies)
-        or block.depth_end[frame + 1] == len(block.depth_bodies)
+        block.contact_end[frame + 1] == len(block.contacts) or block.depth_end[frame + 1] == len(block.depths)
     )
 
 
@@ -101,14 +131,12 @@ def is_full(block: Block, frame: int) -> bool:
 def write_depths(scene: Scene, block: Block, frame: int, depths: GlobalDepths, count: int, method: Ints) -> None:
     """Append the global depths of a frame: those of `count` pairs of bodies; `method` (T,) is that which freed each tree."""
     row = block.depth_end[frame]
-    for k in range(min(count, len(block.depth_bodies) - row)):
-        block.depth_bodies[row, 0], block.depth_bodies[row, 1] = depths.body_a[k], depths.body_b[k]
-        tree_a, tree_b = scene.bodies.tree[depths.body_a[k]], scene.bodies.tree[depths.body_b[k]]
-        block.depth_numbers[row, 0] = depths.pairs[k]
-        block.depth_numbers[row, 1] = max(method[tree_a], method[tree_b])
-        for i in range(3):
-            block.depth_values[row, i] = depths.pd[k, i]
-        block.depth_values[row, 3] = depths.largest[k]
+    for k in range(min(count, len(block.depths) - row)):
+        d = block.depths[row]
+        d.body_a, d.body_b = depths.body_a[k], depths.body_b[k]
+        d.convex_pairs, d.largest = depths.pairs[k], depths.largest[k]
+        d.method = max(method[scene.bodies.tree[d.body_a]], method[scene.bodies.tree[d.body_b]])
+        set_vec(d.pd, vec_at(depths.pd, k))
         row += 1
     block.depth_end[frame + 1] = row
 
@@ -143,9 +171,7 @@ def write_contacts(
         deepest = max(deepest, -s)
         if scene.trees.role[near.tree_a[k]] == SIMULATED or scene.trees.role[near.tree_b[k]] == SIMULATED:
             continue
-        n = (near.normal[k, 0], near.normal[k, 1], near.normal[k, 2])
-        pa = (near.point_a[k, 0], near.point_a[k, 1], near.point_a[k, 2])
-        pb = (near.point_b[k, 0], near.point_b[k, 1], near.point_b[k, 2])
+        n, pa, pb = vec_at(near.normal, k), vec_at(near.point_a, k), vec_at(near.point_b, k)
         parted = 0.0
         for i in range(3):
             parted += n[i] * (offsets[near.tree_a[k], i] - offsets[near.tree_b[k], i])
@@ -153,15 +179,14 @@ def write_contacts(
             Shapes(scene.pieces, frames), near.a[k], near.b[k], (s, n, pa, pb), points_a, points_b, scratch
         )
         for j in range(count):
-            if row == len(block.contact_bodies):
+            if row == len(block.contacts):
                 break
-            block.contact_bodies[row, 0] = scene.pieces.body[near.a[k]]
-            block.contact_bodies[row, 1] = scene.pieces.body[near.b[k]]
-            for i in range(3):
-                block.contact_values[row, i] = 0.5 * (points_a[j, i] + points_b[j, i])
-                block.contact_values[row, 3 + i] = n[i]
-            block.contact_values[row, 6] = max(parted, 0.0)
-            block.contact_values[row, 7] = block.contact_values[row, 8] = 0.0
+            c = block.contacts[row]
+            c.body_a, c.body_b = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
+            set_vec(c.point, scale(add(vec_at(points_a, j), vec_at(points_b, j)), 0.5))
+            set_vec(c.normal, n)
+            c.depth = max(parted, 0.0)
+            c.normal_impulse = c.tangential_impulse = 0.0
             row += 1
     block.contact_end[frame + 1] = row
     return deepest

@@ -68,17 +68,13 @@ def results_of(block: Block, frames: Sequence[Frame], flags: Sequence[int], moti
     """Results of the first n frames of a block; `flags` (n,) beside those of frames and step, `motion` (n, 5) as in `Metrics`."""
     count = len(frames)
     contacts, depths = block.contact_end[count], block.depth_end[count]
-    values, pd = block.contact_values[:contacts].copy(), block.depth_values[:depths].copy()
-    body_a, body_b = block.contact_bodies[:contacts].T.copy()
-    pair_a, pair_b = block.depth_bodies[:depths].T.copy()
-    convex_pairs, method = block.depth_numbers[:depths].T.copy()
     return BlockResults(
         recorded=_all_poses(block, block.recorded[:count]),
         corrected=_all_poses(block, block.corrected[:count]),
         angles=block.angles[:count].copy(),
-        contacts=Contacts(body_a, body_b, values[:, 0:3], values[:, 3:6], values[:, 6], values[:, 7], values[:, 8]),
+        contacts=Contacts._make(block.contacts[name][:contacts].copy() for name in Contacts._fields),
         contact_end=block.contact_end[: count + 1].tolist(),
-        penetrations=Penetrations(pair_a, pair_b, pd[:, :3], convex_pairs, pd[:, 3], method),
+        penetrations=Penetrations._make(block.depths[name][:depths].copy() for name in Penetrations._fields),
         depth_end=block.depth_end[: count + 1].tolist(),
         metrics=_metrics(block, frames, flags, motion),
         stages=_stages(block, count),

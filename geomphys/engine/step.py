@@ -122,7 +122,7 @@ def find_contacts(scene: Scene, m: Machine, gap: float, first: bool, block: Bloc
         )
         deepest = max(deepest, left)
         block.contact_end[frame + 1] = write_touches(
-            m.simulated, m.corrected, block.contact_bodies, block.contact_values, block.contact_end[frame + 1]
+            m.simulated, m.corrected, block.contacts, block.contact_end[frame + 1]
         )
     return deepest, of_driven
 

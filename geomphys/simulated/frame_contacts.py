@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import math
-
 from geomphys.collision.penetration import separation
 from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.row_vectors import quat_from, vec_of
+from geomphys.numerics.row_vectors import quat_from, set_vec, vec_from, vec_of
 from geomphys.numerics.vec3 import Vec, add, norm, quat_rotate, rotate, sub, unit
-from geomphys.scene.arrays import DRIVEN, SIMULATED, Floats, Ints, Pieces
-from geomphys.simulated.state import Simulation
+from geomphys.scene.arrays import DRIVEN, SIMULATED, Floats, Pieces
+from geomphys.simulated.state import Records, Simulation
 
 
 @kernel
-def write_touches(sim: Simulation, poses: Floats, bodies: Ints, values: Floats, first: int) -> int:
+def write_touches(sim: Simulation, poses: Floats, contacts: Records, first: int) -> int:
     """List the contact points of the frame last simulated.
 
     Parameters
@@ -22,11 +20,9 @@ def write_touches(sim: Simulation, poses: Floats, bodies: Ints, values: Floats, 
         As `simulate` left it.
     poses
         (B, 7) world poses at the frame's end.
-    bodies
-        (n, 2), written from row `first` on: a (simulated) and b.
-    values
-        (n, 9), written: point [m], unit normal out of b into a, overlap [m], normal and tangential impulse of the
-        frame [N s].
+    contacts
+        (n,) `geomphys.engine.frame_buffer.CONTACT`, written from row `first` on: bodies a (simulated) and b, point [m],
+        unit normal out of b into a, overlap [m], normal and tangential impulse of the frame [N s].
     first
         The first row to write. Points beyond the capacity are left out.
 
@@ -42,21 +38,19 @@ def write_touches(sim: Simulation, poses: Floats, bodies: Ints, values: Floats, 
             slot = sim.slots[k, m]
             if slot.used == 0 and slot.normal_impulse == 0.0:
                 continue
-            if first == len(bodies):
+            if first == len(contacts):
                 return first
+            c = contacts[first]
+            c.body_a, c.body_b = a, pair.body[1]
             x = quat_rotate(quat_from(poses[a], 3), add(vec_of(slot.local), vec_of(sim.motion[a].centre)))
-            bodies[first, 0], bodies[first, 1] = a, pair.body[1]
+            set_vec(c.point, add(vec_from(poses[a], 0), x))
             n = vec_of(pair.axis)
             if slot.normal_impulse > 0.0:
                 # the normal of the impulses: a body that bounced has moved on
                 n = unit(vec_of(slot.normal_impulses))
-            square = 0.0
-            for i in range(3):
-                values[first, i] = poses[a, i] + x[i]
-                values[first, 3 + i] = n[i]
-                square += slot.friction_impulse[i] ** 2
-            values[first, 6] = max(0.0, slot.depth)
-            values[first, 7], values[first, 8] = slot.normal_impulse, math.sqrt(square)
+            set_vec(c.normal, n)
+            c.depth, c.normal_impulse = max(0.0, slot.depth), slot.normal_impulse
+            c.tangential_impulse = norm(vec_of(slot.friction_impulse))
             first += 1
     return first
 

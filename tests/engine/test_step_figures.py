@@ -45,7 +45,7 @@ def test_each_pair_of_bodies_has_the_method_that_freed_its_own_trees() -> None:
     machine.depths.body_a[:4], machine.depths.body_b[:4] = (0, 1, 2, 1), (3, 3, 3, 2)
     write_depths(pack(scene), pack(block), 0, pack(machine.depths), 4, machine.driven.method)
     methods = [0, LEAST_DISTANCE, INTERPOLATED, INTERPOLATED]
-    assert block.depth_numbers[: block.depth_end[1], 1].tolist() == methods
+    assert block.depths["method"][: block.depth_end[1]].tolist() == methods
 
 
 def test_a_bound_hit_in_any_substep_is_one_of_the_frame() -> None:
@@ -58,7 +58,7 @@ def test_a_bound_hit_in_any_substep_is_one_of_the_frame() -> None:
 @pytest.mark.parametrize("table", ["contact", "depth"])
 def test_a_table_that_is_filled_to_the_last_row_counts_as_full(table: str) -> None:
     block = make_block(np.arange(3), np.zeros((4, 7)), 0, frames=2)
-    ends, rows = getattr(block, f"{table}_end"), len(getattr(block, f"{table}_bodies"))
+    ends, rows = getattr(block, f"{table}_end"), len(getattr(block, f"{table}s"))
     for end in (0, rows - 1, rows):
         ends[1] = end
         assert is_full(pack(block), 0) == (end == rows)

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, Shape, Sphere
+from geomphys.engine.frame_buffer import CONTACT
 from geomphys.simulated.frame_contacts import write_touches
 from tests.simulated.scenes import FRICTION, GRAVITY, Player, Thing, floor
 
@@ -127,13 +128,13 @@ def test_each_floor_of_a_tower_carries_what_is_above_it() -> None:
     boxes = [Thing(shape=Box((0.1, 0.1, 0.05)), at=(0.004 * k, 0, 0.05 + 0.1 * k), mass=1.0 + k) for k in range(6)]
     player = Player([*boxes, floor()])
     player.run(0.2)
-    bodies, values = np.zeros((64, 2), np.int64), np.zeros((64, 9))
-    count = write_touches(player.packed, player.poses, bodies, values, 0)
+    contacts = np.zeros(64, CONTACT)
+    contacts = contacts[: write_touches(player.packed, player.poses, contacts, 0)]
     for k in range(6):
         below = 6 if k == 0 else k - 1
-        between = [set(pair) == {k, below} for pair in bodies[:count]]
+        between = [{contact["body_a"], contact["body_b"]} == {k, below} for contact in contacts]
         weight = sum(1.0 + i for i in range(k, 6)) * GRAVITY / 60
-        assert values[:count][between, 7].sum() == pytest.approx(weight, rel=1e-6)
+        assert contacts["normal_impulse"][between].sum() == pytest.approx(weight, rel=1e-6)
 
 
 def test_a_coin_that_spins_and_settles_never_gains_energy() -> None:

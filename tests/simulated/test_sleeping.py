@@ -7,6 +7,7 @@ import pytest
 
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box
+from geomphys.engine.frame_buffer import CONTACT
 from geomphys.simulated.frame_contacts import write_touches
 from geomphys.simulated.sleeping import REST_TIME, SLOW_SPEED, note_rest, wake
 from tests.simulated.scenes import Player, Thing, floor
@@ -89,7 +90,7 @@ def test_a_sleeping_body_goes_on_to_press_with_its_weight() -> None:
     before = player.poses.copy()
     player.step(1 / 60)
     assert np.array_equal(player.poses, before)
-    bodies, values = np.zeros((16, 2), np.int64), np.zeros((16, 9))
-    count = write_touches(player.packed, player.poses, bodies, values, 0)
+    contacts = np.zeros(16, CONTACT)
+    count = write_touches(player.packed, player.poses, contacts, 0)
     weight = player.scene.bodies.mass[0] * 9.81
-    assert values[:count, 7].sum() * 60 == pytest.approx(weight, rel=1e-6)
+    assert contacts["normal_impulse"][:count].sum() * 60 == pytest.approx(weight, rel=1e-6)

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box, Capsule, Cylinder, Sphere
 from geomphys.simulated.allocation import Capacity
+from geomphys.engine.frame_buffer import CONTACT
 from geomphys.simulated.frame_contacts import write_touches
 from geomphys.simulated.update import IMPACT_BOUND, QUARANTINED
 from tests.simulated.scenes import GRAVITY, Player, Thing, floor, make_scene
@@ -26,10 +27,10 @@ def mixed_things() -> list[Thing]:
     ]
 
 
-def touches(player: Player) -> tuple[np.ndarray, np.ndarray]:
-    bodies, values = np.zeros((64, 2), np.int64), np.zeros((64, 9))
-    count = write_touches(player.packed, player.poses, bodies, values, 0)
-    return bodies[:count], values[:count]
+def touches(player: Player) -> np.ndarray:
+    """(n,) CONTACT."""
+    contacts = np.zeros(64, CONTACT)
+    return contacts[: write_touches(player.packed, player.poses, contacts, 0)]
 
 
 def test_a_repetition_is_equal_in_every_bit() -> None:
@@ -176,14 +177,15 @@ def test_the_contacts_of_a_resting_body_carry_its_weight() -> None:
         player = Player([Thing(shape=shape, at=(0, 0, low)), floor()])
         for seconds in (0.1, 1.0):  # awake, then asleep
             player.run(seconds, rate)
-            bodies, values = touches(player)
-            assert (bodies == [0, 1]).all()
-            np.testing.assert_allclose(values[:, 3:6], [[0, 0, 1]] * len(values), atol=1e-12)
-            assert np.abs(values[:, 2]).max() < 1e-5
-            assert values[:, 6].max() < 1e-6
+            found = touches(player)
+            assert (found["body_a"] == 0).all()
+            assert (found["body_b"] == 1).all()
+            np.testing.assert_allclose(found["normal"], [[0, 0, 1]] * len(found), atol=1e-12)
+            assert np.abs(found["point"][:, 2]).max() < 1e-5
+            assert found["depth"].max() < 1e-6
             weight = player.scene.bodies.mass[0] * GRAVITY / rate
-            assert values[:, 7].sum() == pytest.approx(weight, rel=1e-9)
-            assert values[:, 8].max() < 1e-4 * weight
+            assert found["normal_impulse"].sum() == pytest.approx(weight, rel=1e-9)
+            assert found["tangential_impulse"].max() < 1e-4 * weight
         assert player.simulation.bodies["awake"][0] == 0
 
 
@@ -193,12 +195,12 @@ def test_the_contact_of_a_bounce_carries_its_impulse() -> None:
     )
     while not player.impacts:
         player.step(1 / 60)
-    bodies, values = touches(player)
-    assert (bodies == [[0, 1]]).all()
-    assert values[0, 7] == pytest.approx(1.9 * 3 * player.scene.bodies.mass[0], rel=1e-12)
-    assert values[0, 8] == 0.0
+    contact = touches(player)[0]
+    assert (contact["body_a"], contact["body_b"]) == (0, 1)
+    assert contact["normal_impulse"] == pytest.approx(1.9 * 3 * player.scene.bodies.mass[0], rel=1e-12)
+    assert contact["tangential_impulse"] == 0.0
     player.run(0.1)
-    assert len(touches(player)[0]) == 0
+    assert len(touches(player)) == 0
 
 
 def test_a_sleeping_body_stays_bit_for_bit_and_wakes_when_hit() -> None:
@@ -260,6 +262,6 @@ def test_the_contacts_of_a_tumbling_box_carry_all_that_the_floor_gave_it(seed: i
     given = 0.0
     for _ in range(rate):
         player.step(1.0 / rate)
-        given += touches(player)[1][:, 7].sum()
+        given += touches(player)["normal_impulse"].sum()
     gained = player.scene.bodies.mass[0] * (player.velocity[0, 2] + GRAVITY * player.time)
     assert given == pytest.approx(gained, rel=1e-6)
