@@ -116,24 +116,24 @@ def encode_string(text: str) -> bytes:
 class ContactPointsEncoder:
     """foxglove.PointCloud of the contacts: x y z, depth, normal and the bodies' indices, all float32."""
 
-    FIELDS = ("x", "y", "z", "depth", "nx", "ny", "nz", "body_a", "body_b")
+    POINT = np.dtype([(name, "<f4") for name in ("x", "y", "z", "depth", "nx", "ny", "nz", "body_a", "body_b")])
 
     def __init__(self) -> None:
-        layout = PointCloud(frame_id=WORLD, point_stride=4 * len(self.FIELDS))
+        layout = PointCloud(frame_id=WORLD, point_stride=self.POINT.itemsize)
         layout.pose.orientation.w = 1.0
-        for column, name in enumerate(self.FIELDS):
-            layout.fields.add(name=name, offset=4 * column, type=PackedElementField.FLOAT32)
+        for name, (_, offset, *_) in (self.POINT.fields or {}).items():
+            layout.fields.add(name=name, offset=offset, type=PackedElementField.FLOAT32)
         self._layout = constant(layout.SerializeToString())
 
     def encode(self, contacts: RaggedContacts, times_ns: Ints) -> list[bytes]:
         """The messages of frames at times (n,)."""
         columns, counts = contacts
-        points = np.empty((len(columns.depth), len(self.FIELDS)), np.float32)
-        points[:, :3], points[:, 3], points[:, 4:7] = columns.point, columns.depth, columns.normal
-        points[:, 7], points[:, 8] = columns.body_a, columns.body_b
-        size = 4 * len(self.FIELDS)
+        points = np.empty(len(columns.depth), self.POINT)
+        points["x"], points["y"], points["z"] = columns.point.T
+        points["nx"], points["ny"], points["nz"] = columns.normal.T
+        points["depth"], points["body_a"], points["body_b"] = columns.depth, columns.body_a, columns.body_b
         time = message(PointCloud, timestamp=stamps(times_ns))
-        tail = message(PointCloud, data=constant(b"").followed_by(size * counts))
+        tail = message(PointCloud, data=constant(b"").followed_by(points.itemsize * counts))
         heads = Rows([*time.blocks, *self._layout.blocks, *tail.blocks]).split()
         return _joined(heads, array_rows(points).split(counts))
 

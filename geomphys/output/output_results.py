@@ -88,17 +88,28 @@ class _Reader:
         return known[name]
 
     def _pairs(self, rows: Sequence[ContactRow] | Sequence[PenetrationRow]) -> tuple[np.ndarray, np.ndarray]:
-        sides = [[self._index(self._bodies, name) for name in (row.body_a, row.body_b)] for row in rows]
-        pairs = np.array(sides, np.int64).reshape(-1, 2)
-        return pairs[:, 0], pairs[:, 1]
+        body_a = np.array([self._index(self._bodies, row.body_a) for row in rows], np.int64)
+        return body_a, np.array([self._index(self._bodies, row.body_b) for row in rows], np.int64)
 
     def _contacts(self, rows: Sequence[ContactRow]) -> Contacts:
-        values = np.array([(*r.point, *r.normal, r.depth, r.normal_impulse, r.tangential_impulse) for r in rows])
-        values = values.reshape(-1, 9)
-        return Contacts(*self._pairs(rows), values[:, :3], values[:, 3:6], values[:, 6], values[:, 7], values[:, 8])
+        body_a, body_b = self._pairs(rows)
+        return Contacts(
+            body_a=body_a,
+            body_b=body_b,
+            point=np.array([row.point for row in rows], np.float64).reshape(-1, 3),
+            normal=np.array([row.normal for row in rows], np.float64).reshape(-1, 3),
+            depth=np.array([row.depth for row in rows], np.float64),
+            normal_impulse=np.array([row.normal_impulse for row in rows], np.float64),
+            tangential_impulse=np.array([row.tangential_impulse for row in rows], np.float64),
+        )
 
     def _penetrations(self, rows: Sequence[PenetrationRow]) -> Penetrations:
-        pd = np.array([row.pd for row in rows]).reshape(-1, 3)
-        numbers = np.array([(row.convex_pairs, METHODS.index(row.method)) for row in rows], np.int64).reshape(-1, 2)
-        largest = np.array([row.largest for row in rows], np.float64)
-        return Penetrations(*self._pairs(rows), pd, numbers[:, 0], largest, numbers[:, 1])
+        body_a, body_b = self._pairs(rows)
+        return Penetrations(
+            body_a=body_a,
+            body_b=body_b,
+            pd=np.array([row.pd for row in rows], np.float64).reshape(-1, 3),
+            convex_pairs=np.array([row.convex_pairs for row in rows], np.int64),
+            largest=np.array([row.largest for row in rows], np.float64),
+            method=np.array([METHODS.index(row.method) for row in rows], np.int64),
+        )

@@ -6,6 +6,7 @@ value zero and empty strings left out. The package builds a message field by fie
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from functools import cache
 from itertools import pairwise
@@ -125,9 +126,10 @@ def strings(texts: Sequence[bytes]) -> Rows:
 
 
 def array_rows(values: NDArray[Any]) -> Rows:
-    """The little-endian bytes of each row of numbers (n, k)."""
+    """The little-endian bytes of each row of numbers (n, k), or of each record (n,)."""
     little = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
-    return Rows([Block(little.view(np.uint8).reshape(len(values), values.shape[1] * values.itemsize))])
+    size = values.itemsize * math.prod(values.shape[1:])
+    return Rows([Block(little.view(np.uint8).reshape(len(values), size))])
 
 
 def message(kind: type[Message], **columns: Any) -> Rows:
