@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from geomphys.collision.support import shapes_of
 from geomphys.collision.sweep import Boxes, apart, bodies_apart, body_apart_from_tree, near_trees
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.jit.packed_records import Record
+from geomphys.numerics.row_vectors import set_vec, vec_of
 from geomphys.numerics.vec3 import Vec
 from geomphys.scene.arrays import DRIVEN, Pieces, Scene
 
@@ -47,10 +48,19 @@ class Near(NamedTuple):
     exact: Ints  # (n,) 0: `separation` is a lower bound, along `normal`, and the points are undefined
 
 
+CACHED_AXIS = np.dtype(
+    [
+        ("pair", np.int64),  # its number, -1: none
+        ("direction", np.float64, 3),
+    ]
+)
+"""The separating direction of a pair of pieces, as last found."""
+
+
 class Axes(NamedTuple):
     """Cached separating directions of pairs, from which the next search starts. Losing one costs time only."""
 
-    rows: Floats  # (n, 4) number of the pair, -1: none; the direction
+    rows: NDArray[Any]  # (n,) CACHED_AXIS
 
 
 class Detection(NamedTuple):
@@ -72,7 +82,9 @@ def make_near(size: int) -> Near:
 
 def make_axes(size: int = 1 << 14) -> Axes:
     """A table for `size` (a power of two) cached directions."""
-    return Axes(np.full((size, 4), -1.0))
+    axes = Axes(np.zeros(size, CACHED_AXIS))
+    axes.rows["pair"] = -1
+    return axes
 
 
 @kernel
@@ -85,16 +97,16 @@ def _slot_of(pieces: Pieces, a: int, b: int, axes: Axes) -> tuple[int, int]:
 @kernel
 def _recall(axes: Axes, key: int, slot: int) -> Vec:
     """The direction cached for a pair; zeros without one."""
-    if axes.rows[slot, 0] != key:
-        return (0.0, 0.0, 0.0)
-    return (axes.rows[slot, 1], axes.rows[slot, 2], axes.rows[slot, 3])
+    row = axes.rows[slot]
+    return vec_of(row.direction) if row.pair == key else (0.0, 0.0, 0.0)
 
 
 @kernel
 def _remember(axes: Axes, key: int, slot: int, n: Vec) -> None:
     """Cache a pair's direction, in place of another pair's in its slot."""
-    axes.rows[slot, 0] = key
-    axes.rows[slot, 1], axes.rows[slot, 2], axes.rows[slot, 3] = n
+    row = axes.rows[slot]
+    row.pair = key
+    set_vec(row.direction, n)
 
 
 @kernel

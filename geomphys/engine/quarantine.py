@@ -106,5 +106,5 @@ def contain_driven(scene: Scene, m: Machine, roots: Floats, angles: Floats, firs
             flags = FLAG_QUARANTINED
     if flags != 0:  # cached directions may derive from values that are not finite
         for k in range(len(m.detection.axes.rows)):
-            m.detection.axes.rows[k, 0] = -1.0
+            m.detection.axes.rows[k].pair = -1
     return flags
