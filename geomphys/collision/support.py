@@ -12,9 +12,8 @@ import numpy as np
 
 from geomphys.collision.scratch import MAX_POLYGON
 from geomphys.jit.kernel import kernel
-from geomphys.numerics.row_vectors import rot_of, set_vec_at, vec_at, vec_from
+from geomphys.numerics.row_vectors import set_vec_at, vec_at
 from geomphys.numerics.vec3 import (
-    Quat,
     Rot,
     Vec,
     add,
@@ -29,6 +28,7 @@ from geomphys.numerics.vec3 import (
 )
 from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, HULL, SPHERE, Floats, Pieces
 from geomphys.scene.direction_cells import cell_of
+from geomphys.scene.kinematics import frame_position, frame_rotation, orientation_of, set_frame
 
 RIM = 16
 """Corners that stand for a cylinder's cap."""
@@ -66,30 +66,10 @@ def pose_pieces(pieces: Pieces, poses: Floats, frames: Floats) -> None:
 @kernel
 def pose_piece(pieces: Pieces, poses: Floats, frames: Floats, p: int) -> None:
     """Write world_from_piece of piece `p` into its row of `frames` (P, 12), given the bodies' world poses (B, 7)."""
-    b = pieces.body[p]
-    q: Quat = (poses[b, 3], poses[b, 4], poses[b, 5], poses[b, 6])
-    body = rot_from_quat(quat_unit(q))
-    local = pieces.local
-    rot = rot_mul(
-        body,
-        (
-            local[p, 0],
-            local[p, 1],
-            local[p, 2],
-            local[p, 3],
-            local[p, 4],
-            local[p, 5],
-            local[p, 6],
-            local[p, 7],
-            local[p, 8],
-        ),
-    )
-    at = rotate(body, (local[p, 9], local[p, 10], local[p, 11]))
-    for k in range(9):
-        frames[p, k] = rot[k]
-    frames[p, 9] = poses[b, 0] + at[0]
-    frames[p, 10] = poses[b, 1] + at[1]
-    frames[p, 11] = poses[b, 2] + at[2]
+    b, local = pieces.body[p], pieces.local
+    body = rot_from_quat(quat_unit(orientation_of(poses, b)))
+    at = rotate(body, frame_position(local, p))
+    set_frame(frames, p, rot_mul(body, frame_rotation(local, p)), add(vec_at(poses, b), at))
 
 
 @kernel
@@ -101,13 +81,13 @@ def shapes_of(pieces: Pieces, frames: Floats) -> Shapes:
 @kernel
 def rotation_of(shapes: Shapes, p: int) -> Rot:
     """Rotation world_from_piece."""
-    return rot_of(shapes.frames[p])
+    return frame_rotation(shapes.frames, p)
 
 
 @kernel
 def position_of(shapes: Shapes, p: int) -> Vec:
     """Position of a piece's frame in the world [m]."""
-    return vec_from(shapes.frames[p], 9)
+    return frame_position(shapes.frames, p)
 
 
 @kernel

@@ -19,6 +19,7 @@ from geomphys.collision.extent import gap_along
 from geomphys.collision.penetration import Scratch
 from geomphys.collision.support import pose_piece, shapes_of
 from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import (
     Vec,
     add,
@@ -34,7 +35,7 @@ from geomphys.numerics.vec3 import (
     sub,
 )
 from geomphys.scene.arrays import Scene
-from geomphys.scene.kinematics import frame_rotation, orientation_of, position_of
+from geomphys.scene.kinematics import frame_position, frame_rotation, orientation_of, position_of, set_frame
 
 Floats = NDArray[np.float64]
 
@@ -54,8 +55,8 @@ def passing_depth(scene: Scene, a: int, b: int) -> float:
 def _centre(scene: Scene, poses: Floats, piece: int) -> Vec:
     """Centre of a piece in the world."""
     body, local = scene.pieces.body[piece], scene.pieces.local
-    c = (scene.pieces.centre[piece, 0], scene.pieces.centre[piece, 1], scene.pieces.centre[piece, 2])
-    inside = add(rotate(frame_rotation(local, piece), c), (local[piece, 9], local[piece, 10], local[piece, 11]))
+    c = vec_at(scene.pieces.centre, piece)
+    inside = add(rotate(frame_rotation(local, piece), c), frame_position(local, piece))
     return add(position_of(poses, body), quat_rotate(orientation_of(poses, body), inside))
 
 
@@ -95,12 +96,9 @@ def _pose_between(scene: Scene, before: Floats, after: Floats, piece: int, t: fl
     q = slerp(orientation_of(before, body), orientation_of(after, body), t)
     c0, c1 = _centre(scene, before, piece), _centre(scene, after, piece)
     world_rotation = rot_mul(rot_from_quat(q), frame_rotation(local, piece))
-    for k in range(9):
-        frames[piece, k] = world_rotation[k]
-    c = (scene.pieces.centre[piece, 0], scene.pieces.centre[piece, 1], scene.pieces.centre[piece, 2])
+    c = vec_at(scene.pieces.centre, piece)
     at = sub(add_scaled(c0, sub(c1, c0), t), rotate(world_rotation, c))
-    for k in range(3):
-        frames[piece, 9 + k] = at[k]
+    set_frame(frames, piece, world_rotation, at)
 
 
 @kernel

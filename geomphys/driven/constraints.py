@@ -7,10 +7,11 @@ from numpy.typing import NDArray
 
 from geomphys.collision.penetration import Separation
 from geomphys.driven.objective import pivot_of
-from geomphys.driven.postures import Posture, joint_effect, point_of, vec_of
+from geomphys.driven.postures import Posture, joint_effect, point_of
 from geomphys.driven.reach_cones import cone_bound, cone_row
 from geomphys.driven.state import ARTICULATED, HAS_ROW, LOCKED, NO_ROW, REQUESTED, DrivenWorkspace
 from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import Vec, cross, dot, norm, quat_conjugate, quat_rotate, sub
 from geomphys.scene.arrays import DRIVEN, JOINT_FIXED, Scene
 from geomphys.scene.kinematics import orientation_of, position_of
@@ -106,8 +107,8 @@ def _remember_spot(scene: Scene, ws: DrivenWorkspace, poses: Floats, k: int) -> 
     """Cache the nearest points of near pair k, in place of a spot that is the same."""
     near, work = ws.near, ws.work
     a, b = near.a[k], near.b[k]
-    la = _inside(poses, scene.pieces.body[a], vec_of(near.point_a, k))
-    lb = _inside(poses, scene.pieces.body[b], vec_of(near.point_b, k))
+    la = _inside(poses, scene.pieces.body[a], vec_at(near.point_a, k))
+    lb = _inside(poses, scene.pieces.body[b], vec_at(near.point_b, k))
     slot = -1
     for i in range(len(work.spot)):
         if work.spot[i, 0] < 0:
@@ -144,7 +145,7 @@ def _add_spots(scene: Scene, ws: DrivenWorkspace, poses: Floats, k: int, gap: fl
         s = dot(n, sub(pa, pb))
         if s < near.separation[k] - 1e-7 or s > 0.01:  # else the surface is curved, and the normal has changed
             continue
-        if norm(sub(pa, vec_of(near.point_a, k))) + norm(sub(pb, vec_of(near.point_b, k))) < SAME_SPOT:
+        if norm(sub(pa, vec_at(near.point_a, k))) + norm(sub(pb, vec_at(near.point_b, k))) < SAME_SPOT:
             continue
         _add_row(scene, ws, poses, a, b, (s, n, pa, pb), m, unknowns)
         ws.problem.least.bounds[m] = needed(gap, s)
@@ -181,8 +182,8 @@ def add_pairs(scene: Scene, ws: DrivenWorkspace, now: Posture, gap: float, m: in
     for k in range(near.counts.filled):
         if ws.row_state[k] != REQUESTED or m == len(ws.problem.least.bounds):
             continue
-        s, n = near.separation[k], vec_of(near.normal, k)
-        pa, pb = vec_of(near.point_a, k), vec_of(near.point_b, k)
+        s, n = near.separation[k], vec_at(near.normal, k)
+        pa, pb = vec_at(near.point_a, k), vec_at(near.point_b, k)
         ws.row_state[k] = HAS_ROW
         _add_row(scene, ws, now.poses, near.a[k], near.b[k], (s, n, pa, pb), m, unknowns)
         if soft and s < 0.0:

@@ -13,9 +13,10 @@ import math
 from geomphys.collision.detect import Near, measure_near
 from geomphys.driven.constraints import add_term
 from geomphys.driven.objective import is_stiff
-from geomphys.driven.postures import Posture, joint_effect, vec_of
+from geomphys.driven.postures import Posture, joint_effect
 from geomphys.driven.state import ARTICULATED, DrivenWorkspace
 from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import vec_at
 from geomphys.scene.arrays import DRIVEN, FIXED, JOINT_FIXED, Scene
 
 RECORDED_ON = 2e-3  # m: a link recorded no farther away is in contact
@@ -126,9 +127,9 @@ def add_touches(scene: Scene, ws: DrivenWorkspace, now: Posture, unknowns: int) 
             off = max(nearest - work.touch_goal[i], 0.0)
         for j in range(unknowns):
             row[j] = 0.0
-        n, sign, point = vec_of(near.normal, found), 1.0, vec_of(near.point_a, found)
+        n, sign, point = vec_at(near.normal, found), 1.0, vec_at(near.point_a, found)
         if ws.links.holder[scene.pieces.body[near.a[found]]] != tip:
-            sign, point = -1.0, vec_of(near.point_b, found)
+            sign, point = -1.0, vec_at(near.point_b, found)
         joint = tip
         while joint >= 0:
             q = scene.bodies.dof[joint]

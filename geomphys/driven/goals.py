@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from geomphys.driven.constraints import add_cones, bound_unknowns
 from geomphys.driven.least_distance import SOLVED
 from geomphys.driven.objective import assemble, number_unknowns
-from geomphys.driven.postures import Posture, copy_tree, vec_of
+from geomphys.driven.postures import Posture, copy_tree
 from geomphys.driven.qp import solve_quadratic
 from geomphys.driven.starts import steady_change
 from geomphys.driven.state import ARTICULATED, GIVEN, LOCKED, RIGID, STARTED_FREE, DrivenState, DrivenWorkspace
 from geomphys.driven.stepping import copy_moving, pose_with_pieces, step_to_trial
 from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import quat_rotate, sub
 from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.scene.kinematics import orientation_of, pose_tree, position_of, set_pose
@@ -53,7 +54,7 @@ def _fit(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, roots
     root = scene.trees.body_start[tree]
     if scene.trees.body_start[tree + 1] == root + 1:
         q = orientation_of(target, root)
-        set_pose(goal.roots, tree, sub(position_of(target, root), quat_rotate(q, vec_of(ws.links.centre, root))), q)
+        set_pose(goal.roots, tree, sub(position_of(target, root), quat_rotate(q, vec_at(ws.links.centre, root))), q)
         return
     for other in range(len(work.kind)):
         work.kind[other] = ARTICULATED if other == tree else LOCKED

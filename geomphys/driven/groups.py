@@ -12,13 +12,14 @@ from geomphys.collision.sweep import update_boxes
 from geomphys.driven.depenetration import find_depenetration
 from geomphys.driven.goals import take_branch
 from geomphys.driven.objective import is_stiff
-from geomphys.driven.postures import Posture, copy_tree, is_recorded, vec_of
+from geomphys.driven.postures import Posture, copy_tree, is_recorded
 from geomphys.driven.reachability import FREE, forget_pairs, judge, list_pairs, measure_drift, measure_swept_pairs
 from geomphys.driven.sqp import ANY_PATH, EVERY_STEP, STRAIGHT, Found, search
 from geomphys.driven.starts import ALONG, choose_shallowest, choose_start, shorten_start
 from geomphys.driven.state import ARTICULATED, LOCKED, RIGID, STARTED_FREE, DrivenState, DrivenWorkspace
 from geomphys.driven.stepping import copy_moving, pose_yielding
 from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import norm, slerp, sub
 from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, pose_tree, position_of, set_pose
@@ -109,11 +110,11 @@ def is_shifted_too_far(scene: Scene, state: DrivenState, ws: DrivenWorkspace, ro
     for tree in range(len(work.kind)):
         if work.kind[tree] != RIGID or scene.trees.dof_start[tree + 1] == scene.trees.dof_start[tree]:
             continue
-        offset = sub(vec_of(work.best.roots, tree), vec_of(roots, tree))
+        offset = sub(vec_at(work.best.roots, tree), vec_at(roots, tree))
         limit = min(max(w.shift_of_depth * work.depth[tree], w.least_shift), w.most_shift)
-        if norm(sub(offset, vec_of(state.offset, tree))) > limit:
+        if norm(sub(offset, vec_at(state.offset, tree))) > limit:
             return True
-        last = sub(vec_of(state.last.roots, tree), vec_of(state.recorded.roots, tree))
+        last = sub(vec_at(state.last.roots, tree), vec_at(state.recorded.roots, tree))
         if state.progress.start == STARTED_FREE and norm(sub(offset, last)) > work.shift_limit[tree]:
             return True
     return False

@@ -16,9 +16,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.driven.postures import Posture, point_of, vec_of, world_axis
+from geomphys.driven.postures import Posture, point_of, world_axis
 from geomphys.driven.state import ARTICULATED, LOCKED, DrivenWorkspace
 from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import (
     Quat,
     Rot,
@@ -54,7 +55,7 @@ def is_stiff(scene: Scene, tree: int) -> bool:
 @kernel
 def link_centre(ws: DrivenWorkspace, poses: Floats, body: int) -> Vec:
     """Centre of a link in the world."""
-    return point_of(poses, body, vec_of(ws.links.centre, body))
+    return point_of(poses, body, vec_at(ws.links.centre, body))
 
 
 @kernel
@@ -93,7 +94,7 @@ def tree_energy(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> 
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
         w = ws.links.weight[body]
         if w > 0.0:
-            _, _, e = _misfit(ws, poses, body, vec_of(ws.work.target, body), orientation_of(ws.work.target, body))
+            _, _, e = _misfit(ws, poses, body, vec_at(ws.work.target, body), orientation_of(ws.work.target, body))
             energy += 0.5 * w * e
     return energy
 
@@ -112,7 +113,7 @@ def _gather(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> floa
             force[body, k] = 0.0
         if w == 0.0:
             continue
-        away, torque, e = _misfit(ws, poses, body, vec_of(target, body), orientation_of(target, body))
+        away, torque, e = _misfit(ws, poses, body, vec_at(target, body), orientation_of(target, body))
         energy += 0.5 * w * e
         r = sub(link_centre(ws, poses, body), pivot)
         world_rotation = rot_from_quat(orientation_of(poses, body))
@@ -148,15 +149,15 @@ def _gather_shape(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -
     pivot, energy = pivot_of(ws, poses, tree), 0.0
     root = position_of(poses, first)
     rotation = quat_mul(orientation_of(poses, first), quat_conjugate(orientation_of(target, first)))
-    middle = quat_rotate(orientation_of(target, first), vec_of(links.centre, first))
-    aim = sub(vec_of(target, first), middle)
+    middle = quat_rotate(orientation_of(target, first), vec_at(links.centre, first))
+    aim = sub(vec_at(target, first), middle)
     for body in range(first, last):
         w = links.weight[body]
         for k in range(6):
             force[body, k] = 0.0
         if w == 0.0:
             continue
-        c = add(root, quat_rotate(rotation, sub(vec_of(target, body), aim)))
+        c = add(root, quat_rotate(rotation, sub(vec_at(target, body), aim)))
         away, torque, e = _misfit(ws, poses, body, c, quat_mul(rotation, orientation_of(target, body)))
         energy += 0.5 * w * e
         moment = add(cross(sub(link_centre(ws, poses, body), pivot), away), torque)
@@ -239,7 +240,7 @@ def _add_joint_gradient(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: 
         if i < 0:
             continue
         v, w = _twist(scene, poses, body, pivot)
-        f, t = vec_of(force, body), (force[body, 3], force[body, 4], force[body, 5])
+        f, t = vec_at(force, body), (force[body, 3], force[body, 4], force[body, 5])
         ws.problem.gradient[i] += factor * (dot(v, f) + dot(w, t))
 
 

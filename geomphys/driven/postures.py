@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.jit.kernel import kernel
+from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import Vec, add, cross, dot, quat_rotate, sub
 from geomphys.scene.arrays import JOINT_PRISMATIC, SIMULATED, Scene
 from geomphys.scene.kinematics import orientation_of, position_of
@@ -48,12 +49,6 @@ def copy_tree(scene: Scene, source: Posture, tree: int, target: Posture) -> None
 
 
 @kernel
-def vec_of(rows: Floats, i: int) -> Vec:
-    """The first three numbers of a row."""
-    return (rows[i, 0], rows[i, 1], rows[i, 2])
-
-
-@kernel
 def point_of(poses: Floats, body: int, inside: Vec) -> Vec:
     """A point of a body in the world."""
     return add(position_of(poses, body), quat_rotate(orientation_of(poses, body), inside))
@@ -62,7 +57,7 @@ def point_of(poses: Floats, body: int, inside: Vec) -> Vec:
 @kernel
 def world_axis(scene: Scene, poses: Floats, joint: int) -> Vec:
     """Axis of the joint above body `joint`, world frame."""
-    axis = (scene.bodies.axis[joint, 0], scene.bodies.axis[joint, 1], scene.bodies.axis[joint, 2])
+    axis = vec_at(scene.bodies.axis, joint)
     return quat_rotate(orientation_of(poses, joint), axis)
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import Vec, add, add_scaled, cross, dot, norm, perpendicular, rotate, scale, sub, unit
 from geomphys.scene.arrays import JOINT_FIXED, Scene
 from geomphys.scene.kinematics import frame_rotation, joint_value
@@ -29,14 +30,9 @@ TOUCHING = 1e-8  # of a direction to the polygon, below which the side's own nor
 
 
 @kernel
-def _corner(directions: Floats, k: int) -> Vec:
-    return (directions[k, 0], directions[k, 1], directions[k, 2])
-
-
-@kernel
 def _side_of(directions: Floats, first: int, last: int, k: int) -> Vec:
     """Unit normal of the plane of the side from corner k to the next, towards the inside."""
-    return unit(cross(_corner(directions, k), _corner(directions, k + 1 if k + 1 < last else first)))
+    return unit(cross(vec_at(directions, k), vec_at(directions, k + 1 if k + 1 < last else first)))
 
 
 @kernel
@@ -47,11 +43,11 @@ def _nearest(directions: Floats, first: int, last: int, d: Vec) -> tuple[Vec, Ve
     """
     shortest, corner, point, normal = math.inf, first, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for k in range(first, last):
-        a = _corner(directions, k)
+        a = vec_at(directions, k)
         away = norm(sub(d, a))
         if away < shortest:
             shortest, corner, point = away, k, a
-        b = _corner(directions, k + 1 if k + 1 < last else first)
+        b = vec_at(directions, k + 1 if k + 1 < last else first)
         n = unit(cross(a, b))
         if dot(cross(n, a), d) > 0.0 and dot(cross(b, n), d) > 0.0:
             foot = unit(add_scaled(d, n, -dot(n, d)))
@@ -108,7 +104,7 @@ def _in_first(scene: Scene, v: Vec, body: int, first: int, angles: Floats) -> Ve
     """A vector of link `body` in the frame that the joint above link `first` sits in."""
     while True:
         if scene.bodies.joint[body] != JOINT_FIXED:
-            axis = (scene.bodies.axis[body, 0], scene.bodies.axis[body, 1], scene.bodies.axis[body, 2])
+            axis = vec_at(scene.bodies.axis, body)
             v = _rotated(axis, joint_value(scene, body, angles), v)
         if body == first:
             return v
@@ -120,7 +116,7 @@ def _in_first(scene: Scene, v: Vec, body: int, first: int, angles: Floats) -> Ve
 def limb_direction(scene: Scene, cone: int, angles: Floats) -> Vec:
     """Unit direction of the limb at `angles` (Q,), in the frame of the cone's first joint, before its rotation."""
     cones = scene.cones
-    limb = (cones.limb[cone, 0], cones.limb[cone, 1], cones.limb[cone, 2])
+    limb = vec_at(cones.limb, cone)
     joints, first, last = cones.joints, cones.joint_start[cone], cones.joint_start[cone + 1]
     return unit(_in_first(scene, limb, joints[last - 1], joints[first], angles))
 
@@ -142,7 +138,7 @@ def cone_bound(scene: Scene, cone: int, recorded: Floats) -> float:
 def cone_effect(scene: Scene, cone: int, angles: Floats, index: int, d: Vec, inward: Vec) -> float:
     """∂g/∂q of the joint in row `index` of `cones.joints`: inward · (axis × d)."""
     body = scene.cones.joints[index]
-    axis = (scene.bodies.axis[body, 0], scene.bodies.axis[body, 1], scene.bodies.axis[body, 2])
+    axis = vec_at(scene.bodies.axis, body)
     axis = _in_first(scene, axis, body, scene.cones.joints[scene.cones.joint_start[cone]], angles)
     return float(scene.bodies.multiplier[body] * dot(inward, cross(axis, d)))
 

@@ -16,10 +16,11 @@ from geomphys.collision.detect import NOWHERE, append_pair, find_near, measure_n
 from geomphys.collision.sweep import update_boxes
 from geomphys.driven.advancement import centre_motion, is_parted_before, pair_motion, path_is_free, rotation_between
 from geomphys.driven.constraints import concerns
-from geomphys.driven.postures import Posture, vec_of
+from geomphys.driven.postures import Posture
 from geomphys.driven.state import LOCKED, DrivenWorkspace
 from geomphys.driven.stepping import find_concerned, measure_motion, pose_with_pieces
 from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import norm
 from geomphys.scene.arrays import DRIVEN, Scene
 
@@ -105,7 +106,7 @@ def path_of_pair_is_free(scene: Scene, ws: DrivenWorkspace, posture: Posture, k:
         return True
     motion, _ = pair_motion(scene, work.before.poses, posture.poses, a, b)
     if s > motion or is_parted_before(
-        scene, work.before.poses, posture.poses, a, b, vec_of(near.normal, k), motion, ws.piece_frames.moved
+        scene, work.before.poses, posture.poses, a, b, vec_at(near.normal, k), motion, ws.piece_frames.moved
     ):
         return True
     return path_is_free(
@@ -185,7 +186,7 @@ def measure_listed_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough
         a, b, limit = listed.a[k], listed.b[k], 0.0
         for tree in (listed.tree_a[k], listed.tree_b[k]):
             limit += reach if work.kind[tree] != LOCKED else 0.0
-        s, n = listed.separation[k] - _pair_travel(work.from_goal, a, b), vec_of(listed.normal, k)
+        s, n = listed.separation[k] - _pair_travel(work.from_goal, a, b), vec_at(listed.normal, k)
         if s > limit or limit == 0.0:
             continue
         if s < enough:

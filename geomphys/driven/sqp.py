@@ -29,7 +29,7 @@ from geomphys.driven.constraints import (
 from geomphys.driven.contacts_kept import add_touches, measure_touches, set_touch_goals
 from geomphys.driven.least_distance import SOLVED
 from geomphys.driven.objective import assemble, link_centre, number_unknowns
-from geomphys.driven.postures import Posture, vec_of
+from geomphys.driven.postures import Posture
 from geomphys.driven.qp import go_on, solve_quadratic
 from geomphys.driven.reachability import measure_listed_pairs
 from geomphys.driven.state import LOCKED, NO_ROW, REQUESTED, RIGID, DrivenWorkspace
@@ -46,6 +46,7 @@ from geomphys.driven.stepping import (
     update_separations,
 )
 from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import norm, sub
 from geomphys.scene.arrays import Scene
 from geomphys.scene.kinematics import orientation_of, set_pose
@@ -219,7 +220,7 @@ def _first_step(scene: Scene, ws: DrivenWorkspace) -> float:
         if work.kind[tree] == LOCKED:
             continue
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-            far = max(far, norm(sub(link_centre(ws, work.now.poses, body), vec_of(work.target, body))))
+            far = max(far, norm(sub(link_centre(ws, work.now.poses, body), vec_at(work.target, body))))
     return min(max(AMPLE * far, SMALL_STEP), FIRST_STEP)
 
 

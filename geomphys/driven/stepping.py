@@ -14,9 +14,10 @@ from geomphys.collision.sweep import update_boxes
 from geomphys.driven.advancement import centre_motion, passing_depth, rotation_between
 from geomphys.driven.constraints import concerns
 from geomphys.driven.objective import link_centre, pivot_of
-from geomphys.driven.postures import Posture, copy_tree, vec_of
+from geomphys.driven.postures import Posture, copy_tree
 from geomphys.driven.state import ARTICULATED, LOCKED, DrivenWorkspace
 from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import (
     add,
     dot,
@@ -194,13 +195,13 @@ def gap_on_its_side(scene: Scene, ws: DrivenWorkspace, k: int, motion: float) ->
     )
     if rotation * motion > passing_depth(scene, a, b):
         return -math.inf
-    return gap_along(shapes_of(scene.pieces, ws.piece_frames.frames), a, b, vec_of(ws.near.normal, k))
+    return gap_along(shapes_of(scene.pieces, ws.piece_frames.frames), a, b, vec_at(ws.near.normal, k))
 
 
 @kernel
 def distance_from_path(ws: DrivenWorkspace, poses: Floats, body: int) -> float:
     """Distance [m] of a link's centre from its straight path by the coupling alone."""
-    c, a, b = link_centre(ws, poses, body), vec_of(ws.work.anchor, body), vec_of(ws.work.target, body)
+    c, a, b = link_centre(ws, poses, body), vec_at(ws.work.anchor, body), vec_at(ws.work.target, body)
     path, off = sub(b, a), sub(c, a)
     square = dot(path, path)
     share = min(max(dot(off, path) / square, 0.0), 1.0) if square > 0.0 else 0.0

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from geomphys.driven.coupling import relax_offset
 from geomphys.driven.objective import is_stiff, link_centre
-from geomphys.driven.postures import is_recorded, vec_of
+from geomphys.driven.postures import is_recorded
 from geomphys.driven.starts import steady_change
 from geomphys.driven.state import GIVEN, DrivenState, DrivenWorkspace
 from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import (
     Vec,
     add,
@@ -78,9 +79,9 @@ def _relax_tree(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int
     Stores the rates, so that their change by impulses until the next step can be found.
     """
     trees, first = scene.trees, scene.trees.body_start[tree]
-    velocity_change = sub(vec_of(state.speed, tree), vec_of(state.last_speed, tree))
+    velocity_change = sub(vec_at(state.speed, tree), vec_at(state.last_speed, tree))
     for body in range(first, trees.body_start[tree + 1]):
-        old = vec_of(state.shift, body)
+        old = vec_at(state.shift, body)
         c = add(link_centre(ws, recorded, body), old)
         for i in range(3):
             ws.work.anchor[body, i] = c[i]
@@ -89,7 +90,7 @@ def _relax_tree(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int
             state.offset[tree, i], state.speed[tree, i] = relax_offset(
                 trees, tree, state.offset[tree, i], state.speed[tree, i], dt
             )
-        offset = vec_of(state.offset, tree)
+        offset = vec_at(state.offset, tree)
         for body in range(first, trees.body_start[tree + 1]):
             for i in range(3):
                 state.shift[body, i], state.rate[body, i] = state.offset[tree, i], state.speed[tree, i]
@@ -176,7 +177,7 @@ def note_tree(
             state.rate[body, i] += state.speed[tree, i] - state.last_speed[tree, i]
     for i in range(3):
         state.offset[tree, i] = state.last.roots[tree, i] - recorded[root, i]
-    offset = vec_of(state.offset, tree)
+    offset = vec_at(state.offset, tree)
     for body in range(root, scene.trees.body_start[tree + 1]):
         rotation = (0.0, 0.0, 0.0)
         shift = offset

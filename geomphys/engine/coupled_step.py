@@ -19,7 +19,7 @@ from geomphys.engine.coupled_unknowns import end_unknown, first_unknown, load_un
 from geomphys.engine.methods import yield_by_method
 from geomphys.engine.state import Machine, StepParameters
 from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.row_vectors import set_vec, vec_of
+from geomphys.numerics.row_vectors import set_vec, vec_at, vec_of
 from geomphys.numerics.vec3 import add, add_scaled, norm, scale, slerp, sub
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
 from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, pose_tree, position_of, set_pose
@@ -130,7 +130,7 @@ def recorded_motion(scene: Scene, m: Machine, tree: int) -> float:
     most = 0.0
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
         path = sub(position_of(m.recorded, body), position_of(m.start, body))
-        off = (m.driven.offset[tree, 0], m.driven.offset[tree, 1], m.driven.offset[tree, 2])
+        off = vec_at(m.driven.offset, tree)
         most = max(most, norm(add(path, off)))
     return most
 
@@ -149,12 +149,12 @@ def substeps_of(scene: Scene, m: Machine, dt: float) -> int:
         if scene.trees.role[tree] != DRIVEN:
             continue
         moved = recorded_motion(scene, m, tree)
-        off = (m.driven.offset[tree, 0], m.driven.offset[tree, 1], m.driven.offset[tree, 2])
+        off = vec_at(m.driven.offset, tree)
         for other in range(len(scene.trees.role)):
             if scene.trees.role[other] != SIMULATED:
                 continue
             body = scene.trees.body_start[other]
-            speed = norm((m.velocity[body, 0], m.velocity[body, 1], m.velocity[body, 2]))
+            speed = norm(vec_at(m.velocity, body))
             reach = moved + dt * speed + norm(off) + NEAR
             for link in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
                 if not bodies_apart(m.detection.boxes, link, body, reach):

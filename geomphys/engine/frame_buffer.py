@@ -122,9 +122,7 @@ def has_capacity(block: Block, frame: int) -> bool:
 @kernel
 def is_full(block: Block, frame: int) -> bool:
     """Whether the contacts or depths of a frame filled their table to the last row, so that some may be missing."""
-    return bool(
-        block.contact_end[frame + 1] == len(block.contacts) or block.depth_end[frame + 1] == len(block.depths)
-    )
+    return bool(block.contact_end[frame + 1] == len(block.contacts) or block.depth_end[frame + 1] == len(block.depths))
 
 
 @kernel

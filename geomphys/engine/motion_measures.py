@@ -19,7 +19,7 @@ from geomphys.jit.packed_records import Record
 from geomphys.numerics.row_vectors import set_vec_at, vec_at
 from geomphys.numerics.vec3 import Vec, add, cross, dot, neg, norm, rotate, rotate_back, scale, sub
 from geomphys.scene.arrays import DRIVEN, Scene
-from geomphys.scene.kinematics import frame_rotation
+from geomphys.scene.kinematics import frame_position, frame_rotation
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -67,16 +67,10 @@ def _update_driven_boxes(scene: Scene, m: Machine, frames: Floats) -> None:
 
 
 @kernel
-def _origin(frames: Floats, piece: int) -> Vec:
-    """Position of a frame row."""
-    return (frames[piece, 9], frames[piece, 10], frames[piece, 11])
-
-
-@kernel
 def _offset(before: Floats, after: Floats, piece: int, point: Vec) -> Vec:
     """World displacement of a point of a piece (in its frame) from frames `before` to `after` (P, 12)."""
     moved = sub(rotate(frame_rotation(after, piece), point), rotate(frame_rotation(before, piece), point))
-    return add(moved, sub(_origin(after, piece), _origin(before, piece)))
+    return add(moved, sub(frame_position(after, piece), frame_position(before, piece)))
 
 
 @kernel
@@ -131,8 +125,8 @@ def _compare_contacts(m: Machine, figures: Record) -> int:
             count += 1
             piece = tips.recorded.piece[i]
             r0, r1 = frame_rotation(base, piece), frame_rotation(frames, piece)
-            at = rotate_back(r0, sub(vec_at(tips.recorded.point, i), _origin(base, piece)))
-            distance += norm(sub(vec_at(tips.corrected.point, i), add(_origin(frames, piece), rotate(r1, at))))
+            at = rotate_back(r0, sub(vec_at(tips.recorded.point, i), frame_position(base, piece)))
+            distance += norm(sub(vec_at(tips.corrected.point, i), add(frame_position(frames, piece), rotate(r1, at))))
             n0 = rotate(r1, rotate_back(r0, vec_at(tips.recorded.normal, i)))
             n1 = vec_at(tips.corrected.normal, i)
             rotation += math.atan2(norm(cross(n0, n1)), dot(n0, n1))

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from geomphys.jit.kernel import kernel
 from geomphys.keypoints.cholesky import factorise, substitute_back, substitute_forward
 from geomphys.keypoints.fit_model import REST_WEIGHT, SHOWN, SMOOTHNESS_WEIGHT, UNSHOWN_WEIGHT, FitModel, FitState
+from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import (
     Vec,
     add,
@@ -95,7 +96,7 @@ def rotate_axes(model: FitModel, state: FitState) -> None:
     """Joint axes in the world frame, for `state.poses`."""
     for body in range(1, len(model.parent)):
         if model.column[body] >= 0:
-            axis = (model.axis[body, 0], model.axis[body, 1], model.axis[body, 2])
+            axis = vec_at(model.axis, body)
             axis = quat_rotate(orientation_of(state.poses, body), axis)
             state.axes[body, 0], state.axes[body, 1], state.axes[body, 2] = axis
 
@@ -112,7 +113,7 @@ def point_jacobian(model: FitModel, state: FitState, body: int, centre: Vec) -> 
     while link > 0:
         column = model.column[link]
         if column >= 0 and model.kind[link] != JOINT_FIXED:
-            axis = (state.axes[link, 0], state.axes[link, 1], state.axes[link, 2])
+            axis = vec_at(state.axes, link)
             if model.kind[link] != JOINT_PRISMATIC:
                 axis = cross(axis, sub(x, position_of(poses, link)))
             known = False

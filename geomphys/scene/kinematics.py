@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.vec3 import Quat, Rot, Vec, quat_mul, quat_rotate, rot_from_quat, rot_mul, rotate
+from geomphys.numerics.row_vectors import vec_at
+from geomphys.numerics.vec3 import Quat, Rot, Vec, add, quat_mul, quat_rotate, rot_from_quat, rot_mul, rotate
 from geomphys.scene.arrays import JOINT_FIXED, JOINT_PRISMATIC, Scene
 
 Floats = NDArray[np.float64]
@@ -71,6 +72,20 @@ def frame_rotation(frames: Floats, i: int) -> Rot:
 
 
 @kernel
+def frame_position(frames: Floats, i: int) -> Vec:
+    """Position of a frame row."""
+    return (frames[i, 9], frames[i, 10], frames[i, 11])
+
+
+@kernel
+def set_frame(frames: Floats, i: int, rotation: Rot, position: Vec) -> None:
+    """Write a frame row."""
+    for k in range(9):
+        frames[i, k] = rotation[k]
+    frames[i, 9], frames[i, 10], frames[i, 11] = position
+
+
+@kernel
 def joint_value(scene: Scene, body: int, angles: Floats) -> float:
     """Value [rad or m] of the joint above `body`; mimic joints from their masters."""
     dof = scene.bodies.dof[body]
@@ -88,7 +103,7 @@ def pose_child(poses: Floats, body: int, parent: int, origins: Floats, axes: Flo
     p = (p[0] + t[0], p[1] + t[1], p[2] + t[2])
     q = quat_mul(q, orientation_of(origins, body))
     if kind != JOINT_FIXED:
-        axis = (axes[body, 0], axes[body, 1], axes[body, 2])
+        axis = vec_at(axes, body)
         if kind == JOINT_PRISMATIC:
             t = quat_rotate(q, axis)
             p = (p[0] + value * t[0], p[1] + value * t[1], p[2] + value * t[2])
@@ -140,9 +155,5 @@ def pose_pieces_of_tree(scene: Scene, tree: int, poses: Floats, frames: Floats) 
             continue
         r = rot_from_quat(orientation_of(poses, body))
         for i in range(first, last):
-            world_rotation = rot_mul(r, frame_rotation(local, i))
-            for k in range(9):
-                frames[i, k] = world_rotation[k]
-            t = rotate(r, (local[i, 9], local[i, 10], local[i, 11]))
-            for k in range(3):
-                frames[i, 9 + k] = poses[body, k] + t[k]
+            t = rotate(r, frame_position(local, i))
+            set_frame(frames, i, rot_mul(r, frame_rotation(local, i)), add(position_of(poses, body), t))

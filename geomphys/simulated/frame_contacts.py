@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from geomphys.collision.penetration import separation
 from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.row_vectors import quat_from, set_vec, vec_from, vec_of
+from geomphys.numerics.row_vectors import quat_from, set_vec, vec_at, vec_from, vec_of
 from geomphys.numerics.vec3 import Vec, add, norm, quat_rotate, rotate, sub, unit
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Floats, Pieces
+from geomphys.scene.kinematics import frame_position, frame_rotation
 from geomphys.simulated.state import Records, Simulation
 
 
@@ -86,9 +87,7 @@ def deepest_overlap(sim: Simulation, frames: Floats) -> float:
 @kernel
 def centre_of(pieces: Pieces, frames: Floats, i: int) -> Vec:
     """World position of the middle of the ball about a piece."""
-    f, c = frames[i], pieces.centre[i]
-    rotation = (f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7], f[8])
-    return add((f[9], f[10], f[11]), rotate(rotation, (c[0], c[1], c[2])))
+    return add(frame_position(frames, i), rotate(frame_rotation(frames, i), vec_at(pieces.centre, i)))
 
 
 @outlined

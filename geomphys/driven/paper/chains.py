@@ -24,8 +24,8 @@ from geomphys.collision.sweep import update_boxes
 from geomphys.driven.paper.descent import descend, is_usable
 from geomphys.driven.paper.link_translation import lies_along, translate_link
 from geomphys.driven.paper.state import PaperWorkspace
-from geomphys.driven.postures import vec_of
 from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import Vec, add, add_scaled, dot, norm, quat_conjugate, quat_rotate, scale, sub, unit
 from geomphys.scene.arrays import Scene
 from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, pose_tree, position_of
@@ -131,18 +131,18 @@ def contacts_of(scene: Scene, w: PaperWorkspace, link: int, count: int) -> tuple
     near = w.near
     middle, pd, deep, points = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0
     weight, deepest, low, high = 0.0, 0.0, math.inf, -math.inf
-    along = unit(quat_rotate(orientation_of(w.now.poses, link), vec_of(w.limbs.along, link)))
+    along = unit(quat_rotate(orientation_of(w.now.poses, link), vec_at(w.limbs.along, link)))
     for k in range(near.counts.filled):
         s, a, b = near.separation[k], scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
         other = b if a == link else a
         if s >= 0.0 or (a != link and b != link) or not can_move(scene, w, link, other):
             continue
-        n, pa, pb = vec_of(near.normal, k), vec_of(near.point_a, k), vec_of(near.point_b, k)
+        n, pa, pb = vec_at(near.normal, k), vec_at(near.point_a, k), vec_at(near.point_b, k)
         found = manifold(
             Shapes(scene.pieces, w.frames), near.a[k], near.b[k], (s, n, pa, pb), w.points_a, w.points_b, w.detection.scratch
         )  # fmt: skip
         for i in range(found):
-            p = vec_of(w.points_a, i) if a == link else vec_of(w.points_b, i)
+            p = vec_at(w.points_a, i) if a == link else vec_at(w.points_b, i)
             middle = add(middle, p)
             low, high = min(low, dot(p, along)), max(high, dot(p, along))
         points += found

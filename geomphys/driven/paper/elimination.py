@@ -15,9 +15,10 @@ from typing import NamedTuple
 
 from geomphys.driven.paper.chains import detect, draw_order, move_chains, update_tree
 from geomphys.driven.paper.state import PaperWorkspace
-from geomphys.driven.postures import Posture, copy_tree, vec_of
+from geomphys.driven.postures import Posture, copy_tree
 from geomphys.driven.reach_cones import cone_angle
 from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import Vec, add_scaled, norm, scale, slerp, sub, unit
 from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.scene.kinematics import orientation_of, position_of, set_pose
@@ -91,7 +92,7 @@ def propose_translations(scene: Scene, w: PaperWorkspace) -> None:
             weight, largest = w.sums[body, 3], w.sums[body, 4]
             if weight == 0.0:
                 continue
-            pd = scale(vec_of(w.sums, body), 1.0 / weight)
+            pd = scale(vec_at(w.sums, body), 1.0 / weight)
             if norm(pd) < CANCELLED * largest:
                 w.cancelled[a] = 1
                 if both:

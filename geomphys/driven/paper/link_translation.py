@@ -15,9 +15,10 @@ import math
 
 from geomphys.driven.paper.descent import is_usable, pose_chain, set_angle
 from geomphys.driven.paper.state import PaperWorkspace
-from geomphys.driven.postures import vec_of, world_axis
+from geomphys.driven.postures import world_axis
 from geomphys.driven.reach_cones import cone_angle
 from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import Vec, add_scaled, cross, dot, norm, quat_rotate, sub
 from geomphys.scene.arrays import JOINT_FIXED, JOINT_REVOLUTE, Scene
 from geomphys.scene.kinematics import orientation_of, position_of
@@ -32,7 +33,7 @@ ACHIEVED = 1e-9  # rad: a rotation that limits shorten by more is rejected
 @kernel
 def lies_along(w: PaperWorkspace, link: int, n: Vec, extent: float) -> bool:
     """Whether a link lies along a surface of unit normal n; `extent` [m] of its length is in contact."""
-    along = vec_of(w.limbs.along, link)
+    along = vec_at(w.limbs.along, link)
     length = norm(along)
     if length == 0.0 or extent < COVERED * length:
         return False

@@ -16,10 +16,11 @@ from geomphys.driven.paper.chains import update_tree
 from geomphys.driven.paper.descent import fit_cone
 from geomphys.driven.paper.elimination import eliminate, overlaps_others
 from geomphys.driven.paper.state import PaperWorkspace
-from geomphys.driven.postures import copy_tree, is_recorded, vec_of
+from geomphys.driven.postures import copy_tree, is_recorded
 from geomphys.driven.reach_cones import cone_bound
 from geomphys.driven.state import NOT_STARTED, STARTED_FREE, DrivenState
 from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import dot, norm, sub
 from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.scene.kinematics import pose_pieces_of_tree
@@ -83,9 +84,9 @@ def attract(
 @kernel
 def note_tree(scene: Scene, state: DrivenState, w: PaperWorkspace, tree: int, roots: Floats, angles: Floats) -> None:
     """Offsets of a tree at the iterate; a correction against the rate of its offset sets that rate to zero."""
-    path = sub(vec_of(w.now.roots, tree), vec_of(w.target.roots, tree))
+    path = sub(vec_at(w.now.roots, tree), vec_at(w.target.roots, tree))
     size = norm(path)
-    against = dot(vec_of(state.speed, tree), path) / size if size > MOVED else 0.0
+    against = dot(vec_at(state.speed, tree), path) / size if size > MOVED else 0.0
     for i in range(3):
         if against < 0.0:
             state.speed[tree, i] -= against * path[i] / size
