@@ -20,6 +20,7 @@ from geomphys.scene.arrays import DRIVEN, Pieces, Scene
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Records = NDArray[Any]
 
 NOWHERE = (0.0, 0.0, 0.0)  # witness points of a pair that is not measured
 
@@ -31,6 +32,15 @@ PAIR_COUNTS = np.dtype(
     ]
 )
 """Counts of a table of near pairs."""
+
+
+MOTION_BOUND = np.dtype(
+    [
+        ("world", np.float64),  # m, in the world
+        ("joints", np.float64),  # m, by joints alone: of its pieces among each other
+    ]
+)
+"""How far the pieces of a tree may move."""
 
 
 class Near(NamedTuple):
@@ -60,7 +70,7 @@ CACHED_AXIS = np.dtype(
 class Axes(NamedTuple):
     """Cached separating directions of pairs, from which the next search starts. Losing one costs time only."""
 
-    rows: NDArray[Any]  # (n,) CACHED_AXIS
+    rows: Records  # (n,) CACHED_AXIS
 
 
 class Detection(NamedTuple):
@@ -228,9 +238,15 @@ def near_pairs_within_tree(
                 near_bodies(scene, frames, body_a, body_b, limit, enough, near, detection)
 
 
+@kernel
+def set_bound(bounds: Records, tree: int, far: float) -> None:
+    """Let the pieces of a tree move by `far` [m], in the world and among each other."""
+    bounds[tree].world = bounds[tree].joints = far
+
+
 @outlined
 def find_near(
-    scene: Scene, frames: Floats, reach: Floats, margin: float, enough: float, near: Near, detection: Detection
+    scene: Scene, frames: Floats, bounds: Records, margin: float, enough: float, near: Near, detection: Detection
 ) -> None:
     """All pairs of pieces, one of them driven, that may come into contact.
 
@@ -238,10 +254,10 @@ def find_near(
     ----------
     scene, frames
         The scene and its pieces' world frames (P, 12).
-    reach
-        (T, 2) m; how far the pieces of each tree may move before the answer is used: in the world, and by joints alone.
+    bounds
+        (T,) MOTION_BOUND: how far the pieces of each tree may move before the answer is used.
     margin
-        m; pairs farther apart than the reach of both and `margin` are left out.
+        m; pairs farther apart than the bounds of both and `margin` are left out.
     enough
         m; pairs that a cached direction separates this far are not measured: `separation` and `normal` are that
         bound and direction, `exact` is 0. inf: all are measured.
@@ -254,17 +270,18 @@ def find_near(
     near.counts.filled = 0
     widest = 0.0
     for tree in range(len(scene.trees.role)):
-        widest = max(widest, reach[tree, 0])
+        widest = max(widest, bounds[tree].world)
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] != DRIVEN:
             continue
-        count = near_trees(boxes, tree, reach[tree, 0] + widest + margin, found)
+        count = near_trees(boxes, tree, bounds[tree].world + widest + margin, found)
         for k in range(count):
             other = found[k]
             if scene.trees.role[other] == DRIVEN and other < tree:
                 continue
-            limit = reach[tree, 0] + reach[other, 0] + margin
+            limit = bounds[tree].world + bounds[other].world + margin
             if not apart(boxes.tree_low, boxes.tree_high, boxes.tree_low, boxes.tree_high, tree, other, limit):
                 near_pairs_of_trees(scene, frames, tree, other, limit, enough, near, detection)
         if scene.trees.chains[tree] == 1 and scene.trees.self_collision[tree] == 1:
-            near_pairs_within_tree(scene, frames, tree, 2.0 * reach[tree, 1] + margin, enough, near, detection)
+            limit = 2.0 * bounds[tree].joints + margin
+            near_pairs_within_tree(scene, frames, tree, limit, enough, near, detection)

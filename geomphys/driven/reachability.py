@@ -12,7 +12,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import NOWHERE, append_pair, find_near, measure_near, pair_bound, pair_separation
+from geomphys.collision.detect import (
+    NOWHERE,
+    append_pair,
+    find_near,
+    measure_near,
+    pair_bound,
+    pair_separation,
+    set_bound,
+)
 from geomphys.collision.sweep import update_boxes
 from geomphys.driven.advancement import centre_motion, is_parted_before, pair_motion, path_is_free, rotation_between
 from geomphys.driven.constraints import concerns
@@ -88,12 +96,12 @@ def measure_swept_pairs(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> 
     p, work = ws.piece_frames, ws.work
     measure_motion(scene, ws, work.before, posture)
     for tree in range(len(work.kind)):
-        p.reach[tree, 0] = p.reach[tree, 1] = -math.inf if work.ignored[tree] == 1 else 0.0
+        set_bound(p.motion_bounds, tree, -math.inf if work.ignored[tree] == 1 else 0.0)
         if work.kind[tree] != LOCKED:
-            p.reach[tree, 0] = p.reach[tree, 1] = _farthest(scene, work.motion, tree)
+            set_bound(p.motion_bounds, tree, _farthest(scene, work.motion, tree))
             update_boxes(scene, p.frames, ws.detection.boxes, tree)
         elif work.ignored[tree] == 0 and scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
-            p.reach[tree, 0] = _farthest(scene, work.drift, tree)
+            p.motion_bounds[tree].world = _farthest(scene, work.drift, tree)
     return find_concerned(scene, ws, 0.0)
 
 
@@ -140,21 +148,21 @@ def list_pairs(scene: Scene, ws: DrivenWorkspace) -> None:
     measure_motion(scene, ws, work.before, work.goal)
     for tree in range(len(work.kind)):
         work.covered[tree] = 0.0
-        p.reach[tree, 0] = p.reach[tree, 1] = -math.inf if work.ignored[tree] == 1 else 0.0
+        set_bound(p.motion_bounds, tree, -math.inf if work.ignored[tree] == 1 else 0.0)
         if work.kind[tree] != LOCKED:
             pose_with_pieces(scene, ws, work.goal, tree)
             update_boxes(scene, p.frames, ws.detection.boxes, tree)
             work.covered[tree] = AMPLE * _farthest(scene, work.motion, tree) + MARGIN
-            p.reach[tree, 0] = p.reach[tree, 1] = work.covered[tree]
+            set_bound(p.motion_bounds, tree, work.covered[tree])
         elif work.ignored[tree] == 0 and scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
-            p.reach[tree, 0] = _farthest(scene, work.drift, tree)
+            p.motion_bounds[tree].world = _farthest(scene, work.drift, tree)
         elif scene.trees.role[tree] == DRIVEN:
             first = scene.bodies.piece_start[scene.trees.body_start[tree]]
             for i in range(first, scene.bodies.piece_start[scene.trees.body_start[tree + 1]]):
                 for k in range(4):
                     work.travel[i, k] = work.from_goal[i, k] = 0.0
     ws.listed.counts.lost = 0
-    find_near(scene, p.frames, p.reach, 0.0, -math.inf, ws.listed, ws.detection)
+    find_near(scene, p.frames, p.motion_bounds, 0.0, -math.inf, ws.listed, ws.detection)
     if ws.listed.counts.lost > 0:  # the table was full: pairs are searched each time
         for tree in range(len(work.kind)):
             work.covered[tree] = -1.0

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import Detection, Near, make_near
+from geomphys.collision.detect import MOTION_BOUND, Detection, Near, Records, make_near
 from geomphys.driven.links import Links
 from geomphys.driven.postures import Posture, make_posture
 from geomphys.driven.qp import Quadratic, make_quadratic
@@ -82,7 +82,7 @@ class PieceFrames(NamedTuple):
     base: Floats  # (P, 12) world_from_piece as recorded
     frames: Floats  # (P, 12) current
     moved: Floats  # (P, 12) scratch
-    reach: Floats  # (T, 2) m: motion of the pieces of each tree that near pairs must cover: in the world, and by joints alone
+    motion_bounds: Records  # (T,) MOTION_BOUND: motion of the pieces of each tree that near pairs must cover
 
 
 class SearchWorkspace(NamedTuple):
@@ -177,7 +177,7 @@ def make_piece_frames(scene: Scene) -> PieceFrames:
         base=np.zeros((pieces, 12)),
         frames=np.zeros((pieces, 12)),
         moved=np.zeros((pieces, 12)),
-        reach=np.zeros((trees, 2)),
+        motion_bounds=np.zeros(trees, MOTION_BOUND),
     )
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import find_near, measure_near, pair_bound
+from geomphys.collision.detect import find_near, measure_near, pair_bound, set_bound
 from geomphys.collision.extent import gap_along
 from geomphys.collision.support import shapes_of
 from geomphys.collision.sweep import update_boxes
@@ -76,7 +76,7 @@ def find_concerned(scene: Scene, ws: DrivenWorkspace, enough: float) -> float:
     Pairs that a cached direction separates by `enough` [m] are not measured: theirs is a lower bound.
     """
     p = ws.piece_frames
-    find_near(scene, p.frames, p.reach, 0.0, enough, ws.near, ws.detection)
+    find_near(scene, p.frames, p.motion_bounds, 0.0, enough, ws.near, ws.detection)
     least = math.inf
     for k in range(ws.near.counts.filled):
         if concerns(ws, k):
@@ -92,9 +92,9 @@ def measure_near_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough: 
     """
     p = ws.piece_frames
     for tree in range(len(ws.work.kind)):
-        p.reach[tree, 0] = p.reach[tree, 1] = -math.inf if ws.work.ignored[tree] == 1 else 0.0
+        set_bound(p.motion_bounds, tree, -math.inf if ws.work.ignored[tree] == 1 else 0.0)
         if ws.work.kind[tree] != LOCKED:
-            p.reach[tree, 0] = p.reach[tree, 1] = reach
+            set_bound(p.motion_bounds, tree, reach)
             update_boxes(scene, p.frames, ws.detection.boxes, tree)
     return find_concerned(scene, ws, enough)
 

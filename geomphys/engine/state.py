@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import Detection, make_axes, make_near
+from geomphys.collision.detect import MOTION_BOUND, Detection, make_axes, make_near
 from geomphys.collision.global_depth import GlobalDepths, make_global_depths
 from geomphys.collision.penetration import make_scratch
 from geomphys.collision.sweep import make_boxes
@@ -71,7 +71,7 @@ class Machine(NamedTuple):
     workspace: DrivenWorkspace
     depths: GlobalDepths
     detection: Detection
-    still: Floats  # (T, 2) zeros: overlaps are measured without a margin for motion
+    still: Records  # (T,) MOTION_BOUND, zero: overlaps are measured without a margin for motion
     simulated: Simulation
     start: Floats  # (B, 7) poses at the frame's start
     velocity: Floats  # (B, 6) m/s of the centre of mass and rad/s, world, of simulated bodies
@@ -117,7 +117,7 @@ def make_machine(
         workspace=workspace,
         depths=make_global_depths(NEAR_PAIRS),
         detection=detection,
-        still=np.zeros((trees, 2)),
+        still=np.zeros(trees, MOTION_BOUND),
         simulated=make_simulation(
             scene, poses, start=start, end=corrected, reported=velocity, frames=piece_frames.moved,
             scratch=scratch,

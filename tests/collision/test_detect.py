@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geomphys.collision.detect import Detection, find_near, make_axes, make_near, measure_near
+from geomphys.collision.detect import MOTION_BOUND, Detection, find_near, make_axes, make_near, measure_near
 from geomphys.collision.penetration import make_scratch
 from geomphys.collision.support import pose_pieces
 from geomphys.collision.sweep import make_boxes
@@ -82,7 +82,7 @@ def test_pairs_beyond_the_table_are_counted_and_the_first_ones_are_there(size: i
     scene, detection, frames = rows_of_balls(10)
     near = make_near(size)
     for _ in range(2):  # what is there is replaced; lost ones add up until the caller clears them
-        find_near(scene, frames, np.zeros((10, 2)), 0.02, math.inf, pack(near), detection)
+        find_near(scene, frames, np.zeros(10, MOTION_BOUND), 0.02, math.inf, pack(near), detection)
     assert near.counts["filled"] == size
     assert near.counts["lost"] == 2 * lost
     assert [(int(a), int(b)) for a, b in zip(near.a, near.b, strict=True)] == [(k, k + 1) for k in range(size)]
@@ -95,17 +95,17 @@ def test_pairs_beyond_the_table_are_counted_and_the_first_ones_are_there(size: i
 def test_pairs_are_listed_as_far_as_both_may_move_and_the_margin(reach: float, margin: float, found: int) -> None:
     scene, detection, frames = rows_of_balls(10)
     near = make_near(64)
-    find_near(scene, frames, np.full((10, 2), reach), margin, math.inf, pack(near), detection)
+    find_near(scene, frames, np.full(10, reach, MOTION_BOUND), margin, math.inf, pack(near), detection)
     assert near.counts["filled"] == found
 
 
 def test_what_a_remembered_direction_parts_is_bounded_and_not_measured() -> None:
     scene, detection, frames = rows_of_balls(3)
     near = make_near(64)
-    find_near(scene, frames, np.zeros((3, 2)), 0.2, math.inf, pack(near), detection)
+    find_near(scene, frames, np.zeros(3, MOTION_BOUND), 0.2, math.inf, pack(near), detection)
     assert near.exact[: near.counts["filled"]].all()
     frames[:, 10] += (0.0, 0.03, 0.0)  # the middle one goes aside: the remembered directions are a bit off
-    find_near(scene, frames, np.zeros((3, 2)), 0.2, 0.005, pack(near), detection)
+    find_near(scene, frames, np.zeros(3, MOTION_BOUND), 0.2, 0.005, pack(near), detection)
     count = int(near.counts["filled"])
     assert count == 3
     assert not near.exact[:count].any()

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from geomphys.engine.frame_buffer import CONTACT
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, Shape, Sphere
-from geomphys.engine.frame_buffer import CONTACT
 from geomphys.simulated.frame_contacts import write_touches
 from tests.simulated.scenes import FRICTION, GRAVITY, Player, Thing, floor
 

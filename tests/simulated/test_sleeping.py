@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from geomphys.engine.frame_buffer import CONTACT
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box
-from geomphys.engine.frame_buffer import CONTACT
 from geomphys.simulated.frame_contacts import write_touches
 from geomphys.simulated.sleeping import REST_TIME, SLOW_SPEED, note_rest, wake
 from tests.simulated.scenes import Player, Thing, floor

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from geomphys.engine.frame_buffer import CONTACT
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box, Capsule, Cylinder, Sphere
 from geomphys.simulated.allocation import Capacity
-from geomphys.engine.frame_buffer import CONTACT
 from geomphys.simulated.frame_contacts import write_touches
 from geomphys.simulated.update import IMPACT_BOUND, QUARANTINED
 from tests.simulated.scenes import GRAVITY, Player, Thing, floor, make_scene

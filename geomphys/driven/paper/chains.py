@@ -72,7 +72,7 @@ def update_tree(scene: Scene, w: PaperWorkspace, tree: int) -> None:
 @outlined
 def detect(scene: Scene, w: PaperWorkspace) -> float:
     """Discrete collision check of the iterate: fills `near`; returns the sum of all depths [m]."""
-    find_near(scene, w.frames, w.reach, 0.0, math.inf, w.near, w.detection)
+    find_near(scene, w.frames, w.motion_bounds, 0.0, math.inf, w.near, w.detection)
     overlap = 0.0
     for k in range(w.near.counts.filled):
         overlap += max(0.0, -w.near.separation[k])

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import Detection, Near
+from geomphys.collision.detect import MOTION_BOUND, Detection, Near, Records
 from geomphys.config import Config
 from geomphys.driven.postures import Posture, make_posture
 from geomphys.driven.state import DrivenWorkspace
@@ -35,7 +35,7 @@ class PaperWorkspace(NamedTuple):
     gap: float  # m; clearance that a correction adds to the depth
     origins: Floats  # (B, 7) joint origins
     frames: Floats  # (P, 12) world_from_piece of the iterate
-    reach: Floats  # (T, 2) zeros: discrete checks need no margin
+    motion_bounds: Records  # (T,) MOTION_BOUND, zero: discrete checks need no margin
     near: Near
     detection: Detection
     limbs: Limbs
@@ -125,7 +125,7 @@ def make_paper_workspace(scene: Scene, shared: DrivenWorkspace, config: Config) 
         gap=config.gap,
         origins=shared.origins,
         frames=shared.piece_frames.frames,
-        reach=np.zeros((trees, 2)),
+        motion_bounds=np.zeros(trees, MOTION_BOUND),
         near=shared.near,
         detection=shared.detection,
         limbs=make_limbs(scene),
