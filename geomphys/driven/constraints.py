@@ -11,7 +11,7 @@ from geomphys.driven.postures import Posture, joint_effect, point_of
 from geomphys.driven.reach_cones import cone_bound, cone_row
 from geomphys.driven.state import ARTICULATED, HAS_ROW, LOCKED, NO_ROW, REQUESTED, DrivenWorkspace
 from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.row_vectors import vec_at
+from geomphys.numerics.row_vectors import set_vec, vec_at, vec_of
 from geomphys.numerics.vec3 import Vec, cross, dot, norm, quat_conjugate, quat_rotate, sub
 from geomphys.scene.arrays import DRIVEN, JOINT_FIXED, Scene
 from geomphys.scene.kinematics import orientation_of, position_of
@@ -91,8 +91,8 @@ def concerns(ws: DrivenWorkspace, k: int) -> bool:
 @kernel
 def forget_spots(ws: DrivenWorkspace) -> None:
     """Clear the cached contact spots."""
-    for i in range(len(ws.work.spot)):
-        ws.work.spot[i, 0] = -1
+    for i in range(len(ws.work.spots)):
+        ws.work.spots[i].a = -1
     ws.work.counts.next_spot = 0
 
 
@@ -110,22 +110,23 @@ def _remember_spot(scene: Scene, ws: DrivenWorkspace, poses: Floats, k: int) -> 
     la = _inside(poses, scene.pieces.body[a], vec_at(near.point_a, k))
     lb = _inside(poses, scene.pieces.body[b], vec_at(near.point_b, k))
     slot = -1
-    for i in range(len(work.spot)):
-        if work.spot[i, 0] < 0:
+    for i in range(len(work.spots)):
+        spot = work.spots[i]
+        if spot.a < 0:
             break
-        if work.spot[i, 0] == a and work.spot[i, 1] == b:
-            row = work.spot_at[i]
-            far = norm(sub((row[3], row[4], row[5]), la)) + norm(sub((row[6], row[7], row[8]), lb))
+        if spot.a == a and spot.b == b:
+            far = norm(sub(vec_of(spot.point_a), la)) + norm(sub(vec_of(spot.point_b), lb))
             if far < SAME_SPOT:
                 slot = i
                 break
     if slot < 0:
         slot = work.counts.next_spot
-        work.counts.next_spot = (slot + 1) % len(work.spot)
-    work.spot[slot, 0], work.spot[slot, 1] = a, b
-    for i in range(3):
-        work.spot_at[slot, i] = near.normal[k, i]
-        work.spot_at[slot, 3 + i], work.spot_at[slot, 6 + i] = la[i], lb[i]
+        work.counts.next_spot = (slot + 1) % len(work.spots)
+    spot = work.spots[slot]
+    spot.a, spot.b = a, b
+    set_vec(spot.normal, vec_at(near.normal, k))
+    set_vec(spot.point_a, la)
+    set_vec(spot.point_b, lb)
 
 
 @outlined
@@ -133,15 +134,15 @@ def _add_spots(scene: Scene, ws: DrivenWorkspace, poses: Floats, k: int, gap: fl
     """Rows for spots where near pair k touched in earlier passes: the nearest points of two faces jump from corner to corner."""
     near, work = ws.near, ws.work
     a, b = near.a[k], near.b[k]
-    for i in range(len(work.spot)):
-        if work.spot[i, 0] < 0 or m == len(ws.problem.least.bounds):
+    for i in range(len(work.spots)):
+        spot = work.spots[i]
+        if spot.a < 0 or m == len(ws.problem.least.bounds):
             break
-        if work.spot[i, 0] != a or work.spot[i, 1] != b:
+        if spot.a != a or spot.b != b:
             continue
-        row = work.spot_at[i]
-        n = (row[0], row[1], row[2])
-        pa = point_of(poses, scene.pieces.body[a], (row[3], row[4], row[5]))
-        pb = point_of(poses, scene.pieces.body[b], (row[6], row[7], row[8]))
+        n = vec_of(spot.normal)
+        pa = point_of(poses, scene.pieces.body[a], vec_of(spot.point_a))
+        pb = point_of(poses, scene.pieces.body[b], vec_of(spot.point_b))
         s = dot(n, sub(pa, pb))
         if s < near.separation[k] - 1e-7 or s > 0.01:  # else the surface is curved, and the normal has changed
             continue

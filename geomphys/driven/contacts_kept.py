@@ -27,12 +27,13 @@ def note_touch(scene: Scene, ws: DrivenWorkspace, tip: int, body: int, gap: floa
     """Store a recorded contact, with its smallest gap."""
     work = ws.work
     for i in range(work.counts.touches):
-        if work.touch[i, 0] == tip and work.touch[i, 1] == body:
-            work.touch_gap[i] = min(work.touch_gap[i], gap)
+        touch = work.touches[i]
+        if touch.tip == tip and touch.body == body:
+            touch.gap = min(touch.gap, gap)
             return
-    i = work.counts.touches
-    work.touch[i, 0], work.touch[i, 1], work.touch_gap[i] = tip, body, gap
-    work.counts.touches = i + 1
+    touch = work.touches[work.counts.touches]
+    touch.tip, touch.body, touch.gap = tip, body, gap
+    work.counts.touches += 1
 
 
 @outlined
@@ -57,9 +58,8 @@ def forget_touches(scene: Scene, ws: DrivenWorkspace, tree: int) -> None:
     """Drop the recorded contacts of a tree: the coupled contact solve has placed it."""
     work, count = ws.work, 0
     for i in range(work.counts.touches):
-        if scene.bodies.tree[work.touch[i, 0]] != tree:
-            work.touch[count, 0], work.touch[count, 1] = work.touch[i, 0], work.touch[i, 1]
-            work.touch_gap[count] = work.touch_gap[i]
+        if scene.bodies.tree[work.touches[i].tip] != tree:
+            work.touches[count] = work.touches[i]
             count += 1
     work.counts.touches = count
 
@@ -69,7 +69,7 @@ def measure_touches(scene: Scene, ws: DrivenWorkspace, limit: float) -> None:
     """Measure, within `limit` [m], the nearest of the near pairs of each tip with the body that it touched in the recording."""
     work, near = ws.work, ws.near
     for i in range(work.counts.touches):
-        tip, other = work.touch[i, 0], work.touch[i, 1]
+        tip, other = work.touches[i].tip, work.touches[i].body
         if work.kind[scene.bodies.tree[tip]] != ARTICULATED:
             continue
         nearest = limit
@@ -94,7 +94,7 @@ def _nearest(scene: Scene, ws: DrivenWorkspace, i: int) -> int:
     nearest, found = math.inf, -1
     for k in range(ws.near.counts.filled):
         nearer = ws.near.exact[k] == 1 and ws.near.separation[k] < nearest
-        if nearer and _is_touch(scene, ws, k, ws.work.touch[i, 0], ws.work.touch[i, 1]):
+        if nearer and _is_touch(scene, ws, k, ws.work.touches[i].tip, ws.work.touches[i].body):
             nearest, found = ws.near.separation[k], k
     return found
 
@@ -105,8 +105,9 @@ def set_touch_goals(scene: Scene, ws: DrivenWorkspace) -> None:
     work = ws.work
     for i in range(work.counts.touches):
         k = _nearest(scene, ws, i)
-        closing = work.closing[scene.bodies.tree[work.touch[i, 0]]]
-        work.touch_goal[i] = math.inf if k < 0 else max(ws.near.separation[k] - closing, work.touch_gap[i], 0.0)
+        touch = work.touches[i]
+        closing = work.closing[scene.bodies.tree[touch.tip]]
+        touch.goal = math.inf if k < 0 else max(ws.near.separation[k] - closing, touch.gap, 0.0)
 
 
 @outlined
@@ -115,16 +116,16 @@ def add_touches(scene: Scene, ws: DrivenWorkspace, now: Posture, unknowns: int) 
     work, near, energy = ws.work, ws.near, 0.0
     row = ws.problem.least.rows[len(ws.problem.least.bounds) - 1]
     for i in range(work.counts.touches):
-        tip = work.touch[i, 0]
+        tip = work.touches[i].tip
         if work.kind[scene.bodies.tree[tip]] != ARTICULATED:
             continue
         found = _nearest(scene, ws, i)
         if found < 0:
             continue
         nearest = near.separation[found]
-        off = nearest - max(work.touch_gap[i], 0.0)
+        off = nearest - max(work.touches[i].gap, 0.0)
         if off > 0.0:
-            off = max(nearest - work.touch_goal[i], 0.0)
+            off = max(nearest - work.touches[i].goal, 0.0)
         for j in range(unknowns):
             row[j] = 0.0
         n, sign, point = vec_at(near.normal, found), 1.0, vec_at(near.point_a, found)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from geomphys.collision.detect import (
     NOWHERE,
+    Records,
     append_pair,
     find_near,
     measure_near,
@@ -28,8 +29,8 @@ from geomphys.driven.postures import Posture
 from geomphys.driven.state import LOCKED, DrivenWorkspace
 from geomphys.driven.stepping import find_concerned, measure_motion, pose_with_pieces
 from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.row_vectors import vec_at
-from geomphys.numerics.vec3 import norm
+from geomphys.numerics.row_vectors import set_vec, vec_at, vec_of
+from geomphys.numerics.vec3 import norm, sub
 from geomphys.scene.arrays import DRIVEN, Scene
 
 Floats = NDArray[np.float64]
@@ -39,28 +40,24 @@ AMPLE, MARGIN = 2.0, 12e-3  # times the motion of the goal, and m: motion up to 
 
 
 @kernel
-def _note_travel(scene: Scene, before: Floats, after: Floats, tree: int, travel: Floats) -> float:
-    """Motion of the pieces of a tree between poses (B, 7): rows (P, 4) of `travel`; returns the largest [m].
-
-    A row is the displacement of the centre, and a bound on the motion of any point by rotation [m].
-    """
+def _note_travel(scene: Scene, before: Floats, after: Floats, tree: int, travel: Records) -> float:
+    """Motion of the pieces of a tree between poses (B, 7), to `travel` (P,) TRAVEL; returns the largest [m]."""
     far = 0.0
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
         rotation = rotation_between(before, after, body)
         for i in range(scene.bodies.piece_start[body], scene.bodies.piece_start[body + 1]):
             shift = centre_motion(scene, before, after, i)
-            for k in range(3):
-                travel[i, k] = shift[k]
-            travel[i, 3] = rotation * scene.pieces.reach[i]
-            far = max(far, norm(shift) + travel[i, 3])
+            set_vec(travel[i].shift, shift)
+            travel[i].rotation = rotation * scene.pieces.reach[i]
+            far = max(far, norm(shift) + travel[i].rotation)
     return far
 
 
 @kernel
-def _pair_travel(travel: Floats, a: int, b: int) -> float:
+def _pair_travel(travel: Records, a: int, b: int) -> float:
     """Bound on the relative motion of two pieces [m]."""
-    x, y, z = travel[a, 0] - travel[b, 0], travel[a, 1] - travel[b, 1], travel[a, 2] - travel[b, 2]
-    return math.sqrt(x * x + y * y + z * z) + travel[a, 3] + travel[b, 3]
+    apart = norm(sub(vec_of(travel[a].shift), vec_of(travel[b].shift)))
+    return apart + float(travel[a].rotation) + float(travel[b].rotation)
 
 
 @outlined
@@ -73,8 +70,7 @@ def measure_drift(scene: Scene, ws: DrivenWorkspace, before: Floats, after: Floa
         _note_travel(scene, before, after, tree, work.travel)
         first = scene.bodies.piece_start[scene.trees.body_start[tree]]
         for i in range(first, scene.bodies.piece_start[scene.trees.body_start[tree + 1]]):
-            row = work.travel[i]
-            work.drift[i] = norm((row[0], row[1], row[2])) + row[3]
+            work.drift[i] = norm(vec_of(work.travel[i].shift)) + work.travel[i].rotation
 
 
 @kernel
@@ -159,8 +155,9 @@ def list_pairs(scene: Scene, ws: DrivenWorkspace) -> None:
         elif scene.trees.role[tree] == DRIVEN:
             first = scene.bodies.piece_start[scene.trees.body_start[tree]]
             for i in range(first, scene.bodies.piece_start[scene.trees.body_start[tree + 1]]):
-                for k in range(4):
-                    work.travel[i, k] = work.from_goal[i, k] = 0.0
+                set_vec(work.travel[i].shift, (0.0, 0.0, 0.0))
+                set_vec(work.from_goal[i].shift, (0.0, 0.0, 0.0))
+                work.travel[i].rotation = work.from_goal[i].rotation = 0.0
     ws.listed.counts.lost = 0
     find_near(scene, p.frames, p.motion_bounds, 0.0, -math.inf, ws.listed, ws.detection)
     if ws.listed.counts.lost > 0:  # the table was full: pairs are searched each time

@@ -48,11 +48,41 @@ PROGRESS = np.dtype(
 
 SEARCH_COUNTS = np.dtype(
     [
-        ("touches", np.int64),  # rows of `touch` that are filled
-        ("next_spot", np.int64),  # row of `spot` to fill next
+        ("touches", np.int64),  # rows of `touches` that are filled
+        ("next_spot", np.int64),  # row of `spots` to fill next
     ]
 )
 """Counts of the tables of a search."""
+
+
+TRAVEL = np.dtype(
+    [
+        ("shift", np.float64, 3),  # m, displacement of the centre
+        ("rotation", np.float64),  # m, bound of the motion of any point by rotation
+    ]
+)
+"""Motion of a piece between two postures."""
+
+SPOT = np.dtype(
+    [
+        ("a", np.int64),  # pieces; -1: none
+        ("b", np.int64),
+        ("normal", np.float64, 3),  # world
+        ("point_a", np.float64, 3),  # m, in the frames of the links
+        ("point_b", np.float64, 3),
+    ]
+)
+"""A spot where a pair touched in an earlier pass of a search."""
+
+TOUCH = np.dtype(
+    [
+        ("tip", np.int64),  # link at the end of a chain
+        ("body", np.int64),  # what it touches in the recording
+        ("gap", np.float64),  # m, how far apart they were recorded
+        ("goal", np.float64),  # m, gap at the end of the step up to which there is no penalty
+    ]
+)
+"""A recorded contact."""
 
 
 class DrivenState(NamedTuple):
@@ -114,17 +144,14 @@ class SearchWorkspace(NamedTuple):
     force: Floats  # (B, 6) composite force and torque about the pivot
     motion: Floats  # (P,) m, motion of each piece from the iterate to the trial
     drift: Floats  # (P,) m, motion of recorded pieces since the start of the step
-    travel: Floats  # (P, 4) m, motion of each piece since then: of its centre, and bound of that by rotation
-    from_goal: Floats  # (P, 4) the same from the goal
+    travel: Records  # (P,) TRAVEL of each piece since then
+    from_goal: Records  # (P,) TRAVEL from the goal
     covered: Floats  # (T,) m: motion of the pieces of a tree that the listed pairs cover
     depth: Floats  # (T,) m, recorded depth of a tree
     hit: Ints  # (T,) 1: the goal is not free, or cannot be reached
-    spot: Ints  # (n, 2) pieces of spots where pairs touched in earlier passes
-    spot_at: Floats  # (n, 9) normal in the world, points in the links' frames
+    spots: Records  # (n,) SPOT
     counts: Record  # SEARCH_COUNTS
-    touch: Ints  # (k, 2) tip link and body that touch in the recording
-    touch_gap: Floats  # (k,) m, how far apart they were recorded
-    touch_goal: Floats  # (k,) m, gap at the end of the step up to which there is no penalty
+    touches: Records  # (k,) TOUCH
     closing: Floats  # (T,) m: how far the penalty may move tips of a tree in the step
     unit: Floats  # (Q,) ones
     passes: int  # bound on the passes of a search
@@ -213,17 +240,14 @@ def make_search_workspace(scene: Scene, poses: Floats, passes: int) -> SearchWor
         force=np.zeros((bodies, 6)),
         motion=np.zeros(pieces),
         drift=np.zeros(pieces),
-        travel=np.zeros((pieces, 4)),
-        from_goal=np.zeros((pieces, 4)),
+        travel=np.zeros(pieces, TRAVEL),
+        from_goal=np.zeros(pieces, TRAVEL),
         covered=np.zeros(trees),
         depth=np.zeros(trees),
         hit=np.zeros(trees, np.int64),
-        spot=np.full((SPOTS, 2), -1),
-        spot_at=np.zeros((SPOTS, 9)),
+        spots=np.full(SPOTS, -1, SPOT),
         counts=np.zeros((), SEARCH_COUNTS),
-        touch=np.zeros((contacts, 2), np.int64),
-        touch_gap=np.zeros(contacts),
-        touch_goal=np.zeros(contacts),
+        touches=np.zeros(contacts, TOUCH),
         closing=np.zeros(trees),
         unit=np.ones(dofs),
         passes=passes,

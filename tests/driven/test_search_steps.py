@@ -12,7 +12,7 @@ from geomphys.collision.penetration import separation
 from geomphys.driven.goals import take_branch
 from geomphys.driven.reachability import _note_travel, _pair_travel
 from geomphys.driven.starts import JUMP, steady_change
-from geomphys.driven.state import LOCKED, RIGID
+from geomphys.driven.state import LOCKED, RIGID, TRAVEL
 from geomphys.driven.stepping import gap_on_its_side, measure_near_pairs, update_separations
 from geomphys.driven.targets import _brake
 from geomphys.engine.state import Machine, make_machine
@@ -72,7 +72,7 @@ def test_two_pieces_come_nearer_by_no_more_than_their_travel(table: Table) -> No
     scene, _, machine = table
     rng, poses = np.random.default_rng(2), machine.recorded
     for _ in range(30):
-        after, travel = poses.copy(), np.zeros((4, 4))
+        after, travel = poses.copy(), np.zeros(4, TRAVEL)
         for body in (0, 1):
             after[body, :3] += 0.1 * rng.normal(size=3)
             q = rng.normal(size=4)
@@ -84,7 +84,7 @@ def test_two_pieces_come_nearer_by_no_more_than_their_travel(table: Table) -> No
         assert np.linalg.norm(shifts[0] - shifts[1]) <= _pair_travel(travel, 0, 1) + 1e-12
         assert _pair_travel(travel, 0, 1) == pytest.approx(_pair_travel(travel, 1, 0), rel=1e-15)
         both = np.linalg.norm(after[0, :3] - after[1, :3] - poses[0, :3] + poses[1, :3])
-        assert _pair_travel(travel, 0, 1) == pytest.approx(both + travel[:2, 3].sum(), rel=1e-12)
+        assert _pair_travel(travel, 0, 1) == pytest.approx(both + travel["rotation"][:2].sum(), rel=1e-12)
 
 
 def placed(pose: np.ndarray, point: np.ndarray) -> np.ndarray:

@@ -14,8 +14,8 @@ from geomphys.engine.state import Machine
 def touches(machine: Machine) -> list[tuple[int, int, float]]:
     """(tip, other body, gap) of what is noted."""
     work = machine.workspace.work
-    count = int(work.counts["touches"])
-    return [(int(a), int(b), float(g)) for (a, b), g in zip(work.touch[:count], work.touch_gap[:count], strict=True)]
+    noted = work.touches[: int(work.counts["touches"])]
+    return [(int(touch["tip"]), int(touch["body"]), float(touch["gap"])) for touch in noted]
 
 
 def test_a_contact_is_noted_once_with_its_smallest_gap(table: tuple[object, object, Machine]) -> None:
@@ -44,7 +44,7 @@ def test_a_contact_of_every_tip_with_every_body_finds_a_row(table: tuple[object,
     for tip, other in every:
         note_touch(scene, ws, tip, other, 1e-3)
     assert [touch[:2] for touch in touches(machine)] == every
-    assert len(machine.workspace.work.touch) == len(every)
+    assert len(machine.workspace.work.touches) == len(every)
 
 
 def test_spots_are_remembered_once_each_and_the_oldest_goes_first(table: tuple[object, object, Machine]) -> None:
@@ -60,16 +60,16 @@ def test_spots_are_remembered_once_each_and_the_oldest_goes_first(table: tuple[o
     touch_at(0.0)
     touch_at(2e-4)  # the same spot: replaced
     touch_at(0.01)
-    assert (work.spot[:, 0] >= 0).sum() == 2
-    assert work.spot_at[:2, 3].tolist() == pytest.approx([2e-4, 0.01])
-    assert np.array_equal(work.spot_at[0, :3], [0.0, 0.0, 1.0])
+    assert (work.spots["a"] >= 0).sum() == 2
+    assert work.spots["point_a"][:2, 0].tolist() == pytest.approx([2e-4, 0.01])
+    assert np.array_equal(work.spots["normal"][0], [0.0, 0.0, 1.0])
     for k in range(SPOTS - 2 + 1):
         touch_at(0.1 + 0.01 * k)
-    assert (work.spot[:, 0] >= 0).all()
-    assert work.spot_at[0, 3] == pytest.approx(0.1 + 0.01 * (SPOTS - 2))
-    assert work.spot_at[1, 3] == pytest.approx(0.01)
+    assert (work.spots["a"] >= 0).all()
+    assert work.spots["point_a"][0, 0] == pytest.approx(0.1 + 0.01 * (SPOTS - 2))
+    assert work.spots["point_a"][1, 0] == pytest.approx(0.01)
     forget_spots(ws)
-    assert (work.spot[:, 0] == -1).all()
+    assert (work.spots["a"] == -1).all()
     assert work.counts["next_spot"] == 0
 
 
