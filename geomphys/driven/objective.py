@@ -13,13 +13,15 @@ rotation of the root, have `Weights.shape` times the weight.
 
 from __future__ import annotations
 
+from typing import Any, TypeAlias
+
 import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.driven.postures import Posture, point_of, world_axis
 from geomphys.driven.state import ARTICULATED, LOCKED, DrivenWorkspace
 from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.row_vectors import vec_at
+from geomphys.numerics.row_vectors import add_vec, rot_of, set_vec, vec_at, vec_from, vec_of
 from geomphys.numerics.vec3 import (
     Quat,
     Rot,
@@ -32,6 +34,7 @@ from geomphys.numerics.vec3 import (
     quat_rotate,
     rot_from_quat,
     rot_mul,
+    rotate,
     rotation_vector,
     scale,
     sub,
@@ -40,6 +43,7 @@ from geomphys.scene.arrays import DRIVEN, JOINT_FIXED, JOINT_PRISMATIC, Scene
 from geomphys.scene.kinematics import orientation_of, position_of
 
 Floats = NDArray[np.float64]
+Inertia: TypeAlias = Any  # a record of `COMPOSITE_INERTIA`
 
 ROTATION_ARM = 0.05  # m: lever of its rotation
 BEYOND = 1e4  # lever²: penalty of a joint beyond its limits
@@ -66,8 +70,7 @@ def pivot_of(ws: DrivenWorkspace, poses: Floats, tree: int) -> Vec:
 
 @kernel
 def _second_moment(ws: DrivenWorkspace, body: int) -> Rot:
-    s = ws.links.second_moment
-    return (s[body, 0], s[body, 1], s[body, 2], s[body, 3], s[body, 4], s[body, 5], s[body, 6], s[body, 7], s[body, 8])
+    return rot_of(ws.links.second_moment[body])
 
 
 @kernel
@@ -100,6 +103,19 @@ def tree_energy(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> 
 
 
 @kernel
+def _add_inertia(to: Inertia, other: Inertia) -> None:
+    """Add a composite inertia to another."""
+    to.mass += other.mass
+    add_vec(to.first_moment, vec_of(other.first_moment), 1.0)
+    to.xx += other.xx
+    to.yy += other.yy
+    to.zz += other.zz
+    to.xy += other.xy
+    to.xz += other.xz
+    to.yz += other.yz
+
+
+@kernel
 def _gather(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> float:
     """Composite inertias and forces of a tree about its pivot; returns E."""
     inertia, force, links, target = ws.work.inertia, ws.work.force, ws.links, ws.work.target
@@ -107,8 +123,9 @@ def _gather(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> floa
     pivot, energy = pivot_of(ws, poses, tree), 0.0
     for body in range(first, last):
         w = links.weight[body]
-        for k in range(10):
-            inertia[body, k] = 0.0
+        own = inertia[body]
+        own.mass = own.xx = own.yy = own.zz = own.xy = own.xz = own.yz = 0.0
+        set_vec(own.first_moment, (0.0, 0.0, 0.0))
         for k in range(6):
             force[body, k] = 0.0
         if w == 0.0:
@@ -119,25 +136,22 @@ def _gather(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> floa
         world_rotation = rot_from_quat(orientation_of(poses, body))
         c = rot_mul(rot_mul(world_rotation, _second_moment(ws, body)), _transposed(world_rotation))
         trace, square = c[0] + c[4] + c[8], dot(r, r)
-        inertia[body, 0] = w
-        for k in range(3):
-            inertia[body, 1 + k] = w * r[k]
-        inertia[body, 4] = w * (square - r[0] * r[0] + trace - c[0])
-        inertia[body, 5] = w * (square - r[1] * r[1] + trace - c[4])
-        inertia[body, 6] = w * (square - r[2] * r[2] + trace - c[8])
-        inertia[body, 7] = -w * (r[0] * r[1] + c[1])
-        inertia[body, 8] = -w * (r[0] * r[2] + c[2])
-        inertia[body, 9] = -w * (r[1] * r[2] + c[5])
+        own.mass = w
+        set_vec(own.first_moment, scale(r, w))
+        own.xx = w * (square - r[0] * r[0] + trace - c[0])
+        own.yy = w * (square - r[1] * r[1] + trace - c[4])
+        own.zz = w * (square - r[2] * r[2] + trace - c[8])
+        own.xy = -w * (r[0] * r[1] + c[1])
+        own.xz = -w * (r[0] * r[2] + c[2])
+        own.yz = -w * (r[1] * r[2] + c[5])
         moment = add(cross(r, away), torque)
         for k in range(3):
             force[body, k] = w * away[k]
             force[body, 3 + k] = w * moment[k]
     for body in range(last - 1, first, -1):
-        parent = scene.bodies.parent[body]
-        for k in range(10):
-            inertia[parent, k] += inertia[body, k]
+        _add_inertia(inertia[scene.bodies.parent[body]], inertia[body])
         for k in range(6):
-            force[parent, k] += force[body, k]
+            force[scene.bodies.parent[body], k] += force[body, k]
     return energy
 
 
@@ -181,17 +195,18 @@ def _twist(scene: Scene, poses: Floats, joint: int, pivot: Vec) -> tuple[Vec, Ve
 
 
 @kernel
-def _momentum(inertia: Floats, body: int, v: Vec, w: Vec) -> tuple[Vec, Vec]:
+def _second_moments(inertia: Inertia) -> Rot:
+    """The second moments of a composite inertia as a matrix, row by row."""
+    i = inertia
+    return (i.xx, i.xy, i.xz, i.xy, i.yy, i.yz, i.xz, i.yz, i.zz)
+
+
+@kernel
+def _momentum(inertia: Inertia, v: Vec, w: Vec) -> tuple[Vec, Vec]:
     """Momentum and angular momentum about the pivot of a composite body in a motion."""
-    row = inertia[body]
-    m, h = row[0], (row[1], row[2], row[3])
-    p = add(scale(v, m), cross(w, h))
-    world_rotation = (
-        row[4] * w[0] + row[7] * w[1] + row[8] * w[2],
-        row[7] * w[0] + row[5] * w[1] + row[9] * w[2],
-        row[8] * w[0] + row[9] * w[1] + row[6] * w[2],
-    )
-    return p, add(cross(h, v), world_rotation)
+    h = vec_of(inertia.first_moment)
+    p = add(scale(v, inertia.mass), cross(w, h))
+    return p, add(cross(h, v), rotate(_second_moments(inertia), w))
 
 
 @kernel
@@ -210,10 +225,10 @@ def _add_joints(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int, fac
     root = scene.trees.body_start[tree]
     for body in range(root + 1, scene.trees.body_start[tree + 1]):
         i = _joint_column(scene, ws, body)
-        if i < 0 or ws.work.inertia[body, 0] == 0.0:
+        if i < 0 or ws.work.inertia[body].mass == 0.0:
             continue
         v, w = _twist(scene, poses, body, pivot)
-        p, angular = _momentum(ws.work.inertia, body, v, w)
+        p, angular = _momentum(ws.work.inertia[body], v, w)
         for k in range(3):
             h[first + k, i] += p[k]
             h[i, first + k] += p[k]
@@ -240,7 +255,7 @@ def _add_joint_gradient(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: 
         if i < 0:
             continue
         v, w = _twist(scene, poses, body, pivot)
-        f, t = vec_at(force, body), (force[body, 3], force[body, 4], force[body, 5])
+        f, t = vec_from(force[body], 0), vec_from(force[body], 3)
         ws.problem.gradient[i] += factor * (dot(v, f) + dot(w, t))
 
 
@@ -248,7 +263,7 @@ def _add_joint_gradient(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: 
 def _add_rotation(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> float:
     """The rotation of a rigid tree's root gets the higher weight."""
     root, first = scene.trees.body_start[tree], ws.work.first[tree]
-    stiffness = ws.weights.shape * ws.work.inertia[root, 0] * ROTATION_ARM * ROTATION_ARM
+    stiffness = ws.weights.shape * ws.work.inertia[root].mass * ROTATION_ARM * ROTATION_ARM
     rotation = rotation_vector(
         quat_mul(orientation_of(poses, root), quat_conjugate(orientation_of(ws.work.target, root)))
     )
@@ -306,22 +321,19 @@ def assemble(scene: Scene, ws: DrivenWorkspace, now: Posture, smooth: bool) -> f
         root, first = scene.trees.body_start[tree], work.first[tree]
         energy += _gather(scene, ws, poses, tree)
         composite, force = work.inertia[root], work.force[root]
-        mass = composite[0]
+        mass = composite.mass
         for k in range(3):
             h[first + k, first + k] += mass + TINY
             g[first + k] += force[k]
         if kind != ARTICULATED:
             continue
-        x, y, z = composite[1], composite[2], composite[3]
+        x, y, z = vec_of(composite.first_moment)
         skew = (0.0, z, -y, -z, 0.0, x, y, -x, 0.0)  # ω x h: how the first moment couples a rotation to a translation
         for i in range(3):
             for j in range(3):
                 h[first + i, first + 3 + j] += skew[3 * i + j]
                 h[first + 3 + j, first + i] += skew[3 * i + j]
-        moments = (
-            composite[4], composite[7], composite[8], composite[7], composite[5], composite[9], composite[8], composite[9],
-            composite[6],
-        )  # fmt: skip
+        moments = _second_moments(composite)
         for i in range(3):
             g[first + 3 + i] += force[3 + i]
             h[first + 3 + i, first + 3 + i] += 1e-3 * TINY

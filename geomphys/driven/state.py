@@ -85,6 +85,31 @@ TOUCH = np.dtype(
 """A recorded contact."""
 
 
+LINK_OFFSET = np.dtype(
+    [
+        ("shift", np.float64, 3),  # m, of the link's centre, world
+        ("rotation", np.float64, 3),  # rad, rotation vector, world
+        ("velocity", np.float64, 3),  # m/s: rate of `shift`
+        ("angular_velocity", np.float64, 3),  # rad/s: rate of `rotation`
+    ]
+)
+"""Offset of a link from its recorded pose, and its rates."""
+
+COMPOSITE_INERTIA = np.dtype(
+    [
+        ("mass", np.float64),
+        ("first_moment", np.float64, 3),  # about the pivot, as the others
+        ("xx", np.float64),
+        ("yy", np.float64),
+        ("zz", np.float64),
+        ("xy", np.float64),
+        ("xz", np.float64),
+        ("yz", np.float64),
+    ]
+)
+"""Inertia of a link and all below it: weights [1], lengths [m]."""
+
+
 class DrivenState(NamedTuple):
     """State of the driven loop from frame to frame."""
 
@@ -94,8 +119,7 @@ class DrivenState(NamedTuple):
     last_speed: Floats  # (T, 3) m/s, the same at the end of the last step
     last: Posture  # everything at the end of the last step, corrected
     recorded: Posture  # the recording of the last step
-    shift: Floats  # (B, 6) offset of each link: of its centre [m] and its rotation [rad, rotation vector in the world]
-    rate: Floats  # (B, 6) and their rates
+    link_offsets: Records  # (B,) LINK_OFFSET
     deformed: Ints  # (T,) 1: the offsets are more than a translation of the tree
     used_low: Floats  # (Q,) the least angle recorded so far
     used_high: Floats  # (Q,) and the largest
@@ -140,7 +164,7 @@ class SearchWorkspace(NamedTuple):
     high: Floats  # (Q,)
     used_low: Floats  # (Q,) range in which a joint was used
     used_high: Floats  # (Q,)
-    inertia: Floats  # (B, 10) composite mass, first moment, second moments about the pivot
+    inertia: Records  # (B,) COMPOSITE_INERTIA
     force: Floats  # (B, 6) composite force and torque about the pivot
     motion: Floats  # (P,) m, motion of each piece from the iterate to the trial
     drift: Floats  # (P,) m, motion of recorded pieces since the start of the step
@@ -184,8 +208,7 @@ def make_driven_state(scene: Scene, poses: Floats) -> DrivenState:
         last_speed=np.zeros((trees, 3)),
         last=make_posture(scene, poses),
         recorded=make_posture(scene, poses),
-        shift=np.zeros((bodies, 6)),
-        rate=np.zeros((bodies, 6)),
+        link_offsets=np.zeros(bodies, LINK_OFFSET),
         deformed=np.zeros(trees, np.int64),
         used_low=np.full(dofs, np.inf),
         used_high=np.full(dofs, -np.inf),
@@ -236,7 +259,7 @@ def make_search_workspace(scene: Scene, poses: Floats, passes: int) -> SearchWor
         high=np.zeros(dofs),
         used_low=np.zeros(dofs),
         used_high=np.zeros(dofs),
-        inertia=np.zeros((bodies, 10)),
+        inertia=np.zeros(bodies, COMPOSITE_INERTIA),
         force=np.zeros((bodies, 6)),
         motion=np.zeros(pieces),
         drift=np.zeros(pieces),

@@ -17,7 +17,7 @@ from geomphys.driven.postures import is_recorded
 from geomphys.driven.starts import steady_change
 from geomphys.driven.state import GIVEN, DrivenState, DrivenWorkspace
 from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.row_vectors import vec_at
+from geomphys.numerics.row_vectors import set_vec, set_vec_at, vec_at, vec_of
 from geomphys.numerics.vec3 import (
     Vec,
     add,
@@ -47,9 +47,18 @@ def _has_offset(scene: Scene, state: DrivenState, tree: int) -> bool:
     """Whether some link of a tree with offsets of its links has one that is not zero."""
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
         for i in range(3):
-            if abs(state.shift[body, i]) > NO_SHIFT or abs(state.shift[body, 3 + i]) > NO_ROTATION:
+            offset = state.link_offsets[body]
+            if abs(offset.shift[i]) > NO_SHIFT or abs(offset.rotation[i]) > NO_ROTATION:
                 return True
     return False
+
+
+@kernel
+def clear_link_offset(state: DrivenState, body: int) -> None:
+    """Set a link's offset and its rates to zero."""
+    offset = state.link_offsets[body]
+    for i in range(3):
+        offset.shift[i] = offset.rotation[i] = offset.velocity[i] = offset.angular_velocity[i] = 0.0
 
 
 @kernel
@@ -59,8 +68,7 @@ def clear_offsets(scene: Scene, state: DrivenState, tree: int) -> None:
     for i in range(3):
         state.offset[tree, i] = state.speed[tree, i] = state.last_speed[tree, i] = 0.0
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-        for i in range(6):
-            state.shift[body, i] = state.rate[body, i] = 0.0
+        clear_link_offset(state, body)
 
 
 @kernel
@@ -81,10 +89,7 @@ def _relax_tree(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int
     trees, first = scene.trees, scene.trees.body_start[tree]
     velocity_change = sub(vec_at(state.speed, tree), vec_at(state.last_speed, tree))
     for body in range(first, trees.body_start[tree + 1]):
-        old = vec_at(state.shift, body)
-        c = add(link_centre(ws, recorded, body), old)
-        for i in range(3):
-            ws.work.anchor[body, i] = c[i]
+        set_vec_at(ws.work.anchor, body, add(link_centre(ws, recorded, body), vec_of(state.link_offsets[body].shift)))
     if state.deformed[tree] == 0:
         for i in range(3):
             state.offset[tree, i], state.speed[tree, i] = relax_offset(
@@ -92,23 +97,24 @@ def _relax_tree(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int
             )
         offset = vec_at(state.offset, tree)
         for body in range(first, trees.body_start[tree + 1]):
-            for i in range(3):
-                state.shift[body, i], state.rate[body, i] = state.offset[tree, i], state.speed[tree, i]
+            set_vec(state.link_offsets[body].shift, offset)
+            set_vec(state.link_offsets[body].velocity, vec_at(state.speed, tree))
             _aim(ws, recorded, body, offset, (0.0, 0.0, 0.0))
         for i in range(3):
             state.last_speed[tree, i] = state.speed[tree, i]
         return
     for body in range(first, trees.body_start[tree + 1]):
-        for i in range(6):
-            rate = state.rate[body, i] + (velocity_change[i] if i < 3 else 0.0)
-            state.shift[body, i], state.rate[body, i] = relax_offset(trees, tree, state.shift[body, i], rate, dt)
+        o = state.link_offsets[body]
+        for i in range(3):
+            o.shift[i], o.velocity[i] = relax_offset(trees, tree, o.shift[i], o.velocity[i] + velocity_change[i], dt)
+            o.rotation[i], o.angular_velocity[i] = relax_offset(trees, tree, o.rotation[i], o.angular_velocity[i], dt)
     for i in range(3):
         state.last_speed[tree, i] = state.speed[tree, i]
     if not _has_offset(scene, state, tree):
         clear_offsets(scene, state, tree)
     for body in range(first, trees.body_start[tree + 1]):
-        s = state.shift[body]
-        _aim(ws, recorded, body, (s[0], s[1], s[2]), (s[3], s[4], s[5]))
+        o = state.link_offsets[body]
+        _aim(ws, recorded, body, vec_of(o.shift), vec_of(o.rotation))
 
 
 @kernel
@@ -116,19 +122,20 @@ def _take_given(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int
     """Offsets of a tree, and their rates, from its prescribed posture, which its links are targeted at."""
     first, prescribed = scene.trees.body_start[tree], state.prescribed.poses
     for body in range(first, scene.trees.body_start[tree + 1]):
-        s, c = state.shift[body], link_centre(ws, recorded, body)
+        o, c = state.link_offsets[body], link_centre(ws, recorded, body)
         shift = sub(link_centre(ws, prescribed, body), c)
         rotation = rotation_vector(
             quat_mul(orientation_of(prescribed, body), quat_conjugate(orientation_of(recorded, body)))
         )
         for i in range(3):
-            ws.work.anchor[body, i] = c[i] + s[i]
-            state.rate[body, i], state.rate[body, 3 + i] = (shift[i] - s[i]) / dt, (rotation[i] - s[3 + i]) / dt
-        for i in range(3):
-            s[i], s[3 + i] = shift[i], rotation[i]
+            ws.work.anchor[body, i] = c[i] + o.shift[i]
+            o.velocity[i] = (shift[i] - o.shift[i]) / dt
+            o.angular_velocity[i] = (rotation[i] - o.rotation[i]) / dt
+        set_vec(o.shift, shift)
+        set_vec(o.rotation, rotation)
         _aim(ws, recorded, body, shift, rotation)
     for i in range(3):
-        state.speed[tree, i] = state.last_speed[tree, i] = state.rate[ws.links.pivot[tree], i]
+        state.speed[tree, i] = state.last_speed[tree, i] = state.link_offsets[ws.links.pivot[tree]].velocity[i]
 
 
 @outlined
@@ -151,19 +158,15 @@ def aim(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats,
 
 
 @kernel
-def _brake(state: DrivenState, body: int, velocity_change: Vec, rotation_change: Vec) -> None:
-    """After a contact, remove the rate of a link's offset against what it touched."""
-    for part in range(2):
-        change = velocity_change if part == 0 else rotation_change
-        size = norm(change)
-        if size <= MOVED:
-            continue
-        first = 3 * part
-        rate = (state.rate[body, first], state.rate[body, first + 1], state.rate[body, first + 2])
-        against = dot(rate, change) / size
-        if against < 0.0:
-            for i in range(3):
-                state.rate[body, first + i] -= against * change[i] / size
+def _brake(rate: Floats, change: Vec) -> None:
+    """After a contact that changed an offset, remove its rate (3,) against what it touched."""
+    size = norm(change)
+    if size <= MOVED:
+        return
+    against = dot(vec_of(rate), change) / size
+    if against < 0.0:
+        for i in range(3):
+            rate[i] -= against * change[i] / size
 
 
 @outlined
@@ -174,7 +177,7 @@ def note_tree(
     poses, root = state.last.poses, scene.trees.body_start[tree]
     for body in range(root, scene.trees.body_start[tree + 1]):
         for i in range(3):
-            state.rate[body, i] += state.speed[tree, i] - state.last_speed[tree, i]
+            state.link_offsets[body].velocity[i] += state.speed[tree, i] - state.last_speed[tree, i]
     for i in range(3):
         state.offset[tree, i] = state.last.roots[tree, i] - recorded[root, i]
     offset = vec_at(state.offset, tree)
@@ -187,19 +190,21 @@ def note_tree(
             if orientation_of(poses, body) == orientation_of(recorded, body):
                 rotation = (0.0, 0.0, 0.0)
             shift = sub(link_centre(ws, poses, body), link_centre(ws, recorded, body))
-        s = state.shift[body]
-        _brake(state, body, sub(shift, (s[0], s[1], s[2])), sub(rotation, (s[3], s[4], s[5])))
-        for i in range(3):
-            s[i], s[3 + i] = shift[i], rotation[i]
+        o = state.link_offsets[body]
+        _brake(o.velocity, sub(shift, vec_of(o.shift)))
+        _brake(o.angular_velocity, sub(rotation, vec_of(o.rotation)))
+        set_vec(o.shift, shift)
+        set_vec(o.rotation, rotation)
     state.deformed[tree] = 1 if articulated else 0
     if not articulated:
         for body in range(root, scene.trees.body_start[tree + 1]):
-            for i in range(3):
-                s = state.shift[body]
-                s[i], s[3 + i], state.rate[body, 3 + i] = offset[i], 0.0, 0.0
+            o = state.link_offsets[body]
+            set_vec(o.shift, offset)
+            set_vec(o.rotation, (0.0, 0.0, 0.0))
+            set_vec(o.angular_velocity, (0.0, 0.0, 0.0))
     for i in range(3):
         pivot = ws.links.pivot[tree]
-        state.speed[tree, i] = state.last_speed[tree, i] = state.rate[pivot, i]
+        state.speed[tree, i] = state.last_speed[tree, i] = state.link_offsets[pivot].velocity[i]
 
 
 @outlined

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.sweep import update_boxes
-from geomphys.driven.targets import note_tree
+from geomphys.driven.targets import clear_link_offset, note_tree
 from geomphys.engine.state import Machine
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.results import FLAG_QUARANTINED
@@ -38,8 +38,11 @@ def _is_sound(scene: Scene, m: Machine, tree: int) -> bool:
         for k in range(7):
             if not _is_good(m.corrected[body, k]):
                 return False
-        for i in range(6):
-            if not (_is_good(m.driven.shift[body, i]) and _is_good(m.driven.rate[body, i])):
+        offset = m.driven.link_offsets[body]
+        for i in range(3):
+            if not (_is_good(offset.shift[i]) and _is_good(offset.velocity[i])):
+                return False
+            if not (_is_good(offset.rotation[i]) and _is_good(offset.angular_velocity[i])):
                 return False
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):  # noqa: SIM110 - no generators in kernels
         if not _is_good(m.driven.last.angles[q]):
@@ -71,8 +74,7 @@ def _put_back(scene: Scene, m: Machine, tree: int, roots: Floats, angles: Floats
         for k in range(7):
             m.corrected[body, k] = m.recorded[body, k] if first else m.start[body, k]
             state.last.poses[body, k], state.recorded.poses[body, k] = m.corrected[body, k], m.recorded[body, k]
-        for k in range(6):
-            state.shift[body, k] = state.rate[body, k] = 0.0
+        clear_link_offset(state, body)
     for i in range(3):
         state.offset[tree, i] = state.speed[tree, i] = state.last_speed[tree, i] = 0.0
     note_tree(scene, state, m.workspace, tree, m.recorded, not first)

@@ -159,7 +159,7 @@ def test_a_chain_is_put_back_with_its_posture(tmp_path: Path, monkeypatch: pytes
 
     def poison(machine: Any) -> None:
         machine.driven.deformed.fill(1)
-        machine.driven.shift.fill(value)
+        machine.driven.link_offsets["shift"] = machine.driven.link_offsets["rotation"] = value
         machine.driven.last.angles.fill(value)
 
     poisoned(monkeypatch, poison)
