@@ -18,7 +18,7 @@ from geomphys.driven.paper.state import PaperWorkspace
 from geomphys.driven.postures import Posture, copy_tree
 from geomphys.driven.reach_cones import cone_angle
 from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.row_vectors import vec_at
+from geomphys.numerics.row_vectors import add_vec, set_vec, vec_at, vec_of
 from geomphys.numerics.vec3 import Vec, add_scaled, norm, scale, slerp, sub, unit
 from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.scene.kinematics import orientation_of, position_of, set_pose
@@ -61,15 +61,15 @@ def sum_depths(scene: Scene, w: PaperWorkspace, first: int) -> int:
     near = w.near
     a, b, k = near.tree_a[first], near.tree_b[first], first
     for body in range(scene.trees.body_start[b], scene.trees.body_start[b + 1]):
-        for i in range(5):
-            w.sums[body, i] = 0.0
+        s = w.sums[body]
+        set_vec(s.weighted, (0.0, 0.0, 0.0))
+        s.depths = s.deepest = 0.0
     while k < near.counts.filled and near.tree_a[k] == a and near.tree_b[k] == b:
         depth = -near.separation[k]
         if depth > 0.0:
-            row = w.sums[_object_of(scene, b, scene.pieces.body[near.b[k]])]
-            for i in range(3):
-                row[i] += depth * depth * near.normal[k, i]
-            row[3], row[4] = row[3] + depth, max(row[4], depth)
+            s = w.sums[_object_of(scene, b, scene.pieces.body[near.b[k]])]
+            add_vec(s.weighted, vec_at(near.normal, k), depth * depth)
+            s.depths, s.deepest = s.depths + depth, max(s.deepest, depth)
         k += 1
     return k
 
@@ -89,18 +89,18 @@ def propose_translations(scene: Scene, w: PaperWorkspace) -> None:
             continue
         both = scene.trees.role[b] == DRIVEN
         for body in range(scene.trees.body_start[b], scene.trees.body_start[b + 1]):
-            weight, largest = w.sums[body, 3], w.sums[body, 4]
-            if weight == 0.0:
+            s = w.sums[body]
+            if s.depths == 0.0:
                 continue
-            pd = scale(vec_at(w.sums, body), 1.0 / weight)
-            if norm(pd) < CANCELLED * largest:
+            pd = scale(vec_of(s.weighted), 1.0 / s.depths)
+            if norm(pd) < CANCELLED * s.deepest:
                 w.cancelled[a] = 1
                 if both:
                     w.cancelled[b] = 1
                 continue
-            _propose(w, a, pd, 0.5 if both else 1.0, largest)
+            _propose(w, a, pd, 0.5 if both else 1.0, s.deepest)
             if both:
-                _propose(w, b, scale(pd, -1.0), 0.5, largest)
+                _propose(w, b, scale(pd, -1.0), 0.5, s.deepest)
 
 
 @outlined

@@ -29,6 +29,16 @@ class Limbs(NamedTuple):
     joints: Ints  # (Q,) joints that a degree of freedom moves
 
 
+DEPTH_SUMS = np.dtype(
+    [
+        ("weighted", np.float64, 3),  # m²: Σ pd² n
+        ("depths", np.float64),  # m: Σ pd
+        ("deepest", np.float64),  # m
+    ]
+)
+"""Sums of (1) over the overlaps of two objects."""
+
+
 class PaperWorkspace(NamedTuple):
     """State, bounds and workspace of the published method. Collision arrays are shared with the machine."""
 
@@ -54,7 +64,7 @@ class PaperWorkspace(NamedTuple):
     rank: Ints  # (C,) their indices in it
     saved: Floats  # (Q,) angles before a change that may be undone
     step: Floats  # (Q,) rad, of the projection into a reach cone
-    sums: Floats  # (B, 5) of the overlaps with an object: Σ pd² n [m²], Σ pd [m], the deepest [m]
+    sums: Records  # (B,) DEPTH_SUMS of the overlaps with an object
     shift: Floats  # (T, 3) m, translation of a tree in a pass
     deepest: Floats  # (T,) m, of the pair of objects that it is for
     cancelled: Ints  # (T,) 1: the normals of a pair of objects cancel
@@ -144,7 +154,7 @@ def make_paper_workspace(scene: Scene, shared: DrivenWorkspace, config: Config) 
         rank=np.arange(chains),
         saved=saved,
         step=step,
-        sums=np.zeros((len(scene.bodies.role), 5)),
+        sums=np.zeros(len(scene.bodies.role), DEPTH_SUMS),
         shift=np.zeros((trees, 3)),
         deepest=np.zeros(trees),
         cancelled=cancelled,
