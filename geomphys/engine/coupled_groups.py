@@ -42,7 +42,7 @@ def are_near(scene: Scene, sim: Simulation, tree: int, other: int) -> bool:
         for b in range(scene.trees.body_start[other], scene.trees.body_start[other + 1]):
             x, y, near = sim.body_boxes[a], sim.body_boxes[b], True
             for i in range(3):
-                near = near and x[i] <= y[3 + i] + NEAR_TREES and y[i] <= x[3 + i] + NEAR_TREES
+                near = near and x.low[i] <= y.high[i] + NEAR_TREES and y.low[i] <= x.high[i] + NEAR_TREES
             if near:
                 return True
     return False

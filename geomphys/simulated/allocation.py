@@ -11,7 +11,21 @@ from geomphys.collision.scratch import Scratch
 from geomphys.collision.support import pose_pieces
 from geomphys.collision.sweep import local_boxes
 from geomphys.scene.arrays import HULL, SIMULATED, SPHERE, Floats, Scene
-from geomphys.simulated.state import BODY, COUNTS, ENERGY, FRAME, MOTION, PAIR, ROW, SLOT, Records, Simulation
+from geomphys.simulated.state import (
+    AABB,
+    BALL,
+    BODY,
+    COUNTS,
+    ENERGY,
+    FRAME,
+    LOCAL_BOX,
+    MOTION,
+    PAIR,
+    ROW,
+    SLOT,
+    Records,
+    Simulation,
+)
 
 WIDE = 4.0  # a body at rest wider along x than this many median widths is tested every time
 
@@ -29,49 +43,51 @@ def piece_arms(scene: Scene, motion: Records) -> Floats:
     return arms
 
 
-def piece_local_boxes(scene: Scene) -> Floats:
-    """(P, 7) centre and half extents of every piece's box in its own frame, and radius of a ball about its centre [m]."""
+def piece_local_boxes(scene: Scene) -> Records:
+    """(P,) LOCAL_BOX of the pieces."""
     pieces = scene.pieces
-    centre, half = local_boxes(pieces)
-    boxes = np.zeros((len(pieces.kind), 7))
-    boxes[:, :3], boxes[:, 3:6] = centre, half
+    boxes = np.zeros(len(pieces.kind), LOCAL_BOX)
+    boxes["centre"], boxes["half"] = local_boxes(pieces)
     for i, kind in enumerate(pieces.kind):
         if kind == HULL:
             corners = pieces.vertices[pieces.vertex_start[i] : pieces.vertex_start[i + 1]]
-            boxes[i, 6] = np.linalg.norm(corners - centre[i], axis=1).max()
+            boxes["radius"][i] = np.linalg.norm(corners - boxes["centre"][i], axis=1).max()
         else:
-            boxes[i, 6] = pieces.reach[i]
+            boxes["radius"][i] = pieces.reach[i]
     return boxes
 
 
-def piece_boxes(scene: Scene, poses: Floats, local: Floats) -> Floats:
-    """(P, 6) low and high corner of every piece's box with the bodies at `poses` (B, 7) [m]."""
+def piece_boxes(scene: Scene, poses: Floats, local: Records) -> Records:
+    """(P,) AABB of the pieces with the bodies at `poses` (B, 7); `local` (P,) LOCAL_BOX."""
     frames = np.zeros((len(local), 12))
     pose_pieces(scene.pieces, poses, frames)
     rotation = frames[:, :9].reshape(-1, 3, 3)
-    centre = frames[:, 9:] + np.einsum("pij,pj->pi", rotation, local[:, :3])
-    half = np.minimum(np.einsum("pij,pj->pi", np.abs(rotation), local[:, 3:6]), local[:, 6:])
-    return np.concatenate([centre - half, centre + half], axis=1)
+    centre = frames[:, 9:] + np.einsum("pij,pj->pi", rotation, local["centre"])
+    half = np.minimum(np.einsum("pij,pj->pi", np.abs(rotation), local["half"]), local["radius"][:, None])
+    boxes = np.zeros(len(local), AABB)
+    boxes["low"], boxes["high"] = centre - half, centre + half
+    return boxes
 
 
-def body_balls(scene: Scene, local: Floats) -> Floats:
-    """(B, 4) centre in the body frame and radius of a ball that holds each body [m]."""
-    pieces, balls = scene.pieces, np.zeros((len(scene.bodies.role), 4))
+def body_balls(scene: Scene, local: Records) -> Records:
+    """(B,) BALL of the bodies; `local` (P,) LOCAL_BOX."""
+    pieces, balls = scene.pieces, np.zeros(len(scene.bodies.role), BALL)
     for body, (first, last) in enumerate(itertools.pairwise(scene.bodies.piece_start)):
         if first < last:
             rotation = pieces.local[first:last, :9].reshape(-1, 3, 3)
-            centres = pieces.local[first:last, 9:] + np.einsum("pij,pj->pi", rotation, local[first:last, :3])
-            balls[body, :3] = 0.5 * (centres.min(axis=0) + centres.max(axis=0))
-            balls[body, 3] = (np.linalg.norm(centres - balls[body, :3], axis=1) + local[first:last, 6]).max()
+            own = local[first:last]
+            centres = pieces.local[first:last, 9:] + np.einsum("pij,pj->pi", rotation, own["centre"])
+            middle = 0.5 * (centres.min(axis=0) + centres.max(axis=0))
+            balls[body] = middle, (np.linalg.norm(centres - middle, axis=1) + own["radius"]).max()
     return balls
 
 
-def body_boxes(scene: Scene, boxes: Floats) -> Floats:
-    """(B, 6) boxes of the bodies from those of their pieces; (inf, -inf) where there are none."""
-    out = np.tile([np.inf] * 3 + [-np.inf] * 3, (len(scene.bodies.role), 1))
-    for i, body in enumerate(scene.pieces.body):
-        out[body, :3] = np.minimum(out[body, :3], boxes[i, :3])
-        out[body, 3:] = np.maximum(out[body, 3:], boxes[i, 3:])
+def body_boxes(scene: Scene, boxes: Records) -> Records:
+    """(B,) AABB of the bodies from those of their pieces; (inf, -inf) where there are none."""
+    out = np.zeros(len(scene.bodies.role), AABB)
+    out["low"], out["high"] = np.inf, -np.inf
+    np.minimum.at(out["low"], scene.pieces.body, boxes["low"])
+    np.maximum.at(out["high"], scene.pieces.body, boxes["high"])
     return out
 
 
@@ -134,20 +150,20 @@ def make_simulation(
     hulls = body_boxes(scene, boxes)
     free = np.flatnonzero(scene.bodies.role == SIMULATED)
     moves = kinds["moves"] == 1
-    still = np.flatnonzero(~moves & np.isfinite(hulls[:, 0]))
-    width = hulls[still, 3] - hulls[still, 0]
+    still = np.flatnonzero(~moves & np.isfinite(hulls["low"][:, 0]))
+    width = (hulls["high"] - hulls["low"])[still, 0]
     narrow = width <= WIDE * np.median(width) if len(still) else np.zeros(0, bool)
-    ordered = still[narrow][np.argsort(hulls[still[narrow], 0], kind="stable")]
+    ordered = still[narrow][np.argsort(hulls["low"][still[narrow], 0], kind="stable")]
     possible = len(boxes) * int(np.isin(scene.pieces.body, free).sum())
     pairs, points = max(1, min(capacity.pairs, possible)), max(4, min(capacity.points, 4 * possible))
     return Simulation(
         pieces=scene.pieces,
         gravity=scene.gravity,
-        materials=np.ascontiguousarray(np.stack([scene.materials.restitution, scene.materials.friction])),
+        materials=scene.materials,
         free=free,
         paths=np.flatnonzero(moves & (scene.bodies.role != SIMULATED)),
         still=ordered,
-        still_low=np.ascontiguousarray(hulls[ordered, 0]),
+        still_low=np.ascontiguousarray(hulls["low"][ordered, 0]),
         widest=float(width[narrow].max(initial=0.0)),
         others=np.concatenate([np.flatnonzero(moves), still[~narrow]]),
         arm=arms,

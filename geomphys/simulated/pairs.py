@@ -42,7 +42,7 @@ def insert(sim: Simulation, count: int, body: int) -> int:
 def near_bodies(sim: Simulation, a: int) -> int:
     """Bodies whose boxes overlap that of simulated body a, simulated ones below it left out; sorted, in `found`."""
     box = sim.body_boxes[a]
-    low, high = box[0], box[3]
+    low, high = box.low[0], box.high[0]
     count = 0
     first, last = 0, len(sim.still)
     while first < last:  # the first whose low x is not below
@@ -72,8 +72,8 @@ def new_pair(sim: Simulation, k: int, i: int, j: int, a: int, b: int) -> None:
     set_vec(p.axis, (0.0, 0.0, 0.0))
     p.distance = p.seen_at = p.due = 0.0
     material_a, material_b = sim.bodies[a].material, sim.bodies[b].material
-    p.restitution = sim.materials[0, material_a, material_b]
-    p.friction = sim.materials[1, material_a, material_b]
+    p.restitution = sim.materials.restitution[material_a, material_b]
+    p.friction = sim.materials.friction[material_a, material_b]
     for m in range(4):
         clear_slot(sim.slots[k, m])
 

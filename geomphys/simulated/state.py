@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from geomphys.collision.scratch import Scratch
 from geomphys.jit.kernel import kernel
 from geomphys.jit.packed_records import Record
-from geomphys.scene.arrays import SIMULATED, Floats, Ints, Pieces
+from geomphys.scene.arrays import SIMULATED, Floats, Ints, Materials, Pieces
 
 FLOAT, INT = np.float64, np.int64
 
@@ -186,17 +186,44 @@ FRAME = np.dtype(
         ("tolerance", FLOAT),  # m: overlap that is tolerated
         ("threshold", FLOAT),  # m/s: slower approaches are resting contact
         ("weight", FLOAT),  # m/s²: |gravity|
-        ("extent", FLOAT, 6),  # m: box of everything that simulated bodies can reach
+        ("extent_low", FLOAT, 3),  # m: box of everything that simulated bodies can reach
+        ("extent_high", FLOAT, 3),
         ("span_start", FLOAT),  # s of the frame: the span in which pairs are searched
         ("span_end", FLOAT),
     ]
 )
 """Constants of the frame."""
 
+LOCAL_BOX = np.dtype(
+    [
+        ("centre", FLOAT, 3),  # m
+        ("half", FLOAT, 3),  # m: half extents
+        ("radius", FLOAT),  # m: of a ball about the centre that holds the piece
+    ]
+)
+"""Box of a piece in its own frame."""
+
+BALL = np.dtype(
+    [
+        ("centre", FLOAT, 3),  # m, body frame
+        ("radius", FLOAT),  # m
+    ]
+)
+"""A ball that holds a body."""
+
+AABB = np.dtype(
+    [
+        ("low", FLOAT, 3),  # m, world
+        ("high", FLOAT, 3),
+    ]
+)
+"""An axis-aligned box."""
+
 Records: TypeAlias = NDArray[Any]
 Motion: TypeAlias = Any  # a record of `MOTION`
 Row: TypeAlias = Any  # of `ROW`
 Slot: TypeAlias = Any  # of `SLOT`
+Aabb: TypeAlias = Any  # of `AABB`
 
 
 class Simulation(NamedTuple):
@@ -204,7 +231,7 @@ class Simulation(NamedTuple):
 
     pieces: Pieces
     gravity: Floats  # (3,) m/s²
-    materials: Floats  # (2, K, K) restitution and friction
+    materials: Materials
     free: Ints  # (S,) the simulated bodies
     paths: Ints  # (M,) bodies that move but are not simulated
     still: Ints  # (n,) bodies that never move and are not wide, sorted by the low x of their boxes
@@ -212,8 +239,8 @@ class Simulation(NamedTuple):
     widest: float  # m: the widest of them along x
     others: Ints  # (m,) bodies that move and still ones that are wide
     arm: Floats  # (P,) m: no surface point that rotation moves is farther from its body's reference point
-    local_boxes: Floats  # (P, 7) centre and half extents of a piece's box in its own frame, radius of a ball about it
-    balls: Floats  # (B, 4) centre in the body frame and radius of a ball that holds the body
+    local_boxes: Records  # (P,) LOCAL_BOX
+    balls: Records  # (B,) BALL
     # state, with `counts`
     motion: Records  # (B,) MOTION
     bodies: Records  # (B,) BODY
@@ -228,8 +255,8 @@ class Simulation(NamedTuple):
     scratch: Scratch
     counts: Record  # COUNTS
     frame: Record  # FRAME
-    boxes: Floats  # (P, 6) low and high corner of the volume that a piece sweeps
-    body_boxes: Floats  # (B, 6)
+    boxes: Records  # (P,) AABB of the volume that a piece sweeps
+    body_boxes: Records  # (B,) AABB
     old_pairs: Records  # (N + 1,) PAIR
     old_pair_slots: Records  # (N + 1, 4) SLOT
     rows: Records  # (K,) ROW

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from geomphys.jit.kernel import kernel
-from geomphys.numerics.row_vectors import quat_from, rot_of, set_vec, set_vec_from, vec_from, vec_of
+from geomphys.numerics.row_vectors import quat_from, rot_of, set_vec, vec_from, vec_of
 from geomphys.numerics.vec3 import (
     Rot,
     Vec,
@@ -17,10 +17,9 @@ from geomphys.numerics.vec3 import (
     rotate,
     sub,
 )
-from geomphys.scene.arrays import Floats
 from geomphys.simulated.driven_paths import set_path
 from geomphys.simulated.motion import angular_speed_bound, orientation_at, point_at
-from geomphys.simulated.state import Simulation
+from geomphys.simulated.state import Aabb, Simulation
 
 MARGIN = 2e-3  # m: how much farther than expected a body may move before pairs are searched again
 
@@ -30,16 +29,15 @@ def box_piece(sim: Simulation, piece: int, p: Vec, r: Rot, grow: float, join: bo
     """Box of a piece with its body at position p, rotation r, grown by so much, and joined with the box it had."""
     box, own, local = sim.boxes[piece], sim.local_boxes[piece], sim.pieces.local[piece]
     m = rot_mul(r, rot_of(local))
-    c = add(p, add(rotate(r, vec_from(local, 9)), rotate(m, vec_from(own, 0))))
-    h, radius = vec_from(own, 3), own[6]
+    c = add(p, add(rotate(r, vec_from(local, 9)), rotate(m, vec_of(own.centre))))
+    h = vec_of(own.half)
     for i in range(3):
         reach = abs(m[3 * i]) * h[0] + abs(m[3 * i + 1]) * h[1] + abs(m[3 * i + 2]) * h[2]
-        reach = min(reach, radius) + grow
+        reach = min(reach, own.radius) + grow
         low, high = c[i] - reach, c[i] + reach
         if join:
-            low, high = min(low, box[i]), max(high, box[3 + i])
-        box[i] = low
-        box[3 + i] = high
+            low, high = min(low, box.low[i]), max(high, box.high[i])
+        box.low[i], box.high[i] = low, high
 
 
 @kernel
@@ -49,17 +47,15 @@ def box_body(sim: Simulation, body: int) -> None:
     for i in range(3):
         low, high = math.inf, -math.inf
         for piece in range(kind.first_piece, kind.end_piece):
-            low = min(low, sim.boxes[piece][i])
-            high = max(high, sim.boxes[piece][3 + i])
-        box[i] = low
-        box[3 + i] = high
+            low, high = min(low, sim.boxes[piece].low[i]), max(high, sim.boxes[piece].high[i])
+        box.low[i], box.high[i] = low, high
 
 
 @kernel
-def apart(a: Floats, b: Floats) -> bool:
+def apart(a: Aabb, b: Aabb) -> bool:
     """Whether two boxes are disjoint."""
     for i in range(3):  # noqa: SIM110
-        if a[i] > b[3 + i] or b[i] > a[3 + i]:
+        if a.low[i] > b.high[i] or b.low[i] > a.high[i]:
             return True
     return False
 
@@ -68,15 +64,15 @@ def apart(a: Floats, b: Floats) -> bool:
 def passes_by(sim: Simulation, body: int) -> bool:
     """Whether a body with prescribed motion is out of reach of all simulated bodies in the frame."""
     ball, start, end = sim.balls[body], sim.start[body], sim.end[body]
-    a = add(vec_from(start, 0), quat_rotate(quat_from(start, 3), vec_from(ball, 0)))
-    b = add(vec_from(end, 0), quat_rotate(quat_from(end, 3), vec_from(ball, 0)))
+    a = add(vec_from(start, 0), quat_rotate(quat_from(start, 3), vec_of(ball.centre)))
+    b = add(vec_from(end, 0), quat_rotate(quat_from(end, 3), vec_of(ball.centre)))
     # it leaves the straight line by less than the effects of acceleration and of the rotation about its centre
     m, dt = sim.motion[body], sim.frame.dt
-    reach = ball[3] + 2.0 * norm(vec_from(ball, 0)) + 0.125 * dt * dt * norm(vec_of(m.acceleration))
+    reach = ball.radius + 2.0 * norm(vec_of(ball.centre)) + 0.125 * dt * dt * norm(vec_of(m.acceleration))
     for i in range(3):
-        if min(a[i], b[i]) - reach > sim.frame.extent[3 + i]:
+        if min(a[i], b[i]) - reach > sim.frame.extent_high[i]:
             return True
-        if max(a[i], b[i]) + reach < sim.frame.extent[i]:
+        if max(a[i], b[i]) + reach < sim.frame.extent_low[i]:
             return True
     return False
 
@@ -86,8 +82,8 @@ def box_path(sim: Simulation, body: int) -> None:
     """Prescribed motion of a body through the frame, and its boxes in the span; empty ones if it is out of reach."""
     kind, box = sim.bodies[body], sim.body_boxes[body]
     if passes_by(sim, body):
-        set_vec_from(box, 0, (math.inf, math.inf, math.inf))
-        set_vec_from(box, 3, (-math.inf, -math.inf, -math.inf))
+        set_vec(box.low, (math.inf, math.inf, math.inf))
+        set_vec(box.high, (-math.inf, -math.inf, -math.inf))
         return
     set_path(sim, body)
     m, t0, t1 = sim.motion[body], sim.frame.span_start, sim.frame.span_end
@@ -129,15 +125,14 @@ def box_free(sim: Simulation, body: int) -> None:
 @kernel
 def box_all(sim: Simulation) -> None:
     """Boxes of all bodies that move, in the span searched."""
-    for i in range(3):
-        sim.frame.extent[i] = math.inf
-        sim.frame.extent[3 + i] = -math.inf
+    low, high = sim.frame.extent_low, sim.frame.extent_high
+    set_vec(low, (math.inf, math.inf, math.inf))
+    set_vec(high, (-math.inf, -math.inf, -math.inf))
     for s in range(len(sim.free)):
         body = sim.free[s]
         box_free(sim, body)
         box = sim.body_boxes[body]
         for i in range(3):
-            sim.frame.extent[i] = min(sim.frame.extent[i], box[i])
-            sim.frame.extent[3 + i] = max(sim.frame.extent[3 + i], box[3 + i])
+            low[i], high[i] = min(low[i], box.low[i]), max(high[i], box.high[i])
     for k in range(len(sim.paths)):
         box_path(sim, sim.paths[k])
