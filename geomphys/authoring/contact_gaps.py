@@ -90,6 +90,13 @@ class Unknowns(NamedTuple):
         return np.array([*offset, *([LENGTH, degrees, degrees] * len(self.surfaces)), *([SHARE] * len(self.fingers))])
 
 
+class Planes(NamedTuple):
+    """Planes of the surfaces where they are nearest to the avatar in C frames, in the frames of the surfaces."""
+
+    normal: Floats  # (C, 3)
+    point: Floats  # (C, 3) m
+
+
 class Gaps(NamedTuple):
     """Gaps of the m points that touch."""
 
@@ -141,31 +148,29 @@ class ContactGaps:
         reduced.pivots = self.pivots
         return reduced
 
-    def planes(self, change: Floats) -> Floats:
-        """(C, 6) normal and point of the surface where it is nearest to the avatar, in the frame of the surface."""
+    def planes(self, change: Floats) -> Planes:
+        """The planes of the surfaces after a change (N,)."""
         roots_of_tree = pose_from_matrix(self._roots(change))
         surfaces = self._moved_surfaces(change)
-        planes = np.zeros((len(self._contacts), 6))
+        normal, point = np.zeros((len(self._contacts), 3)), np.zeros((len(self._contacts), 3))
         for c, contact in enumerate(self._contacts):
             roots = contact.frame.roots.copy()
             roots[contact.surface], roots[self._tree] = surfaces[c], roots_of_tree[c]
-            planes[c, :3], planes[c, 3:] = self._meter.nearest_plane(
+            normal[c], point[c] = self._meter.nearest_plane(
                 self._tree, contact.surface, roots, contact.frame.angles, contact.link
             )
         rotations = rotation_from_quaternion(surfaces[:, 3:])
-        planes[:, 3:] -= surfaces[:, :3]
-        planes[:, :3] = np.einsum("cij,ci->cj", rotations, planes[:, :3])
-        planes[:, 3:] = np.einsum("cij,ci->cj", rotations, planes[:, 3:])
-        return planes
+        point -= surfaces[:, :3]
+        return Planes(np.einsum("cij,ci->cj", rotations, normal), np.einsum("cij,ci->cj", rotations, point))
 
-    def linearise(self, change: Floats, band: float, planes: Floats) -> Gaps:
+    def linearise(self, change: Floats, band: float, planes: Planes) -> Gaps:
         """Gaps of the points that touch (of a flat hand all up to `band` [m] higher than the lowest), and their derivatives."""
         unknowns = self.unknowns
         points, radii, roots, arms = self._world_points(change)
         surfaces = self._moved_surfaces(change)
         rotations = rotation_from_quaternion(surfaces[:, 3:])
-        normals = np.einsum("cij,cj->ci", rotations, planes[:, :3])
-        at = np.einsum("cij,cj->ci", rotations, planes[:, 3:]) + surfaces[:, :3]
+        normals = np.einsum("cij,cj->ci", rotations, planes.normal)
+        at = np.einsum("cij,cj->ci", rotations, planes.point) + surfaces[:, :3]
         gaps = np.einsum("ci,cpi->cp", normals, points - at[:, None]) - radii
         gaps[~self._may_touch] = np.inf
         lowest = gaps.min(axis=1, keepdims=True, initial=np.inf)
@@ -195,7 +200,7 @@ class ContactGaps:
     def count_beneath(self, change: Floats) -> int:
         """Number of frames in which the avatar touches a surface from beneath: whose normal there points down."""
         rotations = rotation_from_quaternion(self._moved_surfaces(change)[:, 3:])
-        return int(np.sum(np.einsum("ci,ci->c", rotations[:, 2], self.planes(change)[:, :3]) < -DOWN))
+        return int(np.sum(np.einsum("ci,ci->c", rotations[:, 2], self.planes(change).normal) < -DOWN))
 
     def _roots(self, change: Floats) -> Floats:
         """Poses (C, 4, 4) of the root link."""
@@ -230,7 +235,7 @@ class ContactGaps:
         unchanged = np.zeros(self.unknowns.size)
         points, radii, _, _ = self._world_points(unchanged)
         normals = np.einsum(
-            "cij,cj->ci", rotation_from_quaternion(self._surface_poses[:, 3:]), self.planes(unchanged)[:, :3]
+            "cij,cj->ci", rotation_from_quaternion(self._surface_poses[:, 3:]), self.planes(unchanged).normal
         )
         height = np.where(self._may_touch, np.einsum("cpi,ci->cp", points, normals) - radii, np.inf)
         lowest = points[np.arange(len(points)), height.argmin(axis=1)][self._surface == surface]

@@ -6,7 +6,7 @@ cylinders. The surface is taken as the plane at the point of it that is nearest 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from geomphys.collision.penetration import Scratch, make_scratch, separation
 from geomphys.collision.query import outline
 from geomphys.jit.kernel import kernel
 from geomphys.jit.packed_records import pack
+from geomphys.numerics.row_vectors import set_vec
 from geomphys.numerics.transforms import apply, matrix_from_frame, matrix_from_pose
 from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, HULL, SPHERE, Scene
 from geomphys.scene.kinematics import joint_origins, pose_pieces_of_tree, pose_tree
@@ -30,20 +31,30 @@ BEYOND_NEAREST = 0.05
 RIM_POINTS = 24
 
 
+LINK_GAP = np.dtype(
+    [
+        ("gap", np.float64),  # m
+        ("normal", np.float64, 3),  # out of the surface
+        ("point", np.float64, 3),  # m, of the surface
+    ]
+)
+"""Gap of a link from a surface, and the plane of the surface where it is nearest to the link, world frame."""
+
+
 class GapWorkspace(NamedTuple):
     """Arrays of `measure_planes`."""
 
     origins: Floats  # (B, 7) joint origins
     poses: Floats  # (B, 7)
     frames: Floats  # (P, 12)
-    planes: Floats  # (B, 7) gap [m], normal out of the surface, point of the surface
+    gaps: NDArray[Any]  # (B,) LINK_GAP
 
 
 @kernel
 def measure_planes(
     scene: Scene, space: GapWorkspace, scratch: Scratch, tree: int, surface: int, roots: Floats, angles: Floats
 ) -> None:
-    """Gap of each link of a tree from the bodies of another, negative inside, into `space.planes`; `FAR` if it is far.
+    """Gap of each link of a tree from the bodies of another, negative inside, into `space.gaps`; `FAR` if it is far.
 
     `roots` (T, 7) and `angles` (Q,) are world poses of roots and joint values.
     """
@@ -52,14 +63,15 @@ def measure_planes(
         pose_pieces_of_tree(scene, t, space.poses, space.frames)
     starts, pieces, limit = scene.trees.body_start, scene.bodies.piece_start, FAR
     for body in range(starts[tree], starts[tree + 1]):
-        space.planes[body, 0] = FAR
+        found = space.gaps[body]
+        found.gap = FAR
         for i in range(pieces[body], pieces[body + 1]):
             for j in range(pieces[starts[surface]], pieces[starts[surface + 1]]):
                 gap, n, _, pb = separation(scene.pieces, space.frames, i, j, limit, (0.0, 0.0, 0.0), scratch)
-                if gap < min(space.planes[body, 0], limit):
-                    space.planes[body, 0] = gap
-                    space.planes[body, 1], space.planes[body, 2], space.planes[body, 3] = n
-                    space.planes[body, 4], space.planes[body, 5], space.planes[body, 6] = pb
+                if gap < min(found.gap, limit):
+                    found.gap = gap
+                    set_vec(found.normal, n)
+                    set_vec(found.point, pb)
                     limit = min(limit, gap + BEYOND_NEAREST)
 
 
@@ -72,7 +84,7 @@ class GapMeter:
             origins=joint_origins(scene),
             poses=np.zeros((len(scene.bodies.parent), 7)),
             frames=np.zeros((len(scene.pieces.kind), 12)),
-            planes=np.zeros((len(scene.bodies.parent), 7)),
+            gaps=np.zeros(len(scene.bodies.parent), LINK_GAP),
         )
         self._scene, self._space, self._scratch = pack(scene), pack(self.space), pack(make_scratch())
         self._starts = scene.trees.body_start
@@ -105,14 +117,14 @@ class GapMeter:
     ) -> tuple[Floats, Floats]:
         """Normal (3,) out of a surface and its point (3,) m that is nearest to a tree, or to one of its links, world frame."""
         measure_planes(self._scene, self._space, self._scratch, tree, surface, roots, angles)
-        planes = self.space.planes[slice(*self._starts[tree : tree + 2])]
-        nearest = link if link >= 0 and planes[link, 0] < FAR else int(planes[:, 0].argmin())
-        return planes[nearest, 1:4].copy(), planes[nearest, 4:7].copy()
+        gaps = self.space.gaps[slice(*self._starts[tree : tree + 2])]
+        nearest = gaps[link if link >= 0 and gaps["gap"][link] < FAR else int(gaps["gap"].argmin())]
+        return nearest["normal"].copy(), nearest["point"].copy()
 
     def lowest_gap(self, tree: int, surface: int, roots: Floats, angles: Floats) -> float:
         """Gap [m] of a tree from a surface, negative inside, for the poses of a frame."""
         measure_planes(self._scene, self._space, self._scratch, tree, surface, roots, angles)
-        return float(self.space.planes[slice(*self._starts[tree : tree + 2]), 0].min())
+        return float(self.space.gaps["gap"][slice(*self._starts[tree : tree + 2])].min())
 
 
 def _sample(scene: Scene) -> tuple[Ints, Floats, Floats]:
