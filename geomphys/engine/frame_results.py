@@ -26,13 +26,16 @@ _FIGURES = {
     "contact_alignment": "contact_alignment_rad",
 }
 """Figure of the buffer -> field of the metrics, where they have two names."""
-_MOTION = (
-    "recorded_speed_m_s",
-    "correction_speed_m_s",
-    "recorded_jerk_m_s3",
-    "correction_jerk_m_s3",
-    "shape_change_rad",
-)
+
+
+class MotionMeasures(NamedTuple):
+    """Motion of the driven bodies in n frames; see `geomphys.results.Metrics`."""
+
+    recorded_speed_m_s: Floats  # (n,)
+    correction_speed_m_s: Floats  # (n,)
+    recorded_jerk_m_s3: Floats  # (n,)
+    correction_jerk_m_s3: Floats  # (n,)
+    shape_change_rad: Floats  # (n,)
 
 
 class BlockResults(NamedTuple):
@@ -64,8 +67,8 @@ class BlockResults(NamedTuple):
         )
 
 
-def results_of(block: Block, frames: Sequence[Frame], flags: Sequence[int], motion: Floats) -> BlockResults:
-    """Results of the first n frames of a block; `flags` (n,) beside those of frames and step, `motion` (n, 5) as in `Metrics`."""
+def results_of(block: Block, frames: Sequence[Frame], flags: Sequence[int], motion: MotionMeasures) -> BlockResults:
+    """Results of the first n frames of a block; `flags` (n,) beside those of frames and step."""
     count = len(frames)
     contacts, depths = block.contact_end[count], block.depth_end[count]
     return BlockResults(
@@ -88,10 +91,10 @@ def _all_poses(block: Block, rows: Floats) -> Floats:
     return poses
 
 
-def _metrics(block: Block, frames: Sequence[Frame], flags: Sequence[int], motion: Floats) -> list[Metrics]:
+def _metrics(block: Block, frames: Sequence[Frame], flags: Sequence[int], motion: MotionMeasures) -> list[Metrics]:
     figures = block.figures[: len(frames)]
     columns = {_FIGURES.get(name, name): figures[name].tolist() for name in figures.dtype.names or ()}
-    columns |= dict(zip(_MOTION, motion.T.tolist(), strict=True))
+    columns |= {name: column.tolist() for name, column in motion._asdict().items()}
     columns["contacts"] = np.diff(block.contact_end[: len(frames) + 1]).tolist()
     columns["held"] = [frame.held for frame in frames]
     own = zip(columns["flags"], frames, flags, strict=True)

@@ -14,7 +14,7 @@ from geomphys.driven.paper.state import make_paper_workspace
 from geomphys.driven.weights import WEIGHTS, Weights
 from geomphys.engine.fingertips import thumbs_of
 from geomphys.engine.frame_buffer import Block, make_block
-from geomphys.engine.frame_results import BlockResults, results_of
+from geomphys.engine.frame_results import BlockResults, MotionMeasures, results_of
 from geomphys.engine.grasps import GraspMeter
 from geomphys.engine.log_messages import FrameReporter, Message
 from geomphys.engine.missed_motion import MissedMotion
@@ -39,7 +39,7 @@ class Chunk:
     frames: list[Frame]
     block: Block
     decode_ns: int  # a frame
-    motion: Floats  # (n, 5) speeds, jerks and change of shape, as in `Metrics`
+    motion: MotionMeasures
     flags: list[int]  # (n,) beside those of the frames and of the step
     is_last: bool = False
     results: BlockResults | None = None  # made when the first is requested
@@ -99,11 +99,11 @@ class Pipeline:
             while frames:
                 block = self.blocks[1] if before is not None and before.block is self.blocks[0] else self.blocks[0]
                 count = self.run(roots, angles, dts, block)
-                chunk = Chunk(frames[:count], block, decode_ns, np.zeros((count, 5)), flags[:count])
+                motion = self._measure_motion(frames[:count], block)
+                chunk = Chunk(frames[:count], block, decode_ns, motion, flags[:count])
                 frames, flags, dts = frames[count:], flags[count:], dts[count:]
                 roots, angles = roots[count:], angles[count:]
                 self._last_ns = chunk.frames[-1].time_ns
-                self._measure_motion(chunk)
                 if before is not None:
                     yield before
                 before = chunk
@@ -120,18 +120,25 @@ class Pipeline:
         """Outcomes so far of the simulated bodies that driven ones touched."""
         return self._grasps.grasps()
 
-    def _measure_motion(self, chunk: Chunk) -> None:
-        block, count = chunk.block, len(chunk.frames)
+    def _measure_motion(self, frames: list[Frame], block: Block) -> MotionMeasures:
+        """Motion in the frames that a block begins with."""
+        count = len(frames)
         driven = self.world.scene.bodies.role[block.moving] == DRIVEN
         recorded, corrected = (poses[:count, driven, :3] for poses in (block.recorded, block.corrected))
-        times = np.array([frame.time_ns for frame in chunk.frames], dtype=np.int64)
-        rates = np.hstack(self._meter.add(times, np.stack([recorded, corrected - recorded], axis=1)))
-        chunk.motion[:, :4] = np.nan_to_num(rates, nan=0.0)
-        chunk.motion[:, 4] = self._shape_change(chunk)
+        times = np.array([frame.time_ns for frame in frames], dtype=np.int64)
+        positions = np.stack([recorded, corrected - recorded], axis=1)
+        speeds, jerks = (np.nan_to_num(rates, nan=0.0) for rates in self._meter.add(times, positions))
+        return MotionMeasures(
+            recorded_speed_m_s=speeds[:, 0],
+            correction_speed_m_s=speeds[:, 1],
+            recorded_jerk_m_s3=jerks[:, 0],
+            correction_jerk_m_s3=jerks[:, 1],
+            shape_change_rad=self._shape_change(block, count),
+        )
 
-    def _shape_change(self, chunk: Chunk) -> Floats:
+    def _shape_change(self, block: Block, count: int) -> Floats:
         """Largest rotation (n,) [rad] of a link of a driven tree without chains from its recorded orientation."""
-        block, count, scene = chunk.block, len(chunk.frames), self.world.scene
+        scene = self.world.scene
         bodies = block.moving[scene.trees.chains[scene.bodies.tree[block.moving]] == 0]
         rows = np.isin(block.moving, bodies[scene.bodies.role[bodies] == DRIVEN])
         recorded, corrected = (poses[:count, rows, 3:] for poses in (block.recorded, block.corrected))
