@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.manifold import manifold
-from geomphys.collision.penetration import Scratch, make_scratch, separation
+from geomphys.collision.penetration import Scratch, Separation, make_scratch, separation
 from geomphys.collision.support import Shapes, core_of, radius_of, shapes_of, support
 from geomphys.jit.kernel import kernel
 from geomphys.jit.packed_records import pack
@@ -30,13 +30,10 @@ class PairSeparation(NamedTuple):
 
 
 @kernel
-def _measure(pieces: Pieces, frames: Floats, scratch: Scratch, out: Floats) -> int:
-    """Write separation, normal and points of the first two pieces to `out`; contact points from row 4 on."""
-    s, n, pa, pb = separation(pieces, frames, 0, 1, np.inf, (0.0, 0.0, 0.0), scratch)
-    for k in range(3):
-        out[0, k], out[1, k], out[2, k] = n[k], pa[k], pb[k]
-    out[3, 0] = s
-    return manifold(Shapes(pieces, frames), 0, 1, (s, n, pa, pb), out[4:8], out[8:12], scratch)
+def _measure(pieces: Pieces, frames: Floats, scratch: Scratch, on_a: Floats, on_b: Floats) -> tuple[Separation, int]:
+    """Separation of the first two pieces, and how many contact points were written to `on_a` and `on_b` (4, 3)."""
+    found = separation(pieces, frames, 0, 1, np.inf, (0.0, 0.0, 0.0), scratch)
+    return found, manifold(Shapes(pieces, frames), 0, 1, found, on_a, on_b, scratch)
 
 
 @kernel
@@ -78,6 +75,6 @@ def query(
     for row, pose in zip(frames, (world_from_a, world_from_b), strict=True):
         row[:9] = np.asarray(pose, dtype=np.float64)[:3, :3].reshape(9)
         row[9:] = np.asarray(pose, dtype=np.float64)[:3, 3]
-    out = np.zeros((12, 3))
-    count = _measure(pack(pieces), frames, pack(make_scratch()), out)
-    return PairSeparation(float(out[3, 0]), out[0], out[1], out[2], out[4 : 4 + count], out[8 : 8 + count])
+    on_a, on_b = np.zeros((4, 3)), np.zeros((4, 3))
+    (s, n, pa, pb), count = _measure(pack(pieces), frames, pack(make_scratch()), on_a, on_b)
+    return PairSeparation(s, np.array(n), np.array(pa), np.array(pb), on_a[:count], on_b[:count])
