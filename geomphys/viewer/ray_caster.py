@@ -79,8 +79,8 @@ def render(camera: Camera, solid: list[Surface], translucent: list[Surface], mar
     """
     layers = _Layers(camera, solid, translucent, marks)
     y, x = (axis.ravel() + 0.5 for axis in np.divmod(np.arange(camera.width * camera.height), camera.width))
-    colours, keys = layers.cast(x, y)
-    edges = _edges(keys.reshape(camera.height, camera.width, -1)).ravel()
+    colours, seen = layers.cast(x, y)
+    edges = _edges(seen.reshape(camera.height, camera.width)).ravel()
     if edges.any():
         samples = [layers.cast(x[edges] + dx, y[edges] + dy)[0] for dx, dy in _SAMPLES]
         colours[edges] = np.mean(samples, axis=0)
@@ -88,15 +88,28 @@ def render(camera: Camera, solid: list[Surface], translucent: list[Surface], mar
     return pixels.reshape(camera.height, camera.width, 3)
 
 
-def _edges(keys: Floats) -> Flags:
-    """(h, w) whether a pixel differs from a neighbour by its keys (h, w, 7): distance, normal, lit, ghost and marks hit."""
-    found = np.zeros(keys.shape[:2], bool)
+_PIXEL = np.dtype(
+    [
+        ("distance", np.float64),  # m, of the solid surface
+        ("normal", np.float64, 3),
+        ("lit", np.bool_),
+        ("ghost", np.bool_),  # a translucent surface is hit
+        ("mark", np.bool_),
+    ]
+)
+"""What is seen at a pixel: where neighbours differ in it, there is an edge."""
+
+
+def _edges(pixels: NDArray[np.void]) -> Flags:
+    """(h, w) whether a pixel of (h, w) `_PIXEL` differs from a neighbour."""
+    found = np.zeros(pixels.shape, bool)
     for axis in (0, 1):
-        first, second = (keys[slice(None, -1), :], keys[1:, :]) if axis == 0 else (keys[:, :-1], keys[:, 1:])
-        depth, other = first[..., 0], second[..., 0]
+        first, second = (pixels[:-1], pixels[1:]) if axis == 0 else (pixels[:, :-1], pixels[:, 1:])
+        depth, other = first["distance"], second["distance"]
         differs = np.abs(depth - other) > _EDGE_DEPTH * np.minimum(depth, other)
-        differs |= np.einsum("hwk,hwk->hw", first[..., 1:4], second[..., 1:4]) < _EDGE_NORMAL
-        differs |= (first[..., 4:] != second[..., 4:]).any(axis=2)
+        differs |= np.einsum("hwk,hwk->hw", first["normal"], second["normal"]) < _EDGE_NORMAL
+        for name in ("lit", "ghost", "mark"):
+            differs |= first[name] != second[name]
         if axis == 0:
             found[:-1] |= differs
             found[1:] |= differs
@@ -165,12 +178,12 @@ class _Layers:
         self._eye = camera.position - camera.target
         self._solid, self._ghost, self._marks = (_Layer(s, camera.target) for s in (solid, translucent, marks))
 
-    def cast(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        """Colours (n, 3) at points of the picture, and keys (n, 7) by which edges are found."""
+    def cast(self, x: Floats, y: Floats) -> tuple[Floats, NDArray[np.void]]:
+        """Colours (n, 3) at points of the picture, and (n,) `_PIXEL`."""
         blocks = [self._cast(x[k : k + _BLOCK], y[k : k + _BLOCK]) for k in range(0, len(x), _BLOCK)]
         return np.concatenate([block[0] for block in blocks]), np.concatenate([block[1] for block in blocks])
 
-    def _cast(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    def _cast(self, x: Floats, y: Floats) -> tuple[Floats, NDArray[np.void]]:
         rays = self._camera.directions(x, y)
         solid, ghost, marks = (layer.cast(self._eye, rays) for layer in (self._solid, self._ghost, self._marks))
         lamp = self._lamp(solid, rays)
@@ -182,8 +195,10 @@ class _Layers:
         colours += opacity[:, None] * (_shaded(ghost, rays) - colours)
         opacity = marks.hit * np.where(marks.distance < solid.distance + 1e-3, 1.0, _MARK_HIDDEN)
         colours += opacity[:, None] * (_shaded(marks, rays) - colours)
-        keys = np.column_stack([solid.distance, solid.normal, lamp > 0.0, ghost.hit, marks.hit])
-        return colours, keys
+        seen = np.zeros(len(rays), _PIXEL)
+        seen["distance"], seen["normal"], seen["lit"] = solid.distance, solid.normal, lamp > 0.0
+        seen["ghost"], seen["mark"] = ghost.hit, marks.hit
+        return colours, seen
 
     def _lamp(self, hits: _Hits, rays: Floats) -> Floats:
         """(n,) share of the lamp's light on hits: 0 in shadow."""
