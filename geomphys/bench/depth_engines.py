@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from geomphys.bench.pair_loop import SEPARATION, Separations
 from geomphys.errors import ConfigError
 from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, SPHERE, Pieces
 
@@ -22,10 +23,10 @@ class DepthPeer(Protocol):
     def run(self, first: int, last: int) -> None:
         """Find the contacts of the pairs `first` to `last` and discard them."""
 
-    def answers(self) -> Floats:
-        """Normals out of B into A and minus the depths (N, 4) of all pairs; 0 where it finds no contact."""
+    def answers(self) -> Separations:
+        """(N,) SEPARATION of all pairs; 0 where it finds no contact."""
 
-    def all(self, frames: Floats) -> Floats:
+    def all(self, frames: Floats) -> Separations:
         """The same with the pieces at `frames` (2 N, 12)."""
 
 
@@ -71,18 +72,18 @@ class Coal:
             result.clear()
             collide(shapes[k], transforms[k], shapes[k + 1], transforms[k + 1], request, result)
 
-    def answers(self) -> Floats:
-        """Normals and minus the depths (N, 4) of all pairs."""
-        out = np.zeros((len(self._shapes) // 2, 4))
+    def answers(self) -> Separations:
+        """(N,) SEPARATION of all pairs."""
+        out = np.zeros(len(self._shapes) // 2, SEPARATION)
         for k in range(len(out)):
             self.run(k, k + 1)
             if self._result.isCollision():
                 contact = self._result.getContact(0)
-                out[k, :3], out[k, 3] = -contact.normal, -abs(contact.penetration_depth)
+                out[k] = -contact.normal, -abs(contact.penetration_depth)
         return out
 
-    def all(self, frames: Floats) -> Floats:
-        """Normals and minus the depths (N, 4) with the pieces at `frames` (2 N, 12)."""
+    def all(self, frames: Floats) -> Separations:
+        """(N,) SEPARATION with the pieces at `frames` (2 N, 12)."""
         before, self._transforms = self._transforms, self._transforms_of(frames)
         answers = self.answers()
         self._transforms = before
@@ -120,17 +121,17 @@ class Fcl:
         for k in range(first, last):
             self._contact(k)
 
-    def answers(self) -> Floats:
-        """Normals and minus the depths (N, 4) of all pairs."""
-        out = np.zeros((len(self._shapes) // 2, 4))
+    def answers(self) -> Separations:
+        """(N,) SEPARATION of all pairs."""
+        out = np.zeros(len(self._shapes) // 2, SEPARATION)
         for k in range(len(out)):
             contacts = self._contact(k).contacts
             if contacts:
-                out[k, :3], out[k, 3] = -np.asarray(contacts[0].normal), -abs(contacts[0].penetration_depth)
+                out[k] = -np.asarray(contacts[0].normal), -abs(contacts[0].penetration_depth)
         return out
 
-    def all(self, frames: Floats) -> Floats:
-        """Normals and minus the depths (N, 4) with the pieces at `frames` (2 N, 12)."""
+    def all(self, frames: Floats) -> Separations:
+        """(N,) SEPARATION with the pieces at `frames` (2 N, 12)."""
         before, self._objects = self._objects, self._transforms_of(frames)
         answers = self.answers()
         self._objects = before

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.bench.depth_engines import Coal, DepthPeer, Fcl
-from geomphys.bench.pair_loop import measure_pairs
+from geomphys.bench.pair_loop import SEPARATION, Separations, measure_pairs
 from geomphys.bench.report import DepthEngine, DepthResult, distribution_of
 from geomphys.collision.penetration import make_scratch
 from geomphys.jit.packed_records import pack
@@ -62,7 +62,7 @@ def random_pairs(seed: int = 0, corner_counts: Sequence[int] = CORNERS) -> list[
         deep = _overlapping(f"{corners} corners, deep", shapes, np.array(frames))
         grazing = deep.frames.copy()
         exact = PairLoop(deep).all(deep.frames)
-        grazing[::2, 9:] -= (1.0 - SHALLOW) * exact[:, 3:] * exact[:, :3]
+        grazing[::2, 9:] -= (1.0 - SHALLOW) * exact["distance"][:, None] * exact["normal"]
         sets += [deep, Pairs(f"{corners} corners, shallow", deep.pieces, grazing)]
     return sets
 
@@ -131,7 +131,7 @@ def _arranged(name: str, shapes: Sequence[Shape], frames: Floats) -> Pairs:
 def _overlapping(name: str, shapes: Sequence[Shape], frames: Floats) -> Pairs:
     """The pairs among `shapes` that overlap by more than 1 µm."""
     pairs = _arranged(name, shapes, frames)
-    keep = np.repeat(PairLoop(pairs).all(frames)[:, 3] < -1e-6, 2)
+    keep = np.repeat(PairLoop(pairs).all(frames)["distance"] < -1e-6, 2)
     if keep.all():
         return pairs
     return _arranged(name, [s for s, is_retained in zip(shapes, keep, strict=True) if is_retained], frames[keep])
@@ -144,7 +144,7 @@ class PairLoop:
         self.count = len(pairs.frames) // 2
         self._pieces, self._scratch = pack(pairs.pieces), pack(make_scratch())
         self._frames = pairs.frames
-        self._out = np.zeros((self.count, 4))
+        self._out = np.zeros(self.count, SEPARATION)
 
     def run(self, first: int, last: int) -> None:
         """Measure some pairs in one call."""
@@ -155,9 +155,9 @@ class PairLoop:
         for k in range(first, last):
             measure_pairs(self._pieces, self._frames, k, k + 1, self._out, self._scratch)
 
-    def all(self, frames: Floats) -> Floats:
-        """Normals and signed separations (N, 4) with the pieces at `frames` (2 N, 12)."""
-        out = np.zeros((self.count, 4))
+    def all(self, frames: Floats) -> Separations:
+        """(N,) SEPARATION with the pieces at `frames` (2 N, 12)."""
+        out = np.zeros(self.count, SEPARATION)
         measure_pairs(self._pieces, frames, 0, self.count, out, self._scratch)
         return out
 
@@ -185,16 +185,16 @@ def compare_depths(pairs: Pairs, repeats: int, with_peers: bool) -> DepthResult:
     for name in engines:
         answers = next((peer.answers() for peer in peers if peer.name == name), exact)
         moved = pairs.frames.copy()
-        moved[::2, 9:] -= answers[:, 3:] * answers[:, :3]
+        moved[::2, 9:] -= answers["distance"][:, None] * answers["normal"]
         judge: DepthPeer | PairLoop = peers[0] if peers and name in ("loop", "call") else loop
-        residual = np.maximum(0.0, -judge.all(moved)[:, 3])
+        residual = np.maximum(0.0, -judge.all(moved)["distance"])
         rows.append(
             DepthEngine(
                 engine=f"geomphys, {name}" if name in ("loop", "call") else name,
                 ns=distribution_of(times[name]),
                 ratio=own_median / float(np.median(times[name])),
-                missed=int(np.sum(answers[:, 3] == 0.0)),
-                deviation=distribution_of(np.abs(answers[:, 3] / exact[:, 3] - 1.0)),
+                missed=int(np.sum(answers["distance"] == 0.0)),
+                deviation=distribution_of(np.abs(answers["distance"] / exact["distance"] - 1.0)),
                 residual_m=distribution_of(residual),
                 judge="geomphys" if isinstance(judge, PairLoop) else judge.name,
             )

@@ -2,15 +2,30 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from geomphys.collision.penetration import Scratch, separation
 from geomphys.jit.kernel import kernel
+from geomphys.numerics.row_vectors import set_vec
 from geomphys.scene.arrays import Floats, Pieces
+
+SEPARATION = np.dtype(
+    [
+        ("normal", np.float64, 3),  # unit, out of B into A
+        ("distance", np.float64),  # m, below 0 for an overlap
+    ]
+)
+"""Signed separation of a pair."""
+
+Separations = NDArray[Any]
+"""(n,) `SEPARATION`."""
 
 
 @kernel
-def measure_pairs(pieces: Pieces, frames: Floats, first: int, last: int, out: Floats, scratch: Scratch) -> None:
+def measure_pairs(pieces: Pieces, frames: Floats, first: int, last: int, out: Separations, scratch: Scratch) -> None:
     """Measure the pairs `first` to `last`; pair k is of the pieces 2k and 2k + 1, each without knowledge of the others.
 
     Parameters
@@ -20,10 +35,11 @@ def measure_pairs(pieces: Pieces, frames: Floats, first: int, last: int, out: Fl
     first, last
         Pairs to do.
     out
-        (N, 4) takes the unit normal out of B into A and the signed separation [m], below 0 for an overlap.
+        (N,) SEPARATION, written.
     scratch
         Of `geomphys.collision.penetration.make_scratch`.
     """
     for k in range(first, last):
         s, n, _, _ = separation(pieces, frames, 2 * k, 2 * k + 1, np.inf, (0.0, 0.0, 0.0), scratch)
-        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = n[0], n[1], n[2], s
+        out[k].distance = s
+        set_vec(out[k].normal, n)

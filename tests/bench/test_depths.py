@@ -16,14 +16,16 @@ def pairs_of(*shapes: Shape, positions: list[tuple[float, float, float]]) -> Pai
 
 def test_balls_of_known_depth() -> None:
     pairs = pairs_of(Sphere(0.03), Sphere(0.02), positions=[(0.04, 0.0, 0.0), (0.0, 0.0, 0.0)])
-    np.testing.assert_allclose(PairLoop(pairs).all(pairs.frames), [[1.0, 0.0, 0.0, -0.01]], atol=1e-15)
+    found = PairLoop(pairs).all(pairs.frames)[0]
+    np.testing.assert_allclose(found["normal"], [1.0, 0.0, 0.0], atol=1e-15)
+    assert found["distance"] == pytest.approx(-0.01, abs=1e-15)
 
 
 def test_random_pairs_overlap_and_are_the_same_each_time() -> None:
     sets, again = random_pairs(3, (8, 30)), random_pairs(3, (8, 30))
     for pairs, other in zip(sets, again, strict=True):
         assert np.array_equal(pairs.frames, other.frames)
-        assert np.all(PairLoop(pairs).all(pairs.frames)[:, 3] < 0.0)
+        assert np.all(PairLoop(pairs).all(pairs.frames)["distance"] < 0.0)
 
 
 def test_coal_agrees_and_fcl_is_judged_by_the_same_measure() -> None:
@@ -47,7 +49,7 @@ def test_every_kind_of_shape_reaches_the_peers() -> None:
     for shape in shapes:
         pairs = pairs_of(shape, ground, positions=[(0.0, 0.0, 0.05 + low[type(shape)] - 0.002), (0.0, 0.0, 0.0)])
         ours, _, coal, fcl = compare_depths(pairs, 1, with_peers=True).engines
-        assert PairLoop(pairs).all(pairs.frames)[0, 3] == pytest.approx(-0.002, rel=1e-9)
+        assert PairLoop(pairs).all(pairs.frames)["distance"][0] == pytest.approx(-0.002, rel=1e-9)
         assert coal.deviation.max < 1e-3
         assert (ours.missed, coal.missed, fcl.missed) == (0, 0, 0)
         assert type(shape_of(pairs.pieces, 0)) is type(shape)
