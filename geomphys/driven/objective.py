@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from geomphys.driven.postures import Posture, point_of, world_axis
 from geomphys.driven.state import ARTICULATED, LOCKED, DrivenWorkspace
 from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.row_vectors import add_vec, rot_of, set_vec, vec_at, vec_from, vec_of
+from geomphys.numerics.row_vectors import add_vec, rot_of, set_vec, set_vec_from, vec_at, vec_from, vec_of
 from geomphys.numerics.vec3 import (
     Quat,
     Rot,
@@ -145,9 +145,8 @@ def _gather(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> floa
         own.xz = -w * (r[0] * r[2] + c[2])
         own.yz = -w * (r[1] * r[2] + c[5])
         moment = add(cross(r, away), torque)
-        for k in range(3):
-            force[body, k] = w * away[k]
-            force[body, 3 + k] = w * moment[k]
+        set_vec_from(force[body], 0, scale(away, w))
+        set_vec_from(force[body], 3, scale(moment, w))
     for body in range(last - 1, first, -1):
         _add_inertia(inertia[scene.bodies.parent[body]], inertia[body])
         for k in range(6):
@@ -175,9 +174,8 @@ def _gather_shape(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -
         away, torque, e = _misfit(ws, poses, body, c, quat_mul(rotation, orientation_of(target, body)))
         energy += 0.5 * w * e
         moment = add(cross(sub(link_centre(ws, poses, body), pivot), away), torque)
-        for k in range(3):
-            force[body, k] = w * away[k]
-            force[body, 3 + k] = w * moment[k]
+        set_vec_from(force[body], 0, scale(away, w))
+        set_vec_from(force[body], 3, scale(moment, w))
     for body in range(last - 1, first, -1):
         for k in range(6):
             force[scene.bodies.parent[body], k] += force[body, k]
