@@ -331,9 +331,9 @@ def assemble(scene: Scene, ws: DrivenWorkspace, now: Posture, smooth: bool) -> f
             for j in range(3):
                 h[first + i, first + 3 + j] += skew[3 * i + j]
                 h[first + 3 + j, first + i] += skew[3 * i + j]
-        moments = _second_moments(composite)
+        moments, torque = _second_moments(composite), vec_from(force, 3)
         for i in range(3):
-            g[first + 3 + i] += force[3 + i]
+            g[first + 3 + i] += torque[i]
             h[first + 3 + i, first + 3 + i] += 1e-3 * TINY
             for j in range(3):
                 h[first + 3 + i, first + 3 + j] += moments[3 * i + j]
