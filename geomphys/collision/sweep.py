@@ -141,6 +141,15 @@ def body_apart_from_tree(boxes: Boxes, body: int, tree: int, margin: float) -> b
 
 
 @kernel
+def _add_near(boxes: Boxes, tree: int, other: int, margin: float, found: Ints, count: int) -> int:
+    """Write another tree to `found`, which has `count`, if its box comes within `margin` [m]; returns their number."""
+    if other == tree or apart(boxes.tree_low, boxes.tree_high, boxes.tree_low, boxes.tree_high, tree, other, margin):
+        return count
+    found[count] = other
+    return count + 1
+
+
+@kernel
 def near_trees(boxes: Boxes, tree: int, margin: float, found: Ints) -> int:
     """Trees whose boxes come within `margin` [m] of that of `tree`, itself left out; returns their number.
 
@@ -152,17 +161,7 @@ def near_trees(boxes: Boxes, tree: int, margin: float, found: Ints) -> int:
     for k in range(start, len(boxes.sorted_still)):
         if boxes.sorted_low[k] > high:
             break
-        other = boxes.sorted_still[k]
-        if other == tree:
-            continue
-        if not apart(boxes.tree_low, boxes.tree_high, boxes.tree_low, boxes.tree_high, tree, other, margin):
-            found[count] = other
-            count += 1
+        count = _add_near(boxes, tree, boxes.sorted_still[k], margin, found, count)
     for k in range(len(boxes.others)):
-        other = boxes.others[k]
-        if other == tree:
-            continue
-        if not apart(boxes.tree_low, boxes.tree_high, boxes.tree_low, boxes.tree_high, tree, other, margin):
-            found[count] = other
-            count += 1
+        count = _add_near(boxes, tree, boxes.others[k], margin, found, count)
     return count

@@ -15,6 +15,7 @@ from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import add_vec_from, set_vec, vec_at, vec_of
 from geomphys.numerics.vec3 import Vec, add, add_scaled, cross, dot, scale, sub
 from geomphys.simulated.contact_points import invert_mass, speed_at
+from geomphys.simulated.impulses import stopping_impulse
 from geomphys.simulated.state import Row, Simulation, is_simulated
 
 SWEEPS = 50  # sweeps of a step, which warm-starts the next one
@@ -130,26 +131,17 @@ def visit(sim: Simulation, c: Coupled, r: Row, share: float) -> float:
     after = before + share * (after - before)
     x0, y0, p = r.tangent_impulse[0], r.tangent_impulse[1], after - before
     cap = r.friction * after
-    x, y, mass = x0, y0, r.inverse_mass_most
+    x, y = 0.0, 0.0
     if cap > 0.0:
         t += r.inverse_mass_nt[0] * p - r.tangent_target[0]
         b += r.inverse_mass_nt[1] * p - r.tangent_target[1]
-        i_tt, i_tb, i_bb = vec_of(r.mass_t)
-        # impulse that stops the sliding, if it is within the disc
-        x, y = x0 - i_tt * t - i_tb * b, y0 - i_tb * t - i_bb * b
-        if x * x + y * y > cap * cap:
-            x, y = x0 - t / mass, y0 - b / mass
-            size = math.sqrt(x * x + y * y)
-            if size > cap:
-                x, y = x * cap / size, y * cap / size
-    else:
-        x, y = 0.0, 0.0
+        x, y = stopping_impulse(r, t, b, cap)
     x, y = x0 + share * (x - x0), y0 + share * (y - y0)
     if p == 0.0 and x == x0 and y == y0:
         return 0.0
     r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1] = after, x, y
     apply(sim, c, r, (p, x - x0, y - y0))
-    return float(max(abs(p) * r.inverse_mass_n, (abs(x - x0) + abs(y - y0)) * mass))
+    return float(max(abs(p) * r.inverse_mass_n, (abs(x - x0) + abs(y - y0)) * r.inverse_mass_most))
 
 
 @kernel

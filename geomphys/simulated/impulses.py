@@ -64,6 +64,23 @@ def apply_friction_once(sim: Simulation, velocity: Floats, k: int, cap: float) -
 
 
 @kernel
+def stopping_impulse(r: Row, vx: float, vy: float, cap: float) -> tuple[float, float]:
+    """Friction impulse (x, y) [N s] of a row that stops the sliding (vx, vy) [m/s], if it is within the disc of radius `cap`.
+
+    Else one step opposite to the sliding, put back onto the disc.
+    """
+    i_tt, i_tb, i_bb = vec_of(r.mass_t)
+    x0, y0, mass = r.tangent_impulse[0], r.tangent_impulse[1], r.inverse_mass_most
+    x, y = x0 - i_tt * vx - i_tb * vy, y0 - i_tb * vx - i_bb * vy
+    if x * x + y * y > cap * cap:
+        x, y = x0 - vx / mass, y0 - vy / mass
+        size = math.sqrt(x * x + y * y)
+        if size > cap:
+            x, y = x * cap / size, y * cap / size
+    return x, y
+
+
+@kernel
 def solve_friction(sim: Simulation, velocity: Floats, k: int, cap: float) -> float:
     """One sweep's change of the friction impulse at row k within the disc of radius `cap` [N s].
 
@@ -72,19 +89,11 @@ def solve_friction(sim: Simulation, velocity: Floats, k: int, cap: float) -> flo
     r = sim.rows[k]
     v = speed_at(velocity, r, r.a, r.b)
     vx, vy = dot(vec_of(r.tangent), v), dot(vec_of(r.binormal), v)
-    i_tt, i_tb, i_bb = vec_of(r.mass_t)
-    x0, y0, mass = r.tangent_impulse[0], r.tangent_impulse[1], r.inverse_mass_most
-    # impulse that stops the sliding, if it is within the cone
-    x, y = x0 - i_tt * vx - i_tb * vy, y0 - i_tb * vx - i_bb * vy
-    if x * x + y * y > cap * cap:
-        # else opposite to the sliding, on the cone
-        x, y = x0 - vx / mass, y0 - vy / mass
-        size = math.sqrt(x * x + y * y)
-        if size > cap:
-            x, y = x * cap / size, y * cap / size
+    x0, y0 = r.tangent_impulse[0], r.tangent_impulse[1]
+    x, y = stopping_impulse(r, vx, vy, cap)
     if x != x0 or y != y0:
         apply_tangential(sim, velocity, k, x - x0, y - y0)
-    return (abs(x - x0) + abs(y - y0)) * mass
+    return (abs(x - x0) + abs(y - y0)) * r.inverse_mass_most
 
 
 @kernel
