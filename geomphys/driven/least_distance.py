@@ -1,6 +1,6 @@
 """The nearest point to a goal that satisfies linear inequalities: the least-distance problem behind overlap elimination.
 
-    minimise |x - g|²  subject to  C x >= d,  lower <= x
+    minimise |x - g|²  subject to  C x >= d
 
 solved by the dual active-set method of Goldfarb and Idnani ("A numerically stable dual method for solving strictly
 convex quadratic programs", Mathematical Programming 27, 1983) with the identity as Hessian. It starts at g, so a goal

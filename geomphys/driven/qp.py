@@ -101,7 +101,7 @@ def _normalise(p: Quadratic, n: int, i: int) -> bool:
 
 @kernel
 def _read_solution(p: Quadratic, n: int) -> None:
-    """X = L'⁻¹ y."""
+    """Solution x = L'⁻¹ y."""
     y = p.least.x
     for i in range(n - 1, -1, -1):
         value = y[i]

@@ -272,7 +272,7 @@ def search(
     tethered
         Whether `pace` bounds how far the trees may move from `SearchWorkspace.start`.
     mode
-        What is certified: EVERY_STEP; STRAIGHT: also the straight path from the start of the step; ANY_WAY:
+        What is certified: EVERY_STEP; STRAIGHT: also the straight path from the start of the step; ANY_PATH:
         nothing, and the start may overlap, as there was no frame before.
     """
     work, best, relaxed = ws.work, math.inf, mode == ANY_PATH

@@ -1,6 +1,7 @@
 """State and workspace of the coupled contact solve of driven and simulated bodies.
 
-Unknowns of a driven tree are the three offsets of its root and one offset of each joint, from their recorded values.
+Unknowns of a driven tree are the three offsets of its root's position and one offset of each joint, from their recorded
+values. The rotation of the root is none: contacts do not change it.
 """
 
 from __future__ import annotations

@@ -4,7 +4,10 @@ The coupling (6), m A = -K x - R v, is taken implicitly over a step of h seconds
 
     u = (m v - h K x) / M,   M = m + h R + h² K,
 
-and a contact impulse p along an unknown adds p / M to it. Without contact on a tree (6) is solved in closed form.
+and a contact impulse p along an unknown adds p / M to it. Where |K x| is above the limit of effort F the spring is a constant
+force: F stands for K x with its sign, and M = m + h R. Of a joint behind a contact, m, K and R are multiplied by its `share`
+(`coupled_motion.fit_stiffness`). Without contact on a tree (6) is solved in closed form, as it always is for the rotation of a
+root, which is no unknown.
 """
 
 from __future__ import annotations

@@ -19,55 +19,55 @@ Rot: TypeAlias = tuple[float, float, float, float, float, float, float, float, f
 
 @kernel
 def add(a: Vec, b: Vec) -> Vec:
-    """A + b."""
+    """Sum a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
 @kernel
 def sub(a: Vec, b: Vec) -> Vec:
-    """A - b."""
+    """Difference a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 @kernel
 def neg(a: Vec) -> Vec:
-    """-a."""
+    """Opposite -a."""
     return (-a[0], -a[1], -a[2])
 
 
 @kernel
 def scale(a: Vec, s: float) -> Vec:
-    """S a."""
+    """Multiple s a."""
     return (a[0] * s, a[1] * s, a[2] * s)
 
 
 @kernel
 def add_scaled(a: Vec, b: Vec, s: float) -> Vec:
-    """A + s b."""
+    """Sum a + s b."""
     return (a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2])
 
 
 @kernel
 def dot(a: Vec, b: Vec) -> float:
-    """A · b."""
+    """Dot product a · b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @kernel
 def cross(a: Vec, b: Vec) -> Vec:
-    """A × b."""
+    """Cross product a × b."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 @kernel
 def norm(a: Vec) -> float:
-    """|a|."""
+    """Length |a|."""
     return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 
 @kernel
 def unit(a: Vec) -> Vec:
-    """A / |a|; the zero vector stays zero."""
+    """Unit vector a / |a|; the zero vector stays zero."""
     length = norm(a)
     if length == 0.0:
         return (0.0, 0.0, 0.0)
@@ -86,7 +86,7 @@ def perpendicular(a: Vec) -> Vec:
 
 @kernel
 def rotate(r: Rot, v: Vec) -> Vec:
-    """R v."""
+    """Vector v rotated by r: R v."""
     return (
         r[0] * v[0] + r[1] * v[1] + r[2] * v[2],
         r[3] * v[0] + r[4] * v[1] + r[5] * v[2],
@@ -96,7 +96,7 @@ def rotate(r: Rot, v: Vec) -> Vec:
 
 @kernel
 def rotate_back(r: Rot, v: Vec) -> Vec:
-    """Rᵀ v."""
+    """Vector v rotated by the inverse of r: Rᵀ v."""
     return (
         r[0] * v[0] + r[3] * v[1] + r[6] * v[2],
         r[1] * v[0] + r[4] * v[1] + r[7] * v[2],
@@ -106,7 +106,7 @@ def rotate_back(r: Rot, v: Vec) -> Vec:
 
 @kernel
 def rot_mul(a: Rot, b: Rot) -> Rot:
-    """A B."""
+    """Product A B of two rotations."""
     return (
         a[0] * b[0] + a[1] * b[3] + a[2] * b[6],
         a[0] * b[1] + a[1] * b[4] + a[2] * b[7],
@@ -122,7 +122,7 @@ def rot_mul(a: Rot, b: Rot) -> Rot:
 
 @kernel
 def rot_transposed_mul(a: Rot, b: Rot) -> Rot:
-    """Aᵀ B."""
+    """Product Aᵀ B of two rotations."""
     return (
         a[0] * b[0] + a[3] * b[3] + a[6] * b[6],
         a[0] * b[1] + a[3] * b[4] + a[6] * b[7],
@@ -155,7 +155,7 @@ def quat_conjugate(q: Quat) -> Quat:
 
 @kernel
 def quat_unit(q: Quat) -> Quat:
-    """Q / |q|; the zero quaternion becomes the identity."""
+    """Unit quaternion q / |q|; the zero quaternion becomes the identity."""
     length = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     if length == 0.0:
         return (0.0, 0.0, 0.0, 1.0)
@@ -164,7 +164,7 @@ def quat_unit(q: Quat) -> Quat:
 
 @kernel
 def quat_rotate(q: Quat, v: Vec) -> Vec:
-    """V rotated by the unit quaternion q."""
+    """Vector v rotated by the unit quaternion q."""
     u = (q[0], q[1], q[2])
     c = cross(u, v)
     t = (c[0] + c[0], c[1] + c[1], c[2] + c[2])

@@ -6,7 +6,8 @@ Order: avatars first, in the order of the scene file, then objects. The bodies o
 topological order (parents first); the pieces of a body are contiguous.
 
 Lengths are metres, angles radians, masses kilograms. A *pose* row is ``(px, py, pz, qx, qy, qz, qw)``; a *frame* row
-is the rotation's nine floats row by row and then the position's three. All arrays are C-contiguous float64 or int64.
+is the rotation's nine floats row by row and then the position's three. All arrays are C-contiguous
+float64 or int64; the vertex indices of hulls are int32.
 """
 
 from __future__ import annotations

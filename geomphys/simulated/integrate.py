@@ -37,7 +37,7 @@ def angular_velocity(q: Quat, inertia: Vec, momentum: Vec) -> Vec:
 
 @kernel
 def angular_momentum(q: Quat, inertia: Vec, omega: Vec) -> Vec:
-    """L = R I Rᵀ ω [kg m²/s, world], the inverse of `angular_velocity`."""
+    """Angular momentum R I Rᵀ ω [kg m²/s, world]: the inverse of `angular_velocity`."""
     own = quat_rotate(quat_conjugate(q), omega)
     return quat_rotate(q, (own[0] * inertia[0], own[1] * inertia[1], own[2] * inertia[2]))
 
@@ -102,7 +102,7 @@ def rotate_freely(q: Quat, inertia: Vec, momentum: Vec, torque: Vec, h: float) -
 
 @kernel
 def inverse_inertia(q: Quat, inertia: Vec) -> Rot:
-    """R I⁻¹ Rᵀ of a body whose principal axes have the orientation `q`."""
+    """Inverse inertia R I⁻¹ Rᵀ of a body whose principal axes have the orientation `q`."""
     r = rot_from_quat(q)
     i, j, k = 1.0 / inertia[0], 1.0 / inertia[1], 1.0 / inertia[2]
     xx = i * r[0] * r[0] + j * r[1] * r[1] + k * r[2] * r[2]
