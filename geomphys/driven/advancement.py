@@ -39,8 +39,8 @@ from geomphys.scene.kinematics import frame_position, frame_rotation, orientatio
 
 Floats = NDArray[np.float64]
 
-PASSING = 0.08  # of the mean thickness of two pieces: how deep they may overlap between two poses,
-MOST_PASSING = 1e-3  # m, but no deeper
+PASSING = 0.08  # how deep two pieces may overlap between two poses: of their mean thickness
+MOST_PASSING = 1e-3  # m: the same, at most
 MOMENTS = 48  # times at most that are tested
 
 

@@ -24,8 +24,8 @@ TOUCHING = 2e-3  # m: nearest points of pairs no farther apart are cached
 SAME_SPOT = 1e-3  # m
 CONE_MARGIN = 1e-7  # rad
 OVERLAP_WEIGHT = 1e3  # mean weights: penalty of an overlap that cannot be removed in one step
-NEAR_ENOUGH = 2.5  # times the step bound, and
-NEAR_SLACK = 1e-3  # m: pairs farther apart need no row
+NEAR_ENOUGH = 2.5  # pairs farther apart than this times the step bound and `NEAR_SLACK` together need no row
+NEAR_SLACK = 1e-3  # m
 
 
 @kernel

@@ -2,8 +2,9 @@
 
     minimise ½ x'Hx + g'x  subject to  C x >= d,  low <= x <= high
 
-With H = L L' and y = L'x this is the nearest point to -L⁻¹g within half-spaces (`least_distance`). Bounds are made rows
-only once they are violated: the dual method continues from its present solution.
+With H = L L' and y = L'x this is the nearest point to -L⁻¹g within half-spaces, which the dual method of Goldfarb and Idnani
+finds (`least_distance`). Bounds low and high are made rows only once they are violated: the method continues from its present
+solution. In `LeastDistance`, `bounds` are the right-hand sides d of the rows, not these.
 """
 
 from __future__ import annotations
@@ -41,8 +42,8 @@ class Quadratic(NamedTuple):
     low: Floats  # (n,)
     high: Floats  # (n,)
     x: Floats  # (n,) the solution
-    last_step: Floats  # (n,) the last step, scaled
-    least: LeastDistance  # its rows and bounds are C and d on entry
+    last_step: Floats  # (n,) m: the last step; of a root's rotation times 0.1 m, of a joint times its lever
+    least: LeastDistance  # its `rows` and `bounds` are C and d on entry
 
 
 def make_quadratic(unknowns: int, rows: int) -> Quadratic:
@@ -112,7 +113,10 @@ def _read_solution(p: Quadratic, n: int) -> None:
 
 @kernel
 def _add_bounds(p: Quadratic, n: int, m: int) -> int:
-    """Rows for the bounds that the solution violates; returns the number of rows."""
+    """Rows for low and high where the solution violates them; returns the number of rows.
+
+    Where the table of rows is full there are none for the others, and `go_on` clamps their unknowns.
+    """
     for j in range(n):
         sign, bound = 0.0, 0.0
         if p.x[j] < p.low[j] - BOUND_TOLERANCE:
@@ -135,7 +139,10 @@ def _add_bounds(p: Quadratic, n: int, m: int) -> int:
 
 @outlined
 def go_on(p: Quadratic, n: int, first: int, m: int, count: int) -> tuple[int, int, int]:
-    """Add rows `first` to `m`, as they were written, to a solution with `count` active rows.
+    """Add rows `first` to `m`, as they were written, to a solution with `count` active rows, and resume the dual method.
+
+    At the end unknowns are clamped to low and high: by rounding, unless the table of rows was full or rows are infeasible
+    together; then other rows may be violated by that, which the caller finds when it measures the pairs.
 
     Returns
     -------

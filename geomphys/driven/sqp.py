@@ -53,20 +53,20 @@ from geomphys.scene.kinematics import orientation_of, set_pose
 
 Floats = NDArray[np.float64]
 
-FIRST_STEP = 0.01  # m, at most,
-AMPLE = 2.0  # times the distance of links from their targets, and
-SMALL_STEP = 1e-3  # m at least
-MOST_STEP = 0.03  # m
-LEAST_STEP = 3e-4  # m
-HALVINGS = 6
+AMPLE = 2.0  # first step bound: times the largest distance of a link from its target
+SMALL_STEP = 1e-3  # m: first step bound, at least
+FIRST_STEP = 0.01  # m: first step bound, at most
+LEAST_STEP = 3e-4  # m: later step bounds, at least
+MOST_STEP = 0.03  # m: later step bounds, at most
+HALVINGS = 6  # tries of a step, each half as long
 MARGIN = 2e-3  # m: extra distance of the search for pairs, so that their list serves more passes
 DRAWN = 0.02  # m: distance up to which fingertips are moved to what they touched in the recording
 ROUNDS = 12  # rounds of added rows in a pass
-SETTLED = 2e-6  # m: a pass with less motion ends the search,
-SETTLED_SHIFT = 1e-8  # m, where trees are only translated,
-NEARLY = 5e-5  # m, and after
-PATIENCE = 6  # passes; so do as many oscillating passes of least step after which the objective is not below
-GAINS = 0.999  # times what it was
+SETTLED = 2e-6  # m: a pass with less motion ends the search
+SETTLED_SHIFT = 1e-8  # m: the same where trees are only translated
+NEARLY = 5e-5  # m: the same after `PATIENCE` passes, unless trees are only translated
+PATIENCE = 6  # passes of the least step bound without a gain end the search
+GAINS = 0.999  # a pass gains if the objective ends below this times its least so far
 EVERY_STEP, STRAIGHT, ANY_PATH = 0, 1, 2  # modes of certification
 
 

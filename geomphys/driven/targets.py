@@ -35,10 +35,10 @@ from geomphys.scene.kinematics import orientation_of, set_pose
 
 Floats = NDArray[np.float64]
 
-NO_SHIFT = 1e-6  # m: link offsets below this,
-NO_ROTATION = 1e-6  # rad, and this count as zero
-DEVIATION_PER_MOTION = 1.9  # times its recorded motion, or
-LEAST_DEVIATION = 1.4e-3  # m: how far the offset of a link may depart in a frame from its path by the coupling
+NO_SHIFT = 1e-6  # m: smaller shifts of links count as zero
+NO_ROTATION = 1e-6  # rad: smaller rotation offsets of links count as zero
+DEVIATION_PER_MOTION = 1.9  # how far a link's offset may leave its path by the coupling in a frame: times its motion
+LEAST_DEVIATION = 1.4e-3  # m: the same, at least
 MOVED = 1e-7  # m or rad: a posture that differs by less from its goal has not touched anything
 
 
@@ -140,7 +140,11 @@ def _take_given(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int
 
 @outlined
 def aim(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, dt: float) -> None:
-    """Relax all offsets by `dt` [s], set targets and anchors of the links, whose recorded poses are (B, 7), and limits."""
+    """Relax all offsets by `dt` [s], set targets, anchors and limits of the links, whose recorded poses are (B, 7).
+
+    The anchor of a link is where its centre would be if its offset stayed that of the last frame: the straight line from there
+    to the target is the path by the coupling, from which it may depart no farther than a limit.
+    """
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] != DRIVEN:
             continue
@@ -173,7 +177,11 @@ def _brake(rate: Floats, change: Vec) -> None:
 def note_tree(
     scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, recorded: Floats, articulated: bool
 ) -> None:
-    """Offsets of a tree from its final posture, and their rates."""
+    """Store the offsets that a tree has in its final posture, and their rates.
+
+    Where it reached its goal the offsets are those of `aim`. The rates are too, changed by impulses, and less what goes against
+    the change of an offset by contacts.
+    """
     poses, root = state.last.poses, scene.trees.body_start[tree]
     for body in range(root, scene.trees.body_start[tree + 1]):
         for i in range(3):

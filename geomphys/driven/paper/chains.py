@@ -32,8 +32,8 @@ from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, pose_
 
 STEPS = 6  # steps of one chain in a pass
 SHARED_PASSES = 2  # first passes, in which two links that both can move take half each
-AT_GOAL = 2e-3  # m, and
-NEAR_GOAL = 0.1  # of the distance: a descent that is nearer to its goal has converged
+AT_GOAL = 2e-3  # m: a descent that ends nearer than this and than `NEAR_GOAL` to its goal has converged
+NEAR_GOAL = 0.1  # of the distance at its start
 CANCELLED = 0.1  # PD_g shorter than this share of the deepest overlap: the normals cancel
 
 NOTHING, MISSED, ARRIVED = range(3)
