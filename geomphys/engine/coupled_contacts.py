@@ -38,7 +38,7 @@ from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, posit
 from geomphys.simulated.contact_points import add_rows_within, fill_masses
 from geomphys.simulated.motion import orientation_at, point_at
 from geomphys.simulated.resting_contact import rotates_with
-from geomphys.simulated.state import Row, is_simulated
+from geomphys.simulated.state import Row, is_coupled, is_simulated
 
 Floats = NDArray[np.float64]
 
@@ -141,7 +141,7 @@ def find_rows(scene: Scene, m: Machine, t: float, h: float, margin: float) -> No
     sim.counts.rows = 0
     for k in range(sim.counts.pairs):
         p = sim.pairs[k]
-        if sim.bodies[p.body[0]].awake != 2:
+        if not is_coupled(sim, p.body[0]):
             continue
         add_rows_within(sim, k, t, margin)
     for k in range(sim.counts.rows):

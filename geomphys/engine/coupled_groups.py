@@ -6,7 +6,7 @@ from geomphys.engine.coupled_state import Coupled
 from geomphys.engine.state import Machine
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.scene.arrays import DRIVEN, Scene
-from geomphys.simulated.state import Simulation
+from geomphys.simulated.state import AWAKE, COUPLED, IN_OTHER_GROUP, Simulation
 
 NEAR_TREES = 0.02  # m: driven trees that come no nearer are not solved together
 
@@ -16,7 +16,7 @@ def may_press(m: Machine, k: int) -> bool:
     """Whether pair k of the simulated loop is of an awake body and a driven link."""
     sim = m.simulated
     a, b = sim.pairs[k].body[0], sim.pairs[k].body[1]
-    return bool(sim.bodies[b].role == DRIVEN and sim.bodies[a].awake == 1)
+    return bool(sim.bodies[b].role == DRIVEN and sim.bodies[a].activation == AWAKE)
 
 
 @kernel
@@ -79,10 +79,10 @@ def label_groups(scene: Scene, m: Machine) -> bool:
                     changed = unite(c, tree, other) or changed
     for s in range(len(sim.free)):
         body = sim.bodies[sim.free[s]]
-        if some and body.awake == 1 and c.trees[island_tree(sim, sim.free[s])].group >= 0:
-            body.awake = 3
+        if some and body.activation == AWAKE and c.trees[island_tree(sim, sim.free[s])].group >= 0:
+            body.activation = IN_OTHER_GROUP
     for k in range(sim.counts.pairs):
-        if some and sim.bodies[sim.pairs[k].body[0]].awake != 3:
+        if some and sim.bodies[sim.pairs[k].body[0]].activation != IN_OTHER_GROUP:
             sim.pairs[k].touching = 0
     return some
 
@@ -97,5 +97,6 @@ def take_group(scene: Scene, m: Machine, group: int) -> None:
         c.trees[tree].solved = 1 if on else 0
     for s in range(len(sim.free)):
         body = sim.bodies[sim.free[s]]
-        if body.awake >= 2:
-            body.awake = 2 if group < 0 or c.trees[island_tree(sim, sim.free[s])].group == group else 3
+        if body.activation in (COUPLED, IN_OTHER_GROUP):
+            own = group < 0 or c.trees[island_tree(sim, sim.free[s])].group == group
+            body.activation = COUPLED if own else IN_OTHER_GROUP

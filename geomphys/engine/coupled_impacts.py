@@ -22,7 +22,7 @@ from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.simulated.contact_points import clear_impulse, fill_masses
 from geomphys.simulated.impulse_accumulation import commit
 from geomphys.simulated.motion import refresh
-from geomphys.simulated.state import Row, Simulation, is_simulated
+from geomphys.simulated.state import Row, Simulation, is_coupled, is_simulated
 
 LEAST_SPLIT = 1e-5  # s
 LEFT_OUT = -1e3  # m/s: target of a contact that does not act
@@ -33,7 +33,7 @@ def load_coupled(sim: Simulation) -> None:
     """Write the velocities of the simulated bodies that take part to `velocity` of the simulation."""
     for s in range(len(sim.free)):
         body = sim.free[s]
-        if sim.bodies[body].awake == 2:
+        if is_coupled(sim, body):
             set_vec_from(sim.velocity[body], 0, vec_of(sim.motion[body].velocity))
             set_vec_from(sim.velocity[body], 3, vec_of(sim.motion[body].angular_velocity))
 
@@ -53,7 +53,7 @@ def resolve_impacts(scene: Scene, m: Machine, h: float) -> int:
         if solves(scene, c, tree):
             begin_impact(c, 3 * tree, 3 * tree + 3)
             begin_impact(c, first_unknown(scene, tree), end_unknown(scene, tree))
-    threshold, hits = sim.frame.threshold, 0
+    threshold, hits = sim.frame.restitution_threshold, 0
     for k in range(sim.counts.rows):
         r = sim.rows[k]
         touches = r.clearance <= sim.frame.touch
@@ -88,7 +88,7 @@ def resolve_impacts(scene: Scene, m: Machine, h: float) -> int:
             c.trees[sim.bodies[r.b].tree].touched = 1
     commit(sim)
     for s in range(len(sim.free)):
-        if sim.bodies[sim.free[s]].awake == 2:
+        if is_coupled(sim, sim.free[s]):
             refresh(sim.motion[sim.free[s]])
     load_coupled(sim)
     return 1
@@ -104,7 +104,7 @@ def next_impact(sim: Simulation, c: Coupled, h: float) -> float:
         distance = r.clearance - gap
         if distance > 0.5 * sim.frame.touch:
             v = relative_velocity(sim, c, r)[0]
-            if v < -sim.frame.threshold:
+            if v < -sim.frame.restitution_threshold:
                 r.mode = 2
                 fall = 0.0 if is_simulated(sim, r.b) else dot(vec_of(r.normal), vec_of(sim.gravity))
                 soonest = min(soonest, 2.0 * distance / (-v + math.sqrt(max(0.0, v * v - 2.0 * fall * distance))))

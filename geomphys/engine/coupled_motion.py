@@ -62,17 +62,17 @@ from geomphys.scene.kinematics import orientation_of, position_of
 from geomphys.simulated.contact_points import clear_impulse
 from geomphys.simulated.impulse_accumulation import give_velocity, impulse_of, note
 from geomphys.simulated.motion import move_base, orientation_at, plan, point_at, refresh
-from geomphys.simulated.state import Simulation, is_simulated
+from geomphys.simulated.state import Simulation, is_coupled, is_simulated
 
 Floats = NDArray[np.float64]
 
 STEP = 1.0 / 240.0  # s
 LIGHT = 50.0  # times an object's mass: where the implicit mass of what presses on it is more, steps are half as long
 STEP_TOLERANCE = 0.01  # share by which a step may be longer
-MARGIN = 4e-3  # m: contacts nearer than this are rows, and
-MARGIN_STEPS = 1.5  # times the motion in a step
-ROTATION = 0.1  # rad: no body rotates farther in a step, ...
-FEWEST = 1.0 / 16.0  # ... which is shortened to no less
+MARGIN = 4e-3  # m: nearer contacts are rows
+MARGIN_STEPS = 1.5  # so are those nearer than this times the motion in a step
+ROTATION = 0.1  # rad: no body rotates farther in a step, unless that would be shorter than `FEWEST`
+FEWEST = 1.0 / 16.0  # of `STEP`: the shortest step
 SPLITS = 8  # splits of a step at times of impact
 CORRECTED = 0.2  # share of an overlap, or of slip, that is corrected in a step
 FASTEST_CORRECTION = 0.5  # m/s
@@ -99,7 +99,7 @@ def pose_driven_trees(scene: Scene, m: Machine, roots: Floats, angles: Floats, t
             set_vec(k.velocity, (0.0, 0.0, 0.0))
             set_vec(k.acceleration, (0.0, 0.0, 0.0))
             set_vec(k.rotation_rate, (0.0, 0.0, 0.0))
-            set_vec(k.rotation_change, (0.0, 0.0, 0.0))
+            set_vec(k.half_angular_acceleration, (0.0, 0.0, 0.0))
 
 
 @kernel
@@ -108,7 +108,7 @@ def fastest_motion(scene: Scene, m: Machine, h: float) -> float:
     sim, c, fastest, driven = m.simulated, m.coupled, 0.0, 0.0
     for s in range(len(sim.free)):
         body = sim.free[s]
-        if sim.bodies[body].awake == 2:
+        if is_coupled(sim, body):
             k = sim.motion[body]
             fastest = max(fastest, h * (norm(vec_of(k.velocity)) + norm(vec_of(k.angular_velocity)) * k.reach))
     for tree in range(len(scene.trees.role)):
@@ -230,7 +230,7 @@ def solve_step(scene: Scene, m: Machine, t: float, h: float, to_impact: bool) ->
     squeeze_harder(scene, sim, c, h)
     load_coupled(sim)
     for s in range(len(sim.free)):
-        if sim.bodies[sim.free[s]].awake == 2:
+        if is_coupled(sim, sim.free[s]):
             add_vec_from(sim.velocity[sim.free[s]], 0, vec_of(sim.gravity), h)
     rotate_arms(scene, m, t, h)
     for k in range(sim.counts.rows):
@@ -249,7 +249,7 @@ def move_bodies(scene: Scene, m: Machine, t: float, h: float, dt: float) -> None
     sim, c = m.simulated, m.coupled
     for s in range(len(sim.free)):
         body = sim.free[s]
-        if sim.bodies[body].awake == 2:
+        if is_coupled(sim, body):
             k = sim.motion[body]
             set_vec_from(k.saved_pose, 0, vec_of(k.position))
             set_quat_from(k.saved_pose, 3, quat_of(k.orientation))
@@ -280,7 +280,7 @@ def move_bodies(scene: Scene, m: Machine, t: float, h: float, dt: float) -> None
         set_vec(slot.friction_force, scale(friction, 1.0 / h))
     for s in range(len(sim.free)):
         body = sim.free[s]
-        if sim.bodies[body].awake == 2:
+        if is_coupled(sim, body):
             k = sim.motion[body]
             refresh(k)
             plan(k, h)
@@ -325,7 +325,7 @@ def note_slip(m: Machine, t: float, h: float) -> None:
     """Store the drift of sticking points, for the next step to correct; zero for sliding ones."""
     sim, c = m.simulated, m.coupled
     for k in range(sim.counts.pairs):
-        if sim.bodies[sim.pairs[k].body[0]].awake == 2:
+        if is_coupled(sim, sim.pairs[k].body[0]):
             sim.pairs[k].touching = 0
     for k in range(sim.counts.rows):
         r = sim.rows[k]
@@ -349,7 +349,7 @@ def longest_step(scene: Scene, m: Machine) -> float:
     sim, c, lightest, fastest = m.simulated, m.coupled, math.inf, 0.0
     for s in range(len(sim.free)):
         k = sim.motion[sim.free[s]]
-        if sim.bodies[sim.free[s]].awake == 2:
+        if is_coupled(sim, sim.free[s]):
             lightest, fastest = min(lightest, k.mass), max(fastest, norm(vec_of(k.angular_velocity)))
     h = min(STEP, max(FEWEST * STEP, ROTATION / max(fastest, 1e-9)))
     for tree in range(len(scene.trees.role)):

@@ -90,8 +90,8 @@ SOLVE = np.dtype(
         ("lost", INT),  # contacts beyond the capacity of their table
         ("unsettled", INT),  # steps and impacts of this substep that ended at the bound on sweeps
         ("started", INT),  # 1: there was a substep before
-        ("part_time", FLOAT),  # s: how long it was
-        ("awake", INT),  # 1: some simulated body is awake in this substep
+        ("substep_duration", FLOAT),  # s: how long it was
+        ("any_awake", INT),  # 1: some simulated body is awake in this substep
     ]
 )
 """How much of the tables is in use, and counts of the solve."""

@@ -24,7 +24,9 @@ from geomphys.numerics.vec3 import add, add_scaled, norm, scale, slerp, sub
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
 from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, pose_tree, position_of, set_pose
 from geomphys.simulated.driven_paths import extrapolated, is_even
-from geomphys.simulated.update import begin_frame, clear_overlaps, end_frame
+from geomphys.simulated.overlap_clearing import clear_overlaps
+from geomphys.simulated.state import COUPLED
+from geomphys.simulated.update import begin_frame, end_frame
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -79,7 +81,7 @@ def recording_between(scene: Scene, m: Machine, roots: Floats, angles: Floats, w
 
 @outlined
 def fit_recorded_paths(scene: Scene, m: Machine, roots: Floats, dt: float, first: bool) -> None:
-    """Accelerations of recorded roots (T, 7) in this frame, estimated from the frames before as those of tracked bodies."""
+    """Accelerations of recorded roots (T, 7) in this frame, estimated from the frames before as those of kinematic bodies."""
     for tree in range(len(scene.trees.role)):
         if not is_recorded(scene, tree):
             continue
@@ -103,12 +105,12 @@ def curve_path(scene: Scene, m: Machine, dt: float, part: int, parts: int) -> No
 
     Of a parabola p + v u + a u (u - dt) / 2, divided evenly, that is by a dt² (parts - part - 1) / (2 parts²).
     """
-    share = -0.5 * dt * dt * (parts - part - 1) / (parts * parts)
+    factor = -0.5 * dt * dt * (parts - part - 1) / (parts * parts)
     for tree in range(len(scene.trees.role)):
         if not is_recorded(scene, tree):
             continue
         for i in range(3):
-            deviation = share * m.recorded_path[tree].acceleration[i]
+            deviation = factor * m.recorded_path[tree].acceleration[i]
             if deviation != 0.0:
                 m.roots[tree, i] += deviation
                 for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
@@ -217,7 +219,7 @@ def move_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
     c, state = m.coupled, m.driven
     load_unknowns(scene, m, roots, angles, dt)
     lay_paths(scene, m, roots, angles, dt)
-    m.coupled.solve.awake = 1 if begin_frame(m.simulated, dt, gap, goes_on) else 0
+    m.coupled.solve.any_awake = 1 if begin_frame(m.simulated, dt, gap, goes_on) else 0
     impacts = 0
     if label_groups(scene, m):
         for group in range(len(c.trees)):
@@ -226,7 +228,7 @@ def move_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
                 impacts += advance_together(scene, m, roots, angles, dt)
                 pose_driven_trees(scene, m, roots, angles, dt, 0.0, dt)
                 m.simulated.counts.rows = 0
-                clear_overlaps(m.simulated, dt, 2)
+                clear_overlaps(m.simulated, dt, COUPLED)
         take_group(scene, m, -1)
     for tree in range(len(scene.trees.role)):
         m.workspace.work.ignored[tree] = 1 if scene.trees.role[tree] == SIMULATED else 0
@@ -242,7 +244,7 @@ def move_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
 @outlined
 def simulate_rest(scene: Scene, m: Machine, most_impacts: int) -> tuple[int, int]:
     """Move the simulated bodies in no group; ends the frame of the simulated loop. Returns impacts and flags."""
-    impacts, flags = end_frame(m.simulated, most_impacts, m.coupled.solve.awake == 1)
+    impacts, flags = end_frame(m.simulated, most_impacts, m.coupled.solve.any_awake == 1)
     for tree in range(len(scene.trees.role)):
         m.workspace.work.ignored[tree] = 0
         if m.driven.given[tree] == GIVEN:

@@ -96,7 +96,7 @@ def load_unknowns(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
             before = x.offset
             x.offset = difference(scene, m, q, state.last.angles[q] - state.recorded.angles[q])
             if t.touched == 0:
-                x.rate = (x.offset - before) / solve.part_time if solve.started == 1 else 0.0
+                x.rate = (x.offset - before) / solve.substep_duration if solve.started == 1 else 0.0
             change = angles[q] - state.recorded.angles[q]
             x.recorded_before = x.recorded_rate
             x.recorded_rate = change / dt if abs(change) < JUMP else 0.0
@@ -110,7 +110,7 @@ def load_unknowns(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
         forget_bad_rates(c, first_unknown(scene, tree), end_unknown(scene, tree))
         t.touched = t.solved = 0
         copy_tree(scene, state.recorded, tree, c.begin)
-    solve.started, solve.part_time = 1, dt
+    solve.started, solve.substep_duration = 1, dt
     solve.unsettled = solve.lost = 0
 
 
@@ -135,41 +135,42 @@ def keep_world_velocity(scene: Scene, c: Coupled, tree: int) -> None:
 
 @kernel
 def relax_rotation(scene: Scene, c: Coupled, tree: int, dt: float) -> None:
-    """Relax the rotation offset of the root by (6)."""
+    """Relax the rotation offset of the root, which is no unknown, by (6) in closed form over `dt` [s]."""
     t = c.trees[tree]
     if t.rotation_offset[0] == 0.0 and t.rotation_offset[1] == 0.0 and t.rotation_offset[2] == 0.0:
         return
     v = rotation_vector(quat_of(t.rotation_offset))
     k, m, r = scene.trees.stiffness[tree], scene.trees.mass[tree], scene.trees.damping[tree]
-    share = relax(1.0, 0.0, m, k, r, dt)[0]
-    set_quat(t.rotation_offset, quat_from_rotation_vector((share * v[0], share * v[1], share * v[2])))
+    left = relax(1.0, 0.0, m, k, r, dt)[0]
+    set_quat(t.rotation_offset, quat_from_rotation_vector((left * v[0], left * v[1], left * v[2])))
 
 
 @outlined
-def pose_driven(
-    scene: Scene, m: Machine, tree: int, roots: Floats, angles: Floats, share: float, into: Posture
-) -> None:
-    """Pose a driven tree, in a posture, at its offsets from the recording at a share of the substep."""
+def pose_driven(scene: Scene, m: Machine, tree: int, roots: Floats, angles: Floats, at: float, into: Posture) -> None:
+    """Pose a driven tree, in a posture, at its offsets from the recording `at` this fraction of the substep."""
     c = m.coupled
-    rotation = slerp(orientation_of(c.begin.roots, tree), orientation_of(roots, tree), share)
+    rotation = slerp(orientation_of(c.begin.roots, tree), orientation_of(roots, tree), at)
     rotation_offset = quat_of(c.trees[tree].rotation_offset)
     if rotation_offset[0] != 0.0 or rotation_offset[1] != 0.0 or rotation_offset[2] != 0.0:
         rotation = quat_unit(quat_mul(rotation_offset, rotation))
     set_pose(into.roots, tree, (0.0, 0.0, 0.0), rotation)
     for i in range(3):
         a, b = c.begin.roots[tree, i], roots[tree, i]
-        into.roots[tree, i] = a + share * (b - a) + c.unknowns[3 * tree + i].offset
+        into.roots[tree, i] = a + at * (b - a) + c.unknowns[3 * tree + i].offset
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         a, b = c.begin.angles[q], angles[q]
         if abs(b - a) >= JUMP:
             a = b
-        into.angles[q] = a + share * (b - a) + c.unknowns[unknown_of_joint(scene, q)].offset
+        into.angles[q] = a + at * (b - a) + c.unknowns[unknown_of_joint(scene, q)].offset
     pose_tree(scene, m.workspace.origins, tree, into.roots, into.angles, into.poses)
 
 
 @kernel
 def begin_step(c: Coupled, first: int, last: int, h: float) -> None:
-    """Free rates and masses of unknowns `first` to `last` for a step of `h` seconds by the implicit coupling."""
+    """Free rates and masses of unknowns `first` to `last` for a step of `h` seconds by the implicit coupling.
+
+    The spring presses with no more than `effort`.
+    """
     for k in range(first, last):
         x = c.unknowns[k]
         x.pressed = 0.0

@@ -27,8 +27,8 @@ Floats = NDArray[np.float64]
 MOST = 1.4  # times the larger recorded speed
 GROWTH = 0.1  # s: in which the speed of catching up grows from zero to that
 SLOWEST = (0.05, 0.2, 0.2)  # m/s, rad/s, rad/s or m/s of joints: least speed of catching up
-JUMP_RATIO = 3.0  # times the 99th percentile of the recording's accelerations so far, and
-LEAST_JUMP = 100.0  # m/s²: a larger acceleration is a jump of the tracker
+JUMP_RATIO = 3.0  # a jump of a tracker: acceleration above this times the 99th percentile of those recorded so far
+LEAST_JUMP = 100.0  # m/s²: a jump is above this, too
 LEARNED = 60  # frames until that percentile is trusted
 NOTHING = 1e-9  # m, rad
 

@@ -51,8 +51,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CONTACT_GAPS = 3.0  # surfaces nearer than this many gaps are in contact
-LEFT = 1e-5  # m: a residual overlap of a driven body is reported from here on,
-SUNK = 1e-4  # m: and of simulated ones from here on
+LEFT = 1e-5  # m: a residual overlap of driven bodies that is deeper is flagged
+SUNK = 1e-4  # m: the same with simulated bodies
 BLOCKED_FROM = 1e-4  # m: a body in contact this far from its recorded pose, that is free, is blocked
 
 KINEMATICS, RECORDED_DEPTH, OVERLAP, IMPULSES, CONTACTS, WHOLE = range(6)

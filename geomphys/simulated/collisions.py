@@ -10,7 +10,7 @@ from geomphys.simulated.impulse_accumulation import commit
 from geomphys.simulated.impulses import collide
 from geomphys.simulated.motion import load_velocities, refresh
 from geomphys.simulated.resting_contact import set_limits, stop_slow_approach
-from geomphys.simulated.state import Simulation, has_changed, has_yielded
+from geomphys.simulated.state import Simulation, has_changed, is_disabled
 
 MOST_HITS = 3  # collisions of a pair at one moment; beyond, all points that still approach are stopped together
 
@@ -33,11 +33,11 @@ def join_collision(sim: Simulation, chosen: int) -> None:
 @kernel
 def fastest_approach(sim: Simulation) -> int:
     """The touching point that approaches fastest, of those above the threshold; -1 for none."""
-    worst, chosen = -sim.frame.threshold, -1
+    worst, chosen = -sim.frame.restitution_threshold, -1
     for k in range(sim.counts.rows):
         r = sim.rows[k]
         a, pair = r.a, r.pair
-        if not has_changed(sim, a) or has_yielded(sim, pair) or r.clearance > sim.frame.touch:
+        if not has_changed(sim, a) or is_disabled(sim, pair) or r.clearance > sim.frame.touch:
             continue
         v = normal_speed(sim.velocity, r, a, r.b)
         if v < worst and sim.pairs[pair].hits < MOST_HITS:

@@ -24,7 +24,7 @@ from geomphys.numerics.row_vectors import (
 from geomphys.numerics.vec3 import Vec, add, cross, dot, perpendicular, quat_conjugate, quat_rotate, rotate, scale, sub
 from geomphys.scene.arrays import Floats
 from geomphys.simulated.motion import point_at
-from geomphys.simulated.state import Motion, Row, Simulation, Slot, has_yielded
+from geomphys.simulated.state import Motion, Row, Simulation, Slot, is_disabled
 from geomphys.simulated.time_of_impact import LOOK_FAR, measure_pair_within
 
 NEAR = 4e-4  # m: contact points with no more clearance are solved
@@ -194,8 +194,8 @@ def add_row(sim: Simulation, pair: int, count: int, t: float, n: Vec, x: Vec, cl
 
 @kernel
 def add_rows(sim: Simulation, pair: int, t: float) -> None:
-    """`add_rows_within` of `NEAR`, unless the pair has yielded."""
-    if not has_yielded(sim, pair):
+    """`add_rows_within` of `NEAR`, unless the pair is disabled."""
+    if not is_disabled(sim, pair):
         add_rows_within(sim, pair, t, NEAR)
 
 

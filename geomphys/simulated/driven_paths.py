@@ -1,10 +1,10 @@
 """Motion of bodies with prescribed poses within a frame.
 
-Only the poses at the frames are known. A tracked body moves from one to the next on a parabola: its acceleration is the
-change of the mean velocity from frame to frame, extrapolated to the middle of this frame, and zero where it changed
-sign. A body that moves smoothly then hits and supports others with its true velocity, at any frame rate; one that starts,
-stops or trembles moves on straight lines. Driven bodies move on straight lines within substeps, whose ends lie on such
-parabolas.
+Only the poses at the frames are known. A kinematic body, which follows the recording whatever is in its way, moves from one
+to the next on a parabola: its acceleration is the change of the mean velocity from frame to frame, extrapolated to the
+middle of this frame, and zero where it reversed. A body that moves smoothly then hits and supports others with its true
+velocity, at any frame rate; one that starts, stops or trembles moves on straight lines. Driven bodies move on straight lines
+within substeps, whose ends lie on such parabolas.
 """
 
 from __future__ import annotations
@@ -14,8 +14,7 @@ import math
 from geomphys.jit.kernel import kernel
 from geomphys.numerics.row_vectors import quat_from, set_quat, set_vec, set_vec_from, vec_from, vec_of
 from geomphys.numerics.vec3 import Vec, add_scaled, dot, quat_conjugate, quat_mul, rotation_vector, scale, sub
-from geomphys.scene.arrays import FIXED
-from geomphys.simulated.state import Simulation
+from geomphys.simulated.state import Simulation, is_kinematic
 
 UNEVEN = 3.0  # frames whose lengths differ by this factor give no acceleration
 
@@ -38,7 +37,7 @@ def is_even(dt: float, last: float) -> bool:
 def extrapolated(a: Vec, before: Vec) -> Vec:
     """Linear extrapolation of an acceleration, `before` and a frame later `a`, to half a frame after that.
 
-    At most twice the smaller, and 0 where their signs differ.
+    No longer than twice the shorter, and 0 where they, or the result and `a`, are at 90 degrees or more.
     """
     b = add_scaled(scale(a, 1.5), before, -0.5)
     if dot(a, before) <= 0.0 or dot(a, b) <= 0.0:
@@ -50,27 +49,27 @@ def extrapolated(a: Vec, before: Vec) -> Vec:
 
 @kernel
 def fit_paths(sim: Simulation) -> None:
-    """Accelerations of the tracked bodies of the scene for this frame, from the frames before."""
+    """Accelerations of the kinematic bodies that move for this frame, from the frames before."""
     dt = sim.frame.dt
     for k in range(len(sim.paths)):
         body = sim.paths[k]
-        if sim.bodies[body].role != FIXED:
+        if not is_kinematic(sim, body):
             continue
         m = sim.motion[body]
         v, w = mean_velocities(sim, body)
-        last = m.path_time
+        last = m.path_duration
         a, b = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         if is_even(dt, last):
             rate = 2.0 / (dt + last)
             a, b = scale(sub(v, vec_from(m.path_velocity, 0)), rate), scale(sub(w, vec_from(m.path_velocity, 3)), rate)
         set_vec(m.acceleration, extrapolated(a, vec_from(m.path_acceleration, 0)))
-        set_vec(m.rotation_change, scale(extrapolated(b, vec_from(m.path_acceleration, 3)), 0.5))
-        m.step_length = dt
+        set_vec(m.half_angular_acceleration, scale(extrapolated(b, vec_from(m.path_acceleration, 3)), 0.5))
+        m.step_duration = dt
         set_vec_from(m.path_velocity, 0, v)
         set_vec_from(m.path_velocity, 3, w)
         set_vec_from(m.path_acceleration, 0, a)
         set_vec_from(m.path_acceleration, 3, b)
-        m.path_time = dt
+        m.path_duration = dt
 
 
 @kernel
@@ -91,13 +90,15 @@ def load_path(sim: Simulation, body: int, t: float) -> None:
     """Write the velocities that a body that follows its path has at time `t` of the frame to `velocity` of the state."""
     m, v = sim.motion[body], sim.velocity[body]
     set_vec_from(v, 0, add_scaled(vec_of(m.velocity), vec_of(m.acceleration), t))
-    set_vec_from(v, 3, add_scaled(vec_of(m.rotation_rate), vec_of(m.rotation_change), 2.0 * t - m.step_length))
+    set_vec_from(
+        v, 3, add_scaled(vec_of(m.rotation_rate), vec_of(m.half_angular_acceleration), 2.0 * t - m.step_duration)
+    )
 
 
 @kernel
 def load_paths(sim: Simulation, t: float) -> None:
-    """`load_path` for all tracked bodies of the scene."""
+    """`load_path` for all kinematic bodies that move."""
     for k in range(len(sim.paths)):
         body = sim.paths[k]
-        if sim.bodies[body].role == FIXED:
+        if is_kinematic(sim, body):
             load_path(sim, body, t)

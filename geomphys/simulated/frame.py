@@ -21,15 +21,14 @@ from geomphys.numerics.vec3 import (
     quat_rotate,
     sub,
 )
+from geomphys.results import FLAG_QUARANTINED
 from geomphys.scene.arrays import Floats
 from geomphys.simulated.contact_points import clear_impulses
 from geomphys.simulated.driven_paths import fit_paths
 from geomphys.simulated.integrate import angular_momentum
 from geomphys.simulated.motion import refresh
 from geomphys.simulated.sleeping import REST_TIME, note_rest
-from geomphys.simulated.state import Simulation
-
-QUARANTINED = 64
+from geomphys.simulated.state import ASLEEP, AWAKE, Simulation
 
 
 @kernel
@@ -57,7 +56,7 @@ def set_free(sim: Simulation, body: int) -> None:
     still = same and omega == (0.0, 0.0, 0.0) and vec_from(reported, 0) == (0.0, 0.0, 0.0)
     if not still and m.quiet_time >= REST_TIME:
         m.quiet_time = 0.0
-    if not same or (sim.bodies[body].awake == 0 and not still):
+    if not same or (sim.bodies[body].activation == ASLEEP and not still):
         m.slow_time = 0.0
 
 
@@ -71,7 +70,7 @@ def begin(sim: Simulation, goes_on: bool) -> None:
     sim.counts.lost = 0
     for k in range(sim.counts.pairs):
         sim.pairs[k].encounters = 0
-        sim.pairs[k].yielded = 0
+        sim.pairs[k].disabled = 0
         if not goes_on:
             for m in range(4):
                 clear_impulses(sim.slots[k, m])
@@ -79,10 +78,10 @@ def begin(sim: Simulation, goes_on: bool) -> None:
 
 @kernel
 def mark_all(sim: Simulation) -> None:
-    """Mark all simulated bodies that are awake as changed."""
+    """Mark the simulated bodies that are awake in this loop, and no others, as changed."""
     for s in range(len(sim.free)):
-        kind = sim.bodies[sim.free[s]]
-        kind.changed = kind.awake
+        body = sim.bodies[sim.free[s]]
+        body.changed = 1 if body.activation == AWAKE else 0
 
 
 @kernel
@@ -121,7 +120,7 @@ def is_finite(row: Floats) -> bool:
 def finish(sim: Simulation) -> int:
     """Write the end poses and velocities of the simulated bodies.
 
-    One that is not finite goes back to where it was, at rest; returns `QUARANTINED` if there is one, else 0.
+    One that is not finite goes back to where it was, at rest; returns `FLAG_QUARANTINED` if there is one, else 0.
     """
     flags = 0
     for s in range(len(sim.free)):
@@ -134,13 +133,13 @@ def finish(sim: Simulation) -> int:
         set_vec_from(reported, 0, vec_of(m.velocity))
         set_vec_from(reported, 3, vec_of(m.angular_velocity))
         broken = not (is_finite(pose) and is_finite(reported))
-        if broken or sim.bodies[body].awake == 0:
+        if broken or sim.bodies[body].activation == ASLEEP:
             for i in range(7):
                 pose[i] = before[i]
             for i in range(6):
                 reported[i] = 0.0
         if broken:
-            flags = QUARANTINED
+            flags = FLAG_QUARANTINED
         note_rest(sim, body, reported)
         set_vec(m.reported_angular_velocity, vec_from(reported, 3))
         for i in range(7):

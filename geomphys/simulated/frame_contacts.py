@@ -8,7 +8,7 @@ from geomphys.numerics.row_vectors import quat_from, set_vec, vec_at, vec_from, 
 from geomphys.numerics.vec3 import Vec, add, norm, quat_rotate, rotate, sub, unit
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Floats, Pieces
 from geomphys.scene.kinematics import frame_position, frame_rotation
-from geomphys.simulated.state import Records, Simulation
+from geomphys.simulated.state import ASLEEP, Records, Simulation
 
 
 @kernel
@@ -77,7 +77,7 @@ def deepest_overlap(sim: Simulation, frames: Floats) -> float:
         pair = sim.pairs[k]
         if sim.bodies[pair.body[1]].role == DRIVEN:
             continue
-        if sim.bodies[pair.body[0]].awake != 0:
+        if sim.bodies[pair.body[0]].activation != ASLEEP:
             i, j = pair.piece[0], pair.piece[1]
             pair.distance = separation(sim.pieces, frames, i, j, 0.0, vec_of(pair.axis), sim.scratch)[0]
         deepest = max(deepest, -pair.distance)

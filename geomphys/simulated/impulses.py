@@ -23,7 +23,7 @@ from geomphys.numerics.row_vectors import vec_of
 from geomphys.numerics.vec3 import dot
 from geomphys.scene.arrays import Floats
 from geomphys.simulated.contact_points import apply_impulse, normal_speed, speed_at
-from geomphys.simulated.state import Row, Simulation, has_yielded
+from geomphys.simulated.state import Row, Simulation, is_disabled
 
 SWEEPS = 300
 UNFELT = 0.1  # of the requested precision: smaller changes of velocity do not make a row be visited again
@@ -31,10 +31,10 @@ PRECISION = 1e-13  # of the fastest approach: sweeps over the points of a collis
 
 
 @kernel
-def let_go(sim: Simulation) -> None:
-    """Take the rows of pairs that were given up out of the solve."""
+def exclude_disabled(sim: Simulation) -> None:
+    """Take the rows of disabled pairs out of the solve."""
     for k in range(sim.counts.rows):
-        if has_yielded(sim, sim.rows[k].pair):
+        if is_disabled(sim, sim.rows[k].pair):
             sim.rows[k].mode = 0
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.simulated.contact_points import NEAR
-from geomphys.simulated.state import Simulation, has_changed, has_yielded, is_simulated
+from geomphys.simulated.state import AWAKE, Simulation, has_changed, is_disabled, is_simulated
 from geomphys.simulated.time_of_impact import measure_pair
 
 
@@ -19,11 +19,11 @@ def concerns_changed(sim: Simulation, pair: int) -> bool:
 @kernel
 def are_connected(sim: Simulation, pair: int, t: float) -> bool:
     """Whether the bodies of a pair have contact points with each other, or will have when they are measured at `t`."""
-    if has_yielded(sim, pair):
+    if is_disabled(sim, pair):
         return False
     if sim.pairs[pair].point_count > 0:
         return True
-    if sim.pairs[pair].seen_at != t:
+    if sim.pairs[pair].measured_at != t:
         measure_pair(sim, pair, t)
     return sim.pairs[pair].distance <= NEAR
 
@@ -43,6 +43,6 @@ def mark_connected(sim: Simulation, pair: int, t: float) -> None:
         for k in range(sim.counts.pairs):
             a, b = sim.pairs[k].body[0], sim.pairs[k].body[1]
             if is_simulated(sim, b) and has_changed(sim, a) != has_changed(sim, b) and are_connected(sim, k, t):
-                sim.bodies[a].changed = sim.bodies[a].awake
-                sim.bodies[b].changed = sim.bodies[b].awake
+                for body in (a, b):
+                    sim.bodies[body].changed = 1 if sim.bodies[body].activation == AWAKE else 0
                 grows = grows or has_changed(sim, a) == has_changed(sim, b)

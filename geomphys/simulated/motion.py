@@ -44,15 +44,15 @@ def point_at(m: Motion, t: float) -> Vec:
 def rotation_at(m: Motion, t: float) -> Vec:
     """Rotation vector [rad] of a body from its base time to time `t` of the frame."""
     h = t - m.base_time
-    k = h * (h - m.step_length)
-    w, d = vec_of(m.rotation_rate), vec_of(m.rotation_change)
+    k = h * (h - m.step_duration)
+    w, d = vec_of(m.rotation_rate), vec_of(m.half_angular_acceleration)
     return (h * w[0] + k * d[0], h * w[1] + k * d[1], h * w[2] + k * d[2])
 
 
 @kernel
 def angular_speed_bound(m: Motion) -> float:
     """Bound on the angular speed over the step [rad/s]; `m` is a body's record of `motion`."""
-    return norm(vec_of(m.rotation_rate)) + norm(vec_of(m.rotation_change)) * m.step_length
+    return norm(vec_of(m.rotation_rate)) + norm(vec_of(m.half_angular_acceleration)) * m.step_duration
 
 
 @kernel
@@ -84,8 +84,8 @@ def plan(m: Motion, h: float) -> None:
     omega = vec_of(m.angular_velocity)
     rate = (rotation[0] / h, rotation[1] / h, rotation[2] / h)
     set_vec(m.rotation_rate, rate)
-    set_vec(m.rotation_change, ((rate[0] - omega[0]) / h, (rate[1] - omega[1]) / h, (rate[2] - omega[2]) / h))
-    m.step_length = h
+    set_vec(m.half_angular_acceleration, ((rate[0] - omega[0]) / h, (rate[1] - omega[1]) / h, (rate[2] - omega[2]) / h))
+    m.step_duration = h
 
 
 @kernel

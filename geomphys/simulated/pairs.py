@@ -68,9 +68,9 @@ def new_pair(sim: Simulation, k: int, i: int, j: int, a: int, b: int) -> None:
     """Record k of `pairs`, and its slots, for a new pair."""
     p = sim.pairs[k]
     p.piece[0], p.piece[1], p.body[0], p.body[1] = i, j, a, b
-    p.point_count = p.encounters = p.resting = p.yielded = p.touching = 0
+    p.point_count = p.encounters = p.resting = p.disabled = p.touching = 0
     set_vec(p.axis, (0.0, 0.0, 0.0))
-    p.distance = p.seen_at = p.due = 0.0
+    p.distance = p.measured_at = p.due = 0.0
     material_a, material_b = sim.bodies[a].material, sim.bodies[b].material
     p.restitution = sim.materials.restitution[material_a, material_b]
     p.friction = sim.materials.friction[material_a, material_b]
@@ -96,7 +96,7 @@ def skip_old(sim: Simulation, old: int) -> int:
         loaded = loaded or sim.old_pair_slots[old, m].normal_impulse > 0.0
     if loaded and sim.counts.pairs < len(sim.pairs):
         append_old(sim, old)
-        sim.pairs[sim.counts.pairs - 1].seen_at = -1.0
+        sim.pairs[sim.counts.pairs - 1].measured_at = -1.0
         sim.pairs[sim.counts.pairs - 1].queue_index = -1
     return old + 1
 
@@ -124,7 +124,7 @@ def add_pair(sim: Simulation, i: int, j: int, a: int, b: int, old: int) -> int:
     else:
         sim.counts.pairs = k + 1
         new_pair(sim, k, i, j, a, b)
-    sim.pairs[k].seen_at = -1.0
+    sim.pairs[k].measured_at = -1.0
     sim.pairs[k].queue_index = -1
     return old
 

@@ -13,43 +13,43 @@ from geomphys.numerics.vec3 import quat_from_rotation_vector, quat_mul, quat_uni
 from geomphys.simulated.contact_points import normal_speed
 from geomphys.simulated.impulses import solve_normal
 from geomphys.simulated.motion import refresh
-from geomphys.simulated.state import Simulation, has_changed, has_yielded
+from geomphys.simulated.state import Simulation, has_changed, is_disabled
 
 PROJECTION_SWEEPS = 200
 SETTLED = 1e-3  # of the gap: the sweeps end when none changes a distance by more
 TOUCHING = 0.75  # gaps: surfaces that overlap by no more count as touching: rounding of written poses
-LEFT = 0.025  # gaps: the same at the end of a frame
+LEFT = 0.025  # gaps: the same of those solved together with driven bodies
 CLEAR = 0.05  # gaps: the clearance given to surfaces that overlap by more; a smaller gain counts as none
 GIVE = 0.02  # where not all can be free: regularisation of the rows, which distributes the overlap
 
 
 @kernel
-def is_short(sim: Simulation, k: int) -> bool:
-    """Whether the clearance of row k has to grow.
+def is_short(sim: Simulation, k: int, tolerance: float) -> bool:
+    """Whether the clearance of row k has to grow, as it overlaps by more than `tolerance` [m].
 
     Bodies that the scene file places in contact may stay so: lifting one off the other would add energy.
     """
-    return bool(sim.rows[k].clearance < -sim.frame.tolerance)
+    return bool(sim.rows[k].clearance < -tolerance)
 
 
 @kernel
-def any_short(sim: Simulation) -> bool:
+def any_short(sim: Simulation, tolerance: float) -> bool:
     """Whether any row of a changed body has to grow."""
     for k in range(sim.counts.rows):  # noqa: SIM110
-        if has_changed(sim, sim.rows[k].a) and is_short(sim, k):
+        if has_changed(sim, sim.rows[k].a) and is_short(sim, k, tolerance):
             return True
     return False
 
 
 @kernel
-def distance_to_keep(sim: Simulation, k: int) -> float:
+def distance_to_keep(sim: Simulation, k: int, tolerance: float) -> float:
     """Clearance that row k must have after the projection [m]."""
     gap, clearance = sim.frame.gap, sim.rows[k].clearance
-    return CLEAR * gap if is_short(sim, k) else min(gap, clearance)
+    return CLEAR * gap if is_short(sim, k, tolerance) else min(gap, clearance)
 
 
 @kernel
-def sweep_apart(sim: Simulation, give: float) -> bool:
+def sweep_apart(sim: Simulation, give: float, tolerance: float) -> bool:
     """Sweeps over the rows of `project_positions`, from zero. Returns whether they converged.
 
     With `give` above 0 a row's target is lower by that share of the displacement by its own impulse.
@@ -66,7 +66,7 @@ def sweep_apart(sim: Simulation, give: float) -> bool:
             r = sim.rows[k]
             if sim.rows[k].mode == 1:
                 back = give * r.inverse_mass_n * r.normal_impulse
-                r.target_speed = distance_to_keep(sim, k) - r.clearance - back
+                r.target_speed = distance_to_keep(sim, k, tolerance) - r.clearance - back
                 most = max(most, solve_normal(sim, sim.displacement, k))
         if most <= SETTLED * gap:
             return True
@@ -100,8 +100,8 @@ def stay_if_useless(sim: Simulation) -> None:
 
 
 @outlined
-def project_positions(sim: Simulation) -> float:
-    """Move changed bodies, the lightest most, so that every row has its clearance; velocities do not change.
+def project_positions(sim: Simulation, tolerance: float) -> float:
+    """Move changed bodies, the lightest most, out of overlaps deeper than `tolerance` [m]; velocities do not change.
 
     Corrects the error of a step's linearised contacts on a rotating body, micrometres, and resolves overlap of the first
     frame. Updates the clearances of the rows to first order; returns the least of them [m].
@@ -109,11 +109,11 @@ def project_positions(sim: Simulation) -> float:
     count = sim.counts.rows
     for k in range(count):
         r = sim.rows[k]
-        on = has_changed(sim, r.a) and not has_yielded(sim, r.pair)
+        on = has_changed(sim, r.a) and not is_disabled(sim, r.pair)
         r.mode = 1 if on else 0
         r.impulse_limit = math.inf
-    if not sweep_apart(sim, 0.0):
-        sweep_apart(sim, GIVE)
+    if not sweep_apart(sim, 0.0, tolerance):
+        sweep_apart(sim, GIVE, tolerance)
         stay_if_useless(sim)
     least = math.inf
     for k in range(count):

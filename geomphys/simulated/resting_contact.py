@@ -15,21 +15,18 @@ from geomphys.numerics.vec3 import Vec, add_scaled, dot, norm, quat_conjugate, q
 from geomphys.simulated.contact_points import apply_impulse, clear_impulse, fill_masses, normal_speed, speed_at
 from geomphys.simulated.driven_paths import load_paths
 from geomphys.simulated.impulse_accumulation import commit, give_force, impulse_of
-from geomphys.simulated.impulses import let_go, settle, settle_normals
+from geomphys.simulated.impulses import exclude_disabled, settle, settle_normals
 from geomphys.simulated.motion import load_velocities, orientation_at, plan
-from geomphys.simulated.state import Simulation, has_changed, has_yielded, is_simulated
+from geomphys.simulated.state import Simulation, has_changed, is_disabled, is_simulated
 
 SWEEPS = 400  # sweeps at most; the rest is small, and the next step starts from there
 FEW_SWEEPS = 60  # sweeps at most after an impact within the step
-STILL = 1e-11  # m/s: sweeps end when none changes a velocity by more ...
-STILL_PART = 1e-6  # ... or by more than this share of the fastest motion at a contact point
+STILL = 1e-11  # m/s: sweeps end when none changes a velocity by more than this, or `STILL_PART`
+STILL_PART = 1e-6  # of the fastest motion at a contact point
 APPROACH = 2e-4  # m/s: touching points that approach no faster are stopped within the step
 FAINT = 5e-3  # m/s: points that separate no faster are solved as if they did not
-SLOW_PART = (
-    1.0  # of the threshold: points near but not touching that approach no faster are solved if others of the pair touch
-)
 WEIGHT_TIME = 0.01  # s: more than twice the longest step
-MOST_YIELDS = 4
+MOST_SOLVES = 4  # solves of a step; each disables pairs that the next leaves out
 ALONG = 0.1  # of the angular velocity of its support: a body that rotates otherwise does not move along with it
 
 
@@ -59,16 +56,16 @@ def clear_rows(sim: Simulation) -> None:
 
 
 @kernel
-def yield_squeezed(sim: Simulation) -> bool:
-    """Give up pairs whose body with prescribed motion would need more than its bound. Returns whether there were any."""
-    any_yielded = False
+def disable_squeezed(sim: Simulation) -> bool:
+    """Disable pairs whose body with prescribed motion would need more than its bound. Returns whether there were any."""
+    any_disabled = False
     for k in range(sim.counts.rows):
         r = sim.rows[k]
         if r.mode == 1 and r.normal_impulse >= 0.999 * r.impulse_limit:
-            sim.pairs[r.pair].yielded = 1
-            any_yielded = True
-    let_go(sim)
-    return any_yielded
+            sim.pairs[r.pair].disabled = 1
+            any_disabled = True
+    exclude_disabled(sim)
+    return any_disabled
 
 
 @outlined
@@ -79,7 +76,7 @@ def stop_slow_approach(sim: Simulation) -> None:
         r = sim.rows[k]
         a, b = r.a, r.b
         on = has_changed(sim, a) and r.clearance <= sim.frame.touch
-        on = on and not has_yielded(sim, r.pair)
+        on = on and not is_disabled(sim, r.pair)
         r.mode = 1 if on else 0
         r.target_speed = 0.0
         if on:
@@ -87,9 +84,9 @@ def stop_slow_approach(sim: Simulation) -> None:
     if least >= -APPROACH:
         return
     set_limits(sim)
-    for _ in range(MOST_YIELDS):
+    for _ in range(MOST_SOLVES):
         settle(sim, sim.velocity, SWEEPS, max(STILL, -STILL_PART * least))
-        if not yield_squeezed(sim):
+        if not disable_squeezed(sim):
             break
         clear_rows(sim)
         load_velocities(sim)
@@ -100,6 +97,7 @@ def stop_slow_approach(sim: Simulation) -> None:
 def choose_held(sim: Simulation, h: float) -> float:
     """Mark the points that contact forces act at over the next `h` seconds, and set their target velocities.
 
+    Points that do not touch, but others of their pair do, are among them if they approach below the restitution threshold.
     Returns the fastest motion at one of them [m/s].
     """
     fastest = 0.0
@@ -109,16 +107,16 @@ def choose_held(sim: Simulation, h: float) -> float:
     for k in range(sim.counts.rows):
         r = sim.rows[k]
         touches = r.clearance <= sim.frame.touch
-        if touches and has_changed(sim, r.a) and not has_yielded(sim, r.pair):
+        if touches and has_changed(sim, r.a) and not is_disabled(sim, r.pair):
             sim.pairs[r.pair].resting = 1
     for k in range(sim.counts.rows):
         r = sim.rows[k]
         r.mode = 0
-        if has_changed(sim, r.a) and not has_yielded(sim, r.pair):
+        if has_changed(sim, r.a) and not is_disabled(sim, r.pair):
             speed = speed_at(sim.velocity, r, r.a, r.b)
             v, clearance = dot(speed, vec_of(r.normal)), r.clearance
             held = sim.pairs[r.pair].resting == 1
-            slowest = -SLOW_PART * sim.frame.threshold if held else 0.0
+            slowest = -sim.frame.restitution_threshold if held else 0.0
             if clearance <= sim.frame.touch or v > slowest:
                 fastest = max(fastest, norm(speed))
                 separating_speed = v if v > FAINT else 0.0
@@ -184,7 +182,7 @@ def rotates_with(omega: Vec, support_omega: Vec) -> bool:
 
 @kernel
 def advance_arms(sim: Simulation, t: float, h: float) -> None:
-    """Rotate the arms of solved points to the end of the step with the tracked bodies that support them.
+    """Rotate the arms of solved points to the end of the step with the kinematic bodies that support them.
 
     Velocities at both ends of the step then have the directions of both ends, and a body on a turntable moves along
     its circle; otherwise the table would throw it outwards by ω² r h.
@@ -214,7 +212,7 @@ def hold(sim: Simulation, t: float, h: float, sweeps: int) -> None:
     fastest = choose_held(sim, h)
     advance_arms(sim, t, h)
     count = sim.counts.rows
-    for _ in range(MOST_YIELDS):
+    for _ in range(MOST_SOLVES):
         fall(sim, t, h)
         known = False
         for k in range(count):
@@ -223,7 +221,7 @@ def hold(sim: Simulation, t: float, h: float, sweeps: int) -> None:
         if not known:
             settle_normals(sim, sim.velocity, SWEEPS, STILL)
         settle(sim, sim.velocity, sweeps, max(STILL, STILL_PART * fastest))
-        if not yield_squeezed(sim):
+        if not disable_squeezed(sim):
             break
         clear_rows(sim)
         load_velocities(sim)

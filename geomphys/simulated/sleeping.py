@@ -13,7 +13,7 @@ from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import add_vec, quat_of, set_quat_from, set_vec, set_vec_from, vec_from, vec_of
 from geomphys.numerics.vec3 import norm, sub
 from geomphys.scene.arrays import Floats
-from geomphys.simulated.state import Motion, Simulation, is_simulated
+from geomphys.simulated.state import ASLEEP, AWAKE, Motion, Simulation, is_coupled, is_simulated
 
 REST_TIME = 0.25  # s
 REST_DISTANCE = 4e-9  # m
@@ -38,7 +38,7 @@ def note_rest(sim: Simulation, body: int, reported: Floats) -> None:
     m, kind = sim.motion[body], sim.bodies[body]
     fastest = norm(vec_of(m.velocity)) + norm(vec_of(m.angular_velocity)) * m.reach
     borne = kind.touched == 1 and sim.frame.weight > 0.0
-    if fastest < SLOW_SPEED and (borne or kind.awake == 0):
+    if fastest < SLOW_SPEED and (borne or kind.activation == ASLEEP):
         m.slow_time = m.slow_time + sim.frame.dt
     else:
         m.slow_time = 0.0
@@ -65,13 +65,13 @@ def is_moving(sim: Simulation, body: int) -> bool:
         return False
     m = sim.motion[body]
     moving = norm(vec_of(m.velocity)) > 0.0 or norm(vec_of(m.rotation_rate)) > 0.0
-    return moving or norm(vec_of(m.acceleration)) > 0.0 or norm(vec_of(m.rotation_change)) > 0.0
+    return moving or norm(vec_of(m.acceleration)) > 0.0 or norm(vec_of(m.half_angular_acceleration)) > 0.0
 
 
 @kernel
 def wake_island(sim: Simulation, body: int) -> None:
     """Wake the island of a body."""
-    sim.bodies[sim.bodies[body].island].island_awake = 1
+    sim.bodies[sim.bodies[body].island].island_activation = AWAKE
 
 
 @kernel
@@ -81,7 +81,7 @@ def lay_to_rest(sim: Simulation, body: int) -> None:
     set_vec(m.velocity, nothing)
     set_vec(m.acceleration, nothing)
     set_vec(m.rotation_rate, nothing)
-    set_vec(m.rotation_change, nothing)
+    set_vec(m.half_angular_acceleration, nothing)
     set_vec(m.angular_momentum, nothing)
     set_vec(m.torque, nothing)
     set_vec(m.angular_velocity, nothing)
@@ -94,10 +94,10 @@ def wake(sim: Simulation, first: bool) -> bool:
     `first`: the frame begins; bodies fall asleep only then. Returns whether any is awake.
     """
     for s in range(len(sim.free)):
-        sim.bodies[sim.free[s]].island_awake = 0
+        sim.bodies[sim.free[s]].island_activation = ASLEEP
     for s in range(len(sim.free)):
         body = sim.free[s]
-        if not is_quiet(sim.motion[body]) or (not first and sim.bodies[body].awake == 1):
+        if not is_quiet(sim.motion[body]) or (not first and sim.bodies[body].activation == AWAKE):
             wake_island(sim, body)
     for k in range(sim.counts.pairs):
         b = sim.pairs[k].body[1]
@@ -106,12 +106,12 @@ def wake(sim: Simulation, first: bool) -> bool:
     any_awake = False
     for s in range(len(sim.free)):
         body = sim.free[s]
-        if not first and sim.bodies[body].awake == 2:
+        if not first and is_coupled(sim, body):
             continue
-        awake = sim.bodies[sim.bodies[body].island].island_awake
-        sim.bodies[body].awake = awake
-        any_awake = any_awake or awake == 1
-        if awake == 0:
+        activation = sim.bodies[sim.bodies[body].island].island_activation
+        sim.bodies[body].activation = activation
+        any_awake = any_awake or activation == AWAKE
+        if activation == ASLEEP:
             lay_to_rest(sim, body)
     if first:
         sum_sleeping_forces(sim)
@@ -123,7 +123,7 @@ def sum_sleeping_forces(sim: Simulation) -> None:
     """Contact forces of sleeping bodies continue: add their impulses of the frame to the totals."""
     dt = sim.frame.dt
     for k in range(sim.counts.pairs):
-        if sim.bodies[sim.pairs[k].body[0]].awake == 0:
+        if sim.bodies[sim.pairs[k].body[0]].activation == ASLEEP:
             for m in range(sim.pairs[k].point_count):
                 slot = sim.slots[k, m]
                 slot.normal_impulse = slot.normal_impulse + dt * slot.normal_force

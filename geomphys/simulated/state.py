@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from geomphys.collision.scratch import Scratch
 from geomphys.jit.kernel import kernel
 from geomphys.jit.packed_records import Record
-from geomphys.scene.arrays import SIMULATED, Floats, Ints, Materials, Pieces
+from geomphys.scene.arrays import FIXED, SIMULATED, Floats, Ints, Materials, Pieces
 
 FLOAT, INT = np.float64, np.int64
 
@@ -30,8 +30,8 @@ MOTION = np.dtype(
         ("velocity", FLOAT, 3),  # m/s: v
         ("acceleration", FLOAT, 3),  # m/s²: a
         ("rotation_rate", FLOAT, 3),  # rad/s: w, mean over the step
-        ("rotation_change", FLOAT, 3),  # rad/s²: d
-        ("step_length", FLOAT),  # s: h, of the step that w and d were made for
+        ("half_angular_acceleration", FLOAT, 3),  # rad/s²: d
+        ("step_duration", FLOAT),  # s: h, of the step that w and d were made for
         ("angular_momentum", FLOAT, 3),  # kg m²/s, about the reference point, world
         ("torque", FLOAT, 3),  # N m, mean over the step
         ("angular_velocity", FLOAT, 3),  # rad/s at the base time
@@ -51,12 +51,16 @@ MOTION = np.dtype(
         ("saved_pose", FLOAT, 7),  # saved pose: reference point and orientation
         ("reported_pose", FLOAT, 7),  # pose last written for the caller
         ("rest_pose", FLOAT, 7),  # reference point and orientation since when it has been at rest
-        ("path_velocity", FLOAT, 6),  # m/s, rad/s: mean velocities of a tracked body in the frame before
+        ("path_velocity", FLOAT, 6),  # m/s, rad/s: mean velocities of a kinematic body in the frame before
         ("path_acceleration", FLOAT, 6),  # m/s², rad/s²: how they had changed
-        ("path_time", FLOAT),  # s: how long that frame was
+        ("path_duration", FLOAT),  # s: how long that frame was
     ]
 )
 """Motion of a body."""
+
+ASLEEP, AWAKE, COUPLED, IN_OTHER_GROUP = range(4)
+"""Activation of a simulated body: at rest and left out; in this loop; solved with driven bodies, in the group at hand or all of
+them; solved with driven bodies, in another group than that at hand."""
 
 BODY = np.dtype(
     [
@@ -68,8 +72,9 @@ BODY = np.dtype(
         ("island", INT),  # label shared by bodies that may touch within the frame
         ("changed", INT),  # 1: its motion has changed at this moment
         ("moves", INT),  # 1: may move
-        ("awake", INT),  # 0: asleep; 1: awake; 2: solved together with driven bodies; 3: the same, in another group
-        ("island_awake", INT),  # the same of the island labelled by this body
+        ("activation", INT),  # ASLEEP, AWAKE, COUPLED or IN_OTHER_GROUP
+        ("island_activation", INT),  # ASLEEP or AWAKE: of the island labelled by this body, while that is decided
+        ("island_put_back", INT),  # 1: that island goes back to its poses at the frame's start
         ("fresh", INT),  # 1: placed by the caller, not where the frame before left it
         ("touched", INT),  # 1: has had contact points in this step
         ("disturbed", INT),  # number of the visit to a row that last changed its velocity while rows were solved
@@ -130,10 +135,10 @@ PAIR = np.dtype(
         ("resting", INT),  # 1: contact forces act at some point of it
         ("queue_index", INT),  # index in the queue, -1: not in it
         ("hits", INT),  # collisions at this moment
-        ("yielded", INT),  # 1: b, of prescribed motion, presses a against something: given up until the frame's end
+        ("disabled", INT),  # 1: b, of prescribed motion, presses a against something: no contact until the frame's end
         ("axis", FLOAT, 3),  # last separating direction
         ("distance", FLOAT),  # m: separation when last measured
-        ("seen_at", FLOAT),  # s of the frame: when that was, -1: not in this frame
+        ("measured_at", FLOAT),  # s of the frame: when that was, -1: not in this frame
         ("due", FLOAT),  # s of the frame: its next impact
         ("friction", FLOAT),
         ("restitution", FLOAT),
@@ -183,8 +188,7 @@ FRAME = np.dtype(
         ("dt", FLOAT),  # s
         ("gap", FLOAT),  # m: clearance between surfaces in contact
         ("touch", FLOAT),  # m: clearance that counts as touching
-        ("tolerance", FLOAT),  # m: overlap that is tolerated
-        ("threshold", FLOAT),  # m/s: slower approaches are resting contact
+        ("restitution_threshold", FLOAT),  # m/s: slower approaches are resting contact
         ("weight", FLOAT),  # m/s²: |gravity|
         ("extent_low", FLOAT, 3),  # m: box of everything that simulated bodies can reach
         ("extent_high", FLOAT, 3),
@@ -249,7 +253,7 @@ class Simulation(NamedTuple):
     # input and output of a frame
     start: Floats  # (B, 7) poses at the frame's start
     end: Floats  # (B, 7) poses at its end; those of simulated bodies are written
-    reported: Floats  # (B, 6) m/s of the centre of mass and rad/s, world: see `simulate`
+    reported: Floats  # (B, 6) m/s of the centre of mass and rad/s, world: see `begin_frame`
     # workspace
     frames: Floats  # (P, 12) world_from_piece at the time last posed
     scratch: Scratch
@@ -276,12 +280,24 @@ def is_simulated(sim: Simulation, body: int) -> bool:
 
 
 @kernel
+def is_kinematic(sim: Simulation, body: int) -> bool:
+    """Whether a body stands still or follows the recording whatever is in its way (class fixed); a driven one yields."""
+    return sim.bodies[body].role == FIXED
+
+
+@kernel
+def is_coupled(sim: Simulation, body: int) -> bool:
+    """Whether a simulated body is solved together with driven ones, in the group at hand."""
+    return sim.bodies[body].activation == COUPLED
+
+
+@kernel
 def has_changed(sim: Simulation, body: int) -> bool:
     """Whether the motion of a simulated body has changed at this moment."""
     return sim.bodies[body].changed == 1
 
 
 @kernel
-def has_yielded(sim: Simulation, pair: int) -> bool:
-    """Whether a pair is given up until the frame's end."""
-    return sim.pairs[pair].yielded == 1
+def is_disabled(sim: Simulation, pair: int) -> bool:
+    """Whether a pair has no contact until the frame's end, as it presses a body against something."""
+    return sim.pairs[pair].disabled == 1

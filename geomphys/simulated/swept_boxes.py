@@ -88,7 +88,7 @@ def box_path(sim: Simulation, body: int) -> None:
     set_path(sim, body)
     m, t0, t1 = sim.motion[body], sim.frame.span_start, sim.frame.span_end
     h = t1 - t0
-    angle, rotation_curvature = h * angular_speed_bound(m), 0.25 * h * h * norm(vec_of(m.rotation_change))
+    angle, rotation_curvature = h * angular_speed_bound(m), 0.25 * h * h * norm(vec_of(m.half_angular_acceleration))
     path_curvature = 0.125 * h * h * norm(vec_of(m.acceleration))
     r0, r1 = rot_from_quat(orientation_at(m, t0)), rot_from_quat(orientation_at(m, t1))
     for piece in range(kind.first_piece, kind.end_piece):

@@ -54,7 +54,7 @@ def measure_pair_within(sim: Simulation, pair: int, t: float, far: float) -> tup
     found = separate(Shapes(sim.pieces, sim.frames), p.piece[0], p.piece[1], far, vec_of(p.axis), sim.scratch)
     set_vec(p.axis, found[1])
     p.distance = found[0]
-    p.seen_at = t
+    p.measured_at = t
     return found
 
 
@@ -62,7 +62,7 @@ def measure_pair_within(sim: Simulation, pair: int, t: float, far: float) -> tup
 def swing(m: Motion, arm: float) -> float:
     """Bound on the acceleration by rotation of a point `arm` from the reference point [m/s²]."""
     rate = angular_speed_bound(m)
-    return (rate * rate + 2.0 * norm(vec_of(m.rotation_change))) * arm
+    return (rate * rate + 2.0 * norm(vec_of(m.half_angular_acceleration))) * arm
 
 
 @kernel
@@ -185,7 +185,7 @@ def first_touch(sim: Simulation, pair: int, t0: float, t1: float, target: float,
     cached = sim.pairs[pair]
     t = t0
     s, n = cached.distance, vec_of(cached.axis)
-    if cached.seen_at != t0:
+    if cached.measured_at != t0:
         s, n, _, _ = measure_pair(sim, pair, t)
     for _ in range(MOST_SPANS):
         if s <= target + slack:

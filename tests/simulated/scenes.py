@@ -14,7 +14,7 @@ from geomphys.jit.packed_records import pack
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PosedShape, Shape, Sphere, build_pieces
 from geomphys.simulated.allocation import CAPACITY, Capacity, make_simulation
-from geomphys.simulated.update import simulate
+from geomphys.simulated.update import begin_frame, end_frame
 
 MATERIALS = ("wood", "human", "metal", "ice", "rubber")
 RESTITUTION = np.array(
@@ -172,7 +172,7 @@ class Player:
 
     def simulate(self, dt: float, max_impacts: int = 200) -> tuple[int, int]:
         """One frame, from `poses` to `end`."""
-        return simulate(self.packed, dt, max_impacts, self.gap, False)
+        return end_frame(self.packed, max_impacts, begin_frame(self.packed, dt, self.gap, False))
 
     def step(self, dt: float, max_impacts: int = 500) -> None:
         """One frame. Bodies in `targets` go to target(time) = (pose of 7)."""

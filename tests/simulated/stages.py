@@ -11,7 +11,7 @@ from geomphys.simulated.motion import move_bases
 from geomphys.simulated.pairs import find_pairs
 from geomphys.simulated.sleeping import wake
 from geomphys.simulated.state import Records
-from geomphys.simulated.update import LEAST_THRESHOLD, STEP, TOUCH, lay_rows
+from geomphys.simulated.update import LEAST_RESTITUTION_THRESHOLD, STEP, TOUCH, build_contact_rows
 from tests.simulated.scenes import Player
 
 
@@ -30,17 +30,17 @@ class Stage:
         weight = float(np.linalg.norm(player.scene.gravity))
         frame = player.simulation.frame
         frame["dt"], frame["gap"], frame["touch"] = dt, player.gap, TOUCH * player.gap
-        frame["weight"], frame["threshold"] = weight, max(LEAST_THRESHOLD, 2.0 * weight * STEP)
+        frame["weight"], frame["restitution_threshold"] = weight, max(LEAST_RESTITUTION_THRESHOLD, 2.0 * weight * STEP)
         begin(self.sim, False)
         find_pairs(self.sim, 0.0, dt)
         self.any_awake = wake(self.sim, True)
         mark_all(self.sim)
         move_bases(self.sim, 0.0)
-        self.lay_rows()
+        self.build_contact_rows()
 
-    def lay_rows(self) -> float:
+    def build_contact_rows(self) -> float:
         """Contact points of changed bodies; returns the least clearance [m]."""
-        return float(lay_rows(self.sim, 0.0))
+        return float(build_contact_rows(self.sim, 0.0))
 
     def call(self, stage: Callable[..., object], *arguments: object) -> object:
         """Call a stage with this state."""

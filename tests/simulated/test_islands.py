@@ -50,7 +50,7 @@ def test_one_whose_points_are_not_laid_out_yet_is_concerned_if_it_is_near_enough
 
 def test_a_body_that_sleeps_is_not_woken_by_a_neighbour_that_met_something() -> None:
     stage = Stage(Player([Thing(shape=CUBE, at=(0, 0, 0.05 + k * 0.1000020)) for k in range(2)] + [floor()]))
-    stage.bodies["awake"][1] = 0
+    stage.bodies["activation"][1] = 0
     stage.call(mark_connected, stage.pair(0, 2), 0.0)
     assert stage.bodies["changed"][:2].tolist() == [1, 0]
 

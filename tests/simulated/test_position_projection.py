@@ -21,12 +21,12 @@ def test_what_overlaps_the_floor_is_lifted_out_of_it_with_the_velocity_it_had(de
     stage = Stage(Player([thing, floor()], gap=GAP))
     velocity = stage.motion["velocity"][0].copy()
     spin = stage.motion["angular_velocity"][0].copy()
-    assert stage.call(any_short)
-    least = stage.call(project_positions)
+    assert stage.call(any_short, 0.0)
+    least = stage.call(project_positions, 0.0)
     assert 0.0 <= stage.motion["position"][0, 2] - 0.05 <= GAP
     assert stage.motion["position"][0, :2] == pytest.approx([0, 0], abs=1e-9)
-    assert stage.lay_rows() == pytest.approx(least, abs=0.1 * GAP)
-    assert not stage.call(any_short)
+    assert stage.build_contact_rows() == pytest.approx(least, abs=0.1 * GAP)
+    assert not stage.call(any_short, 0.0)
     assert np.array_equal(stage.motion["velocity"][0], velocity)
     assert stage.motion["angular_velocity"][0] == pytest.approx(spin, abs=1e-9)
 
@@ -34,9 +34,9 @@ def test_what_overlaps_the_floor_is_lifted_out_of_it_with_the_velocity_it_had(de
 @pytest.mark.parametrize("above", [0.0, 0.5 * GAP, GAP, 1e-4])
 def test_what_only_touches_stays_where_it_is(above: float) -> None:
     stage = Stage(Player([Thing(shape=CUBE, at=(0, 0, 0.05 + above)), floor()], gap=GAP))
-    assert not stage.call(any_short)
+    assert not stage.call(any_short, 0.0)
     before = stage.motion["position"][0].copy()
-    stage.call(project_positions)
+    stage.call(project_positions, 0.0)
     assert np.abs(stage.motion["position"][0] - before).max() <= 1e-12
 
 
@@ -46,7 +46,7 @@ def test_the_lighter_of_two_is_moved_more_by_the_ratio_of_masses(ratio: float) -
     balls = [Thing(shape=Sphere(0.05), at=(x, 0, 0), mass=m) for x, m in ((0.0, ratio), (0.1 - deep, 1.0))]
     stage = Stage(Player(balls, gravity=(0, 0, 0), gap=GAP))
     before = stage.motion["position"][:2].copy()
-    stage.call(project_positions)
+    stage.call(project_positions, 0.0)
     moved = stage.motion["position"][:2] - before
     assert ratio * moved[0, 0] == pytest.approx(-moved[1, 0], rel=1e-9)
     assert deep <= moved[1, 0] - moved[0, 0] <= deep + GAP
@@ -58,11 +58,11 @@ def test_where_there_is_no_room_the_overlap_is_shared() -> None:
     player = Player([Thing(shape=CUBE, at=(3e-5, 0, 0)), *walls], gravity=(0, 0, 0), gap=GAP)
     stage = Stage(player)
     for _ in range(5):
-        stage.call(project_positions)
-        stage.lay_rows()
+        stage.call(project_positions, 0.0)
+        stage.build_contact_rows()
     assert abs(stage.motion["position"][0, 0]) < 2e-5
     before = stage.motion["position"][0].copy()
-    stage.call(project_positions)
+    stage.call(project_positions, 0.0)
     assert np.array_equal(stage.motion["position"][0], before)
     assert stage.rows["clearance"] == pytest.approx(-1e-4, abs=2e-5)
 
@@ -71,6 +71,6 @@ def test_bodies_that_have_not_changed_are_left_alone() -> None:
     things = [Thing(shape=CUBE, at=(x, 0, 0.05 - 1e-4)) for x in (0.0, 0.5)]
     stage = Stage(Player([*things, floor()], gap=GAP))
     stage.bodies["changed"][1] = 0
-    stage.call(project_positions)
+    stage.call(project_positions, 0.0)
     assert stage.motion["position"][0, 2] >= 0.05
     assert stage.motion["position"][1, 2] == 0.05 - 1e-4

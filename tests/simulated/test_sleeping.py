@@ -27,7 +27,7 @@ def resting(*more: Thing) -> Stage:
 def test_an_island_sleeps_when_all_of_it_has_rested() -> None:
     stage = resting()
     assert not stage.call(wake, True)
-    assert not stage.bodies["awake"][:3].any()
+    assert not stage.bodies["activation"][:3].any()
 
 
 @pytest.mark.parametrize(("restless", "awake"), [(0, [1, 1, 0]), (1, [1, 1, 0]), (2, [0, 0, 1])])
@@ -35,7 +35,7 @@ def test_one_that_has_not_keeps_its_island_awake(restless: int, awake: list[int]
     stage = resting()
     stage.motion["quiet_time"][restless] = 0.99 * REST_TIME
     assert stage.call(wake, True)
-    assert stage.bodies["awake"][:3].tolist() == awake
+    assert stage.bodies["activation"][:3].tolist() == awake
 
 
 def test_what_falls_asleep_has_no_motion_left() -> None:
@@ -51,9 +51,9 @@ def test_what_falls_asleep_has_no_motion_left() -> None:
 
 def test_in_the_course_of_a_frame_nothing_falls_asleep() -> None:
     stage = resting()
-    assert stage.bodies["awake"][:3].all()
+    assert stage.bodies["activation"][:3].all()
     assert stage.call(wake, False)
-    assert stage.bodies["awake"][:3].all()
+    assert stage.bodies["activation"][:3].all()
 
 
 @pytest.mark.parametrize(
@@ -68,7 +68,7 @@ def test_time_of_slow_motion_counts_while_a_body_is_supported(
     stage = resting()
     m = stage.motion[0]
     m["velocity"], m["slow_time"] = (speed * SLOW_SPEED, 0.0, 0.0), 1.0
-    stage.bodies["touched"][0], stage.bodies["awake"][0] = touched, awake
+    stage.bodies["touched"][0], stage.bodies["activation"][0] = touched, awake
     stage.call(note_rest, 0, np.zeros(6))
     assert m["slow_time"] == pytest.approx(1.0 + stage.dt if counts else 0.0, rel=1e-12)
 
@@ -79,14 +79,14 @@ def test_a_driven_body_that_moves_wakes_what_is_near_it() -> None:
     assert not stage.call(wake, True)
     stage.player.simulation.motion["velocity"][4, 1] = -0.1
     assert stage.call(wake, True)
-    assert stage.bodies["awake"][:3].tolist() == [1, 1, 0]
+    assert stage.bodies["activation"][:3].tolist() == [1, 1, 0]
 
 
 def test_a_sleeping_body_goes_on_to_press_with_its_weight() -> None:
     """Its contacts carry m g dt in every frame it sleeps."""
     player = Player([Thing(shape=CUBE, at=(0, 0, 0.05)), floor()])
     player.run(1.0)
-    assert player.simulation.bodies["awake"][0] == 0
+    assert player.simulation.bodies["activation"][0] == 0
     before = player.poses.copy()
     player.step(1 / 60)
     assert np.array_equal(player.poses, before)

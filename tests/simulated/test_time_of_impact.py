@@ -72,16 +72,19 @@ def test_a_corner_that_dips_in_and_out_within_the_span_is_not_missed() -> None:
 def motion_of(rng: np.random.Generator, *, turns: float, moves: float, step: float) -> np.ndarray:
     """A record of `MOTION` planned for a step: turning at about `turns` [rad/s], moving at `moves` [m/s]."""
     m = np.zeros(1, MOTION)[0]
-    m["rotation_rate"], m["rotation_change"] = turns * rng.normal(size=3), turns / step * 0.3 * rng.normal(size=3)
+    m["rotation_rate"], m["half_angular_acceleration"] = (
+        turns * rng.normal(size=3),
+        turns / step * 0.3 * rng.normal(size=3),
+    )
     m["velocity"], m["acceleration"] = moves * rng.normal(size=3), 9.81 * rng.normal(size=3) * bool(moves)
-    m["position"], m["orientation"], m["step_length"] = 0.05 * rng.normal(size=3), (0, 0, 0, 1), step
+    m["position"], m["orientation"], m["step_duration"] = 0.05 * rng.normal(size=3), (0, 0, 0, 1), step
     return m
 
 
 def moved(m: np.ndarray, point: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Where a point, given from the reference point, is at times after the base time (n, 3)."""
     t = times[:, None]
-    turn = Rotation.from_rotvec(t * m["rotation_rate"] + t * (t - m["step_length"]) * m["rotation_change"])
+    turn = Rotation.from_rotvec(t * m["rotation_rate"] + t * (t - m["step_duration"]) * m["half_angular_acceleration"])
     return m["position"] + t * m["velocity"] + 0.5 * t * t * m["acceleration"] + turn.apply(point)
 
 

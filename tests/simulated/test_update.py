@@ -9,11 +9,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from geomphys.engine.frame_buffer import CONTACT
+from geomphys.results import FLAG_IMPACT_BOUND, FLAG_QUARANTINED
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box, Capsule, Cylinder, Sphere
 from geomphys.simulated.allocation import Capacity
 from geomphys.simulated.frame_contacts import write_touches
-from geomphys.simulated.update import IMPACT_BOUND, QUARANTINED
 from tests.simulated.scenes import GRAVITY, Player, Thing, floor, make_scene
 
 
@@ -86,7 +86,7 @@ def test_what_fits_exactly_into_a_slot_sleeps_there(shape: Box | Cylinder, room:
     walls = [Thing(shape=Box((0.05, 0.25, 0.25)), role=s.FIXED, at=(x * (0.1 + room), 0, 0.25)) for x in (-1, 1)]
     player = Player([Thing(shape=shape, at=(0, 0, 0.05)), floor(), *walls])
     player.run(4.0)
-    assert player.simulation.bodies["awake"][0] == 0
+    assert player.simulation.bodies["activation"][0] == 0
     assert np.abs(player.poses[0, :3] - [0, 0, 0.05]).max() < 1e-5
 
 
@@ -127,13 +127,13 @@ def test_hitting_the_bound_is_told_and_makes_no_momentum() -> None:
     energy = player.energy()
     for _ in range(4):
         player.step(1 / 30, max_impacts=1)
-    assert player.flags & IMPACT_BOUND
+    assert player.flags & FLAG_IMPACT_BOUND
     np.testing.assert_allclose(player.scene.bodies.mass @ player.velocity[:, :3], p, rtol=0, atol=1e-14)
     assert player.energy() <= energy
     assert player.overlap() < 1e-5
 
 
-@pytest.mark.parametrize(("most", "told"), [(1, IMPACT_BOUND), (500, 0)])
+@pytest.mark.parametrize(("most", "told"), [(1, FLAG_IMPACT_BOUND), (500, 0)])
 def test_more_slow_landings_than_a_frame_has_room_for_are_told(most: int, told: int) -> None:
     """They are no collisions, but each halts the motion; beyond the bound bodies wait where they are."""
     balls = [
@@ -154,7 +154,7 @@ def test_without_room_for_pairs_bodies_stay_and_it_is_told() -> None:
     player.set_up(Capacity(pairs=2))
     before = player.poses.copy()
     player.step(1 / 60)
-    assert player.flags & IMPACT_BOUND
+    assert player.flags & FLAG_IMPACT_BOUND
     assert np.array_equal(player.poses, before)
 
 
@@ -164,7 +164,7 @@ def test_a_body_that_is_not_finite_is_put_back_at_rest() -> None:
     before = player.poses.copy()
     player.velocity[0, 1] = np.nan
     player.step(1 / 60)
-    assert player.flags & QUARANTINED
+    assert player.flags & FLAG_QUARANTINED
     assert np.array_equal(player.poses[0], before[0])
     assert not player.velocity[0].any()
     player.step(1 / 60)
@@ -186,7 +186,7 @@ def test_the_contacts_of_a_resting_body_carry_its_weight() -> None:
             weight = player.scene.bodies.mass[0] * GRAVITY / rate
             assert found["normal_impulse"].sum() == pytest.approx(weight, rel=1e-9)
             assert found["tangential_impulse"].max() < 1e-4 * weight
-        assert player.simulation.bodies["awake"][0] == 0
+        assert player.simulation.bodies["activation"][0] == 0
 
 
 def test_the_contact_of_a_bounce_carries_its_impulse() -> None:
@@ -207,7 +207,7 @@ def test_a_sleeping_body_stays_bit_for_bit_and_wakes_when_hit() -> None:
     ball = Thing(shape=Sphere(0.03), at=(-0.8, 0, 0.03))
     player = Player([Thing(shape=Box((0.05, 0.05, 0.05)), at=(0, 0, 0.05)), ball, floor()])
     player.run(1.0)
-    assert not player.simulation.bodies["awake"][:2].any()
+    assert not player.simulation.bodies["activation"][:2].any()
     asleep = player.poses.copy()
     track = player.run(1.0)
     assert np.array_equal(track[-1], asleep)
@@ -221,7 +221,7 @@ def test_a_sleeping_body_falls_when_its_support_goes() -> None:
     player = Player([Thing(shape=Box((0.05, 0.05, 0.05)), at=(0, 0, 0.05)), support])
     player.targets[1] = lambda _: (0, 0, -0.05, 0, 0, 0, 1)
     player.run(1.0)
-    assert player.simulation.bodies["awake"][0] == 0
+    assert player.simulation.bodies["activation"][0] == 0
     gone = player.time
     player.targets[1] = lambda t: (2.0 * (t - gone) / 0.1, 0, -0.05, 0, 0, 0, 1)
     player.run(0.5)
