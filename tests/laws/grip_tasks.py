@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +17,7 @@ from geomphys.config import Config
 from geomphys.engine.grasps import Grasp, GraspMeter
 from geomphys.load import load_world
 from geomphys.replays import replay
-from geomphys.scene.kinematics import joint_origins, pose_tree
-from geomphys.scene.world import World
+from tests.laws.hand_grasp import HAND, BalancedGrasp, balanced_grasp
 from tests.laws.replayed import Run, thing
 from tests.laws.test_grasp import frictions, ramp
 from tests.laws.test_gripper import write_gripper
@@ -32,11 +31,11 @@ THINGS: dict[str, dict[str, object]] = {
     "cylinder": {"cylinder": (HALF, 0.08), "mass": 0.2},
 }
 HEIGHT = {"cube": HALF, "ball": HALF, "cylinder": 0.04}  # m, of the centre above what it stands on
-HAND = Path(__file__).resolve().parents[2] / "assets" / "hand" / "hand.urdf"
 
 CLOSED, LIFTED, HELD, CARRIED, TURNED, OPENS, END = 1.0, 2.3, 7.3, 9.0, 17.3, 17.6, 18.4  # s
 GRIPPED, RESTED = 1.25, 2.8  # s
 TOUCHING = 0.8  # share of the closing at which the hand's fingers touch
+APPROACH = 5e-3  # m: how far the hand's palm comes to the thing while its fingers close
 QUARTER = 0.5 * math.pi
 
 
@@ -121,129 +120,39 @@ def gripper(mode: str) -> Callable[[str, float, Path], Grip]:
     return make
 
 
-def distance(what: str, points: np.ndarray) -> np.ndarray:
-    """Signed distances (n,) of points (n, 3) in its frame to the surface of a thing [m]."""
-    if what == "ball":
-        return np.linalg.norm(points, axis=1) - HALF
-    if what == "cylinder":
-        d = np.stack([np.hypot(points[:, 0], points[:, 1]) - HALF, np.abs(points[:, 2]) - HEIGHT[what]], axis=1)
-    else:
-        d = np.abs(points) - HALF
-    return np.linalg.norm(np.maximum(d, 0), axis=1) + np.minimum(d.max(axis=1), 0)
+HAND_SCENE = (
+    f'[[avatar]]\nname = "hand"\nurdf = "{HAND}"\nmode = "chains"\nmaterial = "human"\n'
+    f"coupling = {{ stiffness = {STIFFNESS}, damping = 40.0 }}\n"
+    'root = { topic = "/root" }\njoints = { topic = "/joints" }\n'
+)
 
 
-FINGERS = {
-    "thumb": (("cmc_abd", 14, 26), ("cmc_flex", -12, 13), ("mcp_flex", 6, 47), ("ip_flex", 6, 58)),
-    "index": (("mcp_flex", 10, 74), ("pip_flex", 10, 84), ("dip_flex", 8, 56)),
-    "middle": (("mcp_flex", 10, 74), ("pip_flex", 10, 84), ("dip_flex", 8, 56)),
-    "ring": (("mcp_flex", 10, 74), ("pip_flex", 10, 84), ("dip_flex", 8, 56)),
-    "little": (("mcp_flex", 10, 74), ("pip_flex", 10, 84), ("dip_flex", 8, 56)),
-}
-"""Of every finger its joints, with their angles when it is open and when it is closed [deg]."""
-GRASPED = {"ball": (0.068, 0.020, -0.0372), "cube": (0.084, 0.004, -0.0382), "cylinder": (0.070, 0.006, -0.0365)}
-"""m: where a thing's centre is in the hand's palm frame, so that palm, thumb and fingers touch it from sides that carry it."""
-
-
-@dataclass
-class PosedHand:
-    """The hand's links at given angles, seen from its palm."""
-
-    world: World
-    origins: np.ndarray = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.origins = joint_origins(self.world.scene)
-
-    def links(self, angles: dict[str, float]) -> dict[str, tuple[np.ndarray, Rotation]]:
-        """Link -> position (3,) and rotation in the root's frame."""
-        scene, names = self.world.scene, self.world.body_names
-        values = np.array([angles.get(n.split("/")[-1], 0.0) for n in self.world.dof_names])
-        roots, poses = np.zeros((len(scene.trees.role), 7)), np.zeros((len(names), 7))
-        roots[:, 6] = 1.0
-        pose_tree(scene, self.origins, 0, roots, values, poses)
-        return {
-            n.split("/")[-1]: (p[:3], Rotation.from_quat(p[3:]))
-            for n, p in zip(names, poses, strict=True)
-            if p[6] or p[3:].any()
-        }
-
-
-def mesh_points(link: str) -> np.ndarray:
-    """(n, 3) vertices of a link, and middles between them."""
-    lines = (HAND.parent / "meshes" / f"{link}.obj").read_text().splitlines()
-    v = np.array([[float(x) for x in line.split()[1:4]] for line in lines if line.startswith("v ")])
-    faces = [[int(w.split("/")[0]) - 1 for w in line.split()[1:4]] for line in lines if line.startswith("f ")]
-    return np.concatenate([v, v[np.array(faces)].mean(axis=1)])
+def hand_grasp(what: str, largest: float, folder: Path) -> BalancedGrasp:
+    """The shipped hand's grasp of a thing with fingers that press by `largest` [N] at most."""
+    (folder / "hand.toml").write_text('[scene]\nname = "hand"\n' + HAND_SCENE)
+    return balanced_grasp(load_world(folder / "hand.toml"), what, largest)
 
 
 def hand(what: str, squeeze: float, folder: Path) -> Grip:
-    """The shipped hand from the side, upright like round a glass: fingers close until they are recorded `squeeze` inside.
-
-    Those that would pass below the thing stay open.
-    """
-    scene = (
-        f'[[avatar]]\nname = "hand"\nurdf = "{HAND}"\nmode = "chains"\nmaterial = "human"\n'
-        f"coupling = {{ stiffness = {STIFFNESS}, damping = 40.0 }}\n"
-        'root = { topic = "/root" }\njoints = { topic = "/joints" }\n'
-    )
-    (folder / "hand.toml").write_text('[scene]\nname = "hand"\n' + scene)
-    posed = PosedHand(load_world(folder / "hand.toml"))
-    upright = Rotation.from_euler("x", 90, degrees=True)
-    grasped = np.array(GRASPED[what])
-
-    def angles_at(shares: dict[str, float]) -> dict[str, float]:
-        return {
-            f"{finger}_{j}": math.radians(a + shares[finger] * (b - a))
-            for finger, joint in FINGERS.items()
-            for j, a, b in joint
-        }
-
-    points = {
-        n: mesh_points(n)
-        for n in (
-            f"{f}_{p}"
-            for f in FINGERS
-            for p in (("proximal", "distal") if f == "thumb" else ("proximal", "middle", "distal"))
-        )
-    }
-
-    def closed(depth: float) -> dict[str, float]:
-        """How far every finger closes until it is so deep in the thing [m]."""
-        shares = dict.fromkeys(FINGERS, 0.0)
-        for finger in FINGERS if what == "cylinder" else ("thumb", "index", "middle"):
-            low, high = 0.0, 1.25
-            for _ in range(30):
-                share = 0.5 * (low + high)
-                links = posed.links(angles_at({**dict.fromkeys(FINGERS, 0.0), finger: share}))
-                palm = links["palm"]
-                deepest = math.inf
-                for name, local in points.items():
-                    if name.startswith(finger):
-                        p, q = links[name]
-                        seen = palm[1].inv().apply(q.apply(local) + p - palm[0]) - grasped
-                        deepest = min(deepest, distance(what, upright.apply(seen)).min())
-                low, high = (share, high) if deepest > -depth else (low, share)
-            shares[finger] = low
-        return shares
-
-    touching, pressing = closed(0.0), closed(squeeze)
-    palm = posed.links({})["palm"]
+    """The shipped hand from the side, upright like round a glass, which presses a thing onto its palm with forces in balance."""
+    grasp = hand_grasp(what, STIFFNESS * squeeze, folder)
 
     def messages(t: float, height: float) -> list[Item]:
         at, turn = frame_of_task(t)
-        whole = turn * upright
         share = closing(t)
-        near, in_it = min(1.0, share / TOUCHING), max(0.0, (share - TOUCHING) / (1.0 - TOUCHING))  # all fingers at once
-        root = whole * palm[1].inv()
-        place = np.add(at, (0, 0, height)) - whole.apply(grasped) - root.apply(palm[0])
-        values = angles_at({f: near * touching[f] + in_it * (pressing[f] - touching[f]) for f in FINGERS})
+        near, in_it = min(1.0, share / TOUCHING), max(0.0, (share - TOUCHING) / (1.0 - TOUCHING))
+        root = turn * grasp.root_rotation
+        position = np.add(at, (0, 0, height)) + turn.apply(
+            grasp.root_position + (1.0 - near) * APPROACH * grasp.outwards
+        )
+        values = grasp.opened + near * (grasp.touching - grasp.opened) + in_it * (grasp.pressing - grasp.touching)
         return [
-            pose("/root", 1.0 + t, [float(x) for x in (*place, *root.as_quat())]),
-            joints("/joints", 1.0 + t, values),
+            pose("/root", 1.0 + t, [float(x) for x in (*position, *root.as_quat())]),
+            joints("/joints", 1.0 + t, dict(zip(grasp.joints, values.tolist(), strict=True))),
         ]
 
     post = thing("post", "fixed", box=(0.016, 0.016, 0.3), position=(0, 0, 0.15), material="metal")
-    return Grip(scene + post, messages, 0.3)
+    return Grip(HAND_SCENE + post, messages, 0.3)
 
 
 GRIPS: dict[str, Callable[[str, float, Path], Grip]] = {
