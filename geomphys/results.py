@@ -35,7 +35,7 @@ FLAG_IMPACT_BOUND = 32  # the simulated loop reached its limit of impacts
 FLAG_QUARANTINED = 64  # a body became non-finite and was reset to its last good state
 FLAG_BLOCKED = 128  # the recorded pose is free, but the path to it is obstructed
 FLAG_STARTED_INSIDE = 256  # the first frame overlapped
-FLAG_SHAPE_CHANGED = 512  # mode rigid: shape or rotation changed too, as a translation would have gone too far
+FLAG_SHAPE_CHANGED = 512  # mode rigid: shape or rotation changed too: a translation would go too far, or off a grip
 FLAG_CATCHING_UP = 1024  # after a gap or a jump of a tracker, the way missed is made up at a bounded speed
 FLAG_SWEEP_BOUND = 2048  # contact forces of driven and simulated bodies ended at their bound of sweeps, not settled
 

@@ -16,24 +16,25 @@ from geomphys.driven.objective import is_stiff
 from geomphys.driven.postures import Posture, joint_effect
 from geomphys.driven.state import ARTICULATED, DrivenWorkspace
 from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.row_vectors import vec_at
+from geomphys.numerics.row_vectors import set_vec, vec_at
+from geomphys.numerics.vec3 import Vec, neg
 from geomphys.scene.arrays import DRIVEN, FIXED, JOINT_FIXED, Scene
 
 RECORDED_ON = 2e-3  # m: a link recorded no farther away is in contact
 
 
 @kernel
-def note_touch(scene: Scene, ws: DrivenWorkspace, tip: int, body: int, gap: float) -> None:
-    """Store a recorded contact, with its smallest gap."""
-    work = ws.work
-    for i in range(work.counts.touches):
-        touch = work.touches[i]
-        if touch.tip == tip and touch.body == body:
-            touch.gap = min(touch.gap, gap)
-            return
-    touch = work.touches[work.counts.touches]
+def note_touch(ws: DrivenWorkspace, tip: int, body: int, gap: float, n: Vec) -> None:
+    """Store a recorded contact, with its smallest gap and the normal there, which points out of the body."""
+    work, i = ws.work, 0
+    while i < work.counts.touches and (work.touches[i].tip != tip or work.touches[i].body != body):
+        i += 1
+    touch = work.touches[i]
+    if i < work.counts.touches and touch.gap <= gap:
+        return
     touch.tip, touch.body, touch.gap = tip, body, gap
-    work.counts.touches += 1
+    set_vec(touch.normal, n)
+    work.counts.touches = max(work.counts.touches, i + 1)
 
 
 @outlined
@@ -41,16 +42,16 @@ def note_touches(scene: Scene, ws: DrivenWorkspace, near: Near) -> None:
     """Recorded contacts of tips of chains, from the near pairs of the recorded poses."""
     ws.work.counts.touches = 0
     for k in range(near.counts.filled):
-        body_a, body_b = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
+        body_a, body_b, n = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]], vec_at(near.normal, k)
         if near.separation[k] > RECORDED_ON or near.tree_a[k] == near.tree_b[k]:
             continue
         if scene.bodies.role[body_b] == DRIVEN:
-            body_a, body_b = body_b, body_a
+            body_a, body_b, n = body_b, body_a, neg(n)
         if scene.bodies.role[body_b] != FIXED or scene.bodies.role[body_a] != DRIVEN:
             continue
         tip = ws.links.holder[body_a]
         if ws.links.tip[tip] == 1:
-            note_touch(scene, ws, tip, body_b, near.separation[k])
+            note_touch(ws, tip, body_b, near.separation[k], n)
 
 
 @kernel

@@ -97,7 +97,7 @@ def choose_kinds(scene: Scene, state: DrivenState, ws: DrivenWorkspace, group: i
         work.kind[tree] = LOCKED
         if scene.trees.role[tree] != DRIVEN or work.hit[tree] == 0 or work.group[tree] != group:
             continue
-        articulated = articulate or not is_stiff(scene, tree) or state.deformed[tree] == 1
+        articulated = articulate or not is_stiff(scene, tree) or state.deformed[tree] == 1 or work.grips[tree] == 1
         work.kind[tree] = ARTICULATED if articulated else RIGID
         shifts = shifts or not articulated
     return shifts

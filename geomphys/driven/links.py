@@ -36,6 +36,7 @@ class Links(NamedTuple):
     yields: Ints  # (Q,) 1 for joints that are unknowns of the problem
     rounds: Ints  # (Q,) 1 for joints with period 2π
     tip: Ints  # (B,) 1 for links without a moving child at the end of a chain of moving joints
+    palm: Ints  # (B,) of a tip: the first link above it that carries other tips too, else the root
     holder: Ints  # (B,) the link that a body is fixed to: itself, if it has a moving joint or is a root
 
 
@@ -154,7 +155,8 @@ def make_links(scene: Scene, base_weight: float = WEIGHTS.base) -> Links:
     for k in range(bodies):
         if scene.bodies.parent[k] >= 0 and scene.bodies.joint[k] == JOINT_FIXED:
             holder[k] = holder[scene.bodies.parent[k]]
-    return Links(weight, centre, second_moment, pivot, lever, yields, _full_rotations(scene), tip, holder)
+    palm, rounds = _find_palms(scene, tip), _full_rotations(scene)
+    return Links(weight, centre, second_moment, pivot, lever, yields, rounds, tip, palm, holder)
 
 
 @lru_cache(maxsize=1)
@@ -175,6 +177,18 @@ def _full_rotations(scene: Scene) -> Ints:
             scene.bodies.joint[body] != JOINT_PRISMATIC and scene.bodies.multiplier[body] == 1.0 and moved[q] == 1
         )
     return rounds
+
+
+def _find_palms(scene: Scene, tip: Ints) -> Ints:
+    """(B,) of each tip the first link above it that carries other tips too, or the root; of other links themselves."""
+    carried, palm, parent = tip.copy(), np.arange(len(tip), dtype=np.int64), scene.bodies.parent
+    for body in range(len(tip) - 1, -1, -1):
+        if parent[body] >= 0:
+            carried[parent[body]] += carried[body]
+    for body in np.flatnonzero(tip):
+        while parent[palm[body]] >= 0 and (palm[body] == body or carried[palm[body]] < 2):
+            palm[body] = parent[palm[body]]
+    return palm
 
 
 def _find_tips(scene: Scene, tip: Ints) -> None:

@@ -79,6 +79,7 @@ TOUCH = np.dtype(
         ("tip", np.int64),  # link at the end of a chain
         ("body", np.int64),  # what it touches in the recording
         ("gap", np.float64),  # m, how far apart they were recorded
+        ("normal", np.float64, 3),  # there, out of the body
         ("goal", np.float64),  # m, gap at the end of the step up to which there is no penalty
     ]
 )
@@ -121,6 +122,7 @@ class DrivenState(NamedTuple):
     recorded: Posture  # the recording of the last step
     link_offsets: Records  # (B,) LINK_OFFSET
     deformed: Ints  # (T,) 1: the offsets are more than a translation of the tree
+    mean_tip: Floats  # (B, 3) m, mean recorded centre of each fingertip of a rigid tree, in the frame of its palm
     used_low: Floats  # (Q,) the least angle recorded so far
     used_high: Floats  # (Q,) and the largest
     joint_offset: Floats  # (Q,) corrected less recorded angles
@@ -177,6 +179,7 @@ class SearchWorkspace(NamedTuple):
     counts: Record  # SEARCH_COUNTS
     touches: Records  # (k,) TOUCH
     closing: Floats  # (T,) m: how far the penalty may move tips of a tree in the step
+    grips: Ints  # (T,) 1: a rigid tree that closes on something
     unit: Floats  # (Q,) ones
     passes: int  # bound on the passes of a search
     reference_bodies: Ints  # (n,) near bodies that the recording moves
@@ -210,6 +213,7 @@ def make_driven_state(scene: Scene, poses: Floats) -> DrivenState:
         recorded=make_posture(scene, poses),
         link_offsets=np.zeros(bodies, LINK_OFFSET),
         deformed=np.zeros(trees, np.int64),
+        mean_tip=np.zeros((bodies, 3)),
         used_low=np.full(dofs, np.inf),
         used_high=np.full(dofs, -np.inf),
         joint_offset=np.zeros(dofs),
@@ -272,6 +276,7 @@ def make_search_workspace(scene: Scene, poses: Floats, passes: int) -> SearchWor
         counts=np.zeros((), SEARCH_COUNTS),
         touches=np.zeros(contacts, TOUCH),
         closing=np.zeros(trees),
+        grips=np.zeros(trees, np.int64),
         unit=np.ones(dofs),
         passes=passes,
         reference_bodies=np.full(REFERENCE_BODIES, -1),

@@ -3,11 +3,13 @@
 The coupling relaxes the offsets of the last frame, which gives the target of every link. A tree whose goal is free, and can
 be reached, goes there. The others are solved in groups that may collide: from a free start nearest to the targets
 (`starts`), by sequential quadratic programming with every step certified (`sqp`). A rigid tree is first only translated;
-where that is too far, or does not free it, its joints and rotation may change too, at a much higher weight. Where moving
-surroundings leave no free start, the step is divided in parts.
+where that is too far, or does not free it, or where its fingers close on something (`grips`), its joints and rotation may
+change too, at a much higher weight. Where moving surroundings leave no free start, the step is divided in parts.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +18,7 @@ from geomphys.collision.sweep import update_boxes
 from geomphys.driven.constraints import concerns
 from geomphys.driven.contacts_kept import forget_touches
 from geomphys.driven.goals import set_goals, take_limits
+from geomphys.driven.grips import find_grips, note_fingertips
 from geomphys.driven.groups import PASSES, Outcome, both, set_around, settle, solve_first, solve_group
 from geomphys.driven.objective import is_stiff, link_centre
 from geomphys.driven.postures import copy_tree
@@ -128,7 +131,9 @@ def update_driven(
                         work.before.poses[body, k] = recorded[body, k]
     set_around(scene, state, ws, recorded, 1.0)
     set_goals(scene, state, ws, roots, angles)
+    find_grips(scene, state, ws, recorded)
     done = Outcome(0, 0, True, False)
+    note_fingertips(scene, state, ws, recorded, math.inf if first else dt)
     if first:
         for tree in range(len(scene.trees.role)):
             if scene.trees.role[tree] == DRIVEN:

@@ -10,6 +10,8 @@ from geomphys.driven.contacts_kept import forget_touches, note_touch
 from geomphys.driven.state import SPOTS
 from geomphys.engine.state import Machine
 
+UP, DOWN = (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)
+
 
 def touches(machine: Machine) -> list[tuple[int, int, float]]:
     """(tip, other body, gap) of what is noted."""
@@ -19,11 +21,12 @@ def touches(machine: Machine) -> list[tuple[int, int, float]]:
 
 
 def test_a_contact_is_noted_once_with_its_smallest_gap(table: tuple[object, object, Machine]) -> None:
-    scene, ws, machine = table
-    for tip, gap in ((0, 2e-3), (1, 1e-3), (0, -1e-3), (0, 5e-4)):
-        note_touch(scene, ws, tip, 3, gap)
-    note_touch(scene, ws, 0, 2, 1e-3)
+    _, ws, machine = table
+    for tip, gap, n in ((0, 2e-3, UP), (1, 1e-3, UP), (0, -1e-3, DOWN), (0, 5e-4, UP)):
+        note_touch(ws, tip, 3, gap, n)
+    note_touch(ws, 0, 2, 1e-3, UP)
     assert touches(machine) == [(0, 3, -1e-3), (1, 3, 1e-3), (0, 2, 1e-3)]
+    assert [tuple(n) for n in machine.workspace.work.touches["normal"][:3].tolist()] == [DOWN, UP, UP]
 
 
 @pytest.mark.parametrize("tree", range(3))
@@ -33,16 +36,16 @@ def test_the_contacts_of_one_tree_are_forgotten_and_the_others_stay(
     scene, ws, machine = table
     noted = [(0, 3, 1e-3), (1, 3, 2e-3), (2, 3, 3e-3), (1, 2, 4e-3), (0, 1, 5e-3)]
     for tip, other, gap in noted:
-        note_touch(scene, ws, tip, other, gap)
+        note_touch(ws, tip, other, gap, UP)
     forget_touches(scene, ws, tree)
     assert touches(machine) == [touch for touch in noted if touch[0] != tree]
 
 
 def test_a_contact_of_every_tip_with_every_body_finds_a_row(table: tuple[object, object, Machine]) -> None:
-    scene, ws, machine = table
+    _, ws, machine = table
     every = [(tip, other) for tip in range(3) for other in range(4)]
     for tip, other in every:
-        note_touch(scene, ws, tip, other, 1e-3)
+        note_touch(ws, tip, other, 1e-3, UP)
     assert [touch[:2] for touch in touches(machine)] == every
     assert len(machine.workspace.work.touches) == len(every)
 
