@@ -185,9 +185,9 @@ def _find_palms(scene: Scene, tip: Ints) -> Ints:
     for body in range(len(tip) - 1, -1, -1):
         if parent[body] >= 0:
             carried[parent[body]] += carried[body]
-    for body in np.flatnonzero(tip):
-        while parent[palm[body]] >= 0 and (palm[body] == body or carried[palm[body]] < 2):
-            palm[body] = parent[palm[body]]
+    for end in np.flatnonzero(tip):
+        while parent[palm[end]] >= 0 and (palm[end] == end or carried[palm[end]] < 2):
+            palm[end] = parent[palm[end]]
     return palm
 
 
