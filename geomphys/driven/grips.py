@@ -1,4 +1,4 @@
-"""Rigid hands that close on something: their shape yields, instead of the whole hand leaving what it grasps.
+"""Rigid hands that close on something: their shape changes, instead of the whole hand leaving what it grasps.
 
 A hand that is moved into a surface is translated out of it with its recorded shape. A fingertip that the joints have moved
 into something stops there instead. How far they have moved it is how far it is, in the frame of the palm, from the exponential

@@ -181,12 +181,12 @@ def _full_rotations(scene: Scene) -> Ints:
 
 def _find_palms(scene: Scene, tip: Ints) -> Ints:
     """(B,) of each tip the first link above it that carries other tips too, or the root; of other links themselves."""
-    carried, palm, parent = tip.copy(), np.arange(len(tip), dtype=np.int64), scene.bodies.parent
+    supported, palm, parent = tip.copy(), np.arange(len(tip), dtype=np.int64), scene.bodies.parent
     for body in range(len(tip) - 1, -1, -1):
         if parent[body] >= 0:
-            carried[parent[body]] += carried[body]
+            supported[parent[body]] += supported[body]
     for end in np.flatnonzero(tip):
-        while parent[palm[end]] >= 0 and (palm[end] == end or carried[palm[end]] < 2):
+        while parent[palm[end]] >= 0 and (palm[end] == end or supported[palm[end]] < 2):
             palm[end] = parent[palm[end]]
     return palm
 
