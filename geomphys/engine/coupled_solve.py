@@ -23,6 +23,7 @@ MOST_SWEEPS = 500  # sweeps of a step or an impact that has not converged before
 EXTRAPOLATED = 150  # first sweeps, with extrapolation between them; with friction it need not converge
 RELAXATION = 0.5  # factor of the later sweeps, which are under-relaxed instead
 SETTLED = 2e-5  # m/s: less than 0.1 um a step
+CREEPS = 1e-4  # m/s: a solve that ends with larger changes has not converged
 PRECISION = 1e-6  # m/s: of a step; the rest is corrected as slip or overlap
 IMPACT_PRECISION = 1e-10  # m/s
 
@@ -226,10 +227,10 @@ def solve_contacts(sim: Simulation, c: Coupled, sweeps: int, precision: float) -
 
     After every two sweeps, forwards and backwards, the impulses are extrapolated (Nesterov 1983), with a restart where the
     sweeps reverse it; later sweeps are under-relaxed. Done when no impulse changes a velocity by more than `precision`
-    [m/s], or after so many `sweeps` when none does by more than `SETTLED`, or after `MOST_SWEEPS`: not converged, which is
-    counted. Returns the sweeps made.
+    [m/s], or after so many `sweeps` when none does by more than `SETTLED`, or after `MOST_SWEEPS`: counted as not converged
+    if the last changed one by more than `CREEPS`. Returns the sweeps made.
     """
-    momentum = 1.0
+    momentum, most = 1.0, 0.0
     begin_extrapolation(sim, c)
     for sweep in range(MOST_SWEEPS):
         backwards = sweep & 1 == 1
@@ -241,7 +242,8 @@ def solve_contacts(sim: Simulation, c: Coupled, sweeps: int, precision: float) -
             if is_reversed(sim, c):
                 before = momentum = 1.0
             extrapolate(sim, c, (before - 1.0) / momentum)
-    c.solve.unsettled += 1
+    if most > CREEPS:
+        c.solve.unsettled += 1
     return MOST_SWEEPS
 
 
