@@ -157,6 +157,9 @@ class McapSink(ContextManaged):
         if self._output is None:
             return
         output, self._output = self._output, None
+        if not output.is_of_this_process:  # whose position in the copied log is shared too
+            output.publish(complete)
+            return
         log_error: LogError | None = None
         try:
             try:

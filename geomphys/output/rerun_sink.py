@@ -141,6 +141,9 @@ class RerunSink(ContextManaged):
         import rerun as rr
 
         output, self._output = self._output, None
+        if not output.is_of_this_process:  # where the SDK's thread that writes is missing
+            output.publish(complete)
+            return
         try:
             self._send_batch()
             if moments := self._worst.moments():

@@ -3,7 +3,8 @@
 Every file of every command is an `OutputFile`. It is written under a temporary name in the target's folder (made with
 ``O_EXCL`` and ``O_NOFOLLOW``, so that nothing that waits there is written through), flushed to disk (``fsync``), and
 renamed; then the folder is flushed. Two processes that write one name both finish; the last one wins. The temporary
-file is locked (``flock``) by its process: what a killed one left is removed by the next that writes the same name.
+file is locked (``flock``) by its process: what a killed one left is removed by the next that writes the same name. A
+fork of the process that writes has no part in the file: what it writes goes nowhere, and it ends nothing.
 """
 
 from __future__ import annotations
@@ -144,7 +145,8 @@ class OutputFile:
     """A file that appears under its name only when it is complete.
 
     In a ``with`` block it is published at the end, and discarded if an exception ends the block. Otherwise call `publish`
-    or `discard`; a process that ends without either leaves nothing.
+    or `discard`; a process that ends without either leaves nothing. In a fork of the process that made it `discard` does
+    nothing, nor does `publish` of a part, and what is written to `stream` goes nowhere.
 
     Parameters
     ----------
@@ -165,7 +167,7 @@ class OutputFile:
     ) -> None:
         check_target(path, force=force, inputs=inputs, partial=partial)
         self.path = path
-        self._keeps_partial = partial
+        self._maker = os.getpid()
         with signals_deferred():  # else one could fall between the file and what removes it
             try:
                 if is_remote(path) or is_standard_output(path):
@@ -181,12 +183,26 @@ class OutputFile:
                 raise self.error(problem) from problem
             self.stream: BinaryIO = os.fdopen(descriptor, "wb")
             """Writes the file. A library that wants a name is given `temporary` instead."""
-            self._end = weakref.finalize(self, _discard, os.getpid(), self.temporary, self.stream, close)
+            self._end = weakref.finalize(self, _discard, self._maker, self.temporary, self.stream, close)
+            _unfinished.add(self)
+
+    @property
+    def is_of_this_process(self) -> bool:
+        """Whether this process made it, and is no fork of the one that did."""
+        return os.getpid() == self._maker
 
     def publish(self, complete: bool = True) -> AnyPath:
-        """Give the file its name, or `partial_path` if it is not `complete`; returns it. Raises OutputError."""
+        """Give the file its name, or `partial_path` if it is not `complete`; returns it.
+
+        Raises OutputError; in a fork of the process that made it too, if it is `complete`.
+        """
         to_standard_output = is_standard_output(self.path)
         target = self.path if complete or to_standard_output else partial_path(self.path)
+        if not self.is_of_this_process:
+            self.discard()
+            if complete:
+                raise OutputError(f"{self.path}: is written by the process that this one is a fork of")
+            return target
         try:
             self.stream.flush()
             if to_standard_output:
@@ -221,6 +237,23 @@ class OutputFile:
         self.discard()
         if isinstance(error, OSError) and not isinstance(error, BrokenPipeError):
             raise self.error(error) from error
+
+
+_unfinished: weakref.WeakSet[OutputFile] = weakref.WeakSet()
+
+
+def _let_go_in_fork() -> None:
+    """In a fork: write to nothing what is buffered or still comes, as the files' positions are shared with the parent."""
+    open_streams = [output.stream for output in _unfinished if not output.stream.closed]
+    if not open_streams:
+        return
+    nothing = os.open(os.devnull, os.O_WRONLY | os.O_CLOEXEC)
+    for stream in open_streams:
+        os.dup2(nothing, stream.fileno(), inheritable=False)
+    os.close(nothing)
+
+
+os.register_at_fork(after_in_child=_let_go_in_fork)
 
 
 def write_file(path: AnyPath, data: bytes, *, force: bool = False, inputs: Iterable[AnyPath] = ()) -> None:
@@ -330,7 +363,7 @@ def _copy_to_standard_output(path: Path) -> None:
 
 def _discard(maker: int, temporary: Path, stream: BinaryIO, close: Callable[[], None]) -> None:
     with suppress(OSError):  # renamed, or the folder has gone
-        if os.getpid() == maker:  # a fork of the process that writes it has no say
+        if os.getpid() == maker:
             temporary.unlink()
     with suppress(OSError):  # of what could not be written; the file is gone
         stream.close()

@@ -151,6 +151,36 @@ def test_a_signal_in_any_frame_leaves_the_part_up_to_it(case: Case, tmp_path: Pa
     assert sum(1 for _ in geomphys.open_output(tmp_path / "out.partial.mcap").frames()) == frame
 
 
+def test_a_signal_that_a_fork_gets_ends_nothing_of_the_replay(case: Case, tmp_path: Path) -> None:
+    words = ("replay", case.log, "-s", case.scene, "--no-timing", "--copy-input", "-q", "-o")
+    assert run([str(word) for word in (*words, tmp_path / "whole.mcap")]) == 0
+    forking = AT_FRAME.replace("os.kill(", "os.fork() or os.kill(").format(frame=7, name="SIGTERM")
+    done = command_line(*words, tmp_path / "out.mcap", "--rrd", tmp_path / "out.rrd", code=forking)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == "geomphys: error: terminated\n"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.mcap", "out.rrd", "whole.mcap"]
+    assert (tmp_path / "out.mcap").read_bytes() == (tmp_path / "whole.mcap").read_bytes()
+
+
+def test_a_fork_that_ends_in_the_middle_of_a_replay_reads_and_writes_nothing(case: Case, tmp_path: Path) -> None:
+    """By the library: it ends as it would, and moves no position in a file that it shares."""
+    code = (
+        "import os, sys; from pathlib import Path; import geomphys; from geomphys.output.input_copy import InputCopy\n"
+        "def progress(done, expected):\n"
+        "    if done == 7 and os.fork() == 0:\n"
+        "        InputCopy.close = InputCopy.copy_until = lambda *given, **more: os._exit(9)\n"
+        "        sys.exit(7)\n"
+        "log, scene, out = map(Path, sys.argv[1:])\n"
+        "geomphys.run(log, scene, out=out, rrd=out.with_suffix('.rrd'), options=geomphys.OutputOptions(copy_input=True),"
+        " callbacks=geomphys.Callbacks(progress=progress))\n"
+        "assert os.waitstatus_to_exitcode(os.wait()[1]) == 7"
+    )
+    words = [sys.executable, "-c", code, *(str(path) for path in (case.log, case.scene, tmp_path / "out.mcap"))]
+    done = subprocess.run(words, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.mcap", "out.rrd"]
+
+
 class StopsAt:
     """Sends this process a signal when the n-th frame, or message of a log, is read."""
 

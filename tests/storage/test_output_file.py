@@ -198,6 +198,22 @@ def test_a_fork_removes_nothing_of_the_process_that_writes(tmp_path: Path) -> No
     assert (tmp_path / "a.bin").read_bytes() == b"whole"
 
 
+def test_what_a_fork_writes_goes_nowhere_and_it_publishes_nothing(tmp_path: Path) -> None:
+    """It has a copy of what was buffered, and shares the position in the file."""
+    code = (
+        "import os, sys; from pathlib import Path; from geomphys.storage.output_file import OutputFile\n"
+        "output, part = (OutputFile(Path(name), partial=True) for name in sys.argv[1:])\n"
+        "output.stream.write(b'begin')\n"
+        "if os.fork() == 0:\n"
+        " output.stream.write(bytes(100_000)); part.publish(complete=False); output.publish()\n"
+        "assert os.wait()[1] == 256; output.stream.write(b', end'); output.publish()"
+    )
+    words = [sys.executable, "-c", code, *(str(tmp_path / name) for name in ("a.bin", "b.bin"))]
+    done = subprocess.run(words, check=True, capture_output=True, text=True)
+    assert done.stderr.endswith("a.bin: is written by the process that this one is a fork of\n")
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"a.bin": b"begin, end"}
+
+
 def test_file_and_folder_are_on_disk_before_it_returns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The order of SQLite's manual: the data, then the name, then the folder."""
     calls: list[str] = []
