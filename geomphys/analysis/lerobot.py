@@ -99,8 +99,9 @@ def export_lerobot(
 def _new_folder(target: AnyPath) -> Iterator[AnyPath]:
     """A folder under a hidden name that gets its own at the end; nothing is left of it if an exception ends the block.
 
-    Behind a URL, where there are no folders to be renamed, it is the target itself.
+    Behind a URL, where there are no folders to be renamed, it is the target itself. A fork of this process ends nothing.
     """
+    maker = os.getpid()
     draft = target if is_remote(target) else target.with_name(f".{target.name}.{secrets.token_hex(4)}.tmp")
     try:
         yield draft
@@ -109,7 +110,7 @@ def _new_folder(target: AnyPath) -> Iterator[AnyPath]:
     except OSError as problem:
         raise OutputError(f"{target}: cannot be made ({problem.strerror})") from problem
     finally:
-        if isinstance(draft, Path):
+        if isinstance(draft, Path) and os.getpid() == maker:
             shutil.rmtree(draft, ignore_errors=True)
 
 
