@@ -8,24 +8,22 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
-import pickle
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, cast
 
-from geomphys.batch.job import Job, Outcome, failure, run_job
-from geomphys.batch.worker import initialize_worker
+from geomphys.batch.job import Job, Outcome, failure, preload_world, run_job
 from geomphys.errors import ClusterError
 from geomphys.jit.kernel import are_compiled
 from geomphys.scene.world import World
-from geomphys.storage.deferred_signals import blocked_in_children, signals_deferred
-from geomphys.storage.process_pool import process_pool
+from geomphys.storage.deferred_signals import signals_deferred
+from geomphys.storage.process_pool import ProcessPool
 from geomphys.storage.remote_files import AnyPath, is_remote
 
 Finished = tuple[int, Outcome]
@@ -77,7 +75,7 @@ def _run_until_process_dies(
     queue: JobQueue, world: World, count: int, control: Control
 ) -> Generator[Finished, None, list[tuple[int, Job]]]:
     """Run a queue until it is empty or a process dies; returns the jobs that ran when it died."""
-    executor = process_pool(count, initializer=initialize_worker, initargs=(pickle.dumps(world),))
+    executor = ProcessPool(count, preload_world, world)
     running: dict[Future[Outcome], tuple[int, Job]] = {}
     lost_jobs: list[tuple[int, Job]] = []
     try:
@@ -87,7 +85,7 @@ def _run_until_process_dies(
                 and len(running) < (count if are_compiled(queue[0][1].config.method) else 1)
                 and control.may_start()
             ):
-                with signals_deferred(), blocked_in_children():
+                with signals_deferred():
                     running[executor.submit(run_job, queue[0][1])] = queue[0]
                 queue.popleft()
             if not running:
@@ -113,7 +111,7 @@ def _run_until_process_dies(
     return lost_jobs
 
 
-def _shut_down(executor: ProcessPoolExecutor, running: Iterable[Future[Outcome]]) -> None:
+def _shut_down(executor: ProcessPool, running: Iterable[Future[Outcome]]) -> None:
     """Wait for the running jobs, then for their processes; an exception meanwhile kills the processes."""
     shutdown = threading.Thread(target=executor.shutdown, kwargs={"cancel_futures": True}, daemon=True)
     shutdown.start()

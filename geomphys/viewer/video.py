@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import dataclass
+from fractions import Fraction
+from subprocess import DEVNULL, PIPE, Popen
+from tempfile import TemporaryFile
 from typing import NamedTuple
 
 import numpy as np
@@ -16,10 +21,12 @@ from geomphys.output.camera import Viewpoint
 from geomphys.output.output_log import OutputLog, open_output
 from geomphys.output.output_results import results_of_output
 from geomphys.output.output_world import world_of_output
+from geomphys.recording.display_names import printable
 from geomphys.results import FrameResult
 from geomphys.scene.world import World
+from geomphys.storage.child_process import ending_with_this_process
 from geomphys.storage.output_file import OutputFile, check_target, is_standard_output
-from geomphys.storage.process_pool import process_pool
+from geomphys.storage.process_pool import ProcessPool
 from geomphys.storage.remote_files import AnyPath
 from geomphys.viewer.frame_picture import FramePainter, sample_of, viewpoint_of
 
@@ -191,7 +198,7 @@ def _pictures(
         for result in results:
             yield _side_by_side(painter, result, eye, config.size, start_ns)
         return
-    with process_pool(config.processes, initializer=_begin, initargs=(world,)) as pool:
+    with ProcessPool(config.processes, _begin, world) as pool:
         pending: list[Future[Pixels]] = []
         for result in results:
             pending.append(pool.submit(_draw, result, eye, config.size, start_ns))
@@ -245,27 +252,27 @@ def _write_gif(file: OutputFile, pictures: Iterator[Pixels], rate: float, typica
 def _write_mp4(file: OutputFile, pictures: Iterator[Pixels], rate: float, size: tuple[int, int]) -> None:
     """H.264 in MP4, by the ffmpeg that imageio-ffmpeg brings."""
     try:
-        import imageio_ffmpeg
+        from imageio_ffmpeg import get_ffmpeg_exe
     except ImportError as problem:
         raise OutputError(
             f"{file.path}: an MP4 needs imageio-ffmpeg; pip install 'geomphys[video]', or write a .gif"
         ) from problem
-    writer = imageio_ffmpeg.write_frames(
-        str(file.temporary),
-        size,
-        fps=rate,
-        codec="libx264",
-        macro_block_size=2,
-        output_params=["-f", "mp4", "-crf", "20", "-preset", "medium", "-threads", "1", "-fflags", "+bitexact",
-                       "-flags:v", "+bitexact", "-movflags", "+faststart"],
-    )  # fmt: skip
-    try:
-        writer.send(None)
-        for pixels in pictures:
-            writer.send(np.ascontiguousarray(pixels))
-    except OSError as problem:
-        raise OutputError(f"{file.path}: ffmpeg could not write it ({problem})") from problem
-    finally:
-        writer.close()
-    if file.temporary.stat().st_size == 0:
-        raise OutputError(f"{file.path}: ffmpeg wrote nothing")
+    source = ["-f", "rawvideo", "-vcodec", "rawvideo", "-s", f"{size[0]}x{size[1]}", "-pix_fmt", "rgb24",
+              "-r", str(Fraction(rate).limit_denominator()), "-i", "-"]  # fmt: skip
+    result = ["-an", "-vcodec", "libx264", "-pix_fmt", "yuv420p", "-f", "mp4", "-crf", "20", "-preset", "medium",
+              "-threads", "1", "-fflags", "+bitexact", "-flags:v", "+bitexact", "-movflags", "+faststart"]  # fmt: skip
+    command = [get_ffmpeg_exe(), "-y", "-v", "error", *source, *result, str(file.temporary)]
+    with TemporaryFile() as said:
+        with Popen(ending_with_this_process(command), stdin=PIPE, stdout=DEVNULL, stderr=said) as process:
+            try:
+                assert process.stdin is not None
+                with suppress(BrokenPipeError), process.stdin:  # it says why it reads no more
+                    for pixels in pictures:
+                        process.stdin.write(pixels.tobytes())
+            except BaseException:
+                process.kill()
+                raise
+        if process.returncode != 0:
+            said.seek(0)
+            reason = re.sub(r"^\[.*?\] ", "", said.read().decode(errors="replace").partition("\n")[0])
+            raise OutputError(f"{file.path}: ffmpeg could not write it ({printable(reason)}); is the disk full?")

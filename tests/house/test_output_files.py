@@ -17,6 +17,7 @@ WRITES_ELSEWHERE = {
     "output.proto.generate": "the sources, when they are developed",
     "storage.cache": "the cache",
     "storage.output_file": "it is the one",
+    "storage.process_pool": "a temporary folder",
     "storage.remote_files": "a store, which writes files whole",
     "storage.temporary_folders": "locks in temporary folders",
 }

@@ -56,6 +56,27 @@ def test_processes_do_not_change_it(landed: Results, tmp_path: Path) -> None:
     assert outs[0].read_bytes() == outs[1].read_bytes()
 
 
+@pytest.mark.parametrize(
+    ("ending", "said"),
+    [
+        ("cat > /dev/null; echo '[out @ 0x1] No space left' >&2; exit 1", "No space left"),
+        ("echo 'no such codec' >&2; exit 1", "no such codec"),
+        ("kill -9 $$", ""),
+    ],
+)
+def test_an_encoder_that_fails_is_one_line_and_no_video(
+    landed: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str, said: str
+) -> None:
+    """A disk that was full at its end gave a broken video, and exit code 0."""
+    encoder = tmp_path / "ffmpeg"
+    encoder.write_text(f"#!/bin/sh\nfor last; do :; done; echo begun > $last; {ending}\n")
+    encoder.chmod(0o700)
+    monkeypatch.setattr("imageio_ffmpeg.get_ffmpeg_exe", lambda: str(encoder))
+    with pytest.raises(OutputError, match=rf"a\.mp4: ffmpeg could not write it \({said}\); is the disk full\?$"):
+        make_video(landed.out, tmp_path / "a.mp4", VideoConfig(end=0.3, rate=10.0, size=(64, 64)))
+    assert [path.name for path in tmp_path.iterdir()] == ["ffmpeg"]
+
+
 def test_the_worst_frame_is_in_the_worst_stretch(landed: Results, tmp_path: Path) -> None:
     columns = geomphys.open_output(landed.out).metrics()
     worst = int(columns["frame"][np.argmax(columns["correction_m"])])
