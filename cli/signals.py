@@ -87,7 +87,7 @@ class Signals:
                     return
             self._frames = 0  # a second one does not wait
             signal.setitimer(signal.ITIMER_REAL, INTERVAL_S, INTERVAL_S)
-        if not self._frames and (signum != signal.SIGALRM or not _is_raised()):
+        if not (self._frames or _hides(frame) or (signum == signal.SIGALRM and _is_raised())):
             assert self.received is not None
             raise Stopped(self.received)
 
@@ -95,6 +95,15 @@ class Signals:
         """Say nothing of a `Stopped` that a finalizer dropped: it is raised again."""
         if not isinstance(unraisable.exc_value, Stopped):
             self._unraisable(unraisable)
+
+
+def _hides(frame: FrameType | None) -> bool:
+    """Whether the hook for what finalizers dropped is at work, out of which nothing can be raised."""
+    while frame is not None:
+        if frame.f_code is Signals._hide_own.__code__:
+            return True
+        frame = frame.f_back
+    return False
 
 
 def _is_raised() -> bool:

@@ -6,14 +6,14 @@ import os
 import platform
 import subprocess
 import sys
-import tempfile
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
 from geomphys.errors import GeomphysError
 from geomphys.jit.kernel import are_compiled
-from geomphys.storage.child_process import available_cores
+from geomphys.storage.child_process import available_cores, ending_with_this_process
+from geomphys.storage.temporary_folders import TemporaryFolder
 
 PACKAGES = ("numpy", "numba", "llvmlite", "mujoco", "coal", "python-fcl")
 """Packages whose versions are reported; those that are not installed are left out."""
@@ -81,10 +81,14 @@ def compile_seconds() -> float:
         The process failed.
     """
     code = "from geomphys.bench.scaling import warm_up; print(warm_up())"
-    with tempfile.TemporaryDirectory(prefix="geomphys-bench-") as folder:
-        environment = {**os.environ, "XDG_CACHE_HOME": folder}
+    with TemporaryFolder() as folder:
+        environment = {**os.environ, "XDG_CACHE_HOME": str(folder)}
         done = subprocess.run(
-            [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
+            ending_with_this_process([sys.executable, "-c", code]),
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
         )
     if done.returncode != 0:
         raise GeomphysError(f"compiling in a process of its own failed: {done.stderr.strip().splitlines()[-1:]}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -20,6 +19,7 @@ from geomphys.load import load_world
 from geomphys.numerics.transforms import apply, matrix_from_pose
 from geomphys.results import Frame
 from geomphys.scene.world import World
+from geomphys.storage.temporary_folders import TemporaryFolder
 
 Floats = NDArray[np.float64]
 
@@ -39,9 +39,9 @@ BALL_RADIUS, BIN_SIDE = 0.02, 0.3  # m
 
 def warm_up() -> float:
     """Seconds until the first frames of a small world are done: the kernels' loading or compiling."""
-    with tempfile.TemporaryDirectory(prefix="geomphys-bench-") as folder:
+    with TemporaryFolder() as folder:
         start = time.perf_counter()
-        world = world_of_objects(Path(folder), 2, ball=True)
+        world = world_of_objects(folder, 2, ball=True)
         measure(slide("warm-up", world, 8), Config(), 1)
         return time.perf_counter() - start
 
@@ -63,8 +63,8 @@ def curves(config: Config, repeats: int, peers: Sequence[PeerMaker], report: Cal
     for name, variable, sizes, make, frames in families:
         points = []
         for size in sizes:
-            with tempfile.TemporaryDirectory(prefix="geomphys-bench-") as folder:
-                world = make(Path(folder), size)
+            with TemporaryFolder() as folder:
+                world = make(folder, size)
                 points.append(measure(slide(f"{size} {variable}", world, frames), config, repeats, peers))
             report()
         growth = points[-1].step.median / points[0].step.median

@@ -11,7 +11,6 @@ import resource
 import shutil
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -24,6 +23,8 @@ from geomphys.errors import GeomphysError
 from geomphys.output.input_copy import MessageCopy
 from geomphys.output.output_log import open_output
 from geomphys.recording.reader import RawMessage, open_log
+from geomphys.storage.child_process import ending_with_this_process
+from geomphys.storage.temporary_folders import TemporaryFolder
 
 STAGES = {"decode": "reading", "step": "computing", "encode": "writing"}
 CLIP_NS = 5 * 10**9
@@ -39,8 +40,8 @@ def time_process(files: ExperimentFiles, repeats: int, *, rrd: bool) -> ProcessT
     GeomphysError
         A replay failed.
     """
-    with tempfile.TemporaryDirectory(prefix="geomphys-bench-") as folder:
-        out = Path(folder) / "out.mcap"
+    with TemporaryFolder() as folder:
+        out = folder / "out.mcap"
         command = ["replay", str(files.log), "--scene", str(files.scene), "-o", str(out), "--force", "--quiet"]
         command += ["--rrd", str(out.with_suffix(".rrd"))] if rrd else []
         runs = []
@@ -72,12 +73,12 @@ def time_batches(
     GeomphysError
         A batch failed.
     """
-    with tempfile.TemporaryDirectory(prefix="geomphys-bench-") as folder:
-        logs = Path(folder) / "clips"
+    with TemporaryFolder() as folder:
+        logs = folder / "clips"
         recorded = cut_clips(files.log, logs, clips)
         found = []
         for count in jobs:
-            out = Path(folder) / f"out{count}"
+            out = folder / f"out{count}"
             wall, cpu = _run(
                 ["batch", str(logs), "--scene", str(files.scene), "-O", str(out), "--jobs", str(count), "--quiet"]
             )
@@ -120,7 +121,7 @@ def _run(arguments: Sequence[str]) -> tuple[float, float]:
     """Wall and processor seconds of a command with all its processes."""
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     done = subprocess.run(
-        [sys.executable, "-m", "geomphys", *arguments],
+        ending_with_this_process([sys.executable, "-m", "geomphys", *arguments]),
         capture_output=True,
         text=True,
         check=False,

@@ -3,6 +3,9 @@
 At each of these imports the process forks; the child gets the signal there and goes on. Prints a JSON line for each: the
 module, the exit code, what was said. The first signal is raised at the import; where someone swallows it, it is raised
 again sooner than outside this test, so that the child ends close to the import.
+
+Once there is a pool of processes, whose queues a fork would share, it forks no more and prints the number of the imports
+that follow: with ``@N`` for STRIDE the process itself gets the signal at the N-th of these.
 """
 
 from __future__ import annotations
@@ -12,6 +15,7 @@ import os
 import select
 import signal
 import sys
+import threading
 from collections.abc import Sequence
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
@@ -25,9 +29,10 @@ INTERVAL_S = 0.002
 class Forks(MetaPathFinder):
     """Finds nothing; forks at every n-th name that is looked for."""
 
-    def __init__(self, stride: int, signum: int, folder: Path) -> None:
-        self.stride, self.signum, self.folder = stride, signum, folder
+    def __init__(self, stride: int, only: int, signum: int, folder: Path) -> None:
+        self.stride, self.only, self.signum, self.folder = stride, only, signum, folder
         self.count, self.maker = 0, os.getpid()
+        self.has_pool, self.later = False, 0
 
     @property
     def is_child(self) -> bool:
@@ -37,9 +42,17 @@ class Forks(MetaPathFinder):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Fork, or do nothing."""
+        """Fork, or do nothing; imports of other threads count for nothing, as signals come to the main one."""
+        if threading.current_thread() is not threading.main_thread():
+            return None
         self.count += 1
-        if self.is_child or self.count % self.stride:
+        if fullname == "multiprocessing.synchronize":
+            self.has_pool = True
+        if self.has_pool and not self.is_child:
+            self.later += 1
+            if self.later == self.only:
+                os.kill(os.getpid(), self.signum)
+        if self.has_pool or self.only or self.is_child or self.count % self.stride:
             return None
         said = self.folder / "said.txt"
         child = os.fork()
@@ -59,7 +72,8 @@ class Forks(MetaPathFinder):
 
 def main() -> None:
     """Run the command, with a child for every n-th import."""
-    forks = Forks(int(sys.argv[1]), getattr(signal, sys.argv[2]), Path(sys.argv[3]))
+    one, number = sys.argv[1].startswith("@"), int(sys.argv[1].removeprefix("@"))
+    forks = Forks(1 if one else number, number if one else 0, getattr(signal, sys.argv[2]), Path(sys.argv[3]))
     sys.argv = ["geomphys", *sys.argv[4:]]
     from geomphys_cli import signals
     from geomphys_cli.entry import main as run
@@ -73,6 +87,8 @@ def main() -> None:
         sys.stdout.flush()
         if forks.is_child:
             os._exit(end.code if isinstance(end.code, int) else 1)
+        if forks.later:
+            sys.__stdout__.write(json.dumps({"later": forks.later}) + "\n")  # type: ignore[union-attr]
         raise
 
 

@@ -31,13 +31,17 @@ SAID = {"SIGINT": "interrupted", "SIGTERM": "terminated"}
 
 
 QUICK = ("replay", "plot", "init")
-EACH = [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in (*COMMANDS, "lerobot") if name not in QUICK)]
-"""The commands; signals are tried on most in the slow tests alone."""
+"""Commands of which every 41st import is tried in the quick tests; in the slow ones it is every import of all commands."""
 
 
 @pytest.mark.parametrize("name", CODES)
-@pytest.mark.parametrize("stride", [41, pytest.param(1, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("command", EACH)
+@pytest.mark.parametrize(
+    ("command", "stride"),
+    [
+        *((name, 41) for name in QUICK),
+        *(pytest.param(name, 1, marks=pytest.mark.slow) for name in (*COMMANDS, "ros2", "lerobot", "foxglove")),
+    ],
+)
 def test_a_signal_at_any_import_ends_the_command(
     furnished: Case,
     pressed: Results,
@@ -49,28 +53,41 @@ def test_a_signal_at_any_import_ends_the_command(
     command: str,
 ) -> None:
     (tmp_path / "outputs").mkdir()
-    words = every_command(furnished, pressed, landed, root, tmp_path / "outputs")[command].words
-    if stride == 1 and command not in QUICK:
-        pytest.skip("every import of three commands")
+    call = every_command(furnished, pressed, landed, root, tmp_path / "outputs")[command]
+    words, codes = call.words, call.codes
     if command == "replay":
-        # without outputs, which a fork would end for all; a seed of its own: loads the meshes
-        words = ["replay", str(furnished.log), "-s", str(furnished.scene), "--seed", str(stride)]
+        words += ["--seed", str(time.time_ns() % 2**31)]  # so that meshes are loaded, and no scene from the cache
     elif command == "view":
         words.remove("--web")  # says that there is no screen
+        codes = (1,)
     said = tmp_path / "said"
     said.mkdir()
     script = Path(__file__).with_name("stopped_imports.py")
-    begin = [sys.executable, script, stride, name, said, *words]
     environment = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    done = subprocess.run([str(word) for word in begin], capture_output=True, timeout=1200, env=environment)
-    lines = [line for line in done.stdout.split(b"\n") if line.startswith(b'{"module"')]
-    ends = [json.loads(line) for line in lines]
-    assert done.returncode in ((0,) if command in QUICK else (0, 1)), done.stderr
-    assert len(ends) >= {"completion": 1, "schema": 4}.get(command, 8)
+
+    def stopped(which: object) -> subprocess.CompletedProcess[str]:
+        begin = [str(word) for word in (sys.executable, script, which, name, said, *words)]
+        return subprocess.run(begin, capture_output=True, text=True, errors="replace", timeout=600, env=environment)
+
+    done = stopped(stride)
+    assert done.returncode in codes, done.stderr
+    found = [json.loads(line) for line in done.stdout.split("\n") if line.startswith(('{"module"', '{"later"'))]
+    ends = [line for line in found if "module" in line]
+    assert len(ends) >= (8 if stride > 1 or command == "completion" else 300)
     for end in ends:
         assert end["code"] == CODES[name], end
         assert "Traceback" not in end["said"], end
         assert "Exception ignored" not in end["said"], end
+    left = {str(path.relative_to(tmp_path / "outputs")) for path in (tmp_path / "outputs").rglob("*") if path.is_file()}
+    assert left >= ({call.writes} if call.writes else set()), "the forks ended nothing"
+    assert not [name for name in left if ".partial." in name or name.endswith(".tmp")]
+    later = max((line["later"] for line in found if "later" in line), default=0)
+    assert later > 0 or command != "batch"
+    for number in range(1, later + 1, stride):
+        done = stopped(f"@{number}")
+        assert done.returncode == CODES[name], (number, done.stderr)
+        assert done.stderr.splitlines()[-1] == f"geomphys: error: {SAID[name]}", (number, done.stderr)
+        assert "Traceback" not in done.stderr, number
 
 
 @pytest.mark.parametrize("name", CODES)
@@ -122,6 +139,21 @@ def test_a_signal_in_a_finalizer_is_not_lost() -> None:
     )
     done = command_line("schema", code=code)
     assert done.returncode == 143
+    assert done.stderr.splitlines() == ["geomphys: error: terminated"]
+
+
+def test_nothing_is_raised_in_the_hook_for_what_a_finalizer_dropped() -> None:
+    """Python would print it, and that it was ignored."""
+    code = (
+        "import os, signal, sys, time, geomphys_cli.cmd_schema as command, geomphys_cli.signals as signals\n"
+        "class Dropped:\n"
+        " @property\n"
+        " def exc_value(self): os.kill(os.getpid(), signal.SIGTERM); return signals.Stopped(15)\n"
+        "def show(ctx):\n sys.unraisablehook(Dropped()); print('after it', flush=True); time.sleep(30)\n"
+        "command.schema.invoke = show"
+    )
+    done = command_line("schema", code=code)
+    assert (done.returncode, done.stdout) == (143, "after it\n")
     assert done.stderr.splitlines() == ["geomphys: error: terminated"]
 
 
