@@ -32,7 +32,7 @@ def every_command(furnished: Case, pressed: Results, landed: Results, root: Path
     small = ["--size", 64, 64, "--force", "-q"]
     bench = ["--only", "wall_slide", "--no-depths", "--no-scaling", "--repeats", 1]
     calls: dict[str, tuple[list[object], str]] = {
-        "demo": (["demo", "-O", folder / "demo"], "demo/gallery_hand.mcap"),
+        "demo": (["demo", "-O", folder / "demo", "--force"], "demo/gallery_hand.mcap"),
         "init": (["init", furnished.log, "--urdf", cup, "-o", folder / "a.toml", "--force", "-q"], "a.toml"),
         "calibrate": (["calibrate", hand, "-s", scene, *flat], "hand.toml"),
         "replay": ([*replay, "--rrd", folder / "a.rrd"], "a.mcap"),

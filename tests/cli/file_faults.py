@@ -2,6 +2,7 @@
 
 OUTPUTS is the folder of its outputs: calls on files in it are counted, and fail one after the other. After each run the
 folder is put back to what it was. Prints a JSON line for each: the call, n, the exit code, what was said, what is left.
+A batch runs its jobs in this process, and the demonstration is that of the small log beside OUTPUTS.
 """
 
 from __future__ import annotations
@@ -17,6 +18,12 @@ from pathlib import Path
 from typing import Any
 
 from geomphys_cli.main import run
+
+import geomphys
+import geomphys.authoring.demo_files
+import geomphys.batch.run
+from geomphys.authoring.demo_files import DemoFiles
+from tests.cli.batch_here import run_here
 
 CALLS = ("open", "write", "fsync", "replace")
 
@@ -107,6 +114,9 @@ def restore(folder: Path, before: dict[str, bytes]) -> None:
 def main() -> None:
     """Fail each call in turn."""
     folder, words = Path(sys.argv[1]), sys.argv[2:]
+    geomphys.batch.run.run_in_processes = run_here  # type: ignore[assignment]
+    files = DemoFiles(folder.parent / "press.mcap", folder.parent / "press.toml")
+    geomphys.authoring.demo_files.demo_files = lambda: files
     before = listing(folder)
     for call in CALLS:
         failing = 0
@@ -119,6 +129,8 @@ def main() -> None:
             left = listing(folder)
             changed = sorted(name for name, data in left.items() if before.get(name) != data)
             lost = sorted(before.keys() - left.keys())
+            logs = [name for name in changed if name.endswith(".mcap") and ".partial." not in name]
+            broken = [name for name in logs if not geomphys.open_output(folder / name).complete]
             restore(folder, before)
             if faults.count < failing:
                 break
@@ -129,6 +141,7 @@ def main() -> None:
                 "said": said.getvalue(),
                 "changed": changed,
                 "lost": lost,
+                "broken": broken,
             }
             sys.__stdout__.write(json.dumps(end) + "\n")  # type: ignore[union-attr]
 

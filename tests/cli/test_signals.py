@@ -16,9 +16,11 @@ import pytest
 from geomphys_cli.main import COMMANDS, run
 
 import geomphys
+from geomphys.authoring.demo_files import DemoFiles
 from geomphys.output.output_log import OutputLog
 from geomphys.recording.log_pass import LogPass
 from geomphys.recording.reader import LogReader
+from tests.cli.batch_here import FRAME, SIGNAL, preload_and_stop_parent, run_here
 from tests.cli.every_command import every_command
 from tests.cli.press import FRAMES, Case, command_line
 from tests.cli.test_outputs_never_replace_inputs import furnished
@@ -234,8 +236,10 @@ class StopsAt:
         return frames
 
 
-READS_NO_FRAME = {"completion", "schema", "view", "decompose", "batch", "demo", "bench"}
-"""Two print a text, two read other files or hand them on; the last three run replays, a batch in other processes."""
+READS_NO_FRAME = {"completion", "schema", "decompose"}
+"""Two print a text, one reads meshes."""
+REPLAYS = {"replay", "demo", "batch"}
+"""These leave the part up to the signal."""
 
 
 @pytest.mark.parametrize("name", CODES)
@@ -253,10 +257,15 @@ def test_a_signal_while_any_frame_is_read_leaves_what_was_there(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
+    """A batch runs its jobs in this process; `view` has a viewer that ends at once, the demonstration a small log."""
     folder = tmp_path / "outputs"
     folder.mkdir()
     words = every_command(furnished, pressed, landed, root, folder)[command].words
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    files = DemoFiles(furnished.log, furnished.scene)
+    monkeypatch.setattr("geomphys.authoring.demo_files.demo_files", lambda: files)
+    monkeypatch.setattr("geomphys.viewer.view.viewer_command", lambda: ["/bin/true"])
+    monkeypatch.setattr("geomphys.batch.run.run_in_processes", run_here)
     stops, frame = StopsAt(monkeypatch, getattr(signal, name)), 1
     while frame < 250:
         stops.left = frame
@@ -267,12 +276,41 @@ def test_a_signal_while_any_frame_is_read_leaves_what_was_there(
         assert (code, lines[-1].partition(";")[0]) == (CODES[name], f"geomphys: error: {SAID[name]}"), frame
         left = {path.name: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
         parts = [name for name in left if ".partial." in name]
-        assert not parts or command == "replay"
+        assert not parts or command in REPLAYS
+        if command == "batch":
+            left.pop("manifest.json")
         whole = [name for name in left if name == "a.html" and left[name].endswith(b"</html>\n")]
         assert not whole or command == "diff", "it writes two files"
         assert {name: data for name, data in left.items() if name not in parts + whole} == before
         frame += stride
     assert frame > 1, "it reads no frame"
+
+
+@pytest.mark.parametrize("name", CODES)
+@pytest.mark.parametrize(
+    "frame", [FRAMES // 2, *(pytest.param(frame, marks=pytest.mark.slow) for frame in range(1, FRAMES, 6))]
+)
+def test_a_signal_in_any_frame_of_a_job_leaves_the_part_up_to_it_and_is_resumed(
+    case: Case,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    frame: int,
+    name: str,
+) -> None:
+    """The batch gets it while a process of its own is in that frame."""
+    words = ["batch", str(case.log), "-s", str(case.scene), "-O", str(tmp_path), "--no-timing", "-q", "--resume"]
+    monkeypatch.setenv(FRAME, str(frame))
+    monkeypatch.setenv(SIGNAL, str(getattr(signal, name).value))
+    with monkeypatch.context() as stopping:
+        stopping.setattr("geomphys.batch.executors.preload_world", preload_and_stop_parent)
+        assert run(words) == CODES[name]
+    assert capfd.readouterr().err == f"geomphys: error: {SAID[name]}\n"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["manifest.json", "press.partial.mcap"]
+    assert sum(1 for _ in geomphys.open_output(tmp_path / "press.partial.mcap").frames()) == frame
+    assert json.loads((tmp_path / "manifest.json").read_text())["logs"][0]["status"] in ("pending", "interrupted")
+    assert run(words) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["manifest.json", "press.mcap"]
 
 
 def test_a_signal_after_the_last_frame_is_told(case: Case, tmp_path: Path) -> None:
