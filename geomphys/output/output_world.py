@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import tomllib
 from pathlib import Path
+from tempfile import gettempdir
 from typing import Any
 from xml.etree.ElementTree import ParseError
 
@@ -19,6 +21,8 @@ from geomphys.scene.scene_file import SceneFile, parse_scene
 from geomphys.scene.world import World
 from geomphys.storage.remote_files import AnyPath
 from geomphys.storage.temporary_folders import TemporaryFolder
+
+_NOT_WRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES)
 
 
 def world_of_output(output: OutputLog, scene: AnyPath | None = None) -> World:
@@ -48,6 +52,9 @@ def world_of_output(output: OutputLog, scene: AnyPath | None = None) -> World:
         with TemporaryFolder() as folder:
             return _attached(folder, names[0], files, mode)
     except (DefusedXmlException, LookupError, ParseError, TypeError, ValueError, OSError) as problem:
+        if isinstance(problem, OSError) and problem.errno in _NOT_WRITABLE:
+            reason = f"its meshes cannot be written to {gettempdir()} ({problem.strerror})"
+            raise SceneError(f"{output.path}: {reason}; set TMPDIR to another folder") from problem
         raise SceneError(
             f"{output.path}: its scene cannot be rebuilt from its attachments ({type(problem).__name__}); "
             "replay the log again, or name the scene with --scene"

@@ -16,6 +16,7 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
+from tempfile import gettempdir
 from types import TracebackType
 from typing import Any, ParamSpec, TypeVar
 
@@ -43,7 +44,9 @@ class ProcessPool(ProcessPoolExecutor):
             begin = self._folder.path / "begin"
             begin.write_bytes(pickle.dumps((initializer, arguments)))
         except OSError as problem:
-            raise GeomphysError(f"{problem.filename}: processes cannot be started ({problem.strerror})") from problem
+            raise GeomphysError(
+                f"{gettempdir()}: processes cannot be started ({problem.strerror}); is the disk full?"
+            ) from problem
         reading, self._lifeline = context.Pipe(duplex=False)
         try:
             super().__init__(count, mp_context=context, initializer=_begin, initargs=(begin, reading))

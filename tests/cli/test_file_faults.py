@@ -176,3 +176,34 @@ def test_a_disk_that_is_full_leaves_one_line_and_no_file(
         assert [path.name for path in disk.iterdir()] == ["full"]
     finally:
         subprocess.run(["umount", str(disk)], check=True)
+
+
+@pytest.mark.parametrize("words", [["view", "--web"], ["video", "-j", "2", "-o", "a.gif"], ["snapshot", "-o", "a.png"]])
+def test_a_temporary_folder_that_is_full_is_said(
+    pressed: Results,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    words: list[str],
+) -> None:
+    def write(*given: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("geomphys.output.output_world.write_attachments", write)
+    assert run([*words, str(pressed.out)]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith("(No space left on device); set TMPDIR to another folder")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_processes_that_find_no_temporary_folder_are_one_line(
+    case: Case, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    def made() -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("geomphys.storage.process_pool.TemporaryFolder", made)
+    assert run(["batch", str(case.log), "-s", str(case.scene), "-O", str(tmp_path / "out"), "-q"]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "processes cannot be started (No space left on device); is the disk full?" in line
