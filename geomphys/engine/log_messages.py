@@ -32,7 +32,8 @@ _TEXTS = {
     FLAG_QUARANTINED: ("error", "a body became non-finite and was put back to its last good state"),
     FLAG_SHAPE_CHANGED: (
         "warning",
-        "a body that moves in one piece yields in shape or orientation too: else it would go too far; see shape_change_rad",
+        "a body that moves in one piece yields in shape or orientation too: a translation would go too far, or off what it "
+        "grips; see shape_change_rad",
     ),
     FLAG_CATCHING_UP: ("info", "after a gap or a jump of a tracker, what is driven catches up at a bounded speed"),
     FLAG_SWEEP_BOUND: (
