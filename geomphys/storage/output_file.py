@@ -242,7 +242,7 @@ class OutputFile:
 _unfinished: weakref.WeakSet[OutputFile] = weakref.WeakSet()
 
 
-def _let_go_in_fork() -> None:
+def _release_in_fork() -> None:
     """In a fork: write to nothing what is buffered or still comes, as the files' positions are shared with the parent."""
     open_streams = [output.stream for output in _unfinished if not output.stream.closed]
     if not open_streams:
@@ -253,7 +253,7 @@ def _let_go_in_fork() -> None:
     os.close(nothing)
 
 
-os.register_at_fork(after_in_child=_let_go_in_fork)
+os.register_at_fork(after_in_child=_release_in_fork)
 
 
 def write_file(path: AnyPath, data: bytes, *, force: bool = False, inputs: Iterable[AnyPath] = ()) -> None:
