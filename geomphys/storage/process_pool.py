@@ -6,6 +6,7 @@ which requires this module to be imported.
 
 from __future__ import annotations
 
+import hashlib
 import multiprocessing
 import os
 import pickle
@@ -31,8 +32,8 @@ T = TypeVar("T")
 class ProcessPool(ProcessPoolExecutor):
     """A pool of `count` processes; each calls `initializer` with `arguments` as it begins.
 
-    What they call is handed over in a file: the pipe that a process reads its arguments from holds 64 KiB, and the
-    parent would wait for ever for a process that ends before it has read more.
+    What they call is handed over in a file, by its digest: the pipe that a process reads its arguments from holds 64 KiB,
+    and the parent would wait for ever for a process that ends before it has read more.
 
     Raises GeomphysError where processes cannot share work, as without a writable /dev/shm.
     """
@@ -42,14 +43,15 @@ class ProcessPool(ProcessPoolExecutor):
         try:
             self._folder = TemporaryFolder()
             begin = self._folder.path / "begin"
-            begin.write_bytes(pickle.dumps((initializer, arguments)))
+            data = pickle.dumps((initializer, arguments))
+            begin.write_bytes(data)
         except OSError as problem:
             raise GeomphysError(
                 f"{gettempdir()}: processes cannot be started ({problem.strerror}); is the disk full?"
             ) from problem
         reading, self._lifeline = context.Pipe(duplex=False)
         try:
-            super().__init__(count, mp_context=context, initializer=_begin, initargs=(begin, reading))
+            super().__init__(count, mp_context=context, initializer=_begin, initargs=(begin, _digest(data), reading))
         except (OSError, ImportError) as problem:
             reason = getattr(problem, "strerror", None) or problem
             raise GeomphysError(f"/dev/shm: processes cannot share work here ({reason}); make it writable") from problem
@@ -81,8 +83,12 @@ class ProcessPool(ProcessPoolExecutor):
             raise GeomphysError("one of the processes died; was it short of memory? try with fewer --jobs") from error
 
 
-def _begin(path: Path, lifeline: Connection) -> None:
-    """Ignore Ctrl-C, exit when the parent exits or says so, and initialize."""
+def _digest(data: bytes) -> bytes:
+    return hashlib.sha256(data).digest()
+
+
+def _begin(path: Path, digest: bytes, lifeline: Connection) -> None:
+    """Ignore Ctrl-C, exit when the parent exits or says so, and initialize by the file that the parent wrote."""
     restore_signals()
     parent = multiprocessing.parent_process()
     assert parent is not None
@@ -92,5 +98,8 @@ def _begin(path: Path, lifeline: Connection) -> None:
         os._exit(1)
 
     threading.Thread(target=end_with_parent, daemon=True).start()
-    initializer, arguments = pickle.loads(path.read_bytes())
+    data = path.read_bytes()
+    if _digest(data) != digest:
+        raise GeomphysError(f"{path}: is not what the process that began this one wrote")
+    initializer, arguments = pickle.loads(data)
     initializer(*arguments)

@@ -144,10 +144,14 @@ def test_a_pickle_in_the_cache_does_not_run(tmp_path: Path) -> None:
     assert not (tmp_path / "ran").exists()
 
 
+OF_ITS_OWN_PROCESS = "storage.process_pool"
+"""Unpickles what its parent process wrote, by a digest that comes another way; see its tests."""
+
+
 @pytest.mark.parametrize("module", ["storage", "jit", "scene", "output", "analysis", "recording"])
 def test_nothing_that_reads_files_unpickles(module: str) -> None:
     for name, path in modules("geomphys").items():
-        if name.startswith(module):
+        if name.startswith(module) and name != OF_ITS_OWN_PROCESS:
             assert "pickle" not in {imported.split(".")[0] for imported in imports(path)}, name
             assert "allow_pickle=True" not in path.read_text()
 

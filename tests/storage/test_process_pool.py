@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -44,6 +45,14 @@ def test_a_process_that_dies_before_it_has_read_its_arguments_is_not_waited_for(
     done = subprocess.run([sys.executable, script, tmp_path / "begun"], capture_output=True, text=True, timeout=60)
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1].startswith("geomphys.errors.GeomphysError: one of the processes died")
+
+
+def test_a_file_that_another_wrote_does_not_run(tmp_path: Path) -> None:
+    pool = ProcessPool(1, os.mkdir, tmp_path / "begun")
+    (pool._folder.path / "begin").write_bytes(pickle.dumps((os.mkdir, (tmp_path / "ran",))))
+    with pytest.raises(GeomphysError, match="one of the processes died"), pool:
+        pool.submit(str).result()
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
