@@ -78,8 +78,8 @@ class WorstMoments:
         )
         values["fallbacks"] = m.fallbacks
         self._add(result.frame.index, result.frame.time_ns, values, lambda kind: self._bodies(kind, result))
-        deepest, pair = self._found.get("recorded_penetration"), _deepest_pair(result)
-        if deepest is not None and deepest.frame == result.frame.index and pair is not None:
+        deepest = self._found.get("recorded_penetration")
+        if deepest is not None and deepest.frame == result.frame.index and (pair := _deepest_pair(result)) is not None:
             self._deepest = (pair, result.recorded[list(pair)])
 
     def add_output(self, frame: OutputFrame) -> None:

@@ -38,4 +38,4 @@ def preload_and_stop_parent(world: World) -> None:
         looked(self, done, total)
 
     looked = check.__call__
-    check.__call__ = called  # type: ignore[method-assign]
+    check.__call__ = called

@@ -87,7 +87,7 @@ def installed(faults: Faults) -> Iterator[None]:
 
     for name in ("open", "fsync", "replace"):
         setattr(os, name, wrapped(name))
-    os.fdopen = fdopen  # type: ignore[assignment]
+    os.fdopen = fdopen
     try:
         yield
     finally:
@@ -114,7 +114,7 @@ def restore(folder: Path, before: dict[str, bytes]) -> None:
 def main() -> None:
     """Fail each call in turn."""
     folder, words = Path(sys.argv[1]), sys.argv[2:]
-    geomphys.batch.run.run_in_processes = run_here  # type: ignore[assignment]
+    geomphys.batch.run.run_in_processes = run_here
     files = DemoFiles(folder.parent / "press.mcap", folder.parent / "press.toml")
     geomphys.authoring.demo_files.demo_files = lambda: files
     before = listing(folder)

@@ -88,7 +88,7 @@ def main() -> None:
         if forks.is_child:
             os._exit(end.code if isinstance(end.code, int) else 1)
         if forks.later:
-            sys.__stdout__.write(json.dumps({"later": forks.later}) + "\n")  # type: ignore[union-attr]
+            sys.__stdout__.write(json.dumps({"later": forks.later}) + "\n")
         raise
 
 
