@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -94,7 +95,11 @@ def web_server(folder: Path) -> Iterator[Web]:
 
 @contextmanager
 def s3_server(patch: pytest.MonkeyPatch) -> Iterator[str]:
-    """An S3 store in a process of its own with the bucket ``motion``; the environment names it. Yields ``s3://motion``."""
+    """An S3 store in a process of its own with one bucket; the environment names the store. Yields the bucket's URL.
+
+    No two buckets have the same name: a batch locks its folder's URL for all processes of its user, other tests' too.
+    """
+    bucket = f"motion-{uuid.uuid4().hex}"
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -117,12 +122,12 @@ def s3_server(patch: pytest.MonkeyPatch) -> Iterator[str]:
         import boto3
 
         client = boto3.client("s3")
-        client.create_bucket(Bucket="motion")
+        client.create_bucket(Bucket=bucket)
         client.close()
         import s3fs
 
         s3fs.S3FileSystem.clear_instance_cache()  # which would ask a server of an earlier test
-        yield "s3://motion"
+        yield f"s3://{bucket}"
     finally:
         process.terminate()
         process.wait()
