@@ -102,7 +102,7 @@ def viewpoint_of(world: World, results: Sequence[FrameResult], focus: str | None
     results : sequence of FrameResult
         At least one; a sample of the frames to be seen.
     focus : str, optional
-        Body (`object`, `object/link`, `avatar/link`), avatar or object to look at.
+        Body (`object`, `object/link`, `avatar/link`; or its frame id in the output), avatar or object to look at.
 
     Raises
     ------
@@ -136,7 +136,8 @@ def _bodies_in_focus(world: World, results: Sequence[FrameResult], boxes: _Box, 
     """Bodies to be seen: those named; else driven trees in contact or corrected, else what is driven, moves, is there."""
     scene = world.scene
     if focus is not None:
-        named = [b for b, name in enumerate(world.body_names) if focus in (name, name.split("/")[0])]
+        names = enumerate(zip(world.body_names, world.frame_names, strict=True))
+        named = [b for b, (name, frame) in names if focus in (name, frame, name.split("/")[0])]
         if not named:
             raise ConfigError(f"no body {focus!r} in the scene; it has {', '.join(world.body_names[:12])} …")
         return np.array([b for b in named if boxes.solid[b]] or named)

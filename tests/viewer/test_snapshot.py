@@ -85,6 +85,13 @@ def test_a_body_in_focus_is_what_is_seen(folder: Path) -> None:
         take_snapshot(folder / "out.mcap", folder / "x.png", focus="thumb")
 
 
+def test_a_link_is_named_as_the_summary_or_as_the_output_does(folder: Path) -> None:
+    pictures = [folder / "body.png", folder / "frame.png"]
+    for path, name in zip(pictures, ("hand/palm", "palm"), strict=True):
+        take_snapshot(folder / "out.mcap", path, frame=4, size=(200, 150), focus=name)
+    assert pictures[0].read_bytes() == pictures[1].read_bytes()
+
+
 def test_no_driver_is_needed_for_an_output_log(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("VK_ICD_FILENAMES", "VK_DRIVER_FILES"):
         monkeypatch.setenv(name, "/nowhere.json")
