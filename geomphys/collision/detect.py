@@ -145,7 +145,7 @@ def measure_near(
 
 
 @outlined
-def pair_bound(pieces: Pieces, frames: Floats, a: int, b: int, axes: Axes) -> tuple[float, Vec]:
+def separation_bound(pieces: Pieces, frames: Floats, a: int, b: int, axes: Axes) -> tuple[float, Vec]:
     """A lower bound of the separation of pieces a and b [m], their gap along the cached direction, and that direction.
 
     -inf and zeros without one.
@@ -192,7 +192,7 @@ def near_bodies(
         for b in range(scene.bodies.piece_start[body_b], scene.bodies.piece_start[body_b + 1]):
             if apart(boxes.piece_low, boxes.piece_high, boxes.piece_low, boxes.piece_high, a, b, limit):
                 continue
-            bound, along = pair_bound(scene.pieces, frames, a, b, axes)
+            bound, along = separation_bound(scene.pieces, frames, a, b, axes)
             if bound > limit:
                 continue
             if bound >= enough:
@@ -239,7 +239,7 @@ def near_pairs_within_tree(
 
 
 @kernel
-def set_bound(bounds: Records, tree: int, far: float) -> None:
+def set_motion_bound(bounds: Records, tree: int, far: float) -> None:
     """Let the pieces of a tree move by `far` [m], in the world and among each other."""
     bounds[tree].world = bounds[tree].joints = far
 

@@ -39,16 +39,16 @@ from geomphys.scene.kinematics import frame_position, frame_rotation, orientatio
 
 Floats = NDArray[np.float64]
 
-PASSING = 0.08  # how deep two pieces may overlap between two poses: of their mean thickness
-MOST_PASSING = 1e-3  # m: the same, at most
-MOMENTS = 48  # times at most that are tested
+PATH_TOLERANCE = 0.08  # how deep two pieces may overlap between two poses: of their mean thickness
+MOST_PATH_TOLERANCE = 1e-3  # m: the same, at most
+MAX_ADVANCEMENTS = 48  # times at most that are tested
 
 
 @kernel
-def passing_depth(scene: Scene, a: int, b: int) -> float:
+def path_tolerance(scene: Scene, a: int, b: int) -> float:
     """How deep [m] two pieces may overlap on their path."""
     thickness = scene.pieces.thickness
-    return min(PASSING * 0.5 * (thickness[a] + thickness[b]), MOST_PASSING)
+    return min(PATH_TOLERANCE * 0.5 * (thickness[a] + thickness[b]), MOST_PATH_TOLERANCE)
 
 
 @kernel
@@ -91,7 +91,7 @@ def pair_motion(scene: Scene, before: Floats, after: Floats, a: int, b: int) -> 
 
 @kernel
 def _pose_between(scene: Scene, before: Floats, after: Floats, piece: int, t: float, frames: Floats) -> None:
-    """Row of `frames` of a piece at the share `t` of its body's path: its own centre moves on a straight line."""
+    """Row of `frames` of a piece at the fraction `t` of its body's path: its own centre moves on a straight line."""
     body, local = scene.pieces.body[piece], scene.pieces.local
     q = slerp(orientation_of(before, body), orientation_of(after, body), t)
     c0, c1 = _centre(scene, before, piece), _centre(scene, after, piece)
@@ -102,14 +102,14 @@ def _pose_between(scene: Scene, before: Floats, after: Floats, piece: int, t: fl
 
 
 @kernel
-def _attached_direction(before: Floats, after: Floats, body: int, share: float, n: Vec) -> Vec:
-    """A direction attached to a body, after a `share` of the body's rotation."""
+def _attached_direction(before: Floats, after: Floats, body: int, fraction: float, n: Vec) -> Vec:
+    """A direction attached to a body, after a `fraction` of the body's rotation."""
     rotation = quat_mul(orientation_of(after, body), quat_conjugate(orientation_of(before, body)))
-    return quat_rotate(slerp((0.0, 0.0, 0.0, 1.0), rotation, share), n)
+    return quat_rotate(slerp((0.0, 0.0, 0.0, 1.0), rotation, fraction), n)
 
 
 @outlined
-def is_parted_before(
+def is_separated_on_path(
     scene: Scene, before: Floats, after: Floats, a: int, b: int, n: Vec, motion: float, frames: Floats
 ) -> bool:
     """Whether a direction that separates two pieces at `after` separates them at `before` too, with little rotation in between.
@@ -120,7 +120,7 @@ def is_parted_before(
     rotation = rotation_between(before, after, scene.pieces.body[a]) + rotation_between(
         before, after, scene.pieces.body[b]
     )
-    deep = passing_depth(scene, a, b)
+    deep = path_tolerance(scene, a, b)
     if rotation * motion > deep:
         return False
     pose_piece(scene.pieces, before, frames, a)
@@ -139,7 +139,7 @@ def path_is_free(
     motion, swing = pair_motion(scene, before, after, a, b)
     if motion == 0.0:
         return True
-    deep = passing_depth(scene, a, b)
+    deep = path_tolerance(scene, a, b)
     body_a, body_b = scene.pieces.body[a], scene.pieces.body[b]
     angle_a, angle_b = rotation_between(before, after, body_a), rotation_between(before, after, body_b)
     reference = body_a if angle_a > angle_b else body_b
@@ -148,7 +148,7 @@ def path_is_free(
         max(angle_a, angle_b) * apart + 2.0 * (motion - swing)
     )
     t, moved_by = 0.0, 1.0
-    for _ in range(MOMENTS):
+    for _ in range(MAX_ADVANCEMENTS):
         _pose_between(scene, before, after, a, t, frames)
         _pose_between(scene, before, after, b, t, frames)
         left = motion * (1.0 - t)

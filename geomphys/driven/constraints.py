@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from geomphys.collision.penetration import Separation
 from geomphys.driven.objective import pivot_of
-from geomphys.driven.postures import Posture, joint_effect, point_of
-from geomphys.driven.reach_cones import cone_bound, cone_row
-from geomphys.driven.state import ARTICULATED, HAS_ROW, LOCKED, NO_ROW, REQUESTED, DrivenWorkspace
+from geomphys.driven.postures import Posture, joint_jacobian, point_of
+from geomphys.driven.reach_cones import cone_limit, cone_row
+from geomphys.driven.state import GENERAL_MOTION, HAS_ROW, LOCKED, NO_ROW, REQUESTED, DrivenWorkspace
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import set_vec, vec_at, vec_of
 from geomphys.numerics.vec3 import Vec, cross, dot, norm, quat_conjugate, quat_rotate, sub
@@ -18,34 +18,34 @@ from geomphys.scene.kinematics import orientation_of, position_of
 
 Floats = NDArray[np.float64]
 
-ROOT_ARM = 0.15  # m: a root may rotate by the step bound over this
-ON = 1e-5  # m: pairs no farther apart count as touching
-TOUCHING = 2e-3  # m: nearest points of pairs no farther apart are cached
+ROOT_ARM = 0.15  # m: a root may rotate by the trust radius over this
+CONTACT_DISTANCE = 1e-5  # m: pairs no farther apart count as touching
+CACHED_DISTANCE = 2e-3  # m: nearest points of pairs no farther apart are cached
 SAME_SPOT = 1e-3  # m
 CONE_MARGIN = 1e-7  # rad
 OVERLAP_WEIGHT = 1e3  # mean weights: penalty of an overlap that cannot be removed in one step
-NEAR_ENOUGH = 2.5  # pairs farther apart than this times the step bound and `NEAR_SLACK` together need no row
+NEAR_ENOUGH = 2.5  # pairs farther apart than this times the trust radius and `NEAR_SLACK` together need no row
 NEAR_SLACK = 1e-3  # m
 
 
 @kernel
-def row_limit(step: float) -> float:
+def row_limit(trust_radius: float) -> float:
     """Distance [m] up to which a pair gets a row where no point moves much farther than `step` [m]."""
-    return NEAR_ENOUGH * step + NEAR_SLACK
+    return NEAR_ENOUGH * trust_radius + NEAR_SLACK
 
 
 @kernel
-def _add_effect(
+def _add_point_jacobian(
     scene: Scene, ws: DrivenWorkspace, poses: Floats, body: int, point: Vec, n: Vec, sign: float, row: Floats
 ) -> None:
     """Add to a row how a point of a body moves along n with each unknown."""
     tree = scene.bodies.tree[body]
-    if scene.trees.role[tree] != DRIVEN or ws.work.kind[tree] == LOCKED:
+    if scene.trees.role[tree] != DRIVEN or ws.work.mobility[tree] == LOCKED:
         return
     first = ws.work.first[tree]
     for k in range(3):
         row[first + k] += sign * n[k]
-    if ws.work.kind[tree] != ARTICULATED:
+    if ws.work.mobility[tree] != GENERAL_MOTION:
         return
     moment = cross(sub(point, pivot_of(ws, poses, tree)), n)
     for k in range(3):
@@ -54,7 +54,7 @@ def _add_effect(
     while joint >= 0:
         q = scene.bodies.dof[joint]
         if scene.bodies.joint[joint] != JOINT_FIXED and q >= 0 and ws.work.column[q] >= 0:
-            row[ws.work.column[q]] += sign * joint_effect(scene, poses, joint, point, n)
+            row[ws.work.column[q]] += sign * joint_jacobian(scene, poses, joint, point, n)
         joint = scene.bodies.parent[joint]
 
 
@@ -67,29 +67,30 @@ def _add_row(
     row = ws.problem.least.rows[m]
     for j in range(unknowns):
         row[j] = 0.0
-    _add_effect(scene, ws, poses, scene.pieces.body[a], pa, n, 1.0, row)
-    _add_effect(scene, ws, poses, scene.pieces.body[b], pb, n, -1.0, row)
+    _add_point_jacobian(scene, ws, poses, scene.pieces.body[a], pa, n, 1.0, row)
+    _add_point_jacobian(scene, ws, poses, scene.pieces.body[b], pb, n, -1.0, row)
 
 
 @kernel
-def needed(gap: float, s: float) -> float:
+def least_change(gap: float, s: float) -> float:
     """Least change of the separation `s` of a pair: none is required where it is free."""
     return min(gap - s, 0.0) if s >= 0.0 else gap - s
 
 
 @kernel
-def _moves(ws: DrivenWorkspace, tree: int) -> bool:
-    return bool(ws.work.kind[tree] != LOCKED)
+def is_unlocked(ws: DrivenWorkspace, tree: int) -> bool:
+    """Whether a tree may move."""
+    return bool(ws.work.mobility[tree] != LOCKED)
 
 
 @kernel
-def concerns(ws: DrivenWorkspace, k: int) -> bool:
+def is_unlocked_pair(ws: DrivenWorkspace, k: int) -> bool:
     """Whether one of the trees of near pair k may move."""
-    return _moves(ws, ws.near.tree_a[k]) or _moves(ws, ws.near.tree_b[k])
+    return is_unlocked(ws, ws.near.tree_a[k]) or is_unlocked(ws, ws.near.tree_b[k])
 
 
 @kernel
-def forget_spots(ws: DrivenWorkspace) -> None:
+def clear_spots(ws: DrivenWorkspace) -> None:
     """Clear the cached contact spots."""
     for i in range(len(ws.work.spots)):
         ws.work.spots[i].a = -1
@@ -103,7 +104,7 @@ def _inside(poses: Floats, body: int, point: Vec) -> Vec:
 
 
 @outlined
-def _remember_spot(scene: Scene, ws: DrivenWorkspace, poses: Floats, k: int) -> None:
+def _cache_spot(scene: Scene, ws: DrivenWorkspace, poses: Floats, k: int) -> None:
     """Cache the nearest points of near pair k, in place of a spot that is the same."""
     near, work = ws.near, ws.work
     a, b = near.a[k], near.b[k]
@@ -136,7 +137,7 @@ def _add_spots(scene: Scene, ws: DrivenWorkspace, poses: Floats, k: int, gap: fl
     a, b = near.a[k], near.b[k]
     for i in range(len(work.spots)):
         spot = work.spots[i]
-        if spot.a < 0 or m == len(ws.problem.least.bounds):
+        if spot.a < 0 or m == len(ws.problem.least.rhs):
             break
         if spot.a != a or spot.b != b:
             continue
@@ -149,7 +150,7 @@ def _add_spots(scene: Scene, ws: DrivenWorkspace, poses: Floats, k: int, gap: fl
         if norm(sub(pa, vec_at(near.point_a, k))) + norm(sub(pb, vec_at(near.point_b, k))) < SAME_SPOT:
             continue
         _add_row(scene, ws, poses, a, b, (s, n, pa, pb), m, unknowns)
-        ws.problem.least.bounds[m] = needed(gap, s)
+        ws.problem.least.rhs[m] = least_change(gap, s)
         m += 1
     return m
 
@@ -170,69 +171,79 @@ def request_touching(ws: DrivenWorkspace) -> None:
     """Only pairs that touch get a row at first; others once an iterate overlaps them."""
     near = ws.near
     for k in range(near.counts.filled):
-        ws.row_state[k] = REQUESTED if near.exact[k] == 1 and near.separation[k] < ON and concerns(ws, k) else NO_ROW
+        ws.row_state[k] = (
+            REQUESTED
+            if near.exact[k] == 1 and near.separation[k] < CONTACT_DISTANCE and is_unlocked_pair(ws, k)
+            else NO_ROW
+        )
 
 
 @outlined
-def add_pairs(scene: Scene, ws: DrivenWorkspace, now: Posture, gap: float, m: int, unknowns: int, soft: bool) -> int:
-    """Rows, from row m on, of the near pairs with a requested row, as measured at `now`; returns the number of rows.
+def add_pairs(
+    scene: Scene, ws: DrivenWorkspace, iterate: Posture, gap: float, m: int, unknowns: int, soft: bool
+) -> int:
+    """Rows, from row m on, of the near pairs with a requested row, as measured at `iterate`; returns the number of rows.
 
     `soft`: pairs that overlap get a term of high weight in the objective instead.
     """
     near = ws.near
     for k in range(near.counts.filled):
-        if ws.row_state[k] != REQUESTED or m == len(ws.problem.least.bounds):
+        if ws.row_state[k] != REQUESTED or m == len(ws.problem.least.rhs):
             continue
         s, n = near.separation[k], vec_at(near.normal, k)
         pa, pb = vec_at(near.point_a, k), vec_at(near.point_b, k)
         ws.row_state[k] = HAS_ROW
-        _add_row(scene, ws, now.poses, near.a[k], near.b[k], (s, n, pa, pb), m, unknowns)
+        _add_row(scene, ws, iterate.poses, near.a[k], near.b[k], (s, n, pa, pb), m, unknowns)
         if soft and s < 0.0:
             add_term(ws, ws.problem.least.rows[m], unknowns, OVERLAP_WEIGHT, s - gap)
             continue
-        ws.problem.least.bounds[m] = needed(gap, s)
+        ws.problem.least.rhs[m] = least_change(gap, s)
         m += 1
-        if s < TOUCHING:
-            m = _add_spots(scene, ws, now.poses, k, gap, m, unknowns)
-            _remember_spot(scene, ws, now.poses, k)
+        if s < CACHED_DISTANCE:
+            m = _add_spots(scene, ws, iterate.poses, k, gap, m, unknowns)
+            _cache_spot(scene, ws, iterate.poses, k)
     return m
 
 
 @outlined
-def add_cones(scene: Scene, ws: DrivenWorkspace, recorded: Floats, now: Posture, m: int, unknowns: int) -> int:
+def add_cones(scene: Scene, ws: DrivenWorkspace, recorded: Floats, iterate: Posture, m: int, unknowns: int) -> int:
     """Rows that keep limbs of compound joints in their reach cones; returns the number of rows."""
     for cone in range(len(scene.cones.limb)):
         tree = scene.bodies.tree[scene.cones.joints[scene.cones.joint_start[cone]]]
-        if ws.work.kind[tree] != ARTICULATED or m == len(ws.problem.least.bounds):
+        if ws.work.mobility[tree] != GENERAL_MOTION or m == len(ws.problem.least.rhs):
             continue
         row = ws.problem.least.rows[m]
         for j in range(unknowns):
             row[j] = 0.0
-        g = cone_row(scene, ws.work.unit, cone, now.angles, ws.work.column, row)
-        lacks = cone_bound(scene, cone, recorded) + CONE_MARGIN - g
-        ws.problem.least.bounds[m] = lacks if lacks > 2.0 * CONE_MARGIN else min(lacks, 0.0)
+        g = cone_row(scene, ws.work.unit, cone, iterate.angles, ws.work.column, row)
+        lacks = cone_limit(scene, cone, recorded) + CONE_MARGIN - g
+        ws.problem.least.rhs[m] = lacks if lacks > 2.0 * CONE_MARGIN else min(lacks, 0.0)
         m += 1
     return m
 
 
 @outlined
-def bound_unknowns(scene: Scene, ws: DrivenWorkspace, now: Posture, step: float, firm: bool) -> None:
-    """The step bound, and limits of joints; `firm`: joints beyond their limits have to return."""
+def bound_unknowns(scene: Scene, ws: DrivenWorkspace, iterate: Posture, trust_radius: float, firm: bool) -> None:
+    """Bounds of the unknowns: the trust region and limits of joints; `firm`: joints beyond their limits have to return."""
     low, high, work = ws.problem.low, ws.problem.high, ws.work
-    for tree in range(len(work.kind)):
-        if work.kind[tree] == LOCKED:
+    for tree in range(len(work.mobility)):
+        if work.mobility[tree] == LOCKED:
             continue
         first = work.first[tree]
         for k in range(3):
-            low[first + k], high[first + k] = -step, step
-        if work.kind[tree] != ARTICULATED:
+            low[first + k], high[first + k] = -trust_radius, trust_radius
+        if work.mobility[tree] != GENERAL_MOTION:
             continue
         for k in range(3, 6):
-            low[first + k], high[first + k] = -step / ROOT_ARM, step / ROOT_ARM
+            low[first + k], high[first + k] = -trust_radius / ROOT_ARM, trust_radius / ROOT_ARM
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
             i = work.column[q]
             if i >= 0:
                 lever = ws.links.lever[q]
-                most, back, forth = step / lever, work.low[q] - now.angles[q], work.high[q] - now.angles[q]
+                most, back, forth = (
+                    trust_radius / lever,
+                    work.low[q] - iterate.angles[q],
+                    work.high[q] - iterate.angles[q],
+                )
                 low[i] = max(-most, min(back, most if firm else 0.0))
                 high[i] = min(most, max(forth, -most if firm else 0.0))

@@ -12,9 +12,9 @@ import math
 
 from geomphys.collision.detect import Near, measure_near
 from geomphys.driven.constraints import add_term
-from geomphys.driven.objective import is_stiff
-from geomphys.driven.postures import Posture, joint_effect
-from geomphys.driven.state import ARTICULATED, DrivenWorkspace
+from geomphys.driven.objective import is_rigid
+from geomphys.driven.postures import Posture, joint_jacobian
+from geomphys.driven.state import GENERAL_MOTION, DrivenWorkspace
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import set_vec, vec_at
 from geomphys.numerics.vec3 import Vec, neg
@@ -24,7 +24,7 @@ RECORDED_ON = 2e-3  # m: a link recorded no farther away is in contact
 
 
 @kernel
-def note_touch(ws: DrivenWorkspace, tip: int, body: int, gap: float, n: Vec) -> None:
+def store_touch(ws: DrivenWorkspace, tip: int, body: int, gap: float, n: Vec) -> None:
     """Store a recorded contact, with its smallest gap and the normal there, which points out of the body."""
     work, i = ws.work, 0
     while i < work.counts.touches and (work.touches[i].tip != tip or work.touches[i].body != body):
@@ -38,7 +38,7 @@ def note_touch(ws: DrivenWorkspace, tip: int, body: int, gap: float, n: Vec) -> 
 
 
 @outlined
-def note_touches(scene: Scene, ws: DrivenWorkspace, near: Near) -> None:
+def find_touches(scene: Scene, ws: DrivenWorkspace, near: Near) -> None:
     """Recorded contacts of tips of chains, from the near pairs of the recorded poses."""
     ws.work.counts.touches = 0
     for k in range(near.counts.filled):
@@ -49,13 +49,13 @@ def note_touches(scene: Scene, ws: DrivenWorkspace, near: Near) -> None:
             body_a, body_b, n = body_b, body_a, neg(n)
         if scene.bodies.role[body_b] != FIXED or scene.bodies.role[body_a] != DRIVEN:
             continue
-        tip = ws.links.holder[body_a]
+        tip = ws.links.weld_body[body_a]
         if ws.links.tip[tip] == 1:
-            note_touch(ws, tip, body_b, near.separation[k], n)
+            store_touch(ws, tip, body_b, near.separation[k], n)
 
 
 @kernel
-def forget_touches(scene: Scene, ws: DrivenWorkspace, tree: int) -> None:
+def drop_touches(scene: Scene, ws: DrivenWorkspace, tree: int) -> None:
     """Drop the recorded contacts of a tree: the coupled contact solve has placed it."""
     work, count = ws.work, 0
     for i in range(work.counts.touches):
@@ -71,7 +71,7 @@ def measure_touches(scene: Scene, ws: DrivenWorkspace, limit: float) -> None:
     work, near = ws.work, ws.near
     for i in range(work.counts.touches):
         tip, other = work.touches[i].tip, work.touches[i].body
-        if work.kind[scene.bodies.tree[tip]] != ARTICULATED:
+        if work.mobility[scene.bodies.tree[tip]] != GENERAL_MOTION:
             continue
         nearest = limit
         for k in range(near.counts.filled):
@@ -85,8 +85,8 @@ def measure_touches(scene: Scene, ws: DrivenWorkspace, limit: float) -> None:
 @kernel
 def _is_touch(scene: Scene, ws: DrivenWorkspace, k: int, tip: int, other: int) -> bool:
     """Whether near pair k is of a tip, or a body fixed to it, and the body `other`."""
-    a, b, holder = scene.pieces.body[ws.near.a[k]], scene.pieces.body[ws.near.b[k]], ws.links.holder
-    return bool((holder[a] == tip and b == other) or (holder[b] == tip and a == other))
+    a, b, weld_body = scene.pieces.body[ws.near.a[k]], scene.pieces.body[ws.near.b[k]], ws.links.weld_body
+    return bool((weld_body[a] == tip and b == other) or (weld_body[b] == tip and a == other))
 
 
 @kernel
@@ -112,13 +112,13 @@ def set_touch_goals(scene: Scene, ws: DrivenWorkspace) -> None:
 
 
 @outlined
-def add_touches(scene: Scene, ws: DrivenWorkspace, now: Posture, unknowns: int) -> float:
-    """Add the penalty terms of the recorded contacts of articulated trees; returns their energy."""
-    work, near, energy = ws.work, ws.near, 0.0
-    row = ws.problem.least.rows[len(ws.problem.least.bounds) - 1]
+def add_touches(scene: Scene, ws: DrivenWorkspace, iterate: Posture, unknowns: int) -> float:
+    """Add the penalty terms of the recorded contacts of trees with general motion; returns their cost."""
+    work, near, cost = ws.work, ws.near, 0.0
+    row = ws.problem.least.rows[len(ws.problem.least.rhs) - 1]
     for i in range(work.counts.touches):
         tip = work.touches[i].tip
-        if work.kind[scene.bodies.tree[tip]] != ARTICULATED:
+        if work.mobility[scene.bodies.tree[tip]] != GENERAL_MOTION:
             continue
         found = _nearest(scene, ws, i)
         if found < 0:
@@ -130,7 +130,7 @@ def add_touches(scene: Scene, ws: DrivenWorkspace, now: Posture, unknowns: int) 
         for j in range(unknowns):
             row[j] = 0.0
         n, sign, point = vec_at(near.normal, found), 1.0, vec_at(near.point_a, found)
-        if ws.links.holder[scene.pieces.body[near.a[found]]] != tip:
+        if ws.links.weld_body[scene.pieces.body[near.a[found]]] != tip:
             sign, point = -1.0, vec_at(near.point_b, found)
         joint = tip
         while joint >= 0:
@@ -138,10 +138,10 @@ def add_touches(scene: Scene, ws: DrivenWorkspace, now: Posture, unknowns: int) 
             if q >= 0 and scene.dofs.chain[q] < 0 and scene.bodies.joint[joint] != JOINT_FIXED:
                 break
             if q >= 0 and scene.bodies.joint[joint] != JOINT_FIXED and work.column[q] >= 0:
-                row[work.column[q]] += sign * joint_effect(scene, now.poses, joint, point, n)
+                row[work.column[q]] += sign * joint_jacobian(scene, iterate.poses, joint, point, n)
             joint = scene.bodies.parent[joint]
-        stiff = is_stiff(scene, scene.bodies.tree[tip])
-        weight = ws.weights.stiff_contact if stiff else ws.weights.contact
+        rigid = is_rigid(scene, scene.bodies.tree[tip])
+        weight = ws.weights.rigid_contact if rigid else ws.weights.contact
         add_term(ws, row, unknowns, weight, off)
-        energy += 0.5 * weight * off * off
-    return energy
+        cost += 0.5 * weight * off * off
+    return cost

@@ -13,8 +13,8 @@ import math
 from geomphys.jit.kernel import kernel
 from geomphys.scene.arrays import Trees
 
-REST_LENGTH = 1e-9  # m or rad: a smaller offset at a low rate is set to zero
-REST_SPEED = 1e-7  # m/s or rad/s
+NEGLIGIBLE_OFFSET = 1e-9  # m or rad: a smaller offset at a low rate is set to zero
+NEGLIGIBLE_RATE = 1e-7  # m/s or rad/s
 
 
 @kernel
@@ -58,7 +58,7 @@ def relax(x: float, v: float, mass: float, stiffness: float, damping: float, dt:
         a, b = math.exp(-slow * dt), math.exp(-fast * dt)
         x1 = (x * (fast * a - slow * b) + v * (a - b)) / (2.0 * omega)
         v1 = (v * (fast * b - slow * a) - x * (stiffness / mass) * (a - b)) / (2.0 * omega)
-    if abs(x1) < REST_LENGTH and abs(v1) < REST_SPEED:
+    if abs(x1) < NEGLIGIBLE_OFFSET and abs(v1) < NEGLIGIBLE_RATE:
         return 0.0, 0.0
     return x1, v1
 

@@ -32,12 +32,12 @@ def _direction(number: int) -> Vec:
 
 @kernel
 def _is_free_at(scene: Scene, ws: DrivenWorkspace, tree: int, path: Vec, gap: float, certified: bool) -> bool:
-    """Whether a tree, shifted from `now`, is clear by the gap, and, if `certified`, reachable from the start of the step."""
+    """Whether a tree, translated from `iterate`, is clear by the gap and, if `certified`, reachable from the step's start."""
     work = ws.work
     for k in range(7):
-        work.start.roots[tree, k] = work.now.roots[tree, k] + (path[k] if k < 3 else 0.0)
+        work.start.roots[tree, k] = work.iterate.roots[tree, k] + (path[k] if k < 3 else 0.0)
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
-        work.start.angles[q] = work.now.angles[q]
+        work.start.angles[q] = work.iterate.angles[q]
     pose_with_pieces(scene, ws, work.start, tree)
     if measure_near_pairs(scene, ws, gap, gap) < gap:
         return False
@@ -46,7 +46,7 @@ def _is_free_at(scene: Scene, ws: DrivenWorkspace, tree: int, path: Vec, gap: fl
 
 @outlined
 def _free_tree(scene: Scene, ws: DrivenWorkspace, tree: int, gap: float, certified: bool) -> bool:
-    """Find the shortest free translation of a tree among those tried, into `now`."""
+    """Find the shortest free translation of a tree among those tried, into `iterate`."""
     distance, nearest, towards = NEAREST, math.inf, (0.0, 0.0, 0.0)
     for _ in range(DISTANCES):
         for number in range(26):
@@ -67,29 +67,29 @@ def _free_tree(scene: Scene, ws: DrivenWorkspace, tree: int, gap: float, certifi
         distance *= FARTHER
     if nearest < math.inf:
         for i in range(3):
-            ws.work.now.roots[tree, i] += nearest * towards[i]
-    pose_with_pieces(scene, ws, ws.work.now, tree)
+            ws.work.iterate.roots[tree, i] += nearest * towards[i]
+    pose_with_pieces(scene, ws, ws.work.iterate, tree)
     return nearest < math.inf
 
 
 @outlined
 def find_depenetration(scene: Scene, ws: DrivenWorkspace, gap: float, certified: bool) -> bool:
-    """Translate the trees being solved, one after the other, from `SearchWorkspace.now` to free positions near it; into `best`.
+    """Translate the trees being solved, one by one, from `SearchWorkspace.iterate` to free positions near it; into `best`.
 
     Returns whether all are free then. With `certified` they must also be reachable from the start of the step.
     """
     work, free = ws.work, True
-    for tree in range(len(work.kind)):
-        work.cached_kind[tree] = work.kind[tree]  # restored after each tree
-    for tree in range(len(work.kind)):
-        if work.cached_kind[tree] == LOCKED:
+    for tree in range(len(work.mobility)):
+        work.cached_mobility[tree] = work.mobility[tree]  # restored after each tree
+    for tree in range(len(work.mobility)):
+        if work.cached_mobility[tree] == LOCKED:
             continue
-        for other in range(len(work.kind)):
-            work.kind[other] = work.cached_kind[other] if other == tree else LOCKED
+        for other in range(len(work.mobility)):
+            work.mobility[other] = work.cached_mobility[other] if other == tree else LOCKED
         if measure_near_pairs(scene, ws, gap, gap) < 0.0:
             free = _free_tree(scene, ws, tree, gap, certified) and free
-    for tree in range(len(work.kind)):
-        work.kind[tree] = work.cached_kind[tree]
-        if work.kind[tree] != LOCKED:
-            copy_tree(scene, work.now, tree, work.best)
+    for tree in range(len(work.mobility)):
+        work.mobility[tree] = work.cached_mobility[tree]
+        if work.mobility[tree] != LOCKED:
+            copy_tree(scene, work.iterate, tree, work.best)
     return free

@@ -12,9 +12,17 @@ from geomphys.driven.least_distance import SOLVED
 from geomphys.driven.objective import assemble, number_unknowns
 from geomphys.driven.postures import Posture, copy_tree
 from geomphys.driven.qp import solve_quadratic
-from geomphys.driven.starts import steady_change
-from geomphys.driven.state import ARTICULATED, GIVEN, LOCKED, RIGID, STARTED_FREE, DrivenState, DrivenWorkspace
-from geomphys.driven.stepping import copy_moving, pose_with_pieces, step_to_trial
+from geomphys.driven.starts import unwrapped_change
+from geomphys.driven.state import (
+    GENERAL_MOTION,
+    LOCKED,
+    PRESCRIBED,
+    STARTED_FREE,
+    TRANSLATION,
+    DrivenState,
+    DrivenWorkspace,
+)
+from geomphys.driven.stepping import copy_unlocked, pose_with_pieces, step_to_trial
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import quat_rotate, sub
@@ -24,12 +32,12 @@ from geomphys.scene.kinematics import orientation_of, pose_tree, position_of, se
 Floats = NDArray[np.float64]
 
 FIT_PASSES = 8
-FIT_STEP = 0.1  # m
+FIT_RADIUS = 0.1  # m
 FITTED = 1e-8  # m
 
 
 @outlined
-def take_limits(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: Floats) -> None:
+def set_joint_limits(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: Floats) -> None:
     """Limits of joints, widened to recorded and present values; and extrapolated angles."""
     work, last = ws.work, state.last.angles
     for q in range(len(angles)):
@@ -39,11 +47,11 @@ def take_limits(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: F
         work.used_low[q] = min(state.used_low[q], angles[q]) - ws.weights.stretch
         work.used_high[q] = max(state.used_high[q], angles[q]) + ws.weights.stretch
         if state.progress.start == STARTED_FREE:
-            change = steady_change(ws, q, angles[q] - state.recorded.angles[q])
+            change = unwrapped_change(ws, q, angles[q] - state.recorded.angles[q])
             work.extrapolated[q] = min(max(last[q] + change, work.low[q]), work.high[q])
             work.expected[q] = work.extrapolated[q] + ws.weights.trend * state.joint_step[q]
-        if state.given[scene.dofs.tree[q]] == GIVEN:  # the contact solve has set its posture
-            work.extrapolated[q] = min(max(state.prescribed.angles[q], work.low[q]), work.high[q])
+        if state.prescription[scene.dofs.tree[q]] == PRESCRIBED:  # the contact solve has set its posture
+            work.extrapolated[q] = min(max(state.prescribed_posture.angles[q], work.low[q]), work.high[q])
             work.expected[q] = work.extrapolated[q]
 
 
@@ -56,35 +64,35 @@ def _fit(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, roots
         q = orientation_of(target, root)
         set_pose(goal.roots, tree, sub(position_of(target, root), quat_rotate(q, vec_at(ws.links.centre, root))), q)
         return
-    for other in range(len(work.kind)):
-        work.kind[other] = ARTICULATED if other == tree else LOCKED
-    copy_tree(scene, state.last, tree, work.now)
+    for other in range(len(work.mobility)):
+        work.mobility[other] = GENERAL_MOTION if other == tree else LOCKED
+    copy_tree(scene, state.last, tree, work.iterate)
     for j in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
-        work.now.angles[j] = work.extrapolated[j]
+        work.iterate.angles[j] = work.extrapolated[j]
     for k in range(7):
-        work.now.roots[tree, k] = roots[tree, k]
-    pose_tree(scene, ws.origins, tree, work.now.roots, work.now.angles, work.now.poses)
+        work.iterate.roots[tree, k] = roots[tree, k]
+    pose_tree(scene, ws.origins, tree, work.iterate.roots, work.iterate.angles, work.iterate.poses)
     for _ in range(FIT_PASSES):
         n = number_unknowns(scene, ws)
-        assemble(scene, ws, work.now, False)
-        bound_unknowns(scene, ws, work.now, FIT_STEP, True)
-        m = add_cones(scene, ws, angles, work.now, 0, n)
+        assemble(scene, ws, work.iterate, False)
+        bound_unknowns(scene, ws, work.iterate, FIT_RADIUS, True)
+        m = add_cones(scene, ws, angles, work.iterate, 0, n)
         if solve_quadratic(ws.problem, n, m)[0] != SOLVED:
             break
         far = step_to_trial(scene, ws)
-        copy_moving(scene, ws, work.trial, work.now)
+        copy_unlocked(scene, ws, work.trial, work.iterate)
         if far < FITTED:
             break
-    copy_tree(scene, work.now, tree, goal)
+    copy_tree(scene, work.iterate, tree, goal)
 
 
 @kernel
-def take_branch(scene: Scene, ws: DrivenWorkspace, tree: int, angles: Floats, posture: Posture) -> None:
+def choose_branch(scene: Scene, ws: DrivenWorkspace, tree: int, angles: Floats, posture: Posture) -> None:
     """Of equivalent angles (multiples of 2π apart) within limits, take those nearest to the recorded ones."""
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         revolutions = math.floor((angles[q] - posture.angles[q]) / (2.0 * math.pi) + 0.5)
         there = posture.angles[q] + revolutions * 2.0 * math.pi
-        if ws.links.rounds[q] == 1 and revolutions != 0.0 and ws.work.low[q] <= there <= ws.work.high[q]:
+        if ws.links.periodic[q] == 1 and revolutions != 0.0 and ws.work.low[q] <= there <= ws.work.high[q]:
             posture.angles[q] = there
 
 
@@ -99,15 +107,15 @@ def set_goals(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floa
             work.goal.roots[tree, k] = roots[tree, k]
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
             work.goal.angles[q] = angles[q]
-        if state.given[tree] == GIVEN:
-            copy_tree(scene, state.prescribed, tree, work.goal)
-        elif state.deformed[tree] == 1:
+        if state.prescription[tree] == PRESCRIBED:
+            copy_tree(scene, state.prescribed_posture, tree, work.goal)
+        elif state.general_motion[tree] == 1:
             _fit(scene, state, ws, tree, roots, angles)
-            take_branch(scene, ws, tree, angles, work.goal)
+            choose_branch(scene, ws, tree, angles, work.goal)
         else:
             for i in range(3):
                 if state.offset[tree, i] != 0.0:  # -0.0 + 0.0 would be 0.0
                     work.goal.roots[tree, i] += state.offset[tree, i]
         pose_with_pieces(scene, ws, work.goal, tree)
     for tree in range(len(scene.trees.role)):
-        work.kind[tree] = RIGID if scene.trees.role[tree] == DRIVEN else LOCKED
+        work.mobility[tree] = TRANSLATION if scene.trees.role[tree] == DRIVEN else LOCKED

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.driven.objective import is_stiff, link_centre
+from geomphys.driven.objective import is_rigid, link_centre
 from geomphys.driven.state import DrivenState, DrivenWorkspace
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.jit.packed_records import Record
@@ -38,19 +38,19 @@ def _beside_palm(ws: DrivenWorkspace, poses: Floats, tip: int) -> Vec:
 
 
 @outlined
-def note_fingertips(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, dt: float) -> None:
+def update_mean_tips(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, dt: float) -> None:
     """Update the mean positions of the fingertips of rigid trees.
 
     `recorded` (B, 7): recorded poses; `dt`: s since the last step, infinite in the first.
     """
-    share = 1.0 - math.exp(-dt / MEMORY)
+    gain = 1.0 - math.exp(-dt / MEMORY)
     for tree in range(len(scene.trees.role)):
-        if scene.trees.role[tree] != DRIVEN or not is_stiff(scene, tree):
+        if scene.trees.role[tree] != DRIVEN or not is_rigid(scene, tree):
             continue
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
             if ws.links.tip[body] == 1:
                 path = sub(_beside_palm(ws, recorded, body), vec_at(state.mean_tip, body))
-                add_vec(state.mean_tip[body], path, share)
+                add_vec(state.mean_tip[body], path, gain)
 
 
 @kernel
@@ -84,7 +84,7 @@ def find_grips(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: 
     for i in range(work.counts.touches):
         touch = work.touches[i]
         tree = scene.bodies.tree[touch.tip]
-        if touch.gap > deep or not is_stiff(scene, tree):
+        if touch.gap > deep or not is_rigid(scene, tree):
             continue
         for j in range(i):
             other = work.touches[j]

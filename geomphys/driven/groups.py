@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from geomphys.collision.sweep import update_boxes
 from geomphys.driven.depenetration import find_depenetration
-from geomphys.driven.goals import take_branch
-from geomphys.driven.objective import is_stiff
+from geomphys.driven.goals import choose_branch
+from geomphys.driven.objective import is_rigid
 from geomphys.driven.postures import Posture, copy_tree, is_recorded
-from geomphys.driven.reachability import FREE, forget_pairs, judge, list_pairs, measure_drift, measure_swept_pairs
+from geomphys.driven.reachability import FREE, clear_pairs, judge, list_pairs, measure_drift, measure_swept_pairs
 from geomphys.driven.sqp import ANY_PATH, EVERY_STEP, STRAIGHT, Found, search
 from geomphys.driven.starts import ALONG, choose_shallowest, choose_start, shorten_start
-from geomphys.driven.state import ARTICULATED, LOCKED, RIGID, STARTED_FREE, DrivenState, DrivenWorkspace
-from geomphys.driven.stepping import copy_moving, pose_yielding
+from geomphys.driven.state import GENERAL_MOTION, LOCKED, STARTED_FREE, TRANSLATION, DrivenState, DrivenWorkspace
+from geomphys.driven.stepping import copy_unlocked, pose_unlocked
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import norm, slerp, sub
@@ -27,7 +27,7 @@ from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, pose_
 Floats = NDArray[np.float64]
 
 PASSES = 25  # passes of a search
-SHIFT_PASSES = 14  # passes where trees are only translated
+TRANSLATION_PASSES = 14  # passes where trees are only translated
 FIRST_PASSES = 60  # passes of that of the first frame
 PARTS = (4, 24)  # parts into which a step is divided where no start is free
 GLOBAL, LEAST_DISTANCE, INTERPOLATED = 0, 1, 2  # methods, in the order of results.METHODS
@@ -36,141 +36,144 @@ GLOBAL, LEAST_DISTANCE, INTERPOLATED = 0, 1, 2  # methods, in the order of resul
 class Outcome(NamedTuple):
     """Result of the driven loop in a frame."""
 
-    rounds: int
+    passes: int
     fallbacks: int  # steps divided into parts, and depenetration searches
     converged: bool
-    yielded: bool  # a rigid tree changed its shape or rotation
+    shape_changed: bool  # a rigid tree changed its shape or rotation
 
 
 @kernel
-def both(a: Outcome, b: Outcome) -> Outcome:
+def combine(a: Outcome, b: Outcome) -> Outcome:
     """The result of two groups, or of two substeps."""
-    return Outcome(a.rounds + b.rounds, a.fallbacks + b.fallbacks, a.converged and b.converged, a.yielded or b.yielded)
+    return Outcome(
+        a.passes + b.passes, a.fallbacks + b.fallbacks, a.converged and b.converged, a.shape_changed or b.shape_changed
+    )
 
 
 @outlined
-def settle(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, source: Posture) -> None:
+def set_final_posture(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, source: Posture) -> None:
     """Set the final posture of a driven tree; other trees are then kept clear of it."""
     work = ws.work
-    for target in (state.last, work.before, work.now, work.trial, work.start, work.best):
+    for target in (state.last, work.before, work.iterate, work.trial, work.start, work.best):
         copy_tree(scene, source, tree, target)
     pose_pieces_of_tree(scene, tree, source.poses, ws.piece_frames.frames)
     update_boxes(scene, ws.piece_frames.frames, ws.detection.boxes, tree)
 
 
 @kernel
-def note_method(state: DrivenState, tree: int, fallbacks: int) -> None:
+def store_method(state: DrivenState, tree: int, fallbacks: int) -> None:
     """Store by which method a tree was freed: of a frame's substeps that of the highest number."""
     state.method[tree] = max(state.method[tree], LEAST_DISTANCE if fallbacks == 0 else INTERPOLATED)
 
 
 @outlined
-def set_around(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, share: float) -> None:
-    """Pose moving bodies that are not driven at a share of their path through the step."""
+def pose_surroundings(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, fraction: float) -> None:
+    """Pose moving bodies that are not driven at a fraction of their path through the step."""
     work, p = ws.work, ws.piece_frames
     for tree in range(len(scene.trees.role)):
         if scene.trees.moving[tree] == 0 or scene.trees.role[tree] == DRIVEN:
             continue
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
             at, q = position_of(recorded, body), orientation_of(recorded, body)
-            if share < 1.0:
+            if fraction < 1.0:
                 from_at, from_q = position_of(state.last.poses, body), orientation_of(state.last.poses, body)
-                q = slerp(from_q, q, share)
+                q = slerp(from_q, q, fraction)
                 at = (
-                    from_at[0] + share * (at[0] - from_at[0]),
-                    from_at[1] + share * (at[1] - from_at[1]),
-                    from_at[2] + share * (at[2] - from_at[2]),
+                    from_at[0] + fraction * (at[0] - from_at[0]),
+                    from_at[1] + fraction * (at[1] - from_at[1]),
+                    from_at[2] + fraction * (at[2] - from_at[2]),
                 )
-            for posture in (work.now, work.trial, work.start, work.best, work.goal):
+            for posture in (work.iterate, work.trial, work.start, work.best, work.goal):
                 set_pose(posture.poses, body, at, q)
-        pose_pieces_of_tree(scene, tree, work.now.poses, p.frames)
+        pose_pieces_of_tree(scene, tree, work.iterate.poses, p.frames)
         update_boxes(scene, p.frames, ws.detection.boxes, tree)
-    measure_drift(scene, ws, work.before.poses, work.now.poses)
-    forget_pairs(ws)
+    measure_drift(scene, ws, work.before.poses, work.iterate.poses)
+    clear_pairs(ws)
 
 
 @outlined
-def choose_kinds(scene: Scene, state: DrivenState, ws: DrivenWorkspace, group: int, articulate: bool) -> bool:
+def choose_mobility(scene: Scene, state: DrivenState, ws: DrivenWorkspace, group: int, general_motion: bool) -> bool:
     """Choose how the trees of a group may move; whether some of them are only translated."""
-    work, shifts = ws.work, False
-    for tree in range(len(work.kind)):
-        work.kind[tree] = LOCKED
-        if scene.trees.role[tree] != DRIVEN or work.hit[tree] == 0 or work.group[tree] != group:
+    work, translated = ws.work, False
+    for tree in range(len(work.mobility)):
+        work.mobility[tree] = LOCKED
+        if scene.trees.role[tree] != DRIVEN or work.blocked[tree] == 0 or work.group[tree] != group:
             continue
-        articulated = articulate or not is_stiff(scene, tree) or state.deformed[tree] == 1 or work.grips[tree] == 1
-        work.kind[tree] = ARTICULATED if articulated else RIGID
-        shifts = shifts or not articulated
-    return shifts
+        if general_motion or not is_rigid(scene, tree) or state.general_motion[tree] == 1 or work.grips[tree] == 1:
+            work.mobility[tree] = GENERAL_MOTION
+        else:
+            work.mobility[tree], translated = TRANSLATION, True
+    return translated
 
 
 @kernel
-def is_shifted_too_far(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats) -> bool:
+def is_translated_too_far(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats) -> bool:
     """Whether a rigid hand is translated farther than its recorded depth allows, or by too much in one frame."""
     work, w = ws.work, ws.weights
-    for tree in range(len(work.kind)):
-        if work.kind[tree] != RIGID or scene.trees.dof_start[tree + 1] == scene.trees.dof_start[tree]:
+    for tree in range(len(work.mobility)):
+        if work.mobility[tree] != TRANSLATION or scene.trees.dof_start[tree + 1] == scene.trees.dof_start[tree]:
             continue
         offset = sub(vec_at(work.best.roots, tree), vec_at(roots, tree))
-        limit = min(max(w.shift_of_depth * work.depth[tree], w.least_shift), w.most_shift)
+        limit = min(max(w.translation_of_depth * work.depth[tree], w.least_translation), w.most_translation)
         if norm(sub(offset, vec_at(state.offset, tree))) > limit:
             return True
         last = sub(vec_at(state.last.roots, tree), vec_at(state.recorded.roots, tree))
-        if state.progress.start == STARTED_FREE and norm(sub(offset, last)) > work.shift_limit[tree]:
+        if state.progress.start == STARTED_FREE and norm(sub(offset, last)) > work.translation_limit[tree]:
             return True
     return False
 
 
 @outlined
 def _search_straight(scene: Scene, ws: DrivenWorkspace, angles: Floats, gap: float, tethered: bool) -> Found:
-    """Search from the free start in `SearchWorkspace.now`; its result must be reachable straight from the start of the step.
+    """Search from the free start in `SearchWorkspace.iterate`; its result must be reachable straight from the start of the step.
 
     Only where that fails is it required in every pass.
     """
     work = ws.work
-    copy_moving(scene, ws, work.now, work.start)
-    pose_yielding(scene, ws, work.now)
+    copy_unlocked(scene, ws, work.iterate, work.start)
+    pose_unlocked(scene, ws, work.iterate)
     found = search(scene, ws, angles, gap, PASSES, True, tethered, EVERY_STEP)
-    pose_yielding(scene, ws, work.best)
+    pose_unlocked(scene, ws, work.best)
     if judge(scene, ws, work.best) == FREE:
         return found
-    copy_moving(scene, ws, work.start, work.now)
-    pose_yielding(scene, ws, work.now)
+    copy_unlocked(scene, ws, work.start, work.iterate)
+    pose_unlocked(scene, ws, work.iterate)
     again = search(scene, ws, angles, gap, PASSES, True, tethered, STRAIGHT)
-    return Found(again.free, found.passes + again.passes, again.converged, again.energy, again.paced)
+    return Found(again.free, found.passes + again.passes, again.converged, again.cost, again.rate_limited)
 
 
 @outlined
 def _attempt(
-    scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats, gap: float, shifts: bool
+    scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats, gap: float, translated: bool
 ) -> Found:
     """Search from a free start, or for translated trees from an overlapping one if its result can be reached."""
     work, passes = ws.work, 0
     chosen = choose_start(scene, state, ws, roots, angles)
     if chosen < 0:
-        if not shifts:
+        if not translated:
             return Found(False, 0, False, math.inf, False)
         choose_shallowest(scene, state, ws, roots, angles)
-        pose_yielding(scene, ws, work.now)
-        relaxed = search(scene, ws, angles, gap, SHIFT_PASSES, False, False, ANY_PATH)
+        pose_unlocked(scene, ws, work.iterate)
+        relaxed = search(scene, ws, angles, gap, TRANSLATION_PASSES, False, False, ANY_PATH)
         passes = relaxed.passes
         if not relaxed.free:
             return relaxed
-        copy_moving(scene, ws, work.best, work.now)
-        pose_yielding(scene, ws, work.now)
-        if judge(scene, ws, work.now) != FREE:
+        copy_unlocked(scene, ws, work.best, work.iterate)
+        pose_unlocked(scene, ws, work.iterate)
+        if judge(scene, ws, work.iterate) != FREE:
             return Found(False, passes, False, math.inf, False)
     if chosen >= ALONG:
         shorten_start(scene, state, ws, roots, angles)
     found = _search_straight(scene, ws, angles, gap, chosen >= ALONG)
-    return Found(found.free, found.passes + passes, found.converged, found.energy, found.paced)
+    return Found(found.free, found.passes + passes, found.converged, found.cost, found.rate_limited)
 
 
 @outlined
-def _yield_partially(scene: Scene, ws: DrivenWorkspace, angles: Floats, gap: float) -> Found:
+def _separate_after_part(scene: Scene, ws: DrivenWorkspace, angles: Floats, gap: float) -> Found:
     """Move the trees out of what has moved slightly into them in a part of a step."""
     work = ws.work
-    copy_moving(scene, ws, work.before, work.now)
-    pose_yielding(scene, ws, work.now)
+    copy_unlocked(scene, ws, work.before, work.iterate)
+    pose_unlocked(scene, ws, work.iterate)
     return search(scene, ws, angles, gap, PASSES, False, False, EVERY_STEP)
 
 
@@ -181,7 +184,7 @@ def _move_before(scene: Scene, ws: DrivenWorkspace) -> None:
         if scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
             for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
                 for k in range(7):
-                    ws.work.before.poses[body, k] = ws.work.now.poses[body, k]
+                    ws.work.before.poses[body, k] = ws.work.iterate.poses[body, k]
 
 
 @outlined
@@ -193,24 +196,24 @@ def _in_parts(
     for parts in PARTS:
         free = True
         for part in range(1, parts + 1):
-            set_around(scene, state, ws, recorded, part / parts if part < parts else 1.0)
+            pose_surroundings(scene, state, ws, recorded, part / parts if part < parts else 1.0)
             list_pairs(scene, ws)
             found = _attempt(scene, state, ws, roots, angles, gap, False)
             passes += found.passes
             if not found.free:
-                found = _yield_partially(scene, ws, angles, gap)
+                found = _separate_after_part(scene, ws, angles, gap)
                 passes += found.passes
             if not found.free:
                 free = False
                 break
-            copy_moving(scene, ws, work.best, work.before)
+            copy_unlocked(scene, ws, work.best, work.before)
             _move_before(scene, ws)
         if free:
             return True, passes
-        for tree in range(len(work.kind)):
-            if is_recorded(scene, tree) and (work.kind[tree] != LOCKED or scene.trees.role[tree] != DRIVEN):
+        for tree in range(len(work.mobility)):
+            if is_recorded(scene, tree) and (work.mobility[tree] != LOCKED or scene.trees.role[tree] != DRIVEN):
                 copy_tree(scene, state.last, tree, work.before)
-    set_around(scene, state, ws, recorded, 1.0)
+    pose_surroundings(scene, state, ws, recorded, 1.0)
     return False, passes
 
 
@@ -227,12 +230,12 @@ def solve_group(
 ) -> Outcome:
     """Find the posture of the trees of a group."""
     work = ws.work
-    shifts = choose_kinds(scene, state, ws, group, False)
+    translated = choose_mobility(scene, state, ws, group, False)
     list_pairs(scene, ws)
-    found = _attempt(scene, state, ws, roots, angles, gap, shifts)
+    found = _attempt(scene, state, ws, roots, angles, gap, translated)
     passes, fallbacks = found.passes, 0
-    if shifts and (not found.free or is_shifted_too_far(scene, state, ws, roots)):
-        choose_kinds(scene, state, ws, group, True)
+    if translated and (not found.free or is_translated_too_far(scene, state, ws, roots)):
+        choose_mobility(scene, state, ws, group, True)
         found = _attempt(scene, state, ws, roots, angles, gap, False)
         passes += found.passes
     converged = found.converged
@@ -242,38 +245,38 @@ def solve_group(
         passes += more
         converged = free
         if not free:
-            copy_moving(scene, ws, work.before, work.now)
-            pose_yielding(scene, ws, work.now)
+            copy_unlocked(scene, ws, work.before, work.iterate)
+            pose_unlocked(scene, ws, work.iterate)
             fallbacks += 1
             if find_depenetration(scene, ws, gap, state.progress.start == STARTED_FREE):
-                copy_moving(scene, ws, work.best, work.now)
-                pose_yielding(scene, ws, work.now)
-                for tree in range(len(work.kind)):
+                copy_unlocked(scene, ws, work.best, work.iterate)
+                pose_unlocked(scene, ws, work.iterate)
+                for tree in range(len(work.mobility)):
                     work.deviation_limit[tree] = math.inf
                 more_found = search(scene, ws, angles, gap, PASSES, False, False, EVERY_STEP)
                 passes, converged = passes + more_found.passes, more_found.free
             else:
-                copy_moving(scene, ws, work.now, work.best)
-    yielded = False
-    for tree in range(len(work.kind)):
-        if work.kind[tree] != LOCKED:
-            yielded = yielded or (work.kind[tree] == ARTICULATED and is_stiff(scene, tree))
-            work.hit[tree] = 0
-            take_branch(scene, ws, tree, angles, work.best)
+                copy_unlocked(scene, ws, work.iterate, work.best)
+    shape_changed = False
+    for tree in range(len(work.mobility)):
+        if work.mobility[tree] != LOCKED:
+            shape_changed = shape_changed or (work.mobility[tree] == GENERAL_MOTION and is_rigid(scene, tree))
+            work.blocked[tree] = 0
+            choose_branch(scene, ws, tree, angles, work.best)
             pose_tree(scene, ws.origins, tree, work.best.roots, work.best.angles, work.best.poses)
-            settle(scene, state, ws, tree, work.best)
-            note_method(state, tree, fallbacks)
-    return Outcome(passes, fallbacks, converged, yielded)
+            set_final_posture(scene, state, ws, tree, work.best)
+            store_method(state, tree, fallbacks)
+    return Outcome(passes, fallbacks, converged, shape_changed)
 
 
 @outlined
 def _set_joints_to_zero(scene: Scene, ws: DrivenWorkspace, source: Posture, target: Posture) -> None:
     """Copy the trees of the group with joints at zero, or as near as limits allow: links that overlap there never collide."""
-    for tree in range(len(ws.work.kind)):
-        if ws.work.kind[tree] == LOCKED:
+    for tree in range(len(ws.work.mobility)):
+        if ws.work.mobility[tree] == LOCKED:
             continue
         copy_tree(scene, source, tree, target)
-        if ws.work.kind[tree] == ARTICULATED:
+        if ws.work.mobility[tree] == GENERAL_MOTION:
             for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
                 target.angles[q] = min(max(0.0, ws.work.low[q]), ws.work.high[q])
             pose_tree(scene, ws.origins, tree, target.roots, target.angles, target.poses)
@@ -283,55 +286,55 @@ def _set_joints_to_zero(scene: Scene, ws: DrivenWorkspace, source: Posture, targ
 def solve_first(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: Floats, gap: float) -> Outcome:
     """The first frame: without earlier motion any free posture near the recorded one is valid."""
     work, passes, fallbacks, converged = ws.work, 0, 0, True
-    for tree in range(len(work.kind)):
+    for tree in range(len(work.mobility)):
         work.deviation_limit[tree] = math.inf
     measure_swept_pairs(scene, ws, work.goal)
-    for tree in range(len(work.kind)):
-        work.hit[tree], work.group[tree] = 0, 0
+    for tree in range(len(work.mobility)):
+        work.blocked[tree], work.group[tree] = 0, 0
     overlaps = False
     for k in range(ws.near.counts.filled):
         if ws.near.separation[k] < 0.0:
-            work.hit[ws.near.tree_a[k]] = work.hit[ws.near.tree_b[k]] = 1
+            work.blocked[ws.near.tree_a[k]] = work.blocked[ws.near.tree_b[k]] = 1
             overlaps = True
-    for tree in range(len(work.kind)):
+    for tree in range(len(work.mobility)):
         if scene.trees.role[tree] == DRIVEN:
-            settle(scene, state, ws, tree, work.goal)
+            set_final_posture(scene, state, ws, tree, work.goal)
     if not overlaps:
         return Outcome(0, 0, True, False)
     found = Found(False, 0, False, math.inf, False)
-    for articulate in (False, True):
-        shifts = choose_kinds(scene, state, ws, 0, articulate)
-        if articulate and not shifts and found.free:
+    for general_motion in (False, True):
+        translated = choose_mobility(scene, state, ws, 0, general_motion)
+        if general_motion and not translated and found.free:
             break
-        if articulate and found.free and not is_shifted_too_far(scene, state, ws, work.goal.roots):
-            choose_kinds(scene, state, ws, 0, False)
+        if general_motion and found.free and not is_translated_too_far(scene, state, ws, work.goal.roots):
+            choose_mobility(scene, state, ws, 0, False)
             break
-        copy_moving(scene, ws, work.goal, work.now)
-        pose_yielding(scene, ws, work.now)
+        copy_unlocked(scene, ws, work.goal, work.iterate)
+        pose_unlocked(scene, ws, work.iterate)
         found = search(scene, ws, angles, gap, FIRST_PASSES, False, False, ANY_PATH)
         passes += found.passes
-        if not shifts:
+        if not translated:
             break
     converged = found.free
     if not found.free:
         fallbacks = 1
-        _set_joints_to_zero(scene, ws, work.goal, work.now)
-        pose_yielding(scene, ws, work.now)
+        _set_joints_to_zero(scene, ws, work.goal, work.iterate)
+        pose_unlocked(scene, ws, work.iterate)
         found = search(scene, ws, angles, gap, FIRST_PASSES, False, False, ANY_PATH)
         passes, converged = passes + found.passes, found.free
     if not found.free:
-        copy_moving(scene, ws, work.goal, work.now)
-        pose_yielding(scene, ws, work.now)
+        copy_unlocked(scene, ws, work.goal, work.iterate)
+        pose_unlocked(scene, ws, work.iterate)
         converged = find_depenetration(scene, ws, gap, False)
         if converged:
-            copy_moving(scene, ws, work.best, work.now)
-            pose_yielding(scene, ws, work.now)
+            copy_unlocked(scene, ws, work.best, work.iterate)
+            pose_unlocked(scene, ws, work.iterate)
             found = search(scene, ws, angles, gap, PASSES, False, False, EVERY_STEP)
             passes, converged = passes + found.passes, found.free
         else:
-            copy_moving(scene, ws, work.now, work.best)
-    for tree in range(len(work.kind)):
-        if work.kind[tree] != LOCKED:
-            settle(scene, state, ws, tree, work.best)
-            note_method(state, tree, fallbacks)
+            copy_unlocked(scene, ws, work.iterate, work.best)
+    for tree in range(len(work.mobility)):
+        if work.mobility[tree] != LOCKED:
+            set_final_posture(scene, state, ws, tree, work.best)
+            store_method(state, tree, fallbacks)
     return Outcome(passes, fallbacks, converged, False)

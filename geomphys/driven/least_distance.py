@@ -30,15 +30,15 @@ class LeastDistance(NamedTuple):
     """Problems of up to n unknowns and m rows, their workspace and solution."""
 
     rows: Floats  # (m, n) C, rows need not have unit length
-    bounds: Floats  # (m,) d
+    rhs: Floats  # (m,) d
     x: Floats  # (n,) the goal on entry, the solution on return
     basis: Floats  # (n, n) orthonormal; its first k columns span the active rows
     triangle: Floats  # (n, n) upper triangular k x k
     active: Ints  # (n,) rows that hold with equality
     multiplier: Floats  # (n + 1,) of the active rows, >= 0
     projected: Floats  # (n,) basis' C_p
-    step: Floats  # (n,)
-    shift: Floats  # (n,)
+    primal_step: Floats  # (n,)
+    dual_step: Floats  # (n,)
     is_active: Ints  # (m,)
 
 
@@ -67,7 +67,7 @@ def _most_violated(p: LeastDistance, n: int, m: int, tolerance: float) -> int:
     for i in range(m):
         if p.is_active[i] == 1:
             continue
-        value = -p.bounds[i]
+        value = -p.rhs[i]
         for k in range(n):
             value += p.rows[i, k] * p.x[k]
         if value < worst:
@@ -76,26 +76,26 @@ def _most_violated(p: LeastDistance, n: int, m: int, tolerance: float) -> int:
 
 
 @kernel
-def _project(p: LeastDistance, n: int, count: int, row: int) -> float:
-    """Split row `row` into its parts in (`shift`: R⁻¹ d) and off (`step`) the active rows; returns |off|²."""
+def _project(p: LeastDistance, n: int, active_count: int, row: int) -> float:
+    """Split row `row` into its parts in (`dual_step`: R⁻¹ d) and off (`primal_step`) the active rows; returns |off|²."""
     for j in range(n):
         value = 0.0
         for k in range(n):
             value += p.basis[k, j] * p.rows[row, k]
         p.projected[j] = value
     free = 0.0
-    for j in range(count, n):
+    for j in range(active_count, n):
         free += p.projected[j] * p.projected[j]
     for k in range(n):
         value = 0.0
-        for j in range(count, n):
+        for j in range(active_count, n):
             value += p.basis[k, j] * p.projected[j]
-        p.step[k] = value
-    for i in range(count - 1, -1, -1):
+        p.primal_step[k] = value
+    for i in range(active_count - 1, -1, -1):
         value = p.projected[i]
-        for j in range(i + 1, count):
-            value -= p.triangle[i, j] * p.shift[j]
-        p.shift[i] = value / p.triangle[i, i]
+        for j in range(i + 1, active_count):
+            value -= p.triangle[i, j] * p.dual_step[j]
+        p.dual_step[i] = value / p.triangle[i, i]
     return free
 
 
@@ -109,9 +109,9 @@ def _rotate_columns(a: Floats, n: int, i: int, j: int, c: float, s: float) -> No
 
 
 @kernel
-def _add(p: LeastDistance, n: int, count: int, row: int) -> int:
+def _add(p: LeastDistance, n: int, active_count: int, row: int) -> int:
     """Make `row` active: rotate the free part of its projection onto one basis column."""
-    for j in range(n - 1, count, -1):
+    for j in range(n - 1, active_count, -1):
         u, v = p.projected[j - 1], p.projected[j]
         length = math.hypot(u, v)
         if v == 0.0 or length == 0.0:
@@ -119,36 +119,36 @@ def _add(p: LeastDistance, n: int, count: int, row: int) -> int:
         c, s = u / length, v / length
         p.projected[j - 1], p.projected[j] = length, 0.0
         _rotate_columns(p.basis, n, j - 1, j, c, s)
-    for i in range(count + 1):
-        p.triangle[i, count] = p.projected[i]
-    p.active[count] = row
+    for i in range(active_count + 1):
+        p.triangle[i, active_count] = p.projected[i]
+    p.active[active_count] = row
     p.is_active[row] = 1
-    return count + 1
+    return active_count + 1
 
 
 @kernel
-def _drop(p: LeastDistance, n: int, count: int, index: int) -> int:
+def _drop(p: LeastDistance, n: int, active_count: int, index: int) -> int:
     """Drop the active row at `index` and restore the triangular form."""
     p.is_active[p.active[index]] = 0
-    for j in range(index + 1, count):
-        for i in range(count):
+    for j in range(index + 1, active_count):
+        for i in range(active_count):
             p.triangle[i, j - 1] = p.triangle[i, j]
         p.active[j - 1] = p.active[j]
         p.multiplier[j - 1] = p.multiplier[j]
-    p.multiplier[count - 1] = p.multiplier[count]
-    count -= 1
-    for j in range(index, count):
+    p.multiplier[active_count - 1] = p.multiplier[active_count]
+    active_count -= 1
+    for j in range(index, active_count):
         u, v = p.triangle[j, j], p.triangle[j + 1, j]
         length = math.hypot(u, v)
         if v == 0.0 or length == 0.0:
             continue
         c, s = u / length, v / length
-        for k in range(j, count):
+        for k in range(j, active_count):
             a, b = p.triangle[j, k], p.triangle[j + 1, k]
             p.triangle[j, k] = c * a + s * b
             p.triangle[j + 1, k] = c * b - s * a
         _rotate_columns(p.basis, n, j, j + 1, c, s)
-    return count
+    return active_count
 
 
 @kernel
@@ -162,7 +162,7 @@ def begin_least_distance(p: LeastDistance, n: int, m: int) -> None:
 
 
 @outlined
-def satisfy_rows(p: LeastDistance, n: int, m: int, tolerance: float, count: int) -> tuple[int, int]:
+def satisfy_rows(p: LeastDistance, n: int, m: int, tolerance: float, active_count: int) -> tuple[int, int]:
     """Continue from a solution with `count` active rows to one for the first `m` rows; see `begin_least_distance`.
 
     Parameters
@@ -184,33 +184,33 @@ def satisfy_rows(p: LeastDistance, n: int, m: int, tolerance: float, count: int)
     for _ in range(10 * (n + m) + 20):
         row = _most_violated(p, n, m, tolerance)
         if row < 0:
-            return SOLVED, count
-        p.multiplier[count] = 0.0
+            return SOLVED, active_count
+        p.multiplier[active_count] = 0.0
         while True:
-            free = _project(p, n, count, row)
+            free = _project(p, n, active_count, row)
             longest, leaving = math.inf, -1
-            for j in range(count):
-                if p.shift[j] > 1e-14:
-                    share = p.multiplier[j] / p.shift[j]
-                    if share < longest:
-                        longest, leaving = share, j
+            for j in range(active_count):
+                if p.dual_step[j] > 1e-14:
+                    ratio = p.multiplier[j] / p.dual_step[j]
+                    if ratio < longest:
+                        longest, leaving = ratio, j
             full = math.inf
             if free > PARALLEL:
-                slack = -p.bounds[row]
+                slack = -p.rhs[row]
                 for k in range(n):
                     slack += p.rows[row, k] * p.x[k]
                 full = max(-slack / free, 0.0)
             length = min(longest, full)
             if length == math.inf:
-                return INFEASIBLE, count
+                return INFEASIBLE, active_count
             if full < math.inf:
                 for k in range(n):
-                    p.x[k] += length * p.step[k]
-            for j in range(count):
-                p.multiplier[j] -= length * p.shift[j]
-            p.multiplier[count] += length
+                    p.x[k] += length * p.primal_step[k]
+            for j in range(active_count):
+                p.multiplier[j] -= length * p.dual_step[j]
+            p.multiplier[active_count] += length
             if full <= longest:
-                count = _add(p, n, count, row)
+                active_count = _add(p, n, active_count, row)
                 break
-            count = _drop(p, n, count, leaving)
-    return INFEASIBLE, count
+            active_count = _drop(p, n, active_count, leaving)
+    return INFEASIBLE, active_count

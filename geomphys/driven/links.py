@@ -33,11 +33,11 @@ class Links(NamedTuple):
     second_moment: Floats  # (B, 9) m², covariance of the surface about the centre, link frame, row by row
     pivot: Ints  # (T,) the link about whose centre the root rotates: the base of the chains, else the heaviest
     lever: Floats  # (Q,) m per rad: how far a joint moves the farthest centre beyond it; 1 for prismatic joints
-    yields: Ints  # (Q,) 1 for joints that are unknowns of the problem
-    rounds: Ints  # (Q,) 1 for joints with period 2π
+    is_unknown: Ints  # (Q,) 1 for joints that are unknowns of the problem
+    periodic: Ints  # (Q,) 1 for joints with period 2π
     tip: Ints  # (B,) 1 for links without a moving child at the end of a chain of moving joints
     palm: Ints  # (B,) of a tip: the first link above it that carries other tips too, else the root
-    holder: Ints  # (B,) the link that a body is fixed to: itself, if it has a moving joint or is a root
+    weld_body: Ints  # (B,) the link that a body is fixed to: itself, if it has a moving joint or is a root
 
 
 def _triangles(points: Floats) -> tuple[float, Floats, Floats]:
@@ -81,10 +81,15 @@ def _link_surface(scene: Scene, body: int) -> tuple[float, Floats, Floats]:
     area, first, second = 0.0, np.zeros(3), np.zeros((3, 3))
     for i in range(scene.bodies.piece_start[body], scene.bodies.piece_start[body + 1]):
         a, m, s = _surface(scene, i)
-        rotation, shift = scene.pieces.local[i, :9].reshape(3, 3), scene.pieces.local[i, 9:]
+        rotation, translation = scene.pieces.local[i, :9].reshape(3, 3), scene.pieces.local[i, 9:]
         m = rotation @ m
-        second += rotation @ s @ rotation.T + np.outer(m, shift) + np.outer(shift, m) + a * np.outer(shift, shift)
-        first += m + a * shift
+        second += (
+            rotation @ s @ rotation.T
+            + np.outer(m, translation)
+            + np.outer(translation, m)
+            + a * np.outer(translation, translation)
+        )
+        first += m + a * translation
         area += a
     if area == 0.0:
         return 0.0, np.zeros(3), np.zeros((3, 3))
@@ -134,7 +139,7 @@ def make_links(scene: Scene, base_weight: float = WEIGHTS.base) -> Links:
     for tree in np.flatnonzero((scene.trees.chains == 1) & (scene.trees.role == DRIVEN)):
         if (scene.chains.tree == tree).any():
             weight[pivot[tree]] *= base_weight
-    lever, yields = np.full(dofs, SHORTEST_LEVER), np.zeros(dofs, np.int64)
+    lever, is_unknown = np.full(dofs, SHORTEST_LEVER), np.zeros(dofs, np.int64)
     poses = _zero_poses(scene)
     tip = np.zeros(bodies, np.int64)
     for body in np.flatnonzero(scene.bodies.role == DRIVEN):
@@ -143,7 +148,7 @@ def make_links(scene: Scene, base_weight: float = WEIGHTS.base) -> Links:
         while joint >= 0:
             q = scene.bodies.dof[joint]
             if q >= 0 and scene.bodies.joint[joint] != JOINT_FIXED and scene.bodies.multiplier[joint] != 0.0:
-                yields[q] = 1
+                is_unknown[q] = 1
                 if scene.bodies.joint[joint] == JOINT_PRISMATIC:
                     lever[q] = 1.0
                 elif weight[body] > 0.0:
@@ -151,12 +156,12 @@ def make_links(scene: Scene, base_weight: float = WEIGHTS.base) -> Links:
                     lever[q] = max(lever[q], far + 0.01)
             joint = int(scene.bodies.parent[joint])
     _find_tips(scene, tip)
-    holder = np.arange(bodies, dtype=np.int64)
+    weld_body = np.arange(bodies, dtype=np.int64)
     for k in range(bodies):
         if scene.bodies.parent[k] >= 0 and scene.bodies.joint[k] == JOINT_FIXED:
-            holder[k] = holder[scene.bodies.parent[k]]
-    palm, rounds = _find_palms(scene, tip), _full_rotations(scene)
-    return Links(weight, centre, second_moment, pivot, lever, yields, rounds, tip, palm, holder)
+            weld_body[k] = weld_body[scene.bodies.parent[k]]
+    palm, periodic = _find_palms(scene, tip), _full_rotations(scene)
+    return Links(weight, centre, second_moment, pivot, lever, is_unknown, periodic, tip, palm, weld_body)
 
 
 @lru_cache(maxsize=1)
@@ -167,16 +172,16 @@ def links_of(world: World, base_weight: float) -> Links:
 
 def _full_rotations(scene: Scene) -> Ints:
     """(Q,) 1 for degrees of freedom of a single revolute joint, with multiplier 1."""
-    rounds, moved = np.zeros(len(scene.dofs.lower), np.int64), np.zeros(len(scene.dofs.lower), np.int64)
+    periodic, moved = np.zeros(len(scene.dofs.lower), np.int64), np.zeros(len(scene.dofs.lower), np.int64)
     for body in range(len(scene.bodies.parent)):
         q = scene.bodies.dof[body]
         if q < 0 or scene.bodies.joint[body] == JOINT_FIXED:
             continue
         moved[q] += 1
-        rounds[q] = int(
+        periodic[q] = int(
             scene.bodies.joint[body] != JOINT_PRISMATIC and scene.bodies.multiplier[body] == 1.0 and moved[q] == 1
         )
-    return rounds
+    return periodic
 
 
 def _find_palms(scene: Scene, tip: Ints) -> Ints:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.driven.postures import Posture, point_of, world_axis
-from geomphys.driven.state import ARTICULATED, LOCKED, DrivenWorkspace
+from geomphys.driven.state import GENERAL_MOTION, LOCKED, DrivenWorkspace
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import add_vec, rot_of, set_vec, set_vec_from, vec_at, vec_from, vec_of
 from geomphys.numerics.vec3 import (
@@ -46,12 +46,12 @@ Floats = NDArray[np.float64]
 Inertia: TypeAlias = Any  # a record of `COMPOSITE_INERTIA`
 
 ROTATION_ARM = 0.05  # m: lever of its rotation
-BEYOND = 1e4  # lever²: penalty of a joint beyond its limits
-TINY = 1e-6  # of the mean weight: regularisation of every unknown
+LIMIT_PENALTY = 1e4  # lever²: penalty of a joint beyond its limits
+REGULARISATION = 1e-6  # of the mean weight: regularisation of every unknown
 
 
 @kernel
-def is_stiff(scene: Scene, tree: int) -> bool:
+def is_rigid(scene: Scene, tree: int) -> bool:
     """Whether a tree moves as a rigid body, with the higher weight on shape and rotation: no joints, or no chains."""
     return bool(scene.trees.chains[tree] == 0 or scene.trees.dof_start[tree] == scene.trees.dof_start[tree + 1])
 
@@ -79,27 +79,27 @@ def _transposed(r: Rot) -> Rot:
 
 
 @kernel
-def _misfit(ws: DrivenWorkspace, poses: Floats, body: int, c: Vec, q: Quat) -> tuple[Vec, Vec, float]:
-    """Gradient (force and torque about the centre) of a link displaced from (c, q), per weight, and twice its energy."""
+def _residual(ws: DrivenWorkspace, poses: Floats, body: int, c: Vec, q: Quat) -> tuple[Vec, Vec, float]:
+    """Gradient (force and torque about the centre) of a link displaced from (c, q), per weight, and twice its cost."""
     away = sub(link_centre(ws, poses, body), c)
     current, desired = rot_from_quat(orientation_of(poses, body)), rot_from_quat(q)
     s = _second_moment(ws, body)
     n = rot_mul(rot_mul(current, s), _transposed(desired))
     torque = (n[7] - n[5], n[2] - n[6], n[3] - n[1])
-    energy = dot(away, away) + 2.0 * (s[0] + s[4] + s[8]) - 2.0 * (n[0] + n[4] + n[8])
-    return away, torque, energy
+    cost = dot(away, away) + 2.0 * (s[0] + s[4] + s[8]) - 2.0 * (n[0] + n[4] + n[8])
+    return away, torque, cost
 
 
 @kernel
-def tree_energy(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> float:
+def tree_cost(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> float:
     """E of a tree, without the terms of rigid trees."""
-    energy = 0.0
+    cost = 0.0
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
         w = ws.links.weight[body]
         if w > 0.0:
-            _, _, e = _misfit(ws, poses, body, vec_at(ws.work.target, body), orientation_of(ws.work.target, body))
-            energy += 0.5 * w * e
-    return energy
+            _, _, e = _residual(ws, poses, body, vec_at(ws.work.target, body), orientation_of(ws.work.target, body))
+            cost += 0.5 * w * e
+    return cost
 
 
 @kernel
@@ -120,7 +120,7 @@ def _gather(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> floa
     """Composite inertias and forces of a tree about its pivot; returns E."""
     inertia, force, links, target = ws.work.inertia, ws.work.force, ws.links, ws.work.target
     first, last = scene.trees.body_start[tree], scene.trees.body_start[tree + 1]
-    pivot, energy = pivot_of(ws, poses, tree), 0.0
+    pivot, cost = pivot_of(ws, poses, tree), 0.0
     for body in range(first, last):
         w = links.weight[body]
         own = inertia[body]
@@ -130,8 +130,8 @@ def _gather(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> floa
             force[body, k] = 0.0
         if w == 0.0:
             continue
-        away, torque, e = _misfit(ws, poses, body, vec_at(target, body), orientation_of(target, body))
-        energy += 0.5 * w * e
+        away, torque, e = _residual(ws, poses, body, vec_at(target, body), orientation_of(target, body))
+        cost += 0.5 * w * e
         r = sub(link_centre(ws, poses, body), pivot)
         world_rotation = rot_from_quat(orientation_of(poses, body))
         c = rot_mul(rot_mul(world_rotation, _second_moment(ws, body)), _transposed(world_rotation))
@@ -151,35 +151,35 @@ def _gather(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> floa
         _add_inertia(inertia[scene.bodies.parent[body]], inertia[body])
         for k in range(6):
             force[scene.bodies.parent[body], k] += force[body, k]
-    return energy
+    return cost
 
 
 @kernel
 def _gather_shape(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> float:
-    """Composite forces of the shape term of a tree: targets of links in the root's frame; returns the energy."""
+    """Composite forces of the shape term of a tree: targets of links in the root's frame; returns the cost."""
     force, links, target = ws.work.force, ws.links, ws.work.target
     first, last = scene.trees.body_start[tree], scene.trees.body_start[tree + 1]
-    pivot, energy = pivot_of(ws, poses, tree), 0.0
+    pivot, cost = pivot_of(ws, poses, tree), 0.0
     root = position_of(poses, first)
     rotation = quat_mul(orientation_of(poses, first), quat_conjugate(orientation_of(target, first)))
     middle = quat_rotate(orientation_of(target, first), vec_at(links.centre, first))
-    aim = sub(vec_at(target, first), middle)
+    target_root = sub(vec_at(target, first), middle)
     for body in range(first, last):
         w = links.weight[body]
         for k in range(6):
             force[body, k] = 0.0
         if w == 0.0:
             continue
-        c = add(root, quat_rotate(rotation, sub(vec_at(target, body), aim)))
-        away, torque, e = _misfit(ws, poses, body, c, quat_mul(rotation, orientation_of(target, body)))
-        energy += 0.5 * w * e
+        c = add(root, quat_rotate(rotation, sub(vec_at(target, body), target_root)))
+        away, torque, e = _residual(ws, poses, body, c, quat_mul(rotation, orientation_of(target, body)))
+        cost += 0.5 * w * e
         moment = add(cross(sub(link_centre(ws, poses, body), pivot), away), torque)
         set_vec_from(force[body], 0, scale(away, w))
         set_vec_from(force[body], 3, scale(moment, w))
     for body in range(last - 1, first, -1):
         for k in range(6):
             force[scene.bodies.parent[body], k] += force[body, k]
-    return energy
+    return cost
 
 
 @kernel
@@ -274,7 +274,7 @@ def _add_rotation(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -
 @kernel
 def _add_smoothness(scene: Scene, ws: DrivenWorkspace, angles: Floats, tree: int) -> float:
     """Smoothness: joints follow their recorded changes, and stay near the range in which they were used."""
-    energy, work = 0.0, ws.work
+    cost, work = 0.0, ws.work
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         i = work.column[q]
         if i < 0:
@@ -283,47 +283,47 @@ def _add_smoothness(scene: Scene, ws: DrivenWorkspace, angles: Floats, tree: int
         weight = ws.weights.smooth * ws.links.lever[q] ** 2
         ws.problem.hessian[i, i] += weight
         ws.problem.gradient[i] += weight * away
-        energy += 0.5 * weight * away * away
+        cost += 0.5 * weight * away * away
         away = angles[q] - min(max(angles[q], work.used_low[q]), work.used_high[q])
         if away != 0.0:
             weight = ws.weights.unusual * ws.links.lever[q] ** 2
             ws.problem.hessian[i, i] += weight
             ws.problem.gradient[i] += weight * away
-            energy += 0.5 * weight * away * away
-    return energy
+            cost += 0.5 * weight * away * away
+    return cost
 
 
 @kernel
-def _limit_energy(scene: Scene, ws: DrivenWorkspace, angles: Floats, tree: int) -> float:
+def _limit_cost(scene: Scene, ws: DrivenWorkspace, angles: Floats, tree: int) -> float:
     """Penalty of joints beyond limits, which occurs only where the recording returns within them."""
-    energy, work = 0.0, ws.work
+    cost, work = 0.0, ws.work
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         if work.column[q] >= 0:
             beyond = angles[q] - min(max(angles[q], work.low[q]), work.high[q])
-            energy += 0.5 * BEYOND * (ws.links.lever[q] * beyond) ** 2
-    return energy
+            cost += 0.5 * LIMIT_PENALTY * (ws.links.lever[q] * beyond) ** 2
+    return cost
 
 
 @outlined
-def assemble(scene: Scene, ws: DrivenWorkspace, now: Posture, smooth: bool) -> float:
-    """Hessian and gradient of all trees in the problem at a posture; returns the energy.
+def assemble(scene: Scene, ws: DrivenWorkspace, iterate: Posture, smooth: bool) -> float:
+    """Hessian and gradient of all trees in the problem at a posture; returns the cost.
 
     `smooth`: with the smoothness term of joints.
     """
     h, g, work = ws.problem.hessian, ws.problem.gradient, ws.work
-    energy, poses = 0.0, now.poses
-    for tree in range(len(work.kind)):
-        kind = work.kind[tree]
-        if kind == LOCKED:
+    cost, poses = 0.0, iterate.poses
+    for tree in range(len(work.mobility)):
+        mobility = work.mobility[tree]
+        if mobility == LOCKED:
             continue
         root, first = scene.trees.body_start[tree], work.first[tree]
-        energy += _gather(scene, ws, poses, tree)
+        cost += _gather(scene, ws, poses, tree)
         composite, force = work.inertia[root], work.force[root]
         mass = composite.mass
         for k in range(3):
-            h[first + k, first + k] += mass + TINY
+            h[first + k, first + k] += mass + REGULARISATION
             g[first + k] += force[k]
-        if kind != ARTICULATED:
+        if mobility != GENERAL_MOTION:
             continue
         x, y, z = vec_of(composite.first_moment)
         skew = (0.0, z, -y, -z, 0.0, x, y, -x, 0.0)  # ω x h: how the first moment couples a rotation to a translation
@@ -334,23 +334,23 @@ def assemble(scene: Scene, ws: DrivenWorkspace, now: Posture, smooth: bool) -> f
         moments, torque = _second_moments(composite), vec_from(force, 3)
         for i in range(3):
             g[first + 3 + i] += torque[i]
-            h[first + 3 + i, first + 3 + i] += 1e-3 * TINY
+            h[first + 3 + i, first + 3 + i] += 1e-3 * REGULARISATION
             for j in range(3):
                 h[first + 3 + i, first + 3 + j] += moments[3 * i + j]
-        stiff = is_stiff(scene, tree)
+        rigid = is_rigid(scene, tree)
         _add_joint_gradient(scene, ws, poses, tree, 1.0)
-        _add_joints(scene, ws, poses, tree, 1.0 + ws.weights.shape if stiff else 1.0)
-        if stiff:
-            energy += _add_rotation(scene, ws, poses, tree)
-            energy += ws.weights.shape * _gather_shape(scene, ws, poses, tree)
+        _add_joints(scene, ws, poses, tree, 1.0 + ws.weights.shape if rigid else 1.0)
+        if rigid:
+            cost += _add_rotation(scene, ws, poses, tree)
+            cost += ws.weights.shape * _gather_shape(scene, ws, poses, tree)
             _add_joint_gradient(scene, ws, poses, tree, ws.weights.shape)
-        energy += _limit_energy(scene, ws, now.angles, tree)
+        cost += _limit_cost(scene, ws, iterate.angles, tree)
         if smooth:
-            energy += _add_smoothness(scene, ws, now.angles, tree)
+            cost += _add_smoothness(scene, ws, iterate.angles, tree)
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
             if work.column[q] >= 0:
-                h[work.column[q], work.column[q]] += TINY * ws.links.lever[q] ** 2
-    return energy
+                h[work.column[q], work.column[q]] += REGULARISATION * ws.links.lever[q] ** 2
+    return cost
 
 
 @kernel
@@ -359,14 +359,14 @@ def number_unknowns(scene: Scene, ws: DrivenWorkspace) -> int:
     work, n = ws.work, 0
     for q in range(len(work.column)):
         work.column[q] = -1
-    for tree in range(len(work.kind)):
-        if scene.trees.role[tree] != DRIVEN or work.kind[tree] == LOCKED:
+    for tree in range(len(work.mobility)):
+        if scene.trees.role[tree] != DRIVEN or work.mobility[tree] == LOCKED:
             continue
         work.first[tree] = n
-        n += 3 if work.kind[tree] != ARTICULATED else 6
-        if work.kind[tree] == ARTICULATED:
+        n += 3 if work.mobility[tree] != GENERAL_MOTION else 6
+        if work.mobility[tree] == GENERAL_MOTION:
             for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
-                if ws.links.yields[q] == 1:
+                if ws.links.is_unknown[q] == 1:
                     work.column[q] = n
                     n += 1
     for i in range(n):

@@ -62,7 +62,7 @@ def world_axis(scene: Scene, poses: Floats, joint: int) -> Vec:
 
 
 @kernel
-def joint_effect(scene: Scene, poses: Floats, joint: int, point: Vec, n: Vec) -> float:
+def joint_jacobian(scene: Scene, poses: Floats, joint: int, point: Vec, n: Vec) -> float:
     """Velocity along n of a point below the joint above body `joint`, per unit rate of the joint's degree of freedom."""
     axis = world_axis(scene, poses, joint)
     if scene.bodies.joint[joint] == JOINT_PRISMATIC:

@@ -4,7 +4,7 @@
 
 With H = L L' and y = L'x this is the nearest point to -L⁻¹g within half-spaces, which the dual method of Goldfarb and Idnani
 finds (`least_distance`). Bounds low and high are made rows only once they are violated: the method continues from its present
-solution. In `LeastDistance`, `bounds` are the right-hand sides d of the rows, not these.
+solution. `LeastDistance.rhs` are the right-hand sides d.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Quadratic(NamedTuple):
     high: Floats  # (n,)
     x: Floats  # (n,) the solution
     last_step: Floats  # (n,) m: the last step; of a root's rotation times 0.1 m, of a joint times its lever
-    least: LeastDistance  # its `rows` and `bounds` are C and d on entry
+    least: LeastDistance  # its `rows` and `rhs` are C and d on entry
 
 
 def make_quadratic(unknowns: int, rows: int) -> Quadratic:
@@ -89,14 +89,14 @@ def _normalise(p: Quadratic, n: int, i: int) -> bool:
         square += row[k] * row[k]
     length = math.sqrt(square)
     if length < WEAK:
-        lacks = p.least.bounds[i] > 0.0
+        lacks = p.least.rhs[i] > 0.0
         for k in range(n):
             row[k] = 0.0
-        p.least.bounds[i] = -1.0
+        p.least.rhs[i] = -1.0
         return not lacks
     for k in range(n):
         row[k] /= length
-    p.least.bounds[i] /= length
+    p.least.rhs[i] /= length
     return True
 
 
@@ -115,21 +115,21 @@ def _read_solution(p: Quadratic, n: int) -> None:
 def _add_bounds(p: Quadratic, n: int, m: int) -> int:
     """Rows for low and high where the solution violates them; returns the number of rows.
 
-    Where the table of rows is full there are none for the others, and `go_on` clamps their unknowns.
+    Where the table of rows is full there are none for the others, and `resume_quadratic` clamps their unknowns.
     """
     for j in range(n):
-        sign, bound = 0.0, 0.0
+        sign, limit = 0.0, 0.0
         if p.x[j] < p.low[j] - BOUND_TOLERANCE:
-            sign, bound = 1.0, p.low[j]
+            sign, limit = 1.0, p.low[j]
         elif p.x[j] > p.high[j] + BOUND_TOLERANCE:
-            sign, bound = -1.0, -p.high[j]
-        if sign == 0.0 or m == len(p.least.bounds):
+            sign, limit = -1.0, -p.high[j]
+        if sign == 0.0 or m == len(p.least.rhs):
             continue
         row = p.least.rows[m]
         for k in range(n):
             row[k] = 0.0
         row[j] = sign
-        p.least.bounds[m] = bound
+        p.least.rhs[m] = limit
         p.least.is_active[m] = 0
         _to_metric(p, n, j, row)
         _normalise(p, n, m)
@@ -138,7 +138,7 @@ def _add_bounds(p: Quadratic, n: int, m: int) -> int:
 
 
 @outlined
-def go_on(p: Quadratic, n: int, first: int, m: int, count: int) -> tuple[int, int, int]:
+def resume_quadratic(p: Quadratic, n: int, first: int, m: int, active_count: int) -> tuple[int, int, int]:
     """Add rows `first` to `m`, as they were written, to a solution with `count` active rows, and resume the dual method.
 
     At the end unknowns are clamped to low and high: by rounding, unless the table of rows was full or rows are infeasible
@@ -157,7 +157,7 @@ def go_on(p: Quadratic, n: int, first: int, m: int, count: int) -> tuple[int, in
         if not _normalise(p, n, i):
             status = INFEASIBLE
     for _ in range(2 * n + 2):
-        found, count = satisfy_rows(p.least, n, m, TOLERANCE, count)
+        found, active_count = satisfy_rows(p.least, n, m, TOLERANCE, active_count)
         _read_solution(p, n)
         if found != SOLVED:
             status = found
@@ -168,12 +168,12 @@ def go_on(p: Quadratic, n: int, first: int, m: int, count: int) -> tuple[int, in
         m = more
     for j in range(n):
         p.x[j] = min(max(p.x[j], p.low[j]), p.high[j])
-    return status, m, count
+    return status, m, active_count
 
 
 @outlined
 def solve_quadratic(p: Quadratic, n: int, m: int) -> tuple[int, int, int]:
-    """Solve with the first `n` unknowns and `m` rows of `p.least`; the solution is in `p.x`. Returns as `go_on` does."""
+    """Solve with the first `n` unknowns and `m` rows of `p.least`; the solution is in `p.x`. Returns as `resume_quadratic`."""
     if not _factorise(p, n):
         for j in range(n):
             p.x[j] = 0.0
@@ -182,4 +182,4 @@ def solve_quadratic(p: Quadratic, n: int, m: int) -> tuple[int, int, int]:
         p.least.x[k] = -p.gradient[k]
     _to_metric(p, n, 0, p.least.x)
     begin_least_distance(p.least, n, 0)
-    return go_on(p, n, 0, m, 0)
+    return resume_quadratic(p, n, 0, m, 0)

@@ -6,7 +6,7 @@ direction is its angular distance from the polygon's sides, positive inside. The
 at the nearest point of the polygon alone, as the arc to it crosses no other side: no winding number, and no special case
 for the opposite direction.
 
-A recorded limb may point out of its cone. Free motion leaves it so, but no solver rotates it further out: the bound on g
+A recorded limb may point out of its cone. Free motion leaves it so, but no solver rotates it further out: the limit of g
 is min(0, g recorded).
 """
 
@@ -129,13 +129,13 @@ def cone_angle(scene: Scene, cone: int, angles: Floats) -> float:
 
 
 @kernel
-def cone_bound(scene: Scene, cone: int, recorded: Floats) -> float:
+def cone_limit(scene: Scene, cone: int, recorded: Floats) -> float:
     """The least g [rad] a solver may leave the limb at: 0, or what was recorded beyond."""
     return min(cone_angle(scene, cone, recorded), 0.0)
 
 
 @kernel
-def cone_effect(scene: Scene, cone: int, angles: Floats, index: int, d: Vec, inward: Vec) -> float:
+def cone_jacobian(scene: Scene, cone: int, angles: Floats, index: int, d: Vec, inward: Vec) -> float:
     """∂g/∂q of the joint in row `index` of `cones.joints`: inward · (axis × d)."""
     body = scene.cones.joints[index]
     axis = vec_at(scene.bodies.axis, body)
@@ -148,7 +148,7 @@ def cone_row(scene: Scene, lever: Floats, cone: int, angles: Floats, column: Int
     """Add ∂g/∂q of those joints of a cone that are unknowns to `row`, scaled as `add_effects` does.
 
     `column` (Q,) numbers the unknowns, -1: none. Returns g [rad]; the limb stays in its cone to first order if
-    row · Δx >= cone_bound - g.
+    row · Δx >= cone_limit - g.
     """
     start = scene.cones.direction_start
     d = limb_direction(scene, cone, angles)
@@ -156,5 +156,5 @@ def cone_row(scene: Scene, lever: Floats, cone: int, angles: Floats, column: Int
     for index in range(scene.cones.joint_start[cone], scene.cones.joint_start[cone + 1]):
         q = scene.bodies.dof[scene.cones.joints[index]]
         if column[q] >= 0:
-            row[column[q]] += cone_effect(scene, cone, angles, index, d, inward) / lever[q]
+            row[column[q]] += cone_jacobian(scene, cone, angles, index, d, inward) / lever[q]
     return g

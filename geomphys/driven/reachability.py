@@ -18,16 +18,16 @@ from geomphys.collision.detect import (
     append_pair,
     find_near,
     measure_near,
-    pair_bound,
     pair_separation,
-    set_bound,
+    separation_bound,
+    set_motion_bound,
 )
 from geomphys.collision.sweep import update_boxes
-from geomphys.driven.advancement import centre_motion, is_parted_before, pair_motion, path_is_free, rotation_between
-from geomphys.driven.constraints import concerns
+from geomphys.driven.advancement import centre_motion, is_separated_on_path, pair_motion, path_is_free, rotation_between
+from geomphys.driven.constraints import is_unlocked_pair
 from geomphys.driven.postures import Posture
 from geomphys.driven.state import LOCKED, DrivenWorkspace
-from geomphys.driven.stepping import find_concerned, measure_motion, pose_with_pieces
+from geomphys.driven.stepping import find_unlocked_pairs, measure_motion, pose_with_pieces
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import set_vec, vec_at, vec_of
 from geomphys.numerics.vec3 import norm, sub
@@ -35,28 +35,28 @@ from geomphys.scene.arrays import DRIVEN, Scene
 
 Floats = NDArray[np.float64]
 
-FREE, TAKEN, UNCERTAIN = 0, 1, 2  # verdicts on a posture
-AMPLE, MARGIN = 2.0, 12e-3  # times the motion of the goal, and m: motion up to which pairs are listed
+FREE, IN_COLLISION, UNCERTIFIED = 0, 1, 2  # verdicts on a posture
+LISTED_FACTOR, MARGIN = 2.0, 12e-3  # times the motion of the goal, and m: motion up to which pairs are listed
 
 
 @kernel
-def _note_travel(scene: Scene, before: Floats, after: Floats, tree: int, travel: Records) -> float:
+def _measure_travel(scene: Scene, before: Floats, after: Floats, tree: int, travel: Records) -> float:
     """Motion of the pieces of a tree between poses (B, 7), to `travel` (P,) TRAVEL; returns the largest [m]."""
     far = 0.0
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
         rotation = rotation_between(before, after, body)
         for i in range(scene.bodies.piece_start[body], scene.bodies.piece_start[body + 1]):
-            shift = centre_motion(scene, before, after, i)
-            set_vec(travel[i].shift, shift)
+            translation = centre_motion(scene, before, after, i)
+            set_vec(travel[i].translation, translation)
             travel[i].rotation = rotation * scene.pieces.reach[i]
-            far = max(far, norm(shift) + travel[i].rotation)
+            far = max(far, norm(translation) + travel[i].rotation)
     return far
 
 
 @kernel
 def _pair_travel(travel: Records, a: int, b: int) -> float:
     """Bound on the relative motion of two pieces [m]."""
-    apart = norm(sub(vec_of(travel[a].shift), vec_of(travel[b].shift)))
+    apart = norm(sub(vec_of(travel[a].translation), vec_of(travel[b].translation)))
     return apart + float(travel[a].rotation) + float(travel[b].rotation)
 
 
@@ -67,10 +67,10 @@ def measure_drift(scene: Scene, ws: DrivenWorkspace, before: Floats, after: Floa
     for tree in range(len(scene.trees.role)):
         if scene.trees.moving[tree] == 0 or scene.trees.role[tree] == DRIVEN:
             continue
-        _note_travel(scene, before, after, tree, work.travel)
+        _measure_travel(scene, before, after, tree, work.travel)
         first = scene.bodies.piece_start[scene.trees.body_start[tree]]
         for i in range(first, scene.bodies.piece_start[scene.trees.body_start[tree + 1]]):
-            work.drift[i] = norm(vec_of(work.travel[i].shift)) + work.travel[i].rotation
+            work.drift[i] = norm(vec_of(work.travel[i].translation)) + work.travel[i].rotation
 
 
 @kernel
@@ -91,14 +91,14 @@ def measure_swept_pairs(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> 
     """
     p, work = ws.piece_frames, ws.work
     measure_motion(scene, ws, work.before, posture)
-    for tree in range(len(work.kind)):
-        set_bound(p.motion_bounds, tree, -math.inf if work.ignored[tree] == 1 else 0.0)
-        if work.kind[tree] != LOCKED:
-            set_bound(p.motion_bounds, tree, _farthest(scene, work.motion, tree))
+    for tree in range(len(work.mobility)):
+        set_motion_bound(p.motion_bounds, tree, -math.inf if work.ignored[tree] == 1 else 0.0)
+        if work.mobility[tree] != LOCKED:
+            set_motion_bound(p.motion_bounds, tree, _farthest(scene, work.motion, tree))
             update_boxes(scene, p.frames, ws.detection.boxes, tree)
         elif work.ignored[tree] == 0 and scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
             p.motion_bounds[tree].world = _farthest(scene, work.drift, tree)
-    return find_concerned(scene, ws, 0.0)
+    return find_unlocked_pairs(scene, ws, 0.0)
 
 
 @kernel
@@ -106,10 +106,10 @@ def path_of_pair_is_free(scene: Scene, ws: DrivenWorkspace, posture: Posture, k:
     """Whether near pair k, separated at `posture`, got there from the start of the step without passing through."""
     near, work = ws.near, ws.work
     a, b, s = near.a[k], near.b[k], near.separation[k]
-    if s > _moved(scene, ws, a) + _moved(scene, ws, b):
+    if s > _motion_of(scene, ws, a) + _motion_of(scene, ws, b):
         return True
     motion, _ = pair_motion(scene, work.before.poses, posture.poses, a, b)
-    if s > motion or is_parted_before(
+    if s > motion or is_separated_on_path(
         scene, work.before.poses, posture.poses, a, b, vec_at(near.normal, k), motion, ws.piece_frames.moved
     ):
         return True
@@ -119,16 +119,16 @@ def path_of_pair_is_free(scene: Scene, ws: DrivenWorkspace, posture: Posture, k:
 
 
 @kernel
-def _moved(scene: Scene, ws: DrivenWorkspace, piece: int) -> float:
+def _motion_of(scene: Scene, ws: DrivenWorkspace, piece: int) -> float:
     """Motion of a piece since the start of the step [m]."""
     tree = scene.bodies.tree[scene.pieces.body[piece]]
     if scene.trees.role[tree] != DRIVEN:
         return float(ws.work.drift[piece])
-    return float(ws.work.motion[piece]) if ws.work.kind[tree] != LOCKED else 0.0
+    return float(ws.work.motion[piece]) if ws.work.mobility[tree] != LOCKED else 0.0
 
 
 @kernel
-def forget_pairs(ws: DrivenWorkspace) -> None:
+def clear_pairs(ws: DrivenWorkspace) -> None:
     """Discard the listed pairs: the surroundings have changed."""
     for tree in range(len(ws.work.covered)):
         ws.work.covered[tree] = -1.0
@@ -142,37 +142,37 @@ def list_pairs(scene: Scene, ws: DrivenWorkspace) -> None:
     """
     p, work = ws.piece_frames, ws.work
     measure_motion(scene, ws, work.before, work.goal)
-    for tree in range(len(work.kind)):
+    for tree in range(len(work.mobility)):
         work.covered[tree] = 0.0
-        set_bound(p.motion_bounds, tree, -math.inf if work.ignored[tree] == 1 else 0.0)
-        if work.kind[tree] != LOCKED:
+        set_motion_bound(p.motion_bounds, tree, -math.inf if work.ignored[tree] == 1 else 0.0)
+        if work.mobility[tree] != LOCKED:
             pose_with_pieces(scene, ws, work.goal, tree)
             update_boxes(scene, p.frames, ws.detection.boxes, tree)
-            work.covered[tree] = AMPLE * _farthest(scene, work.motion, tree) + MARGIN
-            set_bound(p.motion_bounds, tree, work.covered[tree])
+            work.covered[tree] = LISTED_FACTOR * _farthest(scene, work.motion, tree) + MARGIN
+            set_motion_bound(p.motion_bounds, tree, work.covered[tree])
         elif work.ignored[tree] == 0 and scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
             p.motion_bounds[tree].world = _farthest(scene, work.drift, tree)
         elif scene.trees.role[tree] == DRIVEN:
             first = scene.bodies.piece_start[scene.trees.body_start[tree]]
             for i in range(first, scene.bodies.piece_start[scene.trees.body_start[tree + 1]]):
-                set_vec(work.travel[i].shift, (0.0, 0.0, 0.0))
-                set_vec(work.from_goal[i].shift, (0.0, 0.0, 0.0))
+                set_vec(work.travel[i].translation, (0.0, 0.0, 0.0))
+                set_vec(work.from_goal[i].translation, (0.0, 0.0, 0.0))
                 work.travel[i].rotation = work.from_goal[i].rotation = 0.0
     ws.listed.counts.lost = 0
     find_near(scene, p.frames, p.motion_bounds, 0.0, -math.inf, ws.listed, ws.detection)
     if ws.listed.counts.lost > 0:  # the table was full: pairs are searched each time
-        for tree in range(len(work.kind)):
+        for tree in range(len(work.mobility)):
             work.covered[tree] = -1.0
 
 
 @kernel
-def _note_travels(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> bool:
+def _measure_travels(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> bool:
     """Motion of the trees being solved to a posture, from the start of the step and from the goal; whether pairs are listed."""
     work, covers = ws.work, True
-    for tree in range(len(work.kind)):
-        if work.kind[tree] != LOCKED:
-            far = _note_travel(scene, work.before.poses, posture.poses, tree, work.travel)
-            far += _note_travel(scene, work.goal.poses, posture.poses, tree, work.from_goal)
+    for tree in range(len(work.mobility)):
+        if work.mobility[tree] != LOCKED:
+            far = _measure_travel(scene, work.before.poses, posture.poses, tree, work.travel)
+            far += _measure_travel(scene, work.goal.poses, posture.poses, tree, work.from_goal)
             covers = covers and far <= work.covered[tree]
     return covers
 
@@ -181,21 +181,21 @@ def _note_travels(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> bool:
 def measure_listed_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough: float) -> tuple[bool, float]:
     """`measure_near_pairs` at the posed iterate from the listed pairs: (whether the list is complete, least separation)."""
     work, listed, near, least = ws.work, ws.listed, ws.near, math.inf
-    for tree in range(len(work.kind)):
-        if work.kind[tree] != LOCKED:
-            far = _note_travel(scene, work.goal.poses, work.now.poses, tree, work.from_goal)
+    for tree in range(len(work.mobility)):
+        if work.mobility[tree] != LOCKED:
+            far = _measure_travel(scene, work.goal.poses, work.iterate.poses, tree, work.from_goal)
             if far + reach > work.covered[tree]:
                 return False, least
     near.counts.filled = 0
     for k in range(listed.counts.filled):
         a, b, limit = listed.a[k], listed.b[k], 0.0
         for tree in (listed.tree_a[k], listed.tree_b[k]):
-            limit += reach if work.kind[tree] != LOCKED else 0.0
+            limit += reach if work.mobility[tree] != LOCKED else 0.0
         s, n = listed.separation[k] - _pair_travel(work.from_goal, a, b), vec_at(listed.normal, k)
         if s > limit or limit == 0.0:
             continue
         if s < enough:
-            s, n = pair_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
+            s, n = separation_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
         if s > limit:
             continue
         append_pair(near, a, b, listed.tree_a[k], listed.tree_b[k], (s, n, NOWHERE, NOWHERE))
@@ -215,22 +215,22 @@ def _judge_listed(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
     work, listed, p = ws.work, ws.listed, ws.piece_frames
     for k in range(listed.counts.filled):
         a, b = listed.a[k], listed.b[k]
-        if work.kind[listed.tree_a[k]] == LOCKED and work.kind[listed.tree_b[k]] == LOCKED:
+        if work.mobility[listed.tree_a[k]] == LOCKED and work.mobility[listed.tree_b[k]] == LOCKED:
             continue
         motion = _pair_travel(work.travel, a, b)
         if listed.separation[k] - _pair_travel(work.from_goal, a, b) > motion:
             continue
-        s, n = pair_bound(scene.pieces, p.frames, a, b, ws.detection.axes)
+        s, n = separation_bound(scene.pieces, p.frames, a, b, ws.detection.axes)
         if s < 0.0:
             s, n, _, _ = pair_separation(scene.pieces, p.frames, a, b, motion, ws.detection.axes, ws.detection.scratch)
         if s < 0.0:
-            return TAKEN
-        if s <= motion and not is_parted_before(
+            return IN_COLLISION
+        if s <= motion and not is_separated_on_path(
             scene, work.before.poses, posture.poses, a, b, n, motion, p.moved
         ) and not path_is_free(
             scene, work.before.poses, posture.poses, a, b, p.moved, ws.detection.axes, ws.detection.scratch
         ):  # fmt: skip
-            return UNCERTAIN
+            return UNCERTIFIED
     return FREE
 
 
@@ -238,17 +238,17 @@ def _judge_listed(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
 def judge_anew(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
     """As `judge`, for any posture."""
     if measure_swept_pairs(scene, ws, posture) < 0.0:
-        return TAKEN
+        return IN_COLLISION
     for k in range(ws.near.counts.filled):
-        if concerns(ws, k) and not path_of_pair_is_free(scene, ws, posture, k):
-            return UNCERTAIN
+        if is_unlocked_pair(ws, k) and not path_of_pair_is_free(scene, ws, posture, k):
+            return UNCERTIFIED
     return FREE
 
 
 @outlined
 def judge(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
-    """FREE, TAKEN or UNCERTAIN: a posture of the trees being solved, for which pairs are listed and pieces posed."""
-    if _note_travels(scene, ws, posture):
+    """FREE, IN_COLLISION or UNCERTIFIED: a posture of the trees being solved, for which pairs are listed and pieces posed."""
+    if _measure_travels(scene, ws, posture):
         return _judge_listed(scene, ws, posture)
     return judge_anew(scene, ws, posture)
 
@@ -259,7 +259,7 @@ def _reference_separation(scene: Scene, ws: DrivenWorkspace, k: int, limit: floa
     a, b = ws.listed.a[k], ws.listed.b[k]
     s = ws.listed.separation[k] - _pair_travel(ws.work.from_goal, a, b)
     if s < limit:
-        s, _ = pair_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
+        s, _ = separation_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
     if s < limit:
         s, _, _, _ = pair_separation(
             scene.pieces, ws.piece_frames.frames, a, b, limit, ws.detection.axes, ws.detection.scratch
@@ -268,7 +268,7 @@ def _reference_separation(scene: Scene, ws: DrivenWorkspace, k: int, limit: floa
 
 
 @outlined
-def note_reference_bodies(scene: Scene, ws: DrivenWorkspace) -> None:
+def find_reference_bodies(scene: Scene, ws: DrivenWorkspace) -> None:
     """The nearest bodies that the recording moves, of the listed pairs at the posture that was judged last."""
     listed, reference_bodies = ws.listed, ws.work.reference_bodies
     for i in range(len(reference_bodies)):

@@ -21,7 +21,7 @@ Ints = NDArray[np.int64]
 
 PAIRS = 1 << 14  # most pairs of pieces that can be near at once
 ROWS = 1024  # most rows of a quadratic problem
-SPOTS = 512  # contact spots remembered in a search
+SPOTS = 512  # contact spots cached in a search
 REFERENCE_BODIES = 3  # bodies that a tree may be moved along with
 
 # rows of near pairs (DrivenWorkspace.row_state)
@@ -30,13 +30,11 @@ NO_ROW, REQUESTED, HAS_ROW = 0, 1, 2
 # whether there was a frame before this one, and whether some frame ended free of overlap (PROGRESS, start)
 NOT_STARTED, STARTED_FREE, NEVER_FREE = 0, 1, 2
 
-# how a tree may move (SearchWorkspace.kind)
-LOCKED, RIGID, ARTICULATED = 0, 1, 2
+# how a tree may move (SearchWorkspace.mobility): translation alone, or general motion: rotation and joints too
+LOCKED, TRANSLATION, GENERAL_MOTION = 0, 1, 2
 
-
-# the coupled solve prescribes the posture (DrivenState.given), or did before and the shape still differs by that
-GIVEN, WAS_GIVEN = 1, 2
-
+# the coupled solve prescribes the posture (DrivenState.prescription), or did before and the shape still differs by that
+PRESCRIBED, WAS_PRESCRIBED = 1, 2
 
 PROGRESS = np.dtype(
     [
@@ -57,7 +55,7 @@ SEARCH_COUNTS = np.dtype(
 
 TRAVEL = np.dtype(
     [
-        ("shift", np.float64, 3),  # m, displacement of the centre
+        ("translation", np.float64, 3),  # m, displacement of the centre
         ("rotation", np.float64),  # m, bound of the motion of any point by rotation
     ]
 )
@@ -88,9 +86,9 @@ TOUCH = np.dtype(
 
 LINK_OFFSET = np.dtype(
     [
-        ("shift", np.float64, 3),  # m, of the link's centre, world
+        ("translation", np.float64, 3),  # m, of the link's centre, world
         ("rotation", np.float64, 3),  # rad, rotation vector, world
-        ("velocity", np.float64, 3),  # m/s: rate of `shift`
+        ("velocity", np.float64, 3),  # m/s: rate of `translation`
         ("angular_velocity", np.float64, 3),  # rad/s: rate of `rotation`
     ]
 )
@@ -116,20 +114,20 @@ class DrivenState(NamedTuple):
 
     progress: Record  # PROGRESS
     offset: Floats  # (T, 3) m, of each tree's root from its recorded position
-    speed: Floats  # (T, 3) m/s, of the pivot's offset; impulses change it
-    last_speed: Floats  # (T, 3) m/s, the same at the end of the last step
+    offset_velocity: Floats  # (T, 3) m/s, of the pivot's offset; impulses change it
+    last_offset_velocity: Floats  # (T, 3) m/s, the same at the end of the last step
     last: Posture  # everything at the end of the last step, corrected
     recorded: Posture  # the recording of the last step
     link_offsets: Records  # (B,) LINK_OFFSET
-    deformed: Ints  # (T,) 1: the offsets are more than a translation of the tree
+    general_motion: Ints  # (T,) 1: the offsets are more than a translation of the tree
     mean_tip: Floats  # (B, 3) m, mean recorded centre of each fingertip of a rigid tree, in the frame of its palm
     used_low: Floats  # (Q,) the least angle recorded so far
     used_high: Floats  # (Q,) and the largest
     joint_offset: Floats  # (Q,) corrected less recorded angles
     joint_step: Floats  # (Q,) their last change
-    given: Ints  # (T,) GIVEN: its posture in this step, obstacles apart, is `prescribed`; WAS_GIVEN; 0
+    prescription: Ints  # (T,) PRESCRIBED: its posture in this step, obstacles apart, is that below; WAS_PRESCRIBED; 0
+    prescribed_posture: Posture
     method: Ints  # (T,) by which each tree was freed in the frame so far, as in results.METHODS
-    prescribed: Posture
 
 
 class PieceFrames(NamedTuple):
@@ -145,7 +143,7 @@ class SearchWorkspace(NamedTuple):
     """Workspace of the search for a posture."""
 
     before: Posture  # at the start of the step, all trees
-    now: Posture  # the iterate
+    iterate: Posture  # the iterate
     trial: Posture  # the iterate after the step being tried
     best: Posture  # the best free iterate
     start: Posture  # a free start
@@ -154,9 +152,9 @@ class SearchWorkspace(NamedTuple):
     cached_target: Floats  # (B, 7) `target`, saved while another is tried
     anchor: Floats  # (B, 3) m, where each link's centre would be with the offset of the last frame
     deviation_limit: Floats  # (T,) m: how far the links of a tree may move from there
-    shift_limit: Floats  # (T,) m: by how much the offset of a rigid tree may change in the step
-    kind: Ints  # (T,) how it may move: LOCKED, RIGID, ARTICULATED
-    cached_kind: Ints  # (T,) `kind`, saved while another is tried
+    translation_limit: Floats  # (T,) m: by how much the offset of a rigid tree may change in the step
+    mobility: Ints  # (T,) how it may move: LOCKED, TRANSLATION or GENERAL_MOTION
+    cached_mobility: Ints  # (T,) `mobility`, saved while another is tried
     group: Ints  # (T,) number of the group that is solved together; -1: none
     first: Ints  # (T,) first column of a tree
     column: Ints  # (Q,) of a joint, -1: none
@@ -174,7 +172,7 @@ class SearchWorkspace(NamedTuple):
     from_goal: Records  # (P,) TRAVEL from the goal
     covered: Floats  # (T,) m: motion of the pieces of a tree that the listed pairs cover
     depth: Floats  # (T,) m, recorded depth of a tree
-    hit: Ints  # (T,) 1: the goal is not free, or cannot be reached
+    blocked: Ints  # (T,) 1: the goal is not free, or cannot be reached
     spots: Records  # (n,) SPOT
     counts: Record  # SEARCH_COUNTS
     touches: Records  # (k,) TOUCH
@@ -207,20 +205,20 @@ def make_driven_state(scene: Scene, poses: Floats) -> DrivenState:
     return DrivenState(
         progress=np.zeros((), PROGRESS),
         offset=np.zeros((trees, 3)),
-        speed=np.zeros((trees, 3)),
-        last_speed=np.zeros((trees, 3)),
+        offset_velocity=np.zeros((trees, 3)),
+        last_offset_velocity=np.zeros((trees, 3)),
         last=make_posture(scene, poses),
         recorded=make_posture(scene, poses),
         link_offsets=np.zeros(bodies, LINK_OFFSET),
-        deformed=np.zeros(trees, np.int64),
+        general_motion=np.zeros(trees, np.int64),
         mean_tip=np.zeros((bodies, 3)),
         used_low=np.full(dofs, np.inf),
         used_high=np.full(dofs, -np.inf),
         joint_offset=np.zeros(dofs),
         joint_step=np.zeros(dofs),
-        given=np.zeros(trees, np.int64),
+        prescription=np.zeros(trees, np.int64),
+        prescribed_posture=make_posture(scene, poses),
         method=np.zeros(trees, np.int64),
-        prescribed=make_posture(scene, poses),
     )
 
 
@@ -242,7 +240,7 @@ def make_search_workspace(scene: Scene, poses: Floats, passes: int) -> SearchWor
     contacts = max(int((scene.bodies.role == DRIVEN).sum()) * bodies, 1)  # capacity for every tip and body
     return SearchWorkspace(
         before=make_posture(scene, poses),
-        now=make_posture(scene, poses),
+        iterate=make_posture(scene, poses),
         trial=make_posture(scene, poses),
         best=make_posture(scene, poses),
         start=make_posture(scene, poses),
@@ -251,9 +249,9 @@ def make_search_workspace(scene: Scene, poses: Floats, passes: int) -> SearchWor
         cached_target=np.zeros((bodies, 7)),
         anchor=np.zeros((bodies, 3)),
         deviation_limit=np.zeros(trees),
-        shift_limit=np.zeros(trees),
-        kind=np.zeros(trees, np.int64),
-        cached_kind=np.zeros(trees, np.int64),
+        translation_limit=np.zeros(trees),
+        mobility=np.zeros(trees, np.int64),
+        cached_mobility=np.zeros(trees, np.int64),
         group=np.zeros(trees, np.int64),
         first=np.zeros(trees, np.int64),
         column=np.full(dofs, -1),
@@ -271,7 +269,7 @@ def make_search_workspace(scene: Scene, poses: Floats, passes: int) -> SearchWor
         from_goal=np.zeros(pieces, TRAVEL),
         covered=np.zeros(trees),
         depth=np.zeros(trees),
-        hit=np.zeros(trees, np.int64),
+        blocked=np.zeros(trees, np.int64),
         spots=np.full(SPOTS, -1, SPOT),
         counts=np.zeros((), SEARCH_COUNTS),
         touches=np.zeros(contacts, TOUCH),

@@ -7,15 +7,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import find_near, measure_near, pair_bound, set_bound
+from geomphys.collision.detect import find_near, measure_near, separation_bound, set_motion_bound
 from geomphys.collision.extent import gap_along
 from geomphys.collision.support import shapes_of
 from geomphys.collision.sweep import update_boxes
-from geomphys.driven.advancement import centre_motion, passing_depth, rotation_between
-from geomphys.driven.constraints import concerns
+from geomphys.driven.advancement import centre_motion, path_tolerance, rotation_between
+from geomphys.driven.constraints import is_unlocked_pair
 from geomphys.driven.objective import link_centre, pivot_of
 from geomphys.driven.postures import Posture, copy_tree
-from geomphys.driven.state import ARTICULATED, LOCKED, DrivenWorkspace
+from geomphys.driven.state import GENERAL_MOTION, LOCKED, DrivenWorkspace
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import (
@@ -34,7 +34,7 @@ from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, pose_
 
 Floats = NDArray[np.float64]
 
-SHALLOW = 2e-4  # m: overlap that iterates may have, if it is no more than `passing_depth`
+SHALLOW = 2e-4  # m: overlap that iterates may have, if it is no more than `path_tolerance`
 REVERSED = -0.3  # cosine
 
 
@@ -46,31 +46,31 @@ def pose_with_pieces(scene: Scene, ws: DrivenWorkspace, posture: Posture, tree: 
 
 
 @outlined
-def pose_yielding(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> None:
+def pose_unlocked(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> None:
     """Pose the trees being solved, and their pieces."""
-    for tree in range(len(ws.work.kind)):
-        if ws.work.kind[tree] != LOCKED:
+    for tree in range(len(ws.work.mobility)):
+        if ws.work.mobility[tree] != LOCKED:
             pose_with_pieces(scene, ws, posture, tree)
 
 
 @outlined
-def copy_moving(scene: Scene, ws: DrivenWorkspace, source: Posture, target: Posture) -> None:
+def copy_unlocked(scene: Scene, ws: DrivenWorkspace, source: Posture, target: Posture) -> None:
     """Copy the trees being solved."""
-    for tree in range(len(ws.work.kind)):
-        if ws.work.kind[tree] != LOCKED:
+    for tree in range(len(ws.work.mobility)):
+        if ws.work.mobility[tree] != LOCKED:
             copy_tree(scene, source, tree, target)
 
 
 @kernel
-def pose_yielding_pieces(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> None:
+def pose_unlocked_pieces(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> None:
     """Pose the pieces of the trees being solved, whose link poses are known."""
-    for tree in range(len(ws.work.kind)):
-        if ws.work.kind[tree] != LOCKED:
+    for tree in range(len(ws.work.mobility)):
+        if ws.work.mobility[tree] != LOCKED:
             pose_pieces_of_tree(scene, tree, posture.poses, ws.piece_frames.frames)
 
 
 @kernel
-def find_concerned(scene: Scene, ws: DrivenWorkspace, enough: float) -> float:
+def find_unlocked_pairs(scene: Scene, ws: DrivenWorkspace, enough: float) -> float:
     """Near pairs within the reach of their trees; returns the least separation among the trees being solved.
 
     Pairs that a cached direction separates by `enough` [m] are not measured: theirs is a lower bound.
@@ -79,7 +79,7 @@ def find_concerned(scene: Scene, ws: DrivenWorkspace, enough: float) -> float:
     find_near(scene, p.frames, p.motion_bounds, 0.0, enough, ws.near, ws.detection)
     least = math.inf
     for k in range(ws.near.counts.filled):
-        if concerns(ws, k):
+        if is_unlocked_pair(ws, k):
             least = min(least, ws.near.separation[k])
     return least
 
@@ -91,30 +91,30 @@ def measure_near_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough: 
     Pairs that a cached direction separates by `enough` [m] are not measured.
     """
     p = ws.piece_frames
-    for tree in range(len(ws.work.kind)):
-        set_bound(p.motion_bounds, tree, -math.inf if ws.work.ignored[tree] == 1 else 0.0)
-        if ws.work.kind[tree] != LOCKED:
-            set_bound(p.motion_bounds, tree, reach)
+    for tree in range(len(ws.work.mobility)):
+        set_motion_bound(p.motion_bounds, tree, -math.inf if ws.work.ignored[tree] == 1 else 0.0)
+        if ws.work.mobility[tree] != LOCKED:
+            set_motion_bound(p.motion_bounds, tree, reach)
             update_boxes(scene, p.frames, ws.detection.boxes, tree)
-    return find_concerned(scene, ws, enough)
+    return find_unlocked_pairs(scene, ws, enough)
 
 
 @outlined
 def update_separations(scene: Scene, ws: DrivenWorkspace, limit: float, enough: float) -> float:
     """Update the near pairs after the step that `measure_motion` was called for; returns the least separation.
 
-    A separation, and the gap along a direction, shrinks by no more than the motion of both pieces. Only pairs that may be
+    A separation, and the gap along a direction, shrinks by no more than the motion of product pieces. Only pairs that may be
     nearer than `enough` [m] are measured, within `limit` [m].
     """
     near, motion, least = ws.near, ws.work.motion, math.inf
     for k in range(near.counts.filled):
-        if not concerns(ws, k):
+        if not is_unlocked_pair(ws, k):
             continue
         a, b = near.a[k], near.b[k]
         s = near.separation[k] - (motion[a] + motion[b])
         near.exact[k] = 0
         if s < enough:
-            s, n = pair_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
+            s, n = separation_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
             for i in range(3):
                 near.normal[k, i] = n[i]
         near.separation[k] = s
@@ -130,8 +130,8 @@ def update_separations(scene: Scene, ws: DrivenWorkspace, limit: float, enough: 
 def measure_motion(scene: Scene, ws: DrivenWorkspace, before: Posture, after: Posture) -> float:
     """Motion of each piece of the trees being solved from one posture to another; returns the largest [m]."""
     farthest = 0.0
-    for tree in range(len(ws.work.kind)):
-        if ws.work.kind[tree] == LOCKED:
+    for tree in range(len(ws.work.mobility)):
+        if ws.work.mobility[tree] == LOCKED:
             continue
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
             rotation = rotation_between(before.poses, after.poses, body)
@@ -143,27 +143,29 @@ def measure_motion(scene: Scene, ws: DrivenWorkspace, before: Posture, after: Po
 
 
 @kernel
-def apply_solution(scene: Scene, ws: DrivenWorkspace, share: float) -> None:
-    """Set the trial: the iterate plus a share of the solution."""
+def apply_solution(scene: Scene, ws: DrivenWorkspace, step_length: float) -> None:
+    """Set the trial: the iterate plus `step_length` times the solution."""
     x, work = ws.problem.x, ws.work
-    now, trial = work.now, work.trial
-    for tree in range(len(work.kind)):
-        if work.kind[tree] == LOCKED:
+    iterate, trial = work.iterate, work.trial
+    for tree in range(len(work.mobility)):
+        if work.mobility[tree] == LOCKED:
             continue
         first = work.first[tree]
-        p, q = position_of(now.roots, tree), orientation_of(now.roots, tree)
-        if work.kind[tree] == ARTICULATED:
-            rotation = quat_from_rotation_vector((share * x[first + 3], share * x[first + 4], share * x[first + 5]))
-            pivot = pivot_of(ws, now.poses, tree)
+        p, q = position_of(iterate.roots, tree), orientation_of(iterate.roots, tree)
+        if work.mobility[tree] == GENERAL_MOTION:
+            rotation = quat_from_rotation_vector(
+                (step_length * x[first + 3], step_length * x[first + 4], step_length * x[first + 5])
+            )
+            pivot = pivot_of(ws, iterate.poses, tree)
             p = add(pivot, quat_rotate(rotation, sub(p, pivot)))
             q = quat_unit(quat_mul(rotation, q))
             for j in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
                 i = work.column[j]
-                trial.angles[j] = now.angles[j] + (share * x[i] if i >= 0 else 0.0)
+                trial.angles[j] = iterate.angles[j] + (step_length * x[i] if i >= 0 else 0.0)
         else:
             for j in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
-                trial.angles[j] = now.angles[j]
-        p = (p[0] + share * x[first], p[1] + share * x[first + 1], p[2] + share * x[first + 2])
+                trial.angles[j] = iterate.angles[j]
+        p = (p[0] + step_length * x[first], p[1] + step_length * x[first + 1], p[2] + step_length * x[first + 2])
         set_pose(trial.roots, tree, p, q)
         pose_tree(scene, ws.origins, tree, trial.roots, trial.angles, trial.poses)
 
@@ -172,28 +174,28 @@ def apply_solution(scene: Scene, ws: DrivenWorkspace, share: float) -> None:
 def step_to_trial(scene: Scene, ws: DrivenWorkspace) -> float:
     """Take the whole solution, collisions ignored; returns a bound on the motion of any piece [m]."""
     apply_solution(scene, ws, 1.0)
-    return measure_motion(scene, ws, ws.work.now, ws.work.trial)
+    return measure_motion(scene, ws, ws.work.iterate, ws.work.trial)
 
 
 @kernel
 def allowed_depth(scene: Scene, a: int, b: int) -> float:
     """Depth [m] at which two pieces may overlap at an iterate."""
-    return min(SHALLOW, 0.5 * passing_depth(scene, a, b))
+    return min(SHALLOW, 0.5 * path_tolerance(scene, a, b))
 
 
 @outlined
-def gap_on_its_side(scene: Scene, ws: DrivenWorkspace, k: int, motion: float) -> float:
+def gap_along_normal(scene: Scene, ws: DrivenWorkspace, k: int, motion: float) -> float:
     """Gap [m] at the trial along the direction that separates near pair k at the iterate; the pair moves `motion` [m].
 
-    Above minus `passing_depth`, that direction separates the pair on the whole path; -inf where
+    Above minus `path_tolerance`, that direction separates the pair on the whole path; -inf where
     rotation is too large to tell.
     """
     a, b, work = ws.near.a[k], ws.near.b[k], ws.work
     body_a, body_b = scene.pieces.body[a], scene.pieces.body[b]
-    rotation = rotation_between(work.now.poses, work.trial.poses, body_a) + rotation_between(
-        work.now.poses, work.trial.poses, body_b
+    rotation = rotation_between(work.iterate.poses, work.trial.poses, body_a) + rotation_between(
+        work.iterate.poses, work.trial.poses, body_b
     )
-    if rotation * motion > passing_depth(scene, a, b):
+    if rotation * motion > path_tolerance(scene, a, b):
         return -math.inf
     return gap_along(shapes_of(scene.pieces, ws.piece_frames.frames), a, b, vec_at(ws.near.normal, k))
 
@@ -204,54 +206,57 @@ def distance_from_path(ws: DrivenWorkspace, poses: Floats, body: int) -> float:
     c, a, b = link_centre(ws, poses, body), vec_at(ws.work.anchor, body), vec_at(ws.work.target, body)
     path, off = sub(b, a), sub(c, a)
     square = dot(path, path)
-    share = min(max(dot(off, path) / square, 0.0), 1.0) if square > 0.0 else 0.0
-    return norm(sub(off, scale(path, share)))
+    fraction = min(max(dot(off, path) / square, 0.0), 1.0) if square > 0.0 else 0.0
+    return norm(sub(off, scale(path, fraction)))
 
 
 @kernel
-def _share_within(before: float, after: float, most: float) -> float:
-    """The share of a step after which a distance, convex along it, is `most`, or as it was; 1: it stays below."""
+def _step_length_within(before: float, after: float, most: float) -> float:
+    """The step length after which a distance, convex along it, is `most`, or as it was; 1: it stays below."""
     if after <= most or after <= before + 1e-9:
         return 1.0
     return max(most - before, 0.0) / (after - before)
 
 
 @kernel
-def share_within_rate(scene: Scene, ws: DrivenWorkspace, tethered: bool) -> float:
-    """The share of the step at which some link reaches the rate limit, its largest distance from its path; 1: none."""
-    share, work = 1.0, ws.work
-    for tree in range(len(work.kind)):
+def step_length_within_rate(scene: Scene, ws: DrivenWorkspace, tethered: bool) -> float:
+    """The step length at which some link reaches the rate limit, its largest distance from its path; 1: none."""
+    step_length, work = 1.0, ws.work
+    for tree in range(len(work.mobility)):
         deviation_limit = work.deviation_limit[tree]
-        if work.kind[tree] == LOCKED or deviation_limit == math.inf:
+        if work.mobility[tree] == LOCKED or deviation_limit == math.inf:
             continue
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-            before, after = distance_from_path(ws, work.now.poses, body), distance_from_path(ws, work.trial.poses, body)
-            share = min(share, _share_within(before, after, deviation_limit))
+            before, after = (
+                distance_from_path(ws, work.iterate.poses, body),
+                distance_from_path(ws, work.trial.poses, body),
+            )
+            step_length = min(step_length, _step_length_within(before, after, deviation_limit))
             if tethered:
                 start = link_centre(ws, work.start.poses, body)
-                before = norm(sub(link_centre(ws, work.now.poses, body), start))
+                before = norm(sub(link_centre(ws, work.iterate.poses, body), start))
                 after = norm(sub(link_centre(ws, work.trial.poses, body), start))
-                share = min(share, _share_within(before, after, deviation_limit))
-    return share
+                step_length = min(step_length, _step_length_within(before, after, deviation_limit))
+    return step_length
 
 
 @kernel
-def reverses(scene: Scene, ws: DrivenWorkspace, share: float) -> bool:
+def reverses(scene: Scene, ws: DrivenWorkspace, step_length: float) -> bool:
     """Whether the step is opposite to the last one; stores it."""
     x, last_step, work = ws.problem.x, ws.problem.last_step, ws.work
-    both, here, last = 0.0, 0.0, 0.0
-    for tree in range(len(work.kind)):
-        if work.kind[tree] == LOCKED:
+    product, here, last = 0.0, 0.0, 0.0
+    for tree in range(len(work.mobility)):
+        if work.mobility[tree] == LOCKED:
             continue
         first = work.first[tree]
-        for k in range(6 if work.kind[tree] == ARTICULATED else 3):
-            v = share * x[first + k] * (1.0 if k < 3 else 0.1)
-            both, here, last = both + v * last_step[first + k], here + v * v, last + last_step[first + k] ** 2
+        for k in range(6 if work.mobility[tree] == GENERAL_MOTION else 3):
+            v = step_length * x[first + k] * (1.0 if k < 3 else 0.1)
+            product, here, last = product + v * last_step[first + k], here + v * v, last + last_step[first + k] ** 2
             last_step[first + k] = v
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
             i = work.column[q]
             if i >= 0:
-                v = share * x[i] * ws.links.lever[q]
-                both, here, last = both + v * last_step[i], here + v * v, last + last_step[i] ** 2
+                v = step_length * x[i] * ws.links.lever[q]
+                product, here, last = product + v * last_step[i], here + v * v, last + last_step[i] ** 2
                 last_step[i] = v
-    return bool(both < REVERSED * math.sqrt(here * last))
+    return bool(product < REVERSED * math.sqrt(here * last))

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.driven.coupling import relax_offset
-from geomphys.driven.objective import is_stiff, link_centre
+from geomphys.driven.objective import is_rigid, link_centre
 from geomphys.driven.postures import is_recorded
-from geomphys.driven.starts import steady_change
-from geomphys.driven.state import GIVEN, DrivenState, DrivenWorkspace
+from geomphys.driven.starts import unwrapped_change
+from geomphys.driven.state import PRESCRIBED, DrivenState, DrivenWorkspace
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import set_vec, set_vec_at, vec_at, vec_of
 from geomphys.numerics.vec3 import (
@@ -35,7 +35,7 @@ from geomphys.scene.kinematics import orientation_of, set_pose
 
 Floats = NDArray[np.float64]
 
-NO_SHIFT = 1e-6  # m: smaller shifts of links count as zero
+NO_TRANSLATION = 1e-6  # m: smaller translations of links count as zero
 NO_ROTATION = 1e-6  # rad: smaller rotation offsets of links count as zero
 DEVIATION_PER_MOTION = 1.9  # how far a link's offset may leave its path by the coupling in a frame: times its motion
 LEAST_DEVIATION = 1.4e-3  # m: the same, at least
@@ -48,7 +48,7 @@ def _has_offset(scene: Scene, state: DrivenState, tree: int) -> bool:
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
         for i in range(3):
             offset = state.link_offsets[body]
-            if abs(offset.shift[i]) > NO_SHIFT or abs(offset.rotation[i]) > NO_ROTATION:
+            if abs(offset.translation[i]) > NO_TRANSLATION or abs(offset.rotation[i]) > NO_ROTATION:
                 return True
     return False
 
@@ -58,26 +58,26 @@ def clear_link_offset(state: DrivenState, body: int) -> None:
     """Set a link's offset and its rates to zero."""
     offset = state.link_offsets[body]
     for i in range(3):
-        offset.shift[i] = offset.rotation[i] = offset.velocity[i] = offset.angular_velocity[i] = 0.0
+        offset.translation[i] = offset.rotation[i] = offset.velocity[i] = offset.angular_velocity[i] = 0.0
 
 
 @kernel
 def clear_offsets(scene: Scene, state: DrivenState, tree: int) -> None:
     """Set a tree's offsets and their rates to zero."""
-    state.deformed[tree] = 0
+    state.general_motion[tree] = 0
     for i in range(3):
-        state.offset[tree, i] = state.speed[tree, i] = state.last_speed[tree, i] = 0.0
+        state.offset[tree, i] = state.offset_velocity[tree, i] = state.last_offset_velocity[tree, i] = 0.0
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
         clear_link_offset(state, body)
 
 
 @kernel
-def _aim(ws: DrivenWorkspace, recorded: Floats, body: int, shift: Vec, rotation: Vec) -> None:
+def _set_link_target(ws: DrivenWorkspace, recorded: Floats, body: int, translation: Vec, rotation: Vec) -> None:
     """Target of a link: its recorded pose plus an offset."""
     q = orientation_of(recorded, body)
     if rotation != (0.0, 0.0, 0.0):
         q = quat_unit(quat_mul(quat_from_rotation_vector(rotation), q))
-    set_pose(ws.work.target, body, add(link_centre(ws, recorded, body), shift), q)
+    set_pose(ws.work.target, body, add(link_centre(ws, recorded, body), translation), q)
 
 
 @outlined
@@ -87,59 +87,67 @@ def _relax_tree(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int
     Stores the rates, so that their change by impulses until the next step can be found.
     """
     trees, first = scene.trees, scene.trees.body_start[tree]
-    velocity_change = sub(vec_at(state.speed, tree), vec_at(state.last_speed, tree))
+    velocity_change = sub(vec_at(state.offset_velocity, tree), vec_at(state.last_offset_velocity, tree))
     for body in range(first, trees.body_start[tree + 1]):
-        set_vec_at(ws.work.anchor, body, add(link_centre(ws, recorded, body), vec_of(state.link_offsets[body].shift)))
-    if state.deformed[tree] == 0:
+        set_vec_at(
+            ws.work.anchor, body, add(link_centre(ws, recorded, body), vec_of(state.link_offsets[body].translation))
+        )
+    if state.general_motion[tree] == 0:
         for i in range(3):
-            state.offset[tree, i], state.speed[tree, i] = relax_offset(
-                trees, tree, state.offset[tree, i], state.speed[tree, i], dt
+            state.offset[tree, i], state.offset_velocity[tree, i] = relax_offset(
+                trees, tree, state.offset[tree, i], state.offset_velocity[tree, i], dt
             )
         offset = vec_at(state.offset, tree)
         for body in range(first, trees.body_start[tree + 1]):
-            set_vec(state.link_offsets[body].shift, offset)
-            set_vec(state.link_offsets[body].velocity, vec_at(state.speed, tree))
-            _aim(ws, recorded, body, offset, (0.0, 0.0, 0.0))
+            set_vec(state.link_offsets[body].translation, offset)
+            set_vec(state.link_offsets[body].velocity, vec_at(state.offset_velocity, tree))
+            _set_link_target(ws, recorded, body, offset, (0.0, 0.0, 0.0))
         for i in range(3):
-            state.last_speed[tree, i] = state.speed[tree, i]
+            state.last_offset_velocity[tree, i] = state.offset_velocity[tree, i]
         return
     for body in range(first, trees.body_start[tree + 1]):
         o = state.link_offsets[body]
         for i in range(3):
-            o.shift[i], o.velocity[i] = relax_offset(trees, tree, o.shift[i], o.velocity[i] + velocity_change[i], dt)
+            o.translation[i], o.velocity[i] = relax_offset(
+                trees, tree, o.translation[i], o.velocity[i] + velocity_change[i], dt
+            )
             o.rotation[i], o.angular_velocity[i] = relax_offset(trees, tree, o.rotation[i], o.angular_velocity[i], dt)
     for i in range(3):
-        state.last_speed[tree, i] = state.speed[tree, i]
+        state.last_offset_velocity[tree, i] = state.offset_velocity[tree, i]
     if not _has_offset(scene, state, tree):
         clear_offsets(scene, state, tree)
     for body in range(first, trees.body_start[tree + 1]):
         o = state.link_offsets[body]
-        _aim(ws, recorded, body, vec_of(o.shift), vec_of(o.rotation))
+        _set_link_target(ws, recorded, body, vec_of(o.translation), vec_of(o.rotation))
 
 
 @kernel
-def _take_given(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, recorded: Floats, dt: float) -> None:
+def _take_prescribed(
+    scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, recorded: Floats, dt: float
+) -> None:
     """Offsets of a tree, and their rates, from its prescribed posture, which its links are targeted at."""
-    first, prescribed = scene.trees.body_start[tree], state.prescribed.poses
+    first, prescribed = scene.trees.body_start[tree], state.prescribed_posture.poses
     for body in range(first, scene.trees.body_start[tree + 1]):
         o, c = state.link_offsets[body], link_centre(ws, recorded, body)
-        shift = sub(link_centre(ws, prescribed, body), c)
+        translation = sub(link_centre(ws, prescribed, body), c)
         rotation = rotation_vector(
             quat_mul(orientation_of(prescribed, body), quat_conjugate(orientation_of(recorded, body)))
         )
         for i in range(3):
-            ws.work.anchor[body, i] = c[i] + o.shift[i]
-            o.velocity[i] = (shift[i] - o.shift[i]) / dt
+            ws.work.anchor[body, i] = c[i] + o.translation[i]
+            o.velocity[i] = (translation[i] - o.translation[i]) / dt
             o.angular_velocity[i] = (rotation[i] - o.rotation[i]) / dt
-        set_vec(o.shift, shift)
+        set_vec(o.translation, translation)
         set_vec(o.rotation, rotation)
-        _aim(ws, recorded, body, shift, rotation)
+        _set_link_target(ws, recorded, body, translation, rotation)
     for i in range(3):
-        state.speed[tree, i] = state.last_speed[tree, i] = state.link_offsets[ws.links.pivot[tree]].velocity[i]
+        state.offset_velocity[tree, i] = state.last_offset_velocity[tree, i] = state.link_offsets[
+            ws.links.pivot[tree]
+        ].velocity[i]
 
 
 @outlined
-def aim(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, dt: float) -> None:
+def set_link_targets(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, dt: float) -> None:
     """Relax all offsets by `dt` [s], set targets, anchors and limits of the links, whose recorded poses are (B, 7).
 
     The anchor of a link is where its centre would be if its offset stayed that of the last frame: the straight line from there
@@ -148,8 +156,8 @@ def aim(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats,
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] != DRIVEN:
             continue
-        if state.given[tree] == GIVEN and dt > 0.0:
-            _take_given(scene, state, ws, tree, recorded, dt)
+        if state.prescription[tree] == PRESCRIBED and dt > 0.0:
+            _take_prescribed(scene, state, ws, tree, recorded, dt)
         else:
             _relax_tree(scene, state, ws, tree, recorded, dt)
         motion = 0.0
@@ -157,12 +165,12 @@ def aim(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats,
             path = sub(link_centre(ws, recorded, body), link_centre(ws, state.recorded.poses, body))
             motion = max(motion, norm(path))
         ws.work.deviation_limit[tree] = max(LEAST_DEVIATION, DEVIATION_PER_MOTION * motion)
-        ws.work.shift_limit[tree] = ws.weights.shift_speed * dt
-        ws.work.closing[tree] = ws.weights.closing_speed * dt if is_stiff(scene, tree) else math.inf
+        ws.work.translation_limit[tree] = ws.weights.translation_speed * dt
+        ws.work.closing[tree] = ws.weights.closing_speed * dt if is_rigid(scene, tree) else math.inf
 
 
 @kernel
-def _brake(rate: Floats, change: Vec) -> None:
+def _remove_opposing_rate(rate: Floats, change: Vec) -> None:
     """After a contact that changed an offset, remove its rate (3,) against what it touched."""
     size = norm(change)
     if size <= MOVED:
@@ -174,49 +182,49 @@ def _brake(rate: Floats, change: Vec) -> None:
 
 
 @outlined
-def note_tree(
-    scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, recorded: Floats, articulated: bool
+def store_tree_offsets(
+    scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, recorded: Floats, general_motion: bool
 ) -> None:
     """Store the offsets that a tree has in its final posture, and their rates.
 
-    Where it reached its goal the offsets are those of `aim`. The rates are too, changed by impulses, and less what goes against
-    the change of an offset by contacts.
+    Where it reached its goal the offsets are those of `set_link_targets`. The rates are too, changed by impulses, and less
+    what goes against the change of an offset by contacts.
     """
     poses, root = state.last.poses, scene.trees.body_start[tree]
     for body in range(root, scene.trees.body_start[tree + 1]):
         for i in range(3):
-            state.link_offsets[body].velocity[i] += state.speed[tree, i] - state.last_speed[tree, i]
+            state.link_offsets[body].velocity[i] += state.offset_velocity[tree, i] - state.last_offset_velocity[tree, i]
     for i in range(3):
         state.offset[tree, i] = state.last.roots[tree, i] - recorded[root, i]
     offset = vec_at(state.offset, tree)
     for body in range(root, scene.trees.body_start[tree + 1]):
         rotation = (0.0, 0.0, 0.0)
-        shift = offset
-        if articulated:
+        translation = offset
+        if general_motion:
             q = quat_mul(orientation_of(poses, body), quat_conjugate(orientation_of(recorded, body)))
             rotation = rotation_vector(q)
             if orientation_of(poses, body) == orientation_of(recorded, body):
                 rotation = (0.0, 0.0, 0.0)
-            shift = sub(link_centre(ws, poses, body), link_centre(ws, recorded, body))
+            translation = sub(link_centre(ws, poses, body), link_centre(ws, recorded, body))
         o = state.link_offsets[body]
-        _brake(o.velocity, sub(shift, vec_of(o.shift)))
-        _brake(o.angular_velocity, sub(rotation, vec_of(o.rotation)))
-        set_vec(o.shift, shift)
+        _remove_opposing_rate(o.velocity, sub(translation, vec_of(o.translation)))
+        _remove_opposing_rate(o.angular_velocity, sub(rotation, vec_of(o.rotation)))
+        set_vec(o.translation, translation)
         set_vec(o.rotation, rotation)
-    state.deformed[tree] = 1 if articulated else 0
-    if not articulated:
+    state.general_motion[tree] = 1 if general_motion else 0
+    if not general_motion:
         for body in range(root, scene.trees.body_start[tree + 1]):
             o = state.link_offsets[body]
-            set_vec(o.shift, offset)
+            set_vec(o.translation, offset)
             set_vec(o.rotation, (0.0, 0.0, 0.0))
             set_vec(o.angular_velocity, (0.0, 0.0, 0.0))
     for i in range(3):
         pivot = ws.links.pivot[tree]
-        state.speed[tree, i] = state.last_speed[tree, i] = state.link_offsets[pivot].velocity[i]
+        state.offset_velocity[tree, i] = state.last_offset_velocity[tree, i] = state.link_offsets[pivot].velocity[i]
 
 
 @outlined
-def note_offsets(
+def store_offsets(
     scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats, recorded: Floats
 ) -> None:
     """Compute the offsets from the final posture `state.last`, and store the recording."""
@@ -224,12 +232,12 @@ def note_offsets(
         if not is_recorded(scene, tree):
             continue
         if scene.trees.role[tree] == DRIVEN:
-            note_tree(scene, state, ws, tree, recorded, is_deformed(scene, state, tree, roots, angles))
+            store_tree_offsets(scene, state, ws, tree, recorded, has_general_motion(scene, state, tree, roots, angles))
         for k in range(7):
             state.recorded.roots[tree, k] = roots[tree, k]
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
             offset = state.last.angles[q] - angles[q]
-            state.joint_step[q] = steady_change(ws, q, offset - state.joint_offset[q])
+            state.joint_step[q] = unwrapped_change(ws, q, offset - state.joint_offset[q])
             state.joint_offset[q] = offset
             state.recorded.angles[q] = angles[q]
             if scene.trees.role[tree] == DRIVEN:
@@ -241,7 +249,7 @@ def note_offsets(
 
 
 @kernel
-def is_deformed(scene: Scene, state: DrivenState, tree: int, roots: Floats, angles: Floats) -> bool:
+def has_general_motion(scene: Scene, state: DrivenState, tree: int, roots: Floats, angles: Floats) -> bool:
     """Whether a tree differs from its recording by more than a translation."""
     if orientation_of(state.last.roots, tree) != orientation_of(roots, tree):
         return True

@@ -15,28 +15,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.sweep import update_boxes
-from geomphys.driven.constraints import concerns
-from geomphys.driven.contacts_kept import forget_touches
-from geomphys.driven.goals import set_goals, take_limits
-from geomphys.driven.grips import find_grips, note_fingertips
-from geomphys.driven.groups import PASSES, Outcome, both, set_around, settle, solve_first, solve_group
-from geomphys.driven.objective import is_stiff, link_centre
+from geomphys.driven.constraints import is_unlocked_pair
+from geomphys.driven.contacts_kept import drop_touches
+from geomphys.driven.goals import set_goals, set_joint_limits
+from geomphys.driven.grips import find_grips, update_mean_tips
+from geomphys.driven.groups import (
+    PASSES,
+    Outcome,
+    combine,
+    pose_surroundings,
+    set_final_posture,
+    solve_first,
+    solve_group,
+)
+from geomphys.driven.objective import is_rigid, link_centre
 from geomphys.driven.postures import copy_tree
 from geomphys.driven.reachability import measure_swept_pairs, path_of_pair_is_free
 from geomphys.driven.sqp import ANY_PATH, search
 from geomphys.driven.state import (
-    ARTICULATED,
-    GIVEN,
+    GENERAL_MOTION,
     LOCKED,
     NEVER_FREE,
-    RIGID,
+    PRESCRIBED,
     STARTED_FREE,
-    WAS_GIVEN,
+    TRANSLATION,
+    WAS_PRESCRIBED,
     DrivenState,
     DrivenWorkspace,
 )
 from geomphys.driven.stepping import measure_near_pairs, pose_with_pieces
-from geomphys.driven.targets import aim, clear_offsets, note_offsets
+from geomphys.driven.targets import clear_offsets, set_link_targets, store_offsets
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.scene.kinematics import orientation_of, set_pose
@@ -50,32 +58,32 @@ def _go_where_free(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> boo
     work, near = ws.work, ws.near
     measure_swept_pairs(scene, ws, work.goal)
     some = False
-    for tree in range(len(work.kind)):
-        work.hit[tree], work.group[tree] = 0, tree
+    for tree in range(len(work.mobility)):
+        work.blocked[tree], work.group[tree] = 0, tree
     for k in range(near.counts.filled):
-        if not concerns(ws, k) or (work.hit[near.tree_a[k]] == 1 and work.hit[near.tree_b[k]] == 1):
+        if not is_unlocked_pair(ws, k) or (work.blocked[near.tree_a[k]] == 1 and work.blocked[near.tree_b[k]] == 1):
             continue
         if near.separation[k] < 0.0 or not path_of_pair_is_free(scene, ws, work.goal, k):
-            work.hit[near.tree_a[k]] = work.hit[near.tree_b[k]] = 1
+            work.blocked[near.tree_a[k]] = work.blocked[near.tree_b[k]] = 1
             some = True
     changed = some
     while changed:  # trees that may collide with one that is stopped
         changed = False
         for k in range(near.counts.filled):
             a, b = near.tree_a[k], near.tree_b[k]
-            if scene.trees.role[b] != DRIVEN or work.hit[a] + work.hit[b] == 0:
+            if scene.trees.role[b] != DRIVEN or work.blocked[a] + work.blocked[b] == 0:
                 continue
-            if work.hit[a] + work.hit[b] == 1 or work.group[a] != work.group[b]:
-                work.hit[a] = work.hit[b] = 1
+            if work.blocked[a] + work.blocked[b] == 1 or work.group[a] != work.group[b]:
+                work.blocked[a] = work.blocked[b] = 1
                 work.group[a] = work.group[b] = min(work.group[a], work.group[b])
                 changed = True
-    for tree in range(len(work.kind)):
+    for tree in range(len(work.mobility)):
         if scene.trees.role[tree] != DRIVEN:
             continue
-        if work.hit[tree] == 0:
-            settle(scene, state, ws, tree, work.goal)
+        if work.blocked[tree] == 0:
+            set_final_posture(scene, state, ws, tree, work.goal)
         else:
-            for target in (work.now, work.trial, work.start, work.best):
+            for target in (work.iterate, work.trial, work.start, work.best):
                 copy_tree(scene, work.before, tree, target)
             pose_with_pieces(scene, ws, work.before, tree)
             update_boxes(scene, ws.piece_frames.frames, ws.detection.boxes, tree)
@@ -119,21 +127,21 @@ def update_driven(
         if scene.trees.moving[tree] == 1:
             copy_tree(scene, state.last, tree, work.before)
     for tree in range(len(scene.trees.role)):
-        if state.given[tree] == GIVEN:
-            forget_touches(scene, ws, tree)
-    take_limits(scene, state, ws, angles)
-    aim(scene, state, ws, recorded, 0.0 if first else dt)
+        if state.prescription[tree] == PRESCRIBED:
+            drop_touches(scene, ws, tree)
+    set_joint_limits(scene, state, ws, angles)
+    set_link_targets(scene, state, ws, recorded, 0.0 if first else dt)
     if first:
         for tree in range(len(scene.trees.role)):
             if scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
                 for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
                     for k in range(7):
                         work.before.poses[body, k] = recorded[body, k]
-    set_around(scene, state, ws, recorded, 1.0)
+    pose_surroundings(scene, state, ws, recorded, 1.0)
     set_goals(scene, state, ws, roots, angles)
     find_grips(scene, state, ws, recorded)
     done = Outcome(0, 0, True, False)
-    note_fingertips(scene, state, ws, recorded, math.inf if first else dt)
+    update_mean_tips(scene, state, ws, recorded, math.inf if first else dt)
     if first:
         for tree in range(len(scene.trees.role)):
             if scene.trees.role[tree] == DRIVEN:
@@ -141,19 +149,21 @@ def update_driven(
         done = solve_first(scene, state, ws, angles, gap)
     elif _go_where_free(scene, state, ws):
         for group in range(len(scene.trees.role)):
-            if scene.trees.role[group] != DRIVEN or work.hit[group] == 0 or work.group[group] != group:
+            if scene.trees.role[group] != DRIVEN or work.blocked[group] == 0 or work.group[group] != group:
                 continue
-            done = both(done, solve_group(scene, state, ws, group, roots, angles, recorded, gap))
+            done = combine(done, solve_group(scene, state, ws, group, roots, angles, recorded, gap))
     _finish(scene, state, ws)
-    note_offsets(scene, state, ws, roots, angles, recorded)
+    store_offsets(scene, state, ws, roots, angles, recorded)
     state.progress.updates += 1
     state.progress.start = NEVER_FREE if first and not done.converged else STARTED_FREE
-    yielded = done.yielded
+    shape_changed = done.shape_changed
     for tree in range(len(scene.trees.role)):
-        if state.deformed[tree] == 0 and state.given[tree] == WAS_GIVEN:
-            state.given[tree] = 0
-        yielded = yielded or (state.deformed[tree] == 1 and state.given[tree] == 0 and is_stiff(scene, tree))
-    return Outcome(done.rounds, done.fallbacks, done.converged, yielded)
+        if state.general_motion[tree] == 0 and state.prescription[tree] == WAS_PRESCRIBED:
+            state.prescription[tree] = 0
+        shape_changed = shape_changed or (
+            state.general_motion[tree] == 1 and state.prescription[tree] == 0 and is_rigid(scene, tree)
+        )
+    return Outcome(done.passes, done.fallbacks, done.converged, shape_changed)
 
 
 @kernel
@@ -163,43 +173,43 @@ def _finish(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> None:
         if scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
             for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
                 for k in range(7):
-                    state.last.poses[body, k] = ws.work.now.poses[body, k]
+                    state.last.poses[body, k] = ws.work.iterate.poses[body, k]
 
 
 @kernel
-def _yield_from_here(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, kind: int) -> None:
+def _start_at_present(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, mobility: int) -> None:
     """Start the search for a driven tree, which may move by `kind`, at its present posture, which is also its target."""
     work = ws.work
-    work.kind[tree] = LOCKED
+    work.mobility[tree] = LOCKED
     if scene.trees.role[tree] != DRIVEN:
         return
-    work.kind[tree] = kind
-    copy_tree(scene, state.last, tree, work.now)
+    work.mobility[tree] = mobility
+    copy_tree(scene, state.last, tree, work.iterate)
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
         q = orientation_of(state.last.poses, body)
         set_pose(work.target, body, link_centre(ws, state.last.poses, body), q)
 
 
 @outlined
-def yield_driven(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, gap: float) -> int:
+def separate_driven(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, gap: float) -> int:
     """Move driven trees out of what has moved into them since `update_driven`, by the least motion; returns the passes.
 
     `recorded` (B, 7): present poses of bodies that are not driven, recorded poses of those that are.
     """
     work, passes = ws.work, 0
-    set_around(scene, state, ws, recorded, 1.0)
-    for kind in (RIGID, ARTICULATED):  # a grip from several sides has to open its joints
-        for tree in range(len(work.kind)):
-            _yield_from_here(scene, state, ws, tree, kind)
+    pose_surroundings(scene, state, ws, recorded, 1.0)
+    for mobility in (TRANSLATION, GENERAL_MOTION):  # a grip from several sides has to open its joints
+        for tree in range(len(work.mobility)):
+            _start_at_present(scene, state, ws, tree, mobility)
         if measure_near_pairs(scene, ws, 0.0, 0.0) >= 0.0:
             break
         found = search(scene, ws, state.recorded.angles, gap, PASSES, False, False, ANY_PATH)
         passes += found.passes
-        for tree in range(len(work.kind)):
-            if work.kind[tree] != LOCKED:
-                settle(scene, state, ws, tree, work.best if found.free else state.last)
+        for tree in range(len(work.mobility)):
+            if work.mobility[tree] != LOCKED:
+                set_final_posture(scene, state, ws, tree, work.best if found.free else state.last)
         if found.free:
             break
     _finish(scene, state, ws)
-    note_offsets(scene, state, ws, state.recorded.roots, state.recorded.angles, recorded)
+    store_offsets(scene, state, ws, state.recorded.roots, state.recorded.angles, recorded)
     return passes

@@ -19,16 +19,16 @@ class Weights(NamedTuple):
     )
     trend: float = 0.15  # of its last change: extrapolation of the offset of a joint
     contact: float = 2.0  # mean weights of a link: penalty of the gap of a fingertip recorded in contact
-    stiff_contact: float = 25.0  # the same in a rigid tree, whose joints have a higher weight,
+    rigid_contact: float = 25.0  # the same in a rigid tree, whose joints have a higher weight,
     closing_speed: float = 0.1  # m/s: and there no faster than this
     unusual: float = 1.0  # of lever²: a joint more than `stretch` beyond the range of the recording
     stretch: float = math.radians(10.0)  # rad, beyond the range in which the recording used a joint so far
-    shift_of_depth: float = (
+    translation_of_depth: float = (
         3.0  # times the recorded depth: a rigid tree is translated up to that far; beyond, its joints yield too
     )
-    least_shift: float = 3e-3  # m: as far as this it always is,
-    most_shift: float = 0.03  # m: and no farther than this,
-    shift_speed: float = 0.12  # m/s: nor faster than this,
+    least_translation: float = 3e-3  # m: as far as this it always is,
+    most_translation: float = 0.03  # m: and no farther than this,
+    translation_speed: float = 0.12  # m/s: nor faster than this,
     grip_depth: float = 2e-3  # m: nor where fingers close on something by more than this
 
 

@@ -118,7 +118,7 @@ def make_coupled(scene: Scene, poses: Floats, links: Links) -> Coupled:
     unknowns["arm"] = np.concatenate([np.ones(3 * trees), links.lever])
     unknowns["share"] = 1.0
     arm = unknowns["arm"] * np.sqrt(np.concatenate([np.ones(3 * trees), branches(scene)]))
-    yields = np.concatenate([np.ones(3 * trees), links.yields]) * np.isfinite(scene.trees.stiffness[owner])
+    yields = np.concatenate([np.ones(3 * trees), links.is_unknown]) * np.isfinite(scene.trees.stiffness[owner])
     yields *= scene.trees.role[owner] == DRIVEN
     stiffness = np.where(np.isfinite(scene.trees.stiffness), scene.trees.stiffness, 0.0)
     unknowns["mass"] = scene.trees.mass[owner] * arm**2 * yields

@@ -11,12 +11,12 @@ from geomphys.collision.detect import find_near
 from geomphys.collision.sweep import bodies_apart, update_boxes
 from geomphys.driven.coupling import relax
 from geomphys.driven.postures import copy_tree, is_recorded
-from geomphys.driven.state import GIVEN, WAS_GIVEN
+from geomphys.driven.state import PRESCRIBED, WAS_PRESCRIBED
 from geomphys.engine.coupled_groups import label_groups, take_group
 from geomphys.engine.coupled_motion import advance_together, pose_driven_trees
 from geomphys.engine.coupled_state import Coupled
 from geomphys.engine.coupled_unknowns import end_unknown, first_unknown, load_unknowns, pose_driven
-from geomphys.engine.methods import yield_by_method
+from geomphys.engine.methods import separate_by_method
 from geomphys.engine.state import Machine, StepParameters
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import set_vec, vec_at, vec_of
@@ -214,7 +214,7 @@ def move_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
     """Solve groups of driven and simulated bodies that may touch through a substep; returns the number of impacts.
 
     Simulated bodies of groups are then at its end. Driven trees that were touched get the resulting posture as their goal,
-    `DrivenState.prescribed`, which other obstacles may still correct. Begins the frame of the simulated loop.
+    `DrivenState.prescribed_posture`, which other obstacles may still correct. Begins the frame of the simulated loop.
     """
     c, state = m.coupled, m.driven
     load_unknowns(scene, m, roots, angles, dt)
@@ -236,8 +236,8 @@ def move_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
             if c.trees[tree].solved == 0:
                 c.trees[tree].pressed = 0
             if c.trees[tree].touched == 1:
-                state.given[tree] = GIVEN
-                copy_tree(scene, c.after, tree, state.prescribed)
+                state.prescription[tree] = PRESCRIBED
+                copy_tree(scene, c.after, tree, state.prescribed_posture)
     return impacts
 
 
@@ -247,8 +247,8 @@ def simulate_rest(scene: Scene, m: Machine, most_impacts: int) -> tuple[int, int
     impacts, flags = end_frame(m.simulated, most_impacts, m.coupled.solve.any_awake == 1)
     for tree in range(len(scene.trees.role)):
         m.workspace.work.ignored[tree] = 0
-        if m.driven.given[tree] == GIVEN:
-            m.driven.given[tree] = WAS_GIVEN
+        if m.driven.prescription[tree] == PRESCRIBED:
+            m.driven.prescription[tree] = WAS_PRESCRIBED
         if scene.trees.role[tree] == SIMULATED:
             body = scene.trees.body_start[tree]
             for k in range(7):
@@ -258,7 +258,7 @@ def simulate_rest(scene: Scene, m: Machine, most_impacts: int) -> tuple[int, int
 
 
 @outlined
-def yield_to_simulated(scene: Scene, m: Machine, params: StepParameters) -> int:
+def separate_from_simulated(scene: Scene, m: Machine, params: StepParameters) -> int:
     """Move driven bodies out of simulated ones that ended inside them. Returns the number of passes."""
     p, near = m.workspace.piece_frames, m.workspace.near
     for tree in range(len(scene.trees.role)):
@@ -268,7 +268,7 @@ def yield_to_simulated(scene: Scene, m: Machine, params: StepParameters) -> int:
     for k in range(near.counts.filled):
         if near.separation[k] < -LEAST_OVERLAP and scene.trees.role[near.tree_b[k]] == SIMULATED:
             note_simulated(scene, m)
-            rounds = yield_by_method(scene, m, params.method)
+            rounds = separate_by_method(scene, m, params.method)
             shift_driven(scene, m)
             return rounds
     return 0

@@ -66,7 +66,7 @@ def solves(scene: Scene, c: Coupled, tree: int) -> bool:
 @kernel
 def difference(scene: Scene, m: Machine, q: int, value: float) -> float:
     """Offset of a joint, modulo 2π if it is continuous."""
-    if m.workspace.links.rounds[q] == 1:
+    if m.workspace.links.periodic[q] == 1:
         value -= 2.0 * math.pi * math.floor(value / (2.0 * math.pi) + 0.5)
     return value
 
@@ -88,7 +88,7 @@ def load_unknowns(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
             x = c.unknowns[3 * tree + i]
             x.offset = state.last.roots[tree, i] - state.recorded.roots[tree, i]
             if t.touched == 0:
-                x.rate = state.speed[tree, i]
+                x.rate = state.offset_velocity[tree, i]
             x.recorded_before = x.recorded_rate
             x.recorded_rate = (roots[tree, i] - state.recorded.roots[tree, i]) / dt
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):

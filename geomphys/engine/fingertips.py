@@ -40,7 +40,7 @@ class Fingertips(NamedTuple):
 def make_fingertips(scene: Scene, links: Links, is_thumb: Ints | None = None) -> Fingertips:
     """Find the fingertips of a scene; `is_thumb` (B,) marks bodies of thumbs (None: it has none)."""
     has_pieces = np.diff(scene.bodies.piece_start) > 0
-    found = [(k, np.flatnonzero((links.holder == k) & has_pieces)) for k in np.flatnonzero(links.tip == 1)]
+    found = [(k, np.flatnonzero((links.weld_body == k) & has_pieces)) for k in np.flatnonzero(links.tip == 1)]
     found = [(k, bodies) for k, bodies in found if len(bodies)]
     link = np.array([k for k, _ in found], np.int64)
     starts = np.cumsum([0, *(len(bodies) for _, bodies in found)]).astype(np.int64)

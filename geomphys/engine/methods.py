@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from geomphys.driven.groups import Outcome
 from geomphys.driven.paper.state import PaperWorkspace
-from geomphys.driven.paper.update import update_driven_as_published, yield_as_published
-from geomphys.driven.update import update_driven, yield_driven
+from geomphys.driven.paper.update import separate_as_published, update_driven_as_published
+from geomphys.driven.update import separate_driven, update_driven
 from geomphys.engine.state import Machine, Method
 from geomphys.jit.kernel import kernel
 from geomphys.scene.arrays import Scene
@@ -44,15 +44,15 @@ def update_by_method(scene: Scene, m: Machine, method: Method, roots: Floats, an
 
 
 @kernel
-def _yield_exact(exact: float | None, paper: PaperWorkspace | None, scene: Scene, m: Machine) -> int:
+def _separate(exact: float | None, paper: PaperWorkspace | None, scene: Scene, m: Machine) -> int:
     if exact is not None:
-        return yield_driven(scene, m.driven, m.workspace, m.recorded, exact)
+        return separate_driven(scene, m.driven, m.workspace, m.recorded, exact)
     if paper is not None:
-        return yield_as_published(scene, m.driven, paper, m.recorded)
+        return separate_as_published(scene, m.driven, paper, m.recorded)
     return 0
 
 
 @kernel
-def yield_by_method(scene: Scene, m: Machine, method: Method) -> int:
+def separate_by_method(scene: Scene, m: Machine, method: Method) -> int:
     """Move driven trees out of what has moved into them since; returns the passes."""
-    return _yield_exact(method.exact, method.paper, scene, m)
+    return _separate(method.exact, method.paper, scene, m)

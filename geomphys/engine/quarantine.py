@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.sweep import update_boxes
-from geomphys.driven.targets import clear_link_offset, note_tree
+from geomphys.driven.targets import clear_link_offset, store_tree_offsets
 from geomphys.engine.state import Machine
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.results import FLAG_QUARANTINED
@@ -32,7 +32,7 @@ def _is_good(value: float) -> bool:
 def _is_sound(scene: Scene, m: Machine, tree: int) -> bool:
     """Whether the whole state of a driven tree is finite."""
     for i in range(3):
-        if not (_is_good(m.driven.offset[tree, i]) and _is_good(m.driven.speed[tree, i])):
+        if not (_is_good(m.driven.offset[tree, i]) and _is_good(m.driven.offset_velocity[tree, i])):
             return False
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
         for k in range(7):
@@ -40,7 +40,7 @@ def _is_sound(scene: Scene, m: Machine, tree: int) -> bool:
                 return False
         offset = m.driven.link_offsets[body]
         for i in range(3):
-            if not (_is_good(offset.shift[i]) and _is_good(offset.velocity[i])):
+            if not (_is_good(offset.translation[i]) and _is_good(offset.velocity[i])):
                 return False
             if not (_is_good(offset.rotation[i]) and _is_good(offset.angular_velocity[i])):
                 return False
@@ -76,8 +76,8 @@ def _put_back(scene: Scene, m: Machine, tree: int, roots: Floats, angles: Floats
             state.last.poses[body, k], state.recorded.poses[body, k] = m.corrected[body, k], m.recorded[body, k]
         clear_link_offset(state, body)
     for i in range(3):
-        state.offset[tree, i] = state.speed[tree, i] = state.last_speed[tree, i] = 0.0
-    note_tree(scene, state, m.workspace, tree, m.recorded, not first)
+        state.offset[tree, i] = state.offset_velocity[tree, i] = state.last_offset_velocity[tree, i] = 0.0
+    store_tree_offsets(scene, state, m.workspace, tree, m.recorded, not first)
     pose_pieces_of_tree(scene, tree, m.corrected, p.frames)
     pose_pieces_of_tree(scene, tree, m.corrected, p.moved)
     update_boxes(scene, p.frames, m.detection.boxes, tree)

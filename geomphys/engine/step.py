@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from geomphys.collision.detect import find_near
 from geomphys.collision.global_depth import global_depths
 from geomphys.collision.sweep import update_boxes
-from geomphys.driven.contacts_kept import RECORDED_ON, note_touches
-from geomphys.driven.groups import GLOBAL, Outcome, both
+from geomphys.driven.contacts_kept import RECORDED_ON, find_touches
+from geomphys.driven.groups import GLOBAL, Outcome, combine
 from geomphys.driven.postures import is_recorded
 from geomphys.driven.state import NOT_STARTED
 from geomphys.engine.coupled_step import (
@@ -22,10 +22,10 @@ from geomphys.engine.coupled_step import (
     move_together,
     note_simulated,
     recording_between,
+    separate_from_simulated,
     shift_driven,
     simulate_rest,
     substeps_of,
-    yield_to_simulated,
 )
 from geomphys.engine.frame_buffer import Block, has_capacity, is_full, write_contacts, write_depths
 from geomphys.engine.methods import update_by_method
@@ -90,7 +90,7 @@ def measure_recorded(scene: Scene, m: Machine) -> tuple[float, int]:
     find_near(scene, m.workspace.piece_frames.base, m.still, touching, math.inf, near, m.detection)
     overlapping = global_depths(scene.pieces, near, m.depths)
     if touching > 0.0:
-        note_touches(scene, m.workspace, near)
+        find_touches(scene, m.workspace, near)
     deepest = 0.0
     for k in range(near.counts.filled):
         deep = -near.separation[k]
@@ -208,13 +208,13 @@ def step(
             if m.coupled.solve.lost > 0:
                 flags |= FLAG_IMPACT_BOUND
         simulating += cycles() - t3
-        done = both(done, drive(scene, m, now_at, joint_values, dt / parts, first, params))
+        done = combine(done, drive(scene, m, now_at, joint_values, dt / parts, first, params))
         flags |= contain_driven(scene, m, now_at, joint_values, first)
         t3 = cycles()
         if moves:
             now, flagged = simulate_rest(scene, m, params.max_impacts - impacts)
             impacts, flags = impacts + now, flags | flagged
-            if yield_to_simulated(scene, m, params) > 0:
+            if separate_from_simulated(scene, m, params) > 0:
                 flags |= contain_driven(scene, m, now_at, joint_values, first)
         simulating += cycles() - t3
     t4 = cycles()
@@ -233,14 +233,14 @@ def step(
         driven = scene.trees.role[scene.dofs.tree[k]] == DRIVEN
         block.angles[frame, k] = m.driven.last.angles[k] if driven else angles[k]
     figures.iterations, figures.impacts, figures.fallbacks, figures.flags = (
-        done.rounds,
+        done.passes,
         impacts,
         done.fallbacks,
         flags,
     )
     if not done.converged or left > LEFT or (not first and figures.residual > SUNK):
         figures.flags |= FLAG_NOT_CONVERGED
-    if done.yielded:
+    if done.shape_changed:
         figures.flags |= FLAG_SHAPE_CHANGED
     touches = block.contact_end[frame + 1] > block.contact_end[frame]
     if figures.recorded == 0.0 and touches and not is_pressed(scene, m) and figures.correction > BLOCKED_FROM:
@@ -250,7 +250,7 @@ def step(
     clock[KINEMATICS], clock[RECORDED_DEPTH], clock[OVERLAP] = t1 - t0, t2 - t1, t4 - t2 - simulating
     clock[IMPULSES], clock[CONTACTS], clock[WHOLE] = simulating, t5 - t4, t5 - t0
     counts = block.counts[frame]
-    counts[KINEMATICS], counts[RECORDED_DEPTH], counts[OVERLAP] = len(block.moving), overlapping, done.rounds
+    counts[KINEMATICS], counts[RECORDED_DEPTH], counts[OVERLAP] = len(block.moving), overlapping, done.passes
     counts[IMPULSES], counts[WHOLE] = impacts, 1
     counts[CONTACTS] = block.contact_end[frame + 1] - block.contact_end[frame]
 

@@ -8,7 +8,13 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from geomphys.collision.detect import make_axes
 from geomphys.collision.penetration import make_scratch, separation
-from geomphys.driven.advancement import is_parted_before, pair_motion, passing_depth, path_is_free, rotation_between
+from geomphys.driven.advancement import (
+    is_separated_on_path,
+    pair_motion,
+    path_is_free,
+    path_tolerance,
+    rotation_between,
+)
 from geomphys.jit.packed_records import pack
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box, Capsule, Hull
@@ -64,7 +70,7 @@ def test_what_is_called_free_passes_through_nothing(seed: int) -> None:
     for _ in range(40):
         way = Way(rng)
         found, _ = way.separations()
-        deep = passing_depth(way.scene, 0, 1)
+        deep = path_tolerance(way.scene, 0, 1)
         if found[0] < 0.0 or found[-1] < 0.0:
             continue
         if found.min() < -1.6 * deep:
@@ -83,9 +89,9 @@ def test_a_direction_that_parts_both_ends_parts_a_path_of_little_rotation() -> N
         way = Way(rng, fast=0.03)
         found, n = way.separations()
         motion, _ = pair_motion(way.scene, way.before, way.after, 0, 1)
-        if found[-1] > 0.0 and is_parted_before(way.scene, way.before, way.after, 0, 1, n, motion, way.frames):
+        if found[-1] > 0.0 and is_separated_on_path(way.scene, way.before, way.after, 0, 1, n, motion, way.frames):
             parted += 1
-            assert found.min() > -1.5 * passing_depth(way.scene, 0, 1)
+            assert found.min() > -1.5 * path_tolerance(way.scene, 0, 1)
     assert parted > 10
 
 
@@ -103,7 +109,7 @@ def test_a_rod_that_sweeps_through_something_is_blocked_though_both_ends_are_par
     assert found.min() < -0.01
     motion, swing = pair_motion(way.scene, way.before, way.after, 0, 1)
     assert motion == swing > 0.3
-    assert not is_parted_before(way.scene, way.before, way.after, 0, 1, n, motion, way.frames)
+    assert not is_separated_on_path(way.scene, way.before, way.after, 0, 1, n, motion, way.frames)
     assert not way.is_free()
     way.after[0, 3:] = Rotation.from_rotvec([0, 0, 0.2]).as_quat()
     assert way.is_free()

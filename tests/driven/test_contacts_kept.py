@@ -63,7 +63,7 @@ def test_it_comes_no_faster_than_it_may(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("rate", [60.0, 120.0, 240.0])
 def test_how_a_hand_yields_does_not_hang_on_the_frame_rate(tmp_path: Path, rate: float) -> None:
-    """Slowly it is lifted as it is; at a speed over `shift_speed` its shape yields, at every rate."""
-    for speed, yields in ((0.6 * WEIGHTS.shift_speed, False), (4.0 * WEIGHTS.shift_speed, True)):
+    """Slowly it is lifted as it is; at a speed over `translation_speed` its shape yields, at every rate."""
+    for speed, yields in ((0.6 * WEIGHTS.translation_speed, False), (4.0 * WEIGHTS.translation_speed, True)):
         run = pressed(tmp_path / f"{speed:g}", rate, speed)
         assert (run.figures("flags").astype(int) & FLAG_SHAPE_CHANGED).any() == yields

@@ -37,7 +37,7 @@ def exhaustive(rows, bounds, goal):
 def solve(rows, bounds, goal):
     m, n = rows.shape
     problem = make_least_distance(n + 2, m + 3)
-    problem.rows[:m, :n], problem.bounds[:m], problem.x[:n] = rows, bounds, goal
+    problem.rows[:m, :n], problem.rhs[:m], problem.x[:n] = rows, bounds, goal
     begin_least_distance(problem, n, m)
     status, active = satisfy_rows(problem, n, m, 1e-12, 0)
     return status, problem.x[:n].copy(), active

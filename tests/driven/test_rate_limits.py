@@ -1,14 +1,14 @@
-"""Rate limits of offsets: the share of a step until a link is as far off its path as it may be in a frame."""
+"""Rate limits of offsets: the step length at which a link is as far off its path as it may be in a frame."""
 
 from __future__ import annotations
 
 import pytest
 
-from geomphys.driven.stepping import _share_within
+from geomphys.driven.stepping import _step_length_within
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "most", "share"),
+    ("before", "after", "most", "step_length"),
     [
         (0.0, 1e-3, 2e-3, 1.0),  # stays below
         (0.0, 4e-3, 1e-3, 0.25),
@@ -18,7 +18,7 @@ from geomphys.driven.stepping import _share_within
         (2e-3, 2e-3, 1e-3, 1.0),  # stays as it was
     ],
 )
-def test_a_step_ends_where_the_limit_is_reached(before: float, after: float, most: float, share: float) -> None:
-    assert _share_within(before, after, most) == pytest.approx(share)
+def test_a_step_ends_where_the_limit_is_reached(before: float, after: float, most: float, step_length: float) -> None:
+    assert _step_length_within(before, after, most) == pytest.approx(step_length)
     if after > before:
-        assert before + _share_within(before, after, most) * (after - before) <= max(most, before) + 1e-12
+        assert before + _step_length_within(before, after, most) * (after - before) <= max(most, before) + 1e-12

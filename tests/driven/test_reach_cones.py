@@ -8,7 +8,7 @@ import yourdfpy
 
 from geomphys.driven.reach_cones import (
     cone_angle,
-    cone_bound,
+    cone_limit,
     cone_row,
     limb_direction,
     signed_angle,
@@ -77,5 +77,5 @@ def test_a_limb_recorded_beyond_its_cone_is_bounded_there_and_another_at_the_bou
         angles = random_angles(seed)
         g = cone_angle(scene, 0, angles)
         seen.add(g > 0)
-        assert cone_bound(scene, 0, angles) == (0.0 if g > 0 else g)
+        assert cone_limit(scene, 0, angles) == (0.0 if g > 0 else g)
     assert seen == {True, False}

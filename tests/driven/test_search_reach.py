@@ -9,10 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from geomphys.collision.sweep import update_boxes
-from geomphys.driven.reachability import forget_pairs
+from geomphys.driven.reachability import clear_pairs
 from geomphys.driven.sqp import EVERY_STEP, search
-from geomphys.driven.state import LOCKED, RIGID
-from geomphys.driven.stepping import pose_yielding
+from geomphys.driven.state import LOCKED, TRANSLATION
+from geomphys.driven.stepping import pose_unlocked
 from geomphys.engine.state import Machine, make_machine
 from geomphys.jit.packed_records import pack
 from geomphys.scene import arrays as s
@@ -33,15 +33,15 @@ def reached(distance: float, touching: bool) -> float:
     scene = make_scene([Thing(shape=Sphere(RADIUS), role=s.DRIVEN), plate])
     machine: Machine = make_machine(scene)
     work, packed, ws = machine.workspace.work, pack(scene), pack(machine.workspace)
-    work.kind[:] = LOCKED
-    work.kind[0], work.ignored[:], work.deviation_limit[:] = RIGID, 0, math.inf
-    for posture in (work.before, work.now, work.trial, work.start):
+    work.mobility[:] = LOCKED
+    work.mobility[0], work.ignored[:], work.deviation_limit[:] = TRANSLATION, 0, math.inf
+    for posture in (work.before, work.iterate, work.trial, work.start):
         posture.roots[:], posture.poses[:] = scene.trees.rest, machine.recorded
     work.target[:] = machine.recorded
     work.target[0, :3] += 0.4 * ALONG
     work.counts["touches"] = int(touching)
-    forget_pairs(ws)
-    pose_yielding(packed, ws, ws.work.now)
+    clear_pairs(ws)
+    pose_unlocked(packed, ws, ws.work.iterate)
     for tree in range(2):
         update_boxes(packed, machine.workspace.piece_frames.frames, ws.detection.boxes, tree)
     found = search(packed, ws, np.zeros(0), 2e-6, 25, touching, False, EVERY_STEP)

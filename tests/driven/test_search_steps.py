@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from geomphys.collision.penetration import separation
-from geomphys.driven.goals import take_branch
-from geomphys.driven.reachability import _note_travel, _pair_travel
-from geomphys.driven.starts import JUMP, steady_change
-from geomphys.driven.state import LOCKED, RIGID, TRAVEL
-from geomphys.driven.stepping import gap_on_its_side, measure_near_pairs, update_separations
-from geomphys.driven.targets import _brake
+from geomphys.driven.goals import choose_branch
+from geomphys.driven.reachability import _measure_travel, _pair_travel
+from geomphys.driven.starts import JUMP, unwrapped_change
+from geomphys.driven.state import LOCKED, TRANSLATION, TRAVEL
+from geomphys.driven.stepping import gap_along_normal, measure_near_pairs, update_separations
+from geomphys.driven.targets import _remove_opposing_rate
 from geomphys.engine.state import Machine, make_machine
 from geomphys.jit.packed_records import pack
 from tests.driven.compound import NOTCHED, shoulder
@@ -24,8 +24,8 @@ Table = tuple[Any, Any, Machine]
 
 def one_free(machine: Machine) -> None:
     """The first ball is solved for, everything else stays."""
-    machine.workspace.work.kind[:] = LOCKED
-    machine.workspace.work.kind[0] = RIGID
+    machine.workspace.work.mobility[:] = LOCKED
+    machine.workspace.work.mobility[0] = TRANSLATION
     machine.workspace.work.ignored[:] = 0
 
 
@@ -62,9 +62,9 @@ def test_a_direction_says_nothing_of_a_path_with_much_rotation(
     one_free(machine)
     measure_near_pairs(scene, ws, 0.02, math.inf)
     work = machine.workspace.work
-    work.now.poses[:] = work.trial.poses[:] = machine.recorded
+    work.iterate.poses[:] = work.trial.poses[:] = machine.recorded
     work.trial.poses[0, 3:] = (0.0, 0.0, math.sin(0.5 * angle), math.cos(0.5 * angle))
-    gap = gap_on_its_side(scene, ws, 0, motion)
+    gap = gap_along_normal(scene, ws, 0, motion)
     assert gap == pytest.approx(0.01, abs=1e-12) if sure else gap == -math.inf
 
 
@@ -77,7 +77,7 @@ def test_two_pieces_come_nearer_by_no_more_than_their_travel(table: Table) -> No
             after[body, :3] += 0.1 * rng.normal(size=3)
             q = rng.normal(size=4)
             after[body, 3:] = q / np.linalg.norm(q)
-            _note_travel(scene, poses, after, body, travel)
+            _measure_travel(scene, poses, after, body, travel)
         points = 0.05 * rng.normal(size=(2, 3))
         points /= np.maximum(1.0, np.linalg.norm(points, axis=1, keepdims=True) / 0.05)
         shifts = [placed(after[b], points[b]) - placed(poses[b], points[b]) for b in (0, 1)]
@@ -100,9 +100,9 @@ def placed(pose: np.ndarray, point: np.ndarray) -> np.ndarray:
 )
 def test_a_contact_stops_the_rate_of_an_offset_against_it(rate: tuple[float, ...], after: tuple[float, ...]) -> None:
     values = np.array(rate)
-    _brake(values, (0.0, 0.0, 0.0))
+    _remove_opposing_rate(values, (0.0, 0.0, 0.0))
     assert values.tolist() == list(rate)
-    _brake(values, (0.0, 0.0, 0.01))
+    _remove_opposing_rate(values, (0.0, 0.0, 0.01))
     assert values == pytest.approx(after, abs=1e-15)
 
 
@@ -125,9 +125,9 @@ def test_of_equal_angles_the_one_nearest_to_the_recording_is_taken(
     scene, ws, machine = arm
     work = machine.workspace.work
     work.low[:], work.high[:] = -3.05, 4.0
-    work.now.angles[:] = goal
-    take_branch(scene, ws, 0, np.full(4, recorded), ws.work.now)
-    assert work.now.angles == pytest.approx(np.full(4, taken), abs=1e-12)
+    work.iterate.angles[:] = goal
+    choose_branch(scene, ws, 0, np.full(4, recorded), ws.work.iterate)
+    assert work.iterate.angles == pytest.approx(np.full(4, taken), abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -135,4 +135,4 @@ def test_of_equal_angles_the_one_nearest_to_the_recording_is_taken(
     [(0.1, 0.1), (2 * math.pi - 0.1, -0.1), (-4 * math.pi + 0.2, 0.2), (1.01 * JUMP, 0.0), (3.0, 0.0)],
 )
 def test_a_change_of_branch_is_no_motion_and_a_jump_none_either(arm: Table, change: float, steady: float) -> None:
-    assert steady_change(arm[1], 0, change) == pytest.approx(steady, abs=1e-12)
+    assert unwrapped_change(arm[1], 0, change) == pytest.approx(steady, abs=1e-12)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from geomphys.driven.constraints import _remember_spot, forget_spots, needed
-from geomphys.driven.contacts_kept import forget_touches, note_touch
+from geomphys.driven.constraints import _cache_spot, clear_spots, least_change
+from geomphys.driven.contacts_kept import drop_touches, store_touch
 from geomphys.driven.state import SPOTS
 from geomphys.engine.state import Machine
 
@@ -23,8 +23,8 @@ def touches(machine: Machine) -> list[tuple[int, int, float]]:
 def test_a_contact_is_noted_once_with_its_smallest_gap(table: tuple[object, object, Machine]) -> None:
     _, ws, machine = table
     for tip, gap, n in ((0, 2e-3, UP), (1, 1e-3, UP), (0, -1e-3, DOWN), (0, 5e-4, UP)):
-        note_touch(ws, tip, 3, gap, n)
-    note_touch(ws, 0, 2, 1e-3, UP)
+        store_touch(ws, tip, 3, gap, n)
+    store_touch(ws, 0, 2, 1e-3, UP)
     assert touches(machine) == [(0, 3, -1e-3), (1, 3, 1e-3), (0, 2, 1e-3)]
     assert [tuple(n) for n in machine.workspace.work.touches["normal"][:3].tolist()] == [DOWN, UP, UP]
 
@@ -36,8 +36,8 @@ def test_the_contacts_of_one_tree_are_forgotten_and_the_others_stay(
     scene, ws, machine = table
     noted = [(0, 3, 1e-3), (1, 3, 2e-3), (2, 3, 3e-3), (1, 2, 4e-3), (0, 1, 5e-3)]
     for tip, other, gap in noted:
-        note_touch(ws, tip, other, gap, UP)
-    forget_touches(scene, ws, tree)
+        store_touch(ws, tip, other, gap, UP)
+    drop_touches(scene, ws, tree)
     assert touches(machine) == [touch for touch in noted if touch[0] != tree]
 
 
@@ -45,7 +45,7 @@ def test_a_contact_of_every_tip_with_every_body_finds_a_row(table: tuple[object,
     _, ws, machine = table
     every = [(tip, other) for tip in range(3) for other in range(4)]
     for tip, other in every:
-        note_touch(ws, tip, other, 1e-3, UP)
+        store_touch(ws, tip, other, 1e-3, UP)
     assert [touch[:2] for touch in touches(machine)] == every
     assert len(machine.workspace.work.touches) == len(every)
 
@@ -54,11 +54,11 @@ def test_spots_are_remembered_once_each_and_the_oldest_goes_first(table: tuple[o
     scene, ws, machine = table
     near, work, poses = machine.workspace.near, machine.workspace.work, machine.recorded
     near.a[0], near.b[0], near.normal[0] = 0, 3, (0.0, 0.0, 1.0)
-    forget_spots(ws)
+    clear_spots(ws)
 
     def touch_at(x: float) -> None:
         near.point_a[0] = near.point_b[0] = (x, 0.0, 0.01)
-        _remember_spot(scene, ws, poses, 0)
+        _cache_spot(scene, ws, poses, 0)
 
     touch_at(0.0)
     touch_at(2e-4)  # the same spot: replaced
@@ -71,7 +71,7 @@ def test_spots_are_remembered_once_each_and_the_oldest_goes_first(table: tuple[o
     assert (work.spots["a"] >= 0).all()
     assert work.spots["point_a"][0, 0] == pytest.approx(0.1 + 0.01 * (SPOTS - 2))
     assert work.spots["point_a"][1, 0] == pytest.approx(0.01)
-    forget_spots(ws)
+    clear_spots(ws)
     assert (work.spots["a"] == -1).all()
     assert work.counts["next_spot"] == 0
 
@@ -82,4 +82,4 @@ def test_spots_are_remembered_once_each_and_the_oldest_goes_first(table: tuple[o
 def test_a_pair_has_to_come_apart_by_its_overlap_and_the_gap_or_not_nearer_than_it(
     apart: float, expected: float
 ) -> None:
-    assert needed(1e-4, apart) == pytest.approx(expected, abs=1e-15)
+    assert least_change(1e-4, apart) == pytest.approx(expected, abs=1e-15)

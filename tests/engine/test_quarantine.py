@@ -59,7 +59,7 @@ def offset(value: float) -> Poison:
 
 def speed(value: float) -> Poison:
     def poison(machine: Any) -> None:
-        machine.driven.speed[FINGER] = value
+        machine.driven.offset_velocity[FINGER] = value
 
     return poison
 
@@ -158,8 +158,8 @@ def test_a_chain_is_put_back_with_its_posture(tmp_path: Path, monkeypatch: pytes
     )  # fmt: skip
 
     def poison(machine: Any) -> None:
-        machine.driven.deformed.fill(1)
-        machine.driven.link_offsets["shift"] = machine.driven.link_offsets["rotation"] = value
+        machine.driven.general_motion.fill(1)
+        machine.driven.link_offsets["translation"] = machine.driven.link_offsets["rotation"] = value
         machine.driven.last.angles.fill(value)
 
     poisoned(monkeypatch, poison)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geomphys.driven.groups import INTERPOLATED, LEAST_DISTANCE, Outcome, both, note_method
+from geomphys.driven.groups import INTERPOLATED, LEAST_DISTANCE, Outcome, combine, store_method
 from geomphys.engine.frame_buffer import FIGURES, is_full, make_block, write_depths
 from geomphys.engine.state import make_machine
 from geomphys.engine.step import measure_correction
@@ -39,9 +39,9 @@ def test_each_pair_of_bodies_has_the_method_that_freed_its_own_trees() -> None:
     scene = make_scene([*BALLS, floor()])
     machine, block = make_machine(scene), make_block(np.arange(3), np.zeros((4, 7)), 0, frames=2)
     state = pack(machine.driven)
-    note_method(state, 1, 0)
-    note_method(state, 2, 1)
-    note_method(state, 2, 0)  # a later substep
+    store_method(state, 1, 0)
+    store_method(state, 2, 1)
+    store_method(state, 2, 0)  # a later substep
     machine.depths.body_a[:4], machine.depths.body_b[:4] = (0, 1, 2, 1), (3, 3, 3, 2)
     write_depths(pack(scene), pack(block), 0, pack(machine.depths), 4, machine.driven.method)
     methods = [0, LEAST_DISTANCE, INTERPOLATED, INTERPOLATED]
@@ -51,8 +51,8 @@ def test_each_pair_of_bodies_has_the_method_that_freed_its_own_trees() -> None:
 def test_a_bound_hit_in_any_substep_is_one_of_the_frame() -> None:
     good, bad = Outcome(2, 0, True, False), Outcome(3, 1, False, True)
     for parts in ((good, bad), (bad, good)):
-        assert tuple(both(*parts)) == (5, 1, False, True)
-    assert tuple(both(good, good)) == (4, 0, True, False)
+        assert tuple(combine(*parts)) == (5, 1, False, True)
+    assert tuple(combine(good, good)) == (4, 0, True, False)
 
 
 @pytest.mark.parametrize("table", ["contact", "depth"])

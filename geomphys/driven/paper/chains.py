@@ -34,7 +34,7 @@ STEPS = 6  # steps of one chain in a pass
 SHARED_PASSES = 2  # first passes, in which two links that both can move take half each
 AT_GOAL = 2e-3  # m: a descent that ends nearer than this and than `NEAR_GOAL` to its goal has converged
 NEAR_GOAL = 0.1  # of the distance at its start
-CANCELLED = 0.1  # PD_g shorter than this share of the deepest overlap: the normals cancel
+CANCELLED = 0.1  # PD_g shorter than this fraction of the deepest overlap: the normals cancel
 
 NOTHING, MISSED, ARRIVED = range(3)
 
@@ -64,8 +64,8 @@ def draw_order(w: PaperWorkspace, number: int) -> None:
 @outlined
 def update_tree(scene: Scene, w: PaperWorkspace, tree: int) -> None:
     """Pose a driven tree, its pieces and its boxes at the iterate."""
-    pose_tree(scene, w.origins, tree, w.now.roots, w.now.angles, w.now.poses)
-    pose_pieces_of_tree(scene, tree, w.now.poses, w.frames)
+    pose_tree(scene, w.origins, tree, w.iterate.roots, w.iterate.angles, w.iterate.poses)
+    pose_pieces_of_tree(scene, tree, w.iterate.poses, w.frames)
     update_boxes(scene, w.frames, w.detection.boxes, tree)
 
 
@@ -115,7 +115,7 @@ def _find_link(scene: Scene, w: PaperWorkspace, chain: int) -> tuple[int, int]:
 
 
 @kernel
-def _share(scene: Scene, w: PaperWorkspace, link: int, other: int, count: int) -> float:
+def _fraction_of_depth(scene: Scene, w: PaperWorkspace, link: int, other: int, count: int) -> float:
     """The part of PD that `link` takes: half if the other link's chain comes later in this pass, else the rest."""
     chain, others = w.limbs.chain[link], w.limbs.chain[other]
     both = others >= 0 and others != chain and can_move(scene, w, other, link)
@@ -131,7 +131,7 @@ def contacts_of(scene: Scene, w: PaperWorkspace, link: int, count: int) -> tuple
     near = w.near
     middle, pd, deep, points = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0
     weight, deepest, low, high = 0.0, 0.0, math.inf, -math.inf
-    along = unit(quat_rotate(orientation_of(w.now.poses, link), vec_at(w.limbs.along, link)))
+    along = unit(quat_rotate(orientation_of(w.iterate.poses, link), vec_at(w.limbs.along, link)))
     for k in range(near.counts.filled):
         s, a, b = near.separation[k], scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
         other = b if a == link else a
@@ -146,7 +146,7 @@ def contacts_of(scene: Scene, w: PaperWorkspace, link: int, count: int) -> tuple
             middle = add(middle, p)
             low, high = min(low, dot(p, along)), max(high, dot(p, along))
         points += found
-        depth = (w.gap - s) * _share(scene, w, link, other, count)
+        depth = (w.gap - s) * _fraction_of_depth(scene, w, link, other, count)
         out = scale(n, depth if a == link else -depth)
         weight += depth
         pd = add_scaled(pd, out, depth)
@@ -169,8 +169,8 @@ def step_chain(scene: Scene, w: PaperWorkspace, chain: int, count: int) -> int:
     distance, n = norm(pd), unit(pd)
     if lies_along(w, link, n, extent) and translate_link(scene, w, link, anchor, n, distance):
         return ARRIVED
-    q = quat_conjugate(orientation_of(w.now.poses, link))
-    local = quat_rotate(q, sub(ee, position_of(w.now.poses, link)))
+    q = quat_conjugate(orientation_of(w.iterate.poses, link))
+    local = quat_rotate(q, sub(ee, position_of(w.iterate.poses, link)))
     tolerance = min(AT_GOAL, NEAR_GOAL * distance)
     missed = descend(scene, w, link, anchor, local, add(ee, pd), tolerance)
     return ARRIVED if missed <= tolerance else MISSED

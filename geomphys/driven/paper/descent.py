@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from geomphys.driven.paper.state import PaperWorkspace
 from geomphys.driven.postures import point_of, world_axis
-from geomphys.driven.reach_cones import cone_angle, cone_effect, limb_direction, signed_angle
+from geomphys.driven.reach_cones import cone_angle, cone_jacobian, limb_direction, signed_angle
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.vec3 import Vec, add_scaled, cross, dot, norm, sub
 from geomphys.scene.arrays import JOINT_FIXED, JOINT_PRISMATIC, Scene
@@ -50,9 +50,9 @@ def joint_rotation(axis: Vec, origin: Vec, ee: Vec, goal: Vec) -> float:
 @kernel
 def set_angle(w: PaperWorkspace, q: int, value: float) -> float:
     """Set a degree of freedom of the iterate, clamped to its limits; returns by how much it changed."""
-    before = w.now.angles[q]
-    w.now.angles[q] = min(max(value, w.lower[q]), w.upper[q])
-    return float(w.now.angles[q] - before)
+    before = w.iterate.angles[q]
+    w.iterate.angles[q] = min(max(value, w.lower[q]), w.upper[q])
+    return float(w.iterate.angles[q] - before)
 
 
 @kernel
@@ -79,7 +79,7 @@ def pose_chain(scene: Scene, w: PaperWorkspace, link: int) -> None:
     """Forward kinematics of the iterate from the root of the link's chain to the link."""
     first = scene.chains.bodies[scene.chains.body_start[w.limbs.chain[link]]]
     for body in range(first, link + 1):
-        pose_body(scene, w.origins, body, w.now.angles, w.now.poses)
+        pose_body(scene, w.origins, body, w.iterate.angles, w.iterate.poses)
 
 
 @outlined
@@ -87,24 +87,24 @@ def fit_cone(scene: Scene, w: PaperWorkspace, cone: int) -> bool:
     """Project the limb of a compound joint into its reach cone by the least change of its joints; whether it is inside."""
     start, cones = scene.cones.direction_start, scene.cones
     for _ in range(CONE_STEPS):
-        d = limb_direction(scene, cone, w.now.angles)
+        d = limb_direction(scene, cone, w.iterate.angles)
         g, _, inward = signed_angle(cones.directions, start[cone], start[cone + 1], d)
-        if g >= w.cone_bound[cone]:
+        if g >= w.cone_limit[cone]:
             return True
         square = 0.0
         for row in range(cones.joint_start[cone], cones.joint_start[cone + 1]):
-            square += cone_effect(scene, cone, w.now.angles, row, d, inward) ** 2
+            square += cone_jacobian(scene, cone, w.iterate.angles, row, d, inward) ** 2
         if square < 1e-12:
             return False
-        step = (w.cone_bound[cone] + CONE_MARGIN - g) / square
+        step = (w.cone_limit[cone] + CONE_MARGIN - g) / square
         for row in range(cones.joint_start[cone], cones.joint_start[cone + 1]):
             q = scene.bodies.dof[cones.joints[row]]
-            effect = cone_effect(scene, cone, w.now.angles, row, d, inward)
+            effect = cone_jacobian(scene, cone, w.iterate.angles, row, d, inward)
             w.step[q] = step * effect
         for row in range(cones.joint_start[cone], cones.joint_start[cone + 1]):
             q = scene.bodies.dof[cones.joints[row]]
-            set_angle(w, q, w.now.angles[q] + w.step[q])
-    return bool(cone_angle(scene, cone, w.now.angles) >= w.cone_bound[cone])
+            set_angle(w, q, w.iterate.angles[q] + w.step[q])
+    return bool(cone_angle(scene, cone, w.iterate.angles) >= w.cone_limit[cone])
 
 
 @kernel
@@ -124,9 +124,9 @@ def _shared_step(scene: Scene, w: PaperWorkspace, link: int, q: int, ee: Vec, go
     effect, body = (0.0, 0.0, 0.0), link
     while body >= 0:
         if scene.bodies.dof[body] == q and scene.bodies.joint[body] != JOINT_FIXED:
-            axis = world_axis(scene, w.now.poses, body)
+            axis = world_axis(scene, w.iterate.poses, body)
             if scene.bodies.joint[body] != JOINT_PRISMATIC:
-                axis = cross(axis, sub(ee, position_of(w.now.poses, body)))
+                axis = cross(axis, sub(ee, position_of(w.iterate.poses, body)))
             effect = add_scaled(effect, axis, scene.bodies.multiplier[body])
         body = scene.bodies.parent[body]
     square = dot(effect, effect)
@@ -144,13 +144,13 @@ def _move_in_cone(scene: Scene, w: PaperWorkspace, cone: int, q: int, step: floa
     first, last = scene.cones.joint_start[cone], scene.cones.joint_start[cone + 1]
     for row in range(first, last):
         k = scene.bodies.dof[scene.cones.joints[row]]
-        w.saved[k] = w.now.angles[k]
-    set_angle(w, q, w.now.angles[q] + step)
+        w.saved[k] = w.iterate.angles[k]
+    set_angle(w, q, w.iterate.angles[q] + step)
     if fit_cone(scene, w, cone):
-        return float(w.now.angles[q] - w.saved[q])
+        return float(w.iterate.angles[q] - w.saved[q])
     for row in range(first, last):
         k = scene.bodies.dof[scene.cones.joints[row]]
-        w.now.angles[k] = w.saved[k]
+        w.iterate.angles[k] = w.saved[k]
     return 0.0
 
 
@@ -158,20 +158,20 @@ def _move_in_cone(scene: Scene, w: PaperWorkspace, cone: int, q: int, step: floa
 def _move_joint(scene: Scene, w: PaperWorkspace, joint: int, link: int, local: Vec, goal: Vec) -> float:
     """Move one joint so that a point of the link is nearest to the goal; returns the change."""
     q, ratio = scene.bodies.dof[joint], scene.bodies.multiplier[joint]
-    ee = point_of(w.now.poses, link, local)
+    ee = point_of(w.iterate.poses, link, local)
     if w.limbs.joints[q] > 1:
         if not _is_first(scene, link, joint):
             return 0.0
         step = _shared_step(scene, w, link, q, ee, goal)
     elif scene.bodies.joint[joint] == JOINT_PRISMATIC:
-        step = dot(world_axis(scene, w.now.poses, joint), sub(goal, ee)) / ratio
+        step = dot(world_axis(scene, w.iterate.poses, joint), sub(goal, ee)) / ratio
     else:
-        axis, origin = world_axis(scene, w.now.poses, joint), position_of(w.now.poses, joint)
+        axis, origin = world_axis(scene, w.iterate.poses, joint), position_of(w.iterate.poses, joint)
         step = joint_rotation(axis, origin, ee, goal) / ratio
     if step == 0.0:
         return 0.0
     cone = w.limbs.cone[q]
-    change = set_angle(w, q, w.now.angles[q] + step) if cone < 0 else _move_in_cone(scene, w, cone, q, step)
+    change = set_angle(w, q, w.iterate.angles[q] + step) if cone < 0 else _move_in_cone(scene, w, cone, q, step)
     if change != 0.0:
         pose_chain(scene, w, link)
     return change
@@ -184,7 +184,7 @@ def descend(scene: Scene, w: PaperWorkspace, link: int, anchor: int, local: Vec,
     Parameters
     ----------
     scene, w
-        The scene and the workspace, whose iterate `now` is brought up to date from the chain's root to the link. No joint
+        The scene and the workspace, whose `iterate` is brought up to date from the chain's root to the link. No joint
         leaves its limits, nor a limb its reach cone; values recorded beyond do not grow.
     link
         Body whose joint is the first of a sweep.
@@ -200,7 +200,7 @@ def descend(scene: Scene, w: PaperWorkspace, link: int, anchor: int, local: Vec,
     float
         Distance [m] of the point from the goal.
     """
-    missed = norm(sub(goal, point_of(w.now.poses, link, local)))
+    missed = norm(sub(goal, point_of(w.iterate.poses, link, local)))
     for _ in range(SWEEPS):
         if missed <= tolerance:
             break
@@ -209,7 +209,7 @@ def descend(scene: Scene, w: PaperWorkspace, link: int, anchor: int, local: Vec,
             if is_usable(scene, w, joint, link, anchor):
                 farthest = max(farthest, abs(_move_joint(scene, w, joint, link, local, goal)))
             joint = scene.bodies.parent[joint]
-        missed = norm(sub(goal, point_of(w.now.poses, link, local)))
+        missed = norm(sub(goal, point_of(w.iterate.poses, link, local)))
         if farthest < STILL:
             break
     return missed

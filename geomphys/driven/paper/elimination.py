@@ -23,7 +23,7 @@ from geomphys.numerics.vec3 import Vec, add_scaled, norm, scale, slerp, sub, uni
 from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.scene.kinematics import orientation_of, position_of, set_pose
 
-CANCELLED = 0.1  # PD_g shorter than this share of the deepest overlap: the normals cancel
+CANCELLED = 0.1  # PD_g shorter than this fraction of the deepest overlap: the normals cancel
 PROGRESS = 0.98  # of the overlap before: a larger rest is no progress
 PATIENCE = 4  # passes without progress
 HALVINGS = 14  # steps of bisection between the last free state and the current one
@@ -38,13 +38,13 @@ class Elimination(NamedTuple):
 
 
 @kernel
-def _propose(w: PaperWorkspace, tree: int, pd: Vec, share: float, largest: float) -> None:
-    """Set the translation of a tree to `share` of PD_g plus the clearance, if this is the deepest of its pairs so far."""
+def _propose(w: PaperWorkspace, tree: int, pd: Vec, fraction: float, largest: float) -> None:
+    """Set the translation of a tree to `fraction` of PD_g plus the clearance, if this is the deepest of its pairs so far."""
     if largest > w.deepest[tree]:
         w.deepest[tree] = largest
-        d = add_scaled(scale(pd, share), unit(pd), w.gap)
+        d = add_scaled(scale(pd, fraction), unit(pd), w.gap)
         for i in range(3):
-            w.shift[tree, i] = d[i]
+            w.translation[tree, i] = d[i]
 
 
 @kernel
@@ -76,11 +76,11 @@ def sum_depths(scene: Scene, w: PaperWorkspace, first: int) -> int:
 
 @outlined
 def propose_translations(scene: Scene, w: PaperWorkspace) -> None:
-    """Equation (1) for every pair of objects that overlap: `shift` of each tree by its deepest pair."""
+    """Equation (1) for every pair of objects that overlap: `translation` of each tree by its deepest pair."""
     for tree in range(len(w.deepest)):
         w.deepest[tree] = 0.0
         for i in range(3):
-            w.shift[tree, i] = 0.0
+            w.translation[tree, i] = 0.0
     k = 0
     while k < w.near.counts.filled:  # pairs of pieces are sorted by pairs of trees
         a, b = w.near.tree_a[k], w.near.tree_b[k]
@@ -113,7 +113,7 @@ def translate_trees(scene: Scene, w: PaperWorkspace) -> bool:
             continue
         some = True
         for i in range(3):
-            w.now.roots[tree, i] += w.shift[tree, i]
+            w.iterate.roots[tree, i] += w.translation[tree, i]
         update_tree(scene, w, tree)
     return some
 
@@ -135,22 +135,22 @@ def _is_free(scene: Scene, w: PaperWorkspace, tree: int) -> bool:
     detect(scene, w)
     if overlaps_others(w, tree):
         return False
-    for cone in range(len(w.cone_bound)):
+    for cone in range(len(w.cone_limit)):
         body = scene.cones.joints[scene.cones.joint_start[cone]]
-        if scene.bodies.tree[body] == tree and cone_angle(scene, cone, w.now.angles) < w.cone_bound[cone]:
+        if scene.bodies.tree[body] == tree and cone_angle(scene, cone, w.iterate.angles) < w.cone_limit[cone]:
             return False
     return True
 
 
 @kernel
-def _interpolate(scene: Scene, w: PaperWorkspace, tree: int, share: float) -> None:
-    """Interpolate the iterate of a tree between its last free state (share 0) and its posture by the coupling (share 1)."""
+def _interpolate(scene: Scene, w: PaperWorkspace, tree: int, fraction: float) -> None:
+    """Interpolate the iterate of a tree between its last free state (fraction 0) and its posture by the coupling (fraction 1)."""
     p, target = position_of(w.free.roots, tree), position_of(w.target.roots, tree)
-    q = slerp(orientation_of(w.free.roots, tree), orientation_of(w.target.roots, tree), share)
-    set_pose(w.now.roots, tree, add_scaled(p, sub(target, p), share), q)
+    q = slerp(orientation_of(w.free.roots, tree), orientation_of(w.target.roots, tree), fraction)
+    set_pose(w.iterate.roots, tree, add_scaled(p, sub(target, p), fraction), q)
     for j in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
-        value = w.free.angles[j] + share * (w.target.angles[j] - w.free.angles[j])
-        w.now.angles[j] = min(max(value, w.lower[j]), w.upper[j])
+        value = w.free.angles[j] + fraction * (w.target.angles[j] - w.free.angles[j])
+        w.iterate.angles[j] = min(max(value, w.lower[j]), w.upper[j])
 
 
 @outlined
@@ -184,13 +184,13 @@ def copy_driven(scene: Scene, source: Posture, target: Posture) -> None:
 
 @outlined
 def eliminate(scene: Scene, w: PaperWorkspace, number: int) -> Elimination:
-    """Eliminate the overlaps of driven trees at the iterate `now`; `number` is that of the frame, for the order of chains."""
+    """Eliminate the overlaps of driven trees at the iterate; `number` is that of the frame, for the order of chains."""
     chained, patience, passes, interpolations = False, PATIENCE, 0, 0
     for tree in range(len(w.cancelled)):
         w.cancelled[tree] = w.interpolated[tree] = 0
         chained = chained or scene.trees.chains[tree] == 1
-    copy_driven(scene, w.now, w.target)
-    copy_driven(scene, w.now, w.best)
+    copy_driven(scene, w.iterate, w.target)
+    copy_driven(scene, w.iterate, w.best)
     overlap = detect(scene, w)
     if overlap == 0.0:
         return Elimination(0, 0, 0.0)
@@ -205,7 +205,7 @@ def eliminate(scene: Scene, w: PaperWorkspace, number: int) -> Elimination:
         patience = PATIENCE if overlap < PROGRESS * least else patience - 1
         if overlap < least:
             least = overlap
-            copy_driven(scene, w.now, w.best)
+            copy_driven(scene, w.iterate, w.best)
         if overlap == 0.0 or patience == 0 or not (moved or chained):
             break
     for tree in range(len(w.cancelled)):
@@ -213,7 +213,7 @@ def eliminate(scene: Scene, w: PaperWorkspace, number: int) -> Elimination:
             interpolations += 1
             w.interpolated[tree] = 1
             if not interpolate_tree(scene, w, tree):
-                copy_tree(scene, w.best, tree, w.now)
+                copy_tree(scene, w.best, tree, w.iterate)
                 update_tree(scene, w, tree)
             overlap = detect(scene, w)
     return Elimination(passes, interpolations, overlap)

@@ -37,7 +37,7 @@ def lies_along(w: PaperWorkspace, link: int, n: Vec, extent: float) -> bool:
     length = norm(along)
     if length == 0.0 or extent < COVERED * length:
         return False
-    return abs(dot(n, quat_rotate(orientation_of(w.now.poses, link), along))) < SLANT * length
+    return abs(dot(n, quat_rotate(orientation_of(w.iterate.poses, link), along))) < SLANT * length
 
 
 @kernel
@@ -57,17 +57,17 @@ def _is_single(scene: Scene, w: PaperWorkspace, joint: int) -> bool:
 @kernel
 def _parent_joint(scene: Scene, w: PaperWorkspace, own: int, link: int, anchor: int) -> int:
     """The joint before joint `own` with an axis parallel to its; of a compound joint the one that is; -1: none."""
-    centre, found = position_of(w.now.poses, own), False
-    axis = world_axis(scene, w.now.poses, own)
+    centre, found = position_of(w.iterate.poses, own), False
+    axis = world_axis(scene, w.iterate.poses, own)
     joint = scene.bodies.parent[own]
     while joint >= 0:
         if is_usable(scene, w, joint, link, anchor):
-            at = position_of(w.now.poses, joint)
+            at = position_of(w.iterate.poses, joint)
             if norm(sub(at, centre)) > SAME_CENTRE:
                 if found:
                     return -1
                 found, centre = True, at
-            parallel = abs(dot(axis, world_axis(scene, w.now.poses, joint))) > PARALLEL
+            parallel = abs(dot(axis, world_axis(scene, w.iterate.poses, joint))) > PARALLEL
             if found and parallel and _is_single(scene, w, joint):
                 return joint
         joint = scene.bodies.parent[joint]
@@ -95,7 +95,7 @@ def rotation_for(a: float, b: float, distance: float) -> tuple[bool, float]:
 def _is_in_cone(scene: Scene, w: PaperWorkspace, q: int) -> bool:
     """Whether the limb that joint q moves, if it has a reach cone, is in it."""
     cone = w.limbs.cone[q]
-    return cone < 0 or cone_angle(scene, cone, w.now.angles) >= w.cone_bound[cone]
+    return cone < 0 or cone_angle(scene, cone, w.iterate.angles) >= w.cone_limit[cone]
 
 
 @outlined
@@ -111,18 +111,18 @@ def translate_link(scene: Scene, w: PaperWorkspace, link: int, anchor: int, n: V
     parent = _parent_joint(scene, w, own, link, anchor)
     if parent < 0:
         return False
-    axis = world_axis(scene, w.now.poses, parent)
-    r = sub(position_of(w.now.poses, own), position_of(w.now.poses, parent))
+    axis = world_axis(scene, w.iterate.poses, parent)
+    r = sub(position_of(w.iterate.poses, own), position_of(w.iterate.poses, parent))
     exists, angle = rotation_for(dot(n, add_scaled(r, axis, -dot(axis, r))), dot(n, cross(axis, r)), distance)
     if not exists:
         return False
-    same = 1.0 if dot(axis, world_axis(scene, w.now.poses, own)) > 0.0 else -1.0
+    same = 1.0 if dot(axis, world_axis(scene, w.iterate.poses, own)) > 0.0 else -1.0
     p, q = scene.bodies.dof[parent], scene.bodies.dof[own]
-    before_p, before_q = w.now.angles[p], w.now.angles[q]
+    before_p, before_q = w.iterate.angles[p], w.iterate.angles[q]
     step_p, step_q = angle / scene.bodies.multiplier[parent], -same * angle / scene.bodies.multiplier[own]
     short = abs(set_angle(w, p, before_p + step_p) - step_p) + abs(set_angle(w, q, before_q + step_q) - step_q)
     fits = short <= ACHIEVED and _is_in_cone(scene, w, p) and _is_in_cone(scene, w, q)
     if not fits:
-        w.now.angles[p], w.now.angles[q] = before_p, before_q
+        w.iterate.angles[p], w.iterate.angles[q] = before_p, before_q
     pose_chain(scene, w, link)
     return fits

@@ -51,7 +51,7 @@ class PaperWorkspace(NamedTuple):
     limbs: Limbs
     seed: int  # seed of the order of chains
     passes: int  # bound on the passes of a frame
-    now: Posture  # the iterate
+    iterate: Posture  # the iterate
     target: Posture  # driven trees by the coupling alone
     free: Posture  # last free state of each driven tree
     has_free: Ints  # (T,) 1: there is one
@@ -59,13 +59,13 @@ class PaperWorkspace(NamedTuple):
     joint_rate: Floats  # (Q,) rad/s or m/s, of the offsets of joints from their recorded values
     lower: Floats  # (Q,) limits, widened to recorded values
     upper: Floats  # (Q,)
-    cone_bound: Floats  # (R,) rad; least signed angle of a limb in its reach cone: 0, or as recorded
+    cone_limit: Floats  # (R,) rad; least signed angle of a limb in its reach cone: 0, or as recorded
     order: Ints  # (C,) chains in the order of this frame
     rank: Ints  # (C,) their indices in it
     saved: Floats  # (Q,) angles before a change that may be undone
     step: Floats  # (Q,) rad, of the projection into a reach cone
     sums: Records  # (B,) DEPTH_SUMS of the overlaps with an object
-    shift: Floats  # (T, 3) m, translation of a tree in a pass
+    translation: Floats  # (T, 3) m, translation of a tree in a pass
     deepest: Floats  # (T,) m, of the pair of objects that it is for
     cancelled: Ints  # (T,) 1: the normals of a pair of objects cancel
     interpolated: Ints  # (T,) 1: interpolated in the last elimination
@@ -127,8 +127,8 @@ def make_paper_workspace(scene: Scene, shared: DrivenWorkspace, config: Config) 
         Clearance, seed of the order of chains, bound on the passes of a frame.
     """
     trees, dofs, chains = len(scene.trees.role), len(scene.dofs.lower), len(scene.chains.tree)
-    poses = shared.work.now.poses
-    now, target, free, best = (make_posture(scene, poses) for _ in range(4))
+    poses = shared.work.iterate.poses
+    iterate, target, free, best = (make_posture(scene, poses) for _ in range(4))
     joint_rate, lower, upper, saved, step = (np.zeros(dofs) for _ in range(5))
     has_free, cancelled, interpolated = (np.zeros(trees, np.int64) for _ in range(3))
     return PaperWorkspace(
@@ -141,7 +141,7 @@ def make_paper_workspace(scene: Scene, shared: DrivenWorkspace, config: Config) 
         limbs=make_limbs(scene),
         seed=config.seed & 0x7FFFFFFFFFFFFFFF,
         passes=config.max_iterations,
-        now=now,
+        iterate=iterate,
         target=target,
         free=free,
         has_free=has_free,
@@ -149,13 +149,13 @@ def make_paper_workspace(scene: Scene, shared: DrivenWorkspace, config: Config) 
         joint_rate=joint_rate,
         lower=lower,
         upper=upper,
-        cone_bound=np.zeros(len(scene.cones.limb)),
+        cone_limit=np.zeros(len(scene.cones.limb)),
         order=np.arange(chains),
         rank=np.arange(chains),
         saved=saved,
         step=step,
         sums=np.zeros(len(scene.bodies.role), DEPTH_SUMS),
-        shift=np.zeros((trees, 3)),
+        translation=np.zeros((trees, 3)),
         deepest=np.zeros(trees),
         cancelled=cancelled,
         interpolated=interpolated,

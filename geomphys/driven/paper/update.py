@@ -17,7 +17,7 @@ from geomphys.driven.paper.descent import fit_cone
 from geomphys.driven.paper.elimination import eliminate, overlaps_others
 from geomphys.driven.paper.state import PaperWorkspace
 from geomphys.driven.postures import copy_tree, is_recorded
-from geomphys.driven.reach_cones import cone_bound
+from geomphys.driven.reach_cones import cone_limit
 from geomphys.driven.state import NOT_STARTED, STARTED_FREE, DrivenState
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import vec_at
@@ -36,8 +36,8 @@ def take_recording(scene: Scene, state: DrivenState, w: PaperWorkspace, angles: 
     """Limits of this frame, widened to the recorded angles (Q,); bodies that are not driven are posed as recorded (B, 7)."""
     for q in range(len(angles)):
         w.lower[q], w.upper[q] = min(scene.dofs.lower[q], angles[q]), max(scene.dofs.upper[q], angles[q])
-    for cone in range(len(w.cone_bound)):
-        w.cone_bound[cone] = cone_bound(scene, cone, angles)
+    for cone in range(len(w.cone_limit)):
+        w.cone_limit[cone] = cone_limit(scene, cone, angles)
     stand_around(scene, w, recorded)
 
 
@@ -49,8 +49,8 @@ def stand_around(scene: Scene, w: PaperWorkspace, recorded: Floats) -> None:
             continue
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
             for k in range(7):
-                w.now.poses[body, k] = recorded[body, k]
-        pose_pieces_of_tree(scene, tree, w.now.poses, w.frames)
+                w.iterate.poses[body, k] = recorded[body, k]
+        pose_pieces_of_tree(scene, tree, w.iterate.poses, w.frames)
         update_boxes(scene, w.frames, w.detection.boxes, tree)
 
 
@@ -61,53 +61,55 @@ def attract(
     """Relax the offsets of a tree by (6) over `dt` [s] and set the iterate; without an offset it is the recording."""
     trees = scene.trees
     for k in range(7):
-        w.now.roots[tree, k] = roots[tree, k]
+        w.iterate.roots[tree, k] = roots[tree, k]
     for i in range(3):
-        x, v = relax_offset(trees, tree, state.offset[tree, i], state.speed[tree, i], dt)
-        state.speed[tree, i] = v
+        x, v = relax_offset(trees, tree, state.offset[tree, i], state.offset_velocity[tree, i], dt)
+        state.offset_velocity[tree, i] = v
         if x != 0.0:
-            w.now.roots[tree, i] += x
+            w.iterate.roots[tree, i] += x
     for q in range(trees.dof_start[tree], trees.dof_start[tree + 1]):
         offset, rate = state.last.angles[q] - state.recorded.angles[q], w.joint_rate[q]
         if not abs(rate) < FASTEST:
             rate = 0.0
         offset, w.joint_rate[q] = relax_offset(trees, tree, offset, rate, dt)
-        w.now.angles[q] = angles[q]
+        w.iterate.angles[q] = angles[q]
         if offset != 0.0:
-            w.now.angles[q] = min(max(angles[q] + offset, w.lower[q]), w.upper[q])
-    for cone in range(len(w.cone_bound)):
+            w.iterate.angles[q] = min(max(angles[q] + offset, w.lower[q]), w.upper[q])
+    for cone in range(len(w.cone_limit)):
         if scene.bodies.tree[scene.cones.joints[scene.cones.joint_start[cone]]] == tree:
             fit_cone(scene, w, cone)
     update_tree(scene, w, tree)
 
 
 @kernel
-def note_tree(scene: Scene, state: DrivenState, w: PaperWorkspace, tree: int, roots: Floats, angles: Floats) -> None:
+def store_tree_offsets(
+    scene: Scene, state: DrivenState, w: PaperWorkspace, tree: int, roots: Floats, angles: Floats
+) -> None:
     """Offsets of a tree at the iterate; a correction against the rate of its offset sets that rate to zero."""
-    path = sub(vec_at(w.now.roots, tree), vec_at(w.target.roots, tree))
+    path = sub(vec_at(w.iterate.roots, tree), vec_at(w.target.roots, tree))
     size = norm(path)
-    against = dot(vec_at(state.speed, tree), path) / size if size > MOVED else 0.0
+    against = dot(vec_at(state.offset_velocity, tree), path) / size if size > MOVED else 0.0
     for i in range(3):
         if against < 0.0:
-            state.speed[tree, i] -= against * path[i] / size
-        state.offset[tree, i] = w.now.roots[tree, i] - roots[tree, i]
-        state.last_speed[tree, i] = state.speed[tree, i]
+            state.offset_velocity[tree, i] -= against * path[i] / size
+        state.offset[tree, i] = w.iterate.roots[tree, i] - roots[tree, i]
+        state.last_offset_velocity[tree, i] = state.offset_velocity[tree, i]
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
-        if w.joint_rate[q] * (w.now.angles[q] - w.target.angles[q]) < 0.0:
+        if w.joint_rate[q] * (w.iterate.angles[q] - w.target.angles[q]) < 0.0:
             w.joint_rate[q] = 0.0
-    copy_tree(scene, w.now, tree, state.last)
+    copy_tree(scene, w.iterate, tree, state.last)
 
 
 @outlined
-def note_offsets(
+def store_offsets(
     scene: Scene, state: DrivenState, w: PaperWorkspace, roots: Floats, angles: Floats, recorded: Floats
 ) -> None:
     """Take the iterate as the result of the frame, and store the recording."""
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
-            note_tree(scene, state, w, tree, roots, angles)
+            store_tree_offsets(scene, state, w, tree, roots, angles)
             if not overlaps_others(w, tree):
-                copy_tree(scene, w.now, tree, w.free)
+                copy_tree(scene, w.iterate, tree, w.free)
                 w.has_free[tree] = 1
         if not is_recorded(scene, tree):
             continue
@@ -133,7 +135,7 @@ def update_driven_as_published(
         if scene.trees.role[tree] == DRIVEN:
             attract(scene, state, w, tree, roots, angles, 0.0 if first else dt)
     done = eliminate(scene, w, state.progress.updates)
-    note_offsets(scene, state, w, roots, angles, recorded)
+    store_offsets(scene, state, w, roots, angles, recorded)
     state.progress.start = STARTED_FREE
     state.progress.updates += 1
     for tree in range(len(w.interpolated)):
@@ -143,12 +145,12 @@ def update_driven_as_published(
 
 
 @outlined
-def yield_as_published(scene: Scene, state: DrivenState, w: PaperWorkspace, recorded: Floats) -> int:
-    """Move driven trees out of what has moved into them since; see `yield_driven`."""
+def separate_as_published(scene: Scene, state: DrivenState, w: PaperWorkspace, recorded: Floats) -> int:
+    """Move driven trees out of what has moved into them since; see `separate_driven`."""
     stand_around(scene, w, recorded)
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
-            copy_tree(scene, state.last, tree, w.now)
+            copy_tree(scene, state.last, tree, w.iterate)
     done = eliminate(scene, w, state.progress.updates)
-    note_offsets(scene, state, w, state.recorded.roots, state.recorded.angles, recorded)
+    store_offsets(scene, state, w, state.recorded.roots, state.recorded.angles, recorded)
     return done.passes

@@ -28,11 +28,11 @@ def workspace(world: World, angles: np.ndarray, low: float = -3.0, high: float =
     """The method's workspace with an iterate at `angles` and these limits."""
     machine = make_machine(world.scene)
     w = make_paper_workspace(world.scene, machine.workspace, Config())
-    w.now.angles[:] = angles
+    w.iterate.angles[:] = angles
     w.lower[:], w.upper[:] = low, high
-    w.cone_bound[:] = -math.pi
+    w.cone_limit[:] = -math.pi
     scene = pack(world.scene)
-    pose_tree(scene, w.origins, 0, w.now.roots, w.now.angles, w.now.poses)
+    pose_tree(scene, w.origins, 0, w.iterate.roots, w.iterate.angles, w.iterate.poses)
     return w
 
 
@@ -84,10 +84,10 @@ def test_two_joints_in_a_plane_reach_what_the_law_of_cosines_says(tmp_path: Path
     assert missed <= 1e-9
     square = goal[0] ** 2 + goal[1] ** 2
     elbow = math.acos((square - UPPER**2 - LOWER**2) / (2 * UPPER * LOWER))
-    assert abs(w.now.angles[1]) == pytest.approx(elbow, abs=1e-6)
-    e = w.now.angles[1]
+    assert abs(w.iterate.angles[1]) == pytest.approx(elbow, abs=1e-6)
+    e = w.iterate.angles[1]
     first = math.atan2(goal[1], goal[0]) - math.atan2(LOWER * math.sin(e), UPPER + LOWER * math.cos(e))
-    assert math.remainder(w.now.angles[0] - first, 2 * math.pi) == pytest.approx(0.0, abs=1e-6)
+    assert math.remainder(w.iterate.angles[0] - first, 2 * math.pi) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_goal_out_of_reach_leaves_the_arm_stretched_towards_it(tmp_path: Path) -> None:
@@ -105,7 +105,7 @@ def test_joints_stop_at_their_limits(tmp_path: Path) -> None:
     descend(
         pack(world.scene), pack(w), world.body_names.index("arm/tip"), -1, (LOWER, 0.0, 0.0), (-0.3, 0.3, 0.0), 1e-6
     )
-    assert w.now.angles == pytest.approx([0.25, 0.25], abs=0.0)
+    assert w.iterate.angles == pytest.approx([0.25, 0.25], abs=0.0)
 
 
 def test_a_link_of_the_same_avatar_that_is_the_obstacle_is_not_moved(tmp_path: Path) -> None:
@@ -114,8 +114,8 @@ def test_a_link_of_the_same_avatar_that_is_the_obstacle_is_not_moved(tmp_path: P
     w = workspace(world, np.array([0.3, 0.6]))
     tip, upper = (world.body_names.index(f"arm/{name}") for name in ("tip", "upper"))
     descend(pack(world.scene), pack(w), tip, upper, (LOWER, 0.0, 0.0), (0.0, 0.4, 0.0), 1e-6)
-    assert w.now.angles[0] == 0.3
-    assert w.now.angles[1] != 0.6
+    assert w.iterate.angles[0] == 0.3
+    assert w.iterate.angles[1] != 0.6
 
 
 @pytest.mark.parametrize("directions", [CONE, NOTCHED], ids=["convex", "notched"])
@@ -126,14 +126,14 @@ def test_limbs_end_in_their_reach_cones(tmp_path: Path, directions: list[list[fl
     stopped = 0
     for goal in np.random.default_rng(2).normal(size=(40, 3)):
         w = workspace(world, np.array([0.1, -0.1, 0.0, -0.3]))
-        w.cone_bound[:] = 0.0
+        w.cone_limit[:] = 0.0
         packed = pack(w)
-        assert cone_angle(scene, 0, w.now.angles) > 0.0
+        assert cone_angle(scene, 0, w.iterate.angles) > 0.0
         descend(scene, packed, lower, -1, (0.0, 0.0, -0.2), tuple(0.4 * goal), 1e-3)
-        inside = cone_angle(scene, 0, w.now.angles)
+        inside = cone_angle(scene, 0, w.iterate.angles)
         assert inside >= 0.0
         stopped += inside < 0.01
-        assert (np.abs(w.now.angles) <= 3.0).all()
+        assert (np.abs(w.iterate.angles) <= 3.0).all()
     assert stopped > 5
 
 
@@ -144,9 +144,9 @@ def test_a_limb_outside_goes_back_to_the_edge_of_its_cone_by_a_small_change(tmp_
     while cone_angle(scene, 0, angles) > -0.05:
         angles[0] += 0.01
     w = workspace(world, angles)
-    w.cone_bound[:] = 0.0
+    w.cone_limit[:] = 0.0
     outside = -cone_angle(scene, 0, angles)
     assert fit_cone(scene, pack(w), 0)
-    assert 0.0 <= cone_angle(scene, 0, w.now.angles) <= 1e-6
-    assert np.linalg.norm(w.now.angles - angles) <= 3.0 * outside
-    assert w.now.angles[3] == 0.0
+    assert 0.0 <= cone_angle(scene, 0, w.iterate.angles) <= 1e-6
+    assert np.linalg.norm(w.iterate.angles - angles) <= 3.0 * outside
+    assert w.iterate.angles[3] == 0.0

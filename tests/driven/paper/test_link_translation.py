@@ -29,21 +29,21 @@ def test_a_translated_link_keeps_its_orientation(tmp_path: Path) -> None:
     world = planar_arm(tmp_path)
     w = workspace(world, np.array([0.4, -0.4]))
     lower = world.body_names.index("arm/lower")
-    before = w.now.poses[lower].copy()
+    before = w.iterate.poses[lower].copy()
     assert translate_link(pack(world.scene), pack(w), lower, -1, (0.0, 1.0, 0.0), 0.02)
-    after = w.now.poses[lower]
+    after = w.iterate.poses[lower]
     assert after[1] - before[1] == pytest.approx(0.02, abs=1e-12)
     assert (Rotation.from_quat(after[3:]) * Rotation.from_quat(before[3:]).inv()).magnitude() <= 1e-12
-    assert math.sin(w.now.angles[0]) * UPPER == pytest.approx(UPPER * math.sin(0.4) + 0.02, abs=1e-12)
-    assert w.now.angles.sum() == pytest.approx(0.0, abs=1e-12)
+    assert math.sin(w.iterate.angles[0]) * UPPER == pytest.approx(UPPER * math.sin(0.4) + 0.02, abs=1e-12)
+    assert w.iterate.angles.sum() == pytest.approx(0.0, abs=1e-12)
 
 
 def test_what_limits_forbid_changes_nothing(tmp_path: Path) -> None:
     world = planar_arm(tmp_path)
     w = workspace(world, np.array([0.4, -0.4]), low=-0.41, high=3.0)
-    before = w.now.poses.copy(), w.now.angles.copy()
+    before = w.iterate.poses.copy(), w.iterate.angles.copy()
     lower = world.body_names.index("arm/lower")
     assert not translate_link(pack(world.scene), pack(w), lower, -1, (0.0, 1.0, 0.0), 0.02)
     assert not translate_link(pack(world.scene), pack(w), lower, -1, (0.0, 1.0, 0.0), 1.0)
-    assert w.now.poses == pytest.approx(before[0], abs=1e-15)
-    assert w.now.angles.tobytes() == before[1].tobytes()
+    assert w.iterate.poses == pytest.approx(before[0], abs=1e-15)
+    assert w.iterate.angles.tobytes() == before[1].tobytes()
