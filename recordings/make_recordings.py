@@ -18,6 +18,7 @@ import hand_lift
 import hand_mug
 import keypoint_hands
 import mcap_files
+import mug_lift
 import robot_glove
 import two_arms
 import two_hands
@@ -32,6 +33,7 @@ EXPERIMENTS = {
     "hand_mug": (hand_mug.make, "ros2"),
     "hand_ball": (hand_ball.make, "json"),
     "hand_lift": (hand_lift.make, "protobuf"),
+    "mug_lift": (mug_lift.make, "ros2"),
     "gripper_cube": (gripper_cube.make, "ros2"),
     "two_hands": (two_hands.make, "protobuf"),
     "robot_glove": (robot_glove.make, "ros2"),

@@ -28,6 +28,7 @@ OTHERS = [
         "isaac_hand",
         "leap_hand",
         "manus_hand",
+        "mug_lift",
         "robot_glove",
         "two_hands",
         "webxr_hand",

@@ -174,32 +174,12 @@ class Outcome:
         return round(t * self.rate)
 
     def slips(self) -> dict[int, np.ndarray]:
-        """Body -> (N, 3) m: how far the thing slid on it since the first frame, in the thing's frame: summed over frames."""
-        names = self.run.world.body_names
-        held, out = names.index("thing"), {}
-        for k in range(1, len(self.run.results)):
-            before, now = self.run.results[k - 1], self.run.results[k]
-            c = now.contacts
-            for body in np.unique(np.where(c.body_a == held, c.body_b, c.body_a)):
-                mine = ((c.body_a == held) & (c.body_b == body)) | ((c.body_b == held) & (c.body_a == body))
-                mine &= c.normal_impulse > 0.0
-                if not mine.any():
-                    continue
-                point, normal = c.point[mine].mean(axis=0), c.normal[mine].mean(axis=0)
-                normal /= np.linalg.norm(normal)
-                ways = [motion_of(before.corrected[i], now.corrected[i], point) for i in (held, int(body))]
-                slid = ways[0] - ways[1]
-                slid -= normal * (slid @ normal)
-                row = out.setdefault(int(body), np.zeros((len(self.run.results), 3)))
-                row[k] = Rotation.from_quat(now.corrected[held, 3:]).inv().apply(slid)
-        return {body: row.cumsum(axis=0) for body, row in out.items()}
+        """How far the thing slid on each body, see `Run.slips`."""
+        return self.run.slips("thing")
 
     def slip(self, slips: dict[int, np.ndarray], since: float, until: float) -> float:
         """Farthest that any driven body slid on the thing between two moments, from where it was at first [m]."""
-        role = self.run.world.scene.bodies.role
-        span = slice(self.frame(since), self.frame(until) + 1)
-        rows = [row[span] for body, row in slips.items() if role[body] == 2]
-        return max((float(np.linalg.norm(r - r[0], axis=1).max()) for r in rows), default=math.inf)
+        return self.run.farthest_slip(slips, slice(self.frame(since), self.frame(until) + 1))
 
     def force(self, t: float) -> dict[str, float]:
         """Normal force of everything on the thing [N]."""
@@ -210,12 +190,6 @@ class Outcome:
                 other = names[b if a == held else a]
                 out[other] = out.get(other, 0.0) + float(j) * self.rate
         return out
-
-
-def motion_of(before: np.ndarray, now: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """How far the material point of a body that is at `point` now has come between two poses (7,), (3,) m."""
-    inside = Rotation.from_quat(now[3:]).inv().apply(point - now[:3])
-    return point - (before[:3] + Rotation.from_quat(before[3:]).apply(inside))
 
 
 def grip_task(

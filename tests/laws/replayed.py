@@ -15,6 +15,7 @@ from geomphys.config import Config
 from geomphys.load import load_world
 from geomphys.replays import replay
 from geomphys.results import FrameResult
+from geomphys.scene.arrays import DRIVEN
 from geomphys.scene.world import World
 from tests.recording.log_files import pose, write_log
 
@@ -77,6 +78,32 @@ class Run:
         turn = Rotation.from_quat(p[:, 3:]) * Rotation.from_quat(p[0, 3:]).inv()
         return float(np.linalg.norm(p[:, :3] - p[0, :3], axis=1).max()), float(np.degrees(turn.magnitude().max()))
 
+    def slips(self, name: str) -> dict[int, np.ndarray]:
+        """Body -> (N, 3) m: how far a thing slid on it since the first frame, in the thing's frame: summed over frames."""
+        held, out = self.world.body_names.index(name), {}
+        for k in range(1, len(self.results)):
+            before, now = self.results[k - 1], self.results[k]
+            c = now.contacts
+            for body in np.unique(np.where(c.body_a == held, c.body_b, c.body_a)):
+                mine = ((c.body_a == held) & (c.body_b == body)) | ((c.body_b == held) & (c.body_a == body))
+                mine &= c.normal_impulse > 0.0
+                if not mine.any():
+                    continue
+                point, normal = c.point[mine].mean(axis=0), c.normal[mine].mean(axis=0)
+                normal /= np.linalg.norm(normal)
+                ways = [motion_of(before.corrected[i], now.corrected[i], point) for i in (held, int(body))]
+                slid = ways[0] - ways[1]
+                slid -= normal * (slid @ normal)
+                row = out.setdefault(int(body), np.zeros((len(self.results), 3)))
+                row[k] = Rotation.from_quat(now.corrected[held, 3:]).inv().apply(slid)
+        return {body: row.cumsum(axis=0) for body, row in out.items()}
+
+    def farthest_slip(self, slips: dict[int, np.ndarray], frames: slice) -> float:
+        """Farthest that any driven body slid in some frames, from where it was in the first of them [m]; inf: none touched."""
+        role = self.world.scene.bodies.role
+        rows = [row[frames] for body, row in slips.items() if role[body] == DRIVEN]
+        return max((float(np.linalg.norm(r - r[0], axis=1).max()) for r in rows), default=math.inf)
+
     @property
     def overlap(self) -> float:
         """Deepest overlap reported after the first frame [m]."""
@@ -86,6 +113,12 @@ class Run:
     def flags(self) -> int:
         """Flags of any frame."""
         return int(np.bitwise_or.reduce([r.metrics.flags for r in self.results]))
+
+
+def motion_of(before: np.ndarray, now: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """How far the material point of a body that is at `point` now has come between two poses (7,), (3,) m."""
+    inside = Rotation.from_quat(now[3:]).inv().apply(point - now[:3])
+    return point - (before[:3] + Rotation.from_quat(before[3:]).apply(inside))
 
 
 def play(
