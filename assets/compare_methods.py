@@ -103,8 +103,9 @@ def results(log: Path, world: World, method: str, figures: Figures) -> Iterator[
         pass
     pipeline = TimedPipeline(world, config)
     for chunk in pipeline.chunks((frames[k : k + FRAMES], 0) for k in range(0, len(frames), FRAMES)):
-        for row in range(len(chunk.frames)):
-            yield pipeline.result(chunk, row, 0)
+        columns = pipeline.results(chunk)
+        for row in range(len(columns)):
+            yield columns.result(row)
     figures.busy_ns += pipeline.busy_ns
 
 

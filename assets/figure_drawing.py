@@ -10,7 +10,7 @@ from figure_scenes import Experiment, Shot
 from geomphys.analysis.diff.rasterizer import Surface, View, png, render
 from geomphys.numerics.transforms import rotation_from_quaternion
 from geomphys.output import colours, frame_columns
-from geomphys.results import FrameResult
+from geomphys.results import FrameResult, ResultColumns
 from geomphys.scene.arrays import DRIVEN
 from geomphys.scene.world import World
 
@@ -38,7 +38,7 @@ def _half(world: World, result: FrameResult, shot: Shot, target: np.ndarray, *, 
     recorded = np.where((world.scene.bodies.role == DRIVEN)[:, None], result.recorded, result.corrected)
     poses = result.corrected if corrected else recorded
     moved = frame_columns.is_corrected(result.recorded[None], result.corrected[None])[0]
-    touching = frame_columns.in_contact([result], len(world.body_names))[0]
+    touching = frame_columns.in_contact(ResultColumns.of(result), len(world.body_names))[0]
     palette = colours.colours_of_trees(world.file)
     solid, glass = [], []
     for body, name in enumerate(world.body_names):

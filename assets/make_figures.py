@@ -59,8 +59,9 @@ def section(experiment: Experiment, pictures: Path, repeats: int) -> str:
         pipeline = Pipeline(loaded.world, Config())
         batches = ((loaded.frames[i : i + FRAMES], 0) for i in range(0, len(loaded.frames), FRAMES))
         for chunk in pipeline.chunks(batches):
-            for row in range(len(chunk.frames)):
-                result = pipeline.result(chunk, row, 0)
+            columns = pipeline.results(chunk)
+            for row in range(len(columns)):
+                result = columns.result(row)
                 ns.append({name: t for name, t, _ in result.timing}["step"])
                 if k == 0:
                     metrics.append(result.metrics)

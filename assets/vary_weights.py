@@ -145,7 +145,8 @@ def add(recorded: Recorded, mode: str, weights: Weights, figures: Figures) -> No
     quality = MotionQuality(scene.bodies.tree[driven])
     pipeline = Pipeline(recorded.world, geomphys.Config(mode=mode), weights)
     batches = ((recorded.frames[k : k + FRAMES], 0) for k in range(0, len(recorded.frames), FRAMES))
-    results = [pipeline.result(chunk, row, 0) for chunk in pipeline.chunks(batches) for row in range(len(chunk.frames))]
+    blocks = [pipeline.results(chunk) for chunk in pipeline.chunks(batches)]
+    results = [block.result(row) for block in blocks for row in range(len(block))]
     for metrics in (result.metrics for result in results):
         figures.residual = max(figures.residual, metrics.residual_penetration_m)
         figures.passes.append(metrics.iterations)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
 from itertools import chain
 
 from geomphys.config import Callbacks, Config, OutputOptions
@@ -18,12 +18,12 @@ from geomphys.jit.work import telling
 from geomphys.load import load_world, scaled_to_log
 from geomphys.output.file_sinks import FILE_SINKS, FileSinkOptions, make_file_sink
 from geomphys.output.provenance import provenance_of
-from geomphys.output.sink import Sink
+from geomphys.output.sink import Sink, write_columns
 from geomphys.output.summary import Summarizer, Summary
 from geomphys.output.worst_moments import WorstMoments
 from geomphys.recording.frames import FrameSource
 from geomphys.recording.report import RecordingReport
-from geomphys.results import Frame, FrameResult
+from geomphys.results import Frame, FrameResult, ResultColumns
 from geomphys.scene.world import World
 from geomphys.storage.output_file import check_targets
 from geomphys.storage.remote_files import AnyPath, as_path
@@ -48,15 +48,15 @@ def replay(
     config
         All parameters; None: the defaults.
     sinks
-        Opened before the first frame, given every frame, closed after the last; closed as incomplete if the replay ends
-        early (an error, or the caller stops iterating). Without a frame they are not opened.
+        Opened before the first frame, given the frames that were yielded, many at a time, closed after the last; closed as
+        incomplete if the replay ends early (an error, or the caller stops iterating). Without a frame they are not opened.
     progress
-        Called after each frame with the number of frames done and, if known, of all.
+        Called for each frame with the number of frames done and, if known, of all.
 
     Yields
     ------
     FrameResult
-        In order of time. The stage `encode` of a frame is the time the sinks took for the frame before it.
+        In order of time. The stage `encode` of a frame is the time the sinks took for a frame of those before.
 
     Raises
     ------
@@ -65,28 +65,10 @@ def replay(
     OutputError
         A sink cannot write.
     """
-    config = config or Config()
-    world = scene if isinstance(scene, World) else load_world(scene, mode=config.mode, seed=config.seed)
-    world = scaled_to_log(as_path(log), world, config)
-    opened: list[Sink] = []
-    complete = False
-    try:
-        with FrameSource(as_path(log), world, config) as source:
-            batches = _batches(source)
-            first = next(batches, None)
-            if first is None:  # nothing to write
-                return
-            if sinks:
-                provenance = provenance_of(as_path(log), world, config)
-                for sink in sinks:
-                    sink.open(world, config, provenance)
-                    opened.append(sink)
-            yield from _results(source, chain([first], batches), Pipeline(world, config), sinks, progress)
-        complete = True
-    finally:
-        with ExitStack() as closing:  # every sink is closed even if another fails to close
-            for sink in reversed(opened):
-                closing.callback(sink.close, complete)
+    with closing(_parts(as_path(log), scene, config or Config(), sinks, progress)) as parts:
+        for part in parts:
+            for row in part.take():
+                yield part.columns.result(row)
 
 
 def run(
@@ -150,14 +132,14 @@ def run(
         sinks = [] if out is None else [make_file_sink(out, of_sinks, default=".mcap")]
         sinks += [] if rrd is None else [FILE_SINKS[".rrd"](rrd, of_sinks)]
         start = time.perf_counter()
-        results = replay(log, world, config=config, sinks=sinks, progress=callbacks.progress)
-        assert isinstance(results, Generator)
         compiled = are_compiled(config.method)
-        with closing(results):
-            for result in results:
+        with closing(_parts(log, world, config, sinks, callbacks.progress)) as parts:
+            for part in parts:
                 if not compiled:
                     start, compiled = time.perf_counter(), True
-                summarizer.add(result)
+                for _ in part.take():
+                    pass
+                summarizer.add_columns(part.columns)
         elapsed = time.perf_counter() - start
     if summarizer.frames == 0:
         time_limits = [
@@ -170,6 +152,68 @@ def run(
         )
         raise LogError(f"{log}: gave no frame in the scene {world.path}; {reason}")
     return summarizer.summary(log=log, scene=world.path, out=out, rrd=rrd, elapsed_s=elapsed)
+
+
+@dataclass
+class _Part:
+    """Frames of a replay that were computed together. Sinks are given those that were taken."""
+
+    columns: ResultColumns
+    first: int
+    expected: int | None
+    progress: Callable[[int, int | None], None] | None
+    taken: int = 0
+
+    def take(self) -> Iterator[int]:
+        """Take the frames one after another; yields their rows."""
+        for row in range(len(self.columns)):
+            self.taken = row + 1
+            if self.progress is not None:
+                self.progress(self.first + self.taken, self.expected)
+            yield row
+
+
+def _parts(
+    log: AnyPath,
+    scene: AnyPath | str | World,
+    config: Config,
+    sinks: Sequence[Sink],
+    progress: Callable[[int, int | None], None] | None,
+) -> Generator[_Part, None, None]:
+    """The frames of a replay, see `replay`; to be closed."""
+    world = scene if isinstance(scene, World) else load_world(scene, mode=config.mode, seed=config.seed)
+    world = scaled_to_log(log, world, config)
+    opened: list[Sink] = []
+    complete = False
+    try:
+        with FrameSource(log, world, config) as source:
+            batches = _batches(source)
+            first = next(batches, None)
+            if first is None:  # nothing to write
+                return
+            if sinks:
+                provenance = provenance_of(log, world, config)
+                for sink in sinks:
+                    sink.open(world, config, provenance)
+                    opened.append(sink)
+            pipeline = Pipeline(world, config)
+            done, encode_ns = 0, 0
+            for columns in _results(source, chain([first], batches), pipeline):
+                columns.stage_ns[:, -1] = encode_ns
+                part = _Part(columns, done, source.expected_frames, progress)
+                try:
+                    yield part
+                finally:
+                    start = time.perf_counter_ns()
+                    if part.taken:
+                        write_columns(sinks, columns.rows(0, part.taken))
+                    encode_ns = (time.perf_counter_ns() - start) // len(columns)
+                done += len(columns)
+        complete = True
+    finally:
+        with ExitStack() as stack:  # every sink is closed even if another fails to close
+            for sink in reversed(opened):
+                stack.callback(sink.close, complete)
 
 
 def _batches(source: FrameSource) -> Iterator[tuple[list[Frame], int]]:
@@ -195,29 +239,20 @@ def _scene_messages(world: World) -> tuple[Message, ...]:
 
 
 def _results(
-    source: FrameSource,
-    batches: Iterator[tuple[list[Frame], int]],
-    pipeline: Pipeline,
-    sinks: Sequence[Sink],
-    progress: Callable[[int, int | None], None] | None,
-) -> Iterator[FrameResult]:
-    done, encode_ns, worst = 0, 0, WorstMoments(pipeline.world.body_names)
+    source: FrameSource, batches: Iterator[tuple[list[Frame], int]], pipeline: Pipeline
+) -> Iterator[ResultColumns]:
+    """The results of the frames, with all messages."""
+    worst, is_first = WorstMoments(pipeline.world.body_names), True
     for chunk in pipeline.chunks(batches):
-        for row in range(len(chunk.frames)):
-            is_last = chunk.is_last and row == len(chunk.frames) - 1
-            messages = () if done else _scene_messages(pipeline.world)
-            messages += tuple(_recording_messages(source.report)) if is_last else ()
-            result = pipeline.result(chunk, row, encode_ns, messages)
-            worst.add(result)
-            if is_last:
-                result = dataclasses.replace(
-                    result, moments=worst.moments(worst.intersection_volume(pipeline.world)), grasps=pipeline.grasps()
-                )
-            start = time.perf_counter_ns()
-            for sink in sinks:
-                sink.write(result)
-            encode_ns = time.perf_counter_ns() - start
-            done += 1
-            if progress is not None:
-                progress(done, source.expected_frames)
-            yield result
+        columns, last = pipeline.results(chunk), len(chunk.frames) - 1
+        messages = dict(columns.messages)
+        if is_first and (of_scene := _scene_messages(pipeline.world)):
+            messages[0] = messages.get(0, ()) + of_scene
+        is_first = False
+        worst.add_columns(columns)
+        if chunk.is_last:
+            if of_log := tuple(_recording_messages(source.report)):
+                messages[last] = messages.get(last, ()) + of_log
+            moments = worst.moments(worst.intersection_volume(pipeline.world))
+            columns = replace(columns, moments={last: moments}, grasps={last: pipeline.grasps()})
+        yield replace(columns, messages=messages)

@@ -1,15 +1,20 @@
-"""Records of a frame: the recorded input and the corrected result, shared by all stages, sinks and callers."""
+"""Records of frames: the recorded input and the corrected result, shared by all stages, sinks and callers."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
+from itertools import accumulate
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+_T = TypeVar("_T")
 
 METHODS = ("global", "least_distance", "interpolated")
 
@@ -154,3 +159,164 @@ class FrameResult:
     messages: tuple[tuple[str, str], ...] = ()  # (level: "info" | "warning" | "error", text)
     moments: tuple[Moment, ...] = ()  # with the last frame: the worst moments of the replay
     grasps: tuple[Grasp, ...] = ()  # with the last frame: outcomes of the simulated bodies that driven ones touched
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResultColumns:
+    """The results of n frames in a row, as columns; `result` makes the record of one. No other frames have their arrays."""
+
+    frames: Sequence[Frame]  # (n,)
+    recorded: Floats  # (n, B, 7) world pose of every body as recorded
+    corrected: Floats  # (n, B, 7) world pose of every body
+    angles: Floats  # (n, Q) corrected joint values
+    contacts: Contacts  # of all frames, one after another
+    contact_end: Ints  # (n + 1,) rows of `contacts` up to each frame; [0] is 0
+    penetrations: Penetrations  # of all frames, one after another
+    penetration_end: Ints  # (n + 1,)
+    metrics: Mapping[str, NDArray[Any]]  # field of `Metrics` -> (n,)
+    stages: tuple[str, ...]  # s dotted names
+    stage_ns: Ints  # (n, s)
+    stage_counts: Ints  # (n, s)
+    messages: Mapping[int, tuple[tuple[str, str], ...]]  # row -> (level, text)
+    moments: Mapping[int, tuple[Moment, ...]]  # row -> the worst moments of the replay
+    grasps: Mapping[int, tuple[Grasp, ...]]  # row -> outcomes
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    @cached_property
+    def times_ns(self) -> Ints:
+        """Times (n,)."""
+        return np.array([frame.time_ns for frame in self.frames], np.int64)
+
+    @cached_property
+    def indices(self) -> Ints:
+        """Numbers (n,) of the frames."""
+        return np.array([frame.index for frame in self.frames], np.int64)
+
+    @property
+    def contact_counts(self) -> Ints:
+        """Contacts (n,) of each frame."""
+        return np.diff(self.contact_end)
+
+    @property
+    def penetration_counts(self) -> Ints:
+        """Penetrations (n,) of each frame."""
+        return np.diff(self.penetration_end)
+
+    @cached_property
+    def _metrics(self) -> list[Metrics]:
+        return [Metrics(*row) for row in zip(*(self.metrics[name].tolist() for name in Metrics._fields), strict=True)]
+
+    @cached_property
+    def _results(self) -> dict[int, FrameResult]:
+        return {}
+
+    def result(self, row: int) -> FrameResult:
+        """The record of a frame, the same whenever it is asked for; its arrays are views of the columns."""
+        if row not in self._results:
+            self._results[row] = self._make_result(row)
+        return self._results[row]
+
+    def _make_result(self, row: int) -> FrameResult:
+        touching = slice(*self.contact_end[row : row + 2].tolist())
+        overlapping = slice(*self.penetration_end[row : row + 2].tolist())
+        stages = zip(self.stages, self.stage_ns[row].tolist(), self.stage_counts[row].tolist(), strict=True)
+        return FrameResult(
+            frame=self.frames[row],
+            recorded=self.recorded[row],
+            corrected=self.corrected[row],
+            angles=self.angles[row],
+            contacts=Contacts._make(column[touching] for column in self.contacts),
+            penetrations=Penetrations._make(column[overlapping] for column in self.penetrations),
+            metrics=self._metrics[row],
+            timing=tuple(stages),
+            messages=self.messages.get(row, ()),
+            moments=self.moments.get(row, ()),
+            grasps=self.grasps.get(row, ()),
+        )
+
+    def rows(self, start: int, stop: int) -> ResultColumns:
+        """The frames of some rows, as views."""
+        if (start, stop) == (0, len(self)):
+            return self
+        rows = slice(start, stop)
+        contacts, pairs = self.contact_end[start : stop + 1], self.penetration_end[start : stop + 1]
+        return ResultColumns(
+            frames=self.frames[rows],
+            recorded=self.recorded[rows],
+            corrected=self.corrected[rows],
+            angles=self.angles[rows],
+            contacts=Contacts._make(column[contacts[0] : contacts[-1]] for column in self.contacts),
+            contact_end=contacts - contacts[0],
+            penetrations=Penetrations._make(column[pairs[0] : pairs[-1]] for column in self.penetrations),
+            penetration_end=pairs - pairs[0],
+            metrics={name: column[rows] for name, column in self.metrics.items()},
+            stages=self.stages,
+            stage_ns=self.stage_ns[rows],
+            stage_counts=self.stage_counts[rows],
+            messages=_of_rows(self.messages, start, stop),
+            moments=_of_rows(self.moments, start, stop),
+            grasps=_of_rows(self.grasps, start, stop),
+        )
+
+    @staticmethod
+    def joined(parts: Sequence[ResultColumns]) -> ResultColumns:
+        """The frames of parts one after another. Parts that have a stage have the same stages."""
+        if len(parts) == 1:
+            return parts[0]
+        starts = [0, *accumulate(len(part) for part in parts)]
+        return ResultColumns(
+            frames=[frame for part in parts for frame in part.frames],
+            recorded=np.concatenate([part.recorded for part in parts]),
+            corrected=np.concatenate([part.corrected for part in parts]),
+            angles=np.concatenate([part.angles for part in parts]),
+            contacts=Contacts._make(map(np.concatenate, zip(*(part.contacts for part in parts), strict=True))),
+            contact_end=_ends(np.concatenate([part.contact_counts for part in parts])),
+            penetrations=Penetrations._make(
+                map(np.concatenate, zip(*(part.penetrations for part in parts), strict=True))
+            ),
+            penetration_end=_ends(np.concatenate([part.penetration_counts for part in parts])),
+            metrics={name: np.concatenate([part.metrics[name] for part in parts]) for name in Metrics._fields},
+            stages=parts[0].stages,
+            stage_ns=np.concatenate([part.stage_ns for part in parts]),
+            stage_counts=np.concatenate([part.stage_counts for part in parts]),
+            messages=_shifted([part.messages for part in parts], starts),
+            moments=_shifted([part.moments for part in parts], starts),
+            grasps=_shifted([part.grasps for part in parts], starts),
+        )
+
+    @staticmethod
+    def of(result: FrameResult) -> ResultColumns:
+        """The columns of one frame."""
+        values = zip(Metrics._fields, result.metrics, strict=True)
+        return ResultColumns(
+            frames=(result.frame,),
+            recorded=result.recorded[None],
+            corrected=result.corrected[None],
+            angles=result.angles[None],
+            contacts=result.contacts,
+            contact_end=np.array([0, len(result.contacts.depth)], np.int64),
+            penetrations=result.penetrations,
+            penetration_end=np.array([0, len(result.penetrations.largest)], np.int64),
+            metrics={name: np.array([value]) for name, value in values},
+            stages=tuple(name for name, _, _ in result.timing),
+            stage_ns=np.array([[ns for _, ns, _ in result.timing]], np.int64),
+            stage_counts=np.array([[count for _, _, count in result.timing]], np.int64),
+            messages={0: result.messages} if result.messages else {},
+            moments={0: result.moments} if result.moments else {},
+            grasps={0: result.grasps} if result.grasps else {},
+        )
+
+
+def _ends(counts: Ints) -> Ints:
+    """Ends (n + 1,) of stretches of so many rows (n,); [0] is 0."""
+    return np.concatenate([np.zeros(1, np.int64), np.cumsum(counts)])
+
+
+def _of_rows(values: Mapping[int, _T], start: int, stop: int) -> dict[int, _T]:
+    return {row - start: value for row, value in values.items() if start <= row < stop}
+
+
+def _shifted(parts: Sequence[Mapping[int, _T]], starts: Sequence[int]) -> dict[int, _T]:
+    return {start + row: value for part, start in zip(parts, starts, strict=False) for row, value in part.items()}

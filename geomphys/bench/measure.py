@@ -177,8 +177,9 @@ def _run(experiment: Experiment, config: Config, makers: Sequence[PeerMaker], co
     pipeline = TimedPipeline(experiment.world, config)
     for chunk in pipeline.chunks(_batches(experiment.frames)):
         start = time.perf_counter_ns()
-        results = [pipeline.result(chunk, row, 0) for row in range(len(chunk.frames))]
+        columns = pipeline.results(chunk)
         done.result_ns += time.perf_counter_ns() - start
+        results = [columns.result(row) for row in range(len(columns))]
         for result in results:
             _record_result(done, result)
             if collect is not None:

@@ -1,9 +1,9 @@
-"""Converts a block of frames in the buffer to results: columns of all frames at once, then one record a frame."""
+"""Converts a block of frames in the buffer to results."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from geomphys.engine.frame_buffer import Block
 from geomphys.engine.step import WHOLE
 from geomphys.jit.stage_clock import STAGES, ns_per_cycle
-from geomphys.results import Contacts, Frame, FrameResult, Metrics, Penetrations
+from geomphys.results import Contacts, Frame, Metrics, Penetrations, ResultColumns
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -27,6 +27,8 @@ _FIGURES = {
 }
 """Figure of the buffer -> field of the metrics, where they have two names."""
 
+_STAGES = ("decode", "step", *STAGES, "encode")
+
 
 class MotionMeasures(NamedTuple):
     """Motion of the driven bodies in n frames; see `geomphys.results.Metrics`."""
@@ -38,49 +40,32 @@ class MotionMeasures(NamedTuple):
     shape_change_rad: Floats  # (n,)
 
 
-class BlockResults(NamedTuple):
-    """The results of n frames. The arrays are copies, whose rows the records of frames share."""
+def results_of(
+    block: Block, frames: Sequence[Frame], flags: Ints, motion: MotionMeasures, decode_ns: int
+) -> ResultColumns:
+    """Results of the first n frames of a block, without messages.
 
-    recorded: Floats  # (n, B, 7) poses of all bodies
-    corrected: Floats  # (n, B, 7)
-    angles: Floats  # (n, Q)
-    contacts: Contacts  # of all frames, one after another
-    contact_end: list[int]  # (n + 1,) rows of the contacts after each frame; [0] is 0
-    penetrations: Penetrations
-    depth_end: list[int]  # (n + 1,)
-    metrics: list[Metrics]  # (n,)
-    stages: list[tuple[tuple[str, int, int], ...]]  # (n,) names, ns, counts of the step and its stages
-
-    def result(self, frame: Frame, row: int, decode_ns: int, encode_ns: int) -> FrameResult:
-        """The record of frame `row`, without messages."""
-        touched = slice(self.contact_end[row], self.contact_end[row + 1])
-        overlapping = slice(self.depth_end[row], self.depth_end[row + 1])
-        return FrameResult(
-            frame=frame,
-            recorded=self.recorded[row],
-            corrected=self.corrected[row],
-            angles=self.angles[row],
-            contacts=Contacts._make(column[touched] for column in self.contacts),
-            penetrations=Penetrations._make(column[overlapping] for column in self.penetrations),
-            metrics=self.metrics[row],
-            timing=(("decode", decode_ns, 1), *self.stages[row], ("encode", encode_ns, 1)),
-        )
-
-
-def results_of(block: Block, frames: Sequence[Frame], flags: Sequence[int], motion: MotionMeasures) -> BlockResults:
-    """Results of the first n frames of a block; `flags` (n,) beside those of frames and step."""
+    `flags` (n,) beside those of frames and step; `decode_ns`: time that a frame took to decode. The arrays are copies.
+    """
     count = len(frames)
     contacts, depths = block.contact_end[count], block.depth_end[count]
-    return BlockResults(
+    stage_ns, stage_counts = _stages(block, count, decode_ns)
+    return ResultColumns(
+        frames=frames,
         recorded=_all_poses(block, block.recorded[:count]),
         corrected=_all_poses(block, block.corrected[:count]),
         angles=block.angles[:count].copy(),
         contacts=Contacts._make(block.contacts[name][:contacts].copy() for name in Contacts._fields),
-        contact_end=block.contact_end[: count + 1].tolist(),
+        contact_end=block.contact_end[: count + 1].copy(),
         penetrations=Penetrations._make(block.depths[name][:depths].copy() for name in Penetrations._fields),
-        depth_end=block.depth_end[: count + 1].tolist(),
+        penetration_end=block.depth_end[: count + 1].copy(),
         metrics=_metrics(block, frames, flags, motion),
-        stages=_stages(block, count),
+        stages=_STAGES,
+        stage_ns=stage_ns,
+        stage_counts=stage_counts,
+        messages={},
+        moments={},
+        grasps={},
     )
 
 
@@ -91,21 +76,21 @@ def _all_poses(block: Block, rows: Floats) -> Floats:
     return poses
 
 
-def _metrics(block: Block, frames: Sequence[Frame], flags: Sequence[int], motion: MotionMeasures) -> list[Metrics]:
+def _metrics(block: Block, frames: Sequence[Frame], flags: Ints, motion: MotionMeasures) -> dict[str, NDArray[Any]]:
     figures = block.figures[: len(frames)]
-    columns = {_FIGURES.get(name, name): figures[name].tolist() for name in figures.dtype.names or ()}
-    columns |= {name: column.tolist() for name, column in motion._asdict().items()}
-    columns["contacts"] = np.diff(block.contact_end[: len(frames) + 1]).tolist()
-    columns["held"] = [frame.held for frame in frames]
-    own = zip(columns["flags"], frames, flags, strict=True)
-    columns["flags"] = [figure | frame.flags | flag for figure, frame, flag in own]
-    return [Metrics(*row) for row in zip(*(columns[name] for name in Metrics._fields), strict=True)]
+    columns: dict[str, NDArray[Any]] = {_FIGURES.get(name, name): figures[name] for name in figures.dtype.names or ()}
+    columns |= motion._asdict()
+    columns["contacts"] = np.diff(block.contact_end[: len(frames) + 1])
+    columns["held"] = np.array([frame.held for frame in frames], bool)
+    columns["flags"] = columns["flags"] | np.array([frame.flags for frame in frames], np.int64) | flags
+    return {name: columns[name].copy() for name in Metrics._fields}
 
 
-def _stages(block: Block, count: int) -> list[tuple[tuple[str, int, int], ...]]:
-    columns = [WHOLE, *range(len(STAGES))]
-    ns = (block.cycles[:count, columns] * ns_per_cycle()).astype(np.int64).tolist()
-    counts = block.counts[:count, columns]
-    counts[:, 0] = 1
-    names = ("step", *STAGES)
-    return [tuple(zip(names, *row, strict=True)) for row in zip(ns, counts.tolist(), strict=True)]
+def _stages(block: Block, count: int, decode_ns: int) -> tuple[Ints, Ints]:
+    """Times (n, s) [ns] and counts (n, s) of `_STAGES`; that of the sinks is not known yet."""
+    kernel_columns = [WHOLE, *range(len(STAGES))]
+    ns, counts = np.zeros((count, len(_STAGES)), np.int64), np.ones((count, len(_STAGES)), np.int64)
+    ns[:, 0] = decode_ns
+    ns[:, 1:-1] = block.cycles[:count, kernel_columns] * ns_per_cycle()
+    counts[:, 2:-1] = block.counts[:count, : len(STAGES)]
+    return ns, counts

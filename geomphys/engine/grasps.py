@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.numerics.transforms import apply, matrix_from_pose
-from geomphys.results import HELD_FOR, Contacts, FrameResult, Grasp
+from geomphys.results import HELD_FOR, Contacts, FrameResult, Grasp, ResultColumns
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
 from geomphys.scene.world import World
 
@@ -60,6 +60,23 @@ class GraspMeter:
         self._up: Floats = -world.scene.gravity / gravity if gravity > 0.0 else np.array([0.0, 0.0, 1.0])
         self._time_ns: int | None = None
         self._solely_supported: set[int] = set()
+
+    def messages(self, columns: ResultColumns) -> dict[int, tuple[tuple[str, str], ...]]:
+        """Take n more frames; returns messages (level, text) of what changed in them, by their rows."""
+        if not self._bodies:
+            return {}
+        contacts = columns.contacts
+        gripping = contacts.normal_impulse > 0.0
+        gripping &= self._driven[contacts.body_a] | self._driven[contacts.body_b]
+        counts = np.concatenate([[0], np.cumsum(gripping)])[columns.contact_end]
+        found = {}
+        for row, (grips, frame) in enumerate(zip(np.diff(counts).tolist(), columns.frames, strict=True)):
+            if grips or self._solely_supported:
+                if messages := self.add(columns.result(row)):
+                    found[row] = messages
+            else:
+                self._time_ns = frame.time_ns
+        return found
 
     def add(self, result: FrameResult) -> tuple[tuple[str, str], ...]:
         """Take one more frame; returns messages (level, text) of what changed in it."""

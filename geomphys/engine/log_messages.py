@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
 from geomphys.results import (
     FLAG_BLOCKED,
     FLAG_CATCHING_UP,
@@ -11,7 +17,6 @@ from geomphys.results import (
     FLAG_SHAPE_CHANGED,
     FLAG_STARTED_INSIDE,
     FLAG_SWEEP_BOUND,
-    Metrics,
 )
 
 Message = tuple[str, str]
@@ -43,6 +48,8 @@ _TEXTS = {
     FLAG_BLOCKED: ("info", "something stands between a body and its recorded place"),
 }
 
+_INFEASIBLE = ("warning", "the overlaps of a body leave no way out; it was put where it is free, or its posture held")
+
 
 class FrameReporter:
     """Converts flags of frames to messages: one where a state begins, none while it lasts."""
@@ -51,21 +58,20 @@ class FrameReporter:
         self._flags = 0
         self._infeasible = False
 
-    def report(self, metrics: Metrics) -> tuple[Message, ...]:
-        """Messages of a frame."""
-        started = metrics.flags & ~self._flags
-        self._flags = metrics.flags
-        texts = [text for flag, text in _TEXTS.items() if started & flag]
-        infeasible = metrics.fallbacks > 0 and not metrics.flags & FLAG_SHAPE_CHANGED
-        if infeasible and not self._infeasible:
-            texts.append(
-                (
-                    "warning",
-                    "the overlaps of a body leave no way out; it was put where it is free, or its posture held",
-                )
-            )
-        self._infeasible = infeasible
-        return tuple(texts)
+    def messages(self, metrics: Mapping[str, NDArray[Any]]) -> dict[int, tuple[Message, ...]]:
+        """Messages of n frames by their rows; of the metrics (n,) `flags` and `fallbacks` are read."""
+        flags: NDArray[np.int64] = metrics["flags"]
+        infeasible = (metrics["fallbacks"] > 0) & (flags & FLAG_SHAPE_CHANGED == 0)
+        flags_before, infeasible_before = np.roll(flags, 1), np.roll(infeasible, 1)
+        flags_before[0], infeasible_before[0] = self._flags, self._infeasible
+        self._flags, self._infeasible = int(flags[-1]), bool(infeasible[-1])
+        started, closed = flags & ~flags_before, infeasible & ~infeasible_before
+        found = {}
+        for row in np.flatnonzero((started != 0) | closed).tolist():
+            texts = [text for flag, text in _TEXTS.items() if started[row] & flag]
+            if texts or closed[row]:
+                found[row] = (*texts, _INFEASIBLE) if closed[row] else tuple(texts)
+        return found
 
 
 def is_of_flag(message: str) -> bool:

@@ -85,8 +85,7 @@ class MissedMotion:
         count = len(steady) if steady.all() else int(np.argmin(steady))
         if count == 0:
             return 0
-        for value in changes[:count].tolist():
-            seen.accelerations.add(value)
+        seen.accelerations.add_all(changes[:count])
         last, step = count - 1, float(steps[count - 1])
         before = (roots[last - 1], angles[last - 1]) if last else (seen.root, seen.angles)
         rotation = float(angle_between(roots[last, 3:], before[0][3:]))

@@ -14,16 +14,16 @@ from geomphys.driven.paper.state import make_paper_workspace
 from geomphys.driven.weights import WEIGHTS, Weights
 from geomphys.engine.fingertips import thumbs_of
 from geomphys.engine.frame_buffer import Block, make_block
-from geomphys.engine.frame_results import BlockResults, MotionMeasures, results_of
+from geomphys.engine.frame_results import MotionMeasures, results_of
 from geomphys.engine.grasps import GraspMeter
-from geomphys.engine.log_messages import FrameReporter, Message
+from geomphys.engine.log_messages import FrameReporter
 from geomphys.engine.missed_motion import MissedMotion
 from geomphys.engine.state import NEAR_PAIRS, Method, StepParameters, make_machine
 from geomphys.engine.step import Recording, run_block, run_block_as_published
 from geomphys.errors import GeomphysError
 from geomphys.jit.packed_records import pack
 from geomphys.numerics.motion_rates import MotionMeter
-from geomphys.results import FLAG_CATCHING_UP, Frame, FrameResult, Grasp
+from geomphys.results import FLAG_CATCHING_UP, Frame, Grasp, ResultColumns
 from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.scene.kinematics import pose_tree
 from geomphys.scene.world import World
@@ -40,9 +40,8 @@ class Chunk:
     block: Block
     decode_ns: int  # a frame
     motion: MotionMeasures
-    flags: list[int]  # (n,) beside those of the frames and of the step
+    flags: Ints  # (n,) beside those of the frames and of the step
     is_last: bool = False
-    results: BlockResults | None = None  # made when the first is requested
 
 
 class Pipeline:
@@ -95,7 +94,7 @@ class Pipeline:
             times = np.array([first, *(frame.time_ns for frame in frames)], dtype=np.int64)
             dts = np.diff(times).astype(np.float64) * 1e-9
             roots, angles = np.stack([f.roots for f in frames]), np.stack([f.angles for f in frames])
-            flags = self._missed.correct(frames, roots, angles, dts)
+            flags = np.array(self._missed.correct(frames, roots, angles, dts), np.int64)
             while frames:
                 block = self.blocks[1] if before is not None and before.block is self.blocks[0] else self.blocks[0]
                 count = self.run(roots, angles, dts, block)
@@ -153,13 +152,11 @@ class Pipeline:
         for tree in np.flatnonzero(self.scene.trees.role == DRIVEN).tolist():
             pose_tree(self._packed[0], self.machine.workspace.origins, tree, frame.roots, frame.angles, poses)
 
-    def result(self, chunk: Chunk, row: int, encode_ns: int, messages: tuple[Message, ...] = ()) -> FrameResult:
-        """The result of a frame of a chunk; `encode_ns`: time of the sinks for the frame before."""
-        frame = chunk.frames[row]
-        if chunk.results is None:
-            chunk.results = results_of(chunk.block, chunk.frames, chunk.flags, chunk.motion)
-        result = chunk.results.result(frame, row, chunk.decode_ns, encode_ns)
-        if chunk.flags[row] & FLAG_CATCHING_UP:
-            self._pose_as_recorded(frame, result.recorded)
-        messages = (*self._grasps.add(result), *self._reporter.report(result.metrics), *messages)
-        return replace(result, messages=messages) if messages else result
+    def results(self, chunk: Chunk) -> ResultColumns:
+        """The results of a chunk; once, in order."""
+        columns = results_of(chunk.block, chunk.frames, chunk.flags, chunk.motion, chunk.decode_ns)
+        for row in np.flatnonzero(chunk.flags & FLAG_CATCHING_UP).tolist():
+            self._pose_as_recorded(chunk.frames[row], columns.recorded[row])
+        grasped, reported = self._grasps.messages(columns), self._reporter.messages(columns.metrics)
+        rows = sorted(grasped.keys() | reported.keys())
+        return replace(columns, messages={row: grasped.get(row, ()) + reported.get(row, ()) for row in rows})

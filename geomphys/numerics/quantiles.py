@@ -37,23 +37,36 @@ class Quantiles:
 
     def add(self, value: float) -> None:
         """Add a value; raises ValueError for a negative or non-finite one."""
-        if not (math.isfinite(value) and value >= 0.0):
-            raise ValueError(f"a series of quantiles takes finite values that are not negative, not {value}")
-        if self._bins is not None:
-            self._bins[_bin(value)] += 1
-        elif self.count == self._exact:
+        self.add_all(np.array([value]))
+
+    def add_all(self, values: NDArray[np.float64]) -> None:
+        """Add values (n,), in their order; raises ValueError if one is negative or not finite."""
+        if not len(values):
+            return
+        good = np.isfinite(values) & (values >= 0.0)
+        if not good.all():
+            raise ValueError(f"a series of quantiles takes finite values that are not negative, not {values[~good][0]}")
+        count = self.count + len(values)
+        if self._bins is None and count > self._exact:
             self._bins = np.zeros(_BINS, dtype=np.uint32)
-            for stored in self._values[: self.count]:
-                self._bins[_bin(float(stored))] += 1
+            self._count_in_bins(self._values[: self.count])
             self._values = np.empty(0)
-            self._bins[_bin(value)] += 1
+        if self._bins is not None:
+            self._count_in_bins(values)
         else:
-            if self.count == len(self._values):
-                self._values = np.resize(self._values, min(2 * self.count, self._exact))
-            self._values[self.count] = value
-        self.count += 1
-        self.total += value
-        self.largest = max(self.largest, value)
+            if count > len(self._values):
+                self._values = np.resize(self._values, min(max(2 * len(self._values), count), self._exact))
+            self._values[self.count : count] = values
+        self.count = count
+        self.total = float(
+            np.add.accumulate(np.concatenate([[self.total], values]))[-1]
+        )  # in their order: no other bits
+        self.largest = max(self.largest, float(values.max()))
+
+    def _count_in_bins(self, values: NDArray[np.float64]) -> None:
+        assert self._bins is not None
+        for value in values.tolist():
+            self._bins[_bin(value)] += 1
 
     def quantile(self, fraction: float) -> float:
         """Return the smallest value that a `fraction` (0 to 1) of the values does not exceed; 0 of an empty series."""

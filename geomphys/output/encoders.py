@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from foxglove_schemas_protobuf.ArrowPrimitive_pb2 import ArrowPrimitive
@@ -34,7 +35,7 @@ from geomphys.output.proto.geomphys_pb2 import (
 )
 from geomphys.output.protobuf_columns import Rows, array_rows, constant, message, stamps, strings
 from geomphys.output.urdf_description import WORLD
-from geomphys.results import METHODS, Metrics
+from geomphys.results import METHODS
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -201,24 +202,20 @@ class FrameEncoder:
         )
         return _with_rows(PenetrationDepths, frames, times_ns, counts, pairs=rows)
 
-    def metrics(self, metrics: Sequence[Metrics], frames: Ints, times_ns: Ints) -> list[bytes]:
+    def metrics(self, metrics: Mapping[str, NDArray[Any]], frames: Ints, times_ns: Ints) -> list[bytes]:
         """geomphys.FrameMetrics of frames (n,) at times (n,)."""
-        columns = {
-            name: np.array(column) for name, column in zip(Metrics._fields, zip(*metrics, strict=True), strict=True)
-        }
-        return message(FrameMetrics, timestamp=stamps(times_ns), frame=frames, **columns).split()
+        return message(FrameMetrics, timestamp=stamps(times_ns), frame=frames, **metrics).split()
 
-    def timing(self, stages: Sequence[Sequence[tuple[str, int, int]]], frames: Ints, times_ns: Ints) -> list[bytes]:
-        """geomphys.Timing of the stages (dotted name, ns, count) of frames (n,) at times (n,)."""
-        every = [stage for of_frame in stages for stage in of_frame]
-        index = {name: k for k, name in enumerate(dict.fromkeys(name for name, _, _ in every))}
+    def timing(self, stages: Sequence[str], ns: Ints, counts: Ints, frames: Ints, times_ns: Ints) -> list[bytes]:
+        """geomphys.Timing of s stages, their times (n, s) and counts (n, s), of frames (n,) at times (n,)."""
+        n = len(frames)
         rows = message(
             Stage,
-            name=strings([name.encode() for name in index]).take(np.array([index[name] for name, _, _ in every], int)),
-            ns=np.array([ns for _, ns, _ in every], np.int64),
-            count=np.array([count for _, _, count in every], np.int64),
+            name=strings([name.encode() for name in stages]).take(np.tile(np.arange(len(stages)), n)),
+            ns=ns.ravel(),
+            count=counts.ravel(),
         )
-        return _with_rows(Timing, frames, times_ns, np.array([len(s) for s in stages], np.int64), stages=rows)
+        return _with_rows(Timing, frames, times_ns, np.full(n, len(stages), np.int64), stages=rows)
 
     def log(self, level: str, text: str, time_ns: int) -> bytes:
         """foxglove.Log; `level` is info, warning or error."""

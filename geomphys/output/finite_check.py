@@ -8,33 +8,24 @@ from collections.abc import Sequence
 import numpy as np
 
 from geomphys.errors import OutputError
-from geomphys.results import FrameResult
+from geomphys.results import FrameResult, ResultColumns
 
 
-def check_finite(result: FrameResult, body_names: Sequence[str]) -> None:
-    """Raise OutputError that names frame and body or field if a number of the result is NaN or infinite."""
-    metrics, contacts, pairs = result.metrics, result.contacts, result.penetrations
-    total = float(
-        metrics.recorded_penetration_m
-        + metrics.residual_penetration_m
-        + metrics.correction_m
-        + metrics.correction_rad
-        + sum(metrics[-5:])
-        + np.vdot(result.corrected, result.corrected)
-        + np.vdot(result.recorded, result.recorded)
-        + np.vdot(result.angles, result.angles)
-    )
-    if len(contacts.depth):
-        total += sum(float(np.vdot(column, column)) for column in contacts[2:])
-    if len(pairs.largest):
-        total += float(np.vdot(pairs.pd, pairs.pd) + np.vdot(pairs.largest, pairs.largest))
-    if not math.isfinite(total):
-        raise OutputError(
-            f"frame {result.frame.index}: {_first_non_finite(result, body_names)}; nothing after the frame before is written"
-        )
+def first_non_finite(columns: ResultColumns, body_names: Sequence[str]) -> tuple[int, OutputError] | None:
+    """The first row with a number that is NaN or infinite, and the error that names frame and body or field; None without."""
+    numbers = [columns.corrected, columns.recorded, columns.angles, *columns.contacts[2:]]
+    numbers += [columns.penetrations.pd, columns.penetrations.largest]
+    numbers += [column for column in columns.metrics.values() if column.dtype.kind == "f"]
+    if all(math.isfinite(np.vdot(values, values)) for values in numbers):
+        return None
+    for row in range(len(columns)):
+        if (text := _first_of_frame(columns.result(row), body_names)) is not None:
+            frame = columns.frames[row].index
+            return row, OutputError(f"frame {frame}: {text}; nothing after the frame before is written")
+    return None
 
 
-def _first_non_finite(result: FrameResult, body_names: Sequence[str]) -> str:
+def _first_of_frame(result: FrameResult, body_names: Sequence[str]) -> str | None:
     for name, poses in (("corrected", result.corrected), ("recorded", result.recorded)):
         bad = np.flatnonzero(~np.isfinite(poses).all(axis=1))
         if len(bad):
@@ -47,7 +38,7 @@ def _first_non_finite(result: FrameResult, body_names: Sequence[str]) -> str:
     for name, values in columns.items():
         if not np.isfinite(values).all():
             return f"{name} is not finite: {values[~np.isfinite(values)][0]}"
-    return f"a metric is not finite: {result.metrics}"
+    return None if all(map(math.isfinite, result.metrics)) else f"a metric is not finite: {result.metrics}"
 
 
 def _columns(kind: str, columns: tuple[np.ndarray, ...]) -> dict[str, np.ndarray]:

@@ -1,15 +1,14 @@
-"""Converts a batch of frame results to the arrays (columns) of the rerun recording."""
+"""Computes the arrays (columns) of outputs from the results of many frames."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.output.contact_arrows import ARROW_SCALE, MAX_ARROW_LENGTH, arrow_lengths, frame_durations
-from geomphys.results import Contacts, FrameResult, Penetrations
+from geomphys.results import Contacts, Penetrations, ResultColumns
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -33,18 +32,14 @@ class RaggedPenetrations(NamedTuple):
     counts: Ints  # (n,)
 
 
-def all_contacts(results: Sequence[FrameResult]) -> RaggedContacts:
+def all_contacts(results: ResultColumns) -> RaggedContacts:
     """The contacts of the frames."""
-    columns = zip(*(result.contacts for result in results), strict=True)
-    counts = np.array([len(result.contacts.depth) for result in results], np.int64)
-    return RaggedContacts(Contacts(*map(np.concatenate, columns)), counts)
+    return RaggedContacts(results.contacts, results.contact_counts)
 
 
-def all_penetrations(results: Sequence[FrameResult]) -> RaggedPenetrations:
+def all_penetrations(results: ResultColumns) -> RaggedPenetrations:
     """The penetration depths of the frames."""
-    columns = zip(*(result.penetrations for result in results), strict=True)
-    counts = np.array([len(result.penetrations.largest) for result in results], np.int64)
-    return RaggedPenetrations(Penetrations(*map(np.concatenate, columns)), counts)
+    return RaggedPenetrations(results.penetrations, results.penetration_counts)
 
 
 def is_corrected(recorded: Floats, corrected: Floats) -> Flags:
@@ -53,12 +48,12 @@ def is_corrected(recorded: Floats, corrected: Floats) -> Flags:
     return is_moved
 
 
-def in_contact(results: Sequence[FrameResult], bodies: int) -> Flags:
+def in_contact(results: ResultColumns, bodies: int) -> Flags:
     """(n, b) whether a body has a contact in a frame."""
     touched = np.zeros((len(results), bodies), bool)
-    for row, result in enumerate(results):
-        touched[row, result.contacts.body_a] = True
-        touched[row, result.contacts.body_b] = True
+    rows = np.repeat(np.arange(len(results)), results.contact_counts)
+    touched[rows, results.contacts.body_a] = True
+    touched[rows, results.contacts.body_b] = True
     return touched
 
 
@@ -71,67 +66,64 @@ def changed_rows(rows: NDArray[np.generic], before: NDArray[np.generic] | None) 
     return changed
 
 
-def rows_with_content(counts_per_frame: Sequence[int], before: int) -> tuple[Ints, Ints]:
+def rows_with_content(counts: Ints, before: int) -> tuple[Ints, Ints]:
     """Rows with content, or directly after one with content, and their counts; `before` is the count before the first."""
-    counts = np.array(counts_per_frame)
     previous = np.concatenate([[before], counts[:-1]])
     rows = np.flatnonzero((counts > 0) | (previous > 0))
     return rows, counts[rows]
 
 
-def contact_arrows(results: Sequence[FrameResult], before_ns: int | None) -> tuple[Floats, Floats]:
+def contact_arrows(results: ResultColumns, before_ns: int | None) -> tuple[Floats, Floats]:
     """Points (k, 3) and arrows (k, 3) of all contacts of the frames, m; `before_ns` is the time of the frame before the first."""
     contacts, counts = all_contacts(results)
-    durations = frame_durations(np.array([result.frame.time_ns for result in results]), before_ns)
+    durations = frame_durations(results.times_ns, before_ns)
     return contacts.point, contacts.normal * arrow_lengths(contacts, np.repeat(durations, counts))[:, None]
 
 
-def depth_arrows(results: Sequence[FrameResult]) -> tuple[Floats, Floats]:
+def depth_arrows(results: ResultColumns) -> tuple[Floats, Floats]:
     """Origins (k, 3) and arrows (k, 3) of the global penetration depths of the frames, m.
 
     An arrow starts at the mean contact point of its pair, or at the recorded origin of body_a if it has no contact.
     """
     origins: list[Floats] = []
-    for result in results:
-        contacts, pairs = result.contacts, result.penetrations
-        for a, b in zip(pairs.body_a, pairs.body_b, strict=True):
-            same = (contacts.body_a == a) & (contacts.body_b == b) | (contacts.body_a == b) & (contacts.body_b == a)
-            origins.append(contacts.point[same].mean(axis=0) if same.any() else result.recorded[a, :3])
-    vectors = np.concatenate([result.penetrations.pd for result in results])
-    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    contacts, pairs = results.contacts, results.penetrations
+    rows = np.repeat(np.arange(len(results)), results.penetration_counts).tolist()
+    for row, a, b in zip(rows, pairs.body_a.tolist(), pairs.body_b.tolist(), strict=True):
+        of_frame = slice(*results.contact_end[row : row + 2].tolist())
+        body_a, body_b = contacts.body_a[of_frame], contacts.body_b[of_frame]
+        same = (body_a == a) & (body_b == b) | (body_a == b) & (body_b == a)
+        origins.append(contacts.point[of_frame][same].mean(axis=0) if same.any() else results.recorded[row, a, :3])
+    lengths = np.linalg.norm(pairs.pd, axis=1, keepdims=True)
     scales = np.minimum(
         ARROW_SCALE, np.divide(MAX_ARROW_LENGTH, lengths, out=np.zeros_like(lengths), where=lengths > 0)
     )
-    return np.array(origins).reshape(-1, 3), scales * vectors
+    return np.array(origins).reshape(-1, 3), scales * pairs.pd
 
 
-def plot_values(results: Sequence[FrameResult]) -> dict[str, Floats]:
+def plot_values(results: ResultColumns) -> dict[str, Floats]:
     """Plot name -> (n,) values, in the units named by the plots."""
-    metrics = [result.metrics for result in results]
-    deepest = [
-        float(np.sqrt(np.einsum("ij,ij->i", r.penetrations.pd, r.penetrations.pd)).max(initial=0.0)) for r in results
-    ]
+    m, pd = results.metrics, results.penetrations.pd
+    deepest = np.zeros(len(results))
+    rows = np.repeat(np.arange(len(results)), results.penetration_counts)
+    np.maximum.at(deepest, rows, np.sqrt(np.einsum("ij,ij->i", pd, pd)))
     return {
-        "penetration_mm/recorded": 1e3 * np.array([m.recorded_penetration_m for m in metrics]),
-        "penetration_mm/global": 1e3 * np.array(deepest),
-        "penetration_mm/remaining": 1e3 * np.array([m.residual_penetration_m for m in metrics]),
-        "correction/mm": 1e3 * np.array([m.correction_m for m in metrics]),
-        "correction/degrees": np.degrees([m.correction_rad for m in metrics]),
-        "contacts/contacts": np.array([m.contacts for m in metrics], float),
-        "contacts/impacts": np.array([m.impacts for m in metrics], float),
+        "penetration_mm/recorded": 1e3 * m["recorded_penetration_m"],
+        "penetration_mm/global": 1e3 * deepest,
+        "penetration_mm/remaining": 1e3 * m["residual_penetration_m"],
+        "correction/mm": 1e3 * m["correction_m"],
+        "correction/degrees": np.degrees(m["correction_rad"]),
+        "contacts/contacts": m["contacts"].astype(np.float64),
+        "contacts/impacts": m["impacts"].astype(np.float64),
     }
 
 
-def stage_times(results: Sequence[FrameResult], depth: int) -> dict[str, tuple[Ints, Floats]]:
-    """Stage name -> rows and times [µs] of ``step`` and its stages, with at most `depth` parts in their names.
+def stage_times(results: ResultColumns, depth: int) -> dict[str, Floats]:
+    """Stage name -> times (n,) [µs] of ``step`` and its stages, with at most `depth` parts in their names.
 
     Decoding and encoding are left out: they work in batches, and their spikes would hide the other curves.
     """
-    touched: dict[str, tuple[list[int], list[float]]] = {}
-    for row, result in enumerate(results):
-        for name, ns, _ in result.timing:
-            if name.split(".")[0] == "step" and name.count(".") < depth:
-                rows, values = touched.setdefault(name, ([], []))
-                rows.append(row)
-                values.append(ns / 1e3)
-    return {name: (np.array(rows), np.array(values)) for name, (rows, values) in touched.items()}
+    return {
+        name: ns / 1e3
+        for name, ns in zip(results.stages, results.stage_ns.T, strict=True)
+        if name.split(".")[0] == "step" and name.count(".") < depth
+    }

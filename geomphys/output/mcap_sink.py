@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -30,16 +30,17 @@ from geomphys.output.encoders import (
     TransformsEncoder,
     encode_string,
 )
-from geomphys.output.finite_check import check_finite
+from geomphys.output.finite_check import first_non_finite
 from geomphys.output.input_copy import InputCopy
 from geomphys.output.proto.geomphys_pb2 import Contacts, FrameMetrics, PenetrationDepths, Timing
 from geomphys.output.provenance import METADATA_RECORD, Provenance
+from geomphys.output.result_buffer import ResultBuffer
 from geomphys.output.sink import ContextManaged
 from geomphys.output.surface_encoder import encode_ghosts, encode_surfaces
 from geomphys.output.urdf_description import descriptions
 from geomphys.output.worst_moments import log_text
 from geomphys.recording.stamps import WRITABLE_TIMES
-from geomphys.results import FrameResult
+from geomphys.results import FrameResult, ResultColumns
 from geomphys.scene.arrays import DRIVEN, FIXED
 from geomphys.scene.world import World
 from geomphys.storage.output_file import OutputFile
@@ -126,7 +127,7 @@ class McapSink(ContextManaged):
         self._file.start(profile=self.profile, library=f"geomphys {__version__}")
         self._declare_channels()
         self._prepare_messages()
-        self._results: list[FrameResult] = []
+        self._buffer = ResultBuffer(BATCH_FRAMES)
         self._started = self._has_transforms = False
         self._volume: float | None = None  # m³, see `Provenance.record`
         self._time_before: int | None = None  # ns
@@ -134,23 +135,34 @@ class McapSink(ContextManaged):
 
     def write(self, result: FrameResult) -> None:
         """Add a frame; see `Sink.write`."""
+        self.write_columns(ResultColumns.of(result))
+
+    def write_columns(self, columns: ResultColumns) -> None:
+        """Add frames; see `ColumnSink.write_columns`."""
         if self._output is None:
             raise OutputError(f"{self._path}: a frame was written before the output was opened")
-        time = result.frame.time_ns
-        if time not in WRITABLE_TIMES:
-            raise OutputError(
-                f"{self._path}: frame {result.frame.index}: the time {time / 1e9} s cannot be written, it must lie "
-                "between 0 (1970) and 2**31 s (2038); shift the log's clock"
-            )
-        check_finite(result, self._world.body_names)
-        for moment in result.moments:
+        good, error = self._first_error(columns)
+        columns = columns.rows(0, good)
+        for moment in (moment for moments in columns.moments.values() for moment in moments):
             self._volume = moment.volume_m3 if moment.kind == "recorded_penetration" else self._volume
-        self._results.append(result)
-        if len(self._results) >= BATCH_FRAMES:
-            try:
-                self._write_batch()
-            except OSError as problem:
-                raise self._output.error(problem) from problem
+        try:
+            for batch in self._buffer.add(columns):
+                self._write_batch(batch)
+        except OSError as problem:
+            raise self._output.error(problem) from problem
+        if error is not None:
+            raise error
+
+    def _first_error(self, columns: ResultColumns) -> tuple[int, OutputError | None]:
+        """Row of the first frame that cannot be written, and why; without one the number of frames, and None."""
+        good, error = first_non_finite(columns, self._world.body_names) or (len(columns), None)
+        for row, time in enumerate(columns.times_ns[:good].tolist()):
+            if time not in WRITABLE_TIMES:
+                return row, OutputError(
+                    f"{self._path}: frame {columns.frames[row].index}: the time {time / 1e9} s cannot be written, it must "
+                    "lie between 0 (1970) and 2**31 s (2038); shift the log's clock"
+                )
+        return good, error
 
     def close(self, complete: bool) -> None:
         """Finish the file and give it its name; see `Sink.close`."""
@@ -163,7 +175,8 @@ class McapSink(ContextManaged):
         log_error: LogError | None = None
         try:
             try:
-                self._write_batch()
+                for batch in self._buffer.rest():
+                    self._write_batch(batch)
             except LogError as problem:
                 log_error, complete = problem, False
             if not self._started:
@@ -183,16 +196,13 @@ class McapSink(ContextManaged):
         if log_error is not None:
             raise log_error
 
-    def _write_batch(self) -> None:
-        """Write the buffered frames; all of them also where the input log cannot be copied, which is raised at the end."""
+    def _write_batch(self, results: ResultColumns) -> None:
+        """Write frames; all of them also where the input log cannot be copied, which is raised at the end."""
         log_error: LogError | None = None
-        results, self._results = self._results, []
-        if not results:
-            return
-        times, frames = (np.array([getattr(r.frame, name) for r in results]) for name in ("time_ns", "index"))
+        times = results.times_ns.tolist()
         if not self._started:
-            self._write_static_messages(results[0].frame.time_ns)
-        for of_frame, time in zip(self._messages(results, frames, times), times.tolist(), strict=True):
+            self._write_static_messages(times[0])
+        for of_frame, time in zip(self._messages(results), times, strict=True):
             if self._input is not None and log_error is None:
                 try:
                     self._input.copy_until(time, self._file)
@@ -203,37 +213,37 @@ class McapSink(ContextManaged):
         if log_error is not None:
             raise log_error
 
-    def _messages(self, results: Sequence[FrameResult], frames: Ints, times: Ints) -> Iterator[list[FrameMessage]]:
-        """Encode frames (n,) at times (n,); yields the messages of each."""
-        encoder = self._frame_encoder
+    def _messages(self, results: ResultColumns) -> Iterator[list[FrameMessage]]:
+        """Encode frames; yields the messages of each."""
+        encoder, frames, times = self._frame_encoder, results.indices, results.times_ns
         contacts, pairs = frame_columns.all_contacts(results), frame_columns.all_penetrations(results)
-        corrected, recorded = (np.stack([getattr(r, name) for r in results]) for name in ("corrected", "recorded"))
         columns = [
-            ("/tf", self._encode_transforms(corrected, times)),
-            ("/recorded/tf", self._recorded.encode(recorded[:, self._driven], times)),
+            ("/tf", self._encode_transforms(results.corrected, times)),
+            ("/recorded/tf", self._recorded.encode(results.recorded[:, self._driven], times)),
             *self._encode_joints(results, times),
             ("/contacts", encoder.contacts(contacts, frames, times)),
             ("/contacts/points", self._points.encode(contacts, times)),
             ("/contacts/scene", self._arrows.encode(contacts, times, self._durations(times))),
             ("/penetration", encoder.penetrations(pairs, frames, times)),
-            ("/metrics", encoder.metrics([r.metrics for r in results], frames, times)),
+            ("/metrics", encoder.metrics(results.metrics, frames, times)),
         ]
         if self._timing:
-            columns.append(("/timing", encoder.timing([r.timing for r in results], frames, times)))
-        for row, result in enumerate(results):
-            has_contacts = bool(contacts.counts[row])
-            is_shown = has_contacts or self._had_contacts
-            self._had_contacts = has_contacts
-            index, time = result.frame.index, result.frame.time_ns
+            stages = results.stages, results.stage_ns, results.stage_counts
+            columns.append(("/timing", encoder.timing(*stages, frames, times)))
+        rows = zip(frames.tolist(), times.tolist(), contacts.counts.tolist(), strict=True)
+        for row, (index, time, touching) in enumerate(rows):
+            is_shown = touching or self._had_contacts
+            self._had_contacts = touching > 0
             found = [
                 FrameMessage(topic, index, time, data[row])
                 for topic, data in columns
                 if is_shown or topic not in _SHOWN_CONTACTS
             ]
-            found += [FrameMessage("/log", index, time, encoder.log(*line, time)) for line in result.messages]
+            lines = results.messages.get(row, ())
+            found += [FrameMessage("/log", index, time, encoder.log(*line, time)) for line in lines]
             found += [
                 FrameMessage("/log", m.frame, m.time_ns, encoder.log("info", log_text(m), m.time_ns))
-                for m in result.moments
+                for m in results.moments.get(row, ())
             ]
             yield found
 
@@ -250,11 +260,10 @@ class McapSink(ContextManaged):
         rest = slice(len(first), None)
         return first + self._transforms.encode(corrected[rest, self._moving], times[rest])
 
-    def _encode_joints(self, results: Sequence[FrameResult], times: Ints) -> Iterator[tuple[str, list[bytes]]]:
+    def _encode_joints(self, results: ResultColumns, times: Ints) -> Iterator[tuple[str, list[bytes]]]:
         """Topic and messages of the joints of each avatar."""
-        angles = np.stack([result.angles for result in results])
         for topic, encoder, start, end in self._joints:
-            yield topic, encoder.encode(angles[:, start:end], times)
+            yield topic, encoder.encode(results.angles[:, start:end], times)
 
     def _add(self, message: FrameMessage) -> None:
         channel, time = self._channels[message.topic], message.time_ns

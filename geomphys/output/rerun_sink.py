@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from geomphys.config import Config
 from geomphys.errors import OutputError
 from geomphys.output import colours, frame_columns
-from geomphys.output.finite_check import check_finite
+from geomphys.output.finite_check import first_non_finite
 from geomphys.output.provenance import Provenance
 from geomphys.output.rerun_blueprint import (
     CONTACTS,
@@ -34,12 +33,13 @@ from geomphys.output.rerun_blueprint import (
     legend,
 )
 from geomphys.output.rerun_stream import UNIX_TIME_START, RerunStream, Times
+from geomphys.output.result_buffer import ResultBuffer
 from geomphys.output.sink import ContextManaged
 from geomphys.output.summary import FLAG_NAMES
 from geomphys.output.vertex_normals import with_vertex_normals
 from geomphys.output.view_statistics import ViewStatistics
 from geomphys.output.worst_moments import WorstMoments, document_text, log_text
-from geomphys.results import FrameResult, Metrics
+from geomphys.results import FrameResult, ResultColumns
 from geomphys.scene.arrays import DRIVEN, FIXED
 from geomphys.scene.world import World
 from geomphys.storage.output_file import OutputFile
@@ -110,7 +110,7 @@ class RerunSink(ContextManaged):
         self._joints = [
             ((world.tree_names[tree], name), name) for tree, name in zip(dofs.tree, world.dof_names, strict=True)
         ]
-        self._results: list[FrameResult] = []
+        self._buffer = ResultBuffer(BATCH_FRAMES)
         self._last_result: FrameResult | None = None
         self._last_states: NDArray[np.int64] | None = None
         self._static: Floats | None = None  # (B, 7) poses of the first frame
@@ -126,13 +126,20 @@ class RerunSink(ContextManaged):
 
     def write(self, result: FrameResult) -> None:
         """Add a frame; see `Sink.write`."""
+        self.write_columns(ResultColumns.of(result))
+
+    def write_columns(self, columns: ResultColumns) -> None:
+        """Add frames; see `ColumnSink.write_columns`."""
         if self._output is None:
             raise OutputError(f"{self._path}: a frame was written before the output was opened")
-        check_finite(result, self._world.body_names)
-        self._results.append(result)
-        self._worst.add(result)
-        if len(self._results) >= BATCH_FRAMES:
-            self._send_batch()
+        good, error = first_non_finite(columns, self._world.body_names) or (len(columns), None)
+        if good:
+            columns = columns.rows(0, good)
+            self._worst.add_columns(columns)
+            for batch in self._buffer.add(columns):
+                self._send_batch(batch)
+        if error is not None:
+            raise error
 
     def close(self, complete: bool) -> None:
         """Finish the recording and give it its name; see `Sink.close`."""
@@ -145,7 +152,8 @@ class RerunSink(ContextManaged):
             output.publish(complete)
             return
         try:
-            self._send_batch()
+            for batch in self._buffer.rest():
+                self._send_batch(batch)
             if moments := self._worst.moments():
                 self._stream.log_static(MOMENTS, rr.TextDocument(document_text(moments), media_type="text/markdown"))
             self._stream.finish(self._provenance.record(complete=complete), self._view())
@@ -182,20 +190,15 @@ class RerunSink(ContextManaged):
         for path, paint in (((*CONTACTS, "normals"), colours.CONTACT), (DEPTHS, colours.DEPTH)):
             self._stream.log_static(path, rr.Arrows3D.from_fields(colors=[paint], radii=[0.001]))
 
-    def _send_batch(self) -> None:
-        """Send the buffered frames."""
-        results, self._results = self._results, []
-        if not results:
-            return
-        corrected = np.stack([result.corrected for result in results])
-        recorded = np.stack([result.recorded for result in results])
+    def _send_batch(self, results: ResultColumns) -> None:
+        """Send frames."""
+        recorded, corrected = results.recorded, results.corrected
         if self._static is None:
-            self._static = corrected[0]
-            self._first_ns, self._first_frame = results[0].frame.time_ns, results[0].frame.index
+            self._static = corrected[0].copy()
+            self._first_ns, self._first_frame = results.frames[0].time_ns, results.frames[0].index
             self._uses_unix_time = self._first_ns >= UNIX_TIME_START
             self._send_static(corrected[0])
-        frames = np.array([r.frame.index for r in results])
-        times = Times(frames, np.array([r.frame.time_ns for r in results]), self._uses_unix_time)
+        times = Times(results.indices, results.times_ns, self._uses_unix_time)
         self._send_poses(times, corrected)
         self._send_states(times, recorded, corrected, frame_columns.in_contact(results, len(self._names)))
         self._send_contacts(times, results)
@@ -203,7 +206,7 @@ class RerunSink(ContextManaged):
         self._send_columns(times, results)
         self._send_log(times, results)
         self._view_statistics.add(results)
-        self._last_result = results[-1]
+        self._last_result = results.result(len(results) - 1)
         self._sent_frames += len(results)
 
     def _send_static(self, poses: Floats) -> None:
@@ -238,12 +241,12 @@ class RerunSink(ContextManaged):
             self._stream.send(ghost_path, times, rows, _transforms(recorded[rows, body]))
         self._last_states = states[-1]
 
-    def _send_contacts(self, times: Times, results: Sequence[FrameResult]) -> None:
+    def _send_contacts(self, times: Times, results: ResultColumns) -> None:
         import rerun as rr
 
         last = self._last_result
         before = 1 if last is None else len(last.contacts.depth)  # the first frame says that there are none
-        rows, counts = frame_columns.rows_with_content([len(r.contacts.depth) for r in results], before)
+        rows, counts = frame_columns.rows_with_content(results.contact_counts, before)
         if len(rows):
             points, arrows = frame_columns.contact_arrows(results, None if last is None else last.frame.time_ns)
             self._stream.send(
@@ -252,58 +255,60 @@ class RerunSink(ContextManaged):
             columns = rr.Arrows3D.columns(origins=points, vectors=arrows).partition(counts)
             self._stream.send((*CONTACTS, "normals"), times, rows, columns)
         before = 1 if last is None else len(last.penetrations.largest)
-        rows, counts = frame_columns.rows_with_content([len(r.penetrations.largest) for r in results], before)
+        rows, counts = frame_columns.rows_with_content(results.penetration_counts, before)
         if len(rows):
             origins, arrows = frame_columns.depth_arrows(results)
             columns = rr.Arrows3D.columns(origins=origins, vectors=arrows).partition(counts)
             self._stream.send(DEPTHS, times, rows, columns)
 
-    def _send_plots(self, times: Times, results: Sequence[FrameResult]) -> None:
+    def _send_plots(self, times: Times, results: ResultColumns) -> None:
         import rerun as rr
 
         every = np.arange(len(results))
-        plots = {name: (every, values) for name, values in frame_columns.plot_values(results).items()}
+        plots = frame_columns.plot_values(results)
         if self._timing:
             stages = frame_columns.stage_times(results, STAGE_DEPTH)
             if "step" in stages:
-                usual = float(np.percentile(stages["step"][1], 97))
+                usual = float(np.percentile(stages["step"], 97))
                 self._stages_us = max(self._stages_us, AXIS_HEADROOM * usual)
             plots |= {f"stages_us/{name}": values for name, values in stages.items()}
-        for name, (rows, values) in plots.items():
+        for name, values in plots.items():
             path = PLOTS + tuple(name.split("/"))
             if name not in self._plotted:
                 self._plotted.add(name)
                 self._stream.log_static(
                     path, rr.SeriesLines(names=path[-1].removeprefix("step."), widths=1.5, colors=LINES.get(name))
                 )
-            self._stream.send(path, times, rows, rr.Scalars.columns(scalars=values))
+            self._stream.send(path, times, every, rr.Scalars.columns(scalars=values))
 
-    def _send_columns(self, times: Times, results: Sequence[FrameResult]) -> None:
+    def _send_columns(self, times: Times, results: ResultColumns) -> None:
         """Send corrected and recorded joint values (rad or m), the fields of the metrics and the flags, as columns to query."""
         import rerun as rr
 
         every = np.arange(len(results))
+        angles = np.stack([frame.angles for frame in results.frames])
         for joint, (path, _) in enumerate(self._joints):
-            corrected = np.array([result.angles[joint] for result in results])
-            recorded = np.array([result.frame.angles[joint] for result in results])
+            corrected, recorded = np.ascontiguousarray(results.angles[:, joint]), np.ascontiguousarray(angles[:, joint])
             self._stream.send((*JOINTS, *path), times, every, rr.Scalars.columns(scalars=corrected))
             self._stream.send((*RECORDED_JOINTS, *path), times, every, rr.Scalars.columns(scalars=recorded))
-        fields: dict[str, Any] = {
-            name: np.array([getattr(r.metrics, name) for r in results]) for name in Metrics._fields
-        }
+        fields: dict[str, Any] = dict(results.metrics)
         self._stream.send(METRICS, times, every, rr.AnyValues.columns(**fields))
         flags: dict[str, Any] = {name: (fields["flags"] & bit) != 0 for bit, name in FLAG_NAMES.items()}
         self._stream.send(FLAGS, times, every, rr.AnyValues.columns(**flags))
 
-    def _send_log(self, times: Times, results: Sequence[FrameResult]) -> None:
+    def _send_log(self, times: Times, results: ResultColumns) -> None:
         import rerun as rr
 
-        lines = [(row, _LEVELS[level], text) for row, r in enumerate(results) for level, text in r.messages]
+        lines = [
+            (row, _LEVELS[level], text)
+            for row, messages in sorted(results.messages.items())
+            for level, text in messages
+        ]
         if lines:
             self._has_log_lines = True
             rows, levels, texts = zip(*lines, strict=True)
             self._stream.send(LOG, times, np.array(rows), rr.TextLog.columns(text=texts, level=levels))
-        if moments := sorted((m for r in results for m in r.moments), key=lambda m: m.frame):
+        if moments := sorted((m for of_frame in results.moments.values() for m in of_frame), key=lambda m: m.frame):
             self._has_log_lines = True
             at = Times(
                 np.array([m.frame for m in moments]), np.array([m.time_ns for m in moments]), self._uses_unix_time

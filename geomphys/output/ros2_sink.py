@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
 from geomphys.output.encoders import JOINT_STATE_DEFINITION, STRING_DEFINITION
-from geomphys.output.mcap_sink import FrameMessage, Ints, McapSink
+from geomphys.output.mcap_sink import FrameMessage, McapSink
 from geomphys.output.ros2_messages import (
     MARKERS_DEFINITION,
     TF_DEFINITION,
@@ -15,7 +15,7 @@ from geomphys.output.ros2_messages import (
     TransformsCdrEncoder,
     encode_surface_markers,
 )
-from geomphys.results import FrameResult
+from geomphys.results import ResultColumns
 from geomphys.scene.arrays import DRIVEN
 
 _LATCHED = """\
@@ -69,19 +69,21 @@ class Ros2Sink(McapSink):
         self._tf_recorded = TransformsCdrEncoder([f"recorded/{names[b]}" for b in self._driven])
         self._markers = ContactMarkersEncoder()
 
-    def _messages(self, results: Sequence[FrameResult], frames: Ints, times: Ints) -> Iterator[list[FrameMessage]]:
+    def _messages(self, results: ResultColumns) -> Iterator[list[FrameMessage]]:
+        times = results.times_ns
         joints, durations = dict(self._encode_joints(results, times)), self._durations(times)
-        for row, (result, time) in enumerate(zip(results, times.tolist(), strict=True)):
+        for row, (index, time) in enumerate(zip(results.indices.tolist(), times.tolist(), strict=True)):
+            contacts = results.result(row).contacts
             found = {
-                "/tf": self._tf.encode(result.corrected[self._moving], time),
-                "/recorded/tf": self._tf_recorded.encode(result.recorded[self._driven], time),
+                "/tf": self._tf.encode(results.corrected[row, self._moving], time),
+                "/recorded/tf": self._tf_recorded.encode(results.recorded[row, self._driven], time),
                 **{topic: data[row] for topic, data in joints.items()},
-                "/contacts/markers": self._markers.encode(result.contacts, time, durations[row]),
+                "/contacts/markers": self._markers.encode(contacts, time, durations[row]),
             }
             if not self._has_transforms:
                 self._has_transforms = True
-                found = {"/tf_static": self._tf_static.encode(result.corrected[self._still], time), **found}
-            yield [FrameMessage(topic, result.frame.index, time, data) for topic, data in found.items()]
+                found = {"/tf_static": self._tf_static.encode(results.corrected[row, self._still], time), **found}
+            yield [FrameMessage(topic, index, time, data) for topic, data in found.items()]
 
     def _write_surfaces(self, time: int) -> None:
         self._write_message("/meshes", encode_surface_markers(self._world, time), time)

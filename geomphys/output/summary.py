@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from geomphys.engine.log_messages import is_of_flag
 from geomphys.numerics.quantiles import Quantiles
@@ -23,8 +27,8 @@ from geomphys.results import (
     FLAG_SWEEP_BOUND,
     FrameResult,
     Grasp,
-    Metrics,
     Moment,
+    ResultColumns,
 )
 from geomphys.scene.findings import Findings
 from geomphys.storage.remote_files import AnyPath
@@ -195,61 +199,71 @@ class Summarizer:
 
     def add(self, result: FrameResult) -> None:
         """Count one more frame."""
-        metrics, frame = result.metrics, result.frame
+        self.add_columns(ResultColumns.of(result))
+
+    def add_columns(self, columns: ResultColumns) -> None:
+        """Count n more frames."""
+        metrics, times = columns.metrics, columns.times_ns
         if self.frames == 0:
-            self._first_ns = self._earliest_ns = self._latest_ns = frame.time_ns
-        self._earliest_ns = min(self._earliest_ns, frame.time_ns)
-        self._latest_ns = max(self._latest_ns, frame.time_ns)
-        self.frames += 1
-        self._contacts += metrics.contacts
-        self._frames_in_contact += metrics.contacts > 0
-        self._held += metrics.held
-        self._impacts += metrics.impacts
-        self._fallbacks += metrics.fallbacks
-        self._correction_m = max(self._correction_m, metrics.correction_m)
-        self._correction_rad = max(self._correction_rad, metrics.correction_rad)
+            self._first_ns = self._earliest_ns = self._latest_ns = int(times[0])
+        self._earliest_ns = min(self._earliest_ns, int(times.min()))
+        self._latest_ns = max(self._latest_ns, int(times.max()))
+        self.frames += len(columns)
+        self._contacts += int(metrics["contacts"].sum())
+        self._frames_in_contact += int(np.count_nonzero(metrics["contacts"]))
+        self._held += int(np.count_nonzero(metrics["held"]))
+        self._impacts += int(metrics["impacts"].sum())
+        self._fallbacks += int(metrics["fallbacks"].sum())
+        self._correction_m = max(self._correction_m, float(metrics["correction_m"].max()))
+        self._correction_rad = max(self._correction_rad, float(metrics["correction_rad"].max()))
         self._add_quality(metrics)
-        self._worst, self._grasps = result.moments or self._worst, result.grasps or self._grasps
-        if metrics.recorded_penetration_m > RESIDUAL_LIMIT_M:
-            self._recorded.add(metrics.recorded_penetration_m)
-        if metrics.residual_penetration_m > self._residual:
-            self._residual = metrics.residual_penetration_m
-            self._residual_frame = frame.index
-        self._frames_with_residual += metrics.residual_penetration_m > RESIDUAL_LIMIT_M
-        if metrics.flags:
+        for moments in columns.moments.values():
+            self._worst = moments or self._worst
+        for grasps in columns.grasps.values():
+            self._grasps = grasps or self._grasps
+        self._add_depths(columns)
+        flags = metrics["flags"]
+        if flags.any():
             for bit in FLAG_NAMES:
-                if metrics.flags & bit:
-                    self._flags[bit] = self._flags.get(bit, 0) + 1
-        self._add_pairs(result)
-        for stage, ns, _ in result.timing:
+                if count := int(np.count_nonzero(flags & bit)):
+                    self._flags[bit] = self._flags.get(bit, 0) + count
+        for stage, ns in zip(columns.stages, columns.stage_ns.T, strict=True):
             if "." not in stage:
-                self._stages.setdefault(stage, Quantiles()).add(float(ns))
-        for level, text in result.messages:
-            self.add_message(level, text, frame.index)
+                self._stages.setdefault(stage, Quantiles()).add_all(ns.astype(np.float64))
+        for row, messages in sorted(columns.messages.items()):
+            for level, text in messages:
+                self.add_message(level, text, columns.frames[row].index)
 
-    def _add_quality(self, metrics: Metrics) -> None:
+    def _add_quality(self, metrics: Mapping[str, NDArray[Any]]) -> None:
         """Count the measures of motion quality."""
-        if metrics.amplification > 0.0:
-            self._amplification.add(metrics.amplification)
-        if metrics.contacts_recorded:
-            self._fingertip_error.add(metrics.fingertip_error_m)
+        amplification = metrics["amplification"]
+        self._amplification.add_all(amplification[amplification > 0.0])
+        self._fingertip_error.add_all(metrics["fingertip_error_m"][metrics["contacts_recorded"] != 0])
         for name in _COUNTED:
-            self._counts[name] += getattr(metrics, name)
-        self._shape_change = max(self._shape_change, metrics.shape_change_rad)
-        self._shape_change_frames += metrics.flags & FLAG_SHAPE_CHANGED > 0
+            self._counts[name] += int(metrics[name].sum())
+        self._shape_change = max(self._shape_change, float(metrics["shape_change_rad"].max()))
+        self._shape_change_frames += int(np.count_nonzero(metrics["flags"] & FLAG_SHAPE_CHANGED))
 
-    def _add_pairs(self, result: FrameResult) -> None:
-        """Update the deepest pair of bodies."""
-        largest = result.penetrations.largest
-        if len(largest) == 0:
+    def _add_depths(self, columns: ResultColumns) -> None:
+        """Count the depths recorded and left, and update the deepest pair of bodies."""
+        recorded, residual = columns.metrics["recorded_penetration_m"], columns.metrics["residual_penetration_m"]
+        self._recorded.add_all(recorded[recorded > RESIDUAL_LIMIT_M])
+        row = int(residual.argmax())
+        if residual[row] > self._residual:
+            self._residual = float(residual[row])
+            self._residual_frame = columns.frames[row].index
+        self._frames_with_residual += int(np.count_nonzero(residual > RESIDUAL_LIMIT_M))
+        pairs = columns.penetrations
+        if len(pairs.largest) == 0:
             return
-        row = int(largest.argmax())
-        depth = float(largest[row])
+        pair = int(pairs.largest.argmax())
+        depth = float(pairs.largest[pair])
         if self._deepest is None or depth > self._deepest.depth_m:
+            row = int(np.searchsorted(columns.penetration_end, pair, side="right")) - 1
             self._deepest = DeepestPenetration(
-                frame=result.frame.index,
-                body_a=self.body_names[int(result.penetrations.body_a[row])],
-                body_b=self.body_names[int(result.penetrations.body_b[row])],
+                frame=columns.frames[row].index,
+                body_a=self.body_names[int(pairs.body_a[pair])],
+                body_b=self.body_names[int(pairs.body_b[pair])],
                 depth_m=depth,
             )
 

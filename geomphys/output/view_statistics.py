@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.numerics.even_samples import EvenSamples
 from geomphys.numerics.transforms import rotation_from_quaternion
 from geomphys.output.camera import ContactFrame, Viewpoint, choose_viewpoint
-from geomphys.results import FrameResult
+from geomphys.results import ResultColumns
 from geomphys.scene.arrays import DRIVEN, FIXED
 from geomphys.scene.world import World
 
@@ -59,18 +57,20 @@ class ViewStatistics:
         self._solid = np.array([len(s) > 0 for s in shapes], bool)
         self._corners = lows[:, None] + (highs - lows)[:, None] * _BOX  # (b, 8, 3) body frame
 
-    def add(self, results: Sequence[FrameResult]) -> None:
+    def add(self, results: ResultColumns) -> None:
         """Add frames, in order."""
-        if results and self._first_poses is None:
-            self._first_poses = results[0].corrected
-        for result in results:
-            contacts = result.contacts
-            is_driven = self._is_driven[contacts.body_a] | self._is_driven[contacts.body_b]
-            has_event = bool(is_driven.any()) or result.metrics.correction_m > 0.0
-            entry = (result.corrected[self._bodies], contacts.point[is_driven])
-            self._all.offer(entry)
-            if has_event:
-                self._event_frames.offer(entry)
+        if self._first_poses is None:
+            self._first_poses = results.corrected[0].copy()
+        contacts = results.contacts
+        is_driven = self._is_driven[contacts.body_a] | self._is_driven[contacts.body_b]
+        poses, points, ends = results.corrected[:, self._bodies], contacts.point[is_driven], results.contact_end
+        ends = np.concatenate([[0], np.cumsum(is_driven)])[ends]
+        has_event = (np.diff(ends) > 0) | (results.metrics["correction_m"] > 0.0)
+        for row, is_event in enumerate(has_event.tolist()):
+            samples = [self._all] if self._all.takes_next() else []
+            samples += [self._event_frames] if is_event and self._event_frames.takes_next() else []
+            for sample in samples:  # of their own, as the columns are many times as large
+                sample.append((poses[row].copy(), points[ends[row] : ends[row + 1]].copy()))
 
     def viewpoint(self) -> Viewpoint:
         """The viewpoint: it frames contacts and corrections, and the other motion if that is nearby."""

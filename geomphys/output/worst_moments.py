@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from shlex import quote
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.output.output_log import OutputFrame
-from geomphys.results import FrameResult, Moment
+from geomphys.results import FrameResult, Moment, ResultColumns
 from geomphys.scene.frame_ids import RECORDED_PREFIX
 from geomphys.scene.intersection_volume import intersection_volume
 from geomphys.scene.world import World
@@ -72,23 +73,35 @@ class WorstMoments:
 
     def add(self, result: FrameResult) -> None:
         """Take a frame of a replay."""
-        m = result.metrics
-        values = _values(
-            m.recorded_penetration_m, m.correction_m, m.amplification, m.contacts_recorded - m.contacts_kept
-        )
-        values["fallbacks"] = m.fallbacks
-        self._add(result.frame.index, result.frame.time_ns, values, lambda kind: self._bodies(kind, result))
-        deepest = self._found.get("recorded_penetration")
-        if deepest is not None and deepest.frame == result.frame.index and (pair := _deepest_pair(result)) is not None:
-            self._deepest = (pair, result.recorded[list(pair)])
+        self.add_columns(ResultColumns.of(result))
+
+    def add_columns(self, columns: ResultColumns) -> None:
+        """Take frames of a replay."""
+        if self._first_ns is None:
+            self._first_ns = int(columns.times_ns[0])
+        m = columns.metrics
+        lost = m["contacts_recorded"] - m["contacts_kept"]
+        values = _values(m["recorded_penetration_m"], m["correction_m"], m["amplification"], lost, m["fallbacks"])
+        for kind, column in values.items():
+            row = int(column.argmax())
+            result = columns.result(row) if self._is_worse(kind, float(column[row])) else None
+            if result is None:
+                continue
+            frame = result.frame
+            self._set(kind, frame.index, frame.time_ns, float(column[row]), self._bodies(kind, result))
+            if kind == "recorded_penetration" and (pair := _deepest_pair(result)) is not None:
+                self._deepest = (pair, result.recorded[list(pair)])
 
     def add_output(self, frame: OutputFrame) -> None:
         """Take a frame of an output; its channels ``/metrics``, ``/penetration`` and poses are used as far as they were read."""
+        if self._first_ns is None:
+            self._first_ns = frame.time_ns
         m = frame.metrics
         lost = m["contacts_recorded"] - m["contacts_kept"]
-        values = _values(m["recorded_penetration_m"], m["correction_m"], m["amplification"], lost)
-        values["fallbacks"] = m["fallbacks"]
-        self._add(frame.index, frame.time_ns, values, lambda kind: _bodies_of_output(kind, frame))
+        values = _values(m["recorded_penetration_m"], m["correction_m"], m["amplification"], lost, m["fallbacks"])
+        for kind, value in values.items():
+            if self._is_worse(kind, float(value)):
+                self._set(kind, frame.index, frame.time_ns, float(value), _bodies_of_output(kind, frame))
 
     def moments(self, volume_m3: float | None = None) -> tuple[Moment, ...]:
         """The moments so far, in the order of `LABELS`; `volume_m3` is that of the deepest recorded overlap, if it is known."""
@@ -101,22 +114,20 @@ class WorstMoments:
         """Volume common to the two bodies of the deepest recorded overlap [m³]; None without one, or if a surface is open."""
         return None if self._deepest is None else intersection_volume(world, *self._deepest)
 
-    def _add(
-        self, frame: int, time_ns: int, values: Mapping[str, float], bodies: Callable[[str], tuple[str, ...]]
-    ) -> None:
-        if self._first_ns is None:
-            self._first_ns = time_ns
-        for kind, value in values.items():
-            if value > 0.0 and (kind not in self._found or value > self._found[kind].value):
-                self._found[kind] = Moment(
-                    kind=kind,
-                    frame=frame,
-                    time_ns=time_ns,
-                    time_s=(time_ns - self._first_ns) / 1e9,
-                    bodies=bodies(kind),
-                    value=float(value),
-                    unit="m" if kind in ("recorded_penetration", "correction") else "",
-                )
+    def _is_worse(self, kind: str, value: float) -> bool:
+        return value > 0.0 and (kind not in self._found or value > self._found[kind].value)
+
+    def _set(self, kind: str, frame: int, time_ns: int, value: float, bodies: tuple[str, ...]) -> None:
+        assert self._first_ns is not None
+        self._found[kind] = Moment(
+            kind=kind,
+            frame=frame,
+            time_ns=time_ns,
+            time_s=(time_ns - self._first_ns) / 1e9,
+            bodies=bodies,
+            value=value,
+            unit="m" if kind in ("recorded_penetration", "correction") else "",
+        )
 
     def _bodies(self, kind: str, result: FrameResult) -> tuple[str, ...]:
         if kind in ("correction", "amplification"):
@@ -135,10 +146,11 @@ def _deepest_pair(result: FrameResult) -> tuple[int, int] | None:
     return int(pairs.body_a[row]), int(pairs.body_b[row])
 
 
-def _values(recorded_m: float, correction_m: float, amplification: float, lost: float) -> dict[str, float]:
+def _values(recorded_m: Any, correction_m: Any, amplification: Any, lost: Any, fallbacks: Any) -> dict[str, Any]:
+    """The value of each kind: numbers, or columns (n,) of them."""
     values = {"recorded_penetration": recorded_m, "correction": correction_m}
-    values = {kind: value if value > MIN_CORRECTION_M else 0.0 for kind, value in values.items()}
-    return values | {"amplification": amplification, "contacts_lost": lost}
+    values = {kind: np.where(np.greater(value, MIN_CORRECTION_M), value, 0.0) for kind, value in values.items()}
+    return values | {"amplification": amplification, "contacts_lost": lost, "fallbacks": fallbacks}
 
 
 def _bodies_of_output(kind: str, frame: OutputFrame) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from geomphys.numerics.transforms import rotation_from_quaternion
 from geomphys.output import colours, frame_columns
 from geomphys.output.camera import ContactFrame, Viewpoint, choose_viewpoint
 from geomphys.output.vertex_normals import with_vertex_normals
-from geomphys.results import FrameResult
+from geomphys.results import FrameResult, ResultColumns
 from geomphys.scene.arrays import DRIVEN, FIXED
 from geomphys.scene.tessellation import sphere_triangles
 from geomphys.scene.world import World
@@ -56,7 +56,7 @@ class FramePainter:
         world = self._world
         driven = world.scene.bodies.role == DRIVEN
         moved = driven & frame_columns.is_corrected(result.recorded[None], result.corrected[None])[0]
-        touched = frame_columns.in_contact([result], len(driven))[0]
+        touched = frame_columns.in_contact(ResultColumns.of(result), len(driven))[0]
         poses = result.corrected if motion == "corrected" else result.recorded
         paint: list[colours.Colour] = list(self._colours)
         for body in np.flatnonzero(driven):
@@ -144,7 +144,7 @@ def _bodies_in_focus(world: World, results: Sequence[FrameResult], boxes: _Box, 
     driven = scene.bodies.role == DRIVEN
     busy = np.zeros(len(driven), bool)
     for result in results:
-        busy |= frame_columns.in_contact([result], len(driven))[0]
+        busy |= frame_columns.in_contact(ResultColumns.of(result), len(driven))[0]
         busy |= frame_columns.is_corrected(result.recorded[None], result.corrected[None])[0]
     trees = np.unique(scene.bodies.tree[busy & driven])
     moving = (scene.bodies.role != FIXED) | (scene.trees.moving[scene.bodies.tree] != 0)

@@ -33,7 +33,8 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> World:
 def results(experiment: Experiment) -> list[FrameResult]:
     pipeline = Pipeline(experiment.world, Config())
     batches = iter([(list(experiment.frames), 0)])
-    return [pipeline.result(chunk, row, 0) for chunk in pipeline.chunks(batches) for row in range(len(chunk.frames))]
+    blocks = [pipeline.results(chunk) for chunk in pipeline.chunks(batches)]
+    return [block.result(row) for block in blocks for row in range(len(block))]
 
 
 def lifted(experiment: Experiment) -> Experiment:

@@ -130,7 +130,7 @@ def test_what_is_sent_shows_what_is(values: list[int], before: int, size: int) -
 
 @given(st.lists(st.integers(0, 3), min_size=1, max_size=12), st.integers(0, 3))
 def test_rows_that_hold_or_end_something(held: list[int], before: int) -> None:
-    rows, counts = rows_with_content(held, before)
+    rows, counts = rows_with_content(np.array(held), before)
     found = dict(zip(rows.tolist(), counts.tolist(), strict=True))
     shown = before
     for row, count in enumerate(held):

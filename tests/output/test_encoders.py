@@ -98,7 +98,7 @@ def test_frames_are_encoded_together_as_alone() -> None:
     pairs = RaggedPenetrations(Penetrations(*map(np.concatenate, zip(*depths, strict=True))), at(2, 0, 1))
     encoder, points, arrows = FrameEncoder(NAMES), ContactPointsEncoder(), ContactArrowsEncoder()
     transforms, joints = TransformsEncoder(NAMES), JointStateEncoder(["a", "b"])
-    stages = [(("step", 1, 1), ("step.some", 300, 0)), (), (("step.some", 5, 2),)]
+    stages, ns, counts = ["step", "step.some"], np.array([[1, 300], [0, 0], [7, 5]]), np.array([[1, 0], [1, 0], [1, 2]])
     together = [
         transforms.encode(poses, times),
         joints.encode(poses[:, 0, :2], times),
@@ -106,7 +106,7 @@ def test_frames_are_encoded_together_as_alone() -> None:
         points.encode(ragged(*some), times),
         arrows.encode(ragged(*some), times, np.array([0.0, 0.1, 0.1])),
         encoder.penetrations(pairs, at(0, 1, 2), times),
-        encoder.timing(stages, at(0, 1, 2), times),
+        encoder.timing(stages, ns, counts, at(0, 1, 2), times),
     ]
     for k in range(3):
         one, time, frame = ragged(some[k]), times[k : k + 1], at(k)
@@ -117,7 +117,7 @@ def test_frames_are_encoded_together_as_alone() -> None:
             points.encode(one, time),
             arrows.encode(one, time, np.array([0.1 if k else 0.0])),
             encoder.penetrations(RaggedPenetrations(depths[k], one.counts), frame, time),
-            encoder.timing(stages[k : k + 1], frame, time),
+            encoder.timing(stages, ns[k : k + 1], counts[k : k + 1], frame, time),
         ]
         assert [column[k] for column in together] == [data for (data,) in alone]
         for kind, (data,) in zip(
@@ -194,7 +194,8 @@ def test_encoding_many_frames_takes_no_more_memory_than_some() -> None:
             transforms.encode(np.full((100, 4, 7), float(first)), numbers)
             encoder.contacts(batch, numbers, numbers)
             encoder.penetrations(pairs, numbers, numbers)
-            encoder.timing([[("step.some_stage", k, 1)] * 10 for k in numbers.tolist()], numbers, numbers)
+            stages = ["step.some_stage"] * 10
+            encoder.timing(stages, np.tile(numbers[:, None], 10), np.ones((100, 10), np.int64), numbers, numbers)
             for k in numbers.tolist():
                 encoder.log("info", f"frame {k}", k)
 
