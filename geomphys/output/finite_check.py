@@ -16,7 +16,7 @@ def first_non_finite(columns: ResultColumns, body_names: Sequence[str]) -> tuple
     numbers = [columns.corrected, columns.recorded, columns.angles, *columns.contacts[2:]]
     numbers += [columns.penetrations.pd, columns.penetrations.largest]
     numbers += [column for column in columns.metrics.values() if column.dtype.kind == "f"]
-    if all(math.isfinite(np.vdot(values, values)) for values in numbers):
+    if all(np.isfinite(values).all() for values in numbers):
         return None
     for row in range(len(columns)):
         if (text := _first_of_frame(columns.result(row), body_names)) is not None:
