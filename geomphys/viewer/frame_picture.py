@@ -15,7 +15,7 @@ from geomphys.output import colours, frame_columns
 from geomphys.output.camera import ContactFrame, Viewpoint, choose_viewpoint
 from geomphys.output.vertex_normals import with_vertex_normals
 from geomphys.results import FrameResult, ResultColumns
-from geomphys.scene.arrays import DRIVEN, FIXED
+from geomphys.scene.arrays import DRIVEN, FIXED, SIMULATED
 from geomphys.scene.tessellation import sphere_triangles
 from geomphys.scene.world import World
 from geomphys.viewer.ray_caster import Camera, Surface, render
@@ -27,6 +27,10 @@ MARK_PIXELS = 4.0
 """Radius of a contact, px of a picture 960 px high."""
 _SURROUNDINGS = 2.5
 """Half-width of the view about a body in focus, of the body's own."""
+_FILLED = 0.95
+"""Part of the picture's width and height that the motion may fill."""
+_OUTLIERS = 0.5
+"""Percentage of the points of a motion that may be outside the picture."""
 
 
 class FramePainter:
@@ -93,8 +97,10 @@ class _Box(NamedTuple):
     solid: NDArray[np.bool_]  # (B,) bodies that have a surface
 
 
-def viewpoint_of(world: World, results: Sequence[FrameResult], focus: str | None = None) -> Viewpoint:
-    """Viewpoint for frames: near the moving bodies, with little occlusion.
+def viewpoint_of(
+    world: World, results: Sequence[FrameResult], focus: str | None = None, size: tuple[int, int] = (4, 3)
+) -> Viewpoint:
+    """Viewpoint for frames: as near as the moving bodies and what they handle fit into the picture, with little occlusion.
 
     Parameters
     ----------
@@ -103,6 +109,8 @@ def viewpoint_of(world: World, results: Sequence[FrameResult], focus: str | None
         At least one; a sample of the frames to be seen.
     focus : str, optional
         Body (`object`, `object/link`, `avatar/link`; or its frame id in the output), avatar or object to look at.
+    size : (2,)
+        Width and height of the picture; their ratio counts.
 
     Raises
     ------
@@ -113,7 +121,10 @@ def viewpoint_of(world: World, results: Sequence[FrameResult], focus: str | None
     bodies = _bodies_in_focus(world, results, boxes, focus)
     points = np.concatenate([_corners(boxes, result.corrected, bodies) for result in results])
     points = np.concatenate([points, *[_corners(boxes, result.recorded, bodies) for result in results]])
-    if focus is not None:
+    if focus is None:
+        handled = [_corners(boxes, result.corrected, _handled(world, result)) for result in results]
+        points = np.concatenate([points, *handled])
+    else:
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         points = middle + _SURROUNDINGS * (points - middle)
     contacts = [
@@ -121,7 +132,27 @@ def viewpoint_of(world: World, results: Sequence[FrameResult], focus: str | None
         for result in results[:: max(1, len(results) // 8)]
         if len(result.contacts.point)
     ]
-    return choose_viewpoint(points, _static_triangles(world, results[0]), contacts)
+    return _backed_off(choose_viewpoint(points, _static_triangles(world, results[0]), contacts), points, size)
+
+
+def _backed_off(eye: Viewpoint, points: Floats, size: tuple[int, int]) -> Viewpoint:
+    """The viewpoint, so far from its target that the points (n, 3), but for `_OUTLIERS`, are in a picture of that size."""
+    camera = Camera(eye.position, eye.target, *size)
+    right, up, towards = ((points - eye.target) @ axis for axis in camera.axes())
+    half_height = _FILLED * np.tan(np.radians(camera.view_angle) / 2)
+    half_width = half_height * camera.width / camera.height
+    needed = towards + np.maximum(np.abs(right) / half_width, np.abs(up) / half_height)
+    away = eye.position - eye.target
+    distance = np.linalg.norm(away)
+    return eye._replace(position=eye.target + away * max(1.0, np.percentile(needed, 100.0 - _OUTLIERS) / distance))
+
+
+def _handled(world: World, result: FrameResult) -> NDArray[np.int64]:
+    """Simulated bodies that a driven one touches in a frame."""
+    role, contacts = world.scene.bodies.role, result.contacts
+    a, b = contacts.body_a.astype(np.int64), contacts.body_b.astype(np.int64)
+    pairs = np.concatenate([np.stack([a, b], axis=1), np.stack([b, a], axis=1)])
+    return np.unique(pairs[(role[pairs[:, 0]] == SIMULATED) & (role[pairs[:, 1]] == DRIVEN), 0])
 
 
 def sample_of(results: Iterable[FrameResult], count: int = 64) -> list[FrameResult]:

@@ -97,7 +97,7 @@ def _drawn(path: AnyPath, frame: int, size: tuple[int, int], focus: str | None) 
     output.time_of(frame)  # raises if there is no such frame
     world = world_of_output(output)
     result = next(results_of_output(output, world, first=frame, last=frame))
-    pixels = FramePainter(world).picture(result, viewpoint_of(world, [result], focus), size)
+    pixels = FramePainter(world).picture(result, viewpoint_of(world, [result], focus, size), size)
     data = BytesIO()
     Image.fromarray(pixels).save(data, "PNG", optimize=False)
     return data.getvalue()

@@ -129,7 +129,7 @@ def make_video(
     frames, rate = _frames_to_show(output, config, 30.0 if suffix == ".mp4" else 15.0)
     span = {"first": int(frames[0]), "last": int(frames[-1])}
     sample = sample_of(results_of_output(output, world, **span))
-    eye = viewpoint_of(world, sample, config.focus)
+    eye = viewpoint_of(world, sample, config.focus, config.size)
     start_ns = output.start_ns
     with OutputFile(out, force=force, inputs=(result,)) as file:
         chosen = (r for r, times in _repeated(results_of_output(output, world, **span), frames) for _ in range(times))
