@@ -36,6 +36,7 @@ FLAG_TEXTS = {
     "started_inside": "began inside something",
     "catching_up": "caught up with what was missed in a gap or a jump",
     "sweep_bound": "where contact forces ended at their bound of sweeps",
+    "table_full": "where contacts found their table full and were left out",
 }
 
 

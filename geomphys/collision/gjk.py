@@ -28,7 +28,7 @@ OVERLAP = 2
 ROUNDING = 4e-16
 """Share of the coordinates' size that the arithmetic may err."""
 TIGHT = 1e-12
-"""Share of the distance that is left between its bounds."""
+"""Fraction of the distance that is left between its bounds."""
 ROUNDS = 128
 
 
@@ -53,9 +53,9 @@ def on_segment(p: Vec, q: Vec) -> tuple[float, float, Vec]:
         return 1.0, 0.0, p
     if along >= ee:
         return 0.0, 1.0, q
-    share = along / ee
-    v = add_scaled(p, e, share)
-    return 1.0 - share, share, add_scaled(v, e, -dot(v, e) / ee)
+    weight = along / ee
+    v = add_scaled(p, e, weight)
+    return 1.0 - weight, weight, add_scaled(v, e, -dot(v, e) / ee)
 
 
 @kernel

@@ -20,7 +20,7 @@ from geomphys.scene.arrays import Floats
 SLOP = 1e-3
 """m; points whose surfaces lie farther apart than this beyond the deepest ones are no contact."""
 SLOP_PART = 0.02
-"""... nor those beyond this share of the smaller piece's reach."""
+"""... nor those beyond this fraction of the smaller piece's reach."""
 STEEP = 0.1
 """Faces whose normal has less than this along the contact normal are no support."""
 SKEW = 0.005

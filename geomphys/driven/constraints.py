@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from geomphys.collision.penetration import Separation
 from geomphys.driven.objective import pivot_of
 from geomphys.driven.postures import Posture, joint_jacobian, point_of
+from geomphys.driven.qp import has_row
 from geomphys.driven.reach_cones import cone_limit, cone_row
 from geomphys.driven.state import GENERAL_MOTION, HAS_ROW, LOCKED, NO_ROW, REQUESTED, DrivenWorkspace
 from geomphys.jit.kernel import kernel, outlined
@@ -137,7 +138,7 @@ def _add_spots(scene: Scene, ws: DrivenWorkspace, poses: Floats, k: int, gap: fl
     a, b = near.a[k], near.b[k]
     for i in range(len(work.spots)):
         spot = work.spots[i]
-        if spot.a < 0 or m == len(ws.problem.least.rhs):
+        if spot.a < 0:
             break
         if spot.a != a or spot.b != b:
             continue
@@ -149,6 +150,8 @@ def _add_spots(scene: Scene, ws: DrivenWorkspace, poses: Floats, k: int, gap: fl
             continue
         if norm(sub(pa, vec_at(near.point_a, k))) + norm(sub(pb, vec_at(near.point_b, k))) < SAME_SPOT:
             continue
+        if not has_row(ws.problem, m):
+            break
         _add_row(scene, ws, poses, a, b, (s, n, pa, pb), m, unknowns)
         ws.problem.least.rhs[m] = least_change(gap, s)
         m += 1
@@ -188,7 +191,7 @@ def add_pairs(
     """
     near = ws.near
     for k in range(near.counts.filled):
-        if ws.row_state[k] != REQUESTED or m == len(ws.problem.least.rhs):
+        if ws.row_state[k] != REQUESTED or not has_row(ws.problem, m):
             continue
         s, n = near.separation[k], vec_at(near.normal, k)
         pa, pb = vec_at(near.point_a, k), vec_at(near.point_b, k)
@@ -210,7 +213,7 @@ def add_cones(scene: Scene, ws: DrivenWorkspace, recorded: Floats, iterate: Post
     """Rows that keep limbs of compound joints in their reach cones; returns the number of rows."""
     for cone in range(len(scene.cones.limb)):
         tree = scene.bodies.tree[scene.cones.joints[scene.cones.joint_start[cone]]]
-        if ws.work.mobility[tree] != GENERAL_MOTION or m == len(ws.problem.least.rhs):
+        if ws.work.mobility[tree] != GENERAL_MOTION or not has_row(ws.problem, m):
             continue
         row = ws.problem.least.rows[m]
         for j in range(unknowns):

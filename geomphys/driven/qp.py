@@ -24,6 +24,7 @@ from geomphys.driven.least_distance import (
     satisfy_rows,
 )
 from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.packed_records import Record
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -31,6 +32,14 @@ Ints = NDArray[np.int64]
 TOLERANCE = 1e-11  # of a row of unit length in the metric
 WEAK = 1e-9  # length in the metric below which a row is independent of the unknowns
 BOUND_TOLERANCE = 1e-10  # of an unknown
+
+
+QUADRATIC_COUNTS = np.dtype(
+    [
+        ("lost", np.int64),  # how often a row found the table full since it was last set to 0
+    ]
+)
+"""Counts of a quadratic program."""
 
 
 class Quadratic(NamedTuple):
@@ -44,13 +53,31 @@ class Quadratic(NamedTuple):
     x: Floats  # (n,) the solution
     last_step: Floats  # (n,) m: the last step; of a root's rotation times 0.1 m, of a joint times its lever
     least: LeastDistance  # its `rows` and `rhs` are C and d on entry
+    counts: Record  # QUADRATIC_COUNTS
 
 
 def make_quadratic(unknowns: int, rows: int) -> Quadratic:
     """Arrays for problems of up to `unknowns` and `rows`."""
-    gradient, low, high, x, last_step = (np.zeros(unknowns) for _ in range(5))
-    square = [np.zeros((unknowns, unknowns)) for _ in range(2)]
-    return Quadratic(square[0], gradient, square[1], low, high, x, last_step, make_least_distance(unknowns, rows))
+    return Quadratic(
+        hessian=np.zeros((unknowns, unknowns)),
+        gradient=np.zeros(unknowns),
+        factor=np.zeros((unknowns, unknowns)),
+        low=np.zeros(unknowns),
+        high=np.zeros(unknowns),
+        x=np.zeros(unknowns),
+        last_step=np.zeros(unknowns),
+        least=make_least_distance(unknowns, rows),
+        counts=np.zeros((), QUADRATIC_COUNTS),
+    )
+
+
+@kernel
+def has_row(p: Quadratic, m: int) -> bool:
+    """Whether the table has a row m; if not, counts it as lost."""
+    if m < len(p.least.rhs):
+        return True
+    p.counts.lost += 1
+    return False
 
 
 @outlined
@@ -123,7 +150,7 @@ def _add_bounds(p: Quadratic, n: int, m: int) -> int:
             sign, limit = 1.0, p.low[j]
         elif p.x[j] > p.high[j] + BOUND_TOLERANCE:
             sign, limit = -1.0, -p.high[j]
-        if sign == 0.0 or m == len(p.least.rhs):
+        if sign == 0.0 or not has_row(p, m):
             continue
         row = p.least.rows[m]
         for k in range(n):

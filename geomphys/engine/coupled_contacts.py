@@ -1,4 +1,4 @@
-"""Contacts of the coupled solve: rows of the simulated loop's pairs, and bounds of driven links and joints.
+"""Contacts of the coupled solve: rows of the simulated loop's pairs, and limits of driven links and joints.
 
 A contact with a driven link has the effects of its tree's unknowns on the relative velocity, and the velocity by the
 recording alone, as the displacement of the link's point over the step: the prescribed velocity.
@@ -137,7 +137,7 @@ def complete_row(scene: Scene, m: Machine, r: Row, t: float, h: float) -> None:
 def find_rows(scene: Scene, m: Machine, t: float, h: float, margin: float) -> None:
     """Contacts of the simulated bodies of the group, at time `t` of the substep, for a step of `h` seconds."""
     sim = m.simulated
-    m.coupled.solve.effects = m.coupled.solve.bounds = 0
+    m.coupled.solve.effects = m.coupled.solve.limits = 0
     sim.counts.rows = 0
     for k in range(sim.counts.pairs):
         p = sim.pairs[k]
@@ -149,14 +149,14 @@ def find_rows(scene: Scene, m: Machine, t: float, h: float, margin: float) -> No
 
 
 @outlined
-def find_bounds(scene: Scene, m: Machine, t: float, h: float, margin: float) -> None:
-    """Bounds of driven trees that take part: contacts with bodies that are not simulated, and limits of their joints."""
+def find_limits(scene: Scene, m: Machine, t: float, h: float, margin: float) -> None:
+    """Limits of driven trees that take part: contacts with bodies that are not simulated, and limits of their joints."""
     c, p, near = m.coupled, m.workspace.piece_frames, m.workspace.near
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN and c.trees[tree].solved == 1:
             pose_pieces_of_tree(scene, tree, c.now.poses, p.frames)
             update_boxes(scene, p.frames, m.detection.boxes, tree)
-            bound_joints(scene, m, tree, h)
+            add_joint_limits(scene, m, tree, h)
     find_near(scene, p.frames, m.still, margin, math.inf, near, m.detection)
     for k in range(near.counts.filled):
         a, b = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
@@ -171,24 +171,24 @@ def find_bounds(scene: Scene, m: Machine, t: float, h: float, margin: float) -> 
             prescribed += sign * dot(displacement(scene, m, body, point, t, h), n) / h
             if is_solved(scene, c, body):
                 add_effects(scene, c, first, body, point, 0, scale(n, sign))
-        add_bound(c, first, clearance, prescribed)
+        add_limit(c, first, clearance, prescribed)
 
 
 @kernel
-def add_bound(c: Coupled, first: int, clearance: float, prescribed: float) -> None:
-    """Append a bound whose effects are those from number `first` on."""
+def add_limit(c: Coupled, first: int, clearance: float, prescribed: float) -> None:
+    """Append a limit whose effects are those from number `first` on."""
     solve = c.solve
-    if solve.bounds == len(c.bounds):
+    if solve.limits == len(c.limits):
         solve.lost += 1
         return
-    g = c.bounds[solve.bounds]
-    solve.bounds += 1
+    g = c.limits[solve.limits]
+    solve.limits += 1
     g.first_effect, g.end_effect = first, solve.effects
     g.clearance, g.prescribed, g.impulse = clearance, prescribed, 0.0
 
 
 @kernel
-def bound_joints(scene: Scene, m: Machine, tree: int, h: float) -> None:
+def add_joint_limits(scene: Scene, m: Machine, tree: int, h: float) -> None:
     """Near limits of the joints of a tree; widened to the recorded values."""
     c = m.coupled
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
@@ -204,7 +204,7 @@ def bound_joints(scene: Scene, m: Machine, tree: int, h: float) -> None:
             if clearance < LIMIT_NEAR:
                 first = c.solve.effects
                 add_effect(c, first, k, 0, sign)
-                add_bound(c, first, clearance, sign * change / h)
+                add_limit(c, first, clearance, sign * change / h)
 
 
 @kernel

@@ -8,8 +8,8 @@ from geomphys.engine.coupled_solve import (
     IMPACT_PRECISION,
     MOST_SWEEPS,
     add_responses,
-    bound_response,
     relative_velocity,
+    set_limit_response,
     solve_contacts,
 )
 from geomphys.engine.coupled_state import Coupled
@@ -72,9 +72,9 @@ def resolve_impacts(scene: Scene, m: Machine, h: float) -> int:
         r.tangent_target[0] = r.tangent_target[1] = 0.0
         fill_masses(sim.motion[r.a], sim.motion[r.b], r)
         add_responses(sim, c, r)
-    for k in range(c.solve.bounds):
-        g = c.bounds[k]
-        bound_response(c, k)
+    for k in range(c.solve.limits):
+        g = c.limits[k]
+        set_limit_response(c, k)
         g.impulse = 0.0
         g.target_speed = 0.0 if g.clearance <= sim.frame.touch else LEFT_OUT
     solve_contacts(sim, c, MOST_SWEEPS, IMPACT_PRECISION)

@@ -11,16 +11,16 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.engine.coupled_contacts import find_bounds, find_rows, rotate_arms
+from geomphys.engine.coupled_contacts import find_limits, find_rows, rotate_arms
 from geomphys.engine.coupled_impacts import load_coupled, next_impact, resolve_impacts
 from geomphys.engine.coupled_solve import (
     PRECISION,
     SWEEPS,
     add_responses,
     apply,
-    bound_response,
     impulse_vector,
     local_impulse,
+    set_limit_response,
     solve_contacts,
 )
 from geomphys.engine.coupled_state import Coupled
@@ -68,17 +68,17 @@ Floats = NDArray[np.float64]
 
 STEP = 1.0 / 240.0  # s
 LIGHT = 50.0  # times an object's mass: where the implicit mass of what presses on it is more, steps are half as long
-STEP_TOLERANCE = 0.01  # share by which a step may be longer
+STEP_TOLERANCE = 0.01  # fraction by which a step may be longer
 MARGIN = 4e-3  # m: nearer contacts are rows
 MARGIN_STEPS = 1.5  # so are those nearer than this times the motion in a step
 ROTATION = 0.1  # rad: no body rotates farther in a step, unless that would be shorter than `FEWEST`
 FEWEST = 1.0 / 16.0  # of `STEP`: the shortest step
 SPLITS = 8  # splits of a step at times of impact
-CORRECTED = 0.2  # share of an overlap, or of slip, that is corrected in a step
+CORRECTED = 0.2  # fraction of an overlap, or of slip, that is corrected in a step
 FASTEST_CORRECTION = 0.5  # m/s
 STUCK = 0.9999  # of the friction available: beyond it a point slides
-LEAST_SHARE = 0.02  # of a joint's K, m and R
-FORGOTTEN = 0.2  # share of a joint's stiffness that is updated in a step
+LEAST_IMPEDANCE_SCALE = 0.02  # of a joint's K, m and R
+IMPEDANCE_SCALE_GAIN = 0.2  # fraction by which the impedance of a joint follows its goal in a step
 TOUCHED = 3.0  # gaps: a nearer pair counts as having been in contact
 
 
@@ -121,7 +121,7 @@ def fastest_motion(scene: Scene, m: Machine, h: float) -> float:
 
 @kernel
 def set_targets(sim: Simulation, c: Coupled, h: float, to_impact: bool) -> None:
-    """Set the targets of rows and bounds over a step of `h` seconds; if it ends at an impact, fast ones may approach."""
+    """Set the targets of rows and limits over a step of `h` seconds; if it ends at an impact, fast ones may approach."""
     gap = sim.frame.gap
     for k in range(sim.counts.rows):
         r = sim.rows[k]
@@ -131,8 +131,8 @@ def set_targets(sim: Simulation, c: Coupled, h: float, to_impact: bool) -> None:
         debt = vec_of(r.slip_debt)
         r.tangent_target[0] = -CORRECTED * dot(debt, vec_of(r.tangent)) / h
         r.tangent_target[1] = -CORRECTED * dot(debt, vec_of(r.binormal)) / h
-    for k in range(c.solve.bounds):
-        g = c.bounds[k]
+    for k in range(c.solve.limits):
+        g = c.limits[k]
         distance = g.clearance - gap
         g.target_speed = -distance / h if distance > 0.0 else min(-CORRECTED * distance / h, FASTEST_CORRECTION)
 
@@ -214,8 +214,8 @@ def fit_stiffness(scene: Scene, sim: Simulation, c: Coupled) -> None:
         if solves(scene, c, tree):
             for k in range(first_unknown(scene, tree), end_unknown(scene, tree)):
                 x = c.unknowns[k]
-                goal = max(LEAST_SHARE, x.yielding / x.moments) if x.moments > 0.0 else 1.0
-                x.share += FORGOTTEN * (goal - x.share)
+                goal = max(LEAST_IMPEDANCE_SCALE, x.yielding / x.moments) if x.moments > 0.0 else 1.0
+                x.impedance_scale += IMPEDANCE_SCALE_GAIN * (goal - x.impedance_scale)
 
 
 @outlined
@@ -235,9 +235,9 @@ def solve_step(scene: Scene, m: Machine, t: float, h: float, to_impact: bool) ->
     rotate_arms(scene, m, t, h)
     for k in range(sim.counts.rows):
         add_responses(sim, c, sim.rows[k])
-    for k in range(c.solve.bounds):
-        bound_response(c, k)
-        c.bounds[k].impulse = 0.0
+    for k in range(c.solve.limits):
+        set_limit_response(c, k)
+        c.limits[k].impulse = 0.0
     set_targets(sim, c, h, to_impact)
     begin_with_forces(sim, c, h)
     solve_contacts(sim, c, SWEEPS, PRECISION)
@@ -372,7 +372,7 @@ def advance_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt
             pose_driven_trees(scene, m, roots, angles, t, h, dt)
             margin = max(MARGIN, MARGIN_STEPS * fastest_motion(scene, m, h))
             find_rows(scene, m, t, h, margin)
-            find_bounds(scene, m, t, h, margin)
+            find_limits(scene, m, t, h, margin)
             impacts += resolve_impacts(scene, m, h)
             first = next_impact(m.simulated, m.coupled, h) if splits < SPLITS else h
             splits += 1 if first < h else 0

@@ -83,9 +83,9 @@ def add_responses(sim: Simulation, c: Coupled, r: Row) -> None:
 
 
 @kernel
-def bound_response(c: Coupled, k: int) -> None:
-    """Set the response of bound k to a unit impulse."""
-    g, total = c.bounds[k], 0.0
+def set_limit_response(c: Coupled, k: int) -> None:
+    """Set the response of limit k to a unit impulse."""
+    g, total = c.limits[k], 0.0
     for e in range(g.first_effect, g.end_effect):
         effect = c.effects[e]
         total += effect.speed[0] ** 2 * c.unknowns[effect.unknown].inverse_mass
@@ -94,8 +94,8 @@ def bound_response(c: Coupled, k: int) -> None:
 
 @kernel
 def add_impulse(c: Coupled, k: int, change: float) -> None:
-    """Add to the impulse of bound k."""
-    g = c.bounds[k]
+    """Add to the impulse of limit k."""
+    g = c.limits[k]
     if change == 0.0:
         return
     g.impulse += change
@@ -106,9 +106,9 @@ def add_impulse(c: Coupled, k: int, change: float) -> None:
 
 
 @kernel
-def press_bound(c: Coupled, k: int) -> float:
-    """One visit to bound k; returns how much it changed the rate of its clearance."""
-    g = c.bounds[k]
+def visit_limit(c: Coupled, k: int) -> float:
+    """One visit to limit k; returns how much it changed the rate of its clearance."""
+    g = c.limits[k]
     if g.response <= 0.0:
         return 0.0
     v = g.prescribed
@@ -121,15 +121,12 @@ def press_bound(c: Coupled, k: int) -> float:
 
 
 @kernel
-def visit(sim: Simulation, c: Coupled, r: Row, share: float) -> float:
-    """One visit to a row: its normal impulse, then its friction; returns how much they changed its velocity [m/s].
-
-    `share` is the relaxation factor.
-    """
+def visit(sim: Simulation, c: Coupled, r: Row, relaxation: float) -> float:
+    """One visit to a row: its normal impulse, then its friction; returns how much they changed its velocity [m/s]."""
     n, t, b = relative_velocity(sim, c, r)
     before = r.normal_impulse
     after = min(r.impulse_limit, max(0.0, before + (r.target_speed - n) / r.inverse_mass_n))
-    after = before + share * (after - before)
+    after = before + relaxation * (after - before)
     x0, y0, p = r.tangent_impulse[0], r.tangent_impulse[1], after - before
     cap = r.friction * after
     x, y = 0.0, 0.0
@@ -137,7 +134,7 @@ def visit(sim: Simulation, c: Coupled, r: Row, share: float) -> float:
         t += r.inverse_mass_nt[0] * p - r.tangent_target[0]
         b += r.inverse_mass_nt[1] * p - r.tangent_target[1]
         x, y = stopping_impulse(r, t, b, cap)
-    x, y = x0 + share * (x - x0), y0 + share * (y - y0)
+    x, y = x0 + relaxation * (x - x0), y0 + relaxation * (y - y0)
     if p == 0.0 and x == x0 and y == y0:
         return 0.0
     r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1] = after, x, y
@@ -153,14 +150,14 @@ def local_impulse(r: Row) -> Vec:
 
 @kernel
 def begin_extrapolation(sim: Simulation, c: Coupled) -> None:
-    """Restart extrapolation from the impulses of rows and bounds."""
+    """Restart extrapolation from the impulses of rows and limits."""
     for k in range(sim.counts.rows):
         r = sim.rows[k]
         j = local_impulse(r)
         set_vec(r.swept, j)
         set_vec(r.extrapolated, j)
-    for k in range(c.solve.bounds):
-        g = c.bounds[k]
+    for k in range(c.solve.limits):
+        g = c.limits[k]
         g.swept = g.extrapolated = g.impulse
 
 
@@ -175,21 +172,21 @@ def is_reversed(sim: Simulation, c: Coupled) -> bool:
             gradient, change = sub(vec_of(r.extrapolated), j), sub(j, vec_of(r.swept))
             along += gradient[0] * change[0] * r.inverse_mass_n
             along += (gradient[1] * change[1] + gradient[2] * change[2]) * r.inverse_mass_most
-    for k in range(c.solve.bounds):
-        g = c.bounds[k]
+    for k in range(c.solve.limits):
+        g = c.limits[k]
         along += (g.extrapolated - g.impulse) * (g.impulse - g.swept) * g.response
     return along > 0.0
 
 
 @kernel
-def extrapolate(sim: Simulation, c: Coupled, share: float) -> None:
-    """Extrapolate all impulses by a share of their change in the last two sweeps, projected onto their bounds."""
+def extrapolate(sim: Simulation, c: Coupled, momentum: float) -> None:
+    """Extrapolate all impulses by `momentum` times their change in the last two sweeps, projected onto what they may be."""
     for k in range(sim.counts.rows):
         r = sim.rows[k]
         if r.mode != 1:
             continue
         j = local_impulse(r)
-        n, t, b = add_scaled(j, sub(j, vec_of(r.swept)), share)
+        n, t, b = add_scaled(j, sub(j, vec_of(r.swept)), momentum)
         n = min(r.impulse_limit, max(0.0, n))
         size, cap = math.sqrt(t * t + b * b), r.friction * n
         if size > cap:
@@ -199,31 +196,31 @@ def extrapolate(sim: Simulation, c: Coupled, share: float) -> None:
         if (n, t, b) != j:
             r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1] = n, t, b
             apply(sim, c, r, sub((n, t, b), j))
-    for k in range(c.solve.bounds):
-        g = c.bounds[k]
+    for k in range(c.solve.limits):
+        g = c.limits[k]
         impulse = g.impulse
-        g.extrapolated = max(0.0, impulse + share * (impulse - g.swept))
+        g.extrapolated = max(0.0, impulse + momentum * (impulse - g.swept))
         g.swept = impulse
         add_impulse(c, k, g.extrapolated - impulse)
 
 
 @kernel
-def sweep_contacts(sim: Simulation, c: Coupled, backwards: bool, share: float) -> float:
-    """One sweep over the rows whose `mode` is 1 and the bounds; returns the largest change of a velocity [m/s]."""
+def sweep_contacts(sim: Simulation, c: Coupled, backwards: bool, relaxation: float) -> float:
+    """One sweep over the rows whose `mode` is 1 and the limits; returns the largest change of a velocity [m/s]."""
     rows, most = sim.counts.rows, 0.0
-    total = rows + c.solve.bounds
+    total = rows + c.solve.limits
     for i in range(total):
         k = total - 1 - i if backwards else i
         if k >= rows:
-            most = max(most, press_bound(c, k - rows))
+            most = max(most, visit_limit(c, k - rows))
         elif sim.rows[k].mode == 1:
-            most = max(most, visit(sim, c, sim.rows[k], share))
+            most = max(most, visit(sim, c, sim.rows[k], relaxation))
     return most
 
 
 @outlined
 def solve_contacts(sim: Simulation, c: Coupled, sweeps: int, precision: float) -> int:
-    """Solve the rows whose `mode` is 1 and all bounds together, from their impulses, which must be part of the velocities.
+    """Solve the rows whose `mode` is 1 and all limits together, from their impulses, which must be part of the velocities.
 
     After every two sweeps, forwards and backwards, the impulses are extrapolated (Nesterov 1983), with a restart where the
     sweeps reverse it; later sweeps are under-relaxed. Done when no impulse changes a velocity by more than `precision`

@@ -22,7 +22,7 @@ Ints = NDArray[np.int64]
 Records: TypeAlias = NDArray[Any]
 
 MOST_EFFECTS = 1 << 15
-MOST_BOUNDS = 1 << 11
+MOST_LIMITS = 1 << 11
 
 UNKNOWN = np.dtype(
     [
@@ -37,7 +37,7 @@ UNKNOWN = np.dtype(
         ("effort", FLOAT),  # N or N m: largest force of the spring
         ("inverse_mass", FLOAT),  # change of `solved` by a unit impulse; 0: it follows the recording
         ("arm", FLOAT),  # 1 or m/rad: its lever, of which K of (6) has the square
-        ("share", FLOAT),  # of K, m and R: such that the contact yields by K; 1: no contact
+        ("impedance_scale", FLOAT),  # factor on K, m and R: such that the contact yields by K; 1: no contact
         ("moments", FLOAT),  # N or N m: sum of the magnitudes of contact moments on it,
         (
             "yielding",
@@ -68,7 +68,7 @@ EFFECT = np.dtype(
 )
 """Effect of an unknown on a contact, and of the contact on it."""
 
-BOUND = np.dtype(
+LIMIT = np.dtype(
     [
         ("first_effect", INT),
         ("end_effect", INT),
@@ -86,7 +86,7 @@ BOUND = np.dtype(
 SOLVE = np.dtype(
     [
         ("effects", INT),
-        ("bounds", INT),
+        ("limits", INT),
         ("lost", INT),  # contacts beyond the capacity of their table
         ("unsettled", INT),  # steps and impacts of this substep that ended at the bound on sweeps
         ("started", INT),  # 1: there was a substep before
@@ -103,8 +103,8 @@ class Coupled(NamedTuple):
     unknowns: Records  # (3 T + Q,) UNKNOWN: of the roots, then of the joints
     trees: Records  # (T,) TREE
     solve: Record  # SOLVE
-    effects: Records  # EFFECT, of the simulated loop's rows and of the bounds
-    bounds: Records  # BOUND
+    effects: Records  # EFFECT, of the simulated loop's rows and of the limits
+    limits: Records  # LIMIT
     begin: Posture  # the recording at the start of the substep
     now: Posture  # driven trees, corrected
     after: Posture  # the same at the end of the step with their present offsets
@@ -116,7 +116,7 @@ def make_coupled(scene: Scene, poses: Floats, links: Links) -> Coupled:
     unknowns = np.zeros(3 * trees + dofs, UNKNOWN)
     owner = np.concatenate([np.repeat(np.arange(trees), 3), scene.dofs.tree]).astype(np.int64)
     unknowns["arm"] = np.concatenate([np.ones(3 * trees), links.lever])
-    unknowns["share"] = 1.0
+    unknowns["impedance_scale"] = 1.0
     arm = unknowns["arm"] * np.sqrt(np.concatenate([np.ones(3 * trees), branches(scene)]))
     yields = np.concatenate([np.ones(3 * trees), links.is_unknown]) * np.isfinite(scene.trees.stiffness[owner])
     yields *= scene.trees.role[owner] == DRIVEN
@@ -132,7 +132,7 @@ def make_coupled(scene: Scene, poses: Floats, links: Links) -> Coupled:
     records["rotation_offset"][:, 3] = 1.0
     return Coupled(
         unknowns, records, np.zeros((), SOLVE), np.zeros(MOST_EFFECTS if any_simulated else 1, EFFECT),
-        np.zeros(MOST_BOUNDS if any_simulated else 1, BOUND), make_posture(scene, poses), make_posture(scene, poses),
+        np.zeros(MOST_LIMITS if any_simulated else 1, LIMIT), make_posture(scene, poses), make_posture(scene, poses),
         make_posture(scene, poses),
     )  # fmt: skip
 

@@ -32,7 +32,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 SUBSTEP = 1.0 / 240.0  # s: longest substep where driven and simulated bodies may touch
-STEP_TOLERANCE = 0.01  # share of a substep by which one may be longer: times of messages are rounded
+STEP_TOLERANCE = 0.01  # fraction of a substep by which one may be longer: times of messages are rounded
 MAX_SUBSTEPS = 16  # substeps of a frame
 NEAR = 6e-3  # m: bodies that come no nearer do not touch
 LEAST_OVERLAP = 5e-8  # m: a driven body is moved out of a simulated one that is deeper in it

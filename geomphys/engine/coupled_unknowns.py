@@ -5,7 +5,7 @@ The coupling (6), m A = -K x - R v, is taken implicitly over a step of h seconds
     u = (m v - h K x) / M,   M = m + h R + h² K,
 
 and a contact impulse p along an unknown adds p / M to it. Where |K x| is above the limit of effort F the spring is a constant
-force: F stands for K x with its sign, and M = m + h R. Of a joint behind a contact, m, K and R are multiplied by its `share`
+force: F stands for K x with its sign, and M = m + h R. Of a joint behind a contact, m, K and R are times its `impedance_scale`
 (`coupled_motion.fit_stiffness`). Without contact on a tree (6) is solved in closed form, as it always is for the rotation of a
 root, which is no unknown.
 """
@@ -177,7 +177,11 @@ def begin_step(c: Coupled, first: int, last: int, h: float) -> None:
         x.solved = x.inverse_mass = 0.0
         if x.mass == 0.0:
             continue
-        mass, stiffness, damping = x.share * x.mass, x.share * x.stiffness, x.share * x.damping
+        mass, stiffness, damping = (
+            x.impedance_scale * x.mass,
+            x.impedance_scale * x.stiffness,
+            x.impedance_scale * x.damping,
+        )
         impulse = h * stiffness * x.offset
         whole = mass + h * damping + h * h * stiffness
         if abs(stiffness * x.offset) > x.effort:

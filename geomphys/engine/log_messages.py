@@ -17,6 +17,7 @@ from geomphys.results import (
     FLAG_SHAPE_CHANGED,
     FLAG_STARTED_INSIDE,
     FLAG_SWEEP_BOUND,
+    FLAG_TABLE_FULL,
 )
 
 Message = tuple[str, str]
@@ -44,6 +45,10 @@ _TEXTS = {
     FLAG_SWEEP_BOUND: (
         "info",
         "contact forces of driven and simulated bodies ended at their bound of sweeps, not settled",
+    ),
+    FLAG_TABLE_FULL: (
+        "warning",
+        "more pairs, contact points or rows of a solver than their table holds: those beyond were left out",
     ),
     FLAG_BLOCKED: ("info", "something stands between a body and its recorded place"),
 }

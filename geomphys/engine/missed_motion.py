@@ -148,8 +148,8 @@ class MissedMotion:
         if seen.missed is None:
             return
         seen.catching += dt
-        share = min(1.0, seen.catching / GROWTH)
-        limits = share * dt * np.maximum(MOST * seen.largest - speeds, np.array(SLOWEST))
+        growth = min(1.0, seen.catching / GROWTH)
+        limits = growth * dt * np.maximum(MOST * seen.largest - speeds, np.array(SLOWEST))
         path, rotation, change = seen.missed
         left, angle = float(np.linalg.norm(path)), float(rotation.magnitude())
         path = path * (max(0.0, left - limits[0]) / left if left > NOTHING else 0.0)

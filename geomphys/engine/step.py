@@ -37,11 +37,11 @@ from geomphys.jit.packed_records import Record
 from geomphys.jit.stage_clock import cycles
 from geomphys.results import (
     FLAG_BLOCKED,
-    FLAG_IMPACT_BOUND,
     FLAG_NOT_CONVERGED,
     FLAG_SHAPE_CHANGED,
     FLAG_STARTED_INSIDE,
     FLAG_SWEEP_BOUND,
+    FLAG_TABLE_FULL,
 )
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
 from geomphys.scene.kinematics import pose_pieces_of_tree, pose_tree
@@ -186,6 +186,7 @@ def step(
         fit_recorded_paths(scene, m, roots, dt, first)
     parts = 1 if first or params.method.paper is not None else substeps_of(scene, m, dt)
     impacts, flags, simulating = 0, 0, 0
+    m.workspace.problem.counts.lost = 0
     done = Outcome(0, 0, True, False)
     for tree in range(len(m.driven.method)):
         m.driven.method[tree] = GLOBAL
@@ -206,7 +207,7 @@ def step(
             if m.coupled.solve.unsettled > 0:
                 flags |= FLAG_SWEEP_BOUND
             if m.coupled.solve.lost > 0:
-                flags |= FLAG_IMPACT_BOUND
+                flags |= FLAG_TABLE_FULL
         simulating += cycles() - t3
         done = combine(done, drive(scene, m, now_at, joint_values, dt / parts, first, params))
         flags |= contain_driven(scene, m, now_at, joint_values, first)
@@ -217,6 +218,8 @@ def step(
             if separate_from_simulated(scene, m, params) > 0:
                 flags |= contain_driven(scene, m, now_at, joint_values, first)
         simulating += cycles() - t3
+    if m.workspace.problem.counts.lost > 0:
+        flags |= FLAG_TABLE_FULL
     t4 = cycles()
     write_depths(scene, block, frame, m.depths, overlapping, m.driven.method)
     figures.residual, left = find_contacts(scene, m, params.gap, first, block, frame)

@@ -339,10 +339,10 @@ def fit_next(model: FitModel, state: FitState, points: Floats, seen: Ints, shown
 
 
 @kernel
-def measure_uncertainty(model: FitModel, state: FitState, points: Floats, seen: Ints, shares: Floats) -> None:
+def measure_uncertainty(model: FitModel, state: FitState, points: Floats, seen: Ints, variance_ratio: Floats) -> None:
     """How little the points of the last frame determine each joint, and the step that they ask for without limits.
 
-    Sets `shares` (Q,) to the posterior variance as a share of that by the rest term alone: 1 where the points are uninformative,
+    Sets `variance_ratio` (Q,) to the posterior variance over that by the rest term alone: 1 where the points are uninformative,
     near 0 where they determine the value; and `state.step` to the Gauss-Newton step without limits. The posture does not change.
     """
     smoothness = state.weights.smoothness
@@ -356,7 +356,7 @@ def measure_uncertainty(model: FitModel, state: FitState, points: Floats, seen: 
     for j in range(len(state.free)):
         state.free[j] = 1 if j < joints or model.fits_root else 0
     for j in range(joints):
-        shares[j] = 1.0
+        variance_ratio[j] = 1.0
     for j in range(len(state.step)):
         state.step[j] = 0.0
     if factorise(state, 0.0):
@@ -368,7 +368,7 @@ def measure_uncertainty(model: FitModel, state: FitState, points: Floats, seen: 
             square = 0.0
             for k in range(j, len(state.step)):
                 square += state.step[k] * state.step[k]
-            shares[j] = square * REST_WEIGHT * model.lever[j] ** 2
+            variance_ratio[j] = square * REST_WEIGHT * model.lever[j] ** 2
         for j in range(len(state.step)):
             state.step[j] = -state.gradient[j] if state.free[j] else 0.0
         substitute_forward(state, 0)

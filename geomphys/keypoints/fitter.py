@@ -113,8 +113,8 @@ class KeypointFitter:
         high = np.where(np.isfinite(model.upper), model.upper, model.rest)
         state.weights["smoothness"] = 0.0
         given, best = state.root.copy(), None
-        for share in (0.0, 0.25, 0.5):
-            state.angles[:] = np.clip(model.rest + share * ((low + high) / 2 - model.rest), model.lower, model.upper)
+        for fraction in (0.0, 0.25, 0.5):
+            state.angles[:] = np.clip(model.rest + fraction * ((low + high) / 2 - model.rest), model.lower, model.upper)
             state.root[:] = given
             if model.fits_root:
                 state.root[:] = self._nearest_root(points, seen)
@@ -165,9 +165,9 @@ class KeypointFitter:
         """Add the frame to the statistics of the fit."""
         self.squares, self.largest = self.squares + distance * distance, max(self.largest, distance)
         if self.frames % PROBED_FRAMES == 0:
-            shares = np.ones(len(self.model.rest))
-            measure_uncertainty(self._model, self._state, points, seen, shares)
-            is_unshown = shares > NOT_SHOWN
+            variance_ratio = np.ones(len(self.model.rest))
+            measure_uncertainty(self._model, self._state, points, seen, variance_ratio)
+            is_unshown = variance_ratio > NOT_SHOWN
             self.unshown += is_unshown
             self.limited += self._is_pressed_on_limits() & ~is_unshown
             self.probed += 1

@@ -99,8 +99,8 @@ def probe_postures(model: FitModel) -> Floats:
     """(n, Q) postures spread over the limits, the same ones each time."""
     low = np.where(np.isfinite(model.lower), model.lower, model.rest - 1.0)
     high = np.where(np.isfinite(model.upper), model.upper, model.rest + 1.0)
-    share = np.mod(np.outer(np.arange(1, PROBE_POSTURES + 1), np.arange(1, len(low) + 1)) * np.sqrt(2.0), 1.0)
-    postures: Floats = low + share * (high - low)
+    fractions = np.mod(np.outer(np.arange(1, PROBE_POSTURES + 1), np.arange(1, len(low) + 1)) * np.sqrt(2.0), 1.0)
+    postures: Floats = low + fractions * (high - low)
     return postures
 
 

@@ -25,6 +25,7 @@ from geomphys.results import (
     FLAG_SHAPE_CHANGED,
     FLAG_STARTED_INSIDE,
     FLAG_SWEEP_BOUND,
+    FLAG_TABLE_FULL,
     FrameResult,
     Grasp,
     Moment,
@@ -54,6 +55,7 @@ FLAG_NAMES = {
     FLAG_SHAPE_CHANGED: "shape_changed",
     FLAG_CATCHING_UP: "catching_up",
     FLAG_SWEEP_BOUND: "sweep_bound",
+    FLAG_TABLE_FULL: "table_full",
 }
 """Name of each bit of `Metrics.flags`."""
 

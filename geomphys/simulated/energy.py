@@ -98,7 +98,7 @@ def take_excess(sim: Simulation) -> None:
         if sim.bodies[body].touched == 0 or island.support != STILL:
             continue
         if excess > 0.0 and moving > 0.0:
-            share = math.sqrt(max(0.0, 1.0 - excess / moving))
-            set_vec(m.velocity, scale(vec_of(m.velocity), share))
-            set_vec(m.angular_momentum, scale(vec_of(m.angular_momentum), share))
-            set_vec(m.angular_velocity, scale(vec_of(m.angular_velocity), share))
+            factor = math.sqrt(max(0.0, 1.0 - excess / moving))
+            set_vec(m.velocity, scale(vec_of(m.velocity), factor))
+            set_vec(m.angular_momentum, scale(vec_of(m.angular_momentum), factor))
+            set_vec(m.angular_velocity, scale(vec_of(m.angular_velocity), factor))

@@ -52,7 +52,7 @@ def distance_to_keep(sim: Simulation, k: int, tolerance: float) -> float:
 def sweep_apart(sim: Simulation, give: float, tolerance: float) -> bool:
     """Sweeps over the rows of `project_positions`, from zero. Returns whether they converged.
 
-    With `give` above 0 a row's target is lower by that share of the displacement by its own impulse.
+    With `give` above 0 a row's target is lower by that fraction of the displacement by its own impulse.
     """
     gap, count = sim.frame.gap, sim.counts.rows
     for s in range(len(sim.free)):

@@ -154,10 +154,10 @@ def free_until(
         f, low = span(sim, pair, n, f0, t0, ahead, target - slack)
         if f >= target and low >= target - slack:
             return ahead
-        share = 0.5
+        fraction = 0.5
         if f < target:
-            share = min(0.98, max(0.02, (f0 - target - 0.5 * slack) / (f0 - f)))
-        ahead = t0 + (ahead - t0) * share
+            fraction = min(0.98, max(0.02, (f0 - target - 0.5 * slack) / (f0 - f)))
+        ahead = t0 + (ahead - t0) * fraction
     return ahead
 
 

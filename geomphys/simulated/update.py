@@ -12,7 +12,7 @@ import math
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import vec_of
 from geomphys.numerics.vec3 import norm
-from geomphys.results import FLAG_IMPACT_BOUND
+from geomphys.results import FLAG_IMPACT_BOUND, FLAG_TABLE_FULL
 from geomphys.simulated.collisions import resolve
 from geomphys.simulated.contact_points import add_rows
 from geomphys.simulated.energy import note_energies, note_new_energies, take_excess
@@ -30,7 +30,7 @@ from geomphys.simulated.state import AWAKE, Simulation, has_changed, is_disabled
 from geomphys.simulated.time_of_impact import first_touch, measure_pair
 
 STEP = 1.0 / 240.0  # s: contact forces are constant for no longer
-STEP_TOLERANCE = 0.01  # share of a step by which one may be longer: times of messages are rounded
+STEP_TOLERANCE = 0.01  # fraction of a step by which one may be longer: times of messages are rounded
 ROTATION_PER_STEP = 0.1  # rad: a body that may touch something rotates no further in a step
 LEAST_STEP = 1e-6  # s
 LEAST_RESTITUTION_THRESHOLD = 1e-3  # m/s: also where there is no gravity, slower approaches do not bounce
@@ -317,7 +317,7 @@ def end_frame(sim: Simulation, max_collisions: int, any_awake: bool) -> tuple[in
     Returns
     -------
     tuple
-        Number of collisions resolved; bits `FLAG_IMPACT_BOUND`, also where the table of pairs or contact points was full, and
+        Number of collisions resolved; bits `FLAG_IMPACT_BOUND`, `FLAG_TABLE_FULL` (of pairs or contact points) and
         `FLAG_QUARANTINED`.
     """
     collisions, flags = 0, 0
@@ -329,7 +329,7 @@ def end_frame(sim: Simulation, max_collisions: int, any_awake: bool) -> tuple[in
             project_or_put_back(sim)
     if sim.counts.lost > 0:
         # some pairs or contact points did not fit: nothing may move past them
-        flags |= FLAG_IMPACT_BOUND
+        flags = FLAG_TABLE_FULL
         for s in range(len(sim.free)):
             put_back(sim, sim.free[s])
     return collisions, flags | finish(sim)

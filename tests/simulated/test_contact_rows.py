@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from geomphys.results import FLAG_IMPACT_BOUND
+from geomphys.results import FLAG_TABLE_FULL
 from geomphys.scene.pieces import Box, Sphere
 from geomphys.simulated.allocation import Capacity
 from geomphys.simulated.contact_points import add_rows
@@ -60,7 +60,7 @@ def test_points_of_a_pair_that_do_not_fit_are_counted_and_none_of_them_is_laid_o
     assert len(set(stage.rows["a"])) == laid // 4
 
 
-@pytest.mark.parametrize(("points", "flag"), [(8, 0), (7, FLAG_IMPACT_BOUND)])
+@pytest.mark.parametrize(("points", "flag"), [(8, 0), (7, FLAG_TABLE_FULL)])
 def test_a_frame_without_capacity_for_its_points_leaves_bodies_where_they_are_and_says_so(
     points: int, flag: int
 ) -> None:

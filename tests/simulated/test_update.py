@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from geomphys.engine.frame_buffer import CONTACT
-from geomphys.results import FLAG_IMPACT_BOUND, FLAG_QUARANTINED
+from geomphys.results import FLAG_IMPACT_BOUND, FLAG_QUARANTINED, FLAG_TABLE_FULL
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box, Capsule, Cylinder, Sphere
 from geomphys.simulated.allocation import Capacity
@@ -154,7 +154,7 @@ def test_without_room_for_pairs_bodies_stay_and_it_is_told() -> None:
     player.set_up(Capacity(pairs=2))
     before = player.poses.copy()
     player.step(1 / 60)
-    assert player.flags & FLAG_IMPACT_BOUND
+    assert player.flags & FLAG_TABLE_FULL
     assert np.array_equal(player.poses, before)
 
 

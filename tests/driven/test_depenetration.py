@@ -1,0 +1,72 @@
+"""The search for a free position of a tree that starts inside something, by itself."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from geomphys.collision.sweep import update_boxes
+from geomphys.driven.depenetration import FARTHER, NEAREST, _direction, find_depenetration
+from geomphys.driven.reachability import clear_pairs
+from geomphys.driven.state import LOCKED, TRANSLATION
+from geomphys.engine.state import make_machine
+from geomphys.jit.packed_records import pack
+from geomphys.scene import arrays as s
+from geomphys.scene.pieces import Box, Sphere
+from tests.simulated.scenes import Thing, make_scene
+
+RADIUS, HALF_THICKNESS, GAP = 0.02, 1e-3, 1e-5  # m
+
+
+def freed(height: float, before: float, certified: bool) -> tuple[bool, np.ndarray]:
+    """Whether a ball with its centre `height` [m] above that of a plate is freed, and to where; it was at `before`."""
+    scene = make_scene(
+        [
+            Thing(shape=Sphere(RADIUS), role=s.DRIVEN, at=(0, 0, height)),
+            Thing(shape=Box((0.5, 0.5, HALF_THICKNESS)), role=s.FIXED),
+        ]
+    )
+    machine = make_machine(scene)
+    work, packed, ws = machine.workspace.work, pack(scene), pack(machine.workspace)
+    work.mobility[:], work.ignored[:] = (TRANSLATION, LOCKED), 0
+    for posture in (work.before, work.iterate, work.trial, work.start, work.best):
+        posture.roots[:], posture.poses[:] = scene.trees.rest, machine.recorded
+    work.before.roots[0, 2] = work.before.poses[0, 2] = before
+    clear_pairs(ws)
+    for tree in range(2):
+        update_boxes(packed, machine.workspace.piece_frames.frames, ws.detection.boxes, tree)
+    free = find_depenetration(packed, ws, GAP, certified)
+    assert work.mobility.tolist() == [TRANSLATION, LOCKED]
+    return bool(free), work.best.roots[0, :3].copy()
+
+
+@pytest.mark.parametrize("height", [0.005, -0.005])
+def test_the_nearest_free_position_is_on_the_nearer_side(height: float) -> None:
+    free, at = freed(height, height, certified=False)
+    assert free
+    assert at == pytest.approx([0.0, 0.0, math.copysign(RADIUS + HALF_THICKNESS + GAP, height)], abs=NEAREST / 100)
+    assert abs(at[2]) >= RADIUS + HALF_THICKNESS + GAP  # never less than the gap
+
+
+@pytest.mark.parametrize("before", [-0.03, 0.03])
+def test_only_the_side_that_it_came_from_can_be_reached(before: float) -> None:
+    """A little beyond the middle, the nearer side is that behind the plate."""
+    free, at = freed(-math.copysign(2e-3, before), before, certified=True)
+    assert free
+    assert at[2] == pytest.approx(math.copysign(RADIUS + HALF_THICKNESS + GAP, before), abs=1e-4)
+
+
+def test_where_all_is_free_nothing_moves() -> None:
+    free, at = freed(0.05, 0.05, certified=False)
+    assert free
+    assert at.tolist() == [0.0, 0.0, 0.05]
+
+
+def test_directions_lead_to_the_faces_edges_and_corners_of_a_cube() -> None:
+    directions = np.array([_direction(number) for number in range(26)])
+    assert np.linalg.norm(directions, axis=1) == pytest.approx(np.ones(26))
+    assert len(np.unique(np.round(directions, 6), axis=0)) == 26
+    assert np.sort((np.abs(directions) > 1e-9).sum(axis=1)).tolist() == [1] * 6 + [2] * 12 + [3] * 8
+    assert FARTHER > 1.0
