@@ -27,7 +27,7 @@ from geomphys.driven.advancement import centre_motion, is_separated_on_path, pai
 from geomphys.driven.constraints import is_unlocked_pair
 from geomphys.driven.postures import Posture
 from geomphys.driven.state import LOCKED, DrivenWorkspace
-from geomphys.driven.stepping import find_unlocked_pairs, measure_motion, pose_with_pieces
+from geomphys.driven.stepping import find_unlocked_pairs, measure_motion, motion_of, pose_with_pieces
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import set_vec, vec_at, vec_of
 from geomphys.numerics.vec3 import norm, sub
@@ -121,10 +121,9 @@ def path_of_pair_is_free(scene: Scene, ws: DrivenWorkspace, posture: Posture, k:
 @kernel
 def _motion_of(scene: Scene, ws: DrivenWorkspace, piece: int) -> float:
     """Motion of a piece since the start of the step [m]."""
-    tree = scene.bodies.tree[scene.pieces.body[piece]]
-    if scene.trees.role[tree] != DRIVEN:
+    if scene.bodies.role[scene.pieces.body[piece]] != DRIVEN:
         return float(ws.work.drift[piece])
-    return float(ws.work.motion[piece]) if ws.work.mobility[tree] != LOCKED else 0.0
+    return motion_of(scene, ws, piece)
 
 
 @kernel

@@ -40,6 +40,7 @@ from geomphys.driven.stepping import (
     gap_along_normal,
     measure_motion,
     measure_near_pairs,
+    motion_of,
     pose_unlocked_pieces,
     reverses,
     step_length_within_rate,
@@ -91,7 +92,7 @@ def _step_is_safe(scene: Scene, ws: DrivenWorkspace, mode: int) -> tuple[bool, f
         if not is_unlocked_pair(ws, k):
             continue
         a, b, s = near.a[k], near.b[k], near.separation[k]
-        motion = work.motion[a] + work.motion[b]
+        motion = motion_of(scene, ws, a) + motion_of(scene, ws, b)
         if s > motion:
             least = min(least, s - motion)
             continue
@@ -156,7 +157,7 @@ def _request_rows(scene: Scene, ws: DrivenWorkspace, gap: float, limit: float) -
         if ws.row_state[k] != NO_ROW or not is_unlocked_pair(ws, k):
             continue
         a, b = near.a[k], near.b[k]
-        motion = work.motion[a] + work.motion[b]
+        motion = motion_of(scene, ws, a) + motion_of(scene, ws, b)
         if near.separation[k] > motion:
             continue
         gap_at_trial = gap_along_normal(scene, ws, k, motion)

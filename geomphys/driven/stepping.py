@@ -99,6 +99,13 @@ def measure_near_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough: 
     return find_unlocked_pairs(scene, ws, enough)
 
 
+@kernel
+def motion_of(scene: Scene, ws: DrivenWorkspace, piece: int) -> float:
+    """Motion of a piece as `measure_motion` found it [m]; 0 in trees that are not being solved."""
+    locked = ws.work.mobility[scene.bodies.tree[scene.pieces.body[piece]]] == LOCKED
+    return 0.0 if locked else float(ws.work.motion[piece])
+
+
 @outlined
 def update_separations(scene: Scene, ws: DrivenWorkspace, limit: float, enough: float) -> float:
     """Update the near pairs after the step that `measure_motion` was called for; returns the least separation.
@@ -106,12 +113,12 @@ def update_separations(scene: Scene, ws: DrivenWorkspace, limit: float, enough: 
     A separation, and the gap along a direction, shrinks by no more than the motion of product pieces. Only pairs that may be
     nearer than `enough` [m] are measured, within `limit` [m].
     """
-    near, motion, least = ws.near, ws.work.motion, math.inf
+    near, least = ws.near, math.inf
     for k in range(near.counts.filled):
         if not is_unlocked_pair(ws, k):
             continue
         a, b = near.a[k], near.b[k]
-        s = near.separation[k] - (motion[a] + motion[b])
+        s = near.separation[k] - (motion_of(scene, ws, a) + motion_of(scene, ws, b))
         near.exact[k] = 0
         if s < enough:
             s, n = separation_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)

@@ -231,7 +231,6 @@ def move_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
                 clear_overlaps(m.simulated, dt, COUPLED)
         take_group(scene, m, -1)
     for tree in range(len(scene.trees.role)):
-        m.workspace.work.ignored[tree] = 1 if scene.trees.role[tree] == SIMULATED else 0
         if scene.trees.role[tree] == DRIVEN:
             if c.trees[tree].solved == 0:
                 c.trees[tree].pressed = 0
@@ -246,7 +245,6 @@ def simulate_rest(scene: Scene, m: Machine, most_impacts: int) -> tuple[int, int
     """Move the simulated bodies in no group; ends the frame of the simulated loop. Returns impacts and flags."""
     impacts, flags = end_frame(m.simulated, most_impacts, m.coupled.solve.any_awake == 1)
     for tree in range(len(scene.trees.role)):
-        m.workspace.work.ignored[tree] = 0
         if m.driven.prescription[tree] == PRESCRIBED:
             m.driven.prescription[tree] = WAS_PRESCRIBED
         if scene.trees.role[tree] == SIMULATED:

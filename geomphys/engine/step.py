@@ -157,11 +157,19 @@ def keep_poses(scene: Scene, m: Machine) -> None:
 
 @outlined
 def drive(
-    scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float, first: bool, params: StepParameters
+    scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float, together: bool, params: StepParameters
 ) -> Outcome:
-    """The driven loop: moves driven bodies to the roots (T, 7) and angles (Q,) recorded `dt` [s] later."""
+    """The driven loop: moves driven bodies to the roots (T, 7) and angles (Q,) recorded `dt` [s] later.
+
+    `together`: they were moved together with the simulated ones, which they need not avoid then.
+    """
     note_simulated(scene, m)
+    ignored = m.workspace.work.ignored
+    for tree in range(len(ignored)):
+        ignored[tree] = 1 if together and scene.trees.role[tree] == SIMULATED else 0
     done = update_by_method(scene, m, params.method, roots, angles, dt)
+    for tree in range(len(ignored)):
+        ignored[tree] = 0
     shift_driven(scene, m)
     return done
 
@@ -209,7 +217,7 @@ def step(
             if m.coupled.solve.lost > 0:
                 flags |= FLAG_TABLE_FULL
         simulating += cycles() - t3
-        done = combine(done, drive(scene, m, now_at, joint_values, dt / parts, first, params))
+        done = combine(done, drive(scene, m, now_at, joint_values, dt / parts, moves, params))
         flags |= contain_driven(scene, m, now_at, joint_values, first)
         t3 = cycles()
         if moves:
