@@ -154,12 +154,23 @@ def begin_with_forces(sim: Simulation, c: Coupled, h: float) -> None:
 
 
 @kernel
-def touching_points(sim: Simulation, a: int, b: int) -> int:
-    """Number of touching rows of two bodies."""
+def nearest_clearance(sim: Simulation, a: int, b: int) -> float:
+    """Clearance of the nearest row of two bodies [m]; inf: they have none."""
+    nearest = math.inf
+    for k in range(sim.counts.rows):
+        r = sim.rows[k]
+        if r.a == a and r.b == b:
+            nearest = min(nearest, r.clearance)
+    return nearest
+
+
+@kernel
+def points_within(sim: Simulation, a: int, b: int, clearance: float) -> int:
+    """Number of rows of two bodies that are no farther apart than a clearance [m]."""
     count = 0
     for k in range(sim.counts.rows):
         r = sim.rows[k]
-        if r.a == a and r.b == b and r.clearance <= sim.frame.touch:
+        if r.a == a and r.b == b and r.clearance <= clearance:
             count += 1
     return count
 
@@ -168,16 +179,21 @@ def touching_points(sim: Simulation, a: int, b: int) -> int:
 def squeeze_harder(scene: Scene, sim: Simulation, c: Coupled, h: float) -> None:
     """Let driven links press what they touch by K times `squeeze` more, with their joints, or the root of a tree without any.
 
-    As if they were recorded that much deeper; the force of a link is distributed over its points.
+    As if they were recorded that much deeper: a link that is a clearance short of touching is drawn by K times what `squeeze`
+    is more than that, which counts where another link of its tree is pressed. The force of a link is distributed over its
+    nearest points.
     """
     for k in range(sim.counts.rows):
         r = sim.rows[k]
         tree = sim.bodies[r.b].tree
-        if sim.bodies[r.b].role != DRIVEN or scene.trees.squeeze[tree] == 0.0 or r.clearance > sim.frame.touch:
+        if sim.bodies[r.b].role != DRIVEN or scene.trees.squeeze[tree] == 0.0:
             continue
-        if math.isinf(scene.trees.stiffness[tree]):
+        reach = max(sim.frame.touch, nearest_clearance(sim, r.a, r.b))
+        short = reach if reach > sim.frame.touch else 0.0
+        if r.clearance > reach or short >= scene.trees.squeeze[tree] or math.isinf(scene.trees.stiffness[tree]):
             continue
-        force = scene.trees.stiffness[tree] * scene.trees.squeeze[tree] / touching_points(sim, r.a, r.b)
+        deeper = scene.trees.squeeze[tree] - short
+        force = scene.trees.stiffness[tree] * deeper / points_within(sim, r.a, r.b, reach)
         joints = False
         for e in range(r.first_effect, r.end_effect):
             joints = joints or c.effects[e].unknown >= 3 * len(scene.trees.role)
@@ -186,6 +202,16 @@ def squeeze_harder(scene: Scene, sim: Simulation, c: Coupled, h: float) -> None:
             if joints == (effect.unknown >= 3 * len(scene.trees.role)):
                 x = c.unknowns[effect.unknown]
                 x.solved -= effect.speed[0] * x.inverse_mass * h * force
+
+
+@kernel
+def largest_squeeze(scene: Scene, c: Coupled) -> float:
+    """Largest `squeeze` of the driven trees of the group [m]."""
+    largest = 0.0
+    for tree in range(len(scene.trees.role)):
+        if solves(scene, c, tree) and math.isfinite(scene.trees.stiffness[tree]):
+            largest = max(largest, scene.trees.squeeze[tree])
+    return largest
 
 
 @outlined
@@ -370,7 +396,7 @@ def advance_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt
         while t < end:
             h = end - t
             pose_driven_trees(scene, m, roots, angles, t, h, dt)
-            margin = max(MARGIN, MARGIN_STEPS * fastest_motion(scene, m, h))
+            margin = max(MARGIN, MARGIN_STEPS * fastest_motion(scene, m, h), largest_squeeze(scene, m.coupled))
             find_rows(scene, m, t, h, margin)
             find_limits(scene, m, t, h, margin)
             impacts += resolve_impacts(scene, m, h)

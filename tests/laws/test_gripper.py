@@ -55,9 +55,13 @@ def write_fingers(path: Path) -> None:
 
 def grip(
     folder: Path, mode: str, *, rate: int = 60, squeeze: float = 0.005, seconds: float = 3.0, effort: float = 100.0,
-    mimic: bool = False, about: tuple[float, float, float] = (0.0, 0.0, 0.0), keys: str = "", along: float = 0.0,
+    mimic: bool = False, about: tuple[float, float, float] = (0.0, 0.0, 0.0), keys: str = "",
+    along: float = 0.0, less: float = 0.0,
 ) -> Grasp:  # fmt: skip
-    """It closes on a cube by 1 s, deeper than its surface by `squeeze`, lifts it 20 cm by 2.3 s; then turns or carries it."""
+    """It closes on a cube by 1 s, deeper than its surface by `squeeze`, lifts it 20 cm by 2.3 s; then turns or carries it.
+
+    The right finger closes by `less` [m] than the left one.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     write_gripper(folder / "gripper.urdf", effort, mimic)
     avatar = (
@@ -74,7 +78,10 @@ def grip(
         closed = ramp(t, 0.3, 1.0, 0.055 - HALF + squeeze)
         names = ("slide_left",) if mimic else ("slide_left", "slide_right")
         items.append(pose("/root", 1.0 + t, [float(x) for x in (*at, *turn.as_quat())]))
-        items.append(joints("/joints", 1.0 + t, dict.fromkeys(names, closed)))
+        ways = dict.fromkeys(names, closed)
+        if less != 0.0:
+            ways["slide_right"] = min(closed, 0.055 - HALF + squeeze - less)
+        items.append(joints("/joints", 1.0 + t, ways))
     write_log(folder / "log.mcap", items, encoding="protobuf")
     world = load_world(folder / "scene.toml")
     return Grasp(
@@ -144,3 +151,24 @@ def test_squeeze_presses_as_if_it_had_been_recorded_deeper(tmp_path: Path, recor
     done = grip(tmp_path, "chains", squeeze=recorded, keys="squeeze = 0.006")
     assert done.force(done.left, 3.0) == pytest.approx(1000 * (recorded + 0.006), rel=0.01)
     assert done.slip(1.25, 3.0) < SLIP
+
+
+@pytest.mark.parametrize("rate", [30, 60, 240])
+def test_squeeze_reaches_what_a_finger_beside_one_that_touches_was_recorded_short_of(tmp_path: Path, rate: int) -> None:
+    """Left recorded 0.2 mm inside, right 0.45 mm short, of a cube that friction with the floor keeps where it is.
+
+    The root yields by d: with 0.5 mm more they press with 0.7 N - K d and 0.05 N + K d, which differ by K d.
+    """
+    done = grip(tmp_path, "chains", rate=rate, squeeze=0.0002, less=0.00065, keys="squeeze = 0.0005", seconds=1.3)
+    assert done.run.drift("thing")[0] < 1e-5
+    assert done.force(done.left, 1.25) == pytest.approx(0.7 - 0.65 / 3, rel=0.02)
+    assert done.force(done.right, 1.25) == pytest.approx(0.05 + 0.65 / 3, rel=0.02)
+
+
+def test_squeeze_leaves_a_hand_that_touches_nothing_as_it_was_recorded(tmp_path: Path) -> None:
+    done = grip(tmp_path, "chains", squeeze=-0.001, keys="squeeze = 0.006", seconds=1.5)
+    for result in done.run.results:
+        for name in ("gripper/left", "gripper/right"):
+            body = done.run.world.body_names.index(name)
+            np.testing.assert_array_equal(result.corrected[body], result.recorded[body])
+    assert done.run.path("thing")[-1, 2] == pytest.approx(HALF, abs=1e-5)
