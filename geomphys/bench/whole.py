@@ -15,12 +15,11 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from mcap.writer import Writer
-
 from geomphys.bench.experiments import ExperimentFiles
 from geomphys.bench.report import BatchTime, ProcessTime, Share
 from geomphys.errors import GeomphysError
 from geomphys.output.input_copy import MessageCopy
+from geomphys.output.mcap_writer import McapWriter
 from geomphys.output.output_log import open_output
 from geomphys.recording.reader import RawMessage, open_log
 from geomphys.storage.child_process import ending_with_this_process
@@ -102,11 +101,11 @@ def cut_clips(log: Path, folder: Path, count: int) -> float:
     parts = [part for part in parts if part and _span_ns(part) > CLIP_NS // 2]
     for number, part in enumerate(parts[:count]):
         with (folder / f"clip_{number:05}.mcap").open("wb") as stream:
-            writer, messages = Writer(stream), MessageCopy(channels)
-            writer.start(library="geomphys bench")
+            writer, messages = McapWriter(stream), MessageCopy(channels)
+            writer.start(profile="", library="geomphys bench")
             for message in part:
                 messages.add(message, writer)
-            writer.finish()  # type: ignore[no-untyped-call]  # the package has no annotation there
+            writer.finish()
     for number in range(len(parts), count):
         shutil.copyfile(folder / f"clip_{number % len(parts):05}.mcap", folder / f"clip_{number:05}.mcap")
     return sum(_span_ns(parts[number % len(parts)]) * 1e-9 for number in range(count))
