@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,9 +16,6 @@ from geomphys.jit.packed_records import pack
 from geomphys.numerics.transforms import compose, frame_from_matrix, matrix_from_frame
 from geomphys.recording.point_measures import measure_points
 from geomphys.scene.arrays import Floats
-from geomphys.scene.assembly import assemble, exclude_pairs
-from geomphys.scene.decomposition import Progress
-from geomphys.scene.scaled_urdf import scaled_urdf
 from geomphys.scene.scene_cache import cache_world, load_cached_world
 from geomphys.scene.scene_file import load_scene_file
 from geomphys.scene.source_files import tracked_sources
@@ -25,6 +23,9 @@ from geomphys.scene.world import World
 from geomphys.storage.cache import user_cache_folder
 from geomphys.storage.output_file import write_file
 from geomphys.storage.remote_files import AnyPath, as_path, is_remote
+
+if TYPE_CHECKING:
+    from geomphys.scene.decomposition import Progress
 
 ZERO_POSE_CLEARANCE = 5e-6
 """m; bodies closer than this in the zero pose count as overlapping there."""
@@ -70,6 +71,8 @@ def load_world(
 
 
 def _load(path: AnyPath, mode: str | None, seed: int, progress: Progress | None) -> World:
+    from geomphys.scene.assembly import assemble, exclude_pairs  # a world from the cache needs none of it
+
     world = assemble(load_scene_file(path), path, mode=mode, seed=seed, progress=progress)
     return exclude_pairs(world, zero_pose_overlaps(world))
 
@@ -92,6 +95,9 @@ def scaled_to_log(log: AnyPath, world: World, config: Config, *, progress: Progr
     scales = {name: m for name, m in measures.items() if m.links}
     if not scales:
         return world
+    from geomphys.scene.assembly import assemble, exclude_pairs
+    from geomphys.scene.scaled_urdf import scaled_urdf
+
     folder, tables = user_cache_folder("urdfs"), []
     for table in world.file.avatar:
         if table.name in scales:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from geomphys.collision.support import core_of, radius_of, shapes_of, support
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.jit.packed_records import pack
+from geomphys.numerics.quantiles import median
 from geomphys.numerics.vec3 import neg
 from geomphys.scene.arrays import CAPSULE, CYLINDER, SPHERE, Pieces, Scene
 
@@ -75,7 +76,7 @@ def make_boxes(scene: Scene, frames: Floats) -> Boxes:
         update_boxes(packed[0], frames, packed[1], tree)
     still = np.flatnonzero(scene.trees.moving == 0)
     width = boxes.tree_high[still, 0] - boxes.tree_low[still, 0]
-    narrow = width <= WIDE * np.median(width) if len(still) else np.zeros(0, bool)
+    narrow = width <= WIDE * median(width) if len(still) else np.zeros(0, bool)
     ordered = still[narrow][np.argsort(boxes.tree_low[still[narrow], 0], kind="stable")]
     return boxes._replace(
         sorted_still=ordered,

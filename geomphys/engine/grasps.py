@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from geomphys.numerics.quantiles import median
 from geomphys.numerics.transforms import apply, matrix_from_pose
 from geomphys.results import HELD_FOR, Contacts, FrameResult, Grasp, ResultColumns
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
@@ -167,7 +168,7 @@ class GraspMeter:
                 held_s=seen.held_s,
                 lifted_m=seen.lifted if seen.held_s > 0.0 else 0.0,
                 dropped=seen.dropped,
-                grip_force_n=float(np.median(seen.grip_forces or seen.touch_forces)),
+                grip_force_n=median(seen.grip_forces or seen.touch_forces),
                 margin=min([seen.margin, *(margin for _, margin in seen.latest)]),
             )
             for body, seen in self._bodies.items()

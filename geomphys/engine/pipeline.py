@@ -22,6 +22,7 @@ from geomphys.engine.state import NEAR_PAIRS, Method, StepParameters, make_machi
 from geomphys.engine.step import Recording, run_block, run_block_as_published
 from geomphys.errors import GeomphysError
 from geomphys.jit.packed_records import pack
+from geomphys.jit.stage_clock import start_clock
 from geomphys.numerics.motion_rates import MotionMeter
 from geomphys.results import FLAG_CATCHING_UP, Frame, Grasp, ResultColumns
 from geomphys.scene.arrays import DRIVEN, Scene
@@ -51,6 +52,7 @@ class Pipeline:
     """
 
     def __init__(self, world: World, config: Config, weights: Weights = WEIGHTS) -> None:
+        start_clock()
         self.world = world
         links = links_of(world, weights.base)
         self.machine = make_machine(world.scene, config.max_iterations, thumbs_of(world), weights, links)

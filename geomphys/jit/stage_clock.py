@@ -27,10 +27,16 @@ def cycles() -> int:
 
 
 @lru_cache(maxsize=1)
-def ns_per_cycle() -> float:
-    """Nanoseconds per count of `cycles`, measured once over 20 ms."""
+def start_clock() -> tuple[int, int]:
+    """Time [ns] and `cycles` of the first call: `ns_per_cycle` is measured from there."""
     cycles()
-    start_ns, start = time.perf_counter_ns(), cycles()
+    return time.perf_counter_ns(), cycles()
+
+
+@lru_cache(maxsize=1)
+def ns_per_cycle() -> float:
+    """Nanoseconds per count of `cycles`, measured once, over at least 20 ms."""
+    start_ns, start = start_clock()
     while time.perf_counter_ns() - start_ns < 20_000_000:
         pass
     return (time.perf_counter_ns() - start_ns) / max(cycles() - start, 1)

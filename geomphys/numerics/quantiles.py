@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,7 +83,17 @@ class Quantiles:
         """Return the middle value; of an even number the mean of the two in the middle (the lower one once binned)."""
         if self._bins is not None or self.count == 0:
             return self.quantile(0.5)
-        return float(np.median(self._values[: self.count]))
+        return median(self._values[: self.count])
+
+
+def median(values: NDArray[np.float64] | Sequence[float]) -> float:
+    """Middle of n > 0 numbers, of an even number of them the mean of the two in the middle.
+
+    As `numpy.median`, which at its first call imports the masked arrays of numpy.
+    """
+    middle = len(values) // 2
+    ordered = np.partition(values, [middle - 1, middle])
+    return float(ordered[middle] if len(values) % 2 else (ordered[middle - 1] + ordered[middle]) / 2)
 
 
 def _value(index: int) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 from geomphys.collision.scratch import Scratch
 from geomphys.collision.support import pose_pieces
 from geomphys.collision.sweep import local_boxes
+from geomphys.numerics.quantiles import median
 from geomphys.scene.arrays import HULL, SIMULATED, SPHERE, Floats, Scene
 from geomphys.simulated.state import (
     AABB,
@@ -152,7 +153,7 @@ def make_simulation(
     moves = kinds["moves"] == 1
     still = np.flatnonzero(~moves & np.isfinite(hulls["low"][:, 0]))
     width = (hulls["high"] - hulls["low"])[still, 0]
-    narrow = width <= WIDE * np.median(width) if len(still) else np.zeros(0, bool)
+    narrow = width <= WIDE * median(width) if len(still) else np.zeros(0, bool)
     ordered = still[narrow][np.argsort(hulls["low"][still[narrow], 0], kind="stable")]
     possible = len(boxes) * int(np.isin(scene.pieces.body, free).sum())
     pairs, points = max(1, min(capacity.pairs, possible)), max(4, min(capacity.points, 4 * possible))
