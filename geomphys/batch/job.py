@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
 import shutil
 import time
 import traceback
@@ -29,6 +30,8 @@ STOP = "stop"
 
 POLL_S = 0.2
 """s; interval between checks for `STOP`."""
+GC_THRESHOLD = 50_000
+"""Allocations between garbage collections of a worker; the default is 700."""
 REMOTE_POLL_S = 5.0
 """s; the same for a folder behind a URL."""
 
@@ -146,8 +149,13 @@ _preloaded_worlds: dict[str, World] = {}
 
 
 def preload_world(world: World) -> None:
-    """Make a world available to the jobs of this process, which then need not load its meshes."""
+    """Make a world available to the jobs of this process, which then need not load its meshes.
+
+    What is loaded by now stays: garbage is looked for in what comes after it, and seldom.
+    """
     _preloaded_worlds[sha256_of_world(world)] = world
+    gc.freeze()
+    gc.set_threshold(GC_THRESHOLD, 20, 20)
 
 
 @lru_cache(maxsize=2)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from geomphys.engine.missed_motion import MissedMotion
 from geomphys.engine.state import NEAR_PAIRS, Method, StepParameters, make_machine
 from geomphys.engine.step import Recording, run_block, run_block_as_published
 from geomphys.errors import GeomphysError
-from geomphys.jit.packed_records import pack
+from geomphys.jit.packed_records import Pack, pack
 from geomphys.jit.stage_clock import start_clock
 from geomphys.numerics.motion_rates import MotionMeter
 from geomphys.results import FLAG_CATCHING_UP, Frame, Grasp, ResultColumns
@@ -45,6 +46,13 @@ class Chunk:
     is_last: bool = False
 
 
+@lru_cache(maxsize=1)
+def _packed_scene(world: World) -> Pack:
+    """The scene of a world as kernels take it: made once for all replays of a batch."""
+    packed: Pack = pack(world.scene)
+    return packed
+
+
 class Pipeline:
     """A scene with its state: takes frames and yields results.
 
@@ -62,7 +70,7 @@ class Pipeline:
             method, self._run_block = Method(None, pack(paper)), run_block_as_published
         self.params = StepParameters(config.gap, config.max_impacts, method)
         self.blocks = [self._make_block() for _ in range(2)]
-        self._packed = pack(world.scene), pack(self.machine)
+        self._packed = _packed_scene(world), pack(self.machine)
         self._packed_blocks = {id(block): pack(block) for block in self.blocks}
         self._last_ns: int | None = None
         self._reporter = FrameReporter()

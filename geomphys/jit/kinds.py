@@ -76,8 +76,13 @@ def kind_of(value: Any) -> Kind:
 
 def kind_of_dtype(dtype: np.dtype[Any]) -> Kind:
     """Kind of the elements of an array."""
+    return _kind_of_dtype(dtype, dtype.isalignedstruct)  # types that differ in that alone are equal
+
+
+@lru_cache(maxsize=256)
+def _kind_of_dtype(dtype: np.dtype[Any], is_aligned: bool) -> Kind:
     if dtype.fields is not None:
-        return ("record", plain_dtype(dtype), dtype.isalignedstruct)
+        return ("record", plain_dtype(dtype), is_aligned)
     scalar = _SCALARS.get(dtype.type)
     if scalar is None or not dtype.isnative:
         raise TypeError(f"arrays of {dtype} are a type that kernels do not take")

@@ -49,6 +49,7 @@ class Block(NamedTuple):
 
     data: Bytes
     present: Flags | None = None  # (n or 1, w or 1) mask of bytes that are written; None: all
+    lengths: Ints | None = None  # (n or 1,) bytes that are written of each row, where they are known
 
 
 class Rows:
@@ -76,13 +77,19 @@ class Rows:
         def taken(part: Any) -> Any:
             return part if part is None or len(part) == 1 else part[index]
 
-        return Rows([Block(taken(block.data), taken(block.present)) for block in self.blocks])
+        return Rows([Block(*map(taken, block)) for block in self.blocks])
 
     def lengths(self) -> Ints:
         """Bytes (n,) of each row, those that follow included; (1,) if all are the same."""
-        total = np.zeros(1, np.int64) if self.following is None else self.following
-        for data, present in self.blocks:
-            if present is None:
+        own = self._own_lengths()
+        return own if self.following is None else own + self.following
+
+    def _own_lengths(self) -> Ints:
+        total = np.zeros(1, np.int64)
+        for data, present, lengths in self.blocks:
+            if lengths is not None:
+                total = total + lengths
+            elif present is None:
                 total = total + data.shape[1]
             elif present.shape[1] == data.shape[1]:
                 total = total + present.sum(axis=1)
@@ -105,7 +112,7 @@ class Rows:
         if mask is None:
             flat, ends = data.tobytes(), np.arange(1, self.count + 1) * width
         else:
-            flat, ends = data[mask].tobytes(), np.cumsum(np.count_nonzero(mask, axis=1))
+            flat, ends = data[mask].tobytes(), np.cumsum(np.broadcast_to(self._own_lengths(), self.count))
         ends = np.concatenate([[0], ends])
         if counts is not None:
             ends = ends[np.concatenate([[0], np.cumsum(counts)])]
@@ -122,7 +129,8 @@ def strings(texts: Sequence[bytes]) -> Rows:
     """A row for each text."""
     width = max(map(len, texts), default=0)
     padded = np.frombuffer(b"".join(text.ljust(width, b"\0") for text in texts), np.uint8).reshape(len(texts), width)
-    return Rows([Block(padded, np.arange(width) < np.array([len(text) for text in texts], np.int64)[:, None])])
+    lengths = np.array([len(text) for text in texts], np.int64)
+    return Rows([Block(padded, np.arange(width) < lengths[:, None], lengths)])
 
 
 def array_rows(values: NDArray[Any]) -> Rows:
@@ -185,7 +193,15 @@ def _varints(values: Ints, is_there: Flags | None) -> Iterable[Block]:
     present = shifted != 0
     present[:, 0] = True
     data[:, :-1] |= present[:, 1:].astype(np.uint8) << 7
-    yield Block(data, (None if present.all() else present) if is_there is None else present & is_there)
+    if is_there is not None:
+        present = present & is_there
+    elif present.all():
+        yield Block(data)
+        return
+    lengths = np.zeros(len(present), np.int64)
+    for column in present.T:  # few of them, of many rows
+        lengths += column
+    yield Block(data, present, lengths)
 
 
 class _Field(NamedTuple):

@@ -62,6 +62,7 @@ class LogPass:
                 self.default_angles[column], self.recorded[column] = value, True
         self.lower = np.where(self.recorded, scene.dofs.lower, -np.inf)
         self.upper = np.where(self.recorded, scene.dofs.upper, np.inf)
+        self._least, self._most = self.lower - LIMIT_SLACK, self.upper + LIMIT_SLACK
         self.min_angles, self.max_angles = (
             np.full_like(self.default_angles, np.inf),
             np.full_like(self.default_angles, -np.inf),
@@ -257,7 +258,7 @@ class LogPass:
         """Count angles outside of their limits, and clamp them if configured; returns the frame's flags."""
         np.minimum(self.min_angles, angles, out=self.min_angles)
         np.maximum(self.max_angles, angles, out=self.max_angles)
-        outside = (angles < self.lower - LIMIT_SLACK) | (angles > self.upper + LIMIT_SLACK)
+        outside = (angles < self._least) | (angles > self._most)
         if not outside.any():
             return 0
         self.outside_frames += outside

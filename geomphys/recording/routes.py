@@ -152,6 +152,7 @@ class _ColumnMap:
 
     source: Ints
     target: Ints
+    is_whole: bool  # every column is written, in its order
 
 
 class JointRoute:
@@ -223,10 +224,19 @@ class JointRoute:
             column_map = self._make_column_map(names)
         if self.stream is None or len(sample) == 0 or len(column_map.source) == 0:
             return True
+        values = np.array(sample, dtype=np.float64)[column_map.source]
+        if column_map.is_whole:
+            values *= self.scale
+            values += self.offsets
+            good = np.abs(values) < VALUE_LIMIT
+            if good.all():
+                self.stream.add(time, values)
+                return True
+        else:
+            values *= self.scale[column_map.target]
+            values += self.offsets[column_map.target]
+            good = np.abs(values) < VALUE_LIMIT
         row = np.full(len(self.columns), np.nan)
-        values = np.array(sample, dtype=np.float64)[column_map.source] * self.scale[column_map.target]
-        values += self.offsets[column_map.target]
-        good = np.abs(values) < VALUE_LIMIT
         if good.all():
             row[column_map.target] = values
             self.stream.add(time, row)
@@ -245,8 +255,11 @@ class JointRoute:
             if column is not None and column in self.index_of_column:
                 index_of_column.setdefault(self.index_of_column[column], i)
         add_names(self.names, names)
+        target = np.array(list(index_of_column), dtype=np.int64)
         column_map = _ColumnMap(
-            np.array(list(index_of_column.values()), dtype=np.int64), np.array(list(index_of_column), dtype=np.int64)
+            np.array(list(index_of_column.values()), dtype=np.int64),
+            target,
+            np.array_equal(target, np.arange(len(self.columns))),
         )
         if len(self._column_maps) >= MAX_COLUMN_MAPS:
             self._column_maps.clear()

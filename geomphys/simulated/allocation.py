@@ -49,12 +49,13 @@ def piece_local_boxes(scene: Scene) -> Records:
     pieces = scene.pieces
     boxes = np.zeros(len(pieces.kind), LOCAL_BOX)
     boxes["centre"], boxes["half"] = local_boxes(pieces)
-    for i, kind in enumerate(pieces.kind):
-        if kind == HULL:
-            corners = pieces.vertices[pieces.vertex_start[i] : pieces.vertex_start[i + 1]]
-            boxes["radius"][i] = np.linalg.norm(corners - boxes["centre"][i], axis=1).max()
-        else:
-            boxes["radius"][i] = pieces.reach[i]
+    starts, counts = pieces.vertex_start[:-1], np.diff(pieces.vertex_start)
+    corners = pieces.vertices[: pieces.vertex_start[-1]]
+    distances = np.linalg.norm(corners - np.repeat(boxes["centre"], counts, axis=0), axis=1)
+    hulls = np.flatnonzero((pieces.kind == HULL) & (counts > 0))
+    boxes["radius"] = pieces.reach
+    for hull, start, end in zip(hulls, starts[hulls].tolist(), (starts + counts)[hulls].tolist(), strict=True):
+        boxes["radius"][hull] = distances[start:end].max()
     return boxes
 
 
