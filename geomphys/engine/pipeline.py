@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from geomphys.engine.missed_motion import MissedMotion
 from geomphys.engine.state import NEAR_PAIRS, Method, StepParameters, make_machine
 from geomphys.engine.step import Recording, run_block, run_block_as_published
 from geomphys.errors import GeomphysError
-from geomphys.jit.packed_records import Pack, pack
+from geomphys.jit.packed_records import pack
 from geomphys.jit.stage_clock import start_clock
 from geomphys.numerics.motion_rates import MotionMeter
 from geomphys.results import FLAG_CATCHING_UP, Frame, Grasp, ResultColumns
@@ -47,10 +48,9 @@ class Chunk:
 
 
 @lru_cache(maxsize=1)
-def _packed_scene(world: World) -> Pack:
+def _packed_scene(world: World) -> Any:
     """The scene of a world as kernels take it: made once for all replays of a batch."""
-    packed: Pack = pack(world.scene)
-    return packed
+    return pack(world.scene)
 
 
 class Pipeline:
