@@ -151,7 +151,7 @@ _preloaded_worlds: dict[str, World] = {}
 def preload_world(world: World) -> None:
     """Make a world available to the jobs of this process, which then need not load its meshes.
 
-    What is loaded by now stays: garbage is looked for in what comes after it, and seldom.
+    What is loaded by now stays: garbage is collected among what comes after it, and seldom.
     """
     _preloaded_worlds[sha256_of_world(world)] = world
     gc.freeze()
