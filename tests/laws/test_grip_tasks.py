@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geomphys.results import FLAG_SWEEP_BOUND
 from tests.laws.grip_tasks import (
     GRIPPED,
     HELD,
@@ -95,16 +94,6 @@ def test_the_hand_presses_as_its_springs_are_set(tmp_path: Path) -> None:
 
 def test_the_shipped_hand_holds_a_ball(tmp_path: Path) -> None:
     check(grip_task(tmp_path, "hand", "ball", 0.005, 0.8), slip=1e-5)
-
-
-def test_what_many_contacts_press_hard_neither_slips_nor_creeps(tmp_path: Path) -> None:
-    """Forces of ten points on a light cube settle slowly: left unsettled it crept by 0.3 mm/s, below the limit of friction."""
-    done = grip_task(tmp_path, "hand", "cube", 0.015, 1.0, end=4.5)
-    slips = done.slips()
-    assert done.slip(slips, GRIPPED, 4.5) < 5e-5
-    assert done.slip(slips, RESTED, 4.5) < 5e-6
-    unsettled = sum(1 for r in done.run.results if r.metrics.flags & FLAG_SWEEP_BOUND)
-    assert unsettled < 0.05 * len(done.run.results)
 
 
 @pytest.mark.slow

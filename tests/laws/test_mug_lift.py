@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from geomphys.engine.grasps import GraspMeter
 from geomphys.load import load_world
 from geomphys.replays import replay
-from geomphys.results import Grasp
+from geomphys.results import FLAG_SWEEP_BOUND, Grasp
 from tests.laws.replayed import GRAVITY, Run
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -65,8 +65,20 @@ def test_it_hangs_upright_on_the_fingers_that_go_through_its_handle(
     assert impulse[2] > weight  # it lies on the fingers: their normal forces carry it without friction
 
 
-def test_it_neither_slips_nor_creeps(lifted: tuple[Run, tuple[Grasp, ...], list[str]]) -> None:
+def test_it_does_not_slip(lifted: tuple[Run, tuple[Grasp, ...], list[str]]) -> None:
     run, _, _ = lifted
-    slips = run.slips("mug")
-    assert run.farthest_slip(slips, slice(FROM, UNTIL)) < 3e-4
-    assert run.farthest_slip(slips, STILL) / ((STILL.stop - STILL.start) / RATE) < 1e-4
+    assert run.farthest_slip(run.slips("mug"), slice(FROM, UNTIL)) < 3e-4
+
+
+def test_what_many_contacts_carry_does_not_creep(lifted: tuple[Run, tuple[Grasp, ...], list[str]]) -> None:
+    """Forces of seven points that need friction settle slowly: left at 50 plain sweeps a step it crept by 1.1 mm/s, unflagged."""
+    run, _, _ = lifted
+    mug, points = run.world.body_names.index("mug"), []
+    for result in run.results[STILL]:
+        c = result.contacts
+        points.append(int((((c.body_a == mug) | (c.body_b == mug)) & (c.normal_impulse > 0.0)).sum()))
+    assert np.median(points) >= 6
+    creep = run.farthest_slip(run.slips("mug"), STILL) / ((STILL.stop - STILL.start) / RATE)
+    assert creep < 1e-4
+    unsettled = sum(1 for r in run.results if r.metrics.flags & FLAG_SWEEP_BOUND)
+    assert unsettled < 0.02 * len(run.results)
