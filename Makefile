@@ -68,7 +68,7 @@ fuzz: $(VENV)/.fuzz
 bench: $(VENV)/.bench
 	$(BIN)/geomphys bench
 
-figures: $(VENV)/.plots
+figures: $(VENV)/.plots $(VENV)/.bench
 	$(BIN)/python assets/make_figures.py
 
 methods: $(VENV)/.plots

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import textwrap
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -101,3 +103,26 @@ def draw_times(experiment: Experiment, first: int, times_us: np.ndarray, out: Pa
         axis.set_ylabel("frame time [µs]")
         axis.xaxis.set_major_formatter(lambda value, _: f"{value:,.0f}")
         figure.savefig(out, format="png", metadata={"Software": None}, facecolor="white")
+
+
+def draw_curves(curves: Mapping[str, Mapping[str, np.ndarray]], seconds: np.ndarray, out: Path) -> None:
+    """Curves over time (n,) [s] beside each other: for each label of a y axis, values (n,) by name; NaN where there are none."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    style = {"font.size": 8.0, "axes.spines.top": False, "axes.spines.right": False, "svg.hashsalt": "geomphys"}
+    with mpl.rc_context(style):
+        figure = Figure(figsize=(9.66, 2.3), dpi=100, layout="constrained")
+        for axis, (label, named) in zip(figure.subplots(1, len(curves)), curves.items(), strict=True):
+            for (name, values), colour in zip(named.items(), ("#23527c", "#c07020"), strict=True):
+                axis.plot(seconds, values, color=colour, linewidth=1.0, label=name)
+            axis.set_xlabel("time [s]")
+            axis.set_ylabel(label)
+            axis.set_xlim(seconds[0], seconds[-1])
+            axis.legend(frameon=False, fontsize=7.5)
+        figure.savefig(out, format="png", metadata={"Software": None}, facecolor="white")
+
+
+def wrapped(text: str) -> list[str]:
+    """Lines of at most 120 characters."""
+    return textwrap.wrap(text, 120, break_long_words=False, break_on_hyphens=False)

@@ -15,8 +15,9 @@ import numpy as np
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 
-from figure_drawing import before_and_after, draw_times  # noqa: E402
+from figure_drawing import before_and_after, draw_times, wrapped  # noqa: E402
 from figure_scenes import EXPERIMENTS, PAPER, Experiment  # noqa: E402
+from grip_figures import GRIP_FIGURES, grip_section  # noqa: E402
 
 from geomphys.bench.experiments import experiment_files, load_experiment  # noqa: E402
 from geomphys.bench.machine import describe_machine  # noqa: E402
@@ -35,15 +36,25 @@ def main() -> None:
     """Write page and pictures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=HERE / "docs", help="folder of the page")
-    parser.add_argument("--only", action="append", default=[], help="name of an experiment; leaves the page as it is")
+    parser.add_argument(
+        "--only",
+        action="append",
+        default=[],
+        help="name of an experiment; prints its section, leaves the page as it is",
+    )
     parser.add_argument("--repeats", type=int, default=REPEATS)
     given = parser.parse_args()
     (given.out / "pictures").mkdir(parents=True, exist_ok=True)
     chosen = [e for e in EXPERIMENTS if not given.only or e.name in given.only]
     sections = [section(experiment, given.out / "pictures", given.repeats) for experiment in chosen]
+    grips = [g for g in GRIP_FIGURES if not given.only or g.name in given.only]
+    if grips:
+        sections.append(grip_section(grips, given.out / "pictures", given.repeats))
     if not given.only:
         draw_video(given.out / "pictures" / "hand_mug.gif")
         (given.out / "figures.md").write_text(page([*sections, comparison()]))
+    else:
+        print("\n".join(sections))
 
 
 def section(experiment: Experiment, pictures: Path, repeats: int) -> str:
@@ -132,13 +143,6 @@ def comparison() -> str:
         "of fingertips it keeps, and the time of a frame. [What the columns mean](methods.md); `make methods` measures them."
     )
     return "\n".join(["## The published method beside ours", "", *wrapped(head), "", *table, ""])
-
-
-def wrapped(text: str) -> list[str]:
-    """Lines of at most 120 characters."""
-    import textwrap
-
-    return textwrap.wrap(text, 120, break_long_words=False, break_on_hyphens=False)
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ PICTURES = ROOT / "assets" / "docs" / "pictures"
 def scripts(monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "assets"))
     yield
-    for name in ("figure_scenes", "figure_drawing", "make_figures"):
+    for name in ("figure_scenes", "figure_drawing", "grip_figures", "make_figures"):
         sys.modules.pop(name, None)
 
 
@@ -40,6 +40,17 @@ def test_the_page_shows_every_experiment():
         for name in [f"{experiment.name}_times.png", *(f"{experiment.name}_{s.frame}.png" for s in experiment.shots)]:
             assert f"(pictures/{name})" in page, "run: make figures"
             assert (PICTURES / name).is_file(), "run: make figures"
+
+
+@pytest.mark.usefixtures("scripts")
+def test_the_page_shows_every_grip():
+    from grip_figures import GRIP_FIGURES
+
+    page = (ROOT / "assets" / "docs" / "figures.md").read_text()
+    for grip in GRIP_FIGURES:
+        assert f"| {grip.title} |" in page, "run: make figures"
+        assert f"(pictures/{grip.name}_held.png)" in page, "run: make figures"
+        assert (PICTURES / f"{grip.name}_held.png").is_file(), "run: make figures"
 
 
 @pytest.mark.usefixtures("scripts")

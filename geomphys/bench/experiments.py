@@ -29,6 +29,9 @@ BUNDLED_EXPERIMENTS = {
     "avatar_box": ("recordings/avatar_box.mcap", "assets/scenes/avatar_box.toml"),
     "hand_mug": ("recordings/hand_mug.mcap", "assets/scenes/hand_mug.toml"),
     "hand_ball": ("recordings/hand_ball.mcap", "assets/scenes/hand_ball.toml"),
+    "hand_lift": ("recordings/hand_lift.mcap", "assets/scenes/hand_lift.toml"),
+    "two_hands": ("recordings/two_hands.mcap", "assets/scenes/two_hands.toml"),
+    "gripper_cube": ("recordings/gripper_cube.mcap", "assets/scenes/gripper_cube.toml"),
 }
 """Name -> log and scene in the checkout."""
 
@@ -40,6 +43,9 @@ SHARED_EXPERIMENTS = {
     "claps": ("recordings/leap_three_claps_ros2.mcap", "checks/scenes/claps_rigid.toml"),
 }
 """Name -> log and scene in the folder of real recordings: $GEOMPHYS_SHARED, or `shared` beside the checkout."""
+
+GRIPS = ("hand_lift", "two_hands", "gripper_cube")
+"""Experiments in which driven bodies grip a simulated one: peers hold the driven bodies by the virtual coupling."""
 
 NAMES = (*BUNDLED_EXPERIMENTS, *SHARED_EXPERIMENTS)
 

@@ -32,17 +32,20 @@ class MujocoPeer:
         MuJoCo is not installed.
     """
 
+    hands = ("rigid", "jointed")
+    welded = True
+
     def __init__(self, world: World, first: FrameResult, jointed: bool) -> None:
         self._mujoco = load_mujoco()
-        self.name = f"mujoco {self._mujoco.__version__}, {'jointed' if jointed else 'rigid'}"
-        self.model = build_model(world, first.recorded, jointed)
+        self.name = f"mujoco {self._mujoco.__version__}, {self.hands[jointed]}"
+        self.model = build_model(world, first.recorded, jointed, self.welded)
         self.data = self._mujoco.MjData(self.model)
         self._start_ns = first.frame.time_ns
         self._steps = 0
         bodies, trees = world.scene.bodies, world.scene.trees
         roots = trees.body_start[:-1][trees.role == DRIVEN]
         tracked = np.flatnonzero((bodies.role == FIXED) & (trees.moving[bodies.tree] == 1))
-        self._targets: Ints = np.concatenate([roots, tracked]).astype(np.int64)
+        self._targets: Ints = np.concatenate([roots[: len(roots) * self.welded], tracked]).astype(np.int64)
         self._mocap_ids = self._ids(self.model.body_mocapid, [mocap_name(int(b)) for b in self._targets])
         links: Ints = np.flatnonzero((bodies.role == DRIVEN) & (bodies.joint != JOINT_FIXED))
         self._jointed_links: Ints = links if jointed else links[:0]
@@ -81,12 +84,21 @@ class MujocoPeer:
         """Step to the frame's time; see `Peer.frame`."""
         self._set_targets(result)
         steps = max(round((result.frame.time_ns - self._start_ns) * 1e-9 / TIMESTEP) - self._steps, 0)
-        start = time.perf_counter_ns()
-        self._mujoco.mj_step(self.model, self.data, nstep=steps)
-        ns = time.perf_counter_ns() - start
+        ns = self._advance(steps)
         self._steps += steps
         residual = self._residual()
         return PeerFrame(float(ns), steps, residual, self._tips.figures(result.recorded, self._poses(result)))
+
+    def _advance(self, steps: int) -> int:
+        """Take so many steps; returns their time [ns]."""
+        start = time.perf_counter_ns()
+        self._mujoco.mj_step(self.model, self.data, nstep=steps)
+        return time.perf_counter_ns() - start
+
+    def poses(self, result: FrameResult) -> Floats:
+        """(B, 7) of all bodies, at the frame's time; those of `result` where they are fixed."""
+        self._mujoco.mj_kinematics(self.model, self.data)
+        return self._poses(result)
 
     def _poses(self, result: FrameResult) -> Floats:
         """(B, 7) of all bodies, once kinematics are done."""

@@ -51,7 +51,7 @@ def mocap_name(body: int) -> str:
     return f"m{body}"
 
 
-def build_model(world: World, poses: Floats, jointed: bool) -> Any:
+def build_model(world: World, poses: Floats, jointed: bool, welded: bool = True) -> Any:
     """A compiled MuJoCo model of a world.
 
     Spheres, capsules, boxes and cylinders are the primitives of that name, hulls are meshes, of which MuJoCo takes the
@@ -69,6 +69,8 @@ def build_model(world: World, poses: Floats, jointed: bool) -> Any:
         (B, 7) of all bodies at the start.
     jointed
         Whether driven trees have joints.
+    welded
+        Whether the roots of driven trees are welded to mocap bodies.
 
     Raises
     ------
@@ -86,6 +88,9 @@ def build_model(world: World, poses: Floats, jointed: bool) -> Any:
     bodies: dict[int, Any] = {}
     for tree in range(len(world.scene.trees.role)):
         _add_tree(mujoco, spec, world, poses, tree, jointed, bodies)
+    if welded:
+        for root in world.scene.trees.body_start[:-1][world.scene.trees.role == DRIVEN]:
+            _add_weld(mujoco, spec, int(root), poses[root])
     _exclude(spec, world)
     model = spec.compile()
     _tune_servos(mujoco, model)
@@ -114,8 +119,6 @@ def _add_tree(
         if body == first:
             owner = spec.worldbody.add_body(name=body_name(body), pos=pose[:3], quat=_wxyz(pose[3:]))
             owner.add_freejoint()
-            if role == DRIVEN:
-                _add_weld(mujoco, spec, body, pose)
         else:
             origin = pose_from_matrix(matrix_from_frame(bodies.origin[body]))
             parent = made_bodies[int(bodies.parent[body])]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from geomphys.bench.depths import RecordedPairs, compare_depths, random_pairs
-from geomphys.bench.experiments import experiment_files, load_experiment
+from geomphys.bench.experiments import GRIPS, experiment_files, load_experiment
 from geomphys.bench.machine import compile_seconds, describe_machine, kernels_are_compiled
 from geomphys.bench.measure import PeerMaker, measure
 from geomphys.bench.report import BatchTime, Curve, DepthResult, ExperimentResult, ProcessTime, Report
@@ -112,7 +112,9 @@ def run_bench(
         has_chains = bool(
             experiment.world.scene.trees.chains.any()
         )  # a rigid hand in the other engine would not be comparable
-        applicable = engines[1:] if has_chains else engines
+        applicable = engines[1:2] if has_chains else engines[:2]
+        if source.name in GRIPS:
+            applicable = engines[2:]
         experiments.append(measure(experiment, config, repeats, applicable, pairs if depths else None))
         recorded_pairs.append(pairs.pairs())
         report()
@@ -144,10 +146,11 @@ def run_bench(
     )
 
 
-def _mujoco() -> tuple[PeerMaker, PeerMaker]:
-    """The peers for frame times, with rigid and with jointed hands; raises ConfigError if it is not installed."""
+def _mujoco() -> tuple[PeerMaker, PeerMaker, PeerMaker]:
+    """The peers for frame times, with rigid, with jointed, and with yielding hands; raises ConfigError if it is not installed."""
+    from geomphys.bench.mujoco_grip import MujocoGripPeer
     from geomphys.bench.mujoco_peer import MujocoPeer
     from geomphys.bench.mujoco_scene import load_mujoco
 
     load_mujoco()
-    return MujocoPeer.rigid, MujocoPeer.jointed
+    return MujocoPeer.rigid, MujocoPeer.jointed, MujocoGripPeer

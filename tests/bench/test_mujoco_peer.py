@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from geomphys.bench.experiments import Experiment
+from geomphys.bench.experiments import Experiment, experiment_files, load_experiment
 from geomphys.bench.measure import measure
 from geomphys.bench.scaling import slide, world_of_objects
 from geomphys.config import Config
@@ -18,6 +18,7 @@ from geomphys.scene.world import World
 
 mujoco = pytest.importorskip("mujoco")
 
+from geomphys.bench.mujoco_grip import MujocoGripPeer  # noqa: E402
 from geomphys.bench.mujoco_peer import MujocoPeer  # noqa: E402
 from geomphys.bench.mujoco_scene import body_name  # noqa: E402
 
@@ -73,6 +74,27 @@ def test_a_hand_in_the_air_follows_and_a_pressed_one_does_not_get_through(world:
     peer = MujocoPeer(world, pressed[0], jointed)
     last = [peer.frame(result) for result in pressed[1:]][-1]
     assert 0.0 < last.residual < pressed[-1].metrics.recorded_penetration_m
+    assert peer.warnings == 0
+
+
+@pytest.mark.parametrize(("softer", "lifts"), [(1.0, True), (20.0, False)])
+def test_hands_that_yield_lift_what_their_springs_press_hard_enough(softer: float, lifts: bool) -> None:
+    (files,) = experiment_files(None, ["gripper_cube"])
+    experiment = load_experiment(files, Config())
+    experiment = replace(experiment, frames=experiment.frames[:280])
+    world, cube = experiment.world, experiment.world.body_names.index("cube")
+    trees = world.scene.trees
+    soft = trees._replace(stiffness=trees.stiffness / softer, damping=trees.damping / np.sqrt(softer))
+    ours = results(experiment)
+    peer = MujocoGripPeer(replace(world, scene=world.scene._replace(trees=soft)), ours[0])
+    for result in ours[1:]:
+        peer.frame(result)
+    heights = [poses[cube, 2] - ours[0].corrected[cube, 2] for poses in (ours[-1].corrected, peer.poses(ours[-1]))]
+    assert heights[0] > 0.15
+    assert (heights[1] > 0.15) == lifts
+    jaw = world.body_names.index("gripper/left_jaw")
+    if lifts:  # pressed by the cube as far as ours is
+        assert np.linalg.norm(peer.poses(ours[-1])[jaw, :3] - ours[-1].corrected[jaw, :3]) < 0.006
     assert peer.warnings == 0
 
 
