@@ -100,12 +100,12 @@ class MujocoGripPeer(MujocoPeer):
         target, velocity = (1 - at) * last[:3] + at * next_[:3], rate * (next_[:3] - last[:3])
         data.qfrc_applied[first : first + 3] = self._stiffness[k] * (target - x) + self._damping[k] * (velocity - v)
         before, after = np.roll(last[3:], 1), np.roll(next_[3:], 1)
-        turned, omega, local = np.zeros(3), np.zeros(3), np.zeros(3)
-        mujoco.mju_subQuat(turned, after, before)  # in the frame of `before`
-        wanted = before.copy()
-        mujoco.mju_quatIntegrate(wanted, turned, at)
-        mujoco.mju_subQuat(local, wanted, data.qpos[address + 3 : address + 7])
-        omega = rate * turned
+        rotation, omega, local = np.zeros(3), np.zeros(3), np.zeros(3)
+        mujoco.mju_subQuat(rotation, after, before)  # in the frame of `before`
+        target_rotation = before.copy()
+        mujoco.mju_quatIntegrate(target_rotation, rotation, at)
+        mujoco.mju_subQuat(local, target_rotation, data.qpos[address + 3 : address + 7])
+        omega = rate * rotation
         servo = ROTATION_FREQUENCY * local + 2.0 * (omega - data.qvel[first + 3 : first + 6])
         data.qfrc_applied[first + 3 : first + 6] = self._inertia[k] * ROTATION_FREQUENCY * servo
 

@@ -19,7 +19,6 @@ from geomphys.engine.coupled_solve import (
     add_responses,
     apply,
     impulse_vector,
-    local_impulse,
     set_limit_response,
     solve_contacts,
 )
@@ -63,6 +62,7 @@ from geomphys.scene.kinematics import orientation_of, position_of
 from geomphys.simulated.contact_points import clear_impulse
 from geomphys.simulated.impulse_accumulation import give_velocity, impulse_of, note
 from geomphys.simulated.motion import move_base, orientation_at, plan, point_at, refresh
+from geomphys.simulated.settling import local_impulse
 from geomphys.simulated.state import Simulation, is_coupled, is_simulated
 
 Floats = NDArray[np.float64]

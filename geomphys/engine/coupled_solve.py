@@ -16,6 +16,7 @@ from geomphys.numerics.row_vectors import add_vec_from, set_vec, vec_at, vec_of
 from geomphys.numerics.vec3 import Vec, add, add_scaled, cross, dot, scale, sub
 from geomphys.simulated.contact_points import invert_mass, speed_at
 from geomphys.simulated.impulses import stopping_impulse
+from geomphys.simulated.settling import add_reversal, begin_row, extrapolated_impulse, local_impulse
 from geomphys.simulated.state import Row, Simulation, is_simulated
 
 SWEEPS = 50  # sweeps of a step, which warm-starts the next one
@@ -143,19 +144,10 @@ def visit(sim: Simulation, c: Coupled, r: Row, relaxation: float) -> float:
 
 
 @kernel
-def local_impulse(r: Row) -> Vec:
-    """Impulses of a row along normal, tangent and binormal [N s]."""
-    return (r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1])
-
-
-@kernel
 def begin_extrapolation(sim: Simulation, c: Coupled) -> None:
     """Restart extrapolation from the impulses of rows and limits."""
     for k in range(sim.counts.rows):
-        r = sim.rows[k]
-        j = local_impulse(r)
-        set_vec(r.swept, j)
-        set_vec(r.extrapolated, j)
+        begin_row(sim.rows[k])
     for k in range(c.solve.limits):
         g = c.limits[k]
         g.swept = g.extrapolated = g.impulse
@@ -168,10 +160,7 @@ def is_reversed(sim: Simulation, c: Coupled) -> bool:
     for k in range(sim.counts.rows):
         r = sim.rows[k]
         if r.mode == 1:
-            j = local_impulse(r)
-            gradient, change = sub(vec_of(r.extrapolated), j), sub(j, vec_of(r.swept))
-            along += gradient[0] * change[0] * r.inverse_mass_n
-            along += (gradient[1] * change[1] + gradient[2] * change[2]) * r.inverse_mass_most
+            along = add_reversal(along, r)
     for k in range(c.solve.limits):
         g = c.limits[k]
         along += (g.extrapolated - g.impulse) * (g.impulse - g.swept) * g.response
@@ -186,13 +175,7 @@ def extrapolate(sim: Simulation, c: Coupled, momentum: float) -> None:
         if r.mode != 1:
             continue
         j = local_impulse(r)
-        n, t, b = add_scaled(j, sub(j, vec_of(r.swept)), momentum)
-        n = min(r.impulse_limit, max(0.0, n))
-        size, cap = math.sqrt(t * t + b * b), r.friction * n
-        if size > cap:
-            t, b = t * cap / size, b * cap / size
-        set_vec(r.swept, j)
-        set_vec(r.extrapolated, (n, t, b))
+        n, t, b = extrapolated_impulse(r, momentum)
         if (n, t, b) != j:
             r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1] = n, t, b
             apply(sim, c, r, sub((n, t, b), j))

@@ -187,6 +187,7 @@ def make_simulation(
         old_pairs=np.zeros(pairs + 1, PAIR),
         old_pair_slots=np.zeros((pairs + 1, 4), SLOT),
         rows=np.zeros(points, ROW),
+        order=np.zeros(points, np.int64),
         velocity=np.zeros((bodies, 6)),
         displacement=np.zeros((bodies, 6)),
         island_mass=np.zeros(bodies),

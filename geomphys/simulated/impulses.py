@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel
 from geomphys.numerics.row_vectors import vec_of
 from geomphys.numerics.vec3 import dot
 from geomphys.scene.arrays import Floats
@@ -26,7 +26,6 @@ from geomphys.simulated.contact_points import apply_impulse, normal_speed, speed
 from geomphys.simulated.state import Row, Simulation, is_disabled
 
 SWEEPS = 300
-UNFELT = 0.1  # of the requested precision: smaller changes of velocity do not make a row be visited again
 PRECISION = 1e-13  # of the fastest approach: sweeps over the points of a collision end when none changes by more
 
 
@@ -148,65 +147,3 @@ def collide(sim: Simulation, velocity: Floats, elastic: float) -> None:
                 most = max(most, solve_friction(sim, velocity, k, r.friction * r.normal_impulse))
         if most <= PRECISION * fastest:
             break
-
-
-@kernel
-def disturb(sim: Simulation, body: int, visit: int) -> None:
-    """Store that visit number `visit` changed a body's velocity, if its inverse mass is not zero."""
-    if sim.motion[body].inverse_mass > 0.0:
-        sim.bodies[body].disturbed = visit
-
-
-@kernel
-def is_disturbed(sim: Simulation, r: Row) -> bool:
-    """Whether the velocities of the bodies of row `r` have changed since it was visited."""
-    last = r.visit
-    a, b = sim.bodies[r.a].disturbed, sim.bodies[r.b].disturbed
-    return a >= last or b >= last
-
-
-@outlined
-def settle(sim: Simulation, velocity: Floats, sweeps: int, precision: float) -> int:
-    """Solve all rows whose `mode` is 1 together: v_n >= `target_speed`, normal impulses >= 0, friction within its cone.
-
-    Projected sweeps over the rows (Gauss-Seidel), forwards and backwards so that forces travel up and down a stack, starting
-    from their present impulses, which must already be part of the velocities.
-    Done when no sweep changes a velocity by more than `precision` [m/s]; returns the number of sweeps made. A row whose
-    bodies have not changed since its last visit is skipped.
-    """
-    count, visit = sim.counts.rows, 0
-    for k in range(count):
-        sim.rows[k].visit = 0
-        sim.bodies[sim.rows[k].a].disturbed = 0
-        sim.bodies[sim.rows[k].b].disturbed = 0
-    for sweep in range(sweeps):
-        most = 0.0
-        for i in range(count):
-            k = i if sweep & 1 == 0 else count - 1 - i
-            r = sim.rows[k]
-            if r.mode == 1 and is_disturbed(sim, r):
-                visit += 1
-                r.visit = visit
-                change = solve_normal(sim, velocity, k)
-                cap = r.friction * r.normal_impulse
-                if cap > 0.0 or r.tangent_impulse[0] != 0.0 or r.tangent_impulse[1] != 0.0:
-                    change = max(change, solve_friction(sim, velocity, k, cap))
-                if change > UNFELT * precision:
-                    disturb(sim, r.a, visit)
-                    disturb(sim, r.b, visit)
-                most = max(most, change)
-        if most <= precision:
-            return sweep + 1
-    return sweeps
-
-
-@kernel
-def settle_normals(sim: Simulation, velocity: Floats, sweeps: int, precision: float) -> None:
-    """`settle` for the normal impulses alone: a start where friction is not known yet."""
-    for _ in range(sweeps):
-        most = 0.0
-        for k in range(sim.counts.rows):
-            if sim.rows[k].mode == 1:
-                most = max(most, solve_normal(sim, velocity, k))
-        if most <= precision:
-            return

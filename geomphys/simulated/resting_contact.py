@@ -15,14 +15,13 @@ from geomphys.numerics.vec3 import Vec, add_scaled, dot, norm, quat_conjugate, q
 from geomphys.simulated.contact_points import apply_impulse, clear_impulse, fill_masses, normal_speed, speed_at
 from geomphys.simulated.driven_paths import load_paths
 from geomphys.simulated.impulse_accumulation import commit, give_force, impulse_of
-from geomphys.simulated.impulses import exclude_disabled, settle, settle_normals
+from geomphys.simulated.impulses import exclude_disabled
 from geomphys.simulated.motion import load_velocities, orientation_at, plan
+from geomphys.simulated.settling import settle
 from geomphys.simulated.state import Simulation, has_changed, is_disabled, is_simulated
 
 SWEEPS = 400  # sweeps at most; the rest is small, and the next step starts from there
 FEW_SWEEPS = 60  # sweeps at most after an impact within the step
-STILL = 1e-11  # m/s: sweeps end when none changes a velocity by more than this, or `STILL_PART`
-STILL_PART = 1e-6  # of the fastest motion at a contact point
 APPROACH = 2e-4  # m/s: touching points that approach no faster are stopped within the step
 FAINT = 5e-3  # m/s: points that separate no faster are solved as if they did not
 WEIGHT_TIME = 0.01  # s: more than twice the longest step
@@ -70,7 +69,7 @@ def disable_squeezed(sim: Simulation) -> bool:
 
 @outlined
 def stop_slow_approach(sim: Simulation) -> None:
-    """Stop the approach at all touching points of changed bodies together, with ε = 0."""
+    """Stop the approach at all touching points of changed bodies together, with ε = 0, unless it is slower than `APPROACH`."""
     least = 0.0
     for k in range(sim.counts.rows):
         r = sim.rows[k]
@@ -80,12 +79,14 @@ def stop_slow_approach(sim: Simulation) -> None:
         r.mode = 1 if on else 0
         r.target_speed = 0.0
         if on:
-            least = min(least, normal_speed(sim.velocity, r, a, b))
+            v = normal_speed(sim.velocity, r, a, b)
+            r.speed = max(0.0, -v)
+            least = min(least, v)
     if least >= -APPROACH:
         return
     set_limits(sim)
     for _ in range(MOST_SOLVES):
-        settle(sim, sim.velocity, SWEEPS, max(STILL, -STILL_PART * least))
+        settle(sim, SWEEPS, APPROACH, False)
         if not disable_squeezed(sim):
             break
         clear_rows(sim)
@@ -94,13 +95,11 @@ def stop_slow_approach(sim: Simulation) -> None:
 
 
 @kernel
-def choose_held(sim: Simulation, h: float) -> float:
+def choose_held(sim: Simulation, h: float) -> None:
     """Mark the points that contact forces act at over the next `h` seconds, and set their target velocities.
 
     Points that do not touch, but others of their pair do, are among them if they approach below the restitution threshold.
-    Returns the fastest motion at one of them [m/s].
     """
-    fastest = 0.0
     for k in range(sim.counts.pairs):
         if has_changed(sim, sim.pairs[k].body[0]):
             sim.pairs[k].resting = 0
@@ -118,20 +117,16 @@ def choose_held(sim: Simulation, h: float) -> float:
             held = sim.pairs[r.pair].resting == 1
             slowest = -sim.frame.restitution_threshold if held else 0.0
             if clearance <= sim.frame.touch or v > slowest:
-                fastest = max(fastest, norm(speed))
+                r.speed = norm(speed)
                 separating_speed = v if v > FAINT else 0.0
                 r.target_speed = -2.0 * max(0.0, clearance - sim.frame.gap) / h - separating_speed
                 r.mode = 1
                 sim.pairs[r.pair].resting = 1
-    return fastest
 
 
 @kernel
-def begin_with_old_force(sim: Simulation, k: int, h: float) -> bool:
-    """Warm start: set the impulses of row k to those of its point's forces of the step before over `h` seconds, and apply them.
-
-    Returns whether there were any.
-    """
+def begin_with_old_force(sim: Simulation, k: int, h: float) -> None:
+    """Warm start: set and apply the impulses of row k that its point's forces of the step before give over `h` seconds."""
     r = sim.rows[k]
     a, b = r.a, r.b
     slot = sim.slots[r.pair, r.slot]
@@ -140,11 +135,10 @@ def begin_with_old_force(sim: Simulation, k: int, h: float) -> bool:
     r.tangent_impulse[0] = h * dot(f, vec_of(r.tangent))
     r.tangent_impulse[1] = h * dot(f, vec_of(r.binormal))
     if r.normal_impulse == 0.0 and r.tangent_impulse[0] == 0.0 and r.tangent_impulse[1] == 0.0:
-        return False
+        return
     apply_impulse(sim, sim.velocity, r, a, b, 0, r.normal_impulse)
     apply_impulse(sim, sim.velocity, r, a, b, 1, r.tangent_impulse[0])
     apply_impulse(sim, sim.velocity, r, a, b, 2, r.tangent_impulse[1])
-    return True
 
 
 @kernel
@@ -209,18 +203,15 @@ def hold(sim: Simulation, t: float, h: float, sweeps: int) -> None:
     must be the present velocities.
     """
     set_limits(sim)
-    fastest = choose_held(sim, h)
+    choose_held(sim, h)
     advance_arms(sim, t, h)
     count = sim.counts.rows
     for _ in range(MOST_SOLVES):
         fall(sim, t, h)
-        known = False
         for k in range(count):
             if sim.rows[k].mode == 1:
-                known = begin_with_old_force(sim, k, h) or known
-        if not known:
-            settle_normals(sim, sim.velocity, SWEEPS, STILL)
-        settle(sim, sim.velocity, sweeps, max(STILL, STILL_PART * fastest))
+                begin_with_old_force(sim, k, h)
+        settle(sim, sweeps, 0.0, True)
         if not disable_squeezed(sim):
             break
         clear_rows(sim)

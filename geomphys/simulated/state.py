@@ -78,6 +78,9 @@ BODY = np.dtype(
         ("fresh", INT),  # 1: placed by the caller, not where the frame before left it
         ("touched", INT),  # 1: has had contact points in this step
         ("disturbed", INT),  # number of the visit to a row that last changed its velocity while rows were solved
+        ("contact_group", INT),  # towards the first of the bodies that rows being solved connect
+        ("row_count", INT),  # rows of the group that the body stands for
+        ("row_end", INT),  # one past the last of them in `order`
     ]
 )
 """Role of a body, and its state in this frame."""
@@ -102,6 +105,7 @@ ROW = np.dtype(
         ("response_b", FLOAT, (3, 3)),
         ("inverse_mass_n", FLOAT),  # 1/kg: what a unit normal impulse changes the normal velocity by
         ("inverse_mass_t", FLOAT, 3),  # 1/kg: K_tt, K_tb, K_bb of the two tangents
+        ("speed", FLOAT),  # m/s: of the motion at the point when its solve began
         ("target_speed", FLOAT),  # m/s: the normal velocity must not end below it
         ("friction", FLOAT),
         ("restitution", FLOAT),
@@ -264,6 +268,7 @@ class Simulation(NamedTuple):
     old_pairs: Records  # (N + 1,) PAIR
     old_pair_slots: Records  # (N + 1, 4) SLOT
     rows: Records  # (K,) ROW
+    order: Ints  # (K,) rows by groups of bodies in contact, while they are solved
     velocity: Floats  # (B, 6) velocities while contact points are solved
     displacement: Floats  # (B, 6) displacements of position projection
     island_mass: Floats  # (B,) kg: of the island with this label

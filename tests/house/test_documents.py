@@ -169,6 +169,7 @@ def test_every_picture_is_drawn_by_make_figures(monkeypatch: pytest.MonkeyPatch)
     experiments = import_module("figure_scenes").EXPERIMENTS
     drawn = {f"{e.name}_{shot.frame}.png" for e in experiments for shot in e.shots}
     drawn |= {f"{e.name}_times.png" for e in experiments} | {"hand_mug.gif"}
+    drawn |= {f"{grip.name}_held.png" for grip in import_module("grip_figures").GRIP_FIGURES}
     assert {path.name for path in (DOCS / "pictures").iterdir()} == drawn
 
 

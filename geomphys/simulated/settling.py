@@ -1,0 +1,232 @@
+"""Solves contact rows together, each group of bodies in contact by itself: projected Gauss-Seidel sweeps with extrapolation.
+
+A sweep visits the rows of a group, forwards and backwards so that forces travel up and down a stack. A group that has not
+converged after some sweeps is extrapolated between them (Nesterov 1983), with a restart where the sweeps reverse the
+extrapolation (O'Donoghue and Candès 2015). A heap is solved less precisely: the next step goes on from there.
+"""
+
+from __future__ import annotations
+
+import math
+
+from geomphys.jit.kernel import kernel, outlined
+from geomphys.numerics.row_vectors import set_vec, vec_of
+from geomphys.numerics.vec3 import Vec, add_scaled, sub
+from geomphys.simulated.contact_points import apply_impulse
+from geomphys.simulated.impulses import apply_tangential, solve_friction, solve_normal
+from geomphys.simulated.state import Row, Simulation, is_simulated
+
+UNFELT = 0.1  # of the requested precision: smaller changes of velocity do not make a row be visited again
+STILL = 1e-11  # m/s: sweeps end when none changes a velocity by more than this, or `STILL_PART`
+STILL_PART = 1e-6  # of the fastest motion at a point of the group
+START_SWEEPS = 400  # sweeps at most over normal impulses alone
+HEAP = 24  # rows: groups with more are solved less precisely
+COARSE = 100.0  # times that precision ends their later sweeps: the next step goes on
+PLAIN = 8  # first sweeps, an even number, without extrapolation
+
+
+@kernel
+def local_impulse(r: Row) -> Vec:
+    """Impulses of a row along normal, tangent and binormal [N s]."""
+    return (r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1])
+
+
+@kernel
+def begin_row(r: Row) -> None:
+    """Restart the extrapolation of a row from its impulses."""
+    j = local_impulse(r)
+    set_vec(r.swept, j)
+    set_vec(r.extrapolated, j)
+
+
+@kernel
+def add_reversal(along: float, r: Row) -> float:
+    """`along` and by how much the last two sweeps reversed the extrapolation of a row [J], for the gradient restart."""
+    j = local_impulse(r)
+    gradient, change = sub(vec_of(r.extrapolated), j), sub(j, vec_of(r.swept))
+    along += gradient[0] * change[0] * r.inverse_mass_n
+    along += (gradient[1] * change[1] + gradient[2] * change[2]) * r.inverse_mass_most
+    return float(along)
+
+
+@kernel
+def extrapolated_impulse(r: Row, share: float) -> Vec:
+    """Impulses of a row extrapolated by a share of their change in the last two sweeps, projected onto their bounds [N s].
+
+    They are noted in the row, but not yet set.
+    """
+    j = local_impulse(r)
+    n, t, b = add_scaled(j, sub(j, vec_of(r.swept)), share)
+    n = min(r.impulse_limit, max(0.0, n))
+    size, cap = math.sqrt(t * t + b * b), r.friction * n
+    if size > cap:
+        t, b = t * cap / size, b * cap / size
+    set_vec(r.swept, j)
+    set_vec(r.extrapolated, (n, t, b))
+    return (n, t, b)
+
+
+@kernel
+def group_of(sim: Simulation, body: int) -> int:
+    """The body that stands for the group of a simulated body."""
+    while sim.bodies[body].contact_group != body:
+        body = sim.bodies[body].contact_group
+    return body
+
+
+@kernel
+def group_rows(sim: Simulation) -> None:
+    """Sort the rows whose `mode` is 1 by groups of simulated bodies that they connect, into `order`.
+
+    `row_count` and `row_end` of the body that stands for a group, its first, say where in `order` its rows are.
+    """
+    rows, bodies, count = sim.rows, sim.bodies, sim.counts.rows
+    for s in range(len(sim.free)):
+        body = bodies[sim.free[s]]
+        body.contact_group = sim.free[s]
+        body.row_count = 0
+    for k in range(count):
+        r = rows[k]
+        if r.mode == 1 and is_simulated(sim, r.b):
+            a, b = group_of(sim, r.a), group_of(sim, r.b)
+            bodies[max(a, b)].contact_group = min(a, b)
+    for k in range(count):
+        r = rows[k]
+        if r.mode == 1:
+            bodies[group_of(sim, r.a)].row_count += 1
+    end = 0
+    for s in range(len(sim.free)):
+        body = bodies[sim.free[s]]
+        body.row_end = end
+        end += body.row_count
+    for k in range(count):
+        if rows[k].mode == 1:
+            group = bodies[group_of(sim, rows[k].a)]
+            sim.order[group.row_end] = k
+            group.row_end += 1
+
+
+@kernel
+def visit(sim: Simulation, k: int) -> float:
+    """One visit to row k: its normal impulse, then its friction; returns how much they changed its velocity [m/s]."""
+    r = sim.rows[k]
+    change = solve_normal(sim, sim.velocity, k)
+    cap = r.friction * r.normal_impulse
+    if cap > 0.0 or r.tangent_impulse[0] != 0.0 or r.tangent_impulse[1] != 0.0:
+        change = max(change, solve_friction(sim, sim.velocity, k, cap))
+    return change
+
+
+@kernel
+def disturb(sim: Simulation, r: Row, number: int) -> None:
+    """Store that visit `number`, to row `r`, changed the velocities of its bodies, where their inverse masses are not zero."""
+    if sim.motion[r.a].inverse_mass > 0.0:
+        sim.bodies[r.a].disturbed = number
+    if sim.motion[r.b].inverse_mass > 0.0:
+        sim.bodies[r.b].disturbed = number
+
+
+@kernel
+def is_disturbed(sim: Simulation, r: Row) -> bool:
+    """Whether the velocities of the bodies of row `r` have changed since it was visited."""
+    last = r.visit
+    return sim.bodies[r.a].disturbed >= last or sim.bodies[r.b].disturbed >= last
+
+
+@kernel
+def extrapolate(sim: Simulation, first: int, end: int, number: int, share: float) -> None:
+    """Extrapolate the rows `first` to `end` of `order` by a share of the change in the last two sweeps, after visit `number`."""
+    for i in range(first, end):
+        k = sim.order[i]
+        r = sim.rows[k]
+        j = local_impulse(r)
+        n, t, b = sub(extrapolated_impulse(r, share), j)
+        if n != 0.0 or t != 0.0 or b != 0.0:
+            r.normal_impulse = j[0] + n
+            apply_impulse(sim, sim.velocity, r, r.a, r.b, 0, n)
+            apply_tangential(sim, sim.velocity, k, t, b)
+            disturb(sim, r, number)
+
+
+@kernel
+def settle_normals(sim: Simulation, first: int, end: int) -> None:
+    """Sweeps over the normal impulses alone of the rows `first` to `end` of `order`: a start where no force is known yet."""
+    for i in range(first, end):
+        if local_impulse(sim.rows[sim.order[i]]) != (0.0, 0.0, 0.0):
+            return
+    for _ in range(START_SWEEPS):
+        most = 0.0
+        for i in range(first, end):
+            most = max(most, solve_normal(sim, sim.velocity, sim.order[i]))
+        if most <= STILL:
+            return
+
+
+@kernel
+def begin_group(sim: Simulation, first: int, end: int) -> float:
+    """Begin the solve of the rows `first` to `end` of `order`; returns the fastest motion at one of them [m/s]."""
+    fastest = 0.0
+    for i in range(first, end):
+        r = sim.rows[sim.order[i]]
+        r.visit = 0
+        sim.bodies[r.a].disturbed = sim.bodies[r.b].disturbed = 0
+        fastest = max(fastest, r.speed)
+    return fastest
+
+
+@outlined
+def settle_group(sim: Simulation, first: int, end: int, sweeps: int, precision: float) -> None:
+    """`settle` for one group: the rows `first` to `end` of `order`; `precision` [m/s] of velocities."""
+    number, momentum = 0, 1.0
+    later = COARSE * precision if end - first > HEAP else precision
+    for sweep in range(sweeps):
+        most, backwards = 0.0, sweep & 1 == 1
+        for i in range(first, end):
+            k = sim.order[first + end - 1 - i if backwards else i]
+            r = sim.rows[k]
+            if is_disturbed(sim, r):
+                number += 1
+                r.visit = number
+                change = visit(sim, k)
+                if change > UNFELT * precision:
+                    disturb(sim, r, number)
+                most = max(most, change)
+        if most <= (precision if sweep < PLAIN else later):
+            return
+        if not backwards or sweep + 1 < PLAIN:
+            continue
+        if sweep + 1 == PLAIN:
+            for i in range(first, end):
+                begin_row(sim.rows[sim.order[i]])
+            continue
+        before, along = momentum, 0.0
+        momentum = 0.5 * (1.0 + math.sqrt(1.0 + 4.0 * momentum * momentum))
+        for i in range(first, end):
+            along = add_reversal(along, sim.rows[sim.order[i]])
+        if along > 0.0:
+            before = momentum = 1.0
+        extrapolate(sim, first, end, number, (before - 1.0) / momentum)
+
+
+@kernel
+def settle(sim: Simulation, sweeps: int, slowest: float, normals_first: bool) -> None:
+    """Solve all rows whose `mode` is 1: v_n >= `target_speed`, normal impulses >= 0, friction within its cone.
+
+    The rows start from their present impulses, which must already be part of `velocity`; with `normals_first` those of a group
+    that has none from what its normal impulses are without friction. Groups of bodies that no row connects are solved
+    independently, but for those without a row whose `speed` is above `slowest` [m/s]. A group is done when no sweep changes a
+    velocity by more than `STILL_PART` of the fastest `speed`, or `STILL`, or after so many `sweeps`. A row whose bodies have
+    not changed since its last visit is skipped.
+    """
+    group_rows(sim)
+    for s in range(len(sim.free)):
+        group = sim.bodies[sim.free[s]]
+        first, end = group.row_end - group.row_count, group.row_end
+        if first == end:
+            continue
+        fastest = begin_group(sim, first, end)
+        if fastest < slowest:
+            continue
+        if normals_first:
+            settle_normals(sim, first, end)
+        settle_group(sim, first, end, sweeps, max(STILL, STILL_PART * fastest))
