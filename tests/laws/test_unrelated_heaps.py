@@ -1,4 +1,7 @@
-"""A heap does not depend on what lies in a heap elsewhere."""
+"""A heap does not depend on what lies in a heap elsewhere.
+
+But for bodies that rotate by more than `ROTATION_PER_STEP` in a step: they divide the steps of all.
+"""
 
 from __future__ import annotations
 
