@@ -50,13 +50,13 @@ def add_reversal(along: float, r: Row) -> float:
 
 
 @kernel
-def extrapolated_impulse(r: Row, share: float) -> Vec:
-    """Impulses of a row extrapolated by a share of their change in the last two sweeps, projected onto their bounds [N s].
+def extrapolated_impulse(r: Row, momentum: float) -> Vec:
+    """Impulses of a row extrapolated by `momentum` times their change in the last two sweeps, projected onto their bounds [N s].
 
     They are noted in the row, but not yet set.
     """
     j = local_impulse(r)
-    n, t, b = add_scaled(j, sub(j, vec_of(r.swept)), share)
+    n, t, b = add_scaled(j, sub(j, vec_of(r.swept)), momentum)
     n = min(r.impulse_limit, max(0.0, n))
     size, cap = math.sqrt(t * t + b * b), r.friction * n
     if size > cap:
@@ -134,13 +134,13 @@ def is_disturbed(sim: Simulation, r: Row) -> bool:
 
 
 @kernel
-def extrapolate(sim: Simulation, first: int, end: int, number: int, share: float) -> None:
-    """Extrapolate the rows `first` to `end` of `order` by a share of the change in the last two sweeps, after visit `number`."""
+def extrapolate(sim: Simulation, first: int, end: int, number: int, momentum: float) -> None:
+    """Extrapolate the rows `first` to `end` of `order` by `momentum` times their last change, after visit `number`."""
     for i in range(first, end):
         k = sim.order[i]
         r = sim.rows[k]
         j = local_impulse(r)
-        n, t, b = sub(extrapolated_impulse(r, share), j)
+        n, t, b = sub(extrapolated_impulse(r, momentum), j)
         if n != 0.0 or t != 0.0 or b != 0.0:
             r.normal_impulse = j[0] + n
             apply_impulse(sim, sim.velocity, r, r.a, r.b, 0, n)
