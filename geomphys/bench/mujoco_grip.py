@@ -60,7 +60,7 @@ class MujocoGripPeer(MujocoPeer):
             stiffness, damping = share * scene.trees.stiffness[tree], share * scene.trees.damping[tree]
             model.dof_armature[model.jnt_dofadr[model.actuator_trnid[servo, 0]]] = share * scene.trees.mass[tree]
             model.actuator_gainprm[servo, 0] = stiffness
-            model.actuator_biasprm[servo, 1:3] = -stiffness, -damping
+            model.actuator_biasprm[servo, 1], model.actuator_biasprm[servo, 2] = -stiffness, -damping
             self._lead[k] = damping / stiffness
         self._last_poses, self._last_control = first.recorded[self._roots], self.data.ctrl[self._servo_ids].copy()
         self._mujoco.mj_setConst(model, self._mujoco.MjData(model))
