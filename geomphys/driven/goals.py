@@ -12,7 +12,7 @@ from geomphys.driven.least_distance import SOLVED
 from geomphys.driven.objective import assemble, number_unknowns
 from geomphys.driven.postures import Posture, copy_tree
 from geomphys.driven.qp import solve_quadratic
-from geomphys.driven.starts import unwrapped_change
+from geomphys.driven.starts import JUMP, unwrapped_change
 from geomphys.driven.state import (
     GENERAL_MOTION,
     LOCKED,
@@ -116,6 +116,9 @@ def set_goals(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floa
             for i in range(3):
                 if state.offset[tree, i] != 0.0:  # -0.0 + 0.0 would be 0.0
                     work.goal.roots[tree, i] += state.offset[tree, i]
+        for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+            is_steady = abs(work.goal.angles[q] - work.extrapolated[q]) <= JUMP  # else it is on another branch
+            work.preferred[q] = work.goal.angles[q] if is_steady else work.extrapolated[q]
         pose_with_pieces(scene, ws, work.goal, tree)
     for tree in range(len(scene.trees.role)):
         work.mobility[tree] = TRANSLATION if scene.trees.role[tree] == DRIVEN else LOCKED

@@ -33,6 +33,7 @@ class Links(NamedTuple):
     second_moment: Floats  # (B, 9) m², covariance of the surface about the centre, link frame, row by row
     pivot: Ints  # (T,) the link about whose centre the root rotates: the base of the chains, else the heaviest
     lever: Floats  # (Q,) m per rad: how far a joint moves the farthest centre beyond it; 1 for prismatic joints
+    mean_lever: Floats  # (Q,) m per rad: of the revolute joints of a tree, root mean square; 1 for prismatic joints
     is_unknown: Ints  # (Q,) 1 for joints that are unknowns of the problem
     periodic: Ints  # (Q,) 1 for joints with period 2π
     tip: Ints  # (B,) 1 for links without a moving child at the end of a chain of moving joints
@@ -155,19 +156,32 @@ def make_links(scene: Scene, base_weight: float = WEIGHTS.base) -> Links:
                     far = float(np.linalg.norm(at - poses[joint, :3, 3])) * abs(scene.bodies.multiplier[joint])
                     lever[q] = max(lever[q], far + 0.01)
             joint = int(scene.bodies.parent[joint])
+    mean_lever = _average_levers(scene, lever, is_unknown)
     _find_tips(scene, tip)
     weld_body = np.arange(bodies, dtype=np.int64)
     for k in range(bodies):
         if scene.bodies.parent[k] >= 0 and scene.bodies.joint[k] == JOINT_FIXED:
             weld_body[k] = weld_body[scene.bodies.parent[k]]
     palm, periodic = _find_palms(scene, tip), _full_rotations(scene)
-    return Links(weight, centre, second_moment, pivot, lever, is_unknown, periodic, tip, palm, weld_body)
+    return Links(weight, centre, second_moment, pivot, lever, mean_lever, is_unknown, periodic, tip, palm, weld_body)
 
 
 @lru_cache(maxsize=1)
 def links_of(world: World, base_weight: float) -> Links:
     """`make_links` of a world's scene: measured once for all replays of a batch."""
     return make_links(world.scene, base_weight)
+
+
+def _average_levers(scene: Scene, lever: Floats, is_unknown: Ints) -> Floats:
+    """(Q,) of a revolute joint the root mean square of the levers of those of its tree; 1 for prismatic joints."""
+    mean, is_prismatic = np.ones(len(lever)), np.zeros(len(lever), np.bool_)
+    is_prismatic[scene.bodies.dof[scene.bodies.joint == JOINT_PRISMATIC]] = True
+    for tree in np.unique(scene.dofs.tree):
+        revolute = (scene.dofs.tree == tree) & ~is_prismatic
+        counted = revolute & (is_unknown == 1)
+        if counted.any():
+            mean[revolute] = np.sqrt(np.mean(lever[counted] ** 2))
+    return mean
 
 
 def _full_rotations(scene: Scene) -> Ints:

@@ -272,8 +272,12 @@ def _add_rotation(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -
 
 
 @kernel
-def _add_smoothness(scene: Scene, ws: DrivenWorkspace, angles: Floats, tree: int) -> float:
-    """Smoothness: joints follow their recorded changes, and stay near the range in which they were used."""
+def _add_joint_terms(scene: Scene, ws: DrivenWorkspace, angles: Floats, tree: int) -> float:
+    """Terms of the joints: they follow their recorded changes, stay near their goals and the range in which they were used.
+
+    Goals have one lever for all joints of a tree: in the metric of the links alone what a fingertip is moved by, tracker noise
+    too, is left to the last joint, whose lever is the shortest and which trembles most.
+    """
     cost, work = 0.0, ws.work
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         i = work.column[q]
@@ -281,6 +285,11 @@ def _add_smoothness(scene: Scene, ws: DrivenWorkspace, angles: Floats, tree: int
             continue
         away = angles[q] - work.expected[q]
         weight = ws.weights.smooth * ws.links.lever[q] ** 2
+        ws.problem.hessian[i, i] += weight
+        ws.problem.gradient[i] += weight * away
+        cost += 0.5 * weight * away * away
+        away = angles[q] - work.preferred[q]
+        weight = ws.weights.posture * ws.links.mean_lever[q] ** 2
         ws.problem.hessian[i, i] += weight
         ws.problem.gradient[i] += weight * away
         cost += 0.5 * weight * away * away
@@ -308,7 +317,7 @@ def _limit_cost(scene: Scene, ws: DrivenWorkspace, angles: Floats, tree: int) ->
 def assemble(scene: Scene, ws: DrivenWorkspace, iterate: Posture, smooth: bool) -> float:
     """Hessian and gradient of all trees in the problem at a posture; returns the cost.
 
-    `smooth`: with the smoothness term of joints.
+    `smooth`: with the terms of joints.
     """
     h, g, work = ws.problem.hessian, ws.problem.gradient, ws.work
     cost, poses = 0.0, iterate.poses
@@ -346,7 +355,7 @@ def assemble(scene: Scene, ws: DrivenWorkspace, iterate: Posture, smooth: bool) 
             _add_joint_gradient(scene, ws, poses, tree, ws.weights.shape)
         cost += _limit_cost(scene, ws, iterate.angles, tree)
         if smooth:
-            cost += _add_smoothness(scene, ws, iterate.angles, tree)
+            cost += _add_joint_terms(scene, ws, iterate.angles, tree)
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
             if work.column[q] >= 0:
                 h[work.column[q], work.column[q]] += REGULARISATION * ws.links.lever[q] ** 2

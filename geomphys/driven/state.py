@@ -40,6 +40,7 @@ PROGRESS = np.dtype(
     [
         ("start", np.int64),  # NOT_STARTED, STARTED_FREE or NEVER_FREE
         ("updates", np.int64),  # updates of the driven loop so far
+        ("dt", np.float64),  # s, of the last step; 0 in the first
     ]
 )
 """Progress of the driven loop over the frames."""
@@ -90,6 +91,8 @@ LINK_OFFSET = np.dtype(
         ("rotation", np.float64, 3),  # rad, rotation vector, world
         ("velocity", np.float64, 3),  # m/s: rate of `translation`
         ("angular_velocity", np.float64, 3),  # rad/s: rate of `rotation`
+        ("last_translation", np.float64, 3),  # `translation` at the end of the last step
+        ("last_rotation", np.float64, 3),
     ]
 )
 """Offset of a link from its recorded pose, and its rates."""
@@ -160,6 +163,7 @@ class SearchWorkspace(NamedTuple):
     column: Ints  # (Q,) of a joint, -1: none
     extrapolated: Floats  # (Q,) angles of the last step plus the recorded change
     expected: Floats  # (Q,) the same, with offsets extrapolated
+    preferred: Floats  # (Q,) angles of the goal, on the branch of the last ones
     low: Floats  # (Q,) limits, widened to recorded and last values
     high: Floats  # (Q,)
     used_low: Floats  # (Q,) range in which a joint was used
@@ -257,6 +261,7 @@ def make_search_workspace(scene: Scene, poses: Floats, passes: int) -> SearchWor
         column=np.full(dofs, -1),
         extrapolated=np.zeros(dofs),
         expected=np.zeros(dofs),
+        preferred=np.zeros(dofs),
         low=np.zeros(dofs),
         high=np.zeros(dofs),
         used_low=np.zeros(dofs),

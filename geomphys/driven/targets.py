@@ -59,6 +59,7 @@ def clear_link_offset(state: DrivenState, body: int) -> None:
     offset = state.link_offsets[body]
     for i in range(3):
         offset.translation[i] = offset.rotation[i] = offset.velocity[i] = offset.angular_velocity[i] = 0.0
+        offset.last_translation[i] = offset.last_rotation[i] = 0.0
 
 
 @kernel
@@ -89,9 +90,10 @@ def _relax_tree(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int
     trees, first = scene.trees, scene.trees.body_start[tree]
     velocity_change = sub(vec_at(state.offset_velocity, tree), vec_at(state.last_offset_velocity, tree))
     for body in range(first, trees.body_start[tree + 1]):
-        set_vec_at(
-            ws.work.anchor, body, add(link_centre(ws, recorded, body), vec_of(state.link_offsets[body].translation))
-        )
+        o = state.link_offsets[body]
+        set_vec(o.last_translation, vec_of(o.translation))
+        set_vec(o.last_rotation, vec_of(o.rotation))
+        set_vec_at(ws.work.anchor, body, add(link_centre(ws, recorded, body), vec_of(o.translation)))
     if state.general_motion[tree] == 0:
         for i in range(3):
             state.offset[tree, i], state.offset_velocity[tree, i] = relax_offset(
@@ -170,15 +172,18 @@ def set_link_targets(scene: Scene, state: DrivenState, ws: DrivenWorkspace, reco
 
 
 @kernel
-def _remove_opposing_rate(rate: Floats, change: Vec) -> None:
-    """After a contact that changed an offset, remove its rate (3,) against what it touched."""
+def _set_rate_along(rate: Floats, change: Vec, moved: Vec, per_second: float) -> None:
+    """Set the rate (3,) of an offset along its change by contacts to that of its motion in the step, `per_second` times it.
+
+    It does not go on against what it touched. Without it an offset that contacts change would stand still as soon as they end.
+    """
     size = norm(change)
     if size <= MOVED:
         return
-    against = dot(vec_of(rate), change) / size
-    if against < 0.0:
+    along, present = per_second * dot(moved, change) / size, dot(vec_of(rate), change) / size
+    if along < 0.0 or present < along:
         for i in range(3):
-            rate[i] -= against * change[i] / size
+            rate[i] += (along - present) * change[i] / size
 
 
 @outlined
@@ -187,10 +192,12 @@ def store_tree_offsets(
 ) -> None:
     """Store the offsets that a tree has in its final posture, and their rates.
 
-    Where it reached its goal the offsets are those of `set_link_targets`. The rates are too, changed by impulses, and less
-    what goes against the change of an offset by contacts.
+    Where it reached its goal the offsets are those of `set_link_targets`. The rates are too, changed by impulses, but along the
+    change of an offset by contacts: there they are a share of those at which it changed, and 0 after a coupled contact solve.
     """
-    poses, root = state.last.poses, scene.trees.body_start[tree]
+    poses, root, per_second = state.last.poses, scene.trees.body_start[tree], 0.0
+    if state.progress.dt > 0.0 and state.prescription[tree] == 0:
+        per_second = ws.weights.offset_rate / state.progress.dt
     for body in range(root, scene.trees.body_start[tree + 1]):
         for i in range(3):
             state.link_offsets[body].velocity[i] += state.offset_velocity[tree, i] - state.last_offset_velocity[tree, i]
@@ -207,8 +214,9 @@ def store_tree_offsets(
                 rotation = (0.0, 0.0, 0.0)
             translation = sub(link_centre(ws, poses, body), link_centre(ws, recorded, body))
         o = state.link_offsets[body]
-        _remove_opposing_rate(o.velocity, sub(translation, vec_of(o.translation)))
-        _remove_opposing_rate(o.angular_velocity, sub(rotation, vec_of(o.rotation)))
+        moved = sub(translation, vec_of(o.last_translation)), sub(rotation, vec_of(o.last_rotation))
+        _set_rate_along(o.velocity, sub(translation, vec_of(o.translation)), moved[0], per_second)
+        _set_rate_along(o.angular_velocity, sub(rotation, vec_of(o.rotation)), moved[1], per_second)
         set_vec(o.translation, translation)
         set_vec(o.rotation, rotation)
     state.general_motion[tree] = 1 if general_motion else 0

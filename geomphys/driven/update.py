@@ -119,6 +119,7 @@ def update_driven(
         m; clearance kept.
     """
     work, first = ws.work, state.progress.start != STARTED_FREE
+    state.progress.dt = 0.0 if first else dt
     if first:
         for tree in range(len(scene.trees.role)):
             if scene.trees.role[tree] == DRIVEN:

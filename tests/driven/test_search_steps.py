@@ -14,7 +14,7 @@ from geomphys.driven.reachability import _measure_travel, _pair_travel
 from geomphys.driven.starts import JUMP, unwrapped_change
 from geomphys.driven.state import LOCKED, TRANSLATION, TRAVEL
 from geomphys.driven.stepping import gap_along_normal, measure_near_pairs, update_separations
-from geomphys.driven.targets import _remove_opposing_rate
+from geomphys.driven.targets import _set_rate_along
 from geomphys.engine.state import Machine, make_machine
 from geomphys.jit.packed_records import pack
 from tests.driven.compound import NOTCHED, shoulder
@@ -94,16 +94,26 @@ def placed(pose: np.ndarray, point: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("rate", "after"),
-    [((0.3, 0.0, -2.0), (0.3, 0.0, 0.0)), ((0.3, 0.0, 2.0), (0.3, 0.0, 2.0)), ((0.3, 0.0, 0.0), (0.3, 0.0, 0.0))],
-    ids=["against the contact", "away from it", "along it"],
+    ("rate", "moved", "after"),
+    [
+        ((0.3, 0.0, -2.0), (0.5, 0.0, 0.0), (0.3, 0.0, 0.0)),
+        ((0.3, 0.0, 2.0), (0.0, 0.0, 0.01), (0.3, 0.0, 2.0)),
+        ((0.3, 0.0, 0.0), (0.0, 0.5, 0.01), (0.3, 0.0, 1.0)),
+        ((0.3, 0.0, 2.0), (0.0, 0.0, -0.01), (0.3, 0.0, -1.0)),
+    ],
+    ids=["against the contact", "faster away from it", "slower away from it", "with an offset that shrinks"],
 )
-def test_a_contact_stops_the_rate_of_an_offset_against_it(rate: tuple[float, ...], after: tuple[float, ...]) -> None:
+def test_a_contact_gives_an_offset_the_rate_along_it_of_its_motion(
+    rate: tuple[float, ...], moved: tuple[float, ...], after: tuple[float, ...]
+) -> None:
     values = np.array(rate)
-    _remove_opposing_rate(values, (0.0, 0.0, 0.0))
+    _set_rate_along(values, (0.0, 0.0, 0.0), moved, 100.0)
     assert values.tolist() == list(rate)
-    _remove_opposing_rate(values, (0.0, 0.0, 0.01))
+    _set_rate_along(values, (0.0, 0.0, 0.01), moved, 100.0)
     assert values == pytest.approx(after, abs=1e-15)
+    values[:] = rate
+    _set_rate_along(values, (0.0, 0.0, 0.01), moved, 0.0)
+    assert values == pytest.approx((rate[0], rate[1], max(rate[2], 0.0)), abs=1e-15)
 
 
 @pytest.fixture(scope="module")
