@@ -77,6 +77,7 @@ def _put_back(scene: Scene, m: Machine, tree: int, roots: Floats, angles: Floats
         clear_link_offset(state, body)
     for i in range(3):
         state.offset[tree, i] = state.offset_velocity[tree, i] = state.last_offset_velocity[tree, i] = 0.0
+    state.progress.dt = 0.0  # at rest: contacts give its offsets no rate
     store_tree_offsets(scene, state, m.workspace, tree, m.recorded, not first)
     pose_pieces_of_tree(scene, tree, m.corrected, p.frames)
     pose_pieces_of_tree(scene, tree, m.corrected, p.moved)
