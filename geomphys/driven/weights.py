@@ -12,13 +12,13 @@ from typing import NamedTuple
 class Weights(NamedTuple):
     """Weights of the objective; numbers without a unit multiply others."""
 
-    base: float = 60.0  # times its area: of the base link of chains; more: the fingers move more, and the hand less
-    shape: float = 10.0  # times: weight of shape and rotation of a rigid tree
+    base: float = 40.0  # times its area: of the base link of chains; more: the fingers move more, and the hand less
+    shape: float = 7.0  # times: weight of shape and rotation of a rigid tree
     smooth: float = (
         0.3  # of lever²: a joint's departure from its extrapolated value; more: smoother, farther from the recording
     )
     posture: float = (
-        0.1  # of mean levers²: a joint's departure from its goal by the coupling; more: distal joints move less
+        0.06  # of mean levers²: a joint's departure from its goal by the coupling; more: distal joints move less
     )
     trend: float = 0.15  # of its last change: extrapolation of the offset of a joint
     contact: float = 3.0  # mean weights of a link: penalty of the gap of a fingertip recorded in contact

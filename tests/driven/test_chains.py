@@ -241,7 +241,7 @@ def test_what_comes_from_afar_within_a_frame_meets_the_finger_where_it_stops(tmp
         angles={"/angles": (names("a"), np.zeros((20, 3)))},
     )
     assert run.figures("recorded_penetration_m")[10] > 0.001
-    assert (np.abs(run.angles[10:]).max(axis=1) > 0.003).all()  # the cube takes more of it than the stiffer finger
+    assert (np.abs(run.angles[10:]).max(axis=1) > 0.005).all()  # in every frame; the cube yields more than its joints
     assert 0.0 < np.linalg.norm(run.offset("cube"), axis=1).max() < 0.02  # both give way
     assert_free(run)
 
