@@ -40,6 +40,7 @@ class GripFigure:
 
 GRIP_FIGURES = (
     GripFigure("hand_lift", "a hand lifts a ball, turns over, sets it down", "ball", "hand/palm"),
+    GripFigure("mug_lift", "a hand lifts a mug by its handle", "mug", "hand/palm"),
     GripFigure("two_hands", "two hands carry a box", "box", "near/palm"),
     GripFigure("gripper_cube", "a gripper lifts, turns and carries a cube", "cube", "gripper/palm"),
 )
@@ -67,7 +68,7 @@ def _row(grip: GripFigure, pictures: Path, repeats: int) -> str:
     thing, hand = world.body_names.index(grip.thing), world.body_names.index(grip.hand)
     pipeline, peer, ours, theirs, seconds = Pipeline(world, Config()), None, [], [], []
     for chunk in pipeline.chunks(([frame], 0) for frame in experiment.frames):
-        result = pipeline.result(chunk, 0, 0)
+        result = pipeline.results(chunk).result(0)
         seconds.append((result.frame.time_ns - experiment.frames[0].time_ns) * 1e-9)
         ours.append(result.corrected[[thing, hand]])
         if peer is None:

@@ -30,6 +30,7 @@ BUNDLED_EXPERIMENTS = {
     "hand_mug": ("recordings/hand_mug.mcap", "assets/scenes/hand_mug.toml"),
     "hand_ball": ("recordings/hand_ball.mcap", "assets/scenes/hand_ball.toml"),
     "hand_lift": ("recordings/hand_lift.mcap", "assets/scenes/hand_lift.toml"),
+    "mug_lift": ("recordings/mug_lift.mcap", "assets/scenes/mug_lift.toml"),
     "two_hands": ("recordings/two_hands.mcap", "assets/scenes/two_hands.toml"),
     "gripper_cube": ("recordings/gripper_cube.mcap", "assets/scenes/gripper_cube.toml"),
 }
@@ -44,7 +45,7 @@ SHARED_EXPERIMENTS = {
 }
 """Name -> log and scene in the folder of real recordings: $GEOMPHYS_SHARED, or `shared` beside the checkout."""
 
-GRIPS = ("hand_lift", "two_hands", "gripper_cube")
+GRIPS = ("hand_lift", "mug_lift", "two_hands", "gripper_cube")
 """Experiments in which driven bodies grip a simulated one: peers hold the driven bodies by the virtual coupling."""
 
 NAMES = (*BUNDLED_EXPERIMENTS, *SHARED_EXPERIMENTS)
