@@ -116,10 +116,10 @@ def _held(node: Element, named: dict[str | None, Element]) -> Iterator[Element]:
     for child in node:
         if _local(child) == "node":
             yield child
-        elif _local(child) in ("instance_node", "instance_geometry") and (
-            found := named.get(child.get("url", "").removeprefix("#"))
-        ):
-            yield found
+        elif _local(child) in ("instance_node", "instance_geometry"):
+            found = named.get(child.get("url", "").removeprefix("#"))
+            if found is not None:
+                yield found
 
 
 def _triangles(geometry: Element) -> int:
