@@ -12,7 +12,7 @@ import pytest
 from geomphys import load
 from geomphys.errors import MeshError
 from geomphys.output.provenance import sha256_of_world
-from geomphys.scene import scene_cache
+from geomphys.scene import assembly, scene_cache
 from geomphys.scene.world import World
 from geomphys.storage import cache
 from tests.scene.models import cube, link, stl, urdf
@@ -38,8 +38,8 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 def read(scene: Path, monkeypatch: pytest.MonkeyPatch, seed: int = 0) -> tuple[World, bool]:
     """A world, and whether its files were read for it."""
     with monkeypatch.context() as patch:
-        assemble = Mock(wraps=load.assemble)
-        patch.setattr(load, "assemble", assemble)
+        assemble = Mock(wraps=assembly.assemble)
+        patch.setattr(assembly, "assemble", assemble)
         return load.load_world(scene, seed=seed), assemble.called
 
 

@@ -326,12 +326,12 @@ def test_a_batch_on_a_store_gives_the_bytes_of_a_local_one(
     with s3_server(monkeypatch) as bucket:
         import s3fs
 
-        store = s3fs.S3FileSystem(use_listings_cache=False)
-        store.put(str(files), "motion/in", recursive=True)
-        store.put(str(files / "press.mcap"), "motion/logs/sub/short.mcap")
-        store.put(str(files / "press.mcap"), "motion/logs/press.mcap")
-        store.put(str(files / "press.mcap"), "motion/logs/.hidden/press.mcap")
-        store.pipe_file("motion/logs/broken.mcap", b"no log")
+        name, store = bucket.removeprefix("s3://"), s3fs.S3FileSystem(use_listings_cache=False)
+        store.put(str(files), f"{name}/in", recursive=True)
+        store.put(str(files / "press.mcap"), f"{name}/logs/sub/short.mcap")
+        store.put(str(files / "press.mcap"), f"{name}/logs/press.mcap")
+        store.put(str(files / "press.mcap"), f"{name}/logs/.hidden/press.mcap")
+        store.pipe_file(f"{name}/logs/broken.mcap", b"no log")
         folder, scene = f"{bucket}/out", f"{bucket}/in/press.toml"
         words = ["batch", f"{bucket}/logs", "-s", scene, "-O", folder, "--no-timing", "-j", "1", "--json"]
         assert run(words) == 3
@@ -339,18 +339,18 @@ def test_a_batch_on_a_store_gives_the_bytes_of_a_local_one(
         assert [(entry["out"], entry["status"]) for entry in report["entries"]] == [
             ("broken.mcap", "failed"), ("press.mcap", "done"), ("sub/short.mcap", "done")
         ]  # fmt: skip
-        assert store.find("motion/out") == [
-            "motion/out/manifest.json", "motion/out/press.mcap", "motion/out/sub/short.mcap"
+        assert store.find(f"{name}/out") == [
+            f"{name}/out/manifest.json", f"{name}/out/press.mcap", f"{name}/out/sub/short.mcap"
         ]  # fmt: skip
-        store.rm_file("motion/out/sub/short.mcap")
+        store.rm_file(f"{name}/out/sub/short.mcap")
         assert run([*words, "--resume"]) == 3
         assert json.loads(capsys.readouterr().out)["up_to_date"] == ["press.mcap"]
         assert run(["diff", f"{folder}/press.mcap", f"{folder}/sub/short.mcap", "--html", f"{bucket}/report.html"]) == 0
-        assert b"</html>" in store.cat_file("motion/report.html")
+        assert b"</html>" in store.cat_file(f"{name}/report.html")
         geomphys.run(
             f"{bucket}/in/press.mcap", scene, out=f"{bucket}/one.mcap", options=geomphys.OutputOptions(timing=False)
         )
-        assert store.cat_file("motion/one.mcap") == store.cat_file("motion/out/press.mcap")
+        assert store.cat_file(f"{name}/one.mcap") == store.cat_file(f"{name}/out/press.mcap")
         assert run(["replay", f"{bucket}/in/press.mcap", "-s", scene, "-o", f"{bucket}/one.mcap"]) == 2
         assert "--force" in capsys.readouterr().err
         one = geomphys.open_output(f"{bucket}/one.mcap")
