@@ -1,7 +1,7 @@
 """Runs an experiment in MuJoCo with hands that yield as ours do: the virtual coupling holds the root and every joint.
 
 The position of a root and every joint follow the recording by  m ẍ = -K x - R ẋ  (6) on the offset x, with the same m, K and R as
-in geomphys, so that what is recorded inside an object grips it with the same force. Of n joints one behind the other each has
+in geomphys, so that what is recorded inside an object grips it with the same force. Of n joints in series each has
 n K times its lever squared, by which their tip yields by about K. The rotation of a root, which no contact changes in
 geomphys, is held by a stiff servo.
 """
@@ -74,7 +74,7 @@ class MujocoGripPeer(MujocoPeer):
         return done
 
     def _advance(self, steps: int) -> int:
-        """Take so many steps with the targets on their way; returns their time [ns]."""
+        """Take so many steps with interpolated targets; returns their time [ns]."""
         self._next_control = self.data.ctrl[self._servo_ids].copy()
         if steps == 0:
             return 0
@@ -111,7 +111,7 @@ class MujocoGripPeer(MujocoPeer):
 
 
 def _joints_in_line(world: World, body: int) -> int:
-    """Joints that move with the one above a body, one behind the other, from the root to the last link."""
+    """Joints in series with the one above a body, from the root to the last link."""
     bodies = world.scene.bodies
     above, joint = 0, body
     while joint >= 0:
