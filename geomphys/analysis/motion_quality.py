@@ -180,7 +180,7 @@ class MotionQuality:
         begin = max(first - 1, 0)
         motion = _largest_step(rows.recorded[begin:])
         steps = _largest_step((rows.corrected - rows.recorded)[begin:])
-        for tree in np.unique(self._trees):
+        for tree in range(self._trees.max(initial=-1) + 1):
             of_tree = self._trees == tree
             step, usual = (values[:, of_tree].max(axis=1, initial=0.0) for values in (steps, motion))
             spikes = np.flatnonzero((step > SPIKE_M) & (step > SPIKE_RATIO * usual))

@@ -82,7 +82,7 @@ def make_boxes(scene: Scene, frames: Floats) -> Boxes:
         sorted_still=ordered,
         sorted_low=np.ascontiguousarray(boxes.tree_low[ordered, 0]),
         widest=float(width[narrow].max(initial=0.0)),
-        others=np.setdiff1d(np.arange(trees), ordered),
+        others=np.setdiff1d(np.arange(trees), ordered, assume_unique=True),
     )
 
 

@@ -176,7 +176,7 @@ def _average_levers(scene: Scene, lever: Floats, is_unknown: Ints) -> Floats:
     """(Q,) of a revolute joint the root mean square of the levers of those of its tree; 1 for prismatic joints."""
     mean, is_prismatic = np.ones(len(lever)), np.zeros(len(lever), np.bool_)
     is_prismatic[scene.bodies.dof[scene.bodies.joint == JOINT_PRISMATIC]] = True
-    for tree in np.unique(scene.dofs.tree):
+    for tree in range(len(scene.trees.role)):
         revolute = (scene.dofs.tree == tree) & ~is_prismatic
         counted = revolute & (is_unknown == 1)
         if counted.any():

@@ -87,10 +87,8 @@ class MotionSamples:
             return None
         positions = np.array([position for _, position in self.samples.items])
         times = np.array([time for time, _ in self.samples.items], dtype=np.float64) / 1e9
-        if len(positions) >= 50:
-            low, high = np.percentile(positions, (2, 98), axis=0)
-        else:
-            low, high = positions.min(axis=0), positions.max(axis=0)
+        ordered, outermost = np.sort(positions, axis=0), len(positions) // 50
+        low, high = ordered[outermost], ordered[-1 - outermost]
         distances, durations = np.linalg.norm(np.diff(positions, axis=0), axis=1), np.diff(times)
         speeds = np.sort(distances[durations > 0] / durations[durations > 0])
         outliers = len(speeds) // 20
