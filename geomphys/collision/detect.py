@@ -158,8 +158,8 @@ def separation_bound(pieces: Pieces, frames: Floats, a: int, b: int, axes: Axes)
 
 
 @kernel
-def append_pair(near: Near, a: int, b: int, tree_a: int, tree_b: int, found: Separation) -> None:
-    """Add a pair to `near`; counts it as lost where the table is full."""
+def append_pair(near: Near, a: int, b: int, tree_a: int, tree_b: int, found: Separation, exact: bool) -> None:
+    """Add a pair to `near`, with its separation or, unless `exact`, a bound on it; counts it as lost where the table is full."""
     s, n, pa, pb = found
     k = near.counts.filled
     if k == len(near.a):
@@ -167,7 +167,7 @@ def append_pair(near: Near, a: int, b: int, tree_a: int, tree_b: int, found: Sep
         return
     near.counts.filled = k + 1
     near.a[k], near.b[k], near.tree_a[k], near.tree_b[k], near.separation[k] = a, b, tree_a, tree_b, s
-    near.exact[k] = 1
+    near.exact[k] = 1 if exact else 0
     for i in range(3):
         near.normal[k, i], near.point_a[k, i], near.point_b[k, i] = n[i], pa[i], pb[i]
 
@@ -196,12 +196,11 @@ def near_bodies(
             if bound > limit:
                 continue
             if bound >= enough:
-                append_pair(near, a, b, tree_a, tree_b, (bound, along, NOWHERE, NOWHERE))
-                near.exact[near.counts.filled - 1] = 0
+                append_pair(near, a, b, tree_a, tree_b, (bound, along, NOWHERE, NOWHERE), False)
                 continue
             found = pair_separation(scene.pieces, frames, a, b, limit, axes, detection.scratch)
             if found[0] <= limit:
-                append_pair(near, a, b, tree_a, tree_b, found)
+                append_pair(near, a, b, tree_a, tree_b, found, True)
 
 
 @kernel

@@ -31,7 +31,7 @@ NEAR_SLACK = 1e-3  # m
 
 @kernel
 def row_limit(trust_radius: float) -> float:
-    """Distance [m] up to which a pair gets a row where no point moves much farther than `step` [m]."""
+    """Distance [m] up to which a pair gets a row where no point moves much farther than `trust_radius` [m]."""
     return NEAR_ENOUGH * trust_radius + NEAR_SLACK
 
 

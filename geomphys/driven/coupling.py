@@ -33,7 +33,7 @@ def relax(x: float, v: float, mass: float, stiffness: float, damping: float, dt:
     Returns
     -------
     tuple
-        (x, v); exactly (0, 0) once both are below `REST_LENGTH` and `REST_SPEED`.
+        (x, v); exactly (0, 0) once both are below `NEGLIGIBLE_OFFSET` and `NEGLIGIBLE_RATE`.
     """
     if x == 0.0 and v == 0.0:
         return 0.0, 0.0

@@ -50,6 +50,7 @@ def set_joint_limits(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angl
             change = unwrapped_change(ws, q, angles[q] - state.recorded.angles[q])
             work.extrapolated[q] = min(max(last[q] + change, work.low[q]), work.high[q])
             work.expected[q] = work.extrapolated[q] + ws.weights.trend * state.joint_step[q]
+        state.joint_step[q] = 0.0
         if state.prescription[scene.dofs.tree[q]] == PRESCRIBED:  # the contact solve has set its posture
             work.extrapolated[q] = min(max(state.prescribed_posture.angles[q], work.low[q]), work.high[q])
             work.expected[q] = work.extrapolated[q]

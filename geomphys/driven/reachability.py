@@ -197,9 +197,8 @@ def measure_listed_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough
             s, n = separation_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
         if s > limit:
             continue
-        append_pair(near, a, b, listed.tree_a[k], listed.tree_b[k], (s, n, NOWHERE, NOWHERE))
+        append_pair(near, a, b, listed.tree_a[k], listed.tree_b[k], (s, n, NOWHERE, NOWHERE), False)
         last = near.counts.filled - 1
-        near.exact[last] = 0
         if s < enough:
             s = measure_near(
                 scene.pieces, ws.piece_frames.frames, last, limit, near, ws.detection.axes, ws.detection.scratch

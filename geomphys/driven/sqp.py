@@ -183,19 +183,26 @@ def _request_rows(scene: Scene, ws: DrivenWorkspace, gap: float, limit: float) -
 
 
 @outlined
+def _assemble_objective(scene: Scene, ws: DrivenWorkspace, attracted: bool, relaxed: bool) -> tuple[int, float]:
+    """Assemble the quadratic objective at the iterate: (number of unknowns, cost there)."""
+    n = number_unknowns(scene, ws)
+    cost = assemble(scene, ws, ws.work.iterate, not relaxed)
+    if attracted:
+        cost += add_touches(scene, ws, ws.work.iterate, n)
+    return n, cost
+
+
+@outlined
 def _solve_linear(
     scene: Scene, ws: DrivenWorkspace, recorded: Floats, gap: float, trust_radius: float, attracted: bool, relaxed: bool
-) -> float:
-    """Build and solve the quadratic problem at the iterate; returns the cost there.
+) -> tuple[float, bool]:
+    """Build and solve the quadratic problem at the iterate: (cost there, whether it was solved; if not, no step is made).
 
     Pairs get rows once an iterate overlaps them. Rows that are infeasible together become penalty terms.
     """
     work, limit, cost = ws.work, row_limit(trust_radius), 0.0
     for attempt in range(2):
-        n = number_unknowns(scene, ws)
-        cost = assemble(scene, ws, work.iterate, not relaxed)
-        if attracted:
-            cost += add_touches(scene, ws, work.iterate, n)
+        n, cost = _assemble_objective(scene, ws, attracted, relaxed)
         bound_unknowns(scene, ws, work.iterate, trust_radius, attempt == 0)
         request_touching(ws)
         m = add_pairs(scene, ws, work.iterate, gap, 0, n, attempt == 1)
@@ -207,10 +214,10 @@ def _solve_linear(
             more = add_pairs(scene, ws, work.iterate, gap, m, n, False)
             status, m, active_count = resume_quadratic(ws.problem, n, m, more, active_count)
         if status == SOLVED:
-            return cost
+            return cost, True
     for i in range(len(ws.problem.x)):
         ws.problem.x[i] = 0.0
-    return cost
+    return cost, False
 
 
 @kernel
@@ -278,7 +285,7 @@ def search(
     """
     work, best, relaxed = ws.work, math.inf, mode == ANY_PATH
     trust_radius = FIRST_RADIUS if relaxed else _first_radius(scene, ws)
-    found, converged, rate_limited, done = False, False, False, False
+    found, converged, rate_limited, done, is_solved = False, False, False, False, True
     only_translations, pass_count, idle, listed = _only_translations(ws), 0, 0, 0.0
     clear_spots(ws)
     _copy_targets(scene, ws, work.target, work.cached_target)
@@ -299,12 +306,15 @@ def search(
             measure_touches(scene, ws, ATTRACTION_DISTANCE)
             if pass_count == 0:
                 set_touch_goals(scene, ws)
-        cost = _solve_linear(scene, ws, recorded, gap, trust_radius, attracted, relaxed or rate_limited)
+        if done:
+            cost = _assemble_objective(scene, ws, attracted, relaxed or rate_limited)[1]
+        else:
+            cost, is_solved = _solve_linear(scene, ws, recorded, gap, trust_radius, attracted, relaxed or rate_limited)
         idle = idle + 1 if least >= 0.0 and cost > RELATIVE_GAIN * best else 0
         if least >= 0.0 and (cost < best or done or rate_limited):
             found, best = True, cost
             copy_unlocked(scene, ws, work.iterate, work.best)
-        if done or pass_count == min(passes, work.passes):
+        if done or not is_solved or pass_count == min(passes, work.passes):
             break
         if idle >= PATIENCE and trust_radius == LEAST_RADIUS:
             converged = True

@@ -127,7 +127,7 @@ class DrivenState(NamedTuple):
     used_low: Floats  # (Q,) the least angle recorded so far
     used_high: Floats  # (Q,) and the largest
     joint_offset: Floats  # (Q,) corrected less recorded angles
-    joint_step: Floats  # (Q,) their last change
+    joint_step: Floats  # (Q,) their change in the last step, so far
     prescription: Ints  # (T,) PRESCRIBED: its posture in this step, obstacles apart, is that below; WAS_PRESCRIBED; 0
     prescribed_posture: Posture
     method: Ints  # (T,) by which each tree was freed in the frame so far, as in results.METHODS

@@ -110,7 +110,7 @@ def motion_of(scene: Scene, ws: DrivenWorkspace, piece: int) -> float:
 def update_separations(scene: Scene, ws: DrivenWorkspace, limit: float, enough: float) -> float:
     """Update the near pairs after the step that `measure_motion` was called for; returns the least separation.
 
-    A separation, and the gap along a direction, shrinks by no more than the motion of product pieces. Only pairs that may be
+    A separation, and the gap along a direction, shrinks by no more than the motion of the two pieces. Only pairs that may be
     nearer than `enough` [m] are measured, within `limit` [m].
     """
     near, least = ws.near, math.inf

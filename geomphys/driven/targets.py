@@ -245,7 +245,7 @@ def store_offsets(
             state.recorded.roots[tree, k] = roots[tree, k]
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
             offset = state.last.angles[q] - angles[q]
-            state.joint_step[q] = unwrapped_change(ws, q, offset - state.joint_offset[q])
+            state.joint_step[q] += unwrapped_change(ws, q, offset - state.joint_offset[q])
             state.joint_offset[q] = offset
             state.recorded.angles[q] = angles[q]
             if scene.trees.role[tree] == DRIVEN:

@@ -179,7 +179,7 @@ def _finish(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> None:
 
 @kernel
 def _start_at_present(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, mobility: int) -> None:
-    """Start the search for a driven tree, which may move by `kind`, at its present posture, which is also its target."""
+    """Start the search for a driven tree, which may move by `mobility`, at its present posture, which is also its target."""
     work = ws.work
     work.mobility[tree] = LOCKED
     if scene.trees.role[tree] != DRIVEN:

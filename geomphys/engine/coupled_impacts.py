@@ -45,15 +45,18 @@ def was_touching(sim: Simulation, r: Row) -> bool:
 
 
 @outlined
-def resolve_impacts(scene: Scene, m: Machine, h: float) -> int:
-    """Impulses at contacts that touch and approach faster than the threshold, with restitution if new; returns their number."""
+def resolve_impacts(scene: Scene, m: Machine) -> int:
+    """Impulses at contacts that touch and approach faster than the threshold, with restitution if new.
+
+    They are solved together and count as one impact: returns 1, or 0 where there are none.
+    """
     sim, c = m.simulated, m.coupled
     load_coupled(sim)
     for tree in range(len(scene.trees.role)):
         if solves(scene, c, tree):
             begin_impact(c, 3 * tree, 3 * tree + 3)
             begin_impact(c, first_unknown(scene, tree), end_unknown(scene, tree))
-    threshold, hits = sim.frame.restitution_threshold, 0
+    threshold, any_hit = sim.frame.restitution_threshold, False
     for k in range(sim.counts.rows):
         r = sim.rows[k]
         touches = r.clearance <= sim.frame.touch
@@ -61,10 +64,10 @@ def resolve_impacts(scene: Scene, m: Machine, h: float) -> int:
         r.target_speed = 0.0
         v = relative_velocity(sim, c, r)[0]
         if touches and v < -threshold:
-            hits += 1
+            any_hit = True
             if not was_touching(sim, r):
                 r.target_speed = -r.restitution * v
-    if hits == 0:
+    if not any_hit:
         return 0
     for k in range(sim.counts.rows):
         r = sim.rows[k]

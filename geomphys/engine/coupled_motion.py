@@ -339,7 +339,7 @@ def advance_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt
             margin = max(MARGIN, MARGIN_STEPS * fastest_motion(scene, m, h), largest_squeeze(scene, m.coupled))
             find_rows(scene, m, t, h, margin)
             find_limits(scene, m, t, h, margin)
-            impacts += resolve_impacts(scene, m, h)
+            impacts += resolve_impacts(scene, m)
             first = next_impact(m.simulated, m.coupled, h) if splits < SPLITS else h
             splits += 1 if first < h else 0
             solve_step(scene, m, t, first, first < h)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from geomphys.driven.links import Links
 from geomphys.driven.postures import Posture, make_posture
 from geomphys.jit.packed_records import Record
-from geomphys.scene.arrays import DRIVEN, Scene
+from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
 
 FLOAT, INT = np.float64, np.int64
 Floats = NDArray[np.float64]
@@ -27,6 +27,7 @@ MOST_LIMITS = 1 << 11
 UNKNOWN = np.dtype(
     [
         ("offset", FLOAT),  # m or rad: x, from the recorded value
+        ("loaded_offset", FLOAT),  # rad or m: of a joint, at the start of this substep
         ("rate", FLOAT),  # m/s or rad/s: v, of the offset
         ("solved", FLOAT),  # u, the rate being solved for
         ("recorded_rate", FLOAT),  # w, of the recording in this substep
@@ -38,12 +39,8 @@ UNKNOWN = np.dtype(
         ("inverse_mass", FLOAT),  # change of `solved` by a unit impulse; 0: it follows the recording
         ("arm", FLOAT),  # 1 or m/rad: its lever, of which K of (6) has the square
         ("impedance_scale", FLOAT),  # factor on K, m and R: such that the contact yields by K; 1: no contact
-        ("moments", FLOAT),  # N or N m: sum of the magnitudes of contact moments on it,
-        (
-            "yielding",
-            FLOAT,
-        ),  # the same, each times K over the stiffness that all joints behind its contact have together
-        ("pressed", FLOAT),  # N s or N m s: sum of the magnitudes of impulses on it in the last step
+        ("moments", FLOAT),  # N or N m: sum of the magnitudes of contact moments on it
+        ("yielding", FLOAT),  # the same times K, each over the stiffness of all joints behind its contact
     ]
 )
 """Offset of a root along a world axis, or of a joint."""
@@ -55,6 +52,7 @@ TREE = np.dtype(
         ("touched", INT),  # 1: one pressed or hit it in this substep
         ("group", INT),  # label of its group; -1: none
         ("rotation_offset", FLOAT, 4),  # x y z w: orientation of the root, from its recorded one
+        ("rotation_offset_rate", FLOAT, 3),  # rad/s: of its rotation vector
     ]
 )
 """How a driven tree takes part."""
@@ -87,7 +85,7 @@ SOLVE = np.dtype(
     [
         ("effects", INT),
         ("limits", INT),
-        ("lost", INT),  # contacts beyond the capacity of their table
+        ("lost", INT),  # effects and limits beyond the capacity of their table, which are left out
         ("unsettled", INT),  # steps and impacts of this substep that ended at the bound on sweeps
         ("started", INT),  # 1: there was a substep before
         ("substep_duration", FLOAT),  # s: how long it was
@@ -127,7 +125,7 @@ def make_coupled(scene: Scene, poses: Floats, links: Links) -> Coupled:
     own = np.concatenate([np.full(3 * trees, np.inf), scene.dofs.effort])
     at_tip = scene.trees.effort[owner] * arm
     unknowns["effort"] = np.where(np.isfinite(own), own, at_tip)
-    any_simulated = bool((scene.bodies.role == 1).any()) and bool((scene.bodies.role == DRIVEN).any())
+    any_simulated = bool((scene.bodies.role == SIMULATED).any()) and bool((scene.bodies.role == DRIVEN).any())
     records = np.zeros(trees, TREE)
     records["rotation_offset"][:, 3] = 1.0
     return Coupled(

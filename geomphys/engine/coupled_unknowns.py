@@ -17,12 +17,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.driven.coupling import relax
+from geomphys.driven.coupling import relax, relax_offset
 from geomphys.driven.postures import Posture, copy_tree
 from geomphys.engine.coupled_state import Coupled
 from geomphys.engine.state import Machine
 from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.row_vectors import quat_of, set_quat
+from geomphys.numerics.row_vectors import quat_of, set_quat, set_vec, vec_of
 from geomphys.numerics.vec3 import (
     quat_conjugate,
     quat_from_rotation_vector,
@@ -64,7 +64,7 @@ def solves(scene: Scene, c: Coupled, tree: int) -> bool:
 
 
 @kernel
-def difference(scene: Scene, m: Machine, q: int, value: float) -> float:
+def difference(m: Machine, q: int, value: float) -> float:
     """Offset of a joint, modulo 2π if it is continuous."""
     if m.workspace.links.periodic[q] == 1:
         value -= 2.0 * math.pi * math.floor(value / (2.0 * math.pi) + 0.5)
@@ -93,10 +93,11 @@ def load_unknowns(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
             x.recorded_rate = (roots[tree, i] - state.recorded.roots[tree, i]) / dt
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
             x = c.unknowns[unknown_of_joint(scene, q)]
-            before = x.offset
-            x.offset = difference(scene, m, q, state.last.angles[q] - state.recorded.angles[q])
+            x.offset = difference(m, q, state.last.angles[q] - state.recorded.angles[q])
             if t.touched == 0:
-                x.rate = (x.offset - before) / solve.substep_duration if solve.started == 1 else 0.0
+                change = difference(m, q, x.offset - x.loaded_offset)
+                x.rate = change / solve.substep_duration if solve.started == 1 else 0.0
+            x.loaded_offset = x.offset
             change = angles[q] - state.recorded.angles[q]
             x.recorded_before = x.recorded_rate
             x.recorded_rate = change / dt if abs(change) < JUMP else 0.0
@@ -104,6 +105,8 @@ def load_unknowns(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
         set_quat(t.rotation_offset, (0.0, 0.0, 0.0, 1.0))
         if corrected != recorded:
             set_quat(t.rotation_offset, quat_mul(corrected, quat_conjugate(recorded)))
+        if t.touched == 0:
+            set_vec(t.rotation_offset_rate, vec_of(state.link_offsets[scene.trees.body_start[tree]].angular_velocity))
         if t.pressed == 1:
             keep_world_velocity(scene, c, tree)
         forget_bad_rates(c, 3 * tree, 3 * tree + 3)
@@ -139,10 +142,11 @@ def relax_rotation(scene: Scene, c: Coupled, tree: int, dt: float) -> None:
     t = c.trees[tree]
     if t.rotation_offset[0] == 0.0 and t.rotation_offset[1] == 0.0 and t.rotation_offset[2] == 0.0:
         return
-    v = rotation_vector(quat_of(t.rotation_offset))
-    k, m, r = scene.trees.stiffness[tree], scene.trees.mass[tree], scene.trees.damping[tree]
-    left = relax(1.0, 0.0, m, k, r, dt)[0]
-    set_quat(t.rotation_offset, quat_from_rotation_vector((left * v[0], left * v[1], left * v[2])))
+    x, v = rotation_vector(quat_of(t.rotation_offset)), t.rotation_offset_rate
+    x0, v[0] = relax_offset(scene.trees, tree, x[0], v[0], dt)
+    x1, v[1] = relax_offset(scene.trees, tree, x[1], v[1], dt)
+    x2, v[2] = relax_offset(scene.trees, tree, x[2], v[2], dt)
+    set_quat(t.rotation_offset, quat_from_rotation_vector((x0, x1, x2)))
 
 
 @outlined
@@ -173,7 +177,6 @@ def begin_step(c: Coupled, first: int, last: int, h: float) -> None:
     """
     for k in range(first, last):
         x = c.unknowns[k]
-        x.pressed = 0.0
         x.solved = x.inverse_mass = 0.0
         if x.mass == 0.0:
             continue

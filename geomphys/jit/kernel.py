@@ -34,7 +34,7 @@ class Kernel(Definition):
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         """Call it from Python; compiles what is not compiled yet."""
-        if len(args) != self.parameters:
+        if kwargs or len(args) != self.parameters:
             bound = inspect.signature(self.py_func).bind(*args, **kwargs)
             bound.apply_defaults()
             args = bound.args

@@ -8,7 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geomphys.collision.detect import MOTION_BOUND, Detection, find_near, make_axes, make_near, measure_near
+from geomphys.collision.detect import (
+    MOTION_BOUND,
+    Detection,
+    append_pair,
+    find_near,
+    make_axes,
+    make_near,
+    measure_near,
+)
 from geomphys.collision.penetration import make_scratch
 from geomphys.collision.support import pose_pieces
 from geomphys.collision.sweep import make_boxes
@@ -116,3 +124,12 @@ def test_what_a_remembered_direction_parts_is_bounded_and_not_measured() -> None
         found = measure_near(scene.pieces, frames, k, 1.0, pack(near), detection.axes, detection.scratch)
         assert found == pytest.approx(true[k], abs=1e-9)
     assert near.exact[:count].all()
+
+
+def test_a_pair_beyond_the_table_is_counted_and_changes_none_that_is_in_it() -> None:
+    near = make_near(2)
+    packed, nothing = pack(near), (0.0, 0.0, 0.0)
+    for piece, is_exact in ((0, True), (1, True), (2, False)):
+        append_pair(packed, piece, 5, 0, 1, (0.01 * piece, nothing, nothing, nothing), is_exact)
+    assert (int(near.counts["filled"]), int(near.counts["lost"])) == (2, 1)
+    assert (near.a.tolist(), near.exact.tolist(), near.separation.tolist()) == ([0, 1], [1, 1], [0.0, 0.01])

@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
 
 from geomphys.driven.coupling import relax
 from geomphys.engine.coupled_state import Coupled
-from geomphys.engine.coupled_unknowns import begin_impact, begin_step, end_impact, end_step, forget_bad_rates
+from geomphys.engine.coupled_unknowns import (
+    begin_impact,
+    begin_step,
+    end_impact,
+    end_step,
+    forget_bad_rates,
+    load_unknowns,
+    relax_rotation,
+)
 from geomphys.engine.state import make_machine
 from geomphys.jit.packed_records import pack
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Sphere
+from tests.driven.compound import CONE, shoulder
 from tests.simulated.scenes import Thing, floor, make_scene
 
 M, K, R, H = 0.4, 300.0, 9.0, 1 / 240
@@ -91,3 +103,44 @@ def test_rates_that_are_not_finite_are_cleared(coupled: Coupled) -> None:
     coupled.unknowns["rate"][:3] = (math.nan, 1.0, math.inf)
     forget_bad_rates(pack(coupled), 0, 3)
     assert np.array_equal(coupled.unknowns["rate"][:3], [0.0, 1.0, 0.0])
+
+
+@pytest.mark.parametrize("steps", [1, 3, 24])
+def test_a_rotation_left_by_something_else_relaxes_by_the_coupling_in_steps_of_any_length(
+    tmp_path: Path, steps: int
+) -> None:
+    world = shoulder(tmp_path, CONE)
+    scene = world.scene
+    m, k, r = (float(v[0]) for v in (scene.trees.mass, scene.trees.stiffness, scene.trees.damping))
+    coupled = make_machine(scene).coupled
+    axis, tree = np.array([0.6, 0.0, 0.8]), coupled.trees[0]
+    tree["rotation_offset"] = Rotation.from_rotvec(0.2 * axis).as_quat()
+    tree["rotation_offset_rate"] = -0.5 * axis
+    packed = pack(coupled)
+    for _ in range(steps):
+        relax_rotation(pack(scene), packed, 0, 0.1 / steps)
+    matrix = np.array([[0.0, 1.0], [-k / m, -r / m]])  # (6) as a system of first order
+    x, v = expm(0.1 * matrix) @ [0.2, -0.5]
+    assert Rotation.from_quat(tree["rotation_offset"]).as_rotvec() == pytest.approx(x * axis, abs=1e-9)
+    assert tree["rotation_offset_rate"] == pytest.approx(v * axis, abs=1e-9)
+
+
+@pytest.mark.parametrize("solved", [0, 1])
+def test_the_rate_of_a_joint_that_nothing_touched_is_that_of_its_offset_over_the_whole_substep(
+    tmp_path: Path, solved: int
+) -> None:
+    """Whether a contact solve left the offset of the substep's end in the unknown or not."""
+    scene = shoulder(tmp_path, CONE).scene
+    machine = make_machine(scene)
+    q = 2
+    c, k = machine.coupled, 3 * len(scene.trees.role) + q
+    packed = pack(scene), pack(machine)
+    roots, angles = machine.driven.recorded.roots.copy(), machine.driven.recorded.angles.copy()
+    machine.driven.last.angles[q] = angles[q] + 0.12
+    load_unknowns(*packed, roots, angles, H)
+    c.trees[0]["solved"] = solved
+    if solved:
+        c.unknowns[k]["offset"] = 0.1
+    machine.driven.last.angles[q] = angles[q] + 0.1
+    load_unknowns(*packed, roots, angles, H)
+    assert c.unknowns[k]["rate"] == pytest.approx((0.1 - 0.12) / H, rel=1e-9)

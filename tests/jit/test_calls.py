@@ -88,3 +88,11 @@ def _give(rows: np.ndarray) -> np.ndarray:
 def test_python_gets_no_arrays_from_kernels() -> None:
     with pytest.raises(TypeError, match="no kernel that returns array"):
         _give(np.zeros(3))
+
+
+def test_arguments_by_name_go_where_python_puts_them_and_unknown_ones_are_refused() -> None:
+    rows = np.zeros(3)
+    _set(value=2.0, rows=rows)
+    assert rows.tolist() == [2.0, 2.0, 2.0]
+    with pytest.raises(TypeError, match="other"):
+        _square(3.0, other=1)  # type: ignore[call-arg]
