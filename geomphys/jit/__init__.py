@@ -1,4 +1,4 @@
-"""From kernels to machine code by numba's public interface: once per machine and version, on two cores at once.
+"""From kernels to machine code by numba: once per machine and version, by several processes at once.
 
 What is compiled is loaded without numba, which is imported only where something has to be compiled.
 """

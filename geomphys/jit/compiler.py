@@ -3,6 +3,8 @@
 This uses two features of numba's public interface: `numba.extending.overload` compiles a kernel into its
 callers; `numba.cfunc` makes an outlined kernel, or what Python calls, a function of its own, whose text in LLVM's
 language becomes an object file (`geomphys.jit.machine_code`).
+
+Where numba is to do everything (`geomphys.jit.registry.PLAIN_NUMBA`) no kernel is outlined.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, lower_builtin, overload, type_callable
 
-from geomphys.jit.kinds import kind_of_text
+from geomphys.jit.kinds import Kind, kind_of_text
 from geomphys.jit.machine_code import SLOT, make_slots, object_file
 from geomphys.jit.numba_types import kind_of_type, type_of_kind
 from geomphys.jit.products import Key, Product, symbol_of
@@ -43,9 +45,15 @@ OPTIONS = _options()
 INSIDE = OPTIONS | {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 """Options of what only other kernels call."""
 
+ENTRY = types.void(types.intp, types.intp)
+"""Signature of what Python calls."""
+
 _known: set[Definition | Instruction] = set()
 _requested: dict[str, Key] = {}
 """What compiled code of this process jumps to, by symbol."""
+
+_in_memory: list[Any] = []
+"""What `compile_in_memory` made: its machine code lives as long as it does."""
 
 
 def compile_unit(kernel: Definition, key: Key) -> Product:
@@ -58,8 +66,24 @@ def compile_entry(kernel: Definition, key: Key) -> Product:
 
     Raises TypeError where the kernel returns what is no number or tuple.
     """
-    kinds = _types(key)
     returned: list[Any] = []
+    product = _product(_entry(kernel, key, returned), ENTRY, f"{symbol_of(key)}.entry")
+    return product._replace(returns=kind_of_type(returned[-1]))
+
+
+def compile_in_memory(kernel: Definition, key: Key) -> tuple[int, Kind]:
+    """Compile the same function in memory: its address, and what the kernel returns."""
+    _introduce_kernels()
+    returned: list[Any] = []
+    compiled = numba.cfunc(ENTRY, **OPTIONS)(_entry(kernel, key, returned))
+    _in_memory.append(compiled)
+    address: int = compiled.address
+    return address, kind_of_type(returned[-1])
+
+
+def _entry(kernel: Definition, key: Key, returned: list[Any]) -> Callable[..., None]:
+    """The function of two pointers that calls a kernel; `returned` gets the type of its result when it is compiled."""
+    kinds = _types(key)
     called: Any = kernel
     arguments, store = _arguments(kinds), _store(returned)
 
@@ -69,9 +93,7 @@ def compile_entry(kernel: Definition, key: Key) -> Product:
     def entry_without_arguments(words: int, result: int) -> None:
         store(result, called())
 
-    function = entry if kinds else entry_without_arguments
-    product = _product(function, types.void(types.intp, types.intp), f"{symbol_of(key)}.entry")
-    return product._replace(returns=kind_of_type(returned[-1]))
+    return entry if kinds else entry_without_arguments
 
 
 def _types(key: Key) -> list[Any]:

@@ -14,7 +14,7 @@ from typing import Any, TypeVar, cast
 from geomphys.jit.calls import Entry
 from geomphys.jit.folder import cache_folder
 from geomphys.jit.kinds import kind_of
-from geomphys.jit.registry import Definition, Instruction
+from geomphys.jit.registry import PLAIN_NUMBA, Definition, Instruction
 from geomphys.jit.work import load_entry
 
 F = TypeVar("F", bound=Callable[..., object])
@@ -51,6 +51,8 @@ def are_compiled(method: str = "exact") -> bool:
 
     `method` is "exact" or "paper", see `geomphys.config.Config`.
     """
+    if PLAIN_NUMBA:
+        return False
     if method not in _compiled:
         name = {"exact": "run_block", "paper": "run_block_as_published"}[method]
         if not any(cache_folder().glob(f"geomphys.engine.step.{name}.*.entry")):

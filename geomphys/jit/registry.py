@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import os
 import secrets
 from collections.abc import Callable
 from functools import lru_cache
@@ -14,6 +15,12 @@ from geomphys.jit.kinds import Kind, text_of
 from geomphys.jit.products import Key
 
 PACKAGE = Path(__file__).parent.parent
+
+PLAIN_NUMBA = os.environ.get("GEOMPHYS_PLAIN_NUMBA") == "1"
+"""Set in the environment: numba does everything by itself, every kernel is compiled into its callers, and nothing is kept.
+
+That takes minutes in every process and gives the same results: what `geomphys.jit.work` saves can be checked against it.
+"""
 
 
 class Definition:
@@ -30,7 +37,7 @@ class Definition:
 
     def __init__(self, function: Callable[..., Any], inlined: bool, outlined: bool) -> None:
         self.py_func = self.__wrapped__ = function
-        self.inlined, self.outlined = inlined, outlined
+        self.inlined, self.outlined = inlined, outlined and not PLAIN_NUMBA
         self.__name__, self.__qualname__ = function.__name__, function.__qualname__
         self.__module__, self.__doc__ = function.__module__, function.__doc__
         self.parameters = function.__code__.co_argcount

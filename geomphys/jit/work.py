@@ -23,7 +23,7 @@ from geomphys.jit.calls import Entry
 from geomphys.jit.kinds import Kind
 from geomphys.jit.machine_code import is_linked, link, make_slots
 from geomphys.jit.products import Key, Product, is_there, load, locked, save, symbol_of
-from geomphys.jit.registry import Definition, definitions
+from geomphys.jit.registry import PLAIN_NUMBA, Definition, definitions
 from geomphys.storage.child_process import available_cores
 from geomphys.storage.deferred_signals import signals_deferred
 
@@ -70,6 +70,12 @@ def undisturbed() -> Iterator[None]:
 def load_entry(kernel: Definition, kinds: tuple[Kind, ...]) -> Entry:
     """A kernel as Python calls it, for arguments of these kinds; compiles what is not compiled yet."""
     key = kernel.key(kinds)
+    if PLAIN_NUMBA:
+        from geomphys.jit.compiler import compile_in_memory
+
+        with undisturbed(), signals_deferred():
+            address, returns = compile_in_memory(kernel, key)
+        return Entry(address, kinds, returns)
     name = f"{symbol_of(key)}.entry"
     with undisturbed():
         product = _provide(key, entry=True)
