@@ -75,7 +75,7 @@ def compile_in_memory(kernel: Definition, key: Key) -> tuple[int, Kind]:
     """Compile the same function in memory: its address, and what the kernel returns."""
     _introduce_kernels()
     returned: list[Any] = []
-    compiled = numba.cfunc(ENTRY, **OPTIONS)(_entry(kernel, key, returned))
+    compiled: Any = numba.cfunc(ENTRY, **OPTIONS)(_entry(kernel, key, returned))
     _in_memory.append(compiled)
     address: int = compiled.address
     return address, kind_of_type(returned[-1])
