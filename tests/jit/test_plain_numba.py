@@ -41,7 +41,7 @@ def run(cache: Path, plain: bool, *arguments: str) -> subprocess.CompletedProces
     if plain:
         environment["XDG_CACHE_HOME"] = str(cache)
     return subprocess.run(
-        [sys.executable, "-c", *arguments], cwd=PROJECT, env=environment, capture_output=True, check=True, timeout=1200
+        [sys.executable, "-c", *arguments], cwd=PROJECT, env=environment, capture_output=True, check=True, timeout=3600
     )
 
 
