@@ -7,7 +7,11 @@ import pytest
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from geomphys.collision.detect import Near, make_near
+from geomphys.collision.global_depth import global_depths, make_global_depths
+from geomphys.jit.packed_records import pack
 from geomphys.numerics.transforms import apply
+from geomphys.scene.pieces import PosedShape, Sphere, build_pieces
 from tests.driven.logs import Engine, Run, Thing, play
 from tests.scene.models import link, urdf
 
@@ -98,3 +102,75 @@ def test_the_corrected_poses_are_free(run: Run) -> None:
     engine = Engine(run.world)
     assert max(engine.deepest(poses) for poses in run.corrected) <= 1e-5
     assert run.residual.max() <= 1e-5
+
+
+PIECES = pack(build_pieces([PosedShape(Sphere(0.1), np.eye(4), body) for body in (0, 0, 0, 1, 1, 2, 2, 2, 3)]))
+"""Nine pieces of four bodies."""
+
+
+def random_contacts(rng: np.random.Generator, count: int) -> Near:
+    """Pairs of pieces of different bodies, sorted by bodies; a third of them do not overlap."""
+    body = np.asarray(PIECES.body)
+    a, b = np.sort(rng.integers(0, len(body), (2, 4 * count)), axis=0)
+    a, b = a[body[a] != body[b]][:count], b[body[a] != body[b]][:count]
+    order = np.lexsort((body[b], body[a]))
+    near = make_near(len(a))
+    near.a[:], near.b[:], near.counts["filled"] = a[order], b[order], len(a)
+    near.separation[:] = rng.uniform(-2e-2, 1e-2, len(a))
+    normals = rng.normal(size=(len(a), 3))
+    near.normal[:] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    return near
+
+
+def by_numpy(near: Near) -> dict[tuple[int, int], tuple[np.ndarray, int, float]]:
+    """Equation (1) as it is printed: of each pair of bodies PD_g, the number of overlaps and the deepest."""
+    n = int(near.counts["filled"])
+    bodies = np.column_stack([PIECES.body[near.a[:n]], PIECES.body[near.b[:n]]])
+    found = {}
+    for pair in np.unique(bodies[near.separation[:n] < 0.0], axis=0):
+        chosen = (bodies == pair).all(axis=1) & (near.separation[:n] < 0.0)
+        pd = -near.separation[:n][chosen]
+        value = (pd**2) @ near.normal[:n][chosen] / pd.sum()
+        found[int(pair[0]), int(pair[1])] = (value, int(chosen.sum()), float(pd.max()))
+    return found
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("count", [1, 3, 40])
+def test_the_kernel_is_equation_1_on_random_contacts(seed: int, count: int) -> None:
+    near, depths = random_contacts(np.random.default_rng(seed), count), make_global_depths(50)
+    for array in depths:
+        array[:] = 7  # of the frame before
+    filled = global_depths(PIECES, pack(near), pack(depths))
+    expected = by_numpy(near)
+    assert [(int(depths.body_a[k]), int(depths.body_b[k])) for k in range(filled)] == sorted(expected)
+    for k in range(filled):
+        pd, pairs, largest = expected[int(depths.body_a[k]), int(depths.body_b[k])]
+        assert depths.pd[k] == pytest.approx(pd, rel=1e-12, abs=1e-15)
+        assert (depths.pairs[k], depths.largest[k]) == (pairs, largest)
+
+
+def test_one_contact_gives_its_depth_along_its_normal_and_opposite_ones_cancel() -> None:
+    near, depths = make_near(2), make_global_depths(2)
+    near.a[:2], near.b[:2], near.counts["filled"] = (0, 1), (3, 4), 2
+    near.separation[:2] = -0.01
+    near.normal[:2] = (0, 0.6, 0.8), (0, -0.6, -0.8)
+    assert global_depths(PIECES, pack(near), pack(depths)) == 1
+    assert depths.pd[0].tolist() == [0.0, 0.0, 0.0]
+    near.counts["filled"] = 1
+    assert global_depths(PIECES, pack(near), pack(depths)) == 1
+    assert depths.pd[0] == pytest.approx([0.0, 0.006, 0.008], rel=1e-14)
+
+
+def test_touching_is_no_overlap() -> None:
+    near, depths = make_near(1), make_global_depths(1)
+    near.a[0], near.b[0], near.counts["filled"], near.normal[0] = 0, 3, 1, (1, 0, 0)
+    assert global_depths(PIECES, pack(near), pack(depths)) == 0
+
+
+def test_pairs_beyond_the_capacity_of_the_table_do_not_spoil_the_others() -> None:
+    near = random_contacts(np.random.default_rng(3), 40)
+    whole, small = make_global_depths(50), make_global_depths(2)
+    assert global_depths(PIECES, pack(near), pack(whole)) > 2
+    assert global_depths(PIECES, pack(near), pack(small)) == 2
+    assert np.array_equal(small.pd, whole.pd[:2])
