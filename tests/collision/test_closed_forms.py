@@ -165,6 +165,16 @@ def test_segments_that_overlap_along_one_line_part_across_it() -> None:
         assert np.linalg.norm(n) == pytest.approx(1.0, abs=1e-15)
 
 
+@pytest.mark.parametrize("at", [0.0, 0.2, -0.4])
+@pytest.mark.parametrize("ball_first", [False, True])
+def test_a_ball_on_the_axis_of_a_capsule_leaves_across_it(at: float, ball_first: bool) -> None:
+    ball, capsule = ((at, 0.0, 0.0), (0.0, 0.0, 1.0), 0.0, 0.1), ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 0.5, 0.2)
+    s, n, _ = segments(*ball, *capsule) if ball_first else segments(*capsule, *ball)
+    assert s == pytest.approx(-0.3, abs=1e-15)
+    assert n[0] == pytest.approx(0.0, abs=1e-15)
+    assert np.linalg.norm(n) == pytest.approx(1.0, abs=1e-15)
+
+
 def test_ball_and_box_against_the_distance_field() -> None:
     """The normal is the gradient of the field, and the point of the box is on its surface."""
     rng = np.random.default_rng(6)

@@ -1,4 +1,7 @@
-"""A rigid hand that closes on something yields its shape; one that is moved into it is translated as it is."""
+"""A rigid hand that closes on something yields its shape; one that is moved into it is translated as it is.
+
+Whole replays first, then the two kernels that decide it, by hand-made contacts.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from geomphys.driven.grips import MEMORY, find_grips, update_mean_tips
 from geomphys.driven.links import make_links
+from geomphys.driven.weights import WEIGHTS
+from geomphys.engine.state import Machine, make_machine
+from geomphys.jit.packed_records import pack
 from geomphys.load import load_world
+from geomphys.scene.kinematics import pose_tree
 from tests.driven.logs import Run, Thing, assert_free, play
 from tests.scene.models import joint, link, urdf
 
@@ -104,3 +113,127 @@ def test_the_palm_of_a_fingertip_is_where_fingers_part(tmp_path: Path) -> None:
     links, names = make_links(world.scene), [name.split("/")[1] for name in world.body_names]
     palms = {names[tip]: names[links.palm[tip]] for tip in np.flatnonzero(links.tip)}
     assert palms == {"a_tip": "palm", "b_tip": "palm", "lamp": "arm"}
+
+
+UP, DOWN, ASIDE = (0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)
+DEEP, SHALLOW = -1.5 * WEIGHTS.grip_depth, -0.5 * WEIGHTS.grip_depth
+
+
+class Hand:
+    """The hand of two fingers and a fixed bar, with contacts that are set by hand."""
+
+    def __init__(self, folder: Path) -> None:
+        bar = '[[object]]\nname="bar"\nclass="fixed"\nbox=[0.04,0.06,0.04]\nposition=[0.11,0,0]\nmaterial="wood"\n'
+        text = hand(folder).replace('root={topic="/wrist"}\njoints={topic="/angles"}\n', "")
+        (folder / "scene.toml").write_text(text + bar)
+        self.world = load_world(folder / "scene.toml")
+        self.machine: Machine = make_machine(self.world.scene)
+        self.scene, self.ws, self.state = map(pack, (self.world.scene, self.machine.workspace, self.machine.driven))
+        self.fingers = [self.world.body_names.index(f"hand/{name}") for name in ("upper", "lower")]
+        self.bar = self.world.body_names.index("bar")
+
+    def poses(self, angle: float = 0.0, position: tuple[float, ...] = (0, 0, 0), turn: float = 0.0) -> np.ndarray:
+        """(B, 7) with the upper finger at `angle`, the palm at a position and turned about x."""
+        out = self.machine.driven.last.poses.copy()
+        roots = self.world.scene.trees.rest.copy()
+        roots[0] = (*position, *Rotation.from_rotvec([turn, 0, 0]).as_quat())
+        pose_tree(self.scene, self.machine.workspace.origins, 0, roots, np.array([angle, 0.0]), out)
+        return out
+
+    def touch(self, *touches: tuple[int, float, tuple[float, float, float]]) -> None:
+        """Set the recorded contacts with the bar: finger, gap, normal out of the bar."""
+        work = self.machine.workspace.work
+        for k, (finger, gap, normal) in enumerate(touches):
+            record = work.touches[k]
+            record["tip"], record["body"], record["gap"], record["normal"] = self.fingers[finger], self.bar, gap, normal
+        work.counts["touches"] = len(touches)
+
+    def grips(self, recorded: np.ndarray) -> bool:
+        find_grips(self.scene, self.state, self.ws, recorded)
+        return bool(self.machine.workspace.work.grips[0])
+
+
+@pytest.mark.parametrize("steps", [1, 4, 64])
+def test_the_mean_position_of_a_tip_follows_with_its_time_constant_at_every_frame_rate(
+    tmp_path: Path, steps: int
+) -> None:
+    """1 - exp(-t / MEMORY) of the way after a step of the joints; what the palm does meanwhile does not count."""
+    made, seconds = Hand(tmp_path), 0.15
+    tip = made.fingers[0]
+    update_mean_tips(made.scene, made.state, made.ws, made.poses(0.0, (1, 2, 3), 0.4), np.inf)
+    before = made.machine.driven.mean_tip[tip].copy()
+    assert before == pytest.approx([0.03 + 0.05, 0, 0.04], abs=1e-3)  # in the palm's frame, wherever that is
+    for k in range(steps):
+        moved = made.poses(0.3, (0.1 * k, 0, 0), 0.2 * k)
+        update_mean_tips(made.scene, made.state, made.ws, moved, seconds / steps)
+    after = made.machine.driven.mean_tip[tip].copy()
+    update_mean_tips(made.scene, made.state, made.ws, made.poses(0.3), np.inf)
+    end = made.machine.driven.mean_tip[tip]
+    share = np.linalg.norm(after - before) / np.linalg.norm(end - before)
+    assert share == pytest.approx(1.0 - np.exp(-seconds / MEMORY), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("touches", "grips"),
+    [
+        ([(0, DEEP, UP), (1, DEEP, DOWN)], True),
+        ([(0, DEEP, UP), (1, SHALLOW, DOWN)], False),
+        ([(0, SHALLOW, UP), (1, DEEP, DOWN)], False),
+        ([(0, DEEP, UP), (1, DEEP, UP)], False),
+        ([(0, DEEP, UP), (1, DEEP, ASIDE)], False),
+        ([(0, DEEP, UP)], False),
+        ([], False),
+    ],
+)
+def test_tips_that_are_deep_from_opposing_sides_grip(
+    tmp_path: Path, touches: list[tuple[int, float, tuple[float, float, float]]], grips: bool
+) -> None:
+    made = Hand(tmp_path)
+    poses = made.poses()
+    update_mean_tips(made.scene, made.state, made.ws, poses, np.inf)
+    made.touch(*touches)
+    made.machine.workspace.work.grips[0] = not grips  # of the step before
+    assert made.grips(poses) == grips
+
+
+CLOSED = 1.5 * WEIGHTS.grip_depth / 0.05  # rad: takes a tip, 5 cm from its joint, that much farther
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "gap", "grips"),
+    [
+        (0.5 * CLOSED, CLOSED, DEEP, True),
+        (0.1 * CLOSED, 0.5 * CLOSED, DEEP, False),  # not far enough yet
+        (1.2 * CLOSED, CLOSED, DEEP, False),  # it opens
+        (0.5 * CLOSED, CLOSED, SHALLOW, False),  # not deep enough
+        (-0.5 * CLOSED, -CLOSED, DEEP, False),  # away from it
+    ],
+)
+def test_a_tip_that_joints_have_moved_deeper_grips(
+    tmp_path: Path, before: float, now: float, gap: float, grips: bool
+) -> None:
+    """The finger goes down by its joint from an angle of zero; the bar's normal is up."""
+    made = Hand(tmp_path)
+    update_mean_tips(made.scene, made.state, made.ws, made.poses(0.0), np.inf)
+    made.machine.driven.recorded.poses[:] = made.poses(before)
+    made.touch((0, gap, UP))
+    assert made.grips(made.poses(now)) == grips
+
+
+def test_a_hand_that_is_moved_into_something_does_not_close_on_it(tmp_path: Path) -> None:
+    made = Hand(tmp_path)
+    update_mean_tips(made.scene, made.state, made.ws, made.poses(0.0), np.inf)
+    made.machine.driven.recorded.poses[:] = made.poses(0.0, (0, 0, 0.02))
+    made.touch((0, DEEP, UP))
+    assert not made.grips(made.poses(0.0))
+
+
+@pytest.mark.parametrize(("bar_moves", "grips"), [(0.0, True), (-0.01, False)])
+def test_a_bar_that_moves_away_faster_is_not_closed_on(tmp_path: Path, bar_moves: float, grips: bool) -> None:
+    made = Hand(tmp_path)
+    update_mean_tips(made.scene, made.state, made.ws, made.poses(0.0), np.inf)
+    made.machine.driven.recorded.poses[:] = made.poses(0.5 * CLOSED)
+    now = made.poses(CLOSED)
+    now[made.bar, 2] += bar_moves
+    made.touch((0, DEEP, UP))
+    assert made.grips(now) == grips

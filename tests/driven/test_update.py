@@ -9,8 +9,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from geomphys.config import Config
+from geomphys.driven.coupling import relax
+from geomphys.driven.state import NEVER_FREE, STARTED_FREE
+from geomphys.driven.update import separate_driven, update_driven
+from geomphys.engine.state import make_machine
+from geomphys.engine.step import measure_recorded, pose_recording
+from geomphys.jit.packed_records import pack
 from geomphys.results import FLAG_NOT_CONVERGED, FLAG_STARTED_INSIDE
+from geomphys.scene import arrays as s
+from geomphys.scene.pieces import Box
 from tests.driven.logs import FREE, Thing, assert_free, line, play
+from tests.simulated import scenes
 
 CUBE = ("box", 0.1, 0.1, 0.1)
 TABLE = Thing(name="table", shape=("box", 2, 2, 0.1), at=(0, 0, -0.05))
@@ -117,3 +126,120 @@ def test_what_goes_round_a_corner_of_a_body_between_two_frames_pushes_it(tmp_pat
     assert (offset[:5] == 0.0).all()
     assert offset[5] > 1e-3
     assert (offset[-10:] == 0.0).all()
+
+
+GAP, DT, HALF = 2e-6, 1 / 60, 0.05
+BOX = Box((HALF, HALF, HALF))
+
+
+class Loop:
+    """The driven loop of cubes, called frame by frame without a log."""
+
+    def __init__(self, *things: scenes.Thing) -> None:
+        self.made = scenes.make_scene(things)
+        self.machine = make_machine(self.made)
+        self.scene, self.packed = pack(self.made), pack(self.machine)
+        self.roots, self.angles = self.made.trees.rest.copy(), np.zeros(0)
+
+    def update(self, dt: float = DT, **at: tuple[float, ...]) -> tuple[int, int, bool, bool]:
+        """A frame in which trees ("t0", "t1", …) are recorded at positions; returns the outcome."""
+        for name, position in at.items():
+            self.roots[int(name[1:]), :3] = position
+        pose_recording(self.scene, self.packed, self.roots, self.angles)
+        measure_recorded(self.scene, self.packed)
+        m = self.packed
+        return tuple(  # type: ignore[return-value]
+            update_driven(self.scene, m.driven, m.workspace, self.roots, self.angles, m.recorded, dt, GAP)
+        )
+
+    def position(self, tree: int) -> np.ndarray:
+        return np.asarray(self.machine.driven.last.poses[tree, :3])
+
+
+def cube(*at: float, role: int = s.DRIVEN, moving: bool = False) -> scenes.Thing:
+    return scenes.Thing(shape=BOX, role=role, at=at, moving=moving)
+
+
+def test_a_frame_is_taken_as_it_is_where_it_is_free_and_reachable() -> None:
+    loop = Loop(cube(0, 0, 0.2), scenes.floor())
+    for position in ((0.1, 0.2, 0.3), (0.123, 0.2, 0.07), (-0.4, 0.2, 0.05 + 1e-5)):
+        assert loop.update(t0=position) == (0, 0, True, False)
+        assert loop.position(0).tolist() == list(position)
+        assert not loop.machine.driven.offset.any()
+    assert loop.machine.driven.progress["start"] == STARTED_FREE
+    assert loop.machine.driven.progress["updates"] == 3
+
+
+def test_a_pressed_cube_stands_on_the_floor_and_follows_across_it() -> None:
+    loop = Loop(cube(0, 0, 0.2), scenes.floor())
+    loop.update(t0=(0, 0, 0.2))
+    for _ in range(3):
+        loop.update(t0=(0, 0, HALF - 0.01))
+    for k in range(5):
+        _, fallbacks, converged, _ = loop.update(t0=(0.01 * k, 0, HALF - 0.01))
+        assert (fallbacks, converged) == (0, True)
+        assert loop.position(0)[:2] == pytest.approx([0.01 * k, 0], abs=2e-5)
+        assert loop.position(0)[2] == pytest.approx(HALF + GAP, abs=1e-6)
+        assert loop.machine.driven.offset[0, 2] == pytest.approx(0.01 + GAP, abs=1e-6)
+
+
+def test_an_offset_relaxes_by_the_coupling_when_the_recording_is_free_again() -> None:
+    loop = Loop(cube(0, 0, 0.2), scenes.floor())
+    loop.update(t0=(0, 0, 0.2))
+    loop.update(t0=(0, 0, HALF - 0.01))
+    state = loop.machine.driven
+    x, v = float(state.offset[0, 2]), float(state.offset_velocity[0, 2])
+    loop.update(t0=(0, 0, 0.3))
+    expected, _ = relax(x, v, 0.4, 1000.0, 40.0, DT)
+    assert loop.position(0)[2] - 0.3 == pytest.approx(expected, abs=1e-12)
+    for _ in range(60):
+        loop.update(t0=(0.1, 0, 0.3))
+    assert loop.position(0).tolist() == [0.1, 0, 0.3]
+
+
+def test_two_driven_cubes_that_meet_yield_alike_and_a_third_does_not() -> None:
+    loop = Loop(cube(-0.2, 0, 0.5), cube(0.2, 0, 0.5), cube(0, 1, 0.5))
+    loop.update()
+    loop.update(t0=(-0.04, 0, 0.5), t1=(0.04, 0, 0.5), t2=(0, 0.9, 0.5))
+    left, right = loop.position(0)[0], loop.position(1)[0]
+    assert right - left == pytest.approx(2 * HALF + GAP, abs=1e-6)
+    assert left + right == pytest.approx(0.0, abs=1e-4)
+    assert loop.position(2).tolist() == [0, 0.9, 0.5]
+
+
+def test_a_cube_stays_on_its_side_of_a_thin_wall() -> None:
+    wall = scenes.Thing(shape=Box((0.001, 1.0, 1.0)), role=s.FIXED)
+    loop = Loop(cube(-0.3, 0, 0), wall)
+    loop.update()
+    loop.update(t0=(0.5, 0, 0))
+    assert loop.position(0)[0] == pytest.approx(-0.001 - HALF - GAP, abs=1e-6)
+
+
+def test_a_first_frame_that_is_never_free_says_so_and_the_next_is_again_a_first() -> None:
+    """Six plates round the cube, thicker than any depenetration goes."""
+    plates = [
+        scenes.Thing(shape=Box((2.0, 2.0, 2.0)), role=s.FIXED, at=tuple(sign * 2.04 * np.eye(3)[axis]))
+        for axis in range(3)
+        for sign in (1.0, -1.0)
+    ]
+    loop = Loop(cube(0, 0, 0), *plates)
+    converged = loop.update()[2]
+    assert not converged
+    assert loop.machine.driven.progress["start"] == NEVER_FREE
+    loop.machine.driven.offset_velocity[0] = 1.0
+    loop.update()
+    assert not loop.machine.driven.offset_velocity[0].any()
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_cube_is_moved_out_of_what_has_moved_into_it_by_the_depth(axis: int) -> None:
+    loop = Loop(cube(0, 0, 0), cube(*(-0.2 * np.eye(3)[axis]), role=s.FIXED, moving=True))
+    loop.update()
+    m = loop.machine
+    m.recorded[1, axis] = -2 * HALF + 0.006
+    assert separate_driven(loop.scene, loop.packed.driven, loop.packed.workspace, loop.packed.recorded, GAP) > 0
+    assert loop.position(0) == pytest.approx((0.006 + GAP) * np.eye(3)[axis], abs=1e-6)
+    assert m.driven.offset[0] == pytest.approx((0.006 + GAP) * np.eye(3)[axis], abs=1e-6)
+    before = loop.position(0).copy()
+    assert separate_driven(loop.scene, loop.packed.driven, loop.packed.workspace, loop.packed.recorded, GAP) == 0
+    assert np.array_equal(loop.position(0), before)

@@ -191,8 +191,7 @@ def test_the_link_nearest_the_root_is_moved_first(tmp_path: Path) -> None:
     assert step_chain(posed.scene, posed.packed, chain, 0) != NOTHING
     names = list(posed.world.dof_names)
     moved = {names[k].split("/")[-1] for k in np.flatnonzero(posed.w.iterate.angles)}
-    assert "a1" in moved
-    assert not moved & {"b1", "b2"}
+    assert moved == {"a1"}
 
 
 def test_passes_over_the_chains_free_a_limb(tmp_path: Path) -> None:
