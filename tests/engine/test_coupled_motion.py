@@ -287,5 +287,3 @@ def test_a_step_is_split_at_an_impact() -> None:
     expected = height - (clearance - GAP) + ball * left - 0.5 * GRAVITY * left**2
     assert motion["velocity"][2] == pytest.approx(ball - GRAVITY * left, abs=1e-6)
     assert motion["position"][2] == pytest.approx(expected, abs=1e-8)
-
-

@@ -38,7 +38,9 @@ def two_limbs(folder: Path, scene: str) -> World:
     joints = []
     for name, side in (("a", 0.2), ("b", -0.2)):
         joints.append(joint(f"{name}1", "torso", f"{name}_upper", xyz=f"0.1 {side} 0", inside=limit(-3, 3, "0 1 0")))
-        joints.append(joint(f"{name}2", f"{name}_upper", f"{name}_lower", xyz=f"{LENGTH} 0 0", inside=limit(-3, 3, "0 1 0")))
+        joints.append(
+            joint(f"{name}2", f"{name}_upper", f"{name}_lower", xyz=f"{LENGTH} 0 0", inside=limit(-3, 3, "0 1 0"))
+        )
     bars = [link(f"{name}_{part}", BAR) for name in "ab" for part in ("upper", "lower")]
     urdf(folder / "body.urdf", link("torso"), *bars, *joints)
     avatar = '[[avatar]]\nname="body"\nurdf="body.urdf"\nmode="chains"\nmaterial="human"\n'
@@ -112,7 +114,9 @@ def test_links_of_chains_are_counted_from_the_root(tmp_path: Path) -> None:
     posed = Posed(two_limbs(tmp_path, ""))
     depth = {name: int(posed.w.limbs.depth[posed.body(f"body/{name}")]) for name in ("a_upper", "a_lower", "torso")}
     assert depth == {"a_upper": 1, "a_lower": 2, "torso": 0}
-    chains = [int(posed.w.limbs.chain[posed.body(f"body/{name}")]) for name in ("torso", "a_lower", "b_upper", "b_lower")]
+    chains = [
+        int(posed.w.limbs.chain[posed.body(f"body/{name}")]) for name in ("torso", "a_lower", "b_upper", "b_lower")
+    ]
     assert chains[0] == -1
     assert chains[1] != chains[2] == chains[3]
 

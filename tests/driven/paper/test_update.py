@@ -153,7 +153,10 @@ def test_a_joint_offset_stays_within_the_limits_and_a_rate_that_is_none_is_forgo
 
 
 def test_a_driven_box_is_moved_out_of_what_has_moved_into_it_since() -> None:
-    scene = [Thing(shape=CUBE, role=s.DRIVEN, at=(0, 0, 0.2)), Thing(shape=CUBE, role=s.FIXED, at=(0, 0, 0), moving=True)]
+    scene = [
+        Thing(shape=CUBE, role=s.DRIVEN, at=(0, 0, 0.2)),
+        Thing(shape=CUBE, role=s.FIXED, at=(0, 0, 0), moving=True),
+    ]
     frames = Frames(make_scene(scene))
     frames.update(0, 0, 0.2)
     frames.poses[1, 2] = 0.11  # 1 cm in it
