@@ -193,7 +193,7 @@ def step(
     if len(m.simulated.free) > 0:
         fit_recorded_paths(scene, m, roots, dt, first)
     parts = 1 if first or params.method.paper is not None else substeps_of(scene, m, dt)
-    impacts, flags, simulating = 0, 0, 0
+    impacts, flags, simulating, pressed = 0, 0, 0, False
     m.workspace.problem.counts.lost = 0
     done = Outcome(0, 0, True, False)
     for tree in range(len(m.driven.method)):
@@ -212,6 +212,7 @@ def step(
         moves = not first and len(m.simulated.free) > 0 and dt > 0.0
         if moves:
             impacts += move_together(scene, m, now_at, joint_values, dt / parts, params.gap, part > 0)
+            pressed = pressed or is_pressed(scene, m)
             if m.coupled.solve.unsettled > 0:
                 flags |= FLAG_SWEEP_BOUND
             if m.coupled.solve.lost > 0:
@@ -254,7 +255,7 @@ def step(
     if done.shape_changed:
         figures.flags |= FLAG_SHAPE_CHANGED
     touches = block.contact_end[frame + 1] > block.contact_end[frame]
-    if figures.recorded == 0.0 and touches and not is_pressed(scene, m) and figures.correction > BLOCKED_FROM:
+    if figures.recorded == 0.0 and touches and not pressed and figures.correction > BLOCKED_FROM:
         figures.flags |= FLAG_BLOCKED
     if first and (figures.recorded > 0.0 or figures.residual > LEFT):
         figures.flags |= FLAG_STARTED_INSIDE

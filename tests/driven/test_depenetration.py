@@ -70,3 +70,36 @@ def test_directions_lead_to_the_faces_edges_and_corners_of_a_cube() -> None:
     assert len(np.unique(np.round(directions, 6), axis=0)) == 26
     assert np.sort((np.abs(directions) > 1e-9).sum(axis=1)).tolist() == [1] * 6 + [2] * 12 + [3] * 8
     assert FARTHER > 1.0
+
+
+def stacked(thick: float, wide: float) -> tuple[float, bool, np.ndarray]:
+    """A ball in the middle of a block `thick` [m], above which there is a free gap `wide` [m] more than it needs, then another.
+
+    Returns the distance of the gap, and what `find_depenetration` finds; below there is no gap.
+    """
+    free = 0.5 * thick + RADIUS + GAP
+    upper = free + wide + RADIUS + GAP
+    slabs = [
+        (Box((1.0, 1.0, 0.5 * thick + 0.5)), (0.0, 0.0, -0.5)),
+        (Box((1.0, 1.0, 0.5)), (0.0, 0.0, upper + 0.5)),
+    ]
+    scene = make_scene([Thing(shape=Sphere(RADIUS), role=s.DRIVEN), Thing(shape=slabs, role=s.FIXED)])
+    machine = make_machine(scene)
+    work, packed, ws = machine.workspace.work, pack(scene), pack(machine.workspace)
+    work.mobility[:], work.ignored[:] = (TRANSLATION, LOCKED), 0
+    for posture in (work.before, work.iterate, work.trial, work.start, work.best):
+        posture.roots[:], posture.poses[:] = scene.trees.rest, machine.recorded
+    clear_pairs(ws)
+    for tree in range(2):
+        update_boxes(packed, machine.workspace.piece_frames.frames, ws.detection.boxes, tree)
+    found = bool(find_depenetration(packed, ws, GAP, False))
+    return free, found, work.best.roots[0, :3].copy()
+
+
+@pytest.mark.parametrize("thick", np.linspace(0.01, 0.1, 13))
+def test_no_free_gap_is_leapt_over_that_is_as_wide_as_a_step_of_the_search(thick: float) -> None:
+    """Distances grow by `FARTHER`: in a gap of that part of its distance there is one of them, wherever they begin."""
+    free = 0.5 * thick + RADIUS
+    distance, found, at = stacked(thick, 1.02 * (FARTHER - 1.0) * free)
+    assert found
+    assert at == pytest.approx([0.0, 0.0, distance], abs=2e-5)

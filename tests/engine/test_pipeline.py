@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from geomphys.config import Config
-from geomphys.engine.frame_buffer import FRAMES
+from geomphys.engine.frame_buffer import FRAMES, RESERVE
+from geomphys.engine.pipeline import Pipeline
 from geomphys.errors import InputError
 from geomphys.replays import replay
 from geomphys.results import FLAG_NOT_CONVERGED, FLAG_STARTED_INSIDE, FrameResult
@@ -162,6 +163,32 @@ def test_a_seam_between_chunks_is_not_seen(run: Run, folder: Path) -> None:
     assert len(later) == len(run.results) - start
     settled = start + 1
     assert np.abs(np.array([r.corrected for r in later])[1:] - run.corrected[settled:]).max() <= 1e-9
+
+
+def test_a_block_that_is_full_before_its_frames_are_done_loses_and_repeats_none(
+    run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The rest of them is stepped into the other block: from where it was, and with its own recorded rows."""
+    calls: list[tuple[int, int]] = []
+    whole = Pipeline.run
+
+    def noted(self: Pipeline, roots: Any, *others: Any) -> int:
+        count = whole(self, roots, *others)
+        calls.append((len(roots), count))
+        return count
+
+    monkeypatch.setattr(Pipeline, "run", noted)
+    monkeypatch.setattr("geomphys.engine.frame_buffer.CONTACTS", RESERVE + 8)
+    again = list(replay(folder / "log.mcap", run.world))
+    assert sum(count < frames for frames, count in calls) > 5
+    assert len(again) == len(run.results)
+    for one, other in zip(run.results, again, strict=True):
+        assert one.frame.index == other.frame.index
+        assert one.recorded.tobytes() == other.recorded.tobytes()
+        assert one.corrected.tobytes() == other.corrected.tobytes()
+        assert one.contacts.point.tobytes() == other.contacts.point.tobytes()
+        assert one.penetrations.pd.tobytes() == other.penetrations.pd.tobytes()
+        assert one.metrics == other.metrics
 
 
 def test_results_stay_valid_when_the_next_come(run: Run, folder: Path) -> None:

@@ -139,7 +139,7 @@ def test_a_root_is_where_space_tracker_and_offset_say() -> None:
     tracker = route.stream.at(S).value
     assert tracker[:3] == pytest.approx([0.5, -0.25, 0.1])
     found = route.world_from_root(tracker)
-    point = turns[0].apply(turns[1].apply([0.1, 0.2, 0.3]) + [0.5, -0.25, 0.1]) + [1, 2, 3]
+    point = turns[0].apply(turns[1].apply([0.1, 0.2, 0.3]) + np.array([0.5, -0.25, 0.1])) + np.array([1, 2, 3])
     assert found[:3] == pytest.approx(point, abs=1e-12)
     assert (Rotation.from_quat(found[3:]) * (turns[0] * turns[1] * turns[2]).inv()).magnitude() <= 1e-12
 
