@@ -12,6 +12,7 @@ import pytest
 
 from geomphys.jit.folder import cache_folder, store
 from geomphys.jit.products import Key, Product, is_there, load, locked, save, symbol_of
+from geomphys.storage.cache import user_cache_folder
 
 HOLD = """
 import sys, time
@@ -25,13 +26,14 @@ with locked("m.kernel.unit", wait=True) as free:
 @pytest.fixture(autouse=True)
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """A cache of its own."""
+    remembered = (cache_folder, store, user_cache_folder)
     with monkeypatch.context() as changed:
         changed.setenv("XDG_CACHE_HOME", str(tmp_path))
-        cache_folder.cache_clear()
-        store.cache_clear()
+        for function in remembered:
+            function.cache_clear()
         yield
-    cache_folder.cache_clear()
-    store.cache_clear()
+    for function in remembered:
+        function.cache_clear()
 
 
 def test_a_process_that_dies_at_work_leaves_the_work_to_others() -> None:
