@@ -41,14 +41,11 @@ def test_what_has_no_way_out_is_told_unless_its_shape_yields(chunk: int) -> None
     assert is_of_flag(found[3][0])
 
 
-@pytest.mark.parametrize(
-    "flag",
-    [
-        getattr(results, name)
-        for name in ("FLAG_STARTED_INSIDE", "FLAG_NOT_CONVERGED", "FLAG_IMPACT_BOUND", "FLAG_QUARANTINED")
-        + ("FLAG_SHAPE_CHANGED", "FLAG_CATCHING_UP", "FLAG_SWEEP_BOUND", "FLAG_TABLE_FULL", "FLAG_BLOCKED")
-    ],
-)
+TOLD = ("STARTED_INSIDE", "NOT_CONVERGED", "IMPACT_BOUND", "QUARANTINED", "SHAPE_CHANGED", "CATCHING_UP")
+TOLD_TOO = ("SWEEP_BOUND", "TABLE_FULL", "BLOCKED")
+
+
+@pytest.mark.parametrize("flag", [getattr(results, f"FLAG_{name}") for name in (*TOLD, *TOLD_TOO)])
 def test_each_of_these_flags_has_a_text_of_its_own(flag: int) -> None:
     (text,) = reported([flag])[0]
     others = [reported([1 << bit]).get(0, []) for bit in range(16) if 1 << bit != flag]
