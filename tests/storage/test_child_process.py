@@ -14,7 +14,8 @@ from geomphys.storage.child_process import available_cores, ending_with_this_pro
 PARENT = """
 import subprocess, sys
 from geomphys.storage.child_process import ending_with_this_process
-child = subprocess.Popen(ending_with_this_process([sys.executable, "-c", "import time; time.sleep(600)"]))
+command = ending_with_this_process([sys.executable, "-c", "import time; time.sleep(60)"])
+child = subprocess.Popen(command, stdout=subprocess.DEVNULL)
 print(child.pid, flush=True)
 child.wait()
 """
