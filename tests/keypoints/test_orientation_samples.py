@@ -50,8 +50,8 @@ def measured(
         turn = Rotation.from_rotvec([0.5 * np.sin(0.1 * k), 0.02 * k, 0.3 * np.cos(0.07 * k)])
         poses = np.zeros((count, 7))
         poses[:, 6] = 1.0
-        poses[fixed, :3] = turn.apply(OWN) + [1.0, 2.0, 3.0] + rng.normal(0, noise, OWN.shape)
-        recorded = CONVENTION if constant else turn * CONVENTION * Rotation.from_rotvec(rng.normal(0, wobble, 3))
+        poses[fixed, :3] = np.array([1.0, 2.0, 3.0]) + turn.apply(OWN) + rng.normal(0, noise, OWN.shape)
+        recorded = CONVENTION if constant else turn * CONVENTION * Rotation.from_rotvec(wobble * rng.normal(size=3))
         poses[0, 3:] = recorded.as_quat() * (1 if k % 2 else -1)
         seen = np.ones(count, np.int64)
         seen[fixed[:lost]] = 0

@@ -89,6 +89,7 @@ def test_inputs_are_found_with_their_channels(tmp_path: Path) -> None:
         ([Tree(topic="/glove", joints=("a",))], "/glove"),
         ([Tree(root="/wrist", topic="/glove", joints=("a",))], "/wrist"),
         ([Tree(), Tree(name="cup", root="/tf#palm", avatar=False)], "/tf#palm"),
+        ([Tree(topic="/glove", joints=("a",)), Tree(name="cup", root="/wrist", avatar=False)], "/glove"),
         ([Tree()], None),
     ],
 )
