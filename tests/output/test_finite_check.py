@@ -43,7 +43,7 @@ def test_the_first_bad_number_is_found(
     made, names = columns
     row = 7
     if field in ("corrected", "recorded"):
-        made = replace(made, **{field: spoilt(spoilt(getattr(made, field), (row, 0, 2), value), (12, 0, 0), value)})
+        made = replace(made, **{field: spoilt(spoilt(getattr(made, field), (row, -1, 2), value), (12, 0, 0), value)})
     elif field == "contact point":
         at = int(made.contact_end[row])
         made = replace(made, contacts=made.contacts._replace(point=spoilt(made.contacts.point, (at, 1), value)))
@@ -61,4 +61,4 @@ def test_the_first_bad_number_is_found(
     assert f"frame {made.frames[row].index}" in text
     assert ("metric" if field == "metric" else field) in text
     if field in ("corrected", "recorded"):
-        assert names[0] in text
+        assert f"of {names[-1]} " in text
