@@ -57,7 +57,7 @@ SIMULATION_SCRATCH = (
     "queue",
     "found",
 )
-UNKNOWN_SCRATCH = {"solved", "recorded_before", "inverse_mass", "moments", "yielding", "pressed"}
+UNKNOWN_SCRATCH = {"solved", "recorded_before", "inverse_mass", "moments", "yielding"}
 TREE_SCRATCH = {"solved", "group", "rotation_offset"}
 SOLVE_SCRATCH = {"effects", "limits", "lost", "unsettled", "any_awake"}
 
