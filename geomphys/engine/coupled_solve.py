@@ -12,12 +12,12 @@ import math
 
 from geomphys.engine.coupled_state import Coupled
 from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.row_vectors import add_vec_from, set_vec, vec_at, vec_of
-from geomphys.numerics.vec3 import Vec, add, add_scaled, cross, dot, scale, sub
-from geomphys.simulated.contact_points import invert_mass, speed_at
+from geomphys.numerics.row_vectors import set_vec, vec_of
+from geomphys.numerics.vec3 import Vec, dot, sub
+from geomphys.simulated.contact_points import apply_impulses, invert_mass, speed_at
 from geomphys.simulated.impulses import stopping_impulse
 from geomphys.simulated.settling import add_reversal, begin_row, extrapolated_impulse, local_impulse
-from geomphys.simulated.state import Row, Simulation, is_simulated
+from geomphys.simulated.state import Row, Simulation
 
 SWEEPS = 50  # sweeps of a step, which warm-starts the next one
 MOST_SWEEPS = 500  # sweeps of a step or an impact that has not converged before
@@ -46,16 +46,7 @@ def relative_velocity(sim: Simulation, c: Coupled, r: Row) -> Vec:
 @kernel
 def apply(sim: Simulation, c: Coupled, r: Row, j: Vec) -> None:
     """Apply impulses j [N s] along normal, tangent and binormal of a row to bodies and unknowns."""
-    d = scale(vec_of(r.normal), j[0])
-    d = add_scaled(add_scaled(d, vec_of(r.tangent), j[1]), vec_of(r.binormal), j[2])
-    for side in range(2):
-        body, sign = (r.a, 1.0) if side == 0 else (r.b, -1.0)
-        if not is_simulated(sim, body):
-            continue
-        v = sim.velocity[body]
-        add_vec_from(v, 0, d, sign * sim.motion[body].inverse_mass)
-        for axis in range(3):
-            add_vec_from(v, 3, vec_at(r.response_a if side == 0 else r.response_b, axis), sign * j[axis])
+    apply_impulses(sim, r, j)
     for e in range(r.first_effect, r.end_effect):
         effect = c.effects[e]
         c.unknowns[effect.unknown].solved += dot(vec_of(effect.response), j)
@@ -64,10 +55,7 @@ def apply(sim: Simulation, c: Coupled, r: Row, j: Vec) -> None:
 @kernel
 def add_responses(sim: Simulation, c: Coupled, r: Row) -> None:
     """Add the responses of unknowns to those of a row, which are of its simulated bodies."""
-    ra, rb = vec_of(r.arm_a), vec_of(r.arm_b)
-    along = add(cross(vec_at(r.response_a, 0), ra), cross(vec_at(r.response_b, 0), rb))
-    nt, nb = dot(vec_of(r.tangent), along), dot(vec_of(r.binormal), along)
-    nn, tt, tb, bb = 0.0, 0.0, 0.0, 0.0
+    nn, nt, nb, tt, tb, bb = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for e in range(r.first_effect, r.end_effect):
         effect = c.effects[e]
         light = c.unknowns[effect.unknown].inverse_mass
@@ -79,7 +67,8 @@ def add_responses(sim: Simulation, c: Coupled, r: Row) -> None:
     r.inverse_mass_t[0] += tt
     r.inverse_mass_t[1] += tb
     r.inverse_mass_t[2] += bb
-    r.inverse_mass_nt[0], r.inverse_mass_nt[1] = nt, nb
+    r.inverse_mass_nt[0] += nt
+    r.inverse_mass_nt[1] += nb
     invert_mass(r)
 
 

@@ -21,7 +21,19 @@ from geomphys.numerics.row_vectors import (
     vec_from,
     vec_of,
 )
-from geomphys.numerics.vec3 import Vec, add, cross, dot, perpendicular, quat_conjugate, quat_rotate, rotate, scale, sub
+from geomphys.numerics.vec3 import (
+    Vec,
+    add,
+    add_scaled,
+    cross,
+    dot,
+    perpendicular,
+    quat_conjugate,
+    quat_rotate,
+    rotate,
+    scale,
+    sub,
+)
 from geomphys.scene.arrays import Floats
 from geomphys.simulated.motion import point_at
 from geomphys.simulated.state import Motion, Row, Simulation, Slot, is_disabled
@@ -63,9 +75,11 @@ def fill_masses(a: Motion, b: Motion, r: Row) -> None:
     set_vec_at(r.response_b, 0, xb)
     set_vec_at(r.response_b, 1, yb)
     set_vec_at(r.response_b, 2, zb)
+    along_n = add(cross(xa, ra), cross(xb, rb))
     along_t = add(cross(ya, ra), cross(yb, rb))
     along_u = add(cross(za, ra), cross(zb, rb))
-    r.inverse_mass_n = light + dot(n, add(cross(xa, ra), cross(xb, rb)))
+    r.inverse_mass_n = light + dot(n, along_n)
+    r.inverse_mass_nt[0], r.inverse_mass_nt[1] = dot(t, along_n), dot(u, along_n)
     r.inverse_mass_t[0] = light + dot(t, along_t)
     r.inverse_mass_t[1] = dot(t, along_u)
     r.inverse_mass_t[2] = light + dot(u, along_u)
@@ -243,6 +257,26 @@ def speed_at(velocity: Floats, r: Row, a: int, b: int) -> Vec:
 def normal_speed(velocity: Floats, r: Row, a: int, b: int) -> float:
     """v_n of (7) at row `r` [m/s]; negative: approaching."""
     return dot(vec_of(r.normal), speed_at(velocity, r, a, b))
+
+
+@kernel
+def apply_impulses(sim: Simulation, r: Row, j: Vec) -> None:
+    """Apply the impulses +j to a and -j to b [N s] along normal, tangent and binormal of row `r` to `velocity`.
+
+    Bodies with prescribed motion are left as they are.
+    """
+    velocity = sim.velocity
+    a, b = sim.motion[r.a].inverse_mass, sim.motion[r.b].inverse_mass
+    d = add_scaled(scale(vec_of(r.normal), j[0]), vec_of(r.tangent), j[1])
+    d = add_scaled(d, vec_of(r.binormal), j[2])
+    if a > 0.0:
+        rotation = add_scaled(scale(vec_at(r.response_a, 0), j[0]), vec_at(r.response_a, 1), j[1])
+        add_vec_from(velocity[r.a], 0, d, a)
+        add_vec_from(velocity[r.a], 3, add_scaled(rotation, vec_at(r.response_a, 2), j[2]), 1.0)
+    if b > 0.0:
+        rotation = add_scaled(scale(vec_at(r.response_b, 0), j[0]), vec_at(r.response_b, 1), j[1])
+        add_vec_from(velocity[r.b], 0, d, -b)
+        add_vec_from(velocity[r.b], 3, add_scaled(rotation, vec_at(r.response_b, 2), j[2]), -1.0)
 
 
 @kernel

@@ -12,7 +12,7 @@ from __future__ import annotations
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import add_vec_from, set_vec, vec_of
 from geomphys.numerics.vec3 import Vec, add_scaled, dot, norm, quat_conjugate, quat_mul, quat_rotate, scale, sub
-from geomphys.simulated.contact_points import apply_impulse, clear_impulse, fill_masses, normal_speed, speed_at
+from geomphys.simulated.contact_points import apply_impulses, clear_impulse, fill_masses, normal_speed, speed_at
 from geomphys.simulated.driven_paths import load_paths
 from geomphys.simulated.impulse_accumulation import commit, give_force, impulse_of
 from geomphys.simulated.impulses import exclude_disabled
@@ -128,7 +128,6 @@ def choose_held(sim: Simulation, h: float) -> None:
 def begin_with_old_force(sim: Simulation, k: int, h: float) -> None:
     """Warm start: set and apply the impulses of row k that its point's forces of the step before give over `h` seconds."""
     r = sim.rows[k]
-    a, b = r.a, r.b
     slot = sim.slots[r.pair, r.slot]
     f = vec_of(slot.friction_force)
     r.normal_impulse = min(r.impulse_limit, h * slot.normal_force)
@@ -136,9 +135,7 @@ def begin_with_old_force(sim: Simulation, k: int, h: float) -> None:
     r.tangent_impulse[1] = h * dot(f, vec_of(r.binormal))
     if r.normal_impulse == 0.0 and r.tangent_impulse[0] == 0.0 and r.tangent_impulse[1] == 0.0:
         return
-    apply_impulse(sim, sim.velocity, r, a, b, 0, r.normal_impulse)
-    apply_impulse(sim, sim.velocity, r, a, b, 1, r.tangent_impulse[0])
-    apply_impulse(sim, sim.velocity, r, a, b, 2, r.tangent_impulse[1])
+    apply_impulses(sim, r, (r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1]))
 
 
 @kernel

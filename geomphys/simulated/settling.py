@@ -11,9 +11,9 @@ import math
 
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import set_vec, vec_of
-from geomphys.numerics.vec3 import Vec, add_scaled, sub
-from geomphys.simulated.contact_points import apply_impulse
-from geomphys.simulated.impulses import apply_tangential, solve_friction, solve_normal
+from geomphys.numerics.vec3 import Vec, add_scaled, dot, sub
+from geomphys.simulated.contact_points import apply_impulses, speed_at
+from geomphys.simulated.impulses import solve_normal, stopping_impulse
 from geomphys.simulated.state import Row, Simulation, is_simulated
 
 UNFELT = 0.1  # of the requested precision: smaller changes of velocity do not make a row be visited again
@@ -110,11 +110,22 @@ def group_rows(sim: Simulation) -> None:
 def visit(sim: Simulation, k: int) -> float:
     """One visit to row k: its normal impulse, then its friction; returns how much they changed its velocity [m/s]."""
     r = sim.rows[k]
-    change = solve_normal(sim, sim.velocity, k)
-    cap = r.friction * r.normal_impulse
-    if cap > 0.0 or r.tangent_impulse[0] != 0.0 or r.tangent_impulse[1] != 0.0:
-        change = max(change, solve_friction(sim, sim.velocity, k, cap))
-    return change
+    v = speed_at(sim.velocity, r, r.a, r.b)
+    n, x, y = local_impulse(r)
+    after = n + (r.target_speed - dot(vec_of(r.normal), v)) / r.inverse_mass_n
+    after = min(r.impulse_limit, max(0.0, after))
+    p, dx, dy = after - n, 0.0, 0.0
+    cap = r.friction * after
+    if cap > 0.0 or x != 0.0 or y != 0.0:
+        vx = dot(vec_of(r.tangent), v) + r.inverse_mass_nt[0] * p
+        vy = dot(vec_of(r.binormal), v) + r.inverse_mass_nt[1] * p
+        to_x, to_y = stopping_impulse(r, vx, vy, cap)
+        dx, dy = to_x - x, to_y - y
+    if p == 0.0 and dx == 0.0 and dy == 0.0:
+        return 0.0
+    r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1] = after, x + dx, y + dy
+    apply_impulses(sim, r, (p, dx, dy))
+    return float(max(abs(p) * r.inverse_mass_n, (abs(dx) + abs(dy)) * r.inverse_mass_most))
 
 
 @kernel
@@ -137,14 +148,12 @@ def is_disturbed(sim: Simulation, r: Row) -> bool:
 def extrapolate(sim: Simulation, first: int, end: int, number: int, momentum: float) -> None:
     """Extrapolate the rows `first` to `end` of `order` by `momentum` times their last change, after visit `number`."""
     for i in range(first, end):
-        k = sim.order[i]
-        r = sim.rows[k]
+        r = sim.rows[sim.order[i]]
         j = local_impulse(r)
-        n, t, b = sub(extrapolated_impulse(r, momentum), j)
-        if n != 0.0 or t != 0.0 or b != 0.0:
-            r.normal_impulse = j[0] + n
-            apply_impulse(sim, sim.velocity, r, r.a, r.b, 0, n)
-            apply_tangential(sim, sim.velocity, k, t, b)
+        to = extrapolated_impulse(r, momentum)
+        if to != j:
+            r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1] = to
+            apply_impulses(sim, r, sub(to, j))
             disturb(sim, r, number)
 
 

@@ -105,6 +105,7 @@ ROW = np.dtype(
         ("response_b", FLOAT, (3, 3)),
         ("inverse_mass_n", FLOAT),  # 1/kg: what a unit normal impulse changes the normal velocity by
         ("inverse_mass_t", FLOAT, 3),  # 1/kg: K_tt, K_tb, K_bb of the two tangents
+        ("inverse_mass_nt", FLOAT, 2),  # 1/kg: what a unit normal impulse changes the two tangential velocities by
         ("speed", FLOAT),  # m/s: of the motion at the point when its solve began
         ("target_speed", FLOAT),  # m/s: the normal velocity must not end below it
         ("friction", FLOAT),
@@ -122,7 +123,6 @@ ROW = np.dtype(
         ("first_effect", INT),  # its rows of `EFFECT`: responses of driven trees' unknowns
         ("end_effect", INT),
         ("slip_debt", FLOAT, 3),  # m, world: drift of the point while it stuck
-        ("inverse_mass_nt", FLOAT, 2),  # 1/kg: what a unit normal impulse changes the two tangential velocities by
         ("tangent_target", FLOAT, 2),  # m/s: sliding velocity that friction seeks
         ("swept", FLOAT, 3),  # N s along the three axes: impulses after the last two sweeps
         ("extrapolated", FLOAT, 3),  # N s: impulses that these sweeps began with
