@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from geomphys.engine.coupled_state import Coupled
+from geomphys.engine.coupled_state import Coupled, Limit
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import set_vec, vec_of
 from geomphys.numerics.vec3 import Vec, dot, sub
@@ -19,9 +19,10 @@ from geomphys.simulated.impulses import stopping_impulse
 from geomphys.simulated.settling import add_reversal, begin_row, extrapolated_impulse, local_impulse
 from geomphys.simulated.state import Row, Simulation
 
-SWEEPS = 50  # sweeps of a step, which warm-starts the next one
+SWEEPS = 20  # sweeps of a step, which warm-starts the next one
 MOST_SWEEPS = 500  # sweeps of a step or an impact that has not converged before
 EXTRAPOLATED = 150  # first sweeps, with extrapolation between them; with friction it need not converge
+FULL = 16  # sweeps: the first two of so many visit all rows, the others those that had an impulse
 RELAXATION = 0.5  # factor of the later sweeps, which are under-relaxed instead
 SETTLED = 2e-5  # m/s: less than 0.1 um a step
 CREEPS = 1e-4  # m/s: a solve that ends with larger changes has not converged
@@ -134,12 +135,14 @@ def visit(sim: Simulation, c: Coupled, r: Row, relaxation: float) -> float:
 
 @kernel
 def begin_extrapolation(sim: Simulation, c: Coupled) -> None:
-    """Restart extrapolation from the impulses of rows and limits."""
+    """Restart extrapolation from the impulses of rows and limits; none counts as idle."""
     for k in range(sim.counts.rows):
         begin_row(sim.rows[k])
+        sim.rows[k].idle = 0
     for k in range(c.solve.limits):
         g = c.limits[k]
         g.swept = g.extrapolated = g.impulse
+        g.idle = 0
 
 
 @kernel
@@ -148,7 +151,7 @@ def is_reversed(sim: Simulation, c: Coupled) -> bool:
     along = 0.0
     for k in range(sim.counts.rows):
         r = sim.rows[k]
-        if r.mode == 1:
+        if r.mode == 1 and r.idle == 0:
             along = add_reversal(along, r)
     for k in range(c.solve.limits):
         g = c.limits[k]
@@ -158,10 +161,13 @@ def is_reversed(sim: Simulation, c: Coupled) -> bool:
 
 @kernel
 def extrapolate(sim: Simulation, c: Coupled, momentum: float) -> None:
-    """Extrapolate all impulses by `momentum` times their change in the last two sweeps, projected onto what they may be."""
+    """Extrapolate impulses that are not idle by `momentum` times their change in the last two sweeps.
+
+    They are projected onto what they may be.
+    """
     for k in range(sim.counts.rows):
         r = sim.rows[k]
-        if r.mode != 1:
+        if r.mode != 1 or r.idle == 1:
             continue
         j = local_impulse(r)
         n, t, b = extrapolated_impulse(r, momentum)
@@ -170,6 +176,8 @@ def extrapolate(sim: Simulation, c: Coupled, momentum: float) -> None:
             apply(sim, c, r, sub((n, t, b), j))
     for k in range(c.solve.limits):
         g = c.limits[k]
+        if g.idle == 1:
+            continue
         impulse = g.impulse
         g.extrapolated = max(0.0, impulse + momentum * (impulse - g.swept))
         g.swept = impulse
@@ -177,16 +185,40 @@ def extrapolate(sim: Simulation, c: Coupled, momentum: float) -> None:
 
 
 @kernel
-def sweep_contacts(sim: Simulation, c: Coupled, backwards: bool, relaxation: float) -> float:
-    """One sweep over the rows whose `mode` is 1 and the limits; returns the largest change of a velocity [m/s]."""
+def note_idle_row(r: Row) -> None:
+    """Store whether a row that was just visited has no impulse; the extrapolation of one that is idle no more begins anew."""
+    idle = 1 if local_impulse(r) == (0.0, 0.0, 0.0) else 0
+    if idle == 0 and r.idle == 1:
+        begin_row(r)
+    r.idle = idle
+
+
+@kernel
+def note_idle_limit(g: Limit) -> None:
+    """`note_idle_row` of a limit."""
+    idle = 1 if g.impulse == 0.0 else 0
+    if idle == 0 and g.idle == 1:
+        g.swept = g.extrapolated = g.impulse
+    g.idle = idle
+
+
+@kernel
+def sweep_contacts(sim: Simulation, c: Coupled, backwards: bool, full: bool, relaxation: float) -> float:
+    """One sweep over the rows whose `mode` is 1 and the limits, over idle ones only if it is `full`.
+
+    Returns the largest change of a velocity [m/s].
+    """
     rows, most = sim.counts.rows, 0.0
     total = rows + c.solve.limits
     for i in range(total):
         k = total - 1 - i if backwards else i
         if k >= rows:
-            most = max(most, visit_limit(c, k - rows))
-        elif sim.rows[k].mode == 1:
+            if full or c.limits[k - rows].idle == 0:
+                most = max(most, visit_limit(c, k - rows))
+                note_idle_limit(c.limits[k - rows])
+        elif sim.rows[k].mode == 1 and (full or sim.rows[k].idle == 0):
             most = max(most, visit(sim, c, sim.rows[k], relaxation))
+            note_idle_row(sim.rows[k])
     return most
 
 
@@ -195,16 +227,18 @@ def solve_contacts(sim: Simulation, c: Coupled, sweeps: int, precision: float) -
     """Solve the rows whose `mode` is 1 and all limits together, from their impulses, which must be part of the velocities.
 
     After every two sweeps, forwards and backwards, the impulses are extrapolated (Nesterov 1983), with a restart where the
-    sweeps reverse it; later sweeps are under-relaxed. Done when no impulse changes a velocity by more than `precision`
-    [m/s], or after so many `sweeps` when none does by more than `SETTLED`, or after `MOST_SWEEPS`: counted as not converged
-    if the last changed one by more than `CREEPS`. Returns the sweeps made.
+    sweeps reverse it; later sweeps are under-relaxed. Most sweeps leave out what is idle. Done when in a sweep over all no
+    impulse changes a velocity by more than `precision` [m/s], or after so many `sweeps` when none does by more than `SETTLED`,
+    or after `MOST_SWEEPS`: counted as not converged if the last changed one by more than `CREEPS`. Returns the sweeps made.
     """
-    momentum, most = 1.0, 0.0
+    momentum, most, settled = 1.0, 0.0, False
     begin_extrapolation(sim, c)
     for sweep in range(MOST_SWEEPS):
         backwards = sweep & 1 == 1
-        most = sweep_contacts(sim, c, backwards, 1.0 if sweep < EXTRAPOLATED else RELAXATION)
-        if most <= precision or (sweep + 1 >= sweeps and most <= SETTLED):
+        full = settled or sweep % FULL < 2 or sweep + 1 == MOST_SWEEPS
+        most = sweep_contacts(sim, c, backwards, full, 1.0 if sweep < EXTRAPOLATED else RELAXATION)
+        settled = most <= precision or (sweep + 1 >= sweeps and most <= SETTLED)
+        if settled and full:
             return sweep + 1
         if backwards and sweep < EXTRAPOLATED:
             before, momentum = momentum, 0.5 * (1.0 + math.sqrt(1.0 + 4.0 * momentum * momentum))

@@ -20,6 +20,7 @@ FLOAT, INT = np.float64, np.int64
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Records: TypeAlias = NDArray[Any]
+Limit: TypeAlias = Any  # a record of `LIMIT`
 
 MOST_EFFECTS = 1 << 15
 MOST_LIMITS = 1 << 11
@@ -70,6 +71,7 @@ LIMIT = np.dtype(
     [
         ("first_effect", INT),
         ("end_effect", INT),
+        ("idle", INT),  # 1: had no impulse when last visited, and is not visited in most sweeps
         ("clearance", FLOAT),  # m or rad
         ("prescribed", FLOAT),  # m/s or rad/s: rate of the clearance if no offset changes
         ("target_speed", FLOAT),
