@@ -33,7 +33,7 @@ from geomphys.numerics.vec3 import (
     scale,
     sub,
 )
-from geomphys.scene.arrays import DRIVEN, JOINT_FIXED, JOINT_PRISMATIC, SIMULATED, Scene
+from geomphys.scene.arrays import DRIVEN, JOINT_FIXED, JOINT_PRISMATIC, Scene
 from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, position_of
 from geomphys.simulated.contact_points import add_rows_within, fill_masses
 from geomphys.simulated.motion import orientation_at, point_at
@@ -157,10 +157,10 @@ def find_limits(scene: Scene, m: Machine, t: float, h: float, margin: float) -> 
             pose_pieces_of_tree(scene, tree, c.now.poses, p.frames)
             update_boxes(scene, p.frames, m.detection.boxes, tree)
             add_joint_limits(scene, m, tree, h)
-    find_near(scene, p.frames, m.still, margin, math.inf, near, m.detection)
+    find_near(scene, p.frames, m.without_simulated, margin, math.inf, near, m.detection)
     for k in range(near.counts.filled):
         a, b = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
-        if scene.bodies.role[b] == SIMULATED or not (is_solved(scene, c, a) or is_solved(scene, c, b)):
+        if not (is_solved(scene, c, a) or is_solved(scene, c, b)):
             continue
         first = c.solve.effects
         n, clearance, prescribed = vec_at(near.normal, k), near.separation[k], 0.0

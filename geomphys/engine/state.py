@@ -24,7 +24,7 @@ from geomphys.driven.weights import WEIGHTS, Weights
 from geomphys.engine.coupled_state import Coupled, make_coupled
 from geomphys.engine.fingertips import Fingertips, make_fingertips
 from geomphys.jit.packed_records import pack
-from geomphys.scene.arrays import Scene
+from geomphys.scene.arrays import SIMULATED, Scene
 from geomphys.scene.kinematics import joint_origins, pose_pieces_of_tree, pose_tree
 from geomphys.simulated.allocation import make_simulation
 from geomphys.simulated.state import Records, Simulation
@@ -72,6 +72,7 @@ class Machine(NamedTuple):
     depths: GlobalDepths
     detection: Detection
     still: Records  # (T,) MOTION_BOUND, zero: overlaps are measured without a margin for motion
+    without_simulated: Records  # (T,) MOTION_BOUND, zero, but -inf of simulated trees: nothing is near them
     simulated: Simulation
     start: Floats  # (B, 7) poses at the frame's start
     velocity: Floats  # (B, 6) m/s of the centre of mass and rad/s, world, of simulated bodies
@@ -110,6 +111,8 @@ def make_machine(
     workspace = make_driven_workspace(scene, poses, links, piece_frames, near, detection, passes, weights)
     corrected, start = poses.copy(), poses.copy()
     velocity = scene.initial_velocity.copy()
+    without_simulated = np.zeros(trees, MOTION_BOUND)
+    without_simulated["world"][scene.trees.role == SIMULATED] = -np.inf
     return Machine(
         recorded=poses,
         corrected=corrected,
@@ -118,6 +121,7 @@ def make_machine(
         depths=make_global_depths(NEAR_PAIRS),
         detection=detection,
         still=np.zeros(trees, MOTION_BOUND),
+        without_simulated=without_simulated,
         simulated=make_simulation(
             scene, poses, start=start, end=corrected, reported=velocity, frames=piece_frames.moved,
             scratch=scratch,
