@@ -19,9 +19,11 @@ from geomphys.simulated.state import Row, Simulation, is_simulated
 UNFELT = 0.1  # of the requested precision: smaller changes of velocity do not make a row be visited again
 STILL = 1e-11  # m/s: sweeps end when none changes a velocity by more than this, or `STILL_PART`
 STILL_PART = 1e-6  # of the fastest motion at a point of the group
+SLOWEST_PART = 1e-2  # the same of the slowest motion that is solved
 START_SWEEPS = 400  # sweeps at most over normal impulses alone
 HEAP = 24  # rows: groups with more are solved less precisely
 COARSE = 100.0  # times that precision ends their later sweeps: the next step goes on
+HEAP_STILL = 1e-7  # m/s does so too
 PLAIN = 8  # first sweeps, an even number, without extrapolation
 
 
@@ -184,10 +186,12 @@ def begin_group(sim: Simulation, first: int, end: int) -> float:
 
 
 @outlined
-def settle_group(sim: Simulation, first: int, end: int, sweeps: int, precision: float) -> None:
-    """`settle` for one group: the rows `first` to `end` of `order`; `precision` [m/s] of velocities."""
+def settle_group(sim: Simulation, first: int, end: int, sweeps: int, precision: float, later: float) -> None:
+    """`settle` for one group: the rows `first` to `end` of `order`.
+
+    Velocities get the `precision` [m/s], or after the first sweeps that of `later`.
+    """
     number, momentum = 0, 1.0
-    later = COARSE * precision if end - first > HEAP else precision
     for sweep in range(sweeps):
         most, backwards = 0.0, sweep & 1 == 1
         for i in range(first, end):
@@ -224,8 +228,8 @@ def settle(sim: Simulation, sweeps: int, slowest: float, normals_first: bool) ->
     The rows start from their present impulses, which must already be part of `velocity`; with `normals_first` those of a group
     that has none from what its normal impulses are without friction. Groups of bodies that no row connects are solved
     independently, but for those without a row whose `speed` is above `slowest` [m/s]. A group is done when no sweep changes a
-    velocity by more than `STILL_PART` of the fastest `speed`, or `STILL`, or after so many `sweeps`. A row whose bodies have
-    not changed since its last visit is skipped.
+    velocity by more than `STILL_PART` of the fastest `speed`, `SLOWEST_PART` of `slowest`, or `STILL`, or after so many
+    `sweeps`. A row whose bodies have not changed since its last visit is skipped.
     """
     group_rows(sim)
     for s in range(len(sim.free)):
@@ -238,4 +242,8 @@ def settle(sim: Simulation, sweeps: int, slowest: float, normals_first: bool) ->
             continue
         if normals_first:
             settle_normals(sim, first, end)
-        settle_group(sim, first, end, sweeps, max(STILL, STILL_PART * fastest))
+        precision = max(STILL, STILL_PART * fastest)
+        heap = end - first > HEAP
+        later = COARSE * precision if heap else precision
+        later = max(later, SLOWEST_PART * slowest, HEAP_STILL if heap else 0.0)
+        settle_group(sim, first, end, sweeps, precision, later)
