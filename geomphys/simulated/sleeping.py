@@ -19,7 +19,7 @@ REST_TIME = 0.25  # s
 REST_DISTANCE = 4e-9  # m
 REST_SPEED = 1e-6  # m/s, of any point
 REST_ACCELERATION = 1e-3  # m/s²
-SLOW_SPEED = 2e-3  # m/s, of any point: a supported body that moves no faster for
+SLOW_SPEED = 5e-3  # m/s, of any point: a supported body that moves no faster for
 SLOW_TIME = 1.0  # s is at rest too: this stands in for rolling resistance
 
 
