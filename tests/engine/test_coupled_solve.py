@@ -5,7 +5,14 @@ from __future__ import annotations
 import pytest
 
 from geomphys.engine.coupled_contacts import add_effect, add_limit
-from geomphys.engine.coupled_solve import IMPACT_PRECISION, extrapolate, set_limit_response, solve_contacts, visit_limit
+from geomphys.engine.coupled_solve import (
+    IMPACT_PRECISION,
+    extrapolate,
+    set_limit_response,
+    solve_contacts,
+    sweep_contacts,
+    visit_limit,
+)
 from geomphys.engine.state import Machine, make_machine
 from geomphys.jit.packed_records import pack
 from geomphys.scene import arrays as s
@@ -76,6 +83,15 @@ def test_an_extrapolated_impulse_does_not_pull(machine: Machine) -> None:
     g["impulse"] = 0.3
     extrapolate(pack(machine.simulated), packed, 0.5)
     assert g["impulse"] == pytest.approx(0.3 + 0.5 * 0.2)
+
+
+def test_an_idle_limit_is_visited_in_full_sweeps_alone_and_is_idle_no_more_once_it_presses(machine: Machine) -> None:
+    g = machine.coupled.limits[limit(machine, (0, 1.0), prescribed=-1.0)]
+    g["idle"], g["swept"] = 1, 3.0
+    sim, c = pack(machine.simulated), pack(machine.coupled)
+    assert sweep_contacts(sim, c, False, False, 1.0) == 0.0
+    assert sweep_contacts(sim, c, False, True, 1.0) == pytest.approx(1.0)
+    assert (g["idle"], g["impulse"], g["swept"]) == (0, 0.5, 0.5)
 
 
 def test_limits_that_oppose_each_other_in_part_are_solved_together(machine: Machine) -> None:
