@@ -44,7 +44,7 @@ class MujocoGripPeer(MujocoPeer):
 
     def __init__(self, world: World, first: FrameResult) -> None:
         super().__init__(world, first, jointed=True)
-        scene, links, model = world.scene, links_of(world, WEIGHTS.base), self.model
+        scene, links, model = world.scene, links_of(world, WEIGHTS), self.model
         model.opt.impratio = FRICTION_IMPEDANCE
         trees = np.flatnonzero(scene.trees.role == DRIVEN)
         self._roots = scene.trees.body_start[:-1][trees]

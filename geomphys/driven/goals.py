@@ -43,17 +43,14 @@ def set_joint_limits(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angl
     for q in range(len(angles)):
         work.low[q] = min(scene.dofs.lower[q], angles[q])
         work.high[q] = max(scene.dofs.upper[q], angles[q])
-        work.extrapolated[q] = work.expected[q] = angles[q]
+        work.extrapolated[q] = angles[q]
         work.used_low[q] = min(state.used_low[q], angles[q]) - ws.weights.stretch
         work.used_high[q] = max(state.used_high[q], angles[q]) + ws.weights.stretch
         if state.progress.start == STARTED_FREE:
             change = unwrapped_change(ws, q, angles[q] - state.recorded.angles[q])
             work.extrapolated[q] = min(max(last[q] + change, work.low[q]), work.high[q])
-            work.expected[q] = work.extrapolated[q] + ws.weights.trend * state.joint_step[q]
-        state.joint_step[q] = 0.0
         if state.prescription[scene.dofs.tree[q]] == PRESCRIBED:  # the contact solve has set its posture
             work.extrapolated[q] = min(max(state.prescribed_posture.angles[q], work.low[q]), work.high[q])
-            work.expected[q] = work.extrapolated[q]
 
 
 @outlined

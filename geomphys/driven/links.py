@@ -1,7 +1,8 @@
 """Link data of the objective: weight, centre and second moments of the surface, and levers of joints.
 
 A link is weighted by the area of its collision surface, and represented by six points with the surface's second moments. As
-the objective is quadratic in them, only their mean and covariance are stored.
+the objective is quadratic in them, only their mean and covariance are stored. A rotation of the base link of chains takes all
+links of the chains along: its second moments are a share of those of all that it carries.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.query import outline
-from geomphys.driven.weights import WEIGHTS
+from geomphys.driven.weights import WEIGHTS, Weights
 from geomphys.numerics.transforms import compose, matrix_from_frame
 from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, DRIVEN, HULL, JOINT_FIXED, JOINT_PRISMATIC, SPHERE, Scene
 from geomphys.scene.tessellation import triangulate_faces
@@ -30,7 +31,7 @@ class Links(NamedTuple):
 
     weight: Floats  # (B,) 1 on average over links with geometry
     centre: Floats  # (B, 3) m, mean of the surface, link frame
-    second_moment: Floats  # (B, 9) m², covariance of the surface about the centre, link frame, row by row
+    second_moment: Floats  # (B, 9) m², of the surface about the centre, link frame, row by row
     pivot: Ints  # (T,) the link about whose centre the root rotates: the base of the chains, else the heaviest
     lever: Floats  # (Q,) m per rad: how far a joint moves the farthest centre beyond it; 1 for prismatic joints
     mean_lever: Floats  # (Q,) m per rad: of the revolute joints of a tree, root mean square; 1 for prismatic joints
@@ -125,8 +126,24 @@ def _zero_poses(scene: Scene) -> Floats:
     return poses
 
 
-def make_links(scene: Scene, base_weight: float = WEIGHTS.base) -> Links:
-    """Measure the links of a scene's driven trees; `base_weight` is that of the base link of chains."""
+def _supported_moments(scene: Scene, base: int, area: Floats, centre: Floats, second_moment: Floats) -> Floats:
+    """(9,) m², second moments about the centre of a base link of it and all links that it carries, joints at zero, its frame."""
+    poses = _zero_poses(scene)
+    supported, total, moments = {base}, 0.0, np.zeros((3, 3))
+    for body in range(base, len(scene.bodies.parent)):
+        if body != base and int(scene.bodies.parent[body]) not in supported:
+            continue
+        supported.add(body)
+        rotation = poses[base, :3, :3].T @ poses[body, :3, :3]
+        arm = poses[base, :3, :3].T @ (poses[body, :3, 3] - poses[base, :3, 3]) + rotation @ centre[body] - centre[base]
+        moments += area[body] * (rotation @ second_moment[body].reshape(3, 3) @ rotation.T + np.outer(arm, arm))
+        total += area[body]
+    supported_moments: Floats = moments.reshape(9) / total if total > 0.0 else np.zeros(9)
+    return supported_moments
+
+
+def make_links(scene: Scene, weights: Weights = WEIGHTS) -> Links:
+    """Measure the links of a scene's driven trees; `weights` has those of the base link of chains."""
     bodies, dofs = len(scene.bodies.role), len(scene.dofs.lower)
     weight, centre, second_moment = np.zeros(bodies), np.zeros((bodies, 3)), np.zeros((bodies, 9))
     for body in np.flatnonzero(scene.bodies.role == DRIVEN):
@@ -139,7 +156,9 @@ def make_links(scene: Scene, base_weight: float = WEIGHTS.base) -> Links:
         pivot[tree] = _pivot(scene, int(tree), weight)
     for tree in np.flatnonzero((scene.trees.chains == 1) & (scene.trees.role == DRIVEN)):
         if (scene.chains.tree == tree).any():
-            weight[pivot[tree]] *= base_weight
+            base = int(pivot[tree])
+            second_moment[base] = weights.supported * _supported_moments(scene, base, weight, centre, second_moment)
+            weight[base] *= weights.base
     lever, is_unknown = np.full(dofs, SHORTEST_LEVER), np.zeros(dofs, np.int64)
     poses = _zero_poses(scene)
     tip = np.zeros(bodies, np.int64)
@@ -167,9 +186,9 @@ def make_links(scene: Scene, base_weight: float = WEIGHTS.base) -> Links:
 
 
 @lru_cache(maxsize=1)
-def links_of(world: World, base_weight: float) -> Links:
+def links_of(world: World, weights: Weights) -> Links:
     """`make_links` of a world's scene: measured once for all replays of a batch."""
-    return make_links(world.scene, base_weight)
+    return make_links(world.scene, weights)
 
 
 def _average_levers(scene: Scene, lever: Floats, is_unknown: Ints) -> Floats:

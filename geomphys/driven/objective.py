@@ -273,23 +273,20 @@ def _add_rotation(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -
 
 @kernel
 def _add_joint_terms(scene: Scene, ws: DrivenWorkspace, angles: Floats, tree: int) -> float:
-    """Terms of the joints: they follow their recorded changes, stay near their goals and the range in which they were used.
+    """Terms of the joints: they stay near their goals by the coupling, and near the range in which they were used.
 
-    Goals have one lever for all joints of a tree: in the metric of the links alone what a fingertip is moved by, tracker noise
-    too, is left to the last joint, whose lever is the shortest and which trembles most.
+    Goals, not their last offsets: a finger that nothing touches relaxes as fast whether or not another one is in contact. One of
+    the terms has the same lever for all joints of a tree: in the metric of the links alone what a fingertip is moved by, tracker
+    noise too, is left to the last joint, whose lever is the shortest and which trembles most.
     """
     cost, work = 0.0, ws.work
+    smooth = ws.weights.rigid_smooth if is_rigid(scene, tree) else ws.weights.smooth
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         i = work.column[q]
         if i < 0:
             continue
-        away = angles[q] - work.expected[q]
-        weight = ws.weights.smooth * ws.links.lever[q] ** 2
-        ws.problem.hessian[i, i] += weight
-        ws.problem.gradient[i] += weight * away
-        cost += 0.5 * weight * away * away
         away = angles[q] - work.preferred[q]
-        weight = ws.weights.posture * ws.links.mean_lever[q] ** 2
+        weight = smooth * ws.links.lever[q] ** 2 + ws.weights.posture * ws.links.mean_lever[q] ** 2
         ws.problem.hessian[i, i] += weight
         ws.problem.gradient[i] += weight * away
         cost += 0.5 * weight * away * away

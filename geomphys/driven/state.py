@@ -126,8 +126,6 @@ class DrivenState(NamedTuple):
     mean_tip: Floats  # (B, 3) m, mean recorded centre of each fingertip of a rigid tree, in the frame of its palm
     used_low: Floats  # (Q,) the least angle recorded so far
     used_high: Floats  # (Q,) and the largest
-    joint_offset: Floats  # (Q,) corrected less recorded angles
-    joint_step: Floats  # (Q,) their change in the last step, so far
     prescription: Ints  # (T,) PRESCRIBED: its posture in this step, obstacles apart, is that below; WAS_PRESCRIBED; 0
     prescribed_posture: Posture
     method: Ints  # (T,) by which each tree was freed in the frame so far, as in results.METHODS
@@ -162,7 +160,6 @@ class SearchWorkspace(NamedTuple):
     first: Ints  # (T,) first column of a tree
     column: Ints  # (Q,) of a joint, -1: none
     extrapolated: Floats  # (Q,) angles of the last step plus the recorded change
-    expected: Floats  # (Q,) the same, with offsets extrapolated
     preferred: Floats  # (Q,) angles of the goal, on the branch of the last ones
     low: Floats  # (Q,) limits, widened to recorded and last values
     high: Floats  # (Q,)
@@ -218,8 +215,6 @@ def make_driven_state(scene: Scene, poses: Floats) -> DrivenState:
         mean_tip=np.zeros((bodies, 3)),
         used_low=np.full(dofs, np.inf),
         used_high=np.full(dofs, -np.inf),
-        joint_offset=np.zeros(dofs),
-        joint_step=np.zeros(dofs),
         prescription=np.zeros(trees, np.int64),
         prescribed_posture=make_posture(scene, poses),
         method=np.zeros(trees, np.int64),
@@ -260,7 +255,6 @@ def make_search_workspace(scene: Scene, poses: Floats, passes: int) -> SearchWor
         first=np.zeros(trees, np.int64),
         column=np.full(dofs, -1),
         extrapolated=np.zeros(dofs),
-        expected=np.zeros(dofs),
         preferred=np.zeros(dofs),
         low=np.zeros(dofs),
         high=np.zeros(dofs),

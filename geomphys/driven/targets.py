@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from geomphys.driven.coupling import relax_offset
 from geomphys.driven.objective import is_rigid, link_centre
 from geomphys.driven.postures import is_recorded
-from geomphys.driven.starts import unwrapped_change
 from geomphys.driven.state import PRESCRIBED, DrivenState, DrivenWorkspace
 from geomphys.jit.kernel import kernel, outlined
 from geomphys.numerics.row_vectors import set_vec, set_vec_at, vec_at, vec_of
@@ -195,9 +194,10 @@ def store_tree_offsets(
     Where it reached its goal the offsets are those of `set_link_targets`. The rates are too, changed by impulses, but along the
     change of an offset by contacts: there they are a share of those at which it changed, and 0 after a coupled contact solve.
     """
-    poses, root, per_second = state.last.poses, scene.trees.body_start[tree], 0.0
+    poses, root, shrinking, growing = state.last.poses, scene.trees.body_start[tree], 0.0, 0.0
     if state.progress.dt > 0.0 and state.prescription[tree] == 0:
-        per_second = ws.weights.offset_rate / state.progress.dt
+        shrinking = ws.weights.offset_rate / state.progress.dt
+        growing = shrinking if is_rigid(scene, tree) else ws.weights.growth_rate / state.progress.dt
     for body in range(root, scene.trees.body_start[tree + 1]):
         for i in range(3):
             state.link_offsets[body].velocity[i] += state.offset_velocity[tree, i] - state.last_offset_velocity[tree, i]
@@ -214,9 +214,10 @@ def store_tree_offsets(
                 rotation = (0.0, 0.0, 0.0)
             translation = sub(link_centre(ws, poses, body), link_centre(ws, recorded, body))
         o = state.link_offsets[body]
-        moved = sub(translation, vec_of(o.last_translation)), sub(rotation, vec_of(o.last_rotation))
-        _set_rate_along(o.velocity, sub(translation, vec_of(o.translation)), moved[0], per_second)
-        _set_rate_along(o.angular_velocity, sub(rotation, vec_of(o.rotation)), moved[1], per_second)
+        change, moved = sub(translation, vec_of(o.translation)), sub(translation, vec_of(o.last_translation))
+        _set_rate_along(o.velocity, change, moved, growing if dot(moved, change) > 0.0 else shrinking)
+        change, moved = sub(rotation, vec_of(o.rotation)), sub(rotation, vec_of(o.last_rotation))
+        _set_rate_along(o.angular_velocity, change, moved, growing if dot(moved, change) > 0.0 else shrinking)
         set_vec(o.translation, translation)
         set_vec(o.rotation, rotation)
     state.general_motion[tree] = 1 if general_motion else 0
@@ -244,9 +245,6 @@ def store_offsets(
         for k in range(7):
             state.recorded.roots[tree, k] = roots[tree, k]
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
-            offset = state.last.angles[q] - angles[q]
-            state.joint_step[q] += unwrapped_change(ws, q, offset - state.joint_offset[q])
-            state.joint_offset[q] = offset
             state.recorded.angles[q] = angles[q]
             if scene.trees.role[tree] == DRIVEN:
                 state.used_low[q] = min(state.used_low[q], angles[q])

@@ -12,19 +12,19 @@ from typing import NamedTuple
 class Weights(NamedTuple):
     """Weights of the objective; numbers without a unit multiply others."""
 
-    base: float = 40.0  # times its area: of the base link of chains; more: the fingers move more, and the hand less
+    base: float = 36.0  # times its area: of the base link of chains; more: the fingers move more, and the hand less
+    supported: float = 0.35  # times the second moments of all that it carries: of its rotation; more: it rotates less
     shape: float = 7.0  # times: weight of shape and rotation of a rigid tree
     smooth: float = (
-        0.3  # of lever²: a joint's departure from its extrapolated value; more: smoother, farther from the recording
+        0.15  # of lever²: a joint's departure from its goal by the coupling; more: smoother, the hand moves more
     )
-    posture: float = (
-        0.06  # of mean levers²: a joint's departure from its goal by the coupling; more: distal joints move less
-    )
-    trend: float = 0.15  # of its last change: extrapolation of the offset of a joint
+    rigid_smooth: float = 0.3  # the same in a rigid tree
+    posture: float = 0.06  # of mean levers²: the same; more: distal joints move less
     contact: float = 3.0  # mean weights of a link: penalty of the gap of a fingertip recorded in contact
     rigid_contact: float = 25.0  # the same in a rigid tree, whose joints have a higher weight,
     closing_speed: float = 0.1  # m/s: and there no faster than this
     offset_rate: float = 0.7  # share of the rate at which contacts change an offset that it keeps when they end
+    growth_rate: float = 0.35  # the same in chains of one that grew; more: smoother under a blow, but it overshoots
     unusual: float = 1.0  # of lever²: a joint more than `stretch` beyond the range of the recording
     stretch: float = math.radians(10.0)  # rad, beyond the range in which the recording used a joint so far
     translation_of_depth: float = (

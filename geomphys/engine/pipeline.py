@@ -62,7 +62,7 @@ class Pipeline:
     def __init__(self, world: World, config: Config, weights: Weights = WEIGHTS) -> None:
         start_clock()
         self.world = world
-        links = links_of(world, weights.base)
+        links = links_of(world, weights)
         self.machine = make_machine(world.scene, config.max_iterations, thumbs_of(world), weights, links)
         method, self._run_block = Method(config.gap, None), run_block
         if config.method == "paper":

@@ -107,7 +107,7 @@ def make_machine(
             pose_pieces_of_tree(packed, tree, poses, frames)
     boxes, scratch, found = make_boxes(scene, piece_frames.base), make_scratch(), np.zeros(trees, np.int64)
     detection = Detection(boxes, make_axes(), scratch, found)
-    links = make_links(scene, weights.base) if links is None else links
+    links = make_links(scene, weights) if links is None else links
     workspace = make_driven_workspace(scene, poses, links, piece_frames, near, detection, passes, weights)
     corrected, start = poses.copy(), poses.copy()
     velocity = scene.initial_velocity.copy()
